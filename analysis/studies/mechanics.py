@@ -31,6 +31,7 @@ from studies.study import Context, Findings, Line, Study, StudyEstimate, Table, 
 
 THREE_JOINTS, SEVEN_JOINTS = recording.FILE, "recording_gold_7joints.parquet"
 DATA = recording.DATA
+SUPPLY_V = 48.0
 SEVEN_PERIOD_MS = 4.94  # 8 144 rows in 40 s, received in bursts
 LOG_SETUP = RavenSetup(software="fork2015", arms=("gold",), tools=("r_grasper",))
 """Also of the arm with seven joints: its first jaw follows the insertion like its second, unlike
@@ -246,17 +247,17 @@ def by_hand() -> Statics:
     """Motor torque through gear and drum; 48 V by the back EMF; the controller's stiffness at
     the joint.
     """
-    torque = COUNTS * parameter_sets.CONTROLLER_TORQUE_PER_COUNT
+    torque = COUNTS * transmission.TORQUE_PER_COUNT[0]
     ratio = transmission.TR[0]
     stiffness = KP * ratio**2 / transmission.GEARBOX[0]
-    spring = 2.0 * parameter_sets.parameter_set("traj3").stiffness[0] * PULLEY_M**2
+    spring = 2.0 * parameter_sets.parameter_set("traj3").cable_stiffness[0] * PULLEY_M**2
     gives = LOAD_NM / stiffness + LOAD_NM / spring
     return Statics(
         "statics, without friction",
         torque / CAPSTAN_M,
         np.nan,
         torque * PULLEY_M / CAPSTAN_M,
-        parameter_sets.SUPPLY_V / transmission.TORQUE_PER_AMP[0],
+        SUPPLY_V / transmission.TORQUE_PER_AMP[0],
         gives * 300.0,
     )
 
@@ -426,7 +427,7 @@ def _reaction(rows: Sequence[LoadShare]) -> Table:
         (
             joint.replace("_", " "),
             _band([x * 1e4 for x in one.inertia]),
-            f"{ours.motor_inertia[j] * 1e4:.2f}",
+            f"{ours.actuators.inertia[j] * 1e4:.2f}",
             _band(one.scale),
             f"{transmission.GP42:g}; 1",
             _agreement(one.scale),

@@ -201,7 +201,7 @@ PARAMETERS = (
     ),
 )
 
-SETS = tuple(parameter_sets.SETS)
+SETS = parameter_sets.PUBLISHED
 """The published sets, with the authors' law of motor and cable."""
 
 

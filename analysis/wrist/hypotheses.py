@@ -149,7 +149,7 @@ def replay(course: Course, name: str, values: Values, end_s: float) -> np.ndarra
     ratio = transmission.TR[WRIST]
     signal = course.signals.get(HYPOTHESES[name][1], np.zeros(len(course.clock)))
     speeds = np.gradient(course.carried, STEP_S)
-    rate = parameter_sets.TOOL_MOTOR_INERTIA / STEP_S
+    rate = parameter_sets.parameter_set(parameter_sets.DEFAULT).actuators.inertia[WRIST] / STEP_S
     angle = np.full(count, ratio * course.joints[0, WRIST] + course.carried[0])
     speed, integral, play = np.zeros(count), np.zeros(count), angle - course.carried[0]
     out = np.empty((steps, count))

@@ -3,6 +3,8 @@ field.
 
     scale: Annotated[Scalar, Quantity("", 0, 1, "tip motion per hand motion")]
 
+Records with many numbers are `described` by a TOML file beside their module.
+
 A range keeps out what has no meaning (negative mass, a packet every 0 cycles), what single
 precision cannot hold, and what is a slip of the unit (degrees for radians). Within it the robot may
 be as bad as a campaign wants it.
@@ -11,10 +13,16 @@ be as bad as a campaign wants it.
 from __future__ import annotations
 
 import dataclasses
+import functools
+import sys
+import tomllib
 import types
 import typing
 from collections.abc import Iterator
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+Record = TypeVar("Record")
 
 HOUR_MS = 3_600_000
 """The longest run, and so the longest time of a parameter."""
@@ -57,6 +65,29 @@ class Reserved:
     """
 
     why: str  # and what to write instead
+
+
+def described(record: type[Record]) -> type[Record]:
+    """Annotate a record's fields with what the table of its name in quantities.toml says, which
+    lies beside its module.
+    """
+    path = Path(str(sys.modules[record.__module__].__file__)).with_name("quantities.toml")
+    for name, rows in _tables(path)[record.__name__].items():
+        notes = tuple(map(_note, rows if isinstance(rows, list) else [rows]))
+        record.__annotations__[name] = Annotated[record.__annotations__[name], notes]
+    return record
+
+
+@functools.cache
+def _tables(path: Path) -> dict[str, Any]:
+    return tomllib.loads(path.read_text(encoding="utf-8"))
+
+
+def _note(row: dict[str, Any]) -> Quantity | Reserved:
+    if "reserved" in row:
+        return Reserved(row["reserved"])
+    values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in row.items()}
+    return Quantity(**values)
 
 
 def quantities(params: type) -> Iterator[tuple[str, Quantity]]:

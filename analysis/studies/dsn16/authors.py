@@ -160,18 +160,17 @@ def rates(
 ) -> tuple[Rates, Detail]:
     """Right-hand side for DAC counts in the gold arm's sign (positive drives a motor backwards)."""
     values = parameter_sets.parameter_set(parameter_set)
+    motor = values.actuators
     zero = (PI, PI, 0.0)
     tension, friction, torque = [], [], []
     for i in range(3):
         radius = LINK_RADIUS[i]
         delta = (state.m[i] / GEARBOX) * CAPSTAN_M - (state.q[i] + zero[i]) * radius
         stretch_rate = (state.md[i] / GEARBOX) * CAPSTAN_M - state.qd[i] * radius
-        spring = values.stiffness[i] * (jnp.exp(delta) - jnp.exp(-delta))
-        tension.append(spring + 2.0 * values.damping[i] * stretch_rate)
-        friction.append(
-            values.motor_coulomb[i] * jnp.sign(state.md[i]) + values.motor_viscous[i] * state.md[i]
-        )
-        torque.append(values.torque_per_count[i] * dac[i] * values.gain[i] - values.bias[i])
+        spring = values.cable_stiffness[i] * (jnp.exp(delta) - jnp.exp(-delta))
+        tension.append(spring + 2.0 * values.cable_damping[i] * stretch_rate)
+        friction.append(motor.coulomb[i] * jnp.sign(state.md[i]) + motor.viscous[i] * state.md[i])
+        torque.append(motor.torque_per_count[i] * dac[i] * motor.gain[i] - motor.bias[i])
     reaction = Vec(CAPSTAN_M * gamma / GEARBOX for gamma in tension)
     if tension_bug:
         reaction = reaction.replace(2, CAPSTAN_M * tension[0] / GEARBOX)
@@ -182,9 +181,7 @@ def rates(
         for i in range(3)
     )
     qdd = solve_spd(mass_matrix(state.q), link_torque - link_friction - bias)
-    mdd = Vec(
-        (-torque[i] - friction[i] - reaction[i]) / parameter_sets.MOTOR_INERTIA for i in range(3)
-    )
+    mdd = Vec((-torque[i] - friction[i] - reaction[i]) / motor.inertia[i] for i in range(3))
     detail = Detail(Vec(tension), reaction, Vec(friction), Vec(torque), link_torque, bias)
     return Rates(q=state.qd, qd=qdd, m=state.md, md=mdd), detail
 

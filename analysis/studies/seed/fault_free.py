@@ -113,7 +113,7 @@ itself.
 SETTINGS: dict[str, tuple[str, str]] = {
     **{
         f"set {name}": (f"campaign.parameter_set={name}", f"the authors' law and their set {name}")
-        for name in parameter_sets.SETS
+        for name in parameter_sets.PUBLISHED
     },
     "software fork2015": (
         "campaign.software=fork2015",

@@ -46,5 +46,5 @@ ROBOT = Robot(
     check_seams=CHECK_SEAMS,
     seams=SEAMS,
     signals=SIGNALS,
-    files=("raven2/raven2.xml",),
+    files=("raven2/raven2.xml", "raven2/mechanics.toml", "raven2/tools.toml"),
 )

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from ravenjax.robots.raven2.geometry import scene
+from ravenjax.robots.raven2.geometry.arrays import jaw_rotation
 from ravenjax.robots.raven2.geometry.instrument import JAW_LENGTH
-from ravenjax.robots.raven2.geometry.links import jaw_rotation
 from ravenjax.train.debrief.course import Course
 from ravenjax.train.judge.row import HazardRow
 

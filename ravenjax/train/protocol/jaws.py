@@ -2,7 +2,7 @@
 axis of the jaws.
 
 In plain numbers, for what runs every millisecond. The same direction as
-`geometry.links.jaw_rotation`.
+`geometry.arrays.jaw_rotation`.
 """
 
 from __future__ import annotations

@@ -12,8 +12,9 @@ import quickly
 from ravenjax.numbers.setup import REFERENCE
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.dynamics import link_dynamics
+from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
-from ravenjax.robots.raven2.plant import drives, robot
+from ravenjax.robots.raven2.plant import robot
 from ravenjax.robots.raven2.setup import RavenSetup
 
 N = 7
@@ -104,7 +105,7 @@ def energy(one: RavenSetup, params: robot.PlantParams, out) -> np.ndarray:
     """Kinetic energy of links and motors and elastic energy of cables (J), in the equation's own
     metric.
     """
-    motor, arm = params.actuators, np.array(drives.ARMS_M)
+    motor, arm = params.actuators, np.array(transmission.CABLE_PER_MOTOR)
 
     @jax.jit
     @jax.vmap

@@ -10,8 +10,8 @@ from made_frames import running
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.dynamics import arm_model
 from ravenjax.robots.raven2.geometry import instrument, kinematics
+from ravenjax.robots.raven2.geometry.arrays import jaw_rotation
 from ravenjax.robots.raven2.geometry.instrument import JAW_LENGTH
-from ravenjax.robots.raven2.geometry.links import jaw_rotation
 from ravenjax.train.protocol import jaws
 
 

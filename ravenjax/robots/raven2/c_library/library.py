@@ -10,23 +10,23 @@ The structs lie in memory as the compiled code finds them.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
+import jinja2
 import numpy as np
 
 from ravenjax.engines.cpu import transition
 from ravenjax.engines.cpu.memory import size
-from ravenjax.engines.cpu.transition import RecordKind, StateTransition
+from ravenjax.engines.cpu.transition import RecordKind
 from ravenjax.errors import UserError
 from ravenjax.numbers import quantity, tree
 from ravenjax.robots.raven2.arms import ARMS
-from ravenjax.robots.raven2.console.packet import U_STRUCT
 from ravenjax.robots.raven2.hardware.virtual_robot import VirtualRobot
 from ravenjax.robots.raven2.software.control_software import ControlSoftware
 from ravenjax.robots.raven2.software.rows import row_type
 
-TYPES: Mapping[str, str] = {
+TYPES = {
     "float32": "float",
     "float64": "double",
     "int32": "int32_t",
@@ -35,125 +35,12 @@ TYPES: Mapping[str, str] = {
     "bool": "int32_t",
 }
 """Type of a number -> that of C; a truth value is 0 or -1."""
-
-
-class StructMember(NamedTuple):
-    """Numbers of one type, one after the other."""
-
-    name: str
-    dtype: str
-    dimensions: tuple[int, ...]  # (): a single number
-
-    @property
-    def text(self) -> str:
-        """Its declaration."""
-        return f"{TYPES[self.dtype]} {self.name}{''.join(f'[{n}]' for n in self.dimensions)};"
-
-    @property
-    def bytes(self) -> int:
-        """Its size."""
-        count = 1
-        for n in self.dimensions:
-            count *= n
-        return count * size(self.dtype)
-
-
-def members(kind: RecordKind, arms: Sequence[str]) -> list[StructMember]:
-    """The members of a record's struct, in order. Records within it give one member a field, named
-    by the way there; numbers of a Vec are an array, and so are those of several arms that stand
-    side by side."""
-    places = tree.filled(kind.record, list(range(len(kind.layout.types))))
-    return list(_members(places, "", kind, arms))
-
-
-def struct(
-    name: str,
-    own: Sequence[StructMember],
-    total: int,
-    about: str,
-    units: Mapping[str, str] | None = None,
-) -> str:
-    """The struct `name` of `total` bytes. units: of members, by name, as a comment."""
-    lines, end, widest = [], 0, 1
-    for member in own:
-        unit = (units or {}).get(member.name, "")
-        lines.append(f"  {member.text}" + (f"  /* {unit} */" if unit else ""))
-        end = -(-end // size(member.dtype)) * size(member.dtype) + member.bytes
-        widest = max(widest, size(member.dtype))
-    if -(-end // widest) * widest < total:
-        lines.append(f"  uint8_t unused[{total - end}];")
-    check = f"RAVEN_ASSERT(sizeof({name}) == {total}, {name});"
-    return "\n".join([f"/* {about} */", "typedef struct {", *lines, f"}} {name};", check, ""])
-
-
-def _members(
-    place: Any, name: str, kind: RecordKind, arms: Sequence[str]
-) -> Iterator[StructMember]:
-    if place is None:
-        return
-    if isinstance(place, int):
-        yield StructMember(name, kind.layout.types[place], ())
-    elif isinstance(place, tuple):
-        numbers = list(_numbers(place))
-        types = {kind.layout.types[k] for k in numbers}
-        if (dimensions := _shape(place)) is not None and len(types) == 1:
-            yield StructMember(name, types.pop(), dimensions)
-            return
-        for i, item in enumerate(place):
-            yield from _members(
-                item, _joined(name, arms[i] if len(place) == len(arms) else str(i)), kind, arms
-            )
-    else:
-        for field in dataclasses.fields(place):
-            yield from _members(getattr(place, field.name), _joined(name, field.name), kind, arms)
-
-
-def _shape(place: Any) -> tuple[int, ...] | None:
-    """Dimensions of tuples of numbers, or of tuples of equally long ones; None for anything
-    else, or nothing.
-    """
-    if isinstance(place, int):
-        return ()
-    if not isinstance(place, tuple) or not place:
-        return None
-    shapes = {_shape(item) for item in place}
-    inner = shapes.pop()
-    return None if shapes or inner is None else (len(place), *inner)
-
-
-def _numbers(place: Any) -> Iterator[int]:
-    for item in place:
-        if isinstance(item, int):
-            yield item
-        elif isinstance(item, tuple):
-            yield from _numbers(item)
-        else:
-            yield from tree.leaves(item)
-
-
-def _joined(prefix: str, name: str) -> str:
-    return f"{prefix}_{name}" if prefix else name
-
-
-CONTROL, ROBOT = "raven_control", "raven_robot"
-"""What names begin with."""
 _FUNCTIONS = {
-    f"{CONTROL}_cycle": (CONTROL, "cycle", "One millisecond of the control software."),
-    f"{CONTROL}_receive": (
-        CONTROL,
-        "receive",
-        (
-            "A packet that arrives before the last one of a cycle; `signals` is left alone and may"
-            " be NULL."
-        ),
-    ),
-    f"{ROBOT}_step": (
-        ROBOT,
-        "robot",
-        "One millisecond of the robot behind the USB boards: PLC, motors, cables, links.",
-    ),
+    "raven_control_cycle": "cycle",
+    "raven_control_receive": "receive",
+    "raven_robot_step": "robot",
 }
-"""Function -> whose structs it takes, its transition, what it does."""
+"""Function of the library -> its transition."""
 
 
 class CLibrary(NamedTuple):
@@ -162,29 +49,46 @@ class CLibrary(NamedTuple):
     header: str
     code: str  # LLVM IR
     example: str  # a C program that closes the loop of the two
-    functions: tuple[str, ...]  # that it has
+
+
+class Member(NamedTuple):
+    """Numbers of one type in a struct, one after the other."""
+
+    type: str
+    name: str
+    dimensions: str  # "[2][7]"; "": a single number
+    unit: str
+
+
+class Struct(NamedTuple):
+    """A struct of the header."""
+
+    members: list[Member]
+    bytes: int
+    unused: int  # bytes at its end
 
 
 def library(software: ControlSoftware, robot: VirtualRobot) -> CLibrary:
     """The library of these two, as they are set and where they stand. UserError where they do
     not belong together.
     """
-    if software.setup.arms != robot.setup.arms or software.setup.tools != robot.setup.tools:
+    arms = software.setup.arms
+    if arms != robot.setup.arms or software.setup.tools != robot.setup.tools:
         raise UserError(
-            f"the control software has arms {software.setup.arms} with tools"
-            f" {software.setup.tools}, the robot {robot.setup.arms} with {robot.setup.tools}:"
-            " expected the same of both"
+            f"the control software has arms {arms} with tools {software.setup.tools}, the robot"
+            f" {robot.setup.arms} with {robot.setup.tools}: expected the same of both"
         )
     if software.setup.console != "increments":
         raise UserError(
             "console is 'absolute', whose packets no wire carries; the C library takes increments"
         )
-    own = software.code.transitions | robot.code.transitions
-    transitions = {name: own[which] for name, (_, which, _) in _FUNCTIONS.items()}
-    code = _code(transitions, _start(software, robot))
-    return CLibrary(
-        _header(software, robot), code, _example(software.setup.arms), tuple(transitions)
+    templates = jinja2.Environment(
+        loader=jinja2.PackageLoader("ravenjax.robots.raven2.c_library"),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        keep_trailing_newline=True,
     )
+<<<<<<< HEAD
 
 
 def _start(software: ControlSoftware, robot: VirtualRobot) -> dict[str, np.ndarray]:
@@ -452,4 +356,89 @@ def _functions() -> Iterator[str]:
         yield (
             f"void {name}(const {prefix}_params *params, {prefix}_state *state, const"
             f" {prefix}_inputs *inputs,\n{' ' * len(f'void {name}(')}{prefix}_signals *signals);\n"
+=======
+    header, example = (
+        templates.get_template(f"{name}.j2").render(
+            arms=arms,
+            first=ARMS.index(arms[0]),
+            structs=_structs(software, robot),
+            inputs=row_type(software.setup),
+>>>>>>> physics
         )
+        for name in ("ravenjax_raven2.h", "example.c")
+    )
+    return CLibrary(header, _code(software, robot), example)
+
+
+def _code(software: ControlSoftware, robot: VirtualRobot) -> str:
+    own = software.code.transitions | robot.code.transitions
+    text = transition.print_steps(
+        {name: own[which] for name, which in _FUNCTIONS.items()}, frozenset()
+    )
+    for name in _FUNCTIONS:
+        text = text.replace(f"define void @{name}_steps(", f"define internal void @{name}_steps(")
+        text += (
+            f"\ndefine void @{name}(ptr %fixed, ptr %state, ptr %entering, ptr %leaving) {{\n"
+            f"  call void @{name}_steps(ptr %fixed, ptr %state, ptr %entering, i64 0, ptr %leaving,"
+            " i64 0, ptr null, i64 1)\n  ret void\n}\n"
+        )
+    control, plant = software.code.kinds, robot.code.kinds
+    constants = {
+        "raven_control_default": control["params"].row(software.params),
+        "raven_control_start": control["state"].row(software.state),
+        "raven_robot_default": plant["params"].row(robot.params),
+        "raven_robot_start": plant["state"].row(robot.state),
+        "raven_robot_first": plant["signals"].row(robot.reading.signals),
+    }
+    for name, row in constants.items():
+        escaped = "".join(f"\\{byte:02X}" for byte in row.tolist())
+        text += f'@{name} = constant [{len(row)} x i8] c"{escaped}", align 8\n'
+    return text
+
+
+def _structs(software: ControlSoftware, robot: VirtualRobot) -> dict[str, Struct]:
+    """Struct of each record, by its name in the header without "raven_"."""
+    structs = dict[str, Struct]()
+    for part, own in (("control", software), ("robot", robot)):
+        units: dict[str, dict[str, None]] = {}  # a dict keeps their order
+        for path, limits in quantity.quantities(type(own.params)):
+            units.setdefault(path, {})[limits.unit] = None
+        for what in ("params", "state", "inputs", "signals"):
+            if (kind := own.code.kinds.get(what)) is not None:
+                known = units if what == "params" else {}
+                members, layout = members_of(kind, software.setup.arms, known), kind.layout
+                end = layout.offsets[-1] + size(layout.types[-1])
+                structs[f"{part}_{what}"] = Struct(members, layout.bytes, layout.bytes - end)
+    return structs
+
+
+def members_of(
+    kind: RecordKind, arms: Sequence[str], units: Mapping[str, Iterable[str]]
+) -> list[Member]:
+    """The members of a record's struct, in order. Records within it give one member a field, named
+    by the way there; numbers of a Vec are an array, and so are those of several arms that stand
+    side by side. units: by path, without arms."""
+
+    def members(place: Any, path: tuple[str, ...]) -> Iterator[Member]:
+        types, shape = {kind.layout.types[k] for k in tree.leaves(place)}, _shape(place)
+        if shape is not None and len(types) == 1:
+            unit = "; ".join(units.get(".".join(name for name in path if name not in arms), ()))
+            dimensions = "".join(f"[{n}]" for n in shape)
+            yield Member(TYPES[types.pop()], "_".join(path), dimensions, unit)
+        elif isinstance(place, tuple):
+            names = arms if len(place) == len(arms) else map(str, range(len(place)))
+            for name, item in zip(names, place, strict=True):
+                yield from members(item, (*path, name))
+        elif place is not None:
+            for field in dataclasses.fields(place):
+                yield from members(getattr(place, field.name), (*path, field.name))
+
+    return list(members(tree.filled(kind.record, list(range(len(kind.layout.types)))), ()))
+
+
+def _shape(place: Any) -> tuple[int, ...] | None:
+    """Dimensions of a number or of equally long tuples of them; None for anything else."""
+    try:
+        return np.array(place, dtype=int).shape
+    except (TypeError, ValueError):
+        return None

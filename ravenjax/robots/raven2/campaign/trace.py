@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ravenjax.robots.raven2.geometry import scene
-from ravenjax.robots.raven2.geometry.links import jaw_rotation
+from ravenjax.robots.raven2.geometry.arrays import jaw_rotation
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.store.logs.topics import Base
 

@@ -38,6 +38,9 @@ U_STRUCT = np.dtype(
 )
 """Console to robot, 124 bytes."""
 
+MOVES, TURNS = ("delx", "dely", "delz"), ("Qx", "Qy", "Qz", "Qw")
+"""Fields of an increment's displacement and rotation."""
+
 V_STRUCT = np.dtype(
     [
         ("sequence", "<u4"),
@@ -110,18 +113,25 @@ def checksum(fields: Any) -> int:
 def encode(packet: Packet, arms: tuple[ArmName, ...]) -> bytes:
     """The 124-byte datagram of a packet of increments; an arm that is not in `arms` stays still."""
     fields = np.zeros((), U_STRUCT)
+    fill_fields(fields, packet, arms)
+    fields["checksum"] = checksum(fields)
+    return fields.tobytes()
+
+
+def fill_fields(fields: Any, packet: Packet, arms: tuple[ArmName, ...]) -> None:
+    """Write a packet's numbers into a zeroed datagram's fields; an arm that is not in `arms` stays
+    still.
+    """
     fields["sequence"] = int(packet.sequence) % 2**32
     fields["surgeon_mode"] = int(packet.surgeon_mode)
     fields["Qw"] = 1.0
     for i, arm in enumerate(arms):
         slot = ARMS.index(arm)
-        for name, value in zip(("delx", "dely", "delz"), packet.delta[i], strict=True):
+        for name, value in zip(MOVES, packet.delta[i], strict=True):
             fields[name][slot] = int(value)
-        for name, value in zip(("Qx", "Qy", "Qz", "Qw"), packet.quat[i], strict=True):
+        for name, value in zip(TURNS, packet.quat[i], strict=True):
             fields[name][slot] = float(value)
         fields["grasp"][slot] = int(packet.grasp[i])
-    fields["checksum"] = checksum(fields)
-    return fields.tobytes()
 
 
 def decode(datagram: bytes, arms: tuple[ArmName, ...]) -> Packet:
@@ -137,12 +147,8 @@ def decode(datagram: bytes, arms: tuple[ArmName, ...]) -> Packet:
         received=1,
         size=len(datagram),
         sequence=int(fields["sequence"].view(np.int32)),
-        delta=tuple(
-            Vec(int(fields[name][slot]) for name in ("delx", "dely", "delz")) for slot in slots
-        ),
-        quat=tuple(
-            Vec(float(fields[name][slot]) for name in ("Qx", "Qy", "Qz", "Qw")) for slot in slots
-        ),
+        delta=tuple(Vec(int(fields[name][slot]) for name in MOVES) for slot in slots),
+        quat=tuple(Vec(float(fields[name][slot]) for name in TURNS) for slot in slots),
         grasp=tuple(int(fields["grasp"][slot]) for slot in slots),
         surgeon_mode=int(fields["surgeon_mode"]),
     )

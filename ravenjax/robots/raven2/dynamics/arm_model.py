@@ -8,6 +8,8 @@ from __future__ import annotations
 import functools
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ravenjax.bundled import resources
 from ravenjax.robots.raven2.arms import ARMS, JOINTS, ArmName
 
@@ -55,3 +57,12 @@ def base(arm: ArmName) -> str:
 def joint_names(arm: ArmName) -> tuple[str, ...]:
     """Names in the model of the arm's joints, in the order of `JOINTS`."""
     return tuple(f"{arm}_{joint}" for joint in JOINTS)
+
+
+def frame_rotation(arm: ArmName) -> np.ndarray:
+    """Rotation [3, 3] of the arm's frame 0 in the world."""
+    import mujoco
+
+    rotation = np.zeros(9)
+    mujoco.mju_quat2Mat(rotation, scene().body(base(arm)).quat)
+    return rotation.reshape(3, 3)

@@ -1,4 +1,4 @@
-"""The MuJoCo model's bodies for those who draw them: which move, their shapes and their looks.
+"""The MuJoCo model's bodies for drawing: which move, their shapes and their looks.
 
 mjviser and trimesh are imported where shapes are made: that takes a second, and pages keep shapes.
 """

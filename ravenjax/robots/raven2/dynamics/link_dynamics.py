@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from ravenjax.ir.program import Program
 from ravenjax.ir.symbolic import replay
+from ravenjax.numbers.algebra import mul
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec
 from ravenjax.robots.raven2.arms import ArmName
@@ -32,9 +33,9 @@ def mass_matrix_and_bias(
 
     gravity: m/s^2 in frame 0 of the arm. bias: Coriolis, centrifugal and gravity torque (Nm,
     insertion N), the sign of MuJoCo's qfrc_bias. mass_scale multiplies every link's mass and
-    inertia; both results are linear in it, so they are scaled at the end, all but the armature (kg
-    m^2) of the tool spindles on the diagonal. Entries of M that never change are Python numbers;
-    Python numbers among the arguments are folded as constants.
+    inertia. Both results are linear in it and are scaled at the end, except the armature (kg m^2)
+    of the tool spindles on the diagonal. Entries of M that never change are Python numbers; Python
+    numbers among the arguments are folded as constants.
     """
     if setup.link_dynamics == "mjx":
         from ravenjax.robots.raven2.dynamics import (
@@ -44,9 +45,8 @@ def mass_matrix_and_bias(
         mass, bias = mjx_dynamics.mass_matrix_and_bias(arm, qpos, qvel, gravity)
     else:
         mass, bias = _unrolled(arm, qpos, qvel, gravity)
-    if not (type(mass_scale) in (int, float) and mass_scale == 1):
-        mass = [[x if _is_zero(x) else x * mass_scale for x in row] for row in mass]
-        bias = [x * mass_scale for x in bias]
+    mass = [[mul(x, mass_scale) for x in row] for row in mass]
+    bias = [mul(x, mass_scale) for x in bias]
     for i, link in enumerate(links(arm)):
         if link.armature:
             mass[i][i] = mass[i][i] + link.armature
@@ -87,7 +87,3 @@ def _unrolled(
     n = len(qpos)
     triangle = [out[i * (i + 1) // 2 : (i + 1) * (i + 2) // 2] for i in range(n)]
     return [[triangle[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)], out[-n:]
-
-
-def _is_zero(x: Scalar) -> bool:
-    return type(x) in (int, float) and x == 0

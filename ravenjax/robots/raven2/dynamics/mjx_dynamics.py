@@ -11,7 +11,6 @@ import io
 
 import jax
 import jax.numpy as jnp
-import mujoco
 import numpy as np
 
 with contextlib.redirect_stdout(
@@ -51,23 +50,10 @@ def mass_matrix_and_bias(
 
 @functools.cache
 def _at_rest(arm: ArmName, dtype: str) -> tuple[mjx.Model, mjx.Data, np.ndarray]:
-    """Model and data with reals of type `dtype` and 32-bit integers, and the rotation of frame 0
-    in the world.
-    """
+    """Model and data for reals of type `dtype`, and the rotation of frame 0 in the world."""
     compiled = arm_model.one_arm(arm)
     with jax.ensure_compile_time_eval():
         model = mjx.put_model(compiled)
         model = model.replace(dof_armature=jnp.zeros_like(model.dof_armature))
         data = mjx.make_data(compiled)
-        model, data = jax.tree.map(lambda x: _cast(x, dtype), (model, data))
-    rotation = np.zeros(9)
-    mujoco.mju_quat2Mat(rotation, compiled.body(arm_model.base(arm)).quat)
-    return model, data, rotation.reshape(3, 3)
-
-
-def _cast(x: Scalar, dtype: str) -> Scalar:
-    if not hasattr(x, "astype"):
-        return x
-    if jnp.issubdtype(x.dtype, jnp.floating):
-        return x.astype(dtype)
-    return x.astype(jnp.int32) if jnp.issubdtype(x.dtype, jnp.signedinteger) else x
+    return model, data, arm_model.frame_rotation(arm)

@@ -15,13 +15,14 @@ from typing import TypeAlias
 
 from ravenjax.ir.program import Program
 from ravenjax.ir.symbolic import Number, cos, program, sin, symbols
+from ravenjax.numbers.algebra import cross, matrix
+from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.dynamics.rigid_tree import Link
 
-Vector: TypeAlias = list[Number]
 Matrix: TypeAlias = list[list[Number]]
 Turn: TypeAlias = tuple[int, Number, Number]  # axis (0: x, 2: z), cosine, sine
 
-ZERO: Vector = [0.0, 0.0, 0.0]
+ZERO = Vec.full(3, 0.0)
 
 
 @dataclasses.dataclass
@@ -29,12 +30,12 @@ class _Body:
     """A link in motion, everything in its own frame."""
 
     turns: list[Turn]  # to the parent frame, outermost first
-    position: Vector  # of the origin in the parent frame
-    omega: Vector
-    matrix: Matrix  # U
-    wrench: tuple[Vector, Vector]  # moment and force for the bias
+    position: Vec  # of the origin in the parent frame
+    omega: Vec
+    matrix: Vec  # U
+    wrench: tuple[Vec, Vec]  # moment and force for the bias
     moments: Matrix  # J of the composite body
-    first: Vector  # h of the composite body
+    first: Vec  # h of the composite body
     mass: Number
 
 
@@ -55,44 +56,44 @@ def mass_matrix_and_bias(
         symbol if x is None else x for symbol, x in zip(inputs, fixed, strict=True)
     ]
     qpos, qvel, gravity = values[:n], values[n : 2 * n], values[2 * n :]
-    bodies = _kinematics(links, qpos, qvel, [-g for g in gravity])
+    bodies = _kinematics(links, qpos, qvel, -Vec(gravity))
     bias = _bias(links, bodies)
     mass = _mass_matrix(links, bodies)
     return program(inputs, [mass[i][j] for i in range(n) for j in range(i + 1)] + bias)
 
 
 def _kinematics(
-    links: tuple[Link, ...], qpos: list[Number], qvel: list[Number], upward: Vector
+    links: tuple[Link, ...], qpos: list[Number], qvel: list[Number], upward: Vec
 ) -> list[_Body]:
     bodies: list[_Body] = []
     rates: list[
-        tuple[Vector, Vector]
+        tuple[Vec, Vec]
     ] = []  # angular acceleration, acceleration of the origin, at qacc = 0
     for link, q, rate in zip(links, qpos, qvel, strict=True):
         travel = q - link.reference if link.slide else 0.0
         last = _turn(2, link.offset) if link.slide else _turn(2, link.offset, q)
         turns = [_turn(2, link.beta), _turn(0, link.alpha), last]
         turns = [turn for turn in turns if turn[1:] != (1.0, 0.0)]
-        position = _plus(list(link.position), _rotate(turns, [0.0, 0.0, travel]))
+        position = Vec(link.position) + _rotate(turns, Vec((0.0, 0.0, travel)))
         if link.parent < 0:
             omega, alpha, accel = ZERO, ZERO, upward
         else:
             parent = bodies[link.parent]
             alpha, accel = rates[link.parent]
-            omega, accel = parent.omega, _plus(accel, _apply(parent.matrix, position))
+            omega, accel = parent.omega, accel + _apply(parent.matrix, position)
         omega, alpha, accel = (_rotate_back(turns, v) for v in (omega, alpha, accel))
         if link.slide:
-            accel = _plus(accel, [omega[1] * rate * 2.0, -(omega[0] * rate * 2.0), 0.0])
+            accel = accel + Vec((omega[1] * rate * 2.0, -(omega[0] * rate * 2.0), 0.0))
         else:
-            alpha = _plus(alpha, [omega[1] * rate, -(omega[0] * rate), 0.0])
-            omega = [omega[0], omega[1], omega[2] + rate]
-        matrix = _acceleration_matrix(omega, alpha)
+            alpha = alpha + Vec((omega[1] * rate, -(omega[0] * rate), 0.0))
+            omega = omega.replace(2, omega[2] + rate)
+        motion = _acceleration_matrix(omega, alpha)
         inertia = link.pseudo_inertia.tolist()
-        moments, first, mass = [row[:3] for row in inertia[:3]], inertia[3][:3], inertia[3][3]
-        force = _plus(_apply(matrix, first), [mass * a for a in accel])
-        moment = _plus(_moment(matrix, moments), _cross(first, accel))
+        moments, first, mass = [row[:3] for row in inertia[:3]], Vec(inertia[3][:3]), inertia[3][3]
+        force = _apply(motion, first) + accel * mass
+        moment = _moment(motion, moments) + cross(first, accel)
         rates.append((alpha, accel))
-        bodies.append(_Body(turns, position, omega, matrix, (moment, force), moments, first, mass))
+        bodies.append(_Body(turns, position, omega, motion, (moment, force), moments, first, mass))
     return bodies
 
 
@@ -105,29 +106,30 @@ def _bias(links: tuple[Link, ...], bodies: list[_Body]) -> list[Number]:
         parent = links[index].parent
         if parent >= 0:
             moment, force = _to_parent(bodies[index], moment, force)
-            wrenches[parent] = _plus(wrenches[parent][0], moment), _plus(wrenches[parent][1], force)
+            wrenches[parent] = wrenches[parent][0] + moment, wrenches[parent][1] + force
     return bias
 
 
 def _mass_matrix(links: tuple[Link, ...], bodies: list[_Body]) -> Matrix:
     n = len(links)
-    matrix: Matrix = [[0.0] * n for _ in range(n)]
+    inertia: Matrix = [[0.0] * n for _ in range(n)]
     for index in reversed(range(n)):
         link, body = links[index], bodies[index]
         h, J = body.first, body.moments
         if link.slide:
-            moment, force = [h[1], -h[0], 0.0], [0.0, 0.0, body.mass]
+            moment, force = Vec((h[1], -h[0], 0.0)), Vec((0.0, 0.0, body.mass))
         else:
-            moment, force = [-J[0][2], -J[1][2], J[0][0] + J[1][1]], [-h[1], h[0], 0.0]
+            moment = Vec((-J[0][2], -J[1][2], J[0][0] + J[1][1]))
+            force = Vec((-h[1], h[0], 0.0))
         below, ancestor = body, index
         while ancestor >= 0:
-            matrix[index][ancestor] = force[2] if links[ancestor].slide else moment[2]
+            inertia[index][ancestor] = force[2] if links[ancestor].slide else moment[2]
             moment, force = _to_parent(below, moment, force)
             ancestor = links[ancestor].parent
             below = bodies[ancestor]
         if link.parent >= 0:
             _join(bodies[link.parent], body)
-    return matrix
+    return inertia
 
 
 def _join(parent: _Body, child: _Body) -> None:
@@ -137,18 +139,18 @@ def _join(parent: _Body, child: _Body) -> None:
     for turn in reversed(child.turns):
         moments = _turn_moments(turn, moments)
     first = _rotate(child.turns, child.first)
-    moved = _plus(first, [child.mass * x for x in p])
+    moved = first + p * child.mass
     for i in range(3):
         for j in range(i + 1):
             total = parent.moments[i][j] + moments[i][j] + (p[i] * moved[j] + first[i] * p[j])
             parent.moments[i][j] = parent.moments[j][i] = total
-    parent.first = _plus(parent.first, moved)
+    parent.first = parent.first + moved
     parent.mass = parent.mass + child.mass
 
 
-def _to_parent(body: _Body, moment: Vector, force: Vector) -> tuple[Vector, Vector]:
+def _to_parent(body: _Body, moment: Vec, force: Vec) -> tuple[Vec, Vec]:
     moment, force = _rotate(body.turns, moment), _rotate(body.turns, force)
-    return _plus(moment, _cross(body.position, force)), force
+    return moment + cross(body.position, force), force
 
 
 def _turn(axis: int, offset: float, angle: Number = 0.0) -> Turn:
@@ -160,16 +162,14 @@ def _turn(axis: int, offset: float, angle: Number = 0.0) -> Turn:
     return axis, *((c, s), (-s, c), (-c, -s), (s, -c))[quarters % 4]
 
 
-def _rotate(turns: list[Turn], v: Vector) -> Vector:
+def _rotate(turns: list[Turn], v: Vec) -> Vec:
     for axis, c, s in reversed(turns):
         x, y = (axis + 1) % 3, (axis + 2) % 3
-        turned = list(v)
-        turned[x], turned[y] = c * v[x] - s * v[y], s * v[x] + c * v[y]
-        v = turned
+        v = v.replace(x, c * v[x] - s * v[y]).replace(y, s * v[x] + c * v[y])
     return v
 
 
-def _rotate_back(turns: list[Turn], v: Vector) -> Vector:
+def _rotate_back(turns: list[Turn], v: Vec) -> Vec:
     return _rotate([(axis, c, -s) for axis, c, s in reversed(turns)], v)
 
 
@@ -194,35 +194,27 @@ def _turn_moments(turn: Turn, J: Matrix) -> Matrix:
     return turned
 
 
-def _acceleration_matrix(omega: Vector, alpha: Vector) -> Matrix:
+def _acceleration_matrix(omega: Vec, alpha: Vec) -> Vec:
     (x, y, z), (a, b, c) = omega, alpha
     xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
-    return [
-        [-(yy + zz), xy - c, xz + b],
-        [xy + c, -(xx + zz), yz - a],
-        [xz - b, yz + a, -(xx + yy)],
-    ]
+    return matrix(
+        (-(yy + zz), xy - c, xz + b),
+        (xy + c, -(xx + zz), yz - a),
+        (xz - b, yz + a, -(xx + yy)),
+    )
 
 
-def _moment(U: Matrix, J: Matrix) -> Vector:
+def _moment(U: Vec, J: Matrix) -> Vec:
     """Sum of r x (U r): the axial vector of U J."""
-    out: Vector = []
-    for i in range(3):
+
+    def component(i: int) -> Number:
         j, k = (i + 1) % 3, (i + 2) % 3
-        total: Number = (U[k][k] - U[j][j]) * J[j][k]
+        total = (U[k][k] - U[j][j]) * J[j][k]
         total = total + (U[k][j] * J[j][j] - U[j][k] * J[k][k])
-        total = total + (U[k][i] * J[i][j] - U[j][i] * J[i][k])
-        out.append(total)
-    return out
+        return total + (U[k][i] * J[i][j] - U[j][i] * J[i][k])
+
+    return Vec(map(component, range(3)))
 
 
-def _apply(matrix: Matrix, v: Vector) -> Vector:
-    return [row[0] * v[0] + row[1] * v[1] + row[2] * v[2] for row in matrix]
-
-
-def _cross(a: Vector, b: Vector) -> Vector:
-    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-
-
-def _plus(a: Vector, b: Vector) -> Vector:
-    return [x + y for x, y in zip(a, b, strict=True)]
+def _apply(motion: Vec, v: Vec) -> Vec:
+    return Vec(row[0] * v[0] + row[1] * v[1] + row[2] * v[2] for row in motion)

@@ -1,4 +1,4 @@
-"""From where the scene is looked at: the endoscopes, and the cameras of the MuJoCo model."""
+"""Views of the scene: the endoscopes, and the cameras of the MuJoCo model."""
 
 from __future__ import annotations
 

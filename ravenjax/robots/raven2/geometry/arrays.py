@@ -18,13 +18,12 @@ from collections.abc import Generator
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ravenjax.errors import UserError, shown, suggestion
+from ravenjax.errors import UserError, unknown
 from ravenjax.numbers.lazy import at_once
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS, JOINTS
 from ravenjax.robots.raven2.geometry import gravity, kinematics, transmission
 from ravenjax.robots.raven2.geometry.joints import Pose
-from ravenjax.robots.raven2.geometry.tools import find_tool
 
 Array = np.ndarray
 
@@ -38,11 +37,16 @@ def forward_kinematics(jpos: ArrayLike, arm: str) -> tuple[Array, Array]:
     """Position [..., 3] (m) and rotation [..., 3, 3] of the jaw axis at `jpos` [..., 7]; yaw
     (grasp2 - grasp1) / 2.
     """
-    _known_arm(arm)
-    (joints,) = _rows(jpos=(jpos, (7,)))
+    (joints,) = _rows(arm, jpos=(jpos, (7,)))
     with _numpy():
         pose = kinematics.forward(arm, _vec(joints))
-    return _stacked(pose.position), np.stack([_stacked(row) for row in pose.rotation], axis=-2)
+    return _stacked(pose.position), _matrices(pose.rotation)
+
+
+def jaw_rotation(arm: str, jpos: Array) -> Array:
+    """Rotation [..., 3, 3] of the jaws at `jpos` [..., 7]; NaN where a joint is."""
+    with _numpy():
+        return _matrices(kinematics.forward(arm, _vec(np.asarray(jpos, float))).rotation)
 
 
 def inverse_kinematics(
@@ -56,14 +60,14 @@ def inverse_kinematics(
     rules (it would hold its last jpos_d), jpos_d is NaN there; -2 taken though the wrist is at the
     remote centre, with the angles that the control software is left with.
     """
-    _known_arm(arm)
-    _require_rotations(rotation)
     places, turns, openings, measured = _rows(
+        arm,
         position=(position, (3,)),
         rotation=(rotation, (3, 3)),
         grasp=(grasp, ()),
         jpos_ref=(jpos_ref, (7,)),
     )
+    _require_rotations(turns)
     pose = Pose(_vec(places), Vec(_vec(turns[..., k, :]) for k in range(3)))
     with _numpy():
         solution = kinematics.inverse(arm, pose, openings[()], _vec(measured))
@@ -76,24 +80,21 @@ def motor_from_joint(jpos: ArrayLike, arm: str, tool: str = "r_grasper") -> Arra
     """Motor angles mpos [..., 7] (rad) that hold the joints `jpos` [..., 7], cable coupling
     included.
     """
-    _known_arm(arm)
-    (joints,) = _rows(jpos=(jpos, (7,)))
-    return _stacked(transmission.motor_from_joint(arm, _known_tool(tool), _vec(joints)))
+    (joints,) = _rows(arm, jpos=(jpos, (7,)))
+    return _stacked(transmission.motor_from_joint(arm, tool, _vec(joints)))
 
 
 def joint_from_motor(mpos: ArrayLike, arm: str, tool: str = "r_grasper") -> Array:
     """Joints jpos [..., 7] at the motor angles `mpos` [..., 7] (rad), cable coupling included."""
-    _known_arm(arm)
-    (motors,) = _rows(mpos=(mpos, (7,)))
-    return _stacked(transmission.joint_from_motor(arm, _known_tool(tool), _vec(motors)))
+    (motors,) = _rows(arm, mpos=(mpos, (7,)))
+    return _stacked(transmission.joint_from_motor(arm, tool, _vec(motors)))
 
 
 def gravity_torque(jpos: ArrayLike, arm: str) -> Array:
     """Capstan torque [..., 3] (Nm) by which the software holds shoulder, elbow and insertion at
     `jpos` [..., 7].
     """
-    _known_arm(arm)
-    (joints,) = _rows(jpos=(jpos, (7,)))
+    (joints,) = _rows(arm, jpos=(jpos, (7,)))
     with _numpy():
         return _stacked(gravity.gravity_torque(arm, _vec(joints)))
 
@@ -113,47 +114,26 @@ def _stacked(numbers: Vec) -> Array:
     return np.stack(np.broadcast_arrays(*numbers), axis=-1)
 
 
-def _rows(**arguments: tuple[ArrayLike, tuple[int, ...]]) -> list[Array]:
+def _matrices(rows: Vec) -> Array:
+    return np.stack([_stacked(row) for row in rows], axis=-2)
+
+
+def _rows(arm: str, **arguments: tuple[ArrayLike, tuple[int, ...]]) -> list[Array]:
     """The arguments checked, with the same leading axes; each comes with the shape of one row."""
-    checked = {key: _checked(key, value, row) for key, (value, row) in arguments.items()}
-    leading = _common_shape(
-        {key: a.shape[: a.ndim - len(arguments[key][1])] for key, a in checked.items()}
-    )
-    return [np.broadcast_to(a, leading + arguments[key][1]) for key, a in checked.items()]
-
-
-def _known_arm(arm: str) -> None:
     if arm not in ARMS:
-        raise UserError(
-            f"unknown arm {shown(arm)}: expected 'gold' or 'green'{suggestion(arm, ARMS)}"
-        )
-
-
-def _known_tool(tool: str) -> str:
-    if not isinstance(tool, str):
-        raise UserError(f"tool is {shown(tool)}, expected the name of a tool")
-    return find_tool(tool).name
-
-
-def _require_rotations(rotation: ArrayLike) -> None:
-    matrices = _checked("rotation", rotation, (3, 3))
-    off = np.abs(np.swapaxes(matrices, -1, -2) @ matrices - np.eye(3)).max(axis=(-1, -2))
-    mirrored = np.linalg.det(matrices) < 0
-    if (invalid := (off > ORTHONORMAL) | mirrored).any():
-        index = tuple(int(i) for i in np.argwhere(invalid)[0])
-        problem = (
-            "mirrors"
-            if mirrored[index]
-            else f"has columns that are not orthonormal (off by {off[index]:.2g})"
-        )
-        where = f"rotation[{', '.join(map(str, index))}]" if index else "rotation"
-        raise UserError(
-            f"{where} {problem}, expected a rotation matrix whose columns are the axes of the jaws'"
-            " frame"
-        )
+        raise UserError(unknown("arm", arm, ARMS))
+    checked = {name: _checked(name, value, row) for name, (value, row) in arguments.items()}
+    leading = {name: a.shape[: a.ndim - len(arguments[name][1])] for name, a in checked.items()}
+    try:
+        shape = np.broadcast_shapes(*leading.values())
+    except ValueError:
+        listed = ", ".join(f"{name} {shape}" for name, shape in leading.items())
+        raise UserError(f"leading axes do not broadcast against each other: {listed}") from None
+    return [np.broadcast_to(a, shape + arguments[name][1]) for name, a in checked.items()]
 
 
 def _checked(name: str, value: ArrayLike, row: tuple[int, ...]) -> Array:
+    """An array of finite numbers [..., *row]."""
     try:
         array = np.asarray(value)
     except (TypeError, ValueError) as error:
@@ -163,23 +143,24 @@ def _checked(name: str, value: ArrayLike, row: tuple[int, ...]) -> Array:
         raise UserError(
             f"{name} is not an array of numbers: it holds {kind}, expected real numbers"
         )
-    array = array.astype(np.float64)
-    trailing = array.shape[max(array.ndim - len(row), 0) :]
-    if trailing != row:
+    if array.shape[max(array.ndim - len(row), 0) :] != row:
         expected = ", ".join(("...", *map(str, row)))
         order = f" in the order {', '.join(JOINTS)}" if row == (7,) else ""
         raise UserError(f"{name} has shape {array.shape}, expected [{expected}]{order}")
-    if not np.isfinite(array).all():
-        index = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        where = f"{name}[{', '.join(map(str, index))}]" if index else name
+    for index in np.argwhere(~np.isfinite(array))[:1].tolist():
         joint = f" ({JOINTS[index[-1]]})" if row == (7,) else ""
-        raise UserError(f"{where}{joint} is {array[index]}, expected a finite number")
-    return array
+        where = f"{name}{index or ''}{joint}"
+        raise UserError(f"{where} is {array[tuple(index)]}, expected a finite number")
+    return array.astype(np.float64)
 
 
-def _common_shape(shapes: dict[str, tuple[int, ...]]) -> tuple[int, ...]:
-    try:
-        return np.broadcast_shapes(*shapes.values())
-    except ValueError:
-        listed = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
-        raise UserError(f"leading axes do not broadcast against each other: {listed}") from None
+def _require_rotations(matrices: Array) -> None:
+    off = np.abs(np.swapaxes(matrices, -1, -2) @ matrices - np.eye(3)).max(axis=(-1, -2))
+    mirrored = np.linalg.det(matrices) < 0
+    for index in np.argwhere((off > ORTHONORMAL) | mirrored)[:1].tolist():
+        apart = off[tuple(index)]
+        problem = "has columns that are not orthonormal" if apart > ORTHONORMAL else "mirrors"
+        raise UserError(
+            f"rotation{index or ''} {problem} (off by {apart:.2g}), expected a rotation matrix:"
+            " its columns are the axes of the jaws' frame"
+        )

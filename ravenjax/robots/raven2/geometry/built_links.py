@@ -1,54 +1,34 @@
-"""Where the tip is of an arm that is not built as drawn: its Denavit-Hartenberg table with errors
-of its own.
+"""The tip of an arm whose links differ from the drawings: its Denavit-Hartenberg table with
+errors.
 
 `kinematics.forward` has the software's table, in which shoulder, elbow and insertion axes meet in
-one point. Here every link may have a twist and a length of its own. Convention as in `links`
+one point. Here every link may have its own twist and length. Convention as in `links`
 (modified DH, Craig).
 """
 
 from __future__ import annotations
 
 import math
-from typing import Annotated
 
 from ravenjax.numbers.algebra import add, mul, sub
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import Quantity
+from ravenjax.numbers.quantity import described
 from ravenjax.numbers.vec import Scalar, Vec, record
 from ravenjax.robots.raven2.geometry.links import D4, GEOMETRY, LINK12, LINK23, LW, PI
 
-_TWIST = (-0.5, 0.5)  # rad; a slip of the unit stands out
-_LENGTH = (-0.1, 0.1)  # m
 
-
+@described
 @record
 class LinkErrors:
-    """What the links are more than the software's table says; 0: as drawn."""
+    """True links minus those of the software's table; 0: as drawn."""
 
-    twist12: Annotated[
-        Scalar,
-        Quantity("rad", *_TWIST, "angle between shoulder and elbow axis, true minus 75 degrees"),
-    ]
-    twist23: Annotated[
-        Scalar,
-        Quantity("rad", *_TWIST, "angle between elbow and insertion axis, true minus 52 degrees"),
-    ]
-    length12: Annotated[
-        Scalar, Quantity("m", *_LENGTH, "by how much the elbow axis misses the shoulder axis")
-    ]
-    length23: Annotated[
-        Scalar, Quantity("m", *_LENGTH, "by how much the insertion axis misses the elbow axis")
-    ]
-    length34: Annotated[
-        Scalar,
-        Quantity("m", *_LENGTH, "by how much the instrument's axis misses the insertion axis"),
-    ]
-    tool_length: Annotated[
-        Scalar, Quantity("m", *_LENGTH, "from wrist up to the remote centre, true minus 0.47 m")
-    ]
-    wrist_length: Annotated[
-        Scalar, Quantity("m", *_LENGTH, "from wrist axis to jaw axis, true minus 0.013 m")
-    ]
+    twist12: Scalar  # rad
+    twist23: Scalar  # rad
+    length12: Scalar  # m
+    length23: Scalar  # m
+    length34: Scalar  # m
+    tool_length: Scalar  # m
+    wrist_length: Scalar  # m
 
 
 def as_drawn() -> LinkErrors:

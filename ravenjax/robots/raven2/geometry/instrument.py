@@ -1,5 +1,5 @@
-"""Where an instrument can touch something: its two jaw tips, and the line of its shaft, wrist and
-jaws; how they move.
+"""The parts of an instrument that can touch something, and how they move: its two jaw tips, and
+the line of its shaft, wrist and jaws.
 
 Frame 0 of the arm, m and rad. The axes are those of `kinematics`, so links are as drawn. Columns of
 a Jacobian are the seven joints of `raven2.arms.JOINTS`; structural zeros are Python numbers.

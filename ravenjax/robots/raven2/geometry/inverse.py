@@ -193,7 +193,7 @@ def _depth_cost(measured: Theta, d3: Scalar) -> Scalar:
 
 
 def _common_cost(measured: Theta, reach: _Reach) -> Scalar:
-    """What both bends cost at least, rad^2."""
+    """The part of the cost that both bends share, rad^2."""
     return (
         _depth_cost(measured, reach.d3)
         + _square(measured.theta5 - reach.theta5)
@@ -246,8 +246,8 @@ def _likely(
     """The likely nearest solution, and what all those of other sides and depths cost at least,
     rad^2 (or NaN).
 
-    Of each side the depth nearer to the measured d3 is looked at, of these two the one whose wrist
-    and yaw are nearer.
+    Looks at the depth of each side that is nearer to the measured d3, and takes the side whose
+    wrist and yaw are nearer.
     """
 
     def nearer_depth(wrist: _Wrist) -> tuple[_Reach, Scalar]:

@@ -17,7 +17,7 @@ from ravenjax.robots.raven2.geometry.links import GEOMETRY, PI
 
 @record
 class Pose:
-    """Of the jaw axis in frame 0 of its arm."""
+    """Pose of the jaw axis in frame 0 of its arm."""
 
     position: Vec  # 3, m
     rotation: Vec  # 3 rows of 3, the columns are the axes of frame 6
@@ -91,8 +91,8 @@ def joint_from_theta(arm: str, theta: Theta, grasp_rad: Scalar) -> Vec:
 
 
 def _one_turn(angle: Scalar, zero: float) -> Scalar:
-    """angle + zero brought into [-pi, pi], angle being in there already: only one side can be
-    left.
+    """angle + zero brought into [-pi, pi]. The angle is in this range, so the sum can leave it on
+    one side only.
     """
     if zero == 0.0:
         return angle

@@ -60,9 +60,9 @@ def soft_limits(tool: str, software: str = "raven2") -> SoftLimits:
     """
     instrument = find_tool(tool)
     fork = software == "fork2015"
-    roll = FORK_ROLL_LIMIT if fork else instrument.roll_limit_deg * _DEG
-    wrist = instrument.wrist_limit_deg * _DEG
-    yaw_lower = None if fork else -instrument.grasp1_limit_deg * _DEG
+    roll = FORK_ROLL_LIMIT if fork else instrument.limit_deg[0] * _DEG
+    wrist = instrument.limit_deg[1] * _DEG
+    yaw_lower = None if fork else -instrument.limit_deg[2] * _DEG
     return SoftLimits(
         (*POSITIONING_LOWER, -roll, -wrist, yaw_lower), (*POSITIONING_UPPER, roll, wrist, None)
     )

@@ -1,5 +1,5 @@
-"""Where the instrument tips are in the operating scene: the arms' places, the tissue below them,
-each other.
+"""The operating scene: where the arms stand, and how near the tips are to the tissue and to each
+other.
 
 The world's z axis points up. The arms' frames are read from the model; the tissue is the dome of
 its phantom, without the folds (up to 2 mm) and the rounded rim that make the mesh look soft. The
@@ -12,8 +12,6 @@ from __future__ import annotations
 import itertools
 from functools import cache
 from typing import NamedTuple
-
-import numpy as np
 
 from ravenjax.numbers.algebra import matvec, minus, plus, transpose
 from ravenjax.numbers.lazy import jnp
@@ -56,24 +54,11 @@ def frame0(arm: ArmName) -> tuple[Vec, Vec]:
     """Origin (m) and rotation rows of the arm's frame 0 in the world, Python numbers, literal
     zeros and ones.
     """
-    model = arm_model.scene()
-    body = model.body(arm_model.base(arm))
-    rows = _rows(*(body.quat / np.linalg.norm(body.quat)).tolist())
     exact = [
-        [float(round(x)) if abs(x - round(x)) < 1e-12 else float(x) for x in row] for row in rows
+        Vec(float(round(x)) if abs(x - round(x)) < 1e-12 else x for x in row)
+        for row in arm_model.frame_rotation(arm).tolist()
     ]
-    return Vec(float(x) for x in body.pos), Vec(map(Vec, exact))
-
-
-def _rows(w: float, x: float, y: float, z: float) -> list[list[float]]:
-    """The rotation matrix of a unit quaternion, as SciPy computes it, whose import takes longer
-    than all of a trace.
-    """
-    return [
-        [x * x - y * y - z * z + w * w, 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), -x * x + y * y - z * z + w * w, 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), -x * x - y * y + z * z + w * w],
-    ]
+    return Vec(base_pose(arm)[0]), Vec(exact)
 
 
 def base_pose(arm: ArmName) -> tuple[tuple[float, float, float], tuple[float, float, float, float]]:

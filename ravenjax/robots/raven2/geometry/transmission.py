@@ -10,7 +10,6 @@ and follow no particular rounding order. Sources: raven2 `include/raven/defines.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 from ravenjax.numbers.algebra import add, mul, sub
 from ravenjax.numbers.vec import Scalar, Vec
@@ -60,11 +59,12 @@ COUNTS_PER_NM = Vec(
     c / (t * g) for c, t, g in zip(COUNTS_PER_AMP, TORQUE_PER_AMP, GEARBOX, strict=True)
 )
 """DAC counts per Nm at the capstan (after the gearbox), unsigned."""
-
-
-def _opposed(software: str) -> bool:
-    """Whether OPPOSE_GRIP is compiled: the first jaw's signs are the opposite of the second's."""
-    return software != "fork2015"
+TORQUE_PER_COUNT = Vec(
+    t * g / c for t, g, c in zip(TORQUE_PER_AMP, GEARBOX, COUNTS_PER_AMP, strict=True)
+)
+"""Nm at the capstan per DAC count, unsigned, as the control software has it."""
+CABLE_PER_MOTOR = (_CAPSTAN42 / GP42,) * 3 + (_CAPSTAN32 / GP32,) * 4
+"""m of cable per rad of each motor."""
 
 
 def coupling_signs(arm: str, tool: str, software: str = "raven2") -> Vec:
@@ -73,21 +73,21 @@ def coupling_signs(arm: str, tool: str, software: str = "raven2") -> Vec:
     """
     style = find_tool(tool).style
     gold = 1.0 if style == "raven" else -1.0
-    sign = gold if style == "square_raven" or arm == "gold" else -gold
-    return Vec((sign, sign, -sign if _opposed(software) else sign, sign))
+    return _tool_signs(gold if style == "square_raven" or arm == "gold" else -gold, software)
+
+
+def _tool_signs(sign: float, software: str) -> Vec:
+    """Where OPPOSE_GRIP is compiled, the first jaw's sign is the opposite of the second's."""
+    return Vec((sign, sign, sign if software == "fork2015" else -sign, sign))
 
 
 def tau_signs(arm: str, tool: str, software: str = "raven2") -> Vec:
     """Sign (7) of the DAC count that drives each motor forward, that of the original's
     tau_per_amp.
     """
-    style = find_tool(tool).style
     positioning = -1.0 if arm == "gold" else 1.0
-    tooling = {"raven": -1.0, "dv": 1.0, "square_raven": positioning}[style]
-    return Vec(
-        (positioning,) * 3
-        + (tooling, tooling, -tooling if _opposed(software) else tooling, tooling)
-    )
+    tooling = {"raven": -1.0, "dv": 1.0, "square_raven": positioning}[find_tool(tool).style]
+    return Vec((*(positioning,) * 3, *_tool_signs(tooling, software)))
 
 
 def encoder_signs(
@@ -99,13 +99,10 @@ def encoder_signs(
     The original takes these from the adapter it is compiled for, not from the tool; by default that
     of the tool.
     """
-    style = adapter or find_tool(tool).style
     positioning = -1.0 if arm == "gold" else 1.0
+    style = adapter or find_tool(tool).style
     tooling = {"raven": -1.0, "dv": 1.0, "square_raven": -positioning}[style]
-    return Vec(
-        (positioning,) * 3
-        + (tooling, tooling, -tooling if _opposed(software) else tooling, tooling)
-    )
+    return Vec((*(positioning,) * 3, *_tool_signs(tooling, software)))
 
 
 def motor_from_joint(
@@ -157,9 +154,6 @@ def motor_matrix(arm: str, tool: str, software: str = "raven2") -> tuple[tuple[f
     """The 7 x 7 matrix of `motor_from_joint` with the insertion motor where it belongs: rows
     motors, columns joints.
     """
-    return _columns(lambda unit: motor_from_joint(arm, tool, unit, software=software))
-
-
-def _columns(linear: Callable[[Vec], Vec]) -> tuple[tuple[float, ...], ...]:
-    columns = [linear(Vec(float(i == j) for i in range(7))) for j in range(7)]
-    return tuple(tuple(row) for row in zip(*columns, strict=True))
+    units = (Vec(float(i == j) for i in range(7)) for j in range(7))
+    columns = [motor_from_joint(arm, tool, unit, software=software) for unit in units]
+    return tuple(zip(*columns, strict=True))

@@ -1,3 +1,3 @@
-"""The virtual robot alone: PLC, motors, cables, links and encoders, for control software of
-one's own.
+"""The virtual robot alone: PLC, motors, cables, links and encoders, for a user's control
+software.
 """

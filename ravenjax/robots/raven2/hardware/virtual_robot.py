@@ -7,8 +7,8 @@
 Put your own control software in front of it. It is what lies behind the USB boards in the tick:
 PLC, brakes, motors, cables, links, encoders, composed of the same functions in the same order and
 without faults. Every operation is one IEEE operation in float32 and functions are the C library's
-(`engines.cpu.transition`), so C code that is made of it has the same bits on any CPU; a campaign's
-engines fuse multiply-adds, so theirs differ in last digits.
+(`engines.cpu.transition`), so C code made of it has the same bits on any CPU. Engines of
+campaigns fuse multiply-adds, so their last digits differ.
 """
 
 from __future__ import annotations
@@ -22,29 +22,20 @@ import numpy as np
 
 from ravenjax.engines import traced
 from ravenjax.engines.cpu.memory import buffer
-from ravenjax.engines.cpu.transition import (
-    NOTHING,
-    Compiled,
-    Memory,
-    RecordKind,
-    StateTransition,
-    print_module,
-    write,
-)
+from ravenjax.engines.cpu.transition import Memory, RecordKind, StateTransition, write
 from ravenjax.numbers import tree
-from ravenjax.numbers.lazy import jnp
+from ravenjax.numbers.lazy import at_once, jnp
 from ravenjax.numbers.setup import per_arm
 from ravenjax.numbers.vec import Scalar, Vec, record
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
-from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
 from ravenjax.robots.raven2.loop import connections
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.software import inputs as checked
-from ravenjax.robots.raven2.software.code import objects
+from ravenjax.robots.raven2.software.code import TransitionCode
 from ravenjax.robots.raven2.stages import plc
 
 BOARDS = 1
@@ -53,7 +44,7 @@ BOARDS = 1
 
 @record
 class RobotParams:
-    """What may be set before it runs."""
+    """Parameters of the robot, set before it runs."""
 
     plc: plc.PlcParams
     arms: tuple[plant.PlantParams, ...]
@@ -61,7 +52,7 @@ class RobotParams:
 
 @record
 class RobotState:
-    """What it remembers."""
+    """State of the robot from one millisecond to the next."""
 
     plc: plc.PlcState
     arms: tuple[plant.PlantState, ...]
@@ -81,7 +72,7 @@ class RobotInputs:
 
 @record
 class RobotSignals:
-    """What it shows after that, and what is true of it."""
+    """Its outputs after that, and its true motion."""
 
     encoders: tuple[Vec, ...]  # per arm 7 int32 counts, as unpacked from USB
     pins: Scalar  # int32 byte of the PLC, bits 6 and 7: run level; the same on each board
@@ -157,48 +148,20 @@ def _signals(
     )
 
 
-@dataclasses.dataclass(frozen=True)
-class RobotCode:
-    """The robot of one setup: transition "robot" is one millisecond, "begin" where it starts."""
-
-    transitions: dict[str, StateTransition]
-    kinds: dict[str, RecordKind]  # of "params", "state", "inputs", "signals", and of "begin"
-
-    @functools.cached_property
-    def machine(self) -> Compiled:
-        """Compiled for this machine."""
-        text = print_module(self.transitions)
-        return Compiled(text, self.transitions, objects())
-
-
 @functools.lru_cache(maxsize=8)
-def code(setup: RavenSetup) -> RobotCode:
-    """Its code."""
-    fixed, inputs = RecordKind.of(numbers(params(setup))), RecordKind.of(_still(setup))
-    start = RecordKind.of((np.int32(0), tuple(numbers(HOME_JPOS) for _ in setup.arms)))
-
-    def begun(params: RobotParams, level_and_start: Any) -> Any:
-        level, start = level_and_start
-        return begin(setup, params, start, level)
-
-    def stepped(params: RobotParams, state: RobotState, inputs: RobotInputs) -> Any:
-        return step(setup, params, state, inputs)
-
-    first, (state, signals) = traced.trace_function(
-        begun, fixed.shapes(), start.shapes(), functions="library"
-    )
-    states = RecordKind.of(state)
-    each, _ = traced.trace_function(
-        stepped, fixed.shapes(), states.shapes(), inputs.shapes(), functions="library"
-    )
-    transitions = {
-        "begin": StateTransition(first, fixed.layout, NOTHING, start.layout),
-        "robot": StateTransition(each, fixed.layout, states.layout, inputs.layout),
-    }
-    kinds = {"params": fixed, "state": states, "inputs": inputs, "signals": RecordKind.of(signals)}
-    return RobotCode(
-        transitions, kinds | {"start": start, "begun": RecordKind.of((state, signals))}
-    )
+def code(setup: RavenSetup) -> TransitionCode:
+    """The code of a setup: transition "robot" is one millisecond."""
+    fixed, zero = numbers(params(setup)), np.int32(0)
+    still = RobotInputs(per_arm(setup, lambda *_: Vec.full(7, zero)), zero, zero, zero)
+    home = per_arm(setup, lambda *_: numbers(HOME_JPOS))
+    with at_once():
+        state, signals = begin(setup, fixed, home, zero)
+    records = {"params": fixed, "state": state, "inputs": still, "signals": signals}
+    kinds = {name: RecordKind.of(record) for name, record in records.items()}
+    shapes = (kinds[name].shapes() for name in ("params", "state", "inputs"))
+    program, _ = traced.trace_function(functools.partial(step, setup), *shapes, functions="library")
+    layouts = (kinds[name].layout for name in ("params", "state", "inputs"))
+    return TransitionCode({"robot": StateTransition(program, *layouts)}, kinds)
 
 
 def numbers(record: Any) -> Any:
@@ -212,14 +175,9 @@ def numbers(record: Any) -> Any:
     return tree.mapped(of_type, record)
 
 
-def _still(setup: RavenSetup) -> RobotInputs:
-    zero = np.int32(0)
-    return RobotInputs(per_arm(setup, lambda *_: Vec.full(7, zero)), zero, zero, zero)
-
-
 @dataclasses.dataclass(frozen=True)
 class Reading:
-    """What one millisecond left."""
+    """The outputs of one millisecond."""
 
     encoders: np.ndarray  # int32 [arms, 7] counts, as `ControlSoftware.step` takes them
     pins: int  # byte of the PLC, the same on each board
@@ -248,29 +206,24 @@ class VirtualRobot:
         names = checked.arm_names(arms)
         checked.known("parameter_set", parameter_set, get_args(parameter_sets.Name))
         level = checked.whole("runlevel", runlevel, 0, 3)
-        own = tuple(DEFAULT_TOOLS["raven2"][arm] for arm in names)
-        self.setup = RavenSetup(
-            arms=names, tools=own if tools is None else checked.tool_names(tools, names)
-        )
+        self.setup = RavenSetup(arms=names, tools=checked.tool_names(tools, names, "raven2"))
         rest = (
             [list(HOME_JPOS)] * len(names)
             if jpos is None
             else checked.joints("jpos", jpos, len(names))
         )
-        self.code = code(self.setup)
-        kinds, bind = self.code.kinds, self.code.machine.bind
+        self.code, kinds = code(self.setup), code(self.setup).kinds
         self.params = numbers(params(self.setup, parameter_set))
-        fixed, nothing = kinds["params"].row(self.params), buffer(1, 0)
-        start = np.int32(level), tuple(numbers(Vec(row)) for row in rest)
-        begun = buffer(1, kinds["begun"].layout.bytes)
-        bind("begin", Memory(fixed, nothing, kinds["start"].row(start)[np.newaxis], begun))()
-        state, signals = kinds["begun"].read(begun[0])
+        start = tuple(numbers(Vec(row)) for row in rest)
+        with at_once():
+            state, signals = begin(self.setup, self.params, start, np.int32(level))
         self.reading = self._reading(signals)
         self._inputs, self._out = (
             buffer(1, kinds[name].layout.bytes) for name in ("inputs", "signals")
         )
         self._state = kinds["state"].row(state)
-        self._step = bind("robot", Memory(fixed, self._state, self._inputs, self._out))
+        memory = Memory(kinds["params"].row(self.params), self._state, self._inputs, self._out)
+        self._step = self.code.machine.bind("robot", memory)
 
     def step(
         self, dac: Any, output_pins: int, estop_button: bool = False, start_button: bool = False
@@ -291,7 +244,7 @@ class VirtualRobot:
 
     @property
     def state(self) -> RobotState:
-        """Everything that it remembers."""
+        """Its whole state."""
         return self.code.kinds["state"].read(self._state)
 
     def _reading(self, signals: RobotSignals) -> Reading:

@@ -62,7 +62,7 @@ class JointLimits(NamedTuple):
 def joint_limits(setup: RavenSetup) -> JointLimits:
     """The software's limits: those of the first mechanism's tool serve every arm.
 
-    All are stored as float32, but for the fork's roll: that is a literal of its r2_kinematics.cpp,
+    All are stored as float32, except the fork's roll: that is a literal of its r2_kinematics.cpp,
     and a double.
     """
     (*lower, lowest_yaw), upper = limits.soft_limits(setup.tools[0], setup.software)

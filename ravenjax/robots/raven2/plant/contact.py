@@ -39,68 +39,33 @@ stable for any stiffness, and what it leaves out is of the second order in h.
 
 from __future__ import annotations
 
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 from ravenjax.numbers.algebra import add, dot, matvec, mul, norm, transpose
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import Quantity
+from ravenjax.numbers.quantity import described
 from ravenjax.numbers.vec import Scalar, Vec, record, where
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import instrument, scene
 
-PUSHES = "a contact pushes"
-"""Why no stiffness is negative."""
 CREEP_M_S = 1e-3
 """Speed of sliding below which friction is less than Coulomb's: at it, 0.71 of it; *assumed*."""
 _HERTZ = 16.0 / 9.0  # 4/3 / (1 - nu^2) with nu = 0.5
 
 
+@described
 @record
 class ContactParams:
-    """Of tissue, vessel and instruments; the same for every arm. Values are the module's."""
+    """Parameters of tissue, vessel and instruments, the same for every arm. The module's docstring
+    has the sources of the defaults.
+    """
 
-    tissue_modulus: Annotated[
-        Scalar, Quantity("Pa", 0, 1e7, "elastic modulus of tissue and vessel; 0: none", why=PUSHES)
-    ] = 12.5e3
-    tip_radius: Annotated[
-        Scalar, Quantity("m", 1e-4, 0.02, "radius of a jaw tip", why="a tip is round")
-    ] = 2e-3
-    damping: Annotated[
-        Scalar,
-        Quantity(
-            "s/m",
-            0,
-            1e3,
-            "share of tissue's force more per speed of pressing into it",
-            why="damping takes energy",
-        ),
-    ] = 15.0
-    friction: Annotated[
-        Scalar,
-        Quantity(
-            "",
-            0,
-            10,
-            "friction coefficient of jaw tips on tissue and vessel",
-            why="it opposes motion",
-        ),
-    ] = 0.2
-    instrument_stiffness: Annotated[
-        Scalar,
-        Quantity(
-            "N/m", 0, 1e7, "of two instruments pressed together; 0: they pass through", why=PUSHES
-        ),
-    ] = 1e4
-    instrument_damping: Annotated[
-        Scalar,
-        Quantity(
-            "s/m",
-            0,
-            1e3,
-            "share of that force more per speed of coming together",
-            why="damping takes energy",
-        ),
-    ] = 1.0
+    tissue_modulus: Scalar = 12.5e3  # Pa
+    tip_radius: Scalar = 2e-3  # m
+    damping: Scalar = 15.0  # s/m
+    friction: Scalar = 0.2
+    instrument_stiffness: Scalar = 1e4  # N/m
+    instrument_damping: Scalar = 1.0  # s/m
 
 
 @record
@@ -114,17 +79,15 @@ class Touch:
 
 
 class Law(NamedTuple):
-    """A normal force over the coming step: `force` at the present speed, and how much a gain of
-    closing speed adds.
-    """
+    """A normal force over the coming step: at the present speed, and what closing faster adds."""
 
     force: Scalar  # N
     rate: Scalar  # N s/m
 
 
 def law(spring: Scalar, slope: Scalar, damping: Scalar, closing: Scalar, dt: float) -> Law:
-    """Of a spring's force (N) and stiffness (N/m) at the depth at the end of `dt` (s), if `closing`
-    (m/s) lasts.
+    """The law of a spring. Its force (N) and stiffness (N/m) are those at the end of `dt` (s), if
+    the closing speed (m/s) stays as it is.
 
     damping: s/m, as in F (1 + damping closing).
     """
@@ -155,9 +118,7 @@ class TipContact(NamedTuple):
         return self.rise * self.normal.force - self._sliding(self.velocity) * self.drag
 
     def after(self, gained: Vec) -> Vec:
-        """N, where the joints gain so much speed (7, rad/s and m/s): what was at work in the
-        step.
-        """
+        """N, the force in a step in which the joints gain these speeds (7, rad/s and m/s)."""
         more = self.tip.velocity(gained)
         normal = jnp.maximum(self.normal.force - self.normal.rate * dot(self.rise, more), 0.0)
         return self.rise * normal - self._sliding(self.velocity + more) * self.drag
@@ -176,7 +137,7 @@ class TipContact(NamedTuple):
                 )
 
     def _sliding(self, velocity: Vec) -> Vec:
-        """Its part along the surface."""
+        """The part of a velocity along the surface."""
         return velocity - self.rise * (dot(self.rise, velocity) * self.inverse)
 
 
@@ -215,7 +176,7 @@ def _tip(
 
 
 def felt(contacts: tuple[TipContact, ...], gained: Vec) -> Touch:
-    """What the instrument felt of the tissue, where the joints gained so much speed in the step."""
+    """What the tissue did to the instrument in a step in which the joints gained these speeds."""
     forces = [one.after(gained) for one in contacts]
     whole = forces[0] + forces[1]
     on_vessel = [

@@ -1,9 +1,9 @@
 """The motor matrix T (motor rad per joint rad or m) split so that its structure saves work.
 
-Rows of the tool motors are a multiple of the insertion motor's row plus an entry of their own:
-instrument cables run along the insertion, so that moving it turns every tool capstan. Their
-coupling is to the *joints* here: cable length follows where the links are, and at rest this equals
-the control software's use of the insertion motor's angle.
+Instrument cables run along the insertion, so moving it turns every tool capstan. The row of a tool
+motor is therefore a multiple of the insertion motor's row, plus one entry for its joint. Tool
+motors are coupled to the *joints* here, because cable length follows the links. At rest this equals
+the control software, which couples them to the insertion motor's angle.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from ravenjax.robots.raven2.geometry import transmission
 
 Z = 2  # index of the insertion
 N = 7
+AS_DRAWN = Vec.full(N, 1.0)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,19 +30,13 @@ class Coupling:
 
     own: tuple[Vec, ...]  # rad/rad or rad/m
     ratio: tuple[float, ...]  # 1
-    # how far each joint moves by what its drum's drawing says: T diag(1 / gain); None: as drawn
-    gain: Vec | None = None
-
-    def built(self, gain: Vec) -> Coupling:
-        """The coupling of an arm with the joints' true motion per motor; itself where `gain` is
-        literally 1.
-        """
-        drawn = all(type(one) in (int, float) and one == 1 for one in gain)
-        return self if drawn else dataclasses.replace(self, gain=gain)
+    # how far each joint moves by what its drum's drawing says: T diag(1 / gain); a literal 1 drops
+    # out
+    gain: Vec = AS_DRAWN
 
     def motors(self, joints: Vec) -> Vec:
-        """T x: motor angles or speeds of joint ones."""
-        joints = joints if self.gain is None else joints / self.gain
+        """T x: motor angles (or speeds) from joint angles (or speeds)."""
+        joints = joints.map(_divide, self.gain)
         along = dot(self.own[Z], joints)
         return Vec(
             along if i == Z else add(dot(self.own[i], joints), mul(self.ratio[i], along))
@@ -49,31 +44,30 @@ class Coupling:
         )
 
     def joints(self, motors: Vec) -> Vec:
-        """The inverse: joint angles (or speeds) of motor ones, cables unstretched."""
+        """The inverse of `motors`, with unstretched cables."""
         angles: list[Scalar] = []
         for i in range(N):
             rest = sub(motors[i], mul(self.ratio[i], motors[Z]))
             for j in range(i):
                 rest = sub(rest, mul(self.own[i][j], angles[j]))
             angles.append(rest * (1.0 / self.own[i][i]))
-        return Vec(angles) if self.gain is None else Vec(angles) * self.gain
+        return Vec(angles).map(mul, self.gain)
 
     def loads(self, forces: Vec) -> Vec:
-        """T^T f: joint torques (N m, N) of motor ones (N m)."""
+        """T^T f: joint torques (N m, N) from motor torques (N m)."""
         along = forces[Z]
         for i in range(N):
             along = add(along, mul(self.ratio[i], forces[i]))
         effective = [along if i == Z else forces[i] for i in range(N)]
         columns = zip(*self.own, strict=True)
         torques = Vec(dot(Vec(column), Vec(effective)) for column in columns)
-        return torques if self.gain is None else torques / self.gain
+        return torques.map(_divide, self.gain)
 
     def carried(self, loads: Vec) -> Vec:
         """T^-T f: motor forces (N m) that put `loads` (N m, N) on the joints, by the columns of
         T^-1.
         """
-        drawn = dataclasses.replace(self, gain=None)
-        loads = loads if self.gain is None else loads * self.gain
+        drawn, loads = dataclasses.replace(self, gain=AS_DRAWN), loads.map(mul, self.gain)
         columns = [drawn.joints(Vec(float(i == j) for j in range(N))) for i in range(N)]
         return Vec(dot(column, loads) for column in columns)
 
@@ -91,13 +85,15 @@ class Coupling:
             for j in range(i + 1):
                 for row, column, factor in _terms(self.own, i, j):
                     outer[row][column] = add(outer[row][column], mul(factor, inner[i][j]))
-        if self.gain is None:
-            return outer
-        inverse = [1.0 / one for one in self.gain]
+        inverse = [_divide(1.0, gain) for gain in self.gain]
         return [
-            [mul(outer[i][j], inverse[i] * inverse[j]) if j <= i else 0.0 for j in range(N)]
+            [mul(outer[i][j], mul(inverse[i], inverse[j])) if j <= i else 0.0 for j in range(N)]
             for i in range(N)
         ]
+
+
+def _divide(a: Scalar, b: Scalar) -> Scalar:
+    return a if type(b) in (int, float) and b == 1 else a / b
 
 
 def _terms(own: Sequence[Vec], i: int, j: int) -> list[tuple[int, int, float]]:
@@ -113,7 +109,9 @@ def _terms(own: Sequence[Vec], i: int, j: int) -> list[tuple[int, int, float]]:
 
 @cache
 def coupling(arm: ArmName, tool: str, software: str) -> Coupling:
-    """Of one arm with one tool, strung as the software variant expects its first jaw."""
+    """The coupling of one arm with one tool; the software variant decides the sign of the first
+    jaw.
+    """
     matrix = transmission.motor_matrix(arm, tool, software)
     ratio = tuple(matrix[i][Z] / matrix[Z][Z] if i > Z else 0.0 for i in range(N))
     own = tuple(
@@ -127,5 +125,5 @@ def coupling(arm: ArmName, tool: str, software: str) -> Coupling:
 
 
 def _clean(value: float, scale: float) -> float:
-    """Rounding residue of a subtraction that should have left nothing is nothing."""
+    """The value, or 0 where it is only the rounding error of a difference."""
     return 0.0 if abs(value) <= 1e-9 * abs(scale) else value

@@ -1,15 +1,15 @@
-"""What drives the joints of one arm: motors, encoders, brakes, cables and dry friction.
+"""What acts on the joints of one arm: motors, encoders, brakes, cables, dry friction, stops.
 
 Motors
 ------
 
-Motors: from DAC counts to torque, and the shaft's equation of motion solved for one step.
+From DAC counts to torque, and the shaft's equation of motion solved for one step.
 
 `Im w' = drive - tau_c sgn(w) - tau_v w - reaction_scale * lambda`, with torques after the gearbox,
-inertia and speed of the shaft (the authors' units, see `published`). Dry friction, and a brake as
-more of it, is decided with the joint's speed of the last step; the rest is implicit, so that the
-motor's speed at the end of the step is affine in the link's: `w = (momentum + coupling * T q') *
-inverse`, and it can be eliminated from the links' equations.
+inertia and speed of the shaft (the authors' units, see models/raven2/mechanics.toml). Dry friction
+is decided with the joint's speed of the last step; a closed brake adds to it. The rest is implicit.
+The motor's speed at the end of the step is then affine in the link's, and can be eliminated from
+the links' equations: `w = (momentum + coupling * T q') * inverse`.
 
 Encoders
 --------
@@ -36,15 +36,14 @@ gearbox ratio. The tension difference is `gamma = ke (exp(delta)
 Friction
 --------
 
-Dry friction as implicit damping, decided anew in each step.
+Dry friction as implicit damping, decided in each step.
 
-`sign(velocity)` chatters at rest and a smoothed sign creeps. Here each degree of freedom first asks
-what force `drive` would be needed, and available, to carry it through the step: `drive = inertia *
-v + forces`, all in terms of one step (inertia already divided by the step). If friction can hold
-that, the damping becomes so large that the velocity ends at zero within `CREEP`; otherwise it is
-the value that makes the friction force equal to its level at the predicted velocity (|drive| -
-level) / inertia. The breakaway level is exact, the force always opposes the velocity (it is a
-damping), and no iteration is needed.
+`sign(velocity)` chatters at rest and a smoothed sign creeps. Here the force that carries a
+degree of freedom through the step is computed first: `drive = inertia * v + forces`, with the
+inertia divided by the step. If friction can hold this force, the damping becomes so large that the
+velocity ends at zero within `CREEP`. Otherwise the damping makes the friction force equal to its
+level at the predicted velocity, (|drive| - level) / inertia. The breakaway level is exact, the
+force always opposes the velocity, and no iteration is needed.
 
 Brakes
 ------
@@ -55,23 +54,32 @@ data.
 The robot has brakes on the RE40 motors only; tool motors run free when unpowered. A brake engages
 and releases some time after the PLC's command and then adds dry friction of its holding torque to
 the motor: it slips above that.
+
+Hard stops
+----------
+
+One-sided stiff springs, implicit like the cables.
+
+Positions are those the control software homes against (raven2: defines.h, homing.cpp, tools.cpp):
+shoulder 0 deg, elbow 137.5 deg, insertion 0.562 m, the tool's own angles. The other ends of the
+first three joints are not published: the soft limit plus the margin that the published end of elbow
+and insertion has. Stiffness is an assumption: metal on rubber, stiffer than the cable that presses
+the joint against it.
 """  # noqa: E501
 
 from __future__ import annotations
 
 import math
-from typing import Annotated
 
 from ravenjax.numbers import counter_random
 from ravenjax.numbers.algebra import add, mul
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import HOUR_MS, Quantity
+from ravenjax.numbers.quantity import described
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record
+from ravenjax.robots.raven2.geometry import limits
+from ravenjax.robots.raven2.geometry.tools import find_tool
 
 CREEP = 1e-7  # rad/s or m/s at most while stuck: 1 um or urad in 10 s
-
-OPPOSES = "friction opposes motion"
-"""Why no friction is negative."""
 
 
 def coulomb_damping(level: Scalar, drive: Scalar, inertia: Scalar) -> Scalar:
@@ -116,22 +124,6 @@ def radians(angle: Angle, dtype: str) -> Scalar:
 def noise_counts(rms_cnt: Scalar, key: Scalar, tick: Scalar, channel: int) -> Scalar:
     """Reading error in whole counts, normal with `rms_cnt`, rounded to the nearest."""
     return as_int(jnp.floor(rms_cnt * counter_random.normal(key, tick, channel) + 0.5))
-
-
-POSITIONING_ARM = (
-    5.675e-3 / 12.25
-)  # a, m of cable per rad of motor; capstan of the GP42, raven2: defines.h
-TOOL_ARM = 5.005e-3 / (26.0 / 7.0)  # a, m per rad; capstan of the GP32
-ARMS_M = (POSITIONING_ARM,) * 3 + (TOOL_ARM,) * 4
-
-POSITIONING_STRENGTH = 1200.0
-"""N, of a new stainless wire rope of 1.19 mm (3/64 in), 7x19: 270 lbf in makers' catalogues. The
-diameter is raven2's (defines.h), the construction is assumed; a worn rope, or one bent over small
-pulleys, breaks earlier."""
-TOOL_STRENGTH = POSITIONING_STRENGTH * (0.61 / 1.19) ** 2
-"""N, of a rope of 0.61 mm (diameter: raven2, defines.h); assumed: as strong per section as the
-thicker one, 315 N.
-"""
 
 
 @record
@@ -184,74 +176,21 @@ def _cosh(x: Scalar) -> Scalar:
     return 1.0 + square * 0.5 * (1.0 + square * (1.0 / 12.0))
 
 
+@described
 @record
 class ActuatorParams:
-    """Of seven motors."""
+    """Parameters of seven motors."""
 
-    torque_per_count: Annotated[
-        Vec,
-        Quantity(
-            "N m per count",
-            0,
-            1,
-            "motor torque after the gearbox per DAC count, magnitude",
-            why="its sign is the wiring's",
-        ),
-    ]
-    gain: Annotated[Vec, Quantity("", 0, 100, "gain error of the amplifier, times the torque")]
-    bias: Annotated[
-        Vec,
-        Quantity(
-            "N m", -100, 100, "torque of the amplifier at any command, in positive motor direction"
-        ),
-    ]
-    inertia: Annotated[
-        Vec, Quantity("kg m2", 1e-7, 1, "of rotor and gearbox", why="a rotor has some")
-    ]  # Im
-    coulomb: Annotated[Vec, Quantity("N m", 0, 1e3, "dry friction of the motor", why=OPPOSES)]
-    viscous: Annotated[
-        Vec, Quantity("N m s/rad", 0, 1e3, "viscous friction of the motor", why=OPPOSES)
-    ]
-    reaction_scale: Annotated[
-        Vec,
-        Quantity(
-            "",
-            0,
-            100,
-            "share of the cable's torque that the motor feels; 1 as published, the gearbox ratio by"
-            " statics",
-        ),
-    ]
-    torque_limit: Annotated[
-        Vec,
-        Quantity(
-            "N m",
-            0,
-            1e6,
-            "torque after the gearbox at the amplifier's largest current",
-            why="a magnitude",
-        ),
-    ]
-    stall_torque: Annotated[
-        Vec,
-        Quantity(
-            "N m",
-            0,
-            1e6,
-            "torque after the gearbox of a blocked motor at the supply voltage",
-            why="a magnitude",
-        ),
-    ]
-    back_emf: Annotated[
-        Vec,
-        Quantity(
-            "N m s/rad",
-            0,
-            1e3,
-            "loss of that torque with the motor's speed",
-            why="a generator brakes",
-        ),
-    ]
+    torque_per_count: Vec  # N m per count
+    gain: Vec
+    bias: Vec  # N m
+    inertia: Vec  # kg m2; Im
+    coulomb: Vec  # N m
+    viscous: Vec  # N m s/rad
+    reaction_scale: Vec
+    torque_limit: Vec  # N m
+    stall_torque: Vec  # N m
+    back_emf: Vec  # N m s/rad
 
 
 @record
@@ -270,11 +209,10 @@ class Eliminated:
 def limited(
     torque: Scalar, speed: Scalar, torque_limit: Scalar, stall_torque: Scalar, back_emf: Scalar
 ) -> Scalar:
-    """What amplifier and supply let a motor at `speed` (rad/s) have of a commanded `torque` (both N
-    m).
+    """The part of a commanded `torque` (N m) that amplifier and supply allow at `speed` (rad/s).
 
     The amplifier is a current source until its current or the voltage `R i + k w` ends at a limit.
-    The largest current holds, too, for a motor that is driven faster than the supply could turn it.
+    The current limit also holds for a motor that is driven faster than the supply could turn it.
     """
     induced = back_emf * speed
     torque = jnp.minimum(jnp.maximum(torque, -stall_torque - induced), stall_torque - induced)
@@ -314,17 +252,14 @@ def eliminate(
     )
 
 
+@described
 @record
 class BrakeParams:
-    holding_torque: Annotated[  # assumption: maxon AB 28, 0.4 N m at the shaft, times 12.25
-        Scalar, Quantity("N m", 0, 1e4, "dry friction of a closed brake, after the gearbox")
-    ] = 0.4 * 12.25
-    engage_ticks: Annotated[  # int32; assumption: 15 (relay and spring)
-        Scalar, Quantity("ms", 0, HOUR_MS, "from brake command to grip", whole=True)
-    ] = 15
-    release_ticks: Annotated[  # int32; assumption: 20 (coil current rises)
-        Scalar, Quantity("ms", 0, HOUR_MS, "from brake command to free", whole=True)
-    ] = 20
+    holding_torque: Scalar = (  # N m
+        0.4 * 12.25
+    )  # assumption: maxon AB 28, 0.4 N m at the shaft, times 12.25
+    engage_ticks: Scalar = 15  # ms; int32; assumed (relay and spring)
+    release_ticks: Scalar = 20  # ms; int32; assumed (coil current rises)
 
 
 @record
@@ -346,3 +281,43 @@ def step_brakes(
     engaged = jnp.where(moves, commanded, state.engaged)
     state = BrakeState(engaged=as_int(engaged), pending_ticks=as_int(jnp.where(moves, 0, pending)))
     return state, jnp.where(engaged != 0, params.holding_torque, 0.0)
+
+
+_MARGIN = (math.radians(2.5), math.radians(2.5), 2e-3)  # rad, rad, m
+SETTLING_S = 5e-3  # s, damping over stiffness
+
+
+@described
+@record
+class StopParams:
+    lower: Vec  # rad; insertion m
+    upper: Vec  # rad; insertion m
+    stiffness: Vec  # N m/rad; insertion N/m
+
+
+@record
+class StopForce:
+    """Force of a hard stop at the joint's present speed, and its loss per gain of speed."""
+
+    force: Scalar  # N m; insertion N
+    damping: Scalar  # N m s/rad; insertion N s/m
+
+
+def stop_params(tool: str) -> StopParams:
+    """Hard stops of an arm with that tool."""
+    instrument = find_tool(tool)
+    low, high = limits.POSITIONING_LOWER, limits.POSITIONING_UPPER
+    return StopParams(
+        lower=Vec((low[0], low[1] - _MARGIN[1], low[2] - _MARGIN[2], *instrument.hard_min)),
+        upper=Vec(
+            (high[0] + _MARGIN[0], high[1] + _MARGIN[1], high[2] + _MARGIN[2], *instrument.hard_max)
+        ),
+        stiffness=Vec((1e5, 1e5, 1e6, 20.0, 20.0, 20.0, 20.0)),
+    )
+
+
+def stop_force(params: StopParams, i: int, jpos: Scalar, jvel: Scalar, dt: float) -> StopForce:
+    """Joint `i` at `jpos` (rad, m) and `jvel` over the coming `dt` (s); zero within the range."""
+    beyond = jnp.maximum(jpos - params.upper[i], 0.0) + jnp.minimum(jpos - params.lower[i], 0.0)
+    damping = jnp.where(beyond != 0.0, params.stiffness[i] * (dt + SETTLING_S), 0.0)
+    return StopForce(force=-params.stiffness[i] * beyond - damping * jvel, damping=damping)

@@ -1,7 +1,7 @@
 """What makes a healthy robot's report wrong: joints, cable drums and links that are not what its
 software believes.
 
-Three arms are told apart, and each believes something else:
+Three arms are distinguished:
 
 - the **true** arm: its links stand at angles that nobody measures, and are as they were built.
   `robot.PlantOutput` has its joints, `tip` its tip;
@@ -18,82 +18,44 @@ With motor angles alike, true joints q are, of reported ones r and home pose h,
 and cable stretch comes on top, as it does without errors. Every error at 0 drops out of the traced
 code.
 
-A camera, like a surgeon's eye, has no frame 0 of its own: where the robot is in it is fitted, and a
-displacement as one rigid piece is not seen as an error. `registered` does that: before the run the
-true tip's frame is moved so that true and reported tips agree best at POSES.
+A camera does not know the robot's frame 0. The robot's place in its picture is fitted, and a rigid
+displacement is not seen as an error. `registered` does the same: before the run the true tip's
+frame is moved so that true and reported tips agree best at POSES.
 
-Registration: where the true arm stands in the frame in which its report is believed.
-
-The rigid motion that brings true tips onto reported ones at POSES, by least squares (Gauss-Newton;
-each step solves for a small rotation and a displacement). It is found before the run and does not
-change.
+Registration is the rigid motion that brings true tips onto reported tips at POSES, by least squares
+(Gauss-Newton; each step solves for a small rotation and a displacement). It does not change in a
+run.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import itertools
 import math
-from typing import Annotated
 
 import numpy as np
 
+from ravenjax.numbers import tree
 from ravenjax.numbers.algebra import add, dot, matmul, matrix, matvec, mul
 from ravenjax.numbers.lazy import at_once, jnp
-from ravenjax.numbers.quantity import Quantity
+from ravenjax.numbers.quantity import described
 from ravenjax.numbers.vec import Scalar, Vec, record, where
-from ravenjax.robots.raven2.arms import LINEAR
 from ravenjax.robots.raven2.geometry import built_links, kinematics, limits, mapping
 from ravenjax.robots.raven2.geometry.built_links import LinkErrors
 
-_REVOLUTE = ("shoulder", "elbow", "tool_roll", "wrist", "grasp1", "grasp2")
 _DEG = math.pi / 180.0
 
 
+@described
 @record
 class KinematicErrors:
-    """Of one arm; all 0 but `scale`: the robot that its software believes in."""
+    """Errors of one arm. All are 0 but `scale` in the robot that its software assumes."""
 
-    scale: Annotated[Scalar, Quantity("", 0, 10, "times every kinematic error")]
-    joint_offset: Annotated[
-        Vec,
-        Quantity(
-            "rad",
-            -1.5,
-            1.5,
-            "true minus reported joint at the home pose, left by homing",
-            joints=_REVOLUTE,
-        ),
-        Quantity(
-            "m",
-            -0.1,
-            0.1,
-            "true minus reported joint at the home pose, left by homing",
-            joints=LINEAR,
-        ),
-    ]
-    ratio_error: Annotated[
-        Vec,
-        Quantity(
-            "",
-            -0.5,
-            0.5,
-            "by what share more than its software believes a joint moves: radius of its drum",
-        ),
-    ]
+    scale: Scalar
+    joint_offset: Vec  # rad; m
+    ratio_error: Vec
     links: LinkErrors
-    registered: Annotated[  # int32
-        Scalar,
-        Quantity(
-            "",
-            0,
-            1,
-            "true tips are told 1: in the frame in which they agree best with reported ones, 0: in"
-            " the arm's frame 0",
-            whole=True,
-        ),
-    ]
+    registered: Scalar  # int32
 
 
 MEASURED = {
@@ -119,7 +81,7 @@ MEASURED = {
 How large they are beside each other is *assumed*: homing against stops leaves more than machining
 does. Their common factor is fitted to the first half of a recording,
 `analysis/studies/healthy_robot/tip_error.py`. A recording of one arm in a part of its workspace
-cannot tell them one by one: what is told is the tip's error after registration. The shoulder has no
+cannot separate them; it shows the tip's error after registration. The shoulder has no
 offset, which would turn the frame and nothing else; the jaws have none, since they do not move
 their axis.
 """
@@ -133,12 +95,12 @@ def exact() -> KinematicErrors:
 
 def is_exact(errors: KinematicErrors) -> bool:
     """Whether no error can be other than 0 in this trace."""
-    numbers = (*errors.joint_offset, *errors.ratio_error, *_values(errors.links))
+    numbers = tree.leaves((errors.joint_offset, errors.ratio_error, errors.links))
     return all(type(number) in (int, float) and number == 0 for number in numbers)
 
 
 def gain(errors: KinematicErrors) -> Vec:
-    """True motion of each joint per motion that the software believes, 7."""
+    """True motion of each joint per motion that the software assumes, 7."""
     return Vec(add(1.0, mul(errors.scale, error)) for error in errors.ratio_error)
 
 
@@ -156,7 +118,7 @@ def true_joints(errors: KinematicErrors, reported: Vec) -> Vec:
 
 
 def register(arm: str, errors: KinematicErrors) -> Registration | None:
-    """Where the arm's frame 0 is registered; None: where the software believes it."""
+    """The registration of the arm's frame 0; None: it is where the software assumes it."""
     if is_exact(errors) or (isinstance(errors.registered, np.integer) and not errors.registered):
         return None
     true = [_tip(arm, true_joints(errors, pose), errors) for pose in POSES]
@@ -172,12 +134,8 @@ def tip(arm: str, errors: KinematicErrors, frame: Registration | None, jpos: Vec
 def _tip(arm: str, jpos: Vec, errors: KinematicErrors) -> Vec:
     if is_exact(errors):
         return kinematics.forward(arm, jpos).position
-    links = LinkErrors(*(mul(errors.scale, value) for value in _values(errors.links)))
+    links = tree.mapped(lambda error: mul(errors.scale, error), errors.links)
     return built_links.tip(arm, jpos, links)
-
-
-def _values(links: LinkErrors) -> tuple[Scalar, ...]:
-    return tuple(getattr(links, field.name) for field in dataclasses.fields(links))
 
 
 # --- registration ---

@@ -17,39 +17,35 @@ the same natural frequency, damping and friction dead band:
 
 with J = Im + rho M / TR^2, KP and KD from raven2's r2params.yaml, g the gain from commanded to real
 torque, and Im, tau, F and the reaction share rho of the robot's parameter set
-(`parameter_sets.nominal`). Nothing is fitted to a published outcome. `Kv` and `Kc` of a jaw are
-zero but for the viscous part, which is in its kd. ki: the robot's insertion has no integral; a slow
+(`parameter_sets.nominal`). Nothing is fitted to a published outcome. `Kv` and `Kc` of a jaw are zero; its viscous part is in its kd. ki: the robot's insertion has no integral; a slow
 one (time constant 4 s) removes the dead band's remainder without changing the lag on surgical
 motion.
 
 Integration is linearly implicit in gains and friction: stable at 1 kHz for any of them.
 
-What the nominal model is asked to do: the operator's clean input accumulated into a pose, solved
-for joints.
-
-The model hears the operator before any fault does: increments add up as in the robot, its own
-inverse kinematics runs with its own joints as reference, targets are clamped to the software's
-joint limits and re-anchored where they clamp. While the pedal is up the model holds, and the target
-is where it stands, as the robot's is.
+The target of the nominal model is the operator's clean input, accumulated into a pose and solved for
+joints. No fault can change this input. Increments add up as in the robot. The model's inverse
+kinematics takes the model's joints as reference. Targets are clamped to the software's joint limits,
+and re-anchored where they clamp. While the pedal is up the model holds, and its target is its pose,
+as in the robot.
 """  # noqa: E501
 
 from __future__ import annotations
 
 import math
-from typing import Annotated
 
 import numpy as np
 
 from ravenjax.numbers.algebra import mul
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.linear_solve import solve_spd
-from ravenjax.numbers.quantity import Quantity
+from ravenjax.numbers.quantity import described
 from ravenjax.numbers.vec import Scalar, Vec, as_int, cast, record, replace, to_int32, where
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import joints, kinematics, limits, mapping, transmission
 from ravenjax.robots.raven2.plant import parameter_sets
-from ravenjax.robots.raven2.plant.drives import OPPOSES, coulomb_damping
+from ravenjax.robots.raven2.plant.drives import coulomb_damping
 from ravenjax.robots.raven2.setup import RavenSetup
 
 TICK_S = 1e-3
@@ -65,19 +61,15 @@ INTEGRAL_RATE = 0.25  # 1/s, ki / kp of the insertion
 
 
 UM_PER_M = 1e6
-_STABLE = "the model is stable"
 
 
+@described
 @record
 class TargetParams:
     """Where targets are clamped: the software's joint limits, the same for every arm."""
 
-    lower: Annotated[
-        Vec, limits.position("lower soft limit of the nominal model's target")
-    ]  # 5: no jaws
-    upper: Annotated[
-        Vec, limits.position("upper soft limit of the nominal model's target")
-    ]  # 5: no jaws
+    lower: Vec  # 5: no jaws; rad, insertion m
+    upper: Vec  # 5: no jaws; rad, insertion m
 
 
 @record
@@ -101,69 +93,16 @@ class TargetState:
     jpos_d: Vec  # rad; insertion m: target joints
 
 
+@described
 @record
 class NominalParams:
-    kp: Annotated[
-        Vec,
-        Quantity(
-            "N m/rad; insertion N/m; jaws 1/s2",
-            0,
-            1e6,
-            "stiffness with which the nominal model follows its target",
-            why=_STABLE,
-        ),
-    ]
-    kd: Annotated[
-        Vec,
-        Quantity(
-            "N m s/rad; insertion N s/m; jaws 1/s",
-            0,
-            1e6,
-            "damping with which the nominal model follows its target",
-            why=_STABLE,
-        ),
-    ]
-    ki: Annotated[
-        Scalar,
-        Quantity("N/(m s)", 0, 1e6, "integral gain of the nominal model's insertion", why=_STABLE),
-    ]
-    kv: Annotated[  # 5: no jaws
-        Vec,
-        Quantity(
-            "N m s/rad; insertion N s/m",
-            0,
-            1e6,
-            "viscous friction of the nominal model's joints",
-            why=OPPOSES,
-        ),
-    ]
-    kc: Annotated[  # 5: no jaws
-        Vec,
-        Quantity(
-            "N m; insertion N", 0, 1e6, "dry friction of the nominal model's joints", why=OPPOSES
-        ),
-    ]
-    mass_scale: Annotated[
-        Scalar,
-        Quantity(
-            "",
-            0.01,
-            100,
-            "times masses and inertias of the nominal model",
-            why="masses are positive",
-        ),
-    ]
-    resync: Annotated[  # int32; 1: where it is measured
-        Scalar,
-        Quantity(
-            "",
-            0,
-            1,
-            "while the pedal is up the nominal model 1: stands where the robot is, 0: stays where"
-            " it was",
-            whole=True,
-        ),
-    ]
+    kp: Vec  # N m/rad; insertion N/m; jaws 1/s2
+    kd: Vec  # N m s/rad; insertion N s/m; jaws 1/s
+    ki: Scalar  # N/(m s)
+    kv: Vec  # N m s/rad; insertion N s/m; 5: no jaws
+    kc: Vec  # N m; insertion N; 5: no jaws
+    mass_scale: Scalar
+    resync: Scalar  # int32; 1: where it is measured
     target: TargetParams
 
 
@@ -190,15 +129,10 @@ def params(
     (`parameter_sets.Name`).
     """
     values = parameter_sets.parameter_set(parameter_sets.nominal(parameter_set))
-    counts = (parameter_sets.CONTROLLER_TORQUE_PER_COUNT,) * 3 + (
-        parameter_sets.TOOL_TORQUE_PER_COUNT,
-    ) * 4
-    gain = [
-        real / stated * g
-        for real, stated, g in zip(values.torque_per_count, counts, values.gain, strict=True)
-    ]
-    inertia, share = values.motor_inertia, values.reaction_scale
-    dry, viscous = values.motor_coulomb, values.motor_viscous
+    motor = values.actuators
+    gain = motor.torque_per_count / transmission.TORQUE_PER_COUNT * motor.gain
+    inertia, share = motor.inertia, motor.reaction_scale
+    dry, viscous = motor.coulomb, motor.viscous
     link_dry, link_viscous = values.link_coulomb, values.link_viscous
     link_inertia = [*INERTIA[:LAGRANGE], 0.0, 0.0]
 
@@ -224,7 +158,7 @@ def params(
 
 
 def init(setup: RavenSetup, arm: ArmName, params: NominalParams, jpos0: Vec) -> NominalState:
-    """At rest at `jpos0` (rad, m), which is its target."""
+    """The state at rest at `jpos0` (rad, m), which is also its target."""
     dtype = setup.precision.real
     jpos = Vec(jnp.asarray(x, dtype) for x in jpos0)
     still = Vec(jnp.asarray(0.0, dtype) for _ in range(7))
@@ -244,10 +178,10 @@ def step(
     """One tick (1 ms) of the model under the operator's clean command; it holds still while the
     pedal is up.
 
-    measured: the robot's joints as its control software has them (rad, m). With each lift of the
-    pedal the robot takes its measured pose, which hangs a little below the desired one, for the
-    desired one, and sags on; `NominalParams.resync` lets the model go along, so that clutching adds
-    up to no error of its own.
+    measured: the robot's joints as its control software has them (rad, m). The measured
+    pose hangs a little below the desired one. With each lift of the pedal the robot takes it for
+    the desired pose, and sags on. `NominalParams.resync` lets the model follow, so that clutching
+    alone adds no error.
     """
     stands = (params.resync != 0) & (clean.engaged == 0)
     state = replace(state, jpos=where(stands, measured, state.jpos))
@@ -316,7 +250,7 @@ def target_params(setup: RavenSetup) -> TargetParams:
 
 
 def init_target(setup: RavenSetup, arm: ArmName, jpos: Vec) -> TargetState:
-    """The target is where the joints are."""
+    """A target at the joints' own pose."""
     pose = kinematics.forward(arm, jpos)
     return TargetState(
         position_um=pose.position.map(lambda p: to_int32(p * UM_PER_M)),

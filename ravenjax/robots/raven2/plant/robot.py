@@ -19,8 +19,8 @@ ever formed, so float32 loses nothing that an encoder sees.
 
 from __future__ import annotations
 
+import dataclasses
 import functools
-from typing import Annotated
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from ravenjax.numbers import counter_random, tree
 from ravenjax.numbers.algebra import add, mul, sub
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.linear_solve import solve_spd
-from ravenjax.numbers.quantity import Quantity, Reserved
+from ravenjax.numbers.quantity import described
 from ravenjax.numbers.vec import Scalar, Vec, cast, record, replace
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.dynamics import link_dynamics
@@ -38,10 +38,8 @@ from ravenjax.robots.raven2.plant import (
     drives,
     kinematic_errors,
     parameter_sets,
-    stops,
 )
 from ravenjax.robots.raven2.plant.coupling import Coupling, coupling
-from ravenjax.robots.raven2.plant.drives import OPPOSES
 from ravenjax.robots.raven2.setup import RavenSetup
 
 TICK_S = 1e-3
@@ -51,99 +49,28 @@ TORQUE_CHANNEL = 8  # noise channels of an arm: 0-6 encoders, 8-14 torques
 ARM_CHANNELS = 16
 
 
+@described
 @record
 class PlantParams:
-    """Of one arm. Every number may vary from run to run."""
+    """Parameters of one arm, any of which may vary from run to run. quantities.toml has ranges."""
 
     actuators: drives.ActuatorParams
     brakes: drives.BrakeParams
-    cable_stiffness: Annotated[  # ke
-        Vec,
-        Quantity(
-            "N/m",
-            100,
-            1e8,
-            "stiffness of each cable",
-            why="an unbroken cable holds the arm at rest; break it by a fault",
-        ),
-    ]
-    cable_damping: Annotated[  # be
-        Vec, Quantity("N s/m", 0, 1e6, "damping of each cable", why="damping takes energy")
-    ]
-    cable_strength: Annotated[  # read where Setup.cables is not "unwatched"
-        Vec,
-        Quantity(
-            "N",
-            1,
-            1e7,
-            "tension above which each cable is overloaded",
-            why="a cable carries something",
-            read_when=("parameter_set", "power_consistent"),
-        ),
-    ]
-    link_coulomb: Annotated[
-        Vec, Quantity("N m; insertion N", 0, 1e3, "dry friction of the joint", why=OPPOSES)
-    ]
-    link_viscous: Annotated[
-        Vec,
-        Quantity(
-            "N m s/rad; insertion N s/m", 0, 1e3, "viscous friction of the joint", why=OPPOSES
-        ),
-    ]
-    stops: stops.StopParams
+    cable_stiffness: Vec  # N/m; ke
+    cable_damping: Vec  # N s/m; be
+    cable_strength: Vec  # N; read where Setup.cables is not "unwatched"
+    link_coulomb: Vec  # N m; insertion N
+    link_viscous: Vec  # N m s/rad; insertion N s/m
+    stops: drives.StopParams
     kinematic_errors: kinematic_errors.KinematicErrors
-    friction_scale: Annotated[
-        Scalar, Quantity("", 0, 100, "times all friction of motors and joints", why=OPPOSES)
-    ]
-    cable_stiffness_scale: Annotated[
-        Scalar,
-        Quantity(
-            "",
-            0.05,
-            100,
-            "times the stiffness of every cable",
-            why="an unbroken cable holds the arm; break one by a fault",
-        ),
-    ]
-    motor_constant_scale: Annotated[
-        Scalar, Quantity("", 0, 100, "times torque per count of every motor")
-    ]
-    mass_scale: Annotated[
-        Scalar,
-        Quantity(
-            "", 0.01, 100, "times masses and inertias of the links", why="masses are positive"
-        ),
-    ]
-    gravity: Annotated[
-        Vec, Quantity("m/s2", -100, 100, "acceleration of gravity in frame 0 of the arm")
-    ]  # 3
-    encoder_noise: Annotated[
-        Scalar,
-        Quantity(
-            "counts rms",
-            0,
-            1e4,
-            "noise of the encoders; read where campaign.noise is on",
-            why="a standard deviation",
-        ),
-    ]
-    torque_noise: Annotated[
-        Scalar,
-        Quantity(
-            "N m rms",
-            0,
-            100,
-            "noise of the motor torques after the gearbox; read where campaign.noise is on",
-            why="a standard deviation",
-        ),
-    ]
-    noise_key: Annotated[  # uint32; a run and its golden run share it
-        Scalar,
-        Reserved(
-            "it is derived from each run's id, so that no two runs draw the same noise; set"
-            " campaign.noise = true, and campaign.seed or repeats for other draws"
-        ),
-    ]
+    friction_scale: Scalar
+    cable_stiffness_scale: Scalar
+    motor_constant_scale: Scalar
+    mass_scale: Scalar
+    gravity: Vec  # m/s2; 3
+    encoder_noise: Scalar  # counts rms
+    torque_noise: Scalar  # N m rms
+    noise_key: Scalar  # uint32; a run and its golden run share it
 
 
 @record
@@ -197,27 +124,10 @@ def params(
     setup: RavenSetup, arm: ArmName, parameter_set: str = parameter_sets.DEFAULT
 ) -> PlantParams:
     """Documented values; `parameter_set` names one of `parameter_sets.Name`."""
-    values = parameter_sets.parameter_set(parameter_set)
     return PlantParams(
-        actuators=drives.ActuatorParams(
-            torque_per_count=Vec(values.torque_per_count),
-            gain=Vec(values.gain),
-            bias=Vec(values.bias),
-            inertia=Vec(values.motor_inertia),
-            coulomb=Vec(values.motor_coulomb),
-            viscous=Vec(values.motor_viscous),
-            reaction_scale=Vec(values.reaction_scale),
-            torque_limit=Vec(values.torque_limit),
-            stall_torque=Vec(values.stall_torque),
-            back_emf=Vec(values.back_emf),
-        ),
+        **parameter_sets.parameter_set(parameter_set)._asdict(),
         brakes=drives.BrakeParams(),
-        cable_stiffness=Vec(values.stiffness),
-        cable_damping=Vec(values.damping),
-        cable_strength=Vec(values.strength),
-        link_coulomb=Vec(values.link_coulomb),
-        link_viscous=Vec(values.link_viscous),
-        stops=stops.params(_tool(setup, arm)),
+        stops=drives.stop_params(_tool(setup, arm)),
         kinematic_errors=kinematic_errors.exact(),
         friction_scale=1.0,
         cable_stiffness_scale=1.0,
@@ -229,14 +139,14 @@ def params(
         # Assumed where noise is drawn: an edge's jitter as large as a count's rounding, and one
         # count of the DAC.
         encoder_noise=12.0**-0.5 if setup.noise else 0.0,
-        torque_noise=parameter_sets.CONTROLLER_TORQUE_PER_COUNT if setup.noise else 0.0,
+        torque_noise=transmission.TORQUE_PER_COUNT[0] if setup.noise else 0.0,
         noise_key=np.uint32(0),
     )
 
 
 def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> PlantState:
-    """At rest, brakes on, each cable stretched by its share of gravity. The software takes the
-    links to be at `jpos0` (rad, m), where they are but for their errors."""
+    """At rest, brakes on, each cable stretched by its share of gravity. The software assumes the
+    links at `jpos0` (rad, m); kinematic errors may move them from there."""
     geometry, errors = _coupling(setup, arm, params), params.kinematic_errors
     dtype = setup.precision.real
     jpos0 = Vec(jnp.asarray(x, dtype) for x in jpos0)
@@ -249,7 +159,9 @@ def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> Pl
     carried = geometry.carried(weight)
     stretch = Vec(
         drives.resting_stretch(
-            drives.ARMS_M[i], params.cable_stiffness[i] * params.cable_stiffness_scale, carried[i]
+            transmission.CABLE_PER_MOTOR[i],
+            params.cable_stiffness[i] * params.cable_stiffness_scale,
+            carried[i],
         )
         for i in range(N)
     )
@@ -285,7 +197,7 @@ def step(
     """One tick (1 ms, `setup.substeps` steps) under the DAC command just written; the next tick
     reads `PlantOutput`.
 
-    touched: of what the instrument touches; None: nothing is there.
+    touched: parameters of what the instrument touches; None: it touches nothing.
     """
     under_way = _ArmTick(setup, arm, params, state, signal, touched)
     for _ in range(setup.substeps):
@@ -303,8 +215,7 @@ def step_all(
 ) -> tuple[tuple[PlantState, PlantOutput], ...]:
     """`step` of every arm. Two arms with contact touch tissue and each other.
 
-    The force between the two is solved with both arms' equations: it is the same on both, whatever
-    each gives way.
+    The force between the two is solved with both arms' equations, so it is the same on both.
     """
     arms = setup.arms
     if touched is None or len(arms) < 2:
@@ -327,49 +238,48 @@ def step_all(
     return one.end(), other.end()
 
 
+@dataclasses.dataclass
 class _ArmTick:
-    """A tick of one arm under way."""
+    """A tick of one arm, substep by substep."""
 
-    def __init__(
-        self,
-        setup: RavenSetup,
-        arm: ArmName,
-        params: PlantParams,
-        state: PlantState,
-        signal: PlantSignal,
-        touched: contact.ContactParams | None,
-    ) -> None:
-        self._arm: ArmName = arm
-        self._setup, self._params = setup, params
-        self._signal, self._touched = signal, touched
-        self.state, self.dt = state, TICK_S / setup.substeps
-        brakes, self._holding = drives.step_brakes(params.brakes, state.brakes, signal.brakes)
+    setup: RavenSetup
+    arm: ArmName
+    params: PlantParams
+    state: PlantState
+    signal: PlantSignal
+    touched: contact.ContactParams | None
+
+    def __post_init__(self) -> None:
+        setup, params, state = self.setup, self.params, self.state
+        self.dt = TICK_S / setup.substeps
+        brakes, self._holding = drives.step_brakes(params.brakes, state.brakes, self.signal.brakes)
         self._brakes = cast(brakes, "int32")
-        self._drive = _drive(setup, arm, params, state, signal)
-        self._geometry = _coupling(setup, arm, params)
+        self._drive = _drive(setup, self.arm, params, state, self.signal)
+        self._geometry = _coupling(setup, self.arm, params)
         self._carried: list[Vec] = []
         self._touches: list[contact.Touch] = []
 
     def jpos(self) -> Vec:
         """Joints, rad and m."""
-        return _jpos(self._geometry, self.state, self._setup.precision.real)
+        return _jpos(self._geometry, self.state, self.setup.precision.real)
 
     def equations(self, pushed: Vec | None = None) -> tuple[tuple[Vec, ...], Vec]:
-        """A 7x7 system (its lower triangle) and its right side (N m, N), whose solution is what the
-        joints gain in the coming substep. pushed: what the other instrument puts on the joints.
+        """A 7x7 system (its lower triangle) and its right side (N m, N), whose solution is the
+        speeds that the joints gain in the coming substep. pushed: load of the other instrument on
+        the joints.
         """
-        params, state, signal, dt = self._params, self.state, self._signal, self.dt
+        params, state, signal, dt = self.params, self.state, self.signal, self.dt
         motor = params.actuators
         jpos, jvel = self.jpos(), state.jvel
         mass, bias = link_dynamics.mass_matrix_and_bias(
-            self._setup, self._arm, jpos, jvel, params.gravity, params.mass_scale
+            self.setup, self.arm, jpos, jvel, params.gravity, params.mass_scale
         )
         friction = Vec(mul(signal.friction_scale[i], params.friction_scale) for i in range(N))
         self._link_speed = self._geometry.motors(jvel)
         scale = _whole(state, signal.cable_scale)
         self._springs = [
             drives.linearise(
-                drives.ARMS_M[i],
+                transmission.CABLE_PER_MOTOR[i],
                 _stiffness(params, i, scale[i]),
                 mul(scale[i], params.cable_damping[i]),
                 state.stretch[i],
@@ -395,8 +305,8 @@ class _ArmTick:
         system = self._geometry.congruence(Vec(item.stiffening for item in self._solved))
         loads = self._geometry.loads(Vec(item.force for item in self._solved))
         self._tips = ()
-        if self._touched is not None:
-            self._tips = contact.tips(self._arm, self._touched, jpos, jvel, dt)
+        if self.touched is not None:
+            self._tips = contact.tips(self.arm, self.touched, jpos, jvel, dt)
             for one in self._tips:
                 one.stiffen(system)
                 loads = loads + one.tip.along(one.force())
@@ -407,7 +317,7 @@ class _ArmTick:
             for j in range(i + 1):
                 system[i][j] = add(system[i][j], mul(1.0 / dt, mass[i][j]))
             viscous = params.link_viscous[i] * friction[i]
-            stop = stops.contact(params.stops, i, jpos[i], jvel[i], dt)
+            stop = drives.stop_force(params.stops, i, jpos[i], jvel[i], dt)
             system[i][i] = system[i][i] + (viscous + stop.damping)
             load = add(sub(loads[i], bias[i]), signal.external_torque[i])
             force = load - viscous * jvel[i] + stop.force
@@ -419,8 +329,8 @@ class _ArmTick:
         return tuple(Vec(row) for row in system), Vec(right)
 
     def move(self, gained: Vec, pressed: tuple[Vec, Scalar] | None = None) -> None:
-        """One substep, in which the joints gain so much speed (rad/s, m/s). pressed: way and size
-        (N) of the other instrument's force.
+        """One substep, in which the joints gain these speeds (rad/s, m/s). pressed: direction and
+        size (N) of the other instrument's force.
         """
         state = self.state
         if self._tips:
@@ -438,11 +348,11 @@ class _ArmTick:
             mvel.append(speed)
             stretch.append(state.stretch[i] + self.dt * rate)
             motors.append(drives.advance(state.motors[i], self.dt * speed))
-            carried.append(self._springs[i].carried(drives.ARMS_M[i], rate))
+            carried.append(self._springs[i].carried(transmission.CABLE_PER_MOTOR[i], rate))
         intact = state.intact
         if intact is not None:
             overloaded = Vec(carried).map(
-                lambda force, strength: jnp.abs(force) > strength, self._params.cable_strength
+                lambda force, strength: jnp.abs(force) > strength, self.params.cable_strength
             )
             intact = intact.map(lambda whole, over: jnp.where(over, 0.0, whole), overloaded)
         self.state = replace(
@@ -457,7 +367,7 @@ class _ArmTick:
 
     def end(self) -> tuple[PlantState, PlantOutput]:
         """The state after the tick, and what can be seen of it."""
-        dtype, state = self._setup.precision.real, self.state
+        dtype, state = self.setup.precision.real, self.state
         state = replace(
             state,
             stretch=cast(state.stretch, dtype),
@@ -467,7 +377,7 @@ class _ArmTick:
             intact=cast(state.intact, dtype),
             tick=state.tick + 1,
         )
-        out = observe(self._setup, self._arm, self._params, state, self._signal.cable_scale)
+        out = observe(self.setup, self.arm, self.params, state, self.signal.cable_scale)
         carried = functools.reduce(lambda a, b: a.map(jnp.maximum, b), self._carried)
         touch = self._touches[0] if self._touches else None
         if len(self._touches) > 1:
@@ -491,7 +401,10 @@ def observe(
     scale = _whole(state, Vec.full(N, 1.0) if cable_scale is None else cable_scale)
     tension = Vec(
         drives.tension(
-            _stiffness(params, i, scale[i]), 0.0, drives.ARMS_M[i] * state.stretch[i], 0.0
+            _stiffness(params, i, scale[i]),
+            0.0,
+            transmission.CABLE_PER_MOTOR[i] * state.stretch[i],
+            0.0,
         )
         for i in range(N)
     )
@@ -532,12 +445,12 @@ def tip(arm: ArmName, params: PlantParams, state: PlantState, jpos: Vec) -> Vec:
 
 
 def _whole(state: PlantState, cable_scale: Vec) -> Vec:
-    """Share of each cable's stiffness and damping that is there; none of one that has parted."""
+    """Share of each cable's stiffness and damping that is left; 0 of a cable that has parted."""
     return cable_scale if state.intact is None else cable_scale.map(mul, state.intact)
 
 
 def _stiffness(params: PlantParams, i: int, scale: Scalar) -> Scalar:
-    """Of cable i, N/m; a cut one has none."""
+    """Stiffness of cable i, N/m; 0 where it is cut."""
     return mul(scale, params.cable_stiffness[i] * params.cable_stiffness_scale)
 
 
@@ -572,11 +485,12 @@ def _jpos(geometry: Coupling, state: PlantState, dtype: str) -> Vec:
 
 
 def _coupling(setup: RavenSetup, arm: ArmName, params: PlantParams) -> Coupling:
-    return _nominal_coupling(setup, arm).built(kinematic_errors.gain(params.kinematic_errors))
+    gain = kinematic_errors.gain(params.kinematic_errors)
+    return dataclasses.replace(_nominal_coupling(setup, arm), gain=gain)
 
 
 def _nominal_coupling(setup: RavenSetup, arm: ArmName) -> Coupling:
-    """As the software believes it."""
+    """The coupling that the software assumes."""
     return coupling(arm, _tool(setup, arm), setup.software)
 
 

@@ -1,6 +1,4 @@
-"""The control software as transitions: traced and made ready once a setup, shared by all who run
-it; and what it wrote.
-"""
+"""The control software as transitions, which are traced once for each setup; and what it wrote."""
 
 from __future__ import annotations
 
@@ -19,8 +17,6 @@ from ravenjax.engines.cpu.transition import (
     TransitionMachine,
     print_module,
 )
-from ravenjax.engines.trace_key import Objects
-from ravenjax.numbers import tree
 from ravenjax.robots.raven2.loop import control
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.software.rows import row_kind
@@ -49,60 +45,37 @@ class Outputs:
 
     dac: np.ndarray  # [cycles, arms, 7] int32, signed counts, as written to USB
     output_pins: np.ndarray  # [cycles] int32, bytes to the PLC
-    _kind: RecordKind = dataclasses.field(repr=False)
-    _rows: np.ndarray = dataclasses.field(repr=False)
-
-    @functools.cached_property
-    def signals(self) -> control.ControlSignals:
-        """Everything that crossed the seams of the control software, each number an array
-        [cycles].
-        """
-        return self._kind.columns(self._rows)
+    # everything that crossed the seams of the control software, each number an array [cycles]
+    signals: control.ControlSignals
 
 
 @dataclasses.dataclass(frozen=True)
-class SoftwareCode:
-    """The software of one setup, ready to run: transition "cycle" is one millisecond, "receive"
-    takes one packet that arrives before the last of a cycle."""
+class TransitionCode:
+    """Transitions of one setup by name, the kinds of their records, and how they are computed."""
 
-    machine: TransitionMachine
-    transitions: dict[str, StateTransition]  # what it is made of
-    kinds: dict[str, RecordKind]  # of "params", "state", and "signals", which leave a cycle
+    transitions: dict[str, StateTransition]
+    kinds: dict[str, RecordKind]
+    arithmetic: str = "compiled"
 
     @functools.cached_property
-    def _places(self) -> tuple[list[int], int]:
-        """Where the commands of each arm and the output pins stand in what leaves."""
-        kind = self.kinds["signals"]
-        offsets = tree.filled(kind.record, list(kind.layout.offsets))
-        return [arm.current_cmd_written[0] for arm in offsets.arms], offsets.pins_out
+    def machine(self) -> TransitionMachine:
+        """Runs the transitions on this machine."""
+        # No campaign, but the folder where any compiled code is kept.
+        from ravenjax.campaign import compile_cache
 
-    def output(self, row: np.ndarray) -> Output:
-        """What a single cycle wrote, whose signals are in this row."""
-        dac, pins = self._places
-        content = row.tobytes()
-        commands = [tuple(np.frombuffer(content, np.int32, 7, start).tolist()) for start in dac]
-        written = int.from_bytes(content[pins : pins + 4], "little")
-        return Output(tuple(commands), written, self.kinds["signals"], content)
-
-    def outputs(self, rows: np.ndarray) -> Outputs:
-        """What some cycles wrote, [cycles, bytes]."""
-        dac, pins = self._places
-        words = rows.view(np.int32)
-        commands = np.stack([words[:, start // 4 : start // 4 + 7] for start in dac], axis=1)
-        return Outputs(commands, words[:, pins // 4].copy(), self.kinds["signals"], rows)
-
-
-def objects() -> Objects | None:
-    """Where compiled code outlives the process."""
-    # No campaign, but the folder where any compiled code is kept.
-    from ravenjax.campaign import compile_cache
-
-    return compile_cache.objects()
+        if self.arithmetic == "interpreted":
+            return Interpreted(self.transitions)
+        text = print_module(self.transitions)
+        return Compiled(text, self.transitions, compile_cache.objects())
 
 
 @functools.lru_cache(maxsize=16)
-def code(setup: RavenSetup, params: RecordKind, state: RecordKind, arithmetic: str) -> SoftwareCode:
-    """The code of a setup whose parameters and state are of these kinds."""
+def code(
+    setup: RavenSetup, params: RecordKind, state: RecordKind, arithmetic: str
+) -> TransitionCode:
+    """The code of a setup whose parameters and state are of these kinds: "cycle" is one
+    millisecond, "receive" takes one packet that arrives before the last of a cycle.
+    """
     entering = row_kind(setup)
     shapes = params.shapes(), state.shapes(), entering.shapes()
 
@@ -119,10 +92,5 @@ def code(setup: RavenSetup, params: RecordKind, state: RecordKind, arithmetic: s
         name: StateTransition(program, params.layout, state.layout, entering.layout)
         for name, program in (("cycle", cycle), ("receive", reception))
     }
-    machine: TransitionMachine
-    if arithmetic == "interpreted":
-        machine = Interpreted(transitions)
-    else:
-        machine = Compiled(print_module(transitions), transitions, objects())
     kinds = {"params": params, "state": state, "signals": RecordKind.of(signals)}
-    return SoftwareCode(machine, transitions, kinds)
+    return TransitionCode(transitions, kinds, arithmetic)

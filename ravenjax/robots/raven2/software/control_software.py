@@ -104,11 +104,10 @@ class ControlSoftware:
                 f"runlevel is {runlevel}, but a state has its own run level; leave one of them out"
             )
         names = checked.arm_names(arms)
-        own_tools = tuple(DEFAULT_TOOLS[software][arm] for arm in names)
         self.setup = setup = RavenSetup(
             arms=names,
             software=software,
-            tools=own_tools if tools is None else checked.tool_names(tools, names),
+            tools=checked.tool_names(tools, names, software),
             console=console,
             precision=precision,
         )
@@ -130,9 +129,11 @@ class ControlSoftware:
         if state is not None:
             initial = checked.record_like("state", state, initial)
         self.code = code(setup, RecordKind.of(self.params), RecordKind.of(initial), arithmetic)
-        """What it is made of, for those who print it anew."""
+        """Its transitions and records, for code that prints them."""
         if encoders is not None:
-            initial = start.at_encoders(setup, self.code, self.params, initial, encoders)
+            self._take_memory(start.in_e_stop(initial))
+            output = self.step(encoders)
+            initial = start.standing(initial, self.state, output.signals)
         self._take_memory(initial)
 
     def _take_memory(self, initial: control.ControlState) -> None:
@@ -140,6 +141,7 @@ class ControlSoftware:
         kinds = self.code.kinds
         self._state, self._row = kinds["state"].row(initial), InputRows(self.setup)
         self._out = buffer(1, kinds["signals"].layout.bytes)
+        self._written: control.ControlSignals = kinds["signals"].views(self._out[0])
         self._fixed = kinds["params"].row(self.params)
         memory = Memory(self._fixed, self._state, self._row.bytes, self._out)
         self._cycle, self._receive = (
@@ -171,7 +173,10 @@ class ControlSoftware:
         self._receive_all(earlier)
         row.enter(last)
         self._cycle()
-        return self.code.output(self._out[0])
+        written = self._written
+        dac = tuple(tuple(x.item() for x in arm.current_cmd_written) for arm in written.arms)
+        kind, content = self.code.kinds["signals"], self._out.tobytes()
+        return Output(dac, written.pins_out.item(), kind, content)
 
     def run(
         self, encoders: Any, packets: Any = None, pins: Any = 0, read_ok: Any = True
@@ -213,7 +218,9 @@ class ControlSoftware:
             self.code.machine.bind("cycle", part)()
             self._receive_all(several.get(cycle, ()))
             begin = cycle
-        return self.code.outputs(out)
+        signals: control.ControlSignals = self.code.kinds["signals"].columns(out)
+        dac = [np.stack(arm.current_cmd_written, axis=-1) for arm in signals.arms]
+        return Outputs(np.stack(dac, axis=1), signals.pins_out, signals)
 
     def __copy__(self) -> ControlSoftware:
         """Another one in the same state, which goes its own way."""
@@ -262,7 +269,7 @@ class ControlSoftware:
 def _parameters(
     setup: RavenSetup, level: str | None, policy: str, offsets: np.ndarray
 ) -> control.ControlParams:
-    """The software's own, but for what has an argument of its own."""
+    """The software's parameters, with those that have an argument replaced."""
     own = control.params(setup)
     return replace(
         own,

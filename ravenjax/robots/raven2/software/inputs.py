@@ -1,5 +1,5 @@
-"""What a caller hands to `ControlSoftware` and `VirtualRobot`, checked: each error names the
-argument, what was got and what is expected.
+"""Checks the arguments of `ControlSoftware` and `VirtualRobot`. Each error names the argument, what
+was got and what is expected.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS, JOINTS, LINEAR
 from ravenjax.robots.raven2.console.packet import Packet, silence
 from ravenjax.robots.raven2.geometry import limits
-from ravenjax.robots.raven2.geometry.tools import find_tool
+from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS, find_tool
 from ravenjax.robots.raven2.setup import RavenSetup
 
 INT32 = (-(2**31), 2**31 - 1)
@@ -45,8 +45,10 @@ def arm_names(given: Any) -> tuple[Any, ...]:
     return arms
 
 
-def tool_names(given: Any, arms: Sequence[str]) -> tuple[str, ...]:
-    """One tool per arm."""
+def tool_names(given: Any, arms: Sequence[str], software: str) -> tuple[str, ...]:
+    """One tool per arm; None: the software's own."""
+    if given is None:
+        return tuple(DEFAULT_TOOLS[software][arm] for arm in arms)
     if isinstance(given, str | bytes) or not isinstance(given, Iterable):
         raise UserError(
             f"tools is {shown(given)}, expected a list with one tool per arm {list(arms)}"
@@ -55,14 +57,12 @@ def tool_names(given: Any, arms: Sequence[str]) -> tuple[str, ...]:
     if len(tools) != len(arms):
         raise UserError(f"tools has {len(tools)} entries, expected one tool per arm {list(arms)}")
     for tool in tools:
-        if not isinstance(tool, str):
-            raise UserError(f"tool is {shown(tool)}, expected the name of a tool")
         find_tool(tool)
     return tools
 
 
 def whole(what: str, given: Any, low: int, high: int) -> int:
-    """A whole number from `low` to `high`; a truth value is none."""
+    """A whole number from `low` to `high`, and no truth value."""
     try:
         number = operator.index(given)
     except TypeError:

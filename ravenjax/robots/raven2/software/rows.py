@@ -1,7 +1,7 @@
 """What enters the control software in one cycle, as a row of bytes that compiled code reads where
 it stands.
 
-A datagram lies in it as it came over the wire: nobody unpacks it.
+A datagram stands in it as it came over the wire, and is not unpacked.
 """
 
 from __future__ import annotations
@@ -15,12 +15,18 @@ from ravenjax.engines.cpu.transition import RecordKind
 from ravenjax.numbers import tree
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS
-from ravenjax.robots.raven2.console.packet import SIZE_BYTES, U_STRUCT, Packet, silence
+from ravenjax.robots.raven2.console.packet import (
+    MOVES,
+    SIZE_BYTES,
+    TURNS,
+    U_STRUCT,
+    Packet,
+    fill_fields,
+    silence,
+)
 from ravenjax.robots.raven2.loop.control import Inputs
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages.usb import UsbIn
-
-_MOVES, _TURNS = ("delx", "dely", "delz"), ("Qx", "Qy", "Qz", "Qw")
 
 
 def row_type(setup: RavenSetup) -> np.dtype:
@@ -29,7 +35,7 @@ def row_type(setup: RavenSetup) -> np.dtype:
     """
     arms, wide = len(setup.arms), np.dtype(setup.precision.wide)
     fields: list[Any] = [
-        (name, wide if name in _TURNS else dtype, *shape) for name, dtype, *shape in U_STRUCT.descr
+        (name, wide if name in TURNS else dtype, *shape) for name, dtype, *shape in U_STRUCT.descr
     ]
     row: list[Any] = [
         ("size", "<i4"),  # before the packet: aligns the quaternions
@@ -45,39 +51,40 @@ def row_type(setup: RavenSetup) -> np.dtype:
 
 def row_kind(setup: RavenSetup) -> RecordKind:
     """The record of a row, and where its numbers stand."""
-    row = row_type(setup)
-    fields: Any = row.fields
-    wire: Any = row["packet"].fields
-    slots, arms = [ARMS.index(arm) for arm in setup.arms], range(len(setup.arms))
-
-    def in_packet(name: str, slot: int = 0) -> int:
-        dtype, offset = wire[name][:2]
-        return fields["packet"][1] + offset + slot * dtype.base.itemsize
-
-    def numbers(name: str, first: int, count: int) -> Vec:
-        return Vec(fields[name][1] + 4 * (first + k) for k in range(count))
-
+    row, slots = row_type(setup), [ARMS.index(arm) for arm in setup.arms]
+    place = _places(row)
+    packet = place["packet"]
     offsets = Inputs(
         Packet(
-            received=fields["received"][1],
-            size=fields["size"][1],
-            sequence=in_packet("sequence"),
-            delta=tuple(Vec(in_packet(name, slot) for name in _MOVES) for slot in slots),
-            quat=tuple(Vec(in_packet(name, slot) for name in _TURNS) for slot in slots),
-            grasp=tuple(in_packet("grasp", slot) for slot in slots),
-            surgeon_mode=in_packet("surgeon_mode"),
+            received=place["received"],
+            size=place["size"],
+            sequence=packet["sequence"],
+            delta=tuple(Vec(packet[name][slot] for name in MOVES) for slot in slots),
+            quat=tuple(Vec(packet[name][slot] for name in TURNS) for slot in slots),
+            grasp=tuple(packet["grasp"][slots]),
+            surgeon_mode=packet["surgeon_mode"],
         ),
-        UsbIn(
-            tuple(numbers("enc_val", 7 * i, 7) for i in arms),
-            tuple(numbers("pins", 0, len(slots))),
-        ),
-        tuple(numbers("read_ok", 0, len(slots))),
+        UsbIn(tuple(map(Vec, place["enc_val"])), tuple(place["pins"])),
+        tuple(place["read_ok"]),
     )
     flags = (np.int32(1),) * len(slots)
-    usb = UsbIn(tuple(Vec.full(7, np.int32(0)) for _ in arms), flags)
+    usb = UsbIn(tuple(Vec.full(7, np.int32(0)) for _ in slots), flags)
     record = RecordKind.of(Inputs(silence(setup), usb, flags)).record
     types = tuple(map(str, tree.leaves(record)))
+<<<<<<< HEAD
     return RecordKind(record, BufferLayout(types, tuple(tree.leaves(offsets)), row.itemsize))
+=======
+    return RecordKind(record, RowLayout(types, tuple(map(int, tree.leaves(offsets))), row.itemsize))
+
+
+def _places(dtype: np.dtype, start: int = 0) -> Any:
+    """Offset of each number of a type, by the names of its fields."""
+    if dtype.fields:
+        return {name: _places(field[0], start + field[1]) for name, field in dtype.fields.items()}
+    return start + dtype.base.itemsize * np.arange(np.prod(dtype.shape, dtype=int)).reshape(
+        dtype.shape
+    )
+>>>>>>> physics
 
 
 class InputRows:
@@ -97,29 +104,19 @@ class InputRows:
         self._still["Qw"] = 1.0
 
     def enter(self, packet: bytes | bytearray | memoryview | Packet | None, cycle: int = 0) -> None:
-        """What arrives in a cycle: a datagram of any length, a checked packet, or nothing.
+        """Write what arrives in a cycle: a datagram of any length, a checked packet, or nothing.
 
-        What a short datagram lacks reads 0, and it is dropped.
+        The missing end of a short datagram reads 0; the software drops it.
         """
         if packet is None:
             self._packets[cycle] = self._still
             self._received[cycle], self._sizes[cycle] = 0, SIZE_BYTES[self.setup.console]
         elif isinstance(packet, Packet):
             self._packets[cycle] = self._still
-            self._write(self._packets[cycle], packet)
+            fill_fields(self._packets[cycle], packet, self.setup.arms)
             self._received[cycle], self._sizes[cycle] = packet.received, packet.size
         else:
             data = bytes(packet[: U_STRUCT.itemsize]).ljust(U_STRUCT.itemsize, b"\0")
             with np.errstate(over="ignore"):
                 self._packets[cycle] = np.frombuffer(data, U_STRUCT)[0]
             self._received[cycle], self._sizes[cycle] = 1, len(packet)
-
-    def _write(self, fields: Any, packet: Packet) -> None:
-        fields["sequence"] = int(packet.sequence) % 2**32
-        fields["surgeon_mode"] = packet.surgeon_mode
-        for i, arm in enumerate(self.setup.arms):
-            slot = ARMS.index(arm)
-            numbers = zip((*_MOVES, *_TURNS), (*packet.delta[i], *packet.quat[i]), strict=True)
-            for name, value in numbers:
-                fields[name][slot] = value
-            fields["grasp"][slot] = packet.grasp[i]

@@ -1,10 +1,10 @@
 """Where the control software starts: a state that stands at given encoder counts.
 
-Homing is not simulated. The state at a pose is the one that the original has when it stood there in
-E-stop: measured pose, desired pose and accumulators are one, so that the first pedal-down asks for
-what is there. One number is set that the original might have otherwise: the accumulated jaw
+Homing is not simulated. The state at a pose is that of the original after an
+E-stop in that pose: measured pose, desired pose and accumulators are equal. The first pedal-down
+then asks for the present pose. One number may differ from the original's: the accumulated jaw
 opening, which it resets only where it is more than 45 deg off (raven2: local_io.cpp). After homing
-in that place the two agree.
+in that pose the two agree.
 """
 
 from __future__ import annotations
@@ -13,16 +13,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ravenjax.engines.cpu.memory import buffer
-from ravenjax.engines.cpu.transition import Memory
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.loop import control
 from ravenjax.robots.raven2.setup import RavenSetup
-from ravenjax.robots.raven2.software.code import SoftwareCode
-from ravenjax.robots.raven2.software.rows import InputRows
 from ravenjax.robots.raven2.stages.estimator import RAD_PER_COUNT
 
 
@@ -31,57 +26,50 @@ def encoders_at(
 ) -> list[list[int]]:
     """The counts [arms, 7] nearest to joints [arms, 7], rad and m."""
 
-    def of_arm(arm: ArmName, tool: str, offsets: Vec, joints: Sequence[float]) -> list[int]:
+    counts = []
+    for arm, tool, estimator, joints in zip(
+        setup.arms, setup.tools, params.estimator, jpos, strict=True
+    ):
         motors = transmission.motor_from_joint(arm, tool, Vec(joints), software=setup.software)
         signs = transmission.encoder_signs(arm, tool, setup.software)
-        numbers = zip(motors, signs, offsets, strict=True)
-        return [
-            round(float(sign) * (float(m) / float(RAD_PER_COUNT) + int(offset)))
-            for m, sign, offset in numbers
-        ]
+        counts.append(
+            [
+                round(float(sign) * (float(motor) / float(RAD_PER_COUNT) + int(offset)))
+                for motor, sign, offset in zip(motors, signs, estimator.enc_offset, strict=True)
+            ]
+        )
+    return counts
 
-    offsets = [estimator.enc_offset for estimator in params.estimator]
-    return [of_arm(*each) for each in zip(setup.arms, setup.tools, offsets, jpos, strict=True)]
+
+def in_e_stop(state: control.ControlState) -> control.ControlState:
+    """The same state in E-stop."""
+    machine = replace(state.state_machine, runlevel=np.int32(run_levels.E_STOP))
+    return replace(state, state_machine=machine)
 
 
-def at_encoders(
-    setup: RavenSetup,
-    code: SoftwareCode,
-    params: control.ControlParams,
-    state: control.ControlState,
-    encoders: np.ndarray,
+def standing(
+    state: control.ControlState, after: control.ControlState, signals: control.ControlSignals
 ) -> control.ControlState:
-    """`state`, but at rest where the encoders [arms, 7] say."""
-    stopped = replace(
-        state, state_machine=replace(state.state_machine, runlevel=np.int32(run_levels.E_STOP))
-    )
-    rows = InputRows(setup)
-    rows.enter(None)
-    rows.enc_val[0], rows.read_ok[0] = encoders, 1
-    kinds = code.kinds
-    memory = Memory(
-        kinds["params"].row(params),
-        kinds["state"].row(stopped),
-        rows.bytes,
-        buffer(1, kinds["signals"].layout.bytes),
-    )
-    code.machine.bind("cycle", memory)()
-    after: control.ControlState = kinds["state"].read(memory.state)
-    signals: control.ControlSignals = kinds["signals"].read(memory.leaving[0])
-    arms = tuple(zip(after.cartesian, after.teleoperation.arms, signals.arms, strict=True))
+    """`state`, with the arms at rest where they were measured in one cycle in E-stop. That cycle
+    left `after` and `signals`.
+    """
+    places = [arm.pos for arm in after.cartesian]
     return replace(
         state,
         usb=after.usb,
         cartesian=tuple(
-            replace(old, pos=there.pos, pos_d=there.pos, jpos_d=measured.jpos)
-            for old, (there, _, measured) in zip(state.cartesian, arms, strict=True)
+            replace(arm, pos=place, pos_d=place, jpos_d=measured.jpos)
+            for arm, place, measured in zip(state.cartesian, places, signals.arms, strict=True)
         ),
         teleoperation=replace(
             state.teleoperation,
-            arms=tuple(replace(accumulator, pose=there.pos) for there, accumulator, _ in arms),
+            arms=tuple(
+                replace(arm, pose=place)
+                for arm, place in zip(after.teleoperation.arms, places, strict=True)
+            ),
         ),
         motor_control=tuple(
-            replace(old, mpos_d=measured.mpos)
-            for old, (*_, measured) in zip(state.motor_control, arms, strict=True)
+            replace(arm, mpos_d=measured.mpos)
+            for arm, measured in zip(state.motor_control, signals.arms, strict=True)
         ),
     )

@@ -37,7 +37,7 @@ from mcap.writer import Writer as McapWriter
 
 from ravenjax.errors import StoreError
 from ravenjax.robots.raven2 import ROBOT
-from ravenjax.robots.raven2.geometry.links import jaw_rotation
+from ravenjax.robots.raven2.geometry.arrays import jaw_rotation
 from ravenjax.store.logs import mcap_records, topics
 from ravenjax.store.logs.topics import ARM_TOPICS, EVENTS, SIGNALS, Base, Topic
 

@@ -4,57 +4,36 @@ compiler.
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from ravenjax.engines.cpu.transition import RecordKind
-from ravenjax.numbers.vec import Vec, record
-from ravenjax.robots.raven2.c_library.library import members, struct
-
-ARMS = ("gold", "green")
-NUMBERS = st.sampled_from([np.float32(1), np.float64(1), np.int32(1), np.uint32(1), np.bool_(True)])
-VECS = st.tuples(NUMBERS, st.integers(1, 5)).map(lambda pair: Vec((pair[0],) * pair[1]))
-FIELDS = NUMBERS | VECS | VECS.map(lambda vec: (vec, vec)) | st.none()
-
-
-@record
-class Inner:
-    narrow: object
-    wide: object
-
-
-@record
-class Outer:
-    first: object
-    arms: object
-    last: object
+import ravenjax as rj
+from ravenjax.robots.raven2.c_library.library import library, members_of
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
-@settings(max_examples=15, deadline=None)
-@given(first=FIELDS, narrow=FIELDS, wide=FIELDS, last=NUMBERS)
-def test_members_lie_where_code_finds_them(tmp_path_factory, first, narrow, wide, last):
-    kind = RecordKind.of(Outer(first, (Inner(narrow, wide),) * 2, last))
-    own = members(kind, ARMS)
-    names = [member.name for member in own]
-    assert len(names) == len(set(names))
-    counts = [int(np.prod(member.dimensions)) for member in own]
-    starts = np.cumsum([0, *counts])[:-1]
-    folder = tmp_path_factory.mktemp("struct")
-    source = folder / "places.c"
-    asks = "\n".join(f'  printf("%zu\\n", offsetof(thing, {name}));' for name in names)
-    source.write_text(
-        "#include <stddef.h>\n#include <stdint.h>\n#include <stdio.h>\n"
-        "#define RAVEN_ASSERT(truth, name) _Static_assert(truth, #name)\n"
-        + struct("thing", own, kind.layout.bytes, "a thing")
-        + f"int main(void) {{\n{asks}\n  return 0;\n}}\n"
+def test_members_lie_where_code_finds_them(tmp_path):
+    software, robot = rj.ControlSoftware(arms=["gold"]), rj.VirtualRobot(arms=["gold"])
+    (tmp_path / "robot.h").write_text(library(software, robot).header)
+    asks, expected = "", []
+    for part, kinds in (("control", software.code.kinds), ("robot", robot.code.kinds)):
+        for what in ("params", "state", "signals"):
+            first = 0
+            for member in members_of(kinds[what], ["gold"], {}):
+                struct = f"raven_{part}_{what}"
+                asks += f'  printf("%zu\\n", offsetof({struct}, {member.name}));\n'
+                expected.append(kinds[what].layout.offsets[first])
+                first += int(np.prod([*map(int, re.findall(r"\d+", member.dimensions))]))
+            assert first == len(kinds[what].layout.types)
+    (tmp_path / "places.c").write_text(
+        '#include <stddef.h>\n#include <stdio.h>\n#include "robot.h"\n'
+        f"int main(void) {{\n{asks}  return 0;\n}}\n"
     )
-    program = folder / "places"
-    subprocess.run(["cc", "-std=c11", "-o", program, source], check=True)
+    program = tmp_path / "places"
+    subprocess.run(["cc", "-std=c11", "-o", program, tmp_path / "places.c"], check=True)
     places = subprocess.run([program], check=True, capture_output=True, text=True).stdout.split()
-    assert [int(place) for place in places] == [kind.layout.offsets[start] for start in starts]
+    assert [*map(int, places)] == expected and len(places) > 150

@@ -40,27 +40,6 @@ CHECKS = [
         (-1.58498047731223, -0.705794678711826, 3.14425310497484),
         (-1.59450220381425, -0.699646471403101, 3.10271526588444),
     ),
-    (
-        (-1.596061, -0.826801, 0.507944),
-        (0.584304, -0.904848, -0.062117),
-        (0.189956986248823, 0.0044596814118713, 0.00542271104573525, 0.124334059677717),
-        (-1.98747950188099, -0.589982147179145, 1.88079196217761),
-        (-1.95793586025601, -0.552247062622945, 1.70682666741027),
-    ),
-    (
-        (-1.871488, -2.343579, 0.444126),
-        (-0.290102, -0.91842, -0.069384),
-        (0.194754191717858, 0.0486378732509591, 0.00522701710621375, 0.109466347800598),
-        (-0.648988195242679, 0.0894630402018017, 3.47801771358088),
-        (-0.625955856250472, 0.103101637657673, 3.32794682873624),
-    ),
-    (
-        (-2.526445, -2.320512, 0.390286),
-        (0.25285, -0.810938, -0.069322),
-        (0.180641717017371, 0.0394223352563721, 0.00534463471369834, 0.0985241930861874),
-        (1.86263805285456, 1.11686347511534, 3.57100859059916),
-        (1.84057228561267, 1.12245023819584, 3.5297647928873),
-    ),
 ]
 
 
@@ -142,25 +121,6 @@ def test_first_three_joints_are_the_authors(model, arm, check, offset_deg):
     mujoco.mj_fullM(model, data, mass)
     expected = [[m11, m12, m13], [m12, m22, M23], [m13, M23, M33]]
     np.testing.assert_allclose(mass[own(arm), own(arm)][:3, :3], expected, atol=1e-6)
-
-
-@pytest.mark.parametrize("arm", ARMS)
-def test_turning_the_tool_hardly_moves_the_authors_mass_matrix(model, arm):
-    """Away from the reference pose only 3.6 g of wrist and jaws move: 0.02 % of M."""
-    rng, data = np.random.default_rng(5), mujoco.MjData(model)
-
-    def upper(tool) -> np.ndarray:
-        data.qpos[own(arm)] = [0.6, 1.5, 0.4, *tool]
-        mujoco.mj_forward(model, data)
-        mass = np.zeros((14, 14))
-        mujoco.mj_fullM(model, data, mass)
-        return mass[own(arm), own(arm)][:3, :3]
-
-    reference = upper((0.0, 0.0, math.pi / 4, math.pi / 4))
-    for _ in range(20):
-        tool = rng.uniform(*model.jnt_range[own(arm)][3:].T)
-        scale = np.sqrt(np.outer(reference.diagonal(), reference.diagonal()))
-        assert (np.abs(upper(tool) - reference) / scale).max() < 3e-4
 
 
 def test_scene_at_home(model):

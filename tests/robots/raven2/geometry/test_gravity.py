@@ -1,8 +1,8 @@
 from __future__ import annotations
 
 import jax
-import kinematics_oracle as oracle
 import numpy as np
+import oracle_kinematics as oracle
 import pytest
 
 from ravenjax.numbers.vec import Vec
@@ -10,48 +10,15 @@ from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.geometry import gravity
 
 DEG = np.pi / 180
-CASES = {  # shoulder deg, elbow deg, insertion m; joint effort Nm, Nm, N; capstan torque Nm
-    "home": (
-        (30, 90, 0.4),
-        (-0.137738204548, -0.427613496552, 2.125980889523),
-        (-0.012388688657, -0.043105463220, 0.012064941548),
-    ),
-    "A": (
-        (15, 60, 0.3),
-        (1.093732617688, 0.459788028524, 2.197202094457),
-        (0.098374397423, 0.046348808240, 0.012469121886),
-    ),
-    "B": (
-        (75, 120, 0.5),
-        (-2.316095567467, -0.303394869647, 0.830175970989),
-        (-0.208318287430, -0.030583638028, 0.004711248635),
-    ),
-}
-
-
-def jpos_of(shoulder, elbow, insertion) -> Vec:
-    return Vec((shoulder * DEG, elbow * DEG, insertion, 0.1, 0.2, 0.3, 0.4))
-
-
-@pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("arm", ARMS)
-def test_check_values(arm, case):
-    joints, effort, torque = CASES[case]
-    with jax.enable_x64(True):
-        np.testing.assert_allclose(
-            gravity.joint_gravity_torque(arm, jpos_of(*joints)), effort, atol=1e-11
-        )
-        np.testing.assert_allclose(
-            gravity.gravity_torque(arm, jpos_of(*joints)), torque, atol=1e-11
-        )
 
 
 def height_energy(arm: str, jpos: np.ndarray) -> float:
     """Potential energy (J) of the three links along +x0, from the chain's own matrices."""
-    t = oracle.frames(arm, oracle.theta_of(arm, jpos))
-    centres = (*gravity.CENTRES[arm], (0.0, 0.0, 0.0))
+    number = ARMS.index(arm)
+    links = oracle.links(number, oracle.joint_to_theta(number, [*jpos[:5], 0.0]))
     heights = [
-        frame[0, :3] @ centre + frame[0, 3] for frame, centre in zip(t[:3], centres, strict=True)
+        oracle.apply(oracle.chain(links[: k + 1]), centre)[0]
+        for k, centre in enumerate((*gravity.CENTRES[arm], (0.0, 0.0, 0.0)))
     ]
     return float(np.dot(gravity.MASSES, heights) * gravity.GRAVITY)
 
@@ -68,13 +35,3 @@ def test_is_the_gradient_of_potential_energy(arm):
             np.testing.assert_allclose(
                 gravity.joint_gravity_torque(arm, Vec(jpos)), slope, atol=1e-9
             )
-
-
-def test_the_stored_gravity_is_a_float32():
-    assert float(np.float32(gravity.GRAVITY)) == gravity.GRAVITY_AS_STORED
-    with jax.enable_x64(True):
-        plain = gravity.gravity_torque("gold", jpos_of(30, 90, 0.4))
-        stored = gravity.gravity_torque("gold", jpos_of(30, 90, 0.4), gravity.GRAVITY_AS_STORED)
-    np.testing.assert_allclose(
-        np.array(stored) / plain, gravity.GRAVITY_AS_STORED / 9.8, rtol=1e-12
-    )

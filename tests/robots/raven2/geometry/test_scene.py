@@ -20,12 +20,3 @@ def test_an_arms_frame_is_that_of_the_model(arm):
         np.array(rows), Rotation.from_quat(body.quat, scalar_first=True).as_matrix(), atol=1e-12
     )
     assert all(type(x) is float for row in rows for x in row)
-
-
-def test_a_rotation_is_that_of_scipy_to_the_bit():
-    quats = np.random.default_rng(4).normal(size=(200, 4))
-    quats /= np.linalg.norm(quats, axis=1, keepdims=True)
-    wanted = Rotation.from_quat(quats, scalar_first=True)
-    exact = wanted.as_quat(scalar_first=True)
-    ours = np.array([scene._rows(*quat) for quat in exact.tolist()])
-    np.testing.assert_array_equal(ours, wanted.as_matrix())

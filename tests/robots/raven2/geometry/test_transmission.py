@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import jax
 import numpy as np
 import pytest
 from hypothesis import given
@@ -73,54 +72,6 @@ def test_ratios():
     assert resolution[2] * 1e6 == pytest.approx(0.727695, rel=1e-6)
 
 
-def test_matrix_of_the_gold_arm():
-    share = np.array([5.7865548052, 5.9943502783, 742.1150278293])
-    expected = np.diag(transmission.TR)
-    expected[1, 0], expected[2, 0], expected[2, 1] = 17.6753858036, 16.831354511, 17.4357692952
-    expected[3:, :3] = share * np.array([[1], [1], [-1], [1]])
-    np.testing.assert_allclose(
-        transmission.motor_matrix("gold", "r_grasper"), expected, rtol=1e-10, atol=1e-10
-    )
-    inverse = np.transpose(
-        [joint_from_motor("gold", "r_grasper", Vec(motor)) for motor in np.eye(7)]
-    )
-    tool = [-0.0637228757, -0.0382337254, 0.0382337254, -0.0382337254]
-    np.testing.assert_allclose(inverse[3:, 2], tool, atol=1e-10)
-    np.testing.assert_allclose(
-        np.diag(inverse)[[0, 1, 3, 4]],
-        [0.0073423457663, 0.0082289575807, 0.1853507565, 0.1112104539],
-        atol=1e-10,
-    )
-    np.testing.assert_allclose(inverse[1:3, 0], [-0.0010679441917, -4.86249e-5], rtol=2e-6)
-    np.testing.assert_allclose(inverse[2, 1:3], [-6.64685e-5, 4.632653061e-4], rtol=2e-6)
-
-
-def test_signs_and_wrist_coupling_in_the_matrix():
-    gold = np.array(transmission.motor_matrix("gold", "r_grasper"))
-    green = np.array(transmission.motor_matrix("green", "r_grasper"))
-    np.testing.assert_array_equal(green[3:, :3], -gold[3:, :3])
-    fork = np.array(transmission.motor_matrix("gold", "r_grasper", "fork2015"))
-    np.testing.assert_array_equal(fork[5, :3], fork[6, :3])
-    needle = np.array(transmission.motor_matrix("gold", "large_needle"))
-    np.testing.assert_allclose(needle[5:, 4], [4.4959802103, -4.4959802103], atol=1e-10)
-    np.testing.assert_array_equal(needle[3:, :3], -gold[3:, :3])
-
-
-def test_home_in_motor_angles():
-    gold = [
-        71.3121926243,
-        200.1412393438,
-        899.6370423253,
-        309.2917475413,
-        309.2917475413,
-        -302.2294783417,
-        316.3540167410,
-    ]
-    green = gold[:3] + [-309.2917475413, -309.2917475413, 316.3540167410, -302.2294783417]
-    np.testing.assert_allclose(motor_from_joint("gold", "r_grasper", HOME_JPOS), gold, atol=1e-9)
-    np.testing.assert_allclose(motor_from_joint("green", "r_grasper", HOME_JPOS), green, atol=1e-9)
-
-
 @pytest.mark.parametrize("arm", ARMS)
 def test_recorded_robot(arm):
     jpos, mpos = (seven(text) for text in RECORDED[arm])
@@ -189,19 +140,3 @@ def test_signs(arm, tool, software, coupling, torque, encoder):
         (encoder_signs(arm, tool, software), encoder),
     ):
         assert "".join("+" if sign > 0 else "-" for sign in got) == expected
-
-
-def test_encoder_signs_of_another_adapter():
-    assert encoder_signs("gold", "r_grasper", adapter="dv") == encoder_signs("gold", "large_needle")
-
-
-def test_width_follows_the_input():
-    with jax.enable_x64(True):
-        for dtype in (np.float32, np.float64):
-            jpos = Vec(jax.numpy.asarray(x, dtype) for x in HOME_JPOS)
-            assert {m.dtype for m in motor_from_joint("gold", "large_needle", jpos)} == {
-                np.dtype(dtype)
-            }
-            assert {m.dtype for m in joint_from_motor("gold", "large_needle", jpos)} == {
-                np.dtype(dtype)
-            }

@@ -53,21 +53,6 @@ def test_a_watchdog_that_stops_brings_the_e_stop():
     assert int(robot.reading.signals.brakes) == 1
 
 
-def test_the_e_stop_button():
-    software, robot = rj.ControlSoftware(), rj.VirtualRobot()
-    *_, (out, _) = drive(software, robot, 900)
-    assert robot.step(out.dac, out.output_pins, estop_button=True).pins == 0
-
-
-def test_it_stands_still_where_it_begins():
-    robot = rj.VirtualRobot(arms=["green"], jpos=[HOME])
-    first = robot.reading
-    np.testing.assert_allclose(first.signals.jpos[0], HOME, atol=1e-6)
-    for _ in range(100):
-        last = robot.step(np.zeros((1, 7), int), 0)
-    assert np.abs(last.encoders - first.encoders).max() <= 1
-
-
 def test_its_state_is_all_that_it_remembers():
     one, other = rj.VirtualRobot(), rj.VirtualRobot()
     commands = np.random.default_rng(3).integers(-3000, 3000, (200, 2, 7))
@@ -76,15 +61,6 @@ def test_its_state_is_all_that_it_remembers():
     for dac in commands:
         again = other.step(dac, 0b10000)
     assert jax.tree.leaves(last.signals) == jax.tree.leaves(again.signals)
-
-
-def test_what_it_remembers_is_what_moves_on():
-    robot = rj.VirtualRobot()
-    before = jax.tree.leaves(robot.state)
-    for _ in range(100):
-        reading = robot.step(np.full((2, 7), 2000), 0b10000)
-    assert jax.tree.leaves(robot.state) != before and int(robot.state.plc.tick) == 100
-    assert robot.reading is reading
 
 
 WRONG = [

@@ -15,7 +15,7 @@ from numpy import float32
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.geometry import gravity
-from ravenjax.robots.raven2.original import evaluation
+from ravenjax.robots.raven2.original import literal
 
 
 @pytest.mark.parametrize("arm", ARMS)
@@ -32,12 +32,12 @@ def test_is_the_originals_to_the_last_bit_and_near_the_other_writing(arm):
         oracle.Loop.gravity(None, mech)
         with jax.enable_x64(True):
             wide = Vec(map(np.float64, jpos))
-            literal = [float(t) for t in evaluation.gravity_torque(arm, wide)]
+            exact = [float(t) for t in literal.gravity_torque(arm, wide)]
             shared = [
                 float(t) for t in gravity.gravity_torque(arm, wide, gravity.GRAVITY_AS_STORED)
             ]
         expected = [float(mech.joint[k].tau_g) for k in range(3)]
-        assert [float(float32(t)) for t in literal] == expected
-        assert literal == pytest.approx(shared, rel=1e-7, abs=1e-12)  # float32 transmission ratios
+        assert [float(float32(t)) for t in exact] == expected
+        assert exact == pytest.approx(shared, rel=1e-7, abs=1e-12)  # float32 transmission ratios
         differs += [float(float32(t)) for t in shared] != expected
     assert differs > 10

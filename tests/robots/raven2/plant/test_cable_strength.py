@@ -20,14 +20,17 @@ from plant_runs import (
 )
 
 from ravenjax.numbers.vec import Vec, replace
+from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
-from ravenjax.robots.raven2.plant import drives, parameter_sets, robot
-from ravenjax.robots.raven2.plant.parameter_sets import POWER_CONSISTENT
+from ravenjax.robots.raven2.plant import parameter_sets, robot
 
-CAPSTAN_M = 5.675e-3
+CAPSTAN_M, STRENGTH_N = 5.675e-3, 1200.0
+POWER_CONSISTENT = parameter_sets.parameter_set("power_consistent")
 TORQUE_PER_COUNT = 0.0603 * 12.25 / 2730.0
 BREAKING = setup(cables="break")
-FRICTION_N = (POWER_CONSISTENT.motor_coulomb[0] + abs(POWER_CONSISTENT.bias[0])) / CAPSTAN_M
+FRICTION_N = (
+    POWER_CONSISTENT.actuators.coulomb[0] + abs(POWER_CONSISTENT.actuators.bias[0])
+) / CAPSTAN_M
 
 
 def params() -> robot.PlantParams:
@@ -46,28 +49,22 @@ def pressed(counts: int, one=BREAKING):
 
 @pytest.mark.parametrize(("share", "parts"), [(0.9, False), (1.1, True)])
 def test_a_constant_torque_parts_the_cable_that_statics_cannot_carry(share, parts) -> None:
-    counts = round(share * (drives.POSITIONING_STRENGTH) * CAPSTAN_M / TORQUE_PER_COUNT)
+    counts = round(share * STRENGTH_N * CAPSTAN_M / TORQUE_PER_COUNT)
     with jax.enable_x64(True):
         state, out = pressed(counts)
     carried = columns(out.carried)[:, 0]
     assert np.array(state.intact).tolist() == [0.0 if parts else 1.0, *[1.0] * 6]
     if parts:
-        broke = int(np.argmax(carried > drives.POSITIONING_STRENGTH))
-        assert (
-            carried[broke] < 1.02 * drives.POSITIONING_STRENGTH
-        )  # a slow press does not overshoot
+        broke = int(np.argmax(carried > STRENGTH_N))
+        assert carried[broke] < 1.02 * STRENGTH_N  # a slow press does not overshoot
         assert (carried[broke + 1 :] == 0.0).all() and (
             columns(out.tension)[broke:, 0] == 0.0
         ).all()
         commanded = counts * min((broke + 1) / 600.0, 1.0) * TORQUE_PER_COUNT / CAPSTAN_M
         a_tick = counts / 600.0 * TORQUE_PER_COUNT / CAPSTAN_M
-        assert commanded == pytest.approx(
-            drives.POSITIONING_STRENGTH, abs=FRICTION_N + 2.0 * a_tick
-        )
+        assert commanded == pytest.approx(STRENGTH_N, abs=FRICTION_N + 2.0 * a_tick)
     else:
-        assert carried[-1] == pytest.approx(
-            share * drives.POSITIONING_STRENGTH, abs=1.1 * FRICTION_N
-        )
+        assert carried[-1] == pytest.approx(share * STRENGTH_N, abs=1.1 * FRICTION_N)
 
 
 @pytest.mark.slow
@@ -89,7 +86,7 @@ def test_parting_makes_no_energy_and_takes_that_of_the_spring() -> None:
         breakable = replace(state, intact=Vec.full(N, 1.0))
         end, out = simulate(BREAKING, coast, weak, state=breakable)
         total = energy(one, free, out)
-    arm, stiffness = np.array(drives.ARMS_M), np.array(free.cable_stiffness)
+    arm, stiffness = np.array(transmission.CABLE_PER_MOTOR), np.array(free.cable_stiffness)
     springs = 2.0 * stiffness * (np.cosh(arm * columns(out.stretch)) - 1.0)
     parted = columns(out.carried) > strength
     gone = np.logical_or.accumulate(parted, axis=0)
@@ -111,12 +108,12 @@ def test_what_a_cable_carries_is_its_stretch_and_its_damping() -> None:
     )
     with jax.enable_x64(True):
         _, out = simulate(setup(), command, params())
-    values, arm = parameter_sets.parameter_set("power_consistent"), np.array(drives.ARMS_M)
+    arm = np.array(transmission.CABLE_PER_MOTOR)
     stretch = arm * columns(out.stretch)
     rate = np.diff(stretch, axis=0) / 1e-3
     force = (
-        2.0 * np.array(values.stiffness) * np.sinh(stretch[1:])
-        + 2.0 * np.array(values.damping) * rate
+        2.0 * np.array(POWER_CONSISTENT.cable_stiffness) * np.sinh(stretch[1:])
+        + 2.0 * np.array(POWER_CONSISTENT.cable_damping) * rate
     )
     np.testing.assert_allclose(columns(out.carried)[1:], np.abs(force), rtol=1e-4, atol=1e-6)
     assert (
@@ -126,4 +123,4 @@ def test_what_a_cable_carries_is_its_stretch_and_its_damping() -> None:
 
 def test_the_authors_cables_have_no_strength() -> None:
     assert not parameter_sets.tells_tension("traj3")
-    assert min(robot.params(setup(), "gold", "traj3").cable_strength) >= parameter_sets.UNLIMITED
+    assert min(robot.params(setup(), "gold", "traj3").cable_strength) >= 1e6

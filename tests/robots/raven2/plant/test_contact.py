@@ -16,9 +16,9 @@ from plant_runs import N, columns, energy, frictionless, setup, weightless
 from ravenjax.numbers.setup import REFERENCE
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.arms import ArmName
-from ravenjax.robots.raven2.geometry import instrument, scene
+from ravenjax.robots.raven2.geometry import instrument, scene, transmission
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
-from ravenjax.robots.raven2.plant import contact, drives, robot
+from ravenjax.robots.raven2.plant import contact, robot
 from ravenjax.robots.raven2.plant.coupling import coupling
 from ravenjax.robots.raven2.setup import RavenSetup
 
@@ -215,11 +215,18 @@ def test_pressed_with_a_known_motor_torque_the_arm_comes_to_rest_where_statics_s
             ],
             axis=0,
         )
-        torque = Vec(a * t for a, t in zip(drives.ARMS_M, columns(out.tension)[-1], strict=True))
+        torque = Vec(
+            a * t
+            for a, t in zip(transmission.CABLE_PER_MOTOR, columns(out.tension)[-1], strict=True)
+        )
         pulled = np.array([*map(float, coupling("gold", "r_grasper", "raven2").loads(torque))])
         np.testing.assert_allclose(pulled, -load, rtol=5e-2, atol=3e-2 * np.abs(load[:3]).max())
         counts = held.actuators.torque_per_count[2] * 15
-        carried = held.actuators.reaction_scale[2] * drives.ARMS_M[2] * columns(out.tension)[-1, 2]
+        carried = (
+            held.actuators.reaction_scale[2]
+            * transmission.CABLE_PER_MOTOR[2]
+            * columns(out.tension)[-1, 2]
+        )
         lost = 0.005 * columns(out.mvel)[-1, 2]  # the motor still creeps
         np.testing.assert_allclose(abs(carried + lost), counts, rtol=5e-2)
 

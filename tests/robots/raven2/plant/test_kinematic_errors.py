@@ -4,6 +4,8 @@ out without them.
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax
 import numpy as np
 import pytest
@@ -69,7 +71,7 @@ def test_a_built_coupling_is_the_product_of_its_matrices() -> None:
     rng = np.random.default_rng(3)
     drawn, gain = coupling("gold", "large_needle", "raven2"), Vec(1.0 + rng.uniform(-0.1, 0.1, N))
     matrix = np.array(transmission.motor_matrix("gold", "large_needle")) / np.array(gain)
-    one, x = drawn.built(gain), rng.normal(size=N)
+    one, x = dataclasses.replace(drawn, gain=gain), rng.normal(size=N)
     np.testing.assert_allclose(one.motors(Vec(x)), matrix @ x, rtol=1e-12)
     np.testing.assert_allclose(one.joints(Vec(x)), np.linalg.solve(matrix, x), rtol=1e-9)
     np.testing.assert_allclose(one.loads(Vec(x)), matrix.T @ x, rtol=1e-9)

@@ -38,7 +38,7 @@ def test_the_split_coupling_is_the_motor_matrix(arm, tool, software) -> None:
 
 
 def test_the_cable_law_is_the_exponential_one() -> None:
-    stiffness, damping, arm = 720e3, 4000.0, drives.POSITIONING_ARM
+    stiffness, damping, arm = 720e3, 4000.0, transmission.CABLE_PER_MOTOR[0]
     with jax.enable_x64(True):
         for delta in (-5e-4, 1e-9, 3e-3, 0.05):
             expected = stiffness * (np.exp(delta) - np.exp(-delta)) + 2 * damping * 0.3

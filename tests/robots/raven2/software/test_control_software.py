@@ -180,97 +180,28 @@ def test_every_number_equals_the_original_order_of_statements(run):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("run", list(RUNS))
+@pytest.mark.parametrize("run", ["raven2", "fork2015", "coupled wrist"])
 def test_long_runs_equal_the_original_order_of_statements(run):
-    seen = {"clamped": 0, "stops": 0}
-    parts = (
-        10 if RUNS[run].get("plc") is False else 1
-    )  # without PLC nothing comes back from the first stop
-    for part in range(parts):
-        run_seen = Pair(**{**RUNS[run], "seed": 100 * part + RUNS[run]["seed"]}).compare(
-            20_000 // parts
-        )
-        seen = {name: seen[name] + run_seen[name] for name in seen}
-    assert seen["clamped"] > 0
-    assert seen["stops"] > 0
+    seen = Pair(**RUNS[run]).compare(10_000)
+    assert seen["clamped"] > 0 and seen["stops"] > 0
 
 
-def _dac_differences(pair, ticks, closed):
-    """Ticks in pedal-down whose DACs differ between float32 and exact arithmetic, all of them, and
-    the largest difference in counts. Open loop: both see the exact one's encoders. Closed: each
-    drives its own motors."""
-    other, own = pair.program(precision=CAMPAIGN), [pair.at_home(mech) for mech in pair.old.mech]
-    differing = total = largest = 0
-    for _ in range(ticks):
-        enc, arrivals, pins, read_ok = pair.inputs()
-        seen = [motor.counts(pair.rng, False) for motor in own] if closed else enc
-        exact, campaign = (
-            pair.new.step(enc, arrivals, pins, read_ok),
-            other.step(seen, arrivals, pins, read_ok),
-        )
-        for motor, golden, dac, dac32 in zip(
-            pair.motors, own, exact.dac, campaign.dac, strict=True
-        ):
+@pytest.mark.slow
+def test_float32_campaigns_stay_near_exact_arithmetic():
+    """DACs of both under the same encoders; a straight wrist would leave the roll to rounding."""
+    pair, gaps = Pair(11, bad=False, calm=True, wrist_rad=0.2), []
+    other = pair.program(precision=CAMPAIGN)
+    for _ in range(2000):
+        inputs = pair.inputs()
+        exact, campaign = pair.new.step(*inputs), other.step(*inputs)
+        for motor, dac in zip(pair.motors, exact.dac, strict=True):
             motor.step(dac)
-            golden.step(dac32)
-        gap = max(
-            abs(a - b)
-            for x, y in zip(exact.dac, campaign.dac, strict=True)
-            for a, b in zip(x, y, strict=True)
-        )
-        differing, total, largest = differing + (gap > 0), total + 1, max(largest, gap)
-    return differing, total, largest
-
-
-@pytest.mark.parametrize(
-    "closed",
-    [
-        pytest.param(False, id="open loop", marks=pytest.mark.slow),
-        pytest.param(True, id="closed loop"),
-    ],
-)
-def test_float32_campaigns_stay_near_exact_arithmetic(closed, capsys):
-    # A straight wrist leaves the roll to rounding errors, which are larger in float32.
-    differing, total, largest = _dac_differences(
-        Pair(11, bad=False, calm=True, wrist_rad=0.2), 2000, closed
-    )
-    loop = "closed" if closed else "open"
-    with capsys.disabled():
-        print(
-            f"\n{loop} loop: float32 gives the same DACs in {1 - differing / total:.1%} of ticks,"
-            f" at most {largest} off"
-        )
-    assert differing / total < (0.9 if closed else 0.2)
-    assert largest < (2000 if closed else 10)
+        gaps.append(np.abs(np.subtract(exact.dac, campaign.dac)).max())
+    assert np.count_nonzero(gaps) < 0.2 * len(gaps) and max(gaps) < 10
 
 
 def _counts(arms=2):
     return [[0] * 7] * arms
-
-
-def test_a_list_of_datagrams_is_taken_in_order():
-    software = ControlSoftware()
-    still = [[0.0] * 3] * 2
-    data = [rig.datagram(n, still, [[0, 0, 0, 1]] * 2, (0, 0), 1) for n in (1, 2, 3)]
-    assert software.step(_counts(), data).signals.last_seq == 3
-    assert (
-        software.step(
-            _counts(), rig.datagram(4, still, [[0, 0, 0, 1]] * 2, (0, 0), 1)
-        ).signals.last_seq
-        == 4
-    )
-    assert software.step(_counts(), []).signals.last_seq == 4
-
-
-def test_earlier_datagrams_of_a_cycle_keep_32_bit_sequence_numbers():
-    software, still = ControlSoftware(), [[0.0] * 3] * 2
-    for numbers in ([2**31 + 900], [2**31 + 200, 2**31 + 200]):
-        output = software.step(
-            _counts(), [rig.datagram(n, still, [[0, 0, 0, 1]] * 2, (0, 0), 1) for n in numbers]
-        )
-    assert software.state.network.last % 2**32 == 2**31 + 900
-    assert software.state.network.out_of_sequence.count == 2
-    assert output.signals.last_seq == 111
 
 
 def test_bytes_and_packet_are_the_same():
@@ -442,19 +373,3 @@ def test_whatever_a_network_brings_is_taken():
     one, two = ControlSoftware(), ControlSoftware()
     assert one.step(_counts(), wild).dac == two.step(_counts(), again).dac
     assert one.state.network.last == two.state.network.last == -1
-
-
-def test_numpy_numbers_are_numbers():
-    software, other = ControlSoftware(), ControlSoftware()
-    counts = np.arange(14, dtype=np.int16).reshape(2, 7)
-    given = software.step(
-        counts, pins=np.array([192, 192], np.uint8), read_ok=np.array([True, False])
-    )
-    plain = other.step(counts.tolist(), pins=[192, 192], read_ok=[1, 0])
-    assert given.dac == plain.dac and software.state == other.state
-
-
-def test_offsets_may_be_one_number_a_joint():
-    offsets = [1, 2, 3, 4, 5, 6, 7]
-    one, two = ControlSoftware(enc_offset=offsets), ControlSoftware(enc_offset=[offsets, offsets])
-    assert one.step(_counts()).signals.arms[1].mpos == two.step(_counts()).signals.arms[1].mpos

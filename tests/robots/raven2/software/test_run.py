@@ -49,13 +49,6 @@ def test_one_number_stands_for_all_cycles_and_arms():
     assert plain.signals.runlevel.tolist() == [0] * 3 + [1] * 27
 
 
-def test_what_comes_out_of_a_step_stays():
-    software = ControlSoftware()
-    first = software.step(np.zeros((2, 7), np.int32))
-    software.step(np.ones((2, 7), np.int32))
-    assert first.signals.tick == 0 and first.signals.arms[0].enc_val == (0,) * 7
-
-
 CYCLES = {"encoders": np.zeros((3, 2, 7), int)}
 WRONG = [
     (

@@ -107,22 +107,6 @@ def test_joints_become_the_nearest_counts():
             )  # a count of a tool motor is 2e-4 rad
 
 
-def test_what_was_started_there_reads_nothing_else_when_its_first_read_fails():
-    there = ControlSoftware(jpos=[legal_joints(random.Random(4))] * 2)
-    failed = there.step(np.zeros((2, 7), np.int32), read_ok=False).signals
-    assert failed.arms[0].enc_val == there.state.usb.enc_val[0]
-    assert all(velocity == 0 for arm in failed.arms for velocity in arm.mvel)
-
-
-def test_home_is_home():
-    """Started at the home pose, but in whole counts: the same pose, and the same jaws."""
-    home, counts = ControlSoftware().state, ControlSoftware(jpos=HOME).state
-    for a, b in zip(home.teleoperation.arms, counts.teleoperation.arms, strict=True):
-        assert np.abs(np.subtract(a.pose.position_um, b.pose.position_um)).max() < 20
-        assert abs(a.pose.grasp_mrad - b.pose.grasp_mrad) <= 1
-        assert np.abs(np.subtract(a.quaternion, b.quaternion)).max() < 1e-3
-
-
 def arrived(seed: int, ticks: int, options: dict):
     """A software in the midst of it, and how its robot goes on."""
     software = ControlSoftware(**options)
@@ -159,15 +143,6 @@ def test_a_state_goes_on_to_the_bit(form):
             assert same_bits(one.code.kinds["signals"], output._row, other.step(*arguments)._row)
     for other in others:
         assert same_bits(one.code.kinds["state"], one._state, other._state)
-
-
-def test_a_state_is_a_copy():
-    software, drive = arrived(6, 50, {})
-    before = copy.deepcopy(software.state)
-    state = software.state
-    for cycle in drive.cycles(50):
-        software.step(cycle.encoders, cycle.packet, cycle.pins, cycle.read_ok)
-    assert state == before != software.state
 
 
 def test_a_copy_goes_its_own_way():

@@ -1,11 +1,15 @@
-"""Forward and inverse kinematics with the operations of the original in their order, double for
-double.
+"""Kinematics, gravity and quaternions with the operations of the original in their order, double
+for double.
 
 Where the wrist is straight, the original's roll is a quotient of two numbers that are mostly
-rounding error, so whoever wants its DAC counts has to round where it does. `kinematics` and
-`inverse` compute the same with a fraction of the operations; this module has their signatures, and
-`evaluation` picks one of the two. Source: raven2 `src/raven/r2_kinematics.cpp`,
-`include/raven/r2_kinematics.h` (compiled without fused operations).
+rounding error, so whoever wants its DAC counts has to round where it does. `geometry` computes the
+same with a fraction of the operations; this module has its signatures, and `evaluation` picks one
+of the two. Sources: raven2 `src/raven/r2_kinematics.cpp`, `include/raven/r2_kinematics.h`,
+`src/raven/grav_comp.cpp` (compiled without fused operations); transforms and quaternions are those
+of ROS tf (ros/geometry `tf/LinearMath/{Transform,Matrix3x3,Vector3}.h`).
+
+Products with a literal 0 or 1 are left out, which changes no bit but the sign of a zero. Products
+of quaternions and their matrices are those of `mapping`, which has tf's order already.
 """
 
 from __future__ import annotations
@@ -14,9 +18,22 @@ import math
 from functools import reduce
 from typing import NamedTuple
 
-from ravenjax.numbers.algebra import add, matrix, matvec, mul, norm, scale, transpose
+from ravenjax.numbers.algebra import (
+    add,
+    dot,
+    matmul,
+    matrix,
+    matvec,
+    mul,
+    norm,
+    plus,
+    scale,
+    sub,
+    transpose,
+)
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec, as_int, where
+from ravenjax.robots.raven2.geometry.gravity import CENTRES, GRAVITY_AS_STORED, MASSES
 from ravenjax.robots.raven2.geometry.inverse import (
     AT_REMOTE_CENTRE,
     CLAMP,
@@ -31,8 +48,83 @@ from ravenjax.robots.raven2.geometry.inverse import (
 )
 from ravenjax.robots.raven2.geometry.joints import Pose, jaws, yaw
 from ravenjax.robots.raven2.geometry.links import D4, GM1, GM2, GM3, GM4, LINK12, LINK23, LW, PI
-from ravenjax.robots.raven2.original.transforms import Transform, apply, inverse_matrix, product
-from ravenjax.robots.raven2.original.transforms import inverse as inverse_transform
+from ravenjax.robots.raven2.geometry.transmission import GP42
+from ravenjax.robots.raven2.original import constants as stored
+
+# --- transforms and quaternions ---
+
+
+class Transform(NamedTuple):
+    """Takes points of one frame to another frame."""
+
+    rotation: Vec  # 3 rows of 3
+    origin: Vec  # 3, m
+
+
+def product(a: Transform, b: Transform) -> Transform:
+    """a b."""
+    return Transform(matmul(a.rotation, b.rotation), apply(a, b.origin))
+
+
+def apply(transform: Transform, point: Vec) -> Vec:
+    """The point (3, m) in the other frame."""
+    return plus(matvec(transform.rotation, point), transform.origin)
+
+
+def inverse_transform(transform: Transform) -> Transform:
+    """The inverse of a rigid transform, by the transpose."""
+    transposed = transpose(transform.rotation)
+    return Transform(transposed, matvec(transposed, -transform.origin))
+
+
+def inverse_matrix(m: Vec) -> Vec:
+    """Inverse of a 3 x 3 matrix by cofactors, also of a rotation: the transpose would differ in
+    the last bits.
+    """
+
+    def cofactor(r1: int, c1: int, r2: int, c2: int) -> Scalar:
+        return sub(mul(m[r1][c1], m[r2][c2]), mul(m[r1][c2], m[r2][c1]))
+
+    rows = (
+        (cofactor(1, 1, 2, 2), cofactor(0, 2, 2, 1), cofactor(0, 1, 1, 2)),
+        (cofactor(1, 2, 2, 0), cofactor(0, 0, 2, 2), cofactor(0, 2, 1, 0)),
+        (cofactor(1, 0, 2, 1), cofactor(0, 1, 2, 0), cofactor(0, 0, 1, 1)),
+    )
+    factor = 1.0 / dot(m[0], Vec(row[0] for row in rows))
+    return matrix(*(tuple(mul(x, factor) for x in row) for row in rows))
+
+
+def quat_from_matrix(rotation: Vec) -> Vec:
+    """Quaternion (x, y, z, w) of a rotation matrix, from its trace, or from its greatest diagonal
+    element if that is not positive. The component in question is half a root, the others are
+    divided by twice it."""
+    (m00, m01, m02), (m10, m11, m12), (m20, m21, m22) = rotation
+    trace = m00 + m11 + m22
+    dx, dy, dz = m21 - m12, m02 - m20, m10 - m01
+    sxy, sxz, syz = m10 + m01, m20 + m02, m21 + m12
+    by_w = trace > 0.0
+    use_z = jnp.where(m00 < m11, m11 < m22, m00 < m22)
+    by_z, by_y = ~by_w & use_z, ~by_w & ~use_z & (m00 < m11)
+    by_x = ~(by_w | by_z | by_y)
+
+    def choose(w: Scalar, x: Scalar, y: Scalar, z: Scalar) -> Scalar:
+        return jnp.where(by_w, w, jnp.where(by_z, z, jnp.where(by_y, y, x)))
+
+    root = jnp.sqrt(choose(trace, m00 - m11 - m22, m11 - m22 - m00, m22 - m00 - m11) + 1.0)
+    half, factor = root * 0.5, 0.5 / root
+    others = (
+        choose(dx, 0.0, sxy, sxz),
+        choose(dy, sxy, 0.0, syz),
+        choose(dz, sxz, syz, 0.0),
+        choose(0.0, dx, dy, dz),
+    )
+    return Vec(
+        jnp.where(own, half, other * factor)
+        for own, other in zip((by_x, by_y, by_z, by_w), others, strict=True)
+    )
+
+
+# --- kinematics ---
 
 _DEG = PI / 180.0
 _ONE_OVER = 1.0 / (GM1 * GM3)
@@ -73,7 +165,7 @@ def _wrapped(value: Scalar, turns: int) -> Scalar:
     return value
 
 
-def thetas(arm: str, joints: Vec) -> Vec:
+def _thetas(arm: str, joints: Vec) -> Vec:
     """DH variables (6) of shoulder, elbow, insertion, roll, wrist and yaw. The insertion is
     wrapped like an angle.
     """
@@ -98,17 +190,17 @@ def _link(alpha: float, a: float, cosine: Scalar, sine: Scalar, d: Scalar) -> Tr
     return Transform(rotation, Vec((a, mul(-sa, d), mul(ca, d))))
 
 
-def link1(arm: str, theta1: Scalar) -> Transform:
+def _link1(arm: str, theta1: Scalar) -> Transform:
     """Frame 1 in frame 0."""
     return _link(_ARMS[arm].alpha0, 0.0, jnp.cos(theta1), jnp.sin(theta1), 0.0)
 
 
-def link2(cosine: Scalar, sine: Scalar) -> Transform:
+def _link2(cosine: Scalar, sine: Scalar) -> Transform:
     """Frame 2 in frame 1, of cosine and sine of theta2."""
     return _link(LINK12, 0.0, cosine, sine, 0.0)
 
 
-def link3(arm: str, d3: Scalar) -> Transform:
+def _link3(arm: str, d3: Scalar) -> Transform:
     """Frame 3 in frame 2."""
     theta3 = _ARMS[arm].theta3
     return _link(_ARMS[arm].alpha2, 0.0, math.cos(theta3), math.sin(theta3), d3)
@@ -132,11 +224,11 @@ def _chain(*links: Transform) -> Transform:
 def forward(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
     """As `kinematics.forward`."""
     theta6 = yaw(jpos) if yaw_rad is None else yaw_rad
-    th = thetas(arm, Vec((*jpos[:5], theta6)))
+    th = _thetas(arm, Vec((*jpos[:5], theta6)))
     links = (
-        link1(arm, th[0]),
-        link2(jnp.cos(th[1]), jnp.sin(th[1])),
-        link3(arm, th[2]),
+        _link1(arm, th[0]),
+        _link2(jnp.cos(th[1]), jnp.sin(th[1])),
+        _link3(arm, th[2]),
         _link4(th[3]),
         _link5(th[4]),
     )
@@ -151,7 +243,7 @@ class _Solution(NamedTuple):
 
 def inverse(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK:
     """As `kinematics.inverse`."""
-    measured = thetas(arm, Vec((*jpos_ref[:5], yaw(jpos_ref))))
+    measured = _thetas(arm, Vec((*jpos_ref[:5], yaw(jpos_ref))))
     solutions, at_remote_centre = _solutions(arm, Transform(pose.rotation, pose.position))
     least = NO_SOLUTION_COST
     best = Vec.full(6, 0.0)
@@ -177,8 +269,8 @@ def _rolled_over(measured: Scalar, theta4: Scalar) -> Scalar:
 def _solutions(arm: str, tip: Transform) -> tuple[list[_Solution], Scalar]:
     """All eight in the original's order, and whether a wrist is at the remote centre.
 
-    There the original stops before the first angle and leaves zeros behind: the side in question is
-    marked invalid, the other counts as valid, and of side 0 the insertion is known by then.
+    There the original stops before the first angle, and all angles are zero. It has marked that
+    side invalid; the other side counts as valid. The insertion of side 0 is known by then.
     """
     x, y, _ = inverse_transform(tip).origin
     toward = Vec((x, y, 0.0))
@@ -218,7 +310,7 @@ def _angles(arm: str, tip: Transform, wrist: Vec, d3: Scalar, theta2: Scalar) ->
     """All DH variables (6) of one solution."""
     cos2, sin2 = jnp.cos(theta2), jnp.sin(theta2)
     theta1 = _theta1(arm, wrist, d3 + D4, cos2, sin2)
-    t03 = _chain(link1(arm, theta1), link2(cos2, sin2), link3(arm, d3))
+    t03 = _chain(_link1(arm, theta1), _link2(cos2, sin2), _link3(arm, d3))
     (_, _, r02), (_, _, r12), (r20, r21, r22) = (
         t36 := product(inverse_transform(t03), tip)
     ).rotation
@@ -242,3 +334,37 @@ def _theta1(arm: str, wrist: Vec, d: Scalar, cos2: Scalar, sin2: Scalar) -> Scal
     b = matrix((b1, b2, 0.0), (mul(-side, b2), mul(side, b1), 0.0), (0.0, 0.0, 1.0))
     cosine, sine, _ = scale(1.0 / d, matvec(inverse_matrix(b), Vec((wrist[0], wrist[1], 0.0))))
     return jnp.atan2(sine, cosine)
+
+
+# --- gravity ---
+
+
+def gravity_torque(arm: str, jpos: Vec) -> Vec:
+    """tau_g: capstan torque (3, Nm) of the compensating joint efforts, as `gravity.gravity_torque`
+    under the float32 gravity that the original holds.
+
+    The operations are those of raven2 `src/raven/grav_comp.cpp`, in their order. Rotations are
+    inverted by cofactors. Transmission ratios are the float32 numbers to which `defines.h` casts
+    them.
+    """
+    theta1, theta2, d3, *_ = _thetas(arm, Vec((*jpos[:5], yaw(jpos))))
+    t01, t12, t23 = _link1(arm, theta1), _link2(jnp.cos(theta2), jnp.sin(theta2)), _link3(arm, d3)
+
+    centres, (_, m2, m3) = CENTRES[arm], MASSES
+    com2, com3 = Vec(centres.link2), t23.origin  # in frame 2
+    in_frame1 = (Vec(centres.link1), apply(t12, com2), apply(t12, com3))
+
+    g1 = matvec(inverse_matrix(t01.rotation), Vec((-GRAVITY_AS_STORED, 0.0, 0.0)))
+    g2 = matvec(inverse_matrix(t12.rotation), g1)
+    g3 = matvec(inverse_matrix(t23.rotation), g2)
+
+    shoulder = reduce(
+        add, (_about_z(com, scale(m, g1)) for com, m in zip(in_frame1, MASSES, strict=True))
+    )
+    elbow = add(_about_z(com2, scale(m2, g2)), _about_z(com3, scale(m3, g2)))
+    efforts = Vec((shoulder, elbow, m3 * g3[2]))
+    return efforts.map(lambda effort, ratio: -effort / ratio * GP42, stored.TR[:3])
+
+
+def _about_z(centre: Vec, weight: Vec) -> Scalar:
+    return sub(mul(centre[0], weight[1]), mul(centre[1], weight[0]))
