@@ -79,7 +79,9 @@ def hash_files() -> str:
     """sha256 over the files that decide what is traced and printed, as they are now: this package's
     lower floors, and the robots' models.
     """
-    files = [path for floor in _FLOORS for path in sorted((_PACKAGE / floor).rglob("*.py"))]
+    folders = (_PACKAGE / floor for floor in _FLOORS)
+    files = [path for folder in folders for path in sorted(folder.rglob("*.py"))]
+    files += sorted((_PACKAGE / "robots").rglob("*.toml"))
     models = [*sorted(Path("models").rglob("*")), *resources.bundled("models", "**/*")]
     result = hashlib.sha256()
     for path in (*files, *(path for path in models if path.is_file())):

@@ -23,7 +23,7 @@ from ravenjax.errors import UserError, shown, suggestion
 from ravenjax.hazards import library
 from ravenjax.hazards.library import Case, Hazard, Struck
 from ravenjax.robots.raven2.arms import ARMS
-from ravenjax.robots.raven2.sites import SITES
+from ravenjax.robots.raven2.declaration import SITES
 from ravenjax.vocabulary.effects import EFFECTS
 
 KEY = "hazards"

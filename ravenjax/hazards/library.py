@@ -15,7 +15,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from ravenjax.errors import UserError, suggestion
-from ravenjax.robots.raven2.sites import SITES
+from ravenjax.robots.raven2.declaration import SITES
 from ravenjax.vocabulary.effects import NETWORK_EFFECTS
 
 DATA = resources.files("ravenjax.hazards") / "data"

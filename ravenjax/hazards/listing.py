@@ -7,7 +7,7 @@ from typing import Any
 
 from ravenjax.hazards import library
 from ravenjax.hazards.library import Case, Hazard, Struck
-from ravenjax.robots.raven2.sites import SITES
+from ravenjax.robots.raven2.declaration import SITES
 
 COLUMNS = ("id", "layer", "title", "class", "runs")
 """Of `table`."""

@@ -8,7 +8,7 @@ import pytest
 
 from ravenjax.errors import UserError
 from ravenjax.hazards import library
-from ravenjax.robots.raven2.sites import SITES
+from ravenjax.robots.raven2.declaration import SITES
 from ravenjax.vocabulary.effects import EFFECTS, NETWORK_EFFECTS, TRIGGERS
 
 # Counted by hand in the published lists, 3.2.1 to 3.2.5 of the fault specification: console and

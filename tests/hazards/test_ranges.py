@@ -9,7 +9,7 @@ import pytest
 from ravenjax.errors import UserError
 from ravenjax.hazards import ranges
 from ravenjax.robots.raven2.arms import ARMS
-from ravenjax.robots.raven2.sites import SITES
+from ravenjax.robots.raven2.declaration import SITES
 
 
 def test_every_channel_that_a_fault_can_strike_has_a_range() -> None:

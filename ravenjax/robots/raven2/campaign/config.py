@@ -28,7 +28,6 @@ from ravenjax.robots.raven2.console.motions import MOTIONS
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.plant.kinematic_errors import MEASURED
-from ravenjax.robots.raven2.sites import USB_SITE
 from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.parts import OwnSource
 from ravenjax.vocabulary.reactions import MEANINGS
@@ -278,7 +277,7 @@ class RavenConfig(CampaignConfig):
     def says_beyond(self, fault: Fault) -> bool:
         """Whether values beyond 16 bits are meant: by `wraps`, or at USB words by `dac_words`."""
         return super().says_beyond(fault) or (
-            fault.site == USB_SITE and self.campaign.dac_words is not None
+            fault.site == "usb_out" and self.campaign.dac_words is not None
         )
 
     def deciding(self) -> dict[str, Any]:

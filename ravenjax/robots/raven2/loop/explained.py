@@ -2,7 +2,7 @@
 appears first, and when.
 
 This module is a `Loop` of `ravenjax.engines.interface`: that of `run`, beside which an observer
-compares each number that crosses a seam (`ravenjax.robots.raven2.seams`) with the golden run's of
+compares each number that crosses a seam (`SEAMS`) with the golden run's of
 the same tick. The golden run's numbers come the way that its tips come in any campaign, as a
 series. So engines run it in bulk, from branches of golden runs and with what a group shares
 computed once, and no trace is ever stored. What a run does is untouched: the tick is the same
@@ -28,11 +28,10 @@ from ravenjax.faults import fault
 from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.setup import real, wide
 from ravenjax.numbers.vec import Scalar, record
-from ravenjax.robots.raven2.checks import CHECKS
+from ravenjax.robots.raven2.declaration import CHECKS, SEAMS
 from ravenjax.robots.raven2.geometry.mapping import quat_from_matrix
 from ravenjax.robots.raven2.loop import run
 from ravenjax.robots.raven2.loop.records import TickParams, TickSignals, TickState
-from ravenjax.robots.raven2.seams import SEAMS
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.vocabulary.seams import Crossing, crossings
 

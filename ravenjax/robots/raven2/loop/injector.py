@@ -13,7 +13,6 @@ from ravenjax.numbers.vec import Scalar, Vec, where
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.geometry.mapping import matrix_from_quat, quat_from_matrix
 from ravenjax.robots.raven2.setup import RavenSetup
-from ravenjax.robots.raven2.sites import USB_SITE
 
 
 class RavenInjector(injection.Injector):
@@ -60,7 +59,7 @@ def _paths(setup: RavenSetup) -> dict[injection.ChannelKey, injection.Target]:
     """As declared, but for what is stored of a DAC command behind the checks."""
     stored = _STORED[setup.dac_words]
     return {
-        key: (path, stored if key[0] == USB_SITE else kind)
+        key: (path, stored if key[0] == "usb_out" else kind)
         for key, (path, kind) in injection.paths(ROBOT, setup).items()
     }
 

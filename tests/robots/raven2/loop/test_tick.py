@@ -12,12 +12,11 @@ from empty_faults import no_faults
 
 from ravenjax.numbers.setup import Injection, SiteUse
 from ravenjax.numbers.vec import Vec
-from ravenjax.robots.raven2.checks import CHECKS
 from ravenjax.robots.raven2.console import motions
+from ravenjax.robots.raven2.declaration import CHECKS, SITES
 from ravenjax.robots.raven2.loop import run, tick
 from ravenjax.robots.raven2.loop.records import Input
 from ravenjax.robots.raven2.setup import RavenSetup
-from ravenjax.robots.raven2.sites import SITES
 from ravenjax.stages import monitor
 from ravenjax.vocabulary import effects
 from ravenjax.vocabulary.detectors import DetectorUse
