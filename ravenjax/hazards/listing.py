@@ -38,7 +38,7 @@ def of_layer(layer: str) -> list[Hazard]:
 
 
 def of_site(site: str) -> list[Hazard]:
-    """The hazards that strike a site when they are run."""
+    """The hazards whose faults act at a site."""
     return [
         row
         for row in library.rows()

@@ -22,13 +22,6 @@ def test_every_channel_that_a_fault_can_strike_has_a_range() -> None:
     assert {key: usual.unit for key, usual in ranges.measured().items()} == expected
 
 
-def test_ranges_are_in_order_and_of_many_ticks() -> None:
-    for usual in ranges.measured().values():
-        assert usual.low <= usual.low_permille <= usual.high_permille <= usual.high
-        assert math.isfinite(usual.low + usual.high)
-        assert usual.ticks >= 100_000
-
-
 def test_ranges_hold_what_is_known_of_fault_free_motion() -> None:
     assert ranges.normal("packet_header", "surgeon_mode")[4:8] == (0, 0, 1, 1)
     assert ranges.normal("plc", "runlevel").low == 2  # no run stops

@@ -24,24 +24,24 @@ _NAMES = {
 _FIELDS = {name: Field(**field) for name, field in _TABLES["fields"].items()}
 
 
-def _channel_units(table: dict[str, Any]) -> list[tuple[str, str]]:
-    """(name, unit) of the channels that one table stands for."""
+def _channels(table: dict[str, Any]) -> list[tuple[str, str, tuple[str | int, ...]]]:
+    """(name, unit, path) of the channels that one table stands for."""
     names, unit = table["names"], table["unit"]
-    linear = table.get("linear", unit)
-    return [
-        (name, linear if name == "insertion" else unit) for name in _NAMES.get(str(names), names)
-    ]
+    several = str(names) in _NAMES
+    units = {"insertion": table.get("linear", unit)}
+    channels = []
+    for place, name in enumerate(_NAMES[names] if several else names):
+        path = table.get("path", [ARM, "#"] if several else [name])
+        indexed = tuple(place if step == "#" else step for step in path)
+        channels.append((name, units.get(name, unit), indexed))
+    return channels
 
 
 def _site_channels(table: dict[str, Any]) -> list[Channel]:
-    several = str(table["names"]) in _NAMES
-    channels = []
-    for place, (name, unit) in enumerate(_channel_units(table)):
-        path = table.get("path", [ARM, "#"] if several else [name])
-        indexed = tuple(place if step == "#" else step for step in path)
-        field = _FIELDS[table["field"]] if "field" in table else None
-        channels.append(Channel(name, indexed, table["kind"], unit, field))
-    return channels
+    field = _FIELDS[table["field"]] if "field" in table else None
+    return [
+        Channel(name, path, table["kind"], unit, field) for name, unit, path in _channels(table)
+    ]
 
 
 def _site(name: str, table: dict[str, Any]) -> Site:
@@ -53,9 +53,9 @@ def _site(name: str, table: dict[str, Any]) -> Site:
 
 def _seam(name: str, table: dict[str, Any]) -> Seam:
     channels = tuple(
-        SeamChannel(channel, unit, group.get("site", name))
+        SeamChannel(channel, unit, group.get("site", name), path)
         for group in table.pop("channels")
-        for channel, unit in _channel_units(group)
+        for channel, unit, path in _channels(group)
     )
     return Seam(name, channels=channels, **{"per_arm": True} | table)
 

@@ -67,7 +67,7 @@ class RavenConfig(CampaignConfig):
         return self
 
     def with_files(self, folder: Path) -> CampaignConfig:
-        """Itself, a recorded operator and the files of one's own taken from `folder`. Raises
+        """The same with the recorded operator and users' files taken from `folder`. Raises
         UserError.
         """
         new = super().with_files(folder)
@@ -76,9 +76,7 @@ class RavenConfig(CampaignConfig):
         return new.model_copy(update={"operator": self.operator.located(folder)})
 
     def own_parts(self) -> Iterator[tuple[str, OwnSource]]:
-        """(beginning of its parameters' paths, code) of every file of one's own. Raises
-        UserError.
-        """
+        """(beginning of its parameters' paths, code) of each user's file. Raises UserError."""
         yield from super().own_parts()
         for stage, source in () if self.controller is None else self.controller.parts():
             yield f"control.own.{stage}", source

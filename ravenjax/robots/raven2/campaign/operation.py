@@ -24,8 +24,8 @@ WINDOW = 20
 
 
 def phases(config: RavenConfig) -> dict[str, np.ndarray]:
-    """Of each phase the stretches of its ticks, int64 [stretches, 2]: the first, and the first
-    beyond.
+    """The intervals of each phase, int64 [intervals, 2]: the first tick, and the first tick after
+    it.
 
     Raises UserError for an operator's file that cannot be used.
     """
