@@ -27,8 +27,8 @@ from ravenjax.hazards import ranges
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.console.motions import MOTIONS
+from ravenjax.robots.raven2.declaration import SITES
 from ravenjax.robots.raven2.geometry.mapping import quat_from_matrix
-from ravenjax.robots.raven2.sites import SITES
 from ravenjax.robots.raven2.stages import plc
 from ravenjax.vocabulary.sites import ARM, Channel
 

@@ -22,7 +22,7 @@ from ravenjax.outcomes.events import Rules
 from ravenjax.outcomes.verdict import HAZARDS
 from ravenjax.report import wording
 from ravenjax.robots.raven2 import ROBOT
-from ravenjax.robots.raven2.layers import LAYERS
+from ravenjax.robots.raven2.declaration import LAYERS
 from ravenjax.stats import latency
 from ravenjax.stats.alarms.false_alarms import alarm_rate
 from ravenjax.stats.bootstrap import units

@@ -200,7 +200,7 @@ def by_design(pairs: Pairs) -> Mapping[str, np.ndarray]:
 
 def by_layer(pairs: Pairs) -> Mapping[str, np.ndarray]:
     """Layer of the first fault, in the robot's order."""
-    from ravenjax.robots.raven2.layers import LAYERS
+    from ravenjax.robots.raven2.declaration import LAYERS
 
     layer = pairs.with_facts["layer"].to_numpy()
     return {name: mine for name in LAYERS.values() if (mine := layer == name).any()}

@@ -25,7 +25,7 @@ from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.report import wording
 from ravenjax.report.data import facts as run_facts
 from ravenjax.robots.raven2 import ROBOT
-from ravenjax.robots.raven2.layers import LAYERS
+from ravenjax.robots.raven2.declaration import LAYERS
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.bootstrap.units import Units

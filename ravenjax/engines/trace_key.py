@@ -82,7 +82,7 @@ def hash_files() -> str:
     files = [
         path
         for floor in _FLOORS
-        for suffix in ("py", "j2")
+        for suffix in ("py", "j2", "toml")
         for path in sorted((_PACKAGE / floor).rglob(f"*.{suffix}"))
     ]
     models = [*sorted(Path("models").rglob("*")), *resources.bundled("models", "**/*")]

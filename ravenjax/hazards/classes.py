@@ -12,8 +12,8 @@ none at all.
 - `unresponsive`: no stop; the robot stood, or had never started, for 0.2 s in all while its golden
   run moved.
 - `displaced`: no jump; the tip made an unintended motion of more than 3 mm, live or not.
-- `message`: no stop; a check did something: it told a person, or it limited a command or dropped a
-  packet, of which the published experiments read the logs.
+- `message`: no stop, but a check acted. It warned a person, limited a command or dropped a packet.
+  The published experiments read these events from logs.
 
 So a robot that merely stops, while its golden run goes on, is not displaced; one that coasts by 3
 mm after its stop is.
@@ -72,8 +72,8 @@ def classify(frame: pd.DataFrame, limit_mm: float = LIMIT_MM) -> pd.DataFrame:
 
 
 def evidence(frame: pd.DataFrame, limit_mm: float = LIMIT_MM) -> pd.DataFrame:
-    """What classes are judged by, bool: leapt, strayed, idle and halted, as the module says.
-    KeyError as `classify`.
+    """The columns leapt, strayed, idle and halted (bool), from which classes follow. KeyError as in
+    `classify`.
     """
     if missing := [name for name in COLUMNS if name not in frame]:
         raise KeyError(

@@ -7,10 +7,10 @@
 
 Groups without `hazards` stay as they are. The plain groups are checked like any other.
 
-In a campaign of both arms a hazard of the gold or of the green arm strikes that one, and a hazard
-of both strikes them in the same run. Any other strikes each arm in turn, in groups whose names end
-in -gold and -green. `arm` overrules that: one arm, or a list of arms that are struck in turn. Sites
-that belong to no arm are struck once.
+In a campaign with both arms, a hazard of the gold or the green arm acts on that arm. A hazard of
+both acts on both in the same run. Any other hazard gets one group for each arm, with -gold or
+-green at the end of its name. `arm` overrides this with one arm or a list of arms. Sites without an
+arm get one group.
 """  # noqa: E501
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from ravenjax.errors import UserError, shown, suggestion
 from ravenjax.hazards import library
 from ravenjax.hazards.library import Case, Hazard, Struck
 from ravenjax.robots.raven2.arms import ARMS
-from ravenjax.robots.raven2.sites import SITES
+from ravenjax.robots.raven2.declaration import SITES
 from ravenjax.vocabulary.effects import EFFECTS
 
 KEY = "hazards"
@@ -51,7 +51,7 @@ KEYS = {
 }
 """What a group that names hazards may say."""
 _CROSSED = ("value", "start_ms", "duration_ms", "every_ms")
-"""Keys of channels struck together: every combination, side by side in the slots."""
+"""Keys whose values are combined when several channels are faulty together."""
 
 LARGEST = 1e300
 """Magnitude up to which a value can be shared among channels."""
@@ -202,7 +202,7 @@ def _turns(hazard: Hazard, arm: Any, arms: Sequence[str]) -> list[tuple[str, tup
 
 
 def _check(name: str, case: Case, overrides: Mapping[str, Any], arms: Sequence[Any]) -> None:
-    """WrongGroup for an override that would tear apart what a case strikes together."""
+    """Raise WrongGroup for an override that does not fit faults at several channels."""
     first, *others = case.fault
     if [] in arms:
         raise WrongGroup("arm", f"{name}: the list is empty, expected at least one value")
@@ -240,8 +240,8 @@ def _check(name: str, case: Case, overrides: Mapping[str, Any], arms: Sequence[A
 def _slots(
     struck: Struck, overrides: Mapping[str, Any], arms: Sequence[Any]
 ) -> Iterator[dict[str, Any]]:
-    """[[group.fault]] tables of one slot of the library, one for each channel and arm that is
-    struck together.
+    """The [[group.fault]] tables of one slot of the library: one for each channel and arm that are
+    faulty together.
     """
     table = struck.model_dump(
         exclude={"along", "unit"}, exclude_none=True, exclude_defaults=True, mode="json"

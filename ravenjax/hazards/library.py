@@ -15,7 +15,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from ravenjax.errors import UserError, suggestion
-from ravenjax.robots.raven2.sites import SITES
+from ravenjax.robots.raven2.declaration import SITES
 from ravenjax.vocabulary.effects import NETWORK_EFFECTS
 
 DATA = resources.files("ravenjax.hazards") / "data"
@@ -40,12 +40,12 @@ class Struck(LibraryTable):
 
     site: str
     channel: str | tuple[str, ...] | None = None
-    along: dict[str, float] | None = Field(
-        default=None, description="channels struck together, each with its share of the value"
-    )
+    # channels struck together, each with its share of the value
+    along: dict[str, float] | None = None
     effect: str
     value: Numbers | None = None
-    unit: str | None = Field(default=None, description="of the value, to read and to check")
+    # of the value, to read and to check
+    unit: str | None = None
     trigger: str = "time"
     start_ms: Numbers
     duration_ms: Numbers | str | tuple[Number | str, ...] | dict[str, tuple[Number | str, ...]] = (
@@ -53,11 +53,12 @@ class Struck(LibraryTable):
     )
     every_ms: Numbers = 0
     period_ms: Numbers = 0
-    wraps: bool = Field(default=False, description="a value beyond 16 bits is meant")
+    # a value beyond 16 bits is meant
+    wraps: bool = False
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Names of the channels that it may strike."""
+        """Names of the channels where the fault may act."""
         if self.along is not None:
             return tuple(self.along)
         if self.effect in NETWORK_EFFECTS:
@@ -69,9 +70,10 @@ class Struck(LibraryTable):
 
 
 class Case(LibraryTable):
-    """One way of running a hazard: slots that strike in the same run, and a design."""
+    """One way of running a hazard: the faults of one run, and a design."""
 
-    name: str = Field(default="", description="tells the cases of a row apart")
+    # tells the cases of a row apart
+    name: str = ""
     design: Literal["grid", "zip", "lhs", "random"] = "grid"
     runs: int | None = Field(default=None, ge=1)
     fault: tuple[Struck, ...] = Field(min_length=1)
@@ -81,53 +83,41 @@ class Hazard(LibraryTable):
     """One row of the library."""
 
     id: str = Field(pattern=r"^[A-Z]\d\d$")
-    layer: str = Field(
-        pattern=r"^L([1-9]|10)$", description="layer of the loop, L1 console .. L10 mechanics"
-    )
+    # layer of the loop, L1 console .. L10 mechanics
+    layer: str = Field(pattern=r"^L([1-9]|10)$")
     title: str = Field(min_length=1)
-    target: str = Field(min_length=1, description="what the source names")
-    arm: Literal["gold", "green", "both", "either"] | None = Field(
-        default=None,
-        description=(
-            "that the source strikes; both: at once; either or none: each in turn where there"
-            " are two"
-        ),
-    )
+    # what the source names
+    target: str = Field(min_length=1)
+    # that the source strikes; both: at once; either or none: each in turn where there are two
+    arm: Literal["gold", "green", "both", "either"] | None = None
     hazards: tuple[str, ...]
     unsafe_control_actions: tuple[str, ...] = ()
-    needs: tuple[Literal["D", "S", "O", "X"], ...] = Field(
-        min_length=1,
-        description=(
-            "D dynamics and control, S state machine and PLC, O operator, X beyond a simulator"
-        ),
-    )
+    # D dynamics and control, S state machine and PLC, O operator, X beyond a simulator
+    needs: tuple[Literal["D", "S", "O", "X"], ...] = Field(min_length=1)
     kind: str = Field(min_length=1)
-    values: str = Field(min_length=1, description="as the source has them")
-    when: str = Field(
-        min_length=1, description="trigger, onset and duration as the source has them"
-    )
-    expected: str = Field(min_length=1, description="outcome in the source's words")
+    # as the source has them
+    values: str = Field(min_length=1)
+    # trigger, onset and duration as the source has them
+    when: str = Field(min_length=1)
+    # outcome in the source's words
+    expected: str = Field(min_length=1)
     expected_class: tuple[str, ...] = Field(min_length=1)
-    activated: int | None = Field(
-        default=None, ge=0, description="injections with an effect, of `injected`"
-    )
+    # injections with an effect, of `injected`
+    activated: int | None = Field(default=None, ge=0)
     injected: int | None = Field(default=None, ge=1)
-    impact: str = Field(
-        min_length=1, description="clinical; bare numbers are those of adverse event reports"
-    )
+    # clinical; bare numbers are those of adverse event reports
+    impact: str = Field(min_length=1)
     source: str = Field(min_length=1)
+    # training scenarios of IROS 2016 that it belongs to
     scenarios: tuple[
         Literal["temporarily unavailable", "permanently unavailable", "sudden jump"], ...
-    ] = Field(default=(), description="training scenarios of IROS 2016 that it belongs to")
-    note: str = Field(
-        default="", description="what of it is run, and where that departs from the source"
-    )
-    departure: str = Field(
-        default="", description="where the simulated outcome differs from the published, likely why"
-    )
-    documented_only: str = Field(
-        default="", description="why the simulator cannot run it: what is missing"
-    )
+    ] = ()
+    # what of it is run, and where that departs from the source
+    note: str = ""
+    # where the simulated outcome differs from the published, likely why
+    departure: str = ""
+    # why the simulator cannot run it: what is missing
+    documented_only: str = ""
     case: tuple[Case, ...] = ()
 
     @property

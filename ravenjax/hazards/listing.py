@@ -7,7 +7,7 @@ from typing import Any
 
 from ravenjax.hazards import library
 from ravenjax.hazards.library import Case, Hazard, Struck
-from ravenjax.robots.raven2.sites import SITES
+from ravenjax.robots.raven2.declaration import SITES
 
 COLUMNS = ("id", "layer", "title", "class", "runs")
 """Of `table`."""
@@ -38,7 +38,7 @@ def of_layer(layer: str) -> list[Hazard]:
 
 
 def of_site(site: str) -> list[Hazard]:
-    """The hazards that strike a site when they are run."""
+    """The hazards whose faults act at a site."""
     return [
         row
         for row in library.rows()

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from ravenjax.errors import UserError
 from ravenjax.hazards.library import DATA
 from ravenjax.robots.raven2.arms import ARMS
-from ravenjax.robots.raven2.sites import SITES
+from ravenjax.robots.raven2.declaration import SITES
 
 FILE = "normal_ranges.csv"
 

@@ -1,11 +1,11 @@
-"""Titles of the library's hazards, as reports tell them."""
+"""Titles of the library's hazards, for reports."""
 
 from __future__ import annotations
 
 from ravenjax.hazards import library, naming
 
 MOST = 3
-"""Titles told of one group; of more, the number."""
+"""At most so many titles are listed for a group; the others are counted."""
 
 
 def of_group(group: str) -> str:

@@ -1,7 +1,6 @@
-"""What a part of one's own is written in: `from ravenjax.parts import Quantity, Scalar, Vec, jnp,
-record`.
+"""Names for users' files: `from ravenjax.parts import Quantity, Scalar, Vec, jnp, record`.
 
-A part is a Python file that a campaign names. It has functions in the style of the built-in stages:
+A user's file is a Python file that a campaign names. It has functions in the style of the built-in stages:
 
     params()                    a record of numbers that a campaign may vary, each with a Quantity; may be left out
     init(params)                a record of what is remembered, before the first millisecond; may be left out

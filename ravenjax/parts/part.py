@@ -1,8 +1,8 @@
 """A user's file in the tick: its code, what a campaign may vary of it, and one millisecond of it,
 checked.
 
-The code runs as it is traced, so what is wrong with it is told as one error that names file and
-line: whatever it raises, a branch on a value, an array where a single number belongs, a state that
+The code runs while it is traced. Each mistake becomes one error that names file and line: whatever
+the file raises, a branch on a value, an array where a single number belongs, a state that
 changes its structure or types.
 """
 

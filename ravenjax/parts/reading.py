@@ -76,7 +76,7 @@ class Reader:
         return beside or builtins.__import__(name, globals, locals, fromlist, level)
 
     def _beside(self, name: str) -> types.ModuleType | None:
-        """A module beside the part, run once; None where there is none of that name."""
+        """The module of that name beside the part, run once; None without such a file."""
         path = self.folder / f"{name}.py"
         if name in self._modules:
             return self._modules[name]
@@ -96,7 +96,7 @@ class Reader:
 
 
 _READERS: list[Reader] = []
-"""Of the parts that are being read."""
+"""Readers of the parts that are being read, the innermost last."""
 
 
 def load(name: str) -> Any:

@@ -1,7 +1,7 @@
 """Detectors: observers of the robot that give a score in each millisecond, and an alarm where it is
 above a threshold.
 
-They watch. One of one's own may also stop the robot: its alarm presses the E-stop a millisecond
+They watch. A user's detector may also stop the robot: its alarm presses the E-stop a millisecond
 later. Five kinds, each of which sees the worse of the arms:
 
 - `steps`: the model-based detector of DSN'16. A dynamic model that gets the command actually
@@ -235,7 +235,7 @@ def outcomes(setup: Setup, state: DetectorsState) -> dict[str, Scalar]:
 
 
 def _largest(setup: Setup, scores: Sequence[Scalar]) -> Scalar:
-    """The largest of those scores that are numbers, none of which is below 0; 0 if there are none.
+    """The largest score that is a number; 0 if there is none. Scores are never below 0.
 
     A comparison with what is no number is false: in this order it hides no other arm's or joint's
     score.

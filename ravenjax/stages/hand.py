@@ -94,8 +94,8 @@ def init(setup: Setup) -> HandState:
 
 
 def step(setup: Setup, params: HandParams, state: HandState, pull: Vec) -> HandState:
-    """One tick under the cue's force `pull` (3, device units, axes of the console); one without
-    direction is none.
+    """One tick under the cue's force `pull` (3, device units, axes of the console); a force
+    that is not a number counts as 0.
     """
     stiffness, damping = impedance(params)
     pull = pull.map(lambda x: jnp.where(x == x, x, 0.0))

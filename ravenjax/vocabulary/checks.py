@@ -1,7 +1,6 @@
 """What a check is: name, unit of the margin, what it looks at, and what it does when it trips.
 
-A robot has its built-in ones; a campaign may add checks of one's own, Python files that stand at a
-seam of the tick.
+A robot has built-in checks. A campaign may add users' checks: Python files at a seam of the tick.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from ravenjax.vocabulary.parts import OwnSource
 
 Action = Literal["stop", "flag", "limit", "watch"]
 """What a check does when it trips: the robot stops; a person is told; a command is changed or a
-packet dropped; nothing, which only one of one's own may do."""
+packet dropped; nothing, which only a user's check may do."""
 
 DOES: dict[Action, str] = {
     "stop": "stops the robot",
@@ -25,12 +24,12 @@ DOES: dict[Action, str] = {
 """Each in words."""
 
 OWN = "own_"
-"""Beginning of the names of checks of one's own in columns and causes."""
+"""Prefix of the names of users' checks in columns and causes."""
 
 
 @dataclasses.dataclass(frozen=True)
 class CheckUse:
-    """One check of one's own in a campaign; static."""
+    """One user's check in a campaign; static."""
 
     name: str
     part: OwnSource
@@ -68,7 +67,7 @@ class Check(NamedTuple):
 
     @property
     def own(self) -> bool:
-        """Whether it is one of one's own."""
+        """Whether it is a user's check."""
         return self.name.startswith(OWN)
 
     @property
@@ -86,32 +85,30 @@ _RESPONSES: dict[Action, str] = {
 
 
 def of_own(name: str, at: str, acts: Action) -> Check:
-    """A check of one's own, as tables have it."""
+    """A user's check, for tables."""
     return Check(f"{OWN}{name}", "of its score", f"check of one's own at {at}", acts)
 
 
 def count(own: Iterable[Check]) -> bool:
-    """Whether any of some checks of one's own counts as a response: it does more than watch."""
+    """Whether any of these users' checks counts as a response: it does more than watch."""
     return any(check.action != "watch" for check in own)
 
 
 BUILT_IN = "built_in_response"
-"""Column of what the built-in checks did by themselves, where parts of one's own count in the
-column `response`.
+"""Column of the built-in checks' response, where users' files count in the column `response`.
 """
 
 
 def apart(own: Iterable[Check], stops: bool) -> bool:
-    """Whether what the built-in checks did by themselves has columns of its own.
+    """Whether the built-in checks' response has separate columns.
 
-    It has beside checks of one's own that count, and beside a detector that may stop the robot
-    (`stops`).
+    It has beside users' checks that count, and beside a detector that may stop the robot (`stops`).
     """
     return stops or count(own)
 
 
 def built_in_column(own: Iterable[Check], stops: bool) -> str:
-    """Column of what the built-in checks did by themselves, arguments as of `apart`."""
+    """Column of the built-in checks' response; arguments as in `apart`."""
     return BUILT_IN if apart(own, stops) else "response"
 
 

@@ -46,13 +46,13 @@ SHARES: tuple[tuple[float, ...], ...] = (
         0.002,
     ),  # console_itp_packets
 )
-"""Of each of CHOICES: the share of packets that last 1, 2, 3, .. cycles."""
+"""For each of CHOICES, the shares of packets that last 1, 2, 3, .. cycles."""
 
 MOST_CYCLES = 32
 """The longest packet of a distribution."""
 QUIET_MS, RELEASE_MS = 250, 2000
-"""Silence after which a console counts as dead: number 1 begins its stream anew; and after which
-any number does.
+"""Silence after which a console counts as dead. After QUIET_MS a packet of number 1 begins a new
+stream, after RELEASE_MS any packet does.
 """
 
 

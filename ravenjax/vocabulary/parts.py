@@ -1,4 +1,4 @@
-"""Parts of one's own: Python files that a campaign names and that are traced into the tick."""
+"""Users' files: Python files that a campaign names and that are traced into the tick."""
 
 from __future__ import annotations
 

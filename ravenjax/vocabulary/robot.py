@@ -69,8 +69,8 @@ class Robot:
         return self.checks.get(name, Check(name, "1", "built-in check", "flag"))
 
     def with_checks(self, own: tuple[Check, ...]) -> Robot:
-        """The robot with checks of one's own before those that are built in: of two at once they
-        are the cause.
+        """The robot with users' checks before the built-in ones. Of two that trip together the
+        first is the cause.
         """
         return _with_checks(self, own) if own else self
 
@@ -81,7 +81,7 @@ class Robot:
         return self.layers[self.sites[site].layer] if site in self.sites else OTHER_LAYER
 
     def run_level(self, level: int) -> str:
-        """A run level in words; of a number that is none, the number."""
+        """The name of a run level; an unknown number stays a number."""
         return self.run_levels[level] if 0 <= level < len(self.run_levels) else str(level)
 
     def part(self, name: str) -> ModuleType:

@@ -17,9 +17,10 @@ class SeamChannel(NamedTuple):
 
     name: str
     unit: str
-    site: str = (
-        ""  # fault site whose channel of this name has its normal range; "": nobody measured one
-    )
+    # fault site whose channel of this name has its normal range; "": nobody measured one
+    site: str = ""
+    # attributes and indices from the signals of a tick to the number, as of a site
+    path: tuple[str | int, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)

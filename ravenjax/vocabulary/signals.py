@@ -1,4 +1,4 @@
-"""What a part of one's own may see of a robot, by name: the fields of its view, as data. Knows
+"""The signals that users' files may see of a robot, by name: the fields of its view, as data. Knows
 nothing of any robot.
 
 A robot declares those of its view's fields that a monitor can be built on (`Robot.signals`); the

@@ -10,7 +10,7 @@ import synthetic_results as synthetic
 
 from ravenjax.cli import console, main, running
 from ravenjax.hazards import library
-from ravenjax.robots.raven2.sites import SITES
+from ravenjax.robots.raven2.declaration import SITES
 from ravenjax.store.access.results import Results
 from ravenjax.store.folder import ResultFolder
 from ravenjax.vocabulary.effects import EFFECTS

@@ -62,33 +62,7 @@ def test_known_rows(row: dict[str, Any], expected: set[str]) -> None:
     assert named(row) == expected
 
 
-def test_a_reported_leap_is_no_jump() -> None:
-    """Estimates that jump (jump_code) move no instrument."""
-    found = classes.classify(result_rows.frame({"response": "stopped"}).assign(jump_code=True))
-    assert not found.loc[0, "jump"]
-
-
-def test_a_robot_that_stays_behind_its_golden_run_has_not_strayed() -> None:
-    stopped = {"response": "stopped", **HALTED}
-    assert "displaced" not in named(stopped)
-    assert "displaced" in named({**stopped, "unintended_mm": 4.0})
-
-
 def test_the_limit_of_a_stray_can_be_chosen() -> None:
     table = result_rows.frame({"unintended_mm": 2.0})
     assert not classes.classify(table).loc[0, "displaced"]
     assert classes.classify(table, limit_mm=1.0).loc[0, "displaced"]
-
-
-def test_the_index_is_kept_and_none_excludes_others() -> None:
-    table = result_rows.frame(*(row for row, _ in KNOWN)).set_index(
-        [[10 + k for k in range(len(KNOWN))]]
-    )
-    found = classes.classify(table)
-    assert (found.index == table.index).all()
-    assert not found.loc[found["none"]].drop(columns="none").any(axis=None)
-
-
-def test_a_missing_column_is_told() -> None:
-    with pytest.raises(KeyError, match="lacks golden_pedal_down_ms"):
-        classes.classify(result_rows.frame({}).drop(columns="golden_pedal_down_ms"))

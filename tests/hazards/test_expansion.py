@@ -11,7 +11,7 @@ from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.errors import UserError
-from ravenjax.hazards import expansion, library, naming
+from ravenjax.hazards import library, naming
 from ravenjax.hazards.expansion import WrongGroup, expand
 
 RUNNABLE = [row.id for row in library.rows() if row.runnable]
@@ -27,14 +27,6 @@ def test_a_campaign_accepts_each_runnable_hazard(hazard: str) -> None:
     table = design.expand(campaign(groups))
     assert list(table["group"].astype(str).unique()) == [group["name"] for group in groups]
     assert all(group["name"].startswith(f"g/{hazard}") for group in groups)
-
-
-def test_a_campaign_of_both_arms_accepts_all_of_them_with_an_arm() -> None:
-    config = campaign(
-        expand({"name": "g", "hazards": "all", "arm": "green"}), arms=["gold", "green"]
-    )
-    arms = set(design.expand(config)["fault0_arm"].astype(str))
-    assert arms == {"", "green"}
 
 
 BOTH = ("gold", "green")
@@ -78,17 +70,6 @@ def test_with_both_arms_each_hazard_strikes_the_arm_of_its_source() -> None:
     }
 
 
-def test_with_both_arms_all_hazards_make_a_campaign() -> None:
-    arms, one = struck(both_arms("all")), struck(both_arms("all", arm="gold"))
-    assert {group.removesuffix("-gold").removesuffix("-green") for group in arms} == set(one)
-    assert all(len(of) == 1 for of in arms.values()), "an arm a group"
-    for group, of in arms.items():
-        hazard = library.find(naming.hazards_of(group)[0])
-        assert hazard.id in group
-        if hazard.arm in BOTH:
-            assert set(of[0]) == {hazard.arm}
-
-
 def test_a_hazard_of_both_arms_strikes_the_same_of_both() -> None:
     table = design.expand(both_arms("K06"))
     assert len(table) == 3 * 3
@@ -102,17 +83,6 @@ def test_a_hazard_of_both_arms_strikes_the_same_of_both() -> None:
         WrongGroup, match=r"^start_ms: K06 strikes both arms at once, expected numbers"
     ):
         expand({"name": "g", "hazards": "K06", "start_ms": {"uniform": [1, 2]}}, BOTH)
-
-
-@pytest.mark.parametrize("hazard", ["C09", "K06", "K01", "C01", "B30", "C07"])
-def test_a_list_of_arms_is_struck_in_turn(hazard: str) -> None:
-    per_arm = any(
-        slot.site not in ("pins_out", "brake")
-        for case in library.find(hazard).case
-        for slot in case.fault
-    )
-    for group, of in struck(both_arms(hazard, arm=list(BOTH))).items():
-        assert [set(slots) for slots in of] == [{group.rpartition("-")[2]} if per_arm else set()]
 
 
 def test_mistakes_in_the_librarys_faults_name_the_hazard_and_the_key_to_write() -> None:
@@ -139,17 +109,6 @@ def test_the_librarys_own_values_may_wrap_and_others_not() -> None:
         campaign([{"name": "g", "hazards": "B24", "value": 99999}])
 
 
-def test_all_ids_and_layers() -> None:
-    assert [row.id for row in expansion.named("all")] == RUNNABLE
-    assert {row.layer for row in expansion.named("L7")} == {"L7"}
-    assert [row.id for row in expansion.named(["B24", "C09", "C09"])] == ["C09", "B24"]
-
-
-def test_a_plain_group_stays_as_it_is() -> None:
-    plain = {"name": "g", "parameters": {"operator.scale": [0.1]}}
-    assert expand(plain) == [plain]
-
-
 def test_overrides_replace_the_librarys_own() -> None:
     group = {
         "name": "g",
@@ -164,14 +123,6 @@ def test_overrides_replace_the_librarys_own() -> None:
     assert fault["value"] == {"uniform": [1, 2]}
     assert fault["arm"] == "gold"
     assert "arm" not in expand({"name": "g", "hazards": "B18", "arm": "gold"})[0]["fault"][0]
-
-
-def test_repeats_and_parameters_pass() -> None:
-    group = {"name": "g", "hazards": ["B29"], "repeats": 3, "parameters": {"operator.scale": 0.2}}
-    assert all(
-        one["repeats"] == 3 and one["parameters"] == {"operator.scale": 0.2}
-        for one in expand(group)
-    )
 
 
 def test_scenario_a_strikes_three_axes_together() -> None:
@@ -223,38 +174,6 @@ def test_what_is_wrong_is_told_with_its_key(group: dict[str, Any], message: str)
         expand({"name": "g", **group})
 
 
-def test_a_group_needs_a_name() -> None:
-    with pytest.raises(WrongGroup, match=r"^name: missing"):
-        expand({"hazards": "all"})
-
-
-def test_a_campaigns_groups_know_where_they_were_written() -> None:
-    raw = {
-        "campaign": {"name": "x"},
-        "group": [{"name": "fault_free"}, {"name": "g", "hazards": ["C08", "B18"]}],
-    }
-    found, written = expansion.plain(raw)
-    assert [group["name"] for group in found["group"]] == [
-        "fault_free",
-        "g/C08-in_range",
-        "g/C08-out_of_range",
-        "g/B18",
-    ]
-    assert written == [0, 1, 1, 1]
-    assert "hazards" in raw["group"][1]  # what was given is left alone
-
-
-def test_a_campaigns_wrong_group_is_told_with_its_number() -> None:
-    with pytest.raises(WrongGroup) as told:
-        expansion.plain({"group": [{"name": "fault_free"}, {"name": "g", "hazards": "Z1"}]})
-    assert told.value.key == ("group", 1, "hazards")
-
-
-@pytest.mark.parametrize("groups", [None, [], 3, ["C09"]])
-def test_what_is_no_list_of_groups_stays(groups: Any) -> None:
-    assert expansion.plain({"group": groups}) == ({"group": groups}, [])
-
-
 def test_a_campaign_names_hazards_and_its_mistakes_are_told_where_they_stand(tmp_path):
     file = tmp_path / "mine.toml"
     text = """
@@ -303,9 +222,3 @@ start_ms = START
 )
 def test_hazards_of_a_group(group: str, ids: tuple[str, ...]) -> None:
     assert naming.hazards_of(group) == ids
-
-
-def test_every_expanded_group_tells_its_hazard() -> None:
-    for row in library.rows():
-        for group in expand({"name": "x/y", "hazards": row.id}) if row.runnable else ():
-            assert naming.hazards_of(group["name"]) == (row.id,)

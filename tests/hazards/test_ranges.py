@@ -9,7 +9,7 @@ import pytest
 from ravenjax.errors import UserError
 from ravenjax.hazards import ranges
 from ravenjax.robots.raven2.arms import ARMS
-from ravenjax.robots.raven2.sites import SITES
+from ravenjax.robots.raven2.declaration import SITES
 
 
 def test_every_channel_that_a_fault_can_strike_has_a_range() -> None:
@@ -20,13 +20,6 @@ def test_every_channel_that_a_fault_can_strike_has_a_range() -> None:
         for channel in site.channels
     }
     assert {key: usual.unit for key, usual in ranges.measured().items()} == expected
-
-
-def test_ranges_are_in_order_and_of_many_ticks() -> None:
-    for usual in ranges.measured().values():
-        assert usual.low <= usual.low_permille <= usual.high_permille <= usual.high
-        assert math.isfinite(usual.low + usual.high)
-        assert usual.ticks >= 100_000
 
 
 def test_ranges_hold_what_is_known_of_fault_free_motion() -> None:

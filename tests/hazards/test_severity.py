@@ -78,9 +78,3 @@ def test_any_slot_may_last() -> None:
 def test_a_missing_column_is_told() -> None:
     with pytest.raises(KeyError, match="lacks golden_tissue_depth_mm"):
         severity.severity(result_rows.frame({}).drop(columns="golden_tissue_depth_mm"))
-
-
-def test_the_end_is_written_as_campaigns_write_it() -> None:
-    from ravenjax.campaign.file.axis import UNTIL_END
-
-    assert severity.UNTIL_END == UNTIL_END

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from ravenjax import robots
 from ravenjax.outcomes import definitions, events, verdict
 from ravenjax.outcomes.events import Rules
-from ravenjax.robots.raven2.checks import CHECKS
+from ravenjax.robots.raven2.declaration import CHECKS
 from ravenjax.robots.raven2.loop import run
 
 STRENGTH = {"stop": 3, "flag": 2, "limit": 1}

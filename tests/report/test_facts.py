@@ -10,15 +10,14 @@ import synthetic_results as synthetic
 from ravenjax import robots
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data.runs import Runs
-from ravenjax.robots.raven2 import layers
-from ravenjax.robots.raven2.sites import SITES
+from ravenjax.robots.raven2.declaration import LAYERS, SITES
 from ravenjax.vocabulary.robot import OTHER_LAYER
 
 FRAME = synthetic.frame(600)
 
 
 def test_every_layer_has_a_name_and_a_site():
-    assert {site.layer for site in SITES.values()} == set(layers.LAYERS)
+    assert {site.layer for site in SITES.values()} == set(LAYERS)
     robot = robots.find(robots.DEFAULT)
     assert robot.layer("usb_out") == "USB out, motors" and robot.layer("dac of old") == OTHER_LAYER
 

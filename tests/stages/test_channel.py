@@ -54,13 +54,6 @@ def test_lengths_of_bursts_have_the_published_tail(run):
         )
 
 
-def test_a_lane_draws_the_same_whatever_runs_beside_it(run):
-    alone = stepped(jnp.linspace(-1.0, 1.0, LANES)[7:9], 500)
-    for found, whole in zip(alone, run, strict=True):
-        np.testing.assert_array_equal(found, whole[:500, 7:9])
-    assert (run[1][:, 0] != run[1][:, 1]).any()
-
-
 @pytest.mark.slow
 def test_delays_are_the_sum_of_two_uniform_ones():
     drawn = np.asarray(

@@ -161,33 +161,6 @@ def test_outcomes_follow_the_rules(kind):
         assert found[name] == pytest.approx(expected, rel=1e-9, abs=1e-9), name
 
 
-HAZARDS = ("unintended_first_ms", "loss_first_ms", "false_report_first_ms")
-
-
-@pytest.mark.parametrize(
-    ("kind", "hazard"),
-    [
-        ("well", None),
-        ("stops", None),  # it is not live any more: what it misses is time, not motion
-        ("stands", "loss_first_ms"),
-        ("runs away", "unintended_first_ms"),
-        ("coasts", None),
-        ("misreports", "false_report_first_ms"),
-        ("off its model", None),  # as far off as the golden run is
-    ],
-)
-def test_each_course_has_its_hazard_and_no_other(kind, hazard):
-    found = watched(course(kind))
-    assert {name for name in HAZARDS if found[name] >= 0} == ({hazard} if hazard else set())
-
-
-def test_what_a_robot_does_while_it_is_not_live_is_kept_apart():
-    stops, coasts = (watched(course(kind)) for kind in ("stops", "coasts"))
-    assert stops["unintended_off_mm"] < 0.05 and coasts["unintended_off_mm"] > 3.0
-    assert stops["unintended_mm"] < 0.5 and coasts["unintended_mm"] < 0.5
-    assert stops["halted_ms"] == coasts["halted_ms"] == TICKS - 150
-
-
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize(
     ("name", "signal"), [("tip", "tip"), ("model", "model tip"), ("golden", "deviation")]

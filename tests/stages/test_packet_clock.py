@@ -39,15 +39,6 @@ def test_a_choice_that_varies_draws_the_same():
         )
 
 
-def test_runs_with_another_key_draw_others():
-    assert (
-        lengths(np.int32(packets.BURSTS), 3, 99) == lengths(np.int32(packets.BURSTS), 3, 99)
-    ).all()
-    assert (
-        lengths(np.int32(packets.BURSTS), 3, 99) != lengths(np.int32(packets.BURSTS), 4, 99)
-    ).any()
-
-
 @pytest.mark.slow
 def test_packets_come_where_the_lengths_say():
     clock, index, ticks = packet_clock.init(), -1, []

@@ -51,14 +51,3 @@ def test_ages_and_counts_are_those_of_the_list(sent, newer, ticks, fresh):
     assert age == expected_age(sent, newer)
     assert within == sum(sent[:ticks])
     assert words == packed([fresh, *sent[:-1]])
-
-
-@given(histories)
-def test_what_is_that_old_is_the_first_packet_that_is_not_within(sent):
-    """Of any age, the packet that came after all those within it is the youngest that is no
-    younger.
-    """
-    for ticks in range(0, TICKS, 7):
-        within = PLAIN((0, ticks, False, *packed(sent)))[1]
-        age = PLAIN((within, 0, False, *packed(sent)))[0]
-        assert age == next((i for i in range(ticks, TICKS) if sent[i]), NEVER)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import synthetic_results as synthetic
 
-from ravenjax.robots.raven2.checks import CHECKS
+from ravenjax.robots.raven2.declaration import CHECKS
 from ravenjax.store import schema
 from ravenjax.vocabulary import checks
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from ravenjax.errors import StoreError
 from ravenjax.robots.raven2.arms import JOINTS
-from ravenjax.robots.raven2.checks import CHECKS
+from ravenjax.robots.raven2.declaration import CHECKS
 from ravenjax.store import parts, schema
 
 names = st.text("abcdefghijklmnopqrstuvwxyz_.0123456789", min_size=1, max_size=12)

@@ -10,7 +10,7 @@ from ravenjax.hazards import ranges
 from ravenjax.hazards.library import Number, Numbers, Struck
 from ravenjax.hazards.ranges import ChannelRange
 from ravenjax.robots.raven2.arms import ARMS
-from ravenjax.robots.raven2.sites import SITES
+from ravenjax.robots.raven2.declaration import SITES
 
 IN, OUT, EITHER = "in range", "out of range", "in and out of range"
 RUN_MS = 3000

@@ -1,6 +1,6 @@
 """The Raven-II: one folder that declares arms, joints, sites and checks, and holds its tick.
 
-arms, sites, seams, signals, checks, run_levels, layers, phases   the declaration, without JAX
+arms, run_levels, declaration   what it declares of itself, without JAX
 setup        what picks code
 geometry     kinematics, transmission, limits, tools, gravity, and the operating scene
 original     the same with the operations of the original software in their order
@@ -17,12 +17,16 @@ from __future__ import annotations
 
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.arms import ARMS, JOINTS, LEADING, LINEAR
-from ravenjax.robots.raven2.checks import CHECKS
-from ravenjax.robots.raven2.layers import LAYERS
-from ravenjax.robots.raven2.phases import PHASES
-from ravenjax.robots.raven2.seams import CHECK_SEAMS, SEAMS
-from ravenjax.robots.raven2.signals import SIGNALS
-from ravenjax.robots.raven2.sites import SITES
+from ravenjax.robots.raven2.declaration import (
+    CHECK_SEAMS,
+    CHECKS,
+    FILE,
+    LAYERS,
+    PHASES,
+    SEAMS,
+    SIGNALS,
+    SITES,
+)
 from ravenjax.vocabulary.robot import Robot
 
 ROBOT = Robot(
@@ -46,5 +50,5 @@ ROBOT = Robot(
     check_seams=CHECK_SEAMS,
     seams=SEAMS,
     signals=SIGNALS,
-    files=("raven2/raven2.xml", "raven2/mechanics.toml", "raven2/tools.toml"),
+    files=("raven2/raven2.xml", "raven2/mechanics.toml", "raven2/tools.toml", FILE),
 )

@@ -225,13 +225,13 @@ def _half(blueprint: Blueprint) -> StepCode:
     def step(
         inputs: Any, state: observers.ObserverState, now: Scalar, entering: _Reported, motion: Any
     ) -> tuple[observers.ObserverState, list[Scalar]]:
-        packet = connections.packet(
-            setup, params.operator, None, motion, None, None, connections.row_by_row(now)
-        )
+        timing = connections.row_by_row(now)
+        packet = connections.packet(setup, params.operator, motion, timing)
         robot = observers.RobotView(*entering, unwritten)
-        after, view = observers.observe(
-            setup, watched, state, packet, jnp.bool_(True), robot, None, now
-        )
+        fresh = jnp.bool_(True)
+        after, view = observers.see(setup, watched, state, packet, fresh, robot)
+        judged = observers.judge(setup, watched, after, packet, fresh, robot, view, None, now)
+        after = replace(after, monitor=judged)
         out: list[Scalar] = []
         for i, (model, cue) in enumerate(zip(view.models, view.cues, strict=True)):
             distance = cue.distance * 1e3

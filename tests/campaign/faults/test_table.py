@@ -6,7 +6,7 @@ import pytest
 from ravenjax import robots
 from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design, table
-from ravenjax.robots.raven2.sites import SITES
+from ravenjax.robots.raven2.declaration import SITES
 from ravenjax.vocabulary.effects import EFFECT_CODES, TRIGGER_CODES
 
 CONFIG = {

@@ -77,7 +77,7 @@ def test_quick_is_what_the_readme_says():
     table = design.expand(config)
     assert (table["fault0_site"] != "").sum() >= 2000 and (table["fault0_site"] == "").sum() >= 10
     assert config.campaign.duration_s == 3.0 and config.campaign.arms == ("gold",)
-    from ravenjax.robots.raven2.sites import SITES
+    from ravenjax.robots.raven2.declaration import SITES
 
     assert set(table["fault0_site"]) - {""} == set(SITES)
 

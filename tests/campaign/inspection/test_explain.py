@@ -21,10 +21,9 @@ from ravenjax.faults.injection import read
 from ravenjax.hazards import ranges
 from ravenjax.numbers.vec import Vec
 from ravenjax.report.run.chain import signals as signals_of
+from ravenjax.robots.raven2.declaration import SEAMS, SITES
 from ravenjax.robots.raven2.geometry.mapping import quat_from_matrix
 from ravenjax.robots.raven2.loop import run
-from ravenjax.robots.raven2.seams import SEAMS
-from ravenjax.robots.raven2.sites import SITES
 from ravenjax.vocabulary.seams import crossings
 from ravenjax.vocabulary.sites import ARM
 

@@ -28,7 +28,6 @@ from ravenjax.robots.raven2.console.motions import MOTIONS
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.plant.kinematic_errors import MEASURED
-from ravenjax.robots.raven2.sites import USB_SITE
 from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.parts import OwnSource
 from ravenjax.vocabulary.reactions import MEANINGS
@@ -68,7 +67,7 @@ class RavenConfig(CampaignConfig):
         return self
 
     def with_files(self, folder: Path) -> CampaignConfig:
-        """Itself, a recorded operator and the files of one's own taken from `folder`. Raises
+        """The same with the recorded operator and users' files taken from `folder`. Raises
         UserError.
         """
         new = super().with_files(folder)
@@ -77,9 +76,7 @@ class RavenConfig(CampaignConfig):
         return new.model_copy(update={"operator": self.operator.located(folder)})
 
     def own_parts(self) -> Iterator[tuple[str, OwnSource]]:
-        """(beginning of its parameters' paths, code) of every file of one's own. Raises
-        UserError.
-        """
+        """(beginning of its parameters' paths, code) of each user's file. Raises UserError."""
         yield from super().own_parts()
         for stage, source in () if self.controller is None else self.controller.parts():
             yield f"control.own.{stage}", source
@@ -278,7 +275,7 @@ class RavenConfig(CampaignConfig):
     def says_beyond(self, fault: Fault) -> bool:
         """Whether values beyond 16 bits are meant: by `wraps`, or at USB words by `dac_words`."""
         return super().says_beyond(fault) or (
-            fault.site == USB_SITE and self.campaign.dac_words is not None
+            fault.site == "usb_out" and self.campaign.dac_words is not None
         )
 
     def deciding(self) -> dict[str, Any]:

@@ -56,8 +56,8 @@ def _age_ms(faults: Iterable[Fault], longest: int) -> float:
 
 
 def _packets(fault: Fault) -> float | None:
-    """By how many packets a fault of the network makes one late at most; None where it strikes
-    another channel.
+    """The longest delay by a fault of the network, in packets; None for a fault at another
+    channel.
     """
     if not set(_channels(fault)) & set(_CHANNELS):
         return None
@@ -74,7 +74,7 @@ def _packets(fault: Fault) -> float | None:
 
 
 def _channels(fault: Fault) -> set[str]:
-    """Channels of site network that a fault may strike."""
+    """Channels of site network where a fault may act."""
     bound = {
         NETWORK_EFFECTS[effect].channel
         for effect in fault.effect.listed

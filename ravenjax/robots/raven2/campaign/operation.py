@@ -18,15 +18,14 @@ from ravenjax.robots.raven2.campaign.config import RavenConfig
 from ravenjax.robots.raven2.console.motion import Motion
 from ravenjax.robots.raven2.geometry import kinematics, scene
 from ravenjax.robots.raven2.geometry.mapping import position_from_itp
-from ravenjax.robots.raven2.phases import FAST, IN_TISSUE, PEDAL_DOWN, PEDAL_UP, SLOW
 
 WINDOW = 20
 """Milliseconds over which a speed is taken: a recording's rows are rounded."""
 
 
 def phases(config: RavenConfig) -> dict[str, np.ndarray]:
-    """Of each phase the stretches of its ticks, int64 [stretches, 2]: the first, and the first
-    beyond.
+    """The intervals of each phase, int64 [intervals, 2]: the first tick, and the first tick after
+    it.
 
     Raises UserError for an operator's file that cannot be used.
     """
@@ -53,11 +52,11 @@ def phases(config: RavenConfig) -> dict[str, np.ndarray]:
         [_depth(motion, i, arm, way[:, i]) > 0.0 for i, arm in enumerate(motion.arms)], axis=0
     )
     masks = {
-        PEDAL_DOWN: down,
-        PEDAL_UP: ~down,
-        FAST: fast,
-        SLOW: down & ~fast,
-        IN_TISSUE: deep[row],
+        "pedal_down": down,
+        "pedal_up": ~down,
+        "fast": fast,
+        "slow": down & ~fast,
+        "in_tissue": deep[row],
     }
     return {name: _stretches(mask) for name, mask in masks.items()}
 

@@ -4,8 +4,8 @@ campaign varies.
 From foot to software the pedal goes through numbers that no motor turns: packet, software, PLC and
 back. Here they are followed alone, tick by tick around each change of the foot. What else can lift
 the pedal stops the robot for good (the PLC's trip latches), or is an operator who lets go: then it
-is down until then, and not again. An operator of one's own may be back on it, at any time that
-nobody knows before, but not earlier than planned.
+is down until then, and not again. A user's operator may press it
+again at an unknown time, but not earlier than planned.
 """
 
 from __future__ import annotations

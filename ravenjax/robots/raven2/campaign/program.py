@@ -5,6 +5,7 @@ operator's motion.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -111,25 +112,13 @@ def _longest(delays: np.ndarray | None) -> int:
 
 def _params(config: RavenConfig, setup: RavenSetup, motion: Motion) -> TickParams:
     params = run.params(setup, motion.start_jpos, config.campaign.parameter_set)
-    operator = replace(params.operator, scale=config.operator.scale)
     level, policy = config.campaign.level, overdrive.POLICIES.index(config.campaign.policy)
     control = replace(params.control, overdrive=overdrive.params(setup, level, policy))
     cues = tuple(
         replace(cue, threshold_m=new.threshold_m, kp=new.kp, kd=new.kd, cap=new.cap)
         for cue, new in zip(params.haptics.cues, config.haptics.cues(), strict=True)
     )
-    network = replace(params.network, packets=np.int32(config.campaign.packet_choice))
-    params = replace(params, operator=operator, network=network)
     params = replace(params, control=control, haptics=replace(params.haptics, cues=cues))
-    if config.campaign.kinematic_errors == "measured":
-        params = paths.assign(params, setup, "plant.kinematic_errors.registered", np.int32(1))
-    observer = replace(
-        params.monitor,
-        limit=config.outcomes.limit_mm / 1e3,
-        jump_step=config.outcomes.jump_step_mm / 1e3,
-        large_jump=config.outcomes.large_jump_mm / 1e3,
-    )
-    params = replace(params, monitor=observer)
     if params.detectors is not None:
         thresholds = tuple(thresholds for _, _, thresholds in config.detectors)
         params = replace(params, detectors=replace(params.detectors, thresholds=thresholds))
@@ -137,19 +126,32 @@ def _params(config: RavenConfig, setup: RavenSetup, motion: Motion) -> TickParam
         params = replace(
             params, checks=user_files.check_params(setup, [one.threshold for one in config.check])
         )
-    if params.reaction is not None and config.reaction is not None:
-        settings = config.reaction.model_dump(exclude={"action", "correct_mm_s"})
-        action = np.int32(ACTIONS.index(config.reaction.action))
-        speed = config.reaction.correct_mm_s / 1e3
-        params = replace(
-            params,
-            reaction=replace(params.reaction, action=action, correct_speed=speed, **settings),
-        )
-    if params.hand is not None and config.hand is not None:
-        params = replace(params, hand=replace(params.hand, **config.hand.model_dump()))
-    for joint, (low, high) in config.limits.si().items():
-        for side, value in (("lower", low), ("upper", high)):
-            stored = float(np.float32(value))  # the software holds its limits as float32
-            params = paths.assign(params, setup, f"control.cartesian.{side}.{joint}", stored)
-            params = paths.assign(params, setup, f"nominal.target.{side}.{joint}", value)
+    for path, value in _written(config).items():
+        params = paths.assign(params, setup, path, value)
     return params
+
+
+def _written(config: RavenConfig) -> dict[str, Any]:
+    """Parameter -> value of those that keys of other sections set for all runs."""
+    values: dict[str, Any] = {
+        SCALE: config.operator.scale,
+        PACKETS: np.int32(config.campaign.packet_choice),
+        "monitor.limit": config.outcomes.limit_mm / 1e3,
+        "monitor.jump_step": config.outcomes.jump_step_mm / 1e3,
+        "monitor.large_jump": config.outcomes.large_jump_mm / 1e3,
+    }
+    if config.campaign.kinematic_errors == "measured":
+        values["plant.kinematic_errors.registered"] = np.int32(1)
+    if config.reaction is not None:
+        reaction = config.reaction.model_dump()
+        reaction["action"] = np.int32(ACTIONS.index(reaction["action"]))
+        reaction["correct_speed"] = reaction.pop("correct_mm_s") / 1e3
+        values |= {f"reaction.{name}": value for name, value in reaction.items()}
+    if config.hand is not None:
+        values |= {f"hand.{name}": value for name, value in config.hand.model_dump().items()}
+    for joint, limits in config.limits.si().items():
+        for side, value in zip(("lower", "upper"), limits, strict=True):
+            # the software holds its limits as float32
+            values[f"control.cartesian.{side}.{joint}"] = float(np.float32(value))
+            values[f"nominal.target.{side}.{joint}"] = value
+    return values

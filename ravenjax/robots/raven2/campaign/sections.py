@@ -55,7 +55,7 @@ def _packets(raw: Any) -> Any:
 Packets = Annotated[
     Literal["every_cycle", "measured", "bursts"] | tuple[float, ...], BeforeValidator(_packets)
 ]
-"""How long packets last: a name of `vocabulary.packets`, or shares of one's own."""
+"""How long packets last: a name of `vocabulary.packets`, or a list of shares."""
 
 
 class RavenCampaign(CampaignSection):

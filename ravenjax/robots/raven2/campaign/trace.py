@@ -46,7 +46,7 @@ def bases(setup: RavenSetup) -> dict[str, Base]:
 
 
 def _touched(touch: Any) -> dict[str, np.ndarray]:
-    """Of an arm; nothing where nothing is touched."""
+    """Contact forces of an arm; empty in a campaign without contact."""
     if touch is None:
         return {}
     sizes = {name: np.asarray(getattr(touch, name)) for name in ("tissue", "vessel", "instrument")}

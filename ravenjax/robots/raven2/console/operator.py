@@ -11,7 +11,7 @@ micrometre.
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -130,6 +130,24 @@ class HandOffsets:
 
     offset: tuple[Vec, ...]  # um before scaling, axes of an ITP packet
     offset_before: tuple[Vec, ...]  # the same when the last packet was made
+
+
+ON_PLAN = HandOffsets((), ())
+"""Hands that never leave the plan."""
+
+
+class Deviation(NamedTuple):
+    """What the operator makes of the plan in a packet, besides offsets; None: nothing."""
+
+    lag: Scalar | None = None  # int32 rows
+    lag_before: Scalar | None = None  # int32 rows, in the packet before
+    grasp: tuple[Scalar, ...] | None = None  # mrad beyond the plan, one an arm
+    grasp_before: tuple[Scalar, ...] | None = None
+    lifted: Scalar | None = None  # bool, the foot is off the pedal
+
+
+PLAN = Deviation()
+"""An operator who does what is planned."""
 
 
 def at_plan(setup: RavenSetup) -> HandOffsets:

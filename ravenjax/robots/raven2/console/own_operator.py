@@ -1,5 +1,4 @@
-"""An operator that is a file of one's own: what it sees, and what its hands make of the plan.
-Traced.
+"""A user's file as the operator: what it sees, and how its hands change the plan. Traced.
 
 The plan is the motion that a campaign names, generated or recorded. In each millisecond the file
 sees by how much the plan moves each hand, and what the screen and the haptic device showed a
@@ -83,34 +82,18 @@ class PlanMoment(NamedTuple):
     goes_on: Scalar  # bool, in this tick
 
 
-class Deviation(NamedTuple):
-    """What the hands make of the plan in a packet, besides their offsets; None: nothing."""
-
-    lag: Scalar | None = None  # int32 rows
-    lag_before: Scalar | None = None  # int32 rows, in the packet before
-    grasp: tuple[Scalar, ...] | None = None  # mrad beyond the plan, one an arm
-    grasp_before: tuple[Scalar, ...] | None = None
-    lifted: Scalar | None = None  # bool, the foot is off the pedal
-
-
-PLAN = Deviation()
-"""An operator who does what is planned."""
-
-
 def init(
     setup: RavenSetup,
     params: operator.OperatorParams,
     start: tuple[Vec, ...],
     tips: tuple[Vec, ...],
     runlevel: int,
-) -> tuple[OwnOperatorState | None, bool]:
-    """On the plan, before a robot at rest, and whether hands may leave it; None where no file
-    stands for the operator.
+) -> OwnOperatorState:
+    """On the plan, before a robot at rest.
 
     start: joints, 7, rad and m; tips: m in frame 0. Raises UserError, as all that runs the file.
     """
-    if setup.hands is None:
-        return None, False
+    assert setup.hands is not None
     models = per_arm(setup, lambda i, arm: kinematics.forward(arm, start[i]).position)
     none, still, zero = real(setup, 0.0), real(setup, Vec.full(3, 0.0)), jnp.int32(0)
 
@@ -125,7 +108,7 @@ def init(
     _, keys = _stepped(
         setup, params, own, zero, jnp.int32(runlevel), jnp.bool_(False), plan, screen
     )
-    state = OwnOperatorState(
+    return OwnOperatorState(
         own=own,
         screen=screen,
         runlevel=jnp.int32(runlevel),
@@ -137,23 +120,19 @@ def init(
         ),
         lifted=jnp.bool_(False) if "pedal" in keys else None,
     )
-    return state, "delta" in keys
 
 
 def act(
     setup: RavenSetup,
     params: operator.OperatorParams,
     state: OwnOperatorState,
-    hands: operator.HandOffsets | None,
+    hands: operator.HandOffsets,
     motion: tuple[Any, ...],
     moment: PlanMoment,
     fresh: Scalar,
     tick: Scalar,
-) -> tuple[OwnOperatorState, operator.HandOffsets | None, Deviation]:
-    """One millisecond of the file.
-
-    hands: None where they never leave the plan; fresh: bool, whether a packet is made in it.
-    """
+) -> tuple[OwnOperatorState, operator.HandOffsets, operator.Deviation]:
+    """One millisecond of the file. fresh: bool, whether a packet is made in it."""
     pace = state.pace
     now = operator.lookup(motion, moment.row if pace is None else moment.row - pace.lag)
     before = operator.lookup(motion, moment.before if pace is None else moment.before - pace.before)
@@ -162,15 +141,14 @@ def act(
         delta = real(setup, now.position[i]) - real(setup, before.position[i])
         grasp = real(setup, now.grasp[i]) - real(setup, before.grasp[i])
         delta, grasp = where(moment.goes_on, (delta, grasp), real(setup, (Vec.full(3, 0.0), 0.0)))
-        offset = real(setup, Vec.full(3, 0.0)) if hands is None else hands.offset[i]
-        return delta, grasp, offset
+        return delta, grasp, hands.offset[i]
 
     plan = per_arm(setup, planned)
     own, will = _stepped(
         setup, params, state.own, tick, state.runlevel, now.surgeon_mode > 0, plan, state.screen
     )
-    state, how = replace(state, own=own), PLAN
-    if hands is not None and "delta" in will:
+    state, how = replace(state, own=own), operator.PLAN
+    if "delta" in will:
         hands = operator.strayed(
             hands,
             tuple(new - delta for new, (delta, _, _) in zip(will["delta"], plan, strict=True)),

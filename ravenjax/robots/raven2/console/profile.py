@@ -25,10 +25,10 @@ class ProfileTable(BaseModel):
 class SentPosition(ProfileTable):
     """[position]: delx, dely, delz, the increment of the tip about the ITP axes."""
 
-    unit: Length = Field(default="um", description="of one step")
-    scale: float = Field(
-        default=1.0, gt=0.0, le=1000.0, description="what increments are multiplied by"
-    )
+    # of one step
+    unit: Length = "um"
+    # what increments are multiplied by
+    scale: float = Field(default=1.0, gt=0.0, le=1000.0)
 
     @property
     def um(self) -> float:
@@ -39,18 +39,13 @@ class SentPosition(ProfileTable):
 class SentOrientation(ProfileTable):
     """[orientation]: Qx, Qy, Qz, Qw."""
 
-    form: Literal["increments", "vector", "quaternion"] = Field(
-        default="increments",
-        description=(
-            "increments: a unit quaternion, the turn since the last packet; vector: that turn as a"
-            " rotation vector in Qx, Qy, Qz, with Qw = 1; quaternion: the hand's orientation, a"
-            " unit quaternion"
-        ),
-    )
-    unit: Angle = Field(default="rad", description="of a vector's length; quaternions have none")
-    scale: float = Field(
-        default=1.0, gt=0.0, le=1000.0, description="what a vector is multiplied by"
-    )
+    # increments: a unit quaternion, the turn since the last packet; vector: that turn as a rotation
+    # vector in Qx, Qy, Qz, with Qw = 1; quaternion: the hand's orientation, a unit quaternion
+    form: Literal["increments", "vector", "quaternion"] = "increments"
+    # of a vector's length; quaternions have none
+    unit: Angle = "rad"
+    # what a vector is multiplied by
+    scale: float = Field(default=1.0, gt=0.0, le=1000.0)
 
     @model_validator(mode="after")
     def _quaternions_have_no_unit(self) -> SentOrientation:
@@ -69,23 +64,18 @@ class SentOrientation(ProfileTable):
 class SentJaw(ProfileTable):
     """[jaw]: grasp."""
 
-    form: Literal["increments", "positions"] = Field(
-        default="increments",
-        description="increments: since the last packet; positions: where the console's jaw is",
-    )
-    unit: Angle = Field(default="mrad", description="of one step")
-    scale: float = Field(
-        default=1.0, gt=0.0, le=1000.0, description="what values are multiplied by"
-    )
-    closes: Literal["rising", "falling"] = Field(
-        default="rising", description="which way values go while the jaw closes"
-    )
-    lowest_mrad: float = Field(
-        default=-math.inf, description="of positions, scaled; what is below is refused"
-    )
-    highest_mrad: float = Field(
-        default=math.inf, description="of positions, scaled; what is above is refused"
-    )
+    # increments: since the last packet; positions: where the console's jaw is
+    form: Literal["increments", "positions"] = "increments"
+    # of one step
+    unit: Angle = "mrad"
+    # what values are multiplied by
+    scale: float = Field(default=1.0, gt=0.0, le=1000.0)
+    # which way values go while the jaw closes
+    closes: Literal["rising", "falling"] = "rising"
+    # of positions, scaled; what is below is refused
+    lowest_mrad: float = -math.inf
+    # of positions, scaled; what is above is refused
+    highest_mrad: float = math.inf
 
     @model_validator(mode="after")
     def _positions_have_a_range(self) -> SentJaw:
@@ -110,34 +100,25 @@ class SentJaw(ProfileTable):
 class SentStream(ProfileTable):
     """[stream]: packets, one after the other."""
 
-    rate_hz: float = Field(
-        default=1000.0,
-        gt=0.0,
-        le=20_000.0,
-        description="packets that the console sends in a second",
-    )
-    per_tick: int = Field(
-        default=4,
-        ge=1,
-        le=32,
-        description=(
-            "packets that count in one millisecond, added up; more wait, in their order, for the"
-            " next ones"
-        ),
-    )
-    checksum: bool = Field(default=True, description="whether the checksum must be right")
-    buttonstate: Literal["free", "jaw"] = Field(
-        default="free",
-        description="what it holds: anything, or the same as grasp, which then must be so",
-    )
+    # packets that the console sends in a second
+    rate_hz: float = Field(default=1000.0, gt=0.0, le=20_000.0)
+    # packets that count in one millisecond, added up; more wait, in their order, for the next ones
+    per_tick: int = Field(default=4, ge=1, le=32)
+    # whether the checksum must be right
+    checksum: bool = True
+    # what it holds: anything, or the same as grasp, which then must be so
+    buttonstate: Literal["free", "jaw"] = "free"
 
 
 class LargestSteps(ProfileTable):
     """[largest]: what one packet may ask for, converted. The robot itself has no such bounds."""
 
-    step_um: float = Field(default=1000.0, gt=0.0, le=1000.0, description="displacement, um")
-    turn_rad: float = Field(default=0.1, gt=0.0, le=0.1, description="rotation, rad")
-    jaw_mrad: float = Field(default=200.0, gt=0.0, le=200.0, description="motion of the jaw, mrad")
+    # displacement, um
+    step_um: float = Field(default=1000.0, gt=0.0, le=1000.0)
+    # rotation, rad
+    turn_rad: float = Field(default=0.1, gt=0.0, le=0.1)
+    # motion of the jaw, mrad
+    jaw_mrad: float = Field(default=200.0, gt=0.0, le=200.0)
 
 
 class ConsoleProfile(ProfileTable):

@@ -31,6 +31,7 @@ from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.quantity import HOUR_MS, Quantity
 from ravenjax.numbers.setup import per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
+from ravenjax.robots.raven2.console.operator import Deviation
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.vocabulary.reactions import CORRECT, NONE, RELEASE, SLOW
 
@@ -72,14 +73,6 @@ class ReactionState:
 
 
 @record
-class ReactionPace:
-    """What the action makes of the planned motion in one packet."""
-
-    released: Scalar  # bool, the foot is off the pedal
-    lag: Scalar  # int32 packets that slowed hands are behind
-
-
-@record
 class OperatorSenses:
     """What reaches the operator's eyes and hands; tuples have one entry an arm."""
 
@@ -111,17 +104,22 @@ def act(
     )
 
 
-def pace(
-    setup: RavenSetup, params: ReactionParams, state: ReactionState, packet: Scalar
-) -> ReactionPace:
-    """Foot and hands in the packet of that row of the motion."""
-    since = packet - state.acted_packet
-    acting = (state.acted >= 0) & (since >= 0)
-    behind = lax.convert_element_type(since, setup.precision.real) * (1.0 - params.slow_to)
-    return ReactionPace(
-        released=acting & (params.action == RELEASE),
-        lag=jnp.where(acting & (params.action == SLOW), as_int(behind), 0),
-    )
+def deviation(
+    setup: RavenSetup, params: ReactionParams, state: ReactionState, row: Scalar, before: Scalar
+) -> Deviation:
+    """Foot and hands in the packet of that row of the motion, after one of row `before`."""
+
+    def since(packet: Scalar) -> tuple[Scalar, Scalar]:
+        rows = packet - state.acted_packet
+        return rows, (state.acted >= 0) & (rows >= 0)
+
+    def lag(packet: Scalar) -> Scalar:
+        rows, acting = since(packet)
+        behind = lax.convert_element_type(rows, setup.precision.real) * (1.0 - params.slow_to)
+        return jnp.where(acting & (params.action == SLOW), as_int(behind), 0)
+
+    released = since(row)[1] & (params.action == RELEASE)
+    return Deviation(lag(row), lag(before), lifted=released)
 
 
 def feel(

@@ -156,7 +156,7 @@ class PacketReader:
         return (x, y, z), turn, grasp, _Hand(jaw, place, (left_x, left_y, left_z, left_jaw))
 
     def _turn(self, sent: Sequence[float], before: Quat | None) -> tuple[Quat | None, Quat | None]:
-        """The turn that a packet asks for, None where it is none; and what is remembered of it."""
+        """The turn that a packet asks for (None: no rotation), and the orientation to remember."""
         x, y, z, w = sent
         square = x * x + y * y + z * z + w * w
         form = self.profile.orientation.form

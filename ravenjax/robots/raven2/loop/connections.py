@@ -1,6 +1,4 @@
-"""What one part of the tick hands to the next, where the two do not speak the same words. No
-state of its own.
-"""
+"""Adapters between parts of the tick whose records differ. Stateless."""
 
 from __future__ import annotations
 
@@ -10,7 +8,8 @@ from ravenjax.faults.injection import strikes
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, record, replace
-from ravenjax.robots.raven2.console import operator, own_operator, reaction
+from ravenjax.robots.raven2.console import operator
+from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.loop import control, user_files
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -81,43 +80,31 @@ def each(setup: RavenSetup, item: Any) -> tuple[Any, ...]:
 def packet(
     setup: RavenSetup,
     console: operator.OperatorParams,
-    reacts: reaction.ReactionParams | None,
     motion: tuple[Any, ...],
-    reacting: reaction.ReactionState | None,
-    hands: operator.HandOffsets | None,
     timing: PacketTiming,
-    deviation: own_operator.Deviation = own_operator.PLAN,
-) -> Any:
-    """The packet of that index, as `console` (the operator's own, or one that a fault struck)
-    sends it.
-    """
+    hands: operator.HandOffsets = operator.ON_PLAN,
+    deviation: operator.Deviation = operator.PLAN,
+) -> Packet:
+    """The packet of that timing, as `console` sends it: the operator's, or a faulty one."""
 
-    def row(index: Scalar, offset: tuple[Vec, ...] | None) -> operator.MotionRow:
-        if reacts is None or reacting is None:
-            line = operator.lookup(motion, index)
-        else:
-            pace = reaction.pace(setup, reacts, reacting, index)
-            line = operator.lookup(motion, index - pace.lag)
-            line = replace(line, surgeon_mode=jnp.where(pace.released, 0, line.surgeon_mode))
-        return line if offset is None else operator.moved(line, offset)
+    def row(index: Scalar, lag: Scalar | None, offset: tuple[Vec, ...]) -> operator.MotionRow:
+        line = operator.lookup(motion, index if lag is None else index - lag)
+        return operator.moved(line, offset) if offset else line
 
-    now, before = (None, None) if hands is None else (hands.offset, hands.offset_before)
-    lag, lag_before, grasp, grasp_before, lifted = deviation
-    new = row(timing.row if lag is None else timing.row - lag, now)
-    old = row(timing.before if lag_before is None else timing.before - lag_before, before)
-    if grasp is not None and grasp_before is not None:
-        new, old = operator.closed(new, grasp), operator.closed(old, grasp_before)
-    if lifted is not None:
-        new = replace(new, surgeon_mode=jnp.where(lifted, 0, new.surgeon_mode))
+    new = row(timing.row, deviation.lag, hands.offset)
+    old = row(timing.before, deviation.lag_before, hands.offset_before)
+    if deviation.grasp is not None and deviation.grasp_before is not None:
+        new = operator.closed(new, deviation.grasp)
+        old = operator.closed(old, deviation.grasp_before)
+    if deviation.lifted is not None:
+        new = replace(new, surgeon_mode=jnp.where(deviation.lifted, 0, new.surgeon_mode))
     return operator.packet(setup, console, new, old, timing.index + 1)
 
 
-def motors(
-    setup: RavenSetup, robots: tuple[plant.PlantOutput, ...]
-) -> tuple[tuple[Vec, Vec], ...] | None:
+def motors(setup: RavenSetup, robots: tuple[plant.PlantOutput, ...]) -> tuple[tuple[Vec, Vec], ...]:
     """What a dynamics-simulator build reads in place of encoders: motors 1-3 of each arm."""
     if setup.build == "robot":
-        return None
+        return ()
     return tuple((Vec(out.mpos[:3]), Vec(out.mvel[:3])) for out in robots)
 
 
@@ -134,9 +121,7 @@ def tips(
 def plant_signal(
     current_cmd: Vec, brakes: Scalar, multipliers: dict[str, tuple[Vec, ...]], i: int
 ) -> plant.PlantSignal:
-    """What the i-th arm of the virtual robot gets; multipliers: of its mechanics, by site, where
-    faults strike them.
-    """
+    """The input of the i-th arm of the virtual robot. multipliers: of mechanics, by fault site."""
     return replace(
         plant.nominal_signal(current_cmd, brakes),
         **{site: arms[i] for site, arms in multipliers.items()},

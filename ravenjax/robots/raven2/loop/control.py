@@ -70,7 +70,7 @@ class ControlState:
     estimator: tuple[estimator.EstimatorState, ...]
     cartesian: cartesian_control.State
     motor_control: tuple[motor_control.MotorControlState, ...]
-    held_cmd: tuple[Vec, ...] | None  # int32 DAC counts last written; only the 2015 fork keeps them
+    held_cmd: tuple[Vec, ...]  # int32 DAC counts last written; only the 2015 fork keeps them
     overdrive: overdrive.OverdriveState
     watchdog: watchdog.WatchdogState
 
@@ -84,9 +84,8 @@ class Inputs:
     packet: Packet
     usb: usb.UsbIn
     read_ok: tuple[Scalar, ...]  # int32, 0: the board's read failed
-    simulated: tuple[tuple[Vec, Vec], ...] | None = (
-        None  # in a dynamics-simulator build: motors 1-3 as the model has them, rad, rad/s
-    )
+    # in a dynamics-simulator build: motors 1-3 as the model has them, rad, rad/s
+    simulated: tuple[tuple[Vec, Vec], ...] = ()
 
 
 @record
@@ -164,7 +163,7 @@ def init(
         motor_control=per_arm(
             setup, lambda i, arm: motor_control.init(setup, arm, setup.tools[i], rest[i])
         ),
-        held_cmd=silent if setup.software == "fork2015" else None,
+        held_cmd=silent if setup.software == "fork2015" else (),
         overdrive=overdrive.init(setup),
         watchdog=watchdog.init(setup),
     )
@@ -354,7 +353,7 @@ def cycle(
         estimator=tuple(estimate[0] for estimate in estimates),
         cartesian=cartesian,
         motor_control=motors,
-        held_cmd=written if setup.software == "fork2015" else None,
+        held_cmd=written if setup.software == "fork2015" else (),
         overdrive=over,
         watchdog=dog,
     )
@@ -380,7 +379,7 @@ def _measured(
     """Motor positions and velocities of each arm: the estimator's, but that a dynamics-simulator
     build takes joints 1-3 from its model as they are. The published one believes the tool joints to
     be where they should."""
-    if inputs.simulated is None:
+    if not inputs.simulated:
         return estimates
     tools = [(mpos[3:], mvel[3:]) for mpos, mvel in estimates]
     if setup.build == "dyn_sim":
@@ -392,12 +391,12 @@ def _measured(
 
 
 def _resting_commands(
-    setup: RavenSetup, params: ControlParams, held_cmd: tuple[Vec, ...] | None, active: Scalar
+    setup: RavenSetup, params: ControlParams, held_cmd: tuple[Vec, ...], active: Scalar
 ) -> tuple[Vec, ...]:
     """What the DAC commands are before the torques are converted: cleared, but in the fork's
     simulator builds.
     """
-    if held_cmd is None:
+    if not held_cmd:
         return per_arm(setup, lambda *_: Vec.full(7, 0))
     keep = ~active & (params.state_machine.plc_obeyed == 0)
     return tuple(commands.map(lambda command: jnp.where(keep, command, 0)) for commands in held_cmd)

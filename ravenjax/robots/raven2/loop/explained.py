@@ -1,23 +1,20 @@
 """A run of ticks that is compared with its golden run number by number: where a fault's effect
 appears first, and when.
 
-This module is a `Loop` of `ravenjax.engines.interface`: that of `run`, beside which an observer
-compares each number that crosses a seam (`ravenjax.robots.raven2.seams`) with the golden run's of
-the same tick. The golden run's numbers come the way that its tips come in any campaign, as a
-series. So engines run it in bulk, from branches of golden runs and with what a group shares
-computed once, and no trace is ever stored. What a run does is untouched: the tick is the same
-function, and a lane's outcomes have the bits of `run`.
+This module is a `Loop` of `ravenjax.engines.interface`. It is the loop of `run` with an observer
+that compares each number at a seam (`SEAMS`) with the golden run's number of the same tick. The
+golden run's numbers arrive as a series, as its tips do in any campaign. So engines run it in bulk,
+from branches of golden runs, with shared work computed once, and no trace is stored. The tick is
+the same function, and a lane's outcomes have the bits of `run`.
 
-The price, both arms: 349 numbers a tick are compared, of which 234 have a range, some 5 000 further
-operations beside the tick's own; and a golden run's series is 3 s x 376 numbers x 4 bytes = 4.5 MB
-long. Where runs share golden runs that is nothing: their lanes go on from branches of it and read
-it once for a whole vector. The other way, two traces of each run in blocks and NumPy afterwards,
-would move 2 x 4.5 MB a run, 90 GB for ten thousand, through memory. Where each run has a golden run
-of its own this way moves as much; two ticks side by side in each lane would spare that.
+The cost with both arms: 349 numbers are compared in each tick, 234 of them with a range. That is
+some 5 000 operations beside the tick's own. The series of a golden run of 3 s is 4.5 MB long. Runs
+that share a golden run go on from its branches and read it once for a whole vector. Two stored
+traces of each run would move 2 x 4.5 MB a run through memory, 90 GB for ten thousand runs.
 
-A number *differs* in the first tick in which any bit is another than the golden run's; it *leaves
-its range* in the first in which it lies outside of its normal range while the golden run's lies
-inside. Content of a packet counts where a packet was received.
+A number *differs* in the first tick in which any bit is not the golden run's. It *leaves its range*
+in the first tick in which it is outside its normal range while the golden run's is inside. The
+content of a packet counts where a packet was received.
 """
 
 from __future__ import annotations
@@ -28,13 +25,13 @@ from ravenjax.faults import fault
 from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.setup import real, wide
 from ravenjax.numbers.vec import Scalar, record
-from ravenjax.robots.raven2.checks import CHECKS
+from ravenjax.robots.raven2.declaration import CHECKS, SEAMS
 from ravenjax.robots.raven2.geometry.mapping import quat_from_matrix
 from ravenjax.robots.raven2.loop import run
 from ravenjax.robots.raven2.loop.records import TickParams, TickSignals, TickState
-from ravenjax.robots.raven2.seams import SEAMS
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.vocabulary.seams import Crossing, crossings
+from ravenjax.vocabulary.sites import ARM
 
 DIFFERS, LEAVES, NEAR, GOLDEN_NEAR, NEAR_MS = (
     "differs:",
@@ -174,64 +171,23 @@ def outcomes(setup: RavenSetup, params: TickParams, state: ExplainedState) -> di
 
 def crossing(setup: RavenSetup, signals: TickSignals) -> list[tuple[Scalar, Scalar]]:
     """(number, whether it is there in this tick) in the order of `listing`."""
-    control = signals.control
-    packet: Any = control.packet
-    numbers_of: dict[str, Any] = {
-        "network": (signals.packet.received, signals.packet.sequence),
-        "packet_header": (packet.sequence, packet.surgeon_mode, packet.size),
-        "packet": [
-            (*delta, *quat, grasp)
-            for delta, quat, grasp in zip(packet.delta, packet.quat, packet.grasp, strict=True)
-        ],
-        "runlevel": (control.runlevel, control.soft_estopped, control.surgeon_mode),
-        "pins_out": (control.pins_out,),
-        "plc": (signals.plc.runlevel,),
-        "brake": (signals.plc.brakes,),
-        "boards": signals.boards,
-        "tip": signals.tip,
-    }
-    for seam, name in _OF_ARM.items():
-        numbers_of[seam] = [getattr(arm, name) for arm in control.arms]
-    for seam, name in _OF_PLANT.items():
-        numbers_of[seam] = [getattr(out, name) for out in signals.plant]
-    for position, rotation, name in (("pos", "ori", "pos"), ("pos_d", "ori_d", "pos_d")):
-        poses = [getattr(arm, name) for arm in control.arms]
-        numbers_of[position] = [pose.position_um for pose in poses]
-        numbers_of[rotation] = [
-            (
-                *quat_from_matrix(wide(setup, pose.rotation)),
-                *(entry for row in pose.rotation for entry in row),
-            )
-            for pose in poses
-        ]
-    received = packet.received != 0
-    return [
-        (number, received if name in _OF_PACKETS else True)
-        for name, seam in SEAMS.items()
-        for numbers in (numbers_of[name] if seam.per_arm else [numbers_of[name]])
-        for number in numbers
-    ]
-
-
-_OF_PACKETS = ("packet_header", "packet")
-_OF_ARM = {
-    "usb_in": "enc_val",
-    **{
-        name: name
-        for name in ("mpos", "mvel", "jpos", "jvel", "jpos_d", "mpos_d", "tau_d", "current_cmd")
-    },
-    "checked_cmd": "current_cmd_checked",
-    "usb_out": "current_cmd_written",
-}
-_OF_PLANT = {
-    "motor_mpos": "mpos",
-    "motor_mvel": "mvel",
-    "cable_tension": "tension",
-    "link_jpos": "jpos",
-    "link_jvel": "jvel",
-    "encoder": "enc_val",
-}
-"""Seam -> field of `control.ArmSignals`, of `plant.robot.PlantOutput`."""
+    arms, packet = signals.control.arms, signals.control.packet
+    assert packet is not None
+    rotations: dict[str, Any] = {}
+    for name in ("pos", "pos_d"):
+        poses = [getattr(arm, name).rotation for arm in arms]
+        rotations[f"{name}_quaternion"] = [quat_from_matrix(wide(setup, pose)) for pose in poses]
+        rotations[f"{name}_matrix"] = [[x for row in pose for x in row] for pose in poses]
+    numbers = []
+    for place in listing(setup):
+        number: Any = rotations | vars(signals)
+        for step in place.channel.path:
+            key = setup.arms.index(place.arm) if step == ARM else step  # type: ignore[arg-type]
+            named = isinstance(key, str) and not isinstance(number, dict)
+            number = getattr(number, key) if named else number[key]
+        of_packet = place.seam.name in ("packet_header", "packet")
+        numbers.append((number, packet.received != 0 if of_packet else True))
+    return numbers
 
 
 def _spans(setup: RavenSetup) -> tuple[tuple[float, float] | None, ...]:

@@ -1,5 +1,5 @@
-"""Faults at the seams of the Raven's tick: rotations are struck as quaternions, USB words stored
-as the setup says.
+"""Faults at the sites of the Raven's tick. They act on rotations as quaternions; USB words are
+stored as the setup says.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from ravenjax.numbers.vec import Scalar, Vec, where
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.geometry.mapping import matrix_from_quat, quat_from_matrix
 from ravenjax.robots.raven2.setup import RavenSetup
-from ravenjax.robots.raven2.sites import USB_SITE
 
 
 class RavenInjector(injection.Injector):
@@ -44,7 +43,7 @@ def seeded(setup: RavenSetup, what: str) -> bool:
 
 
 ROTATIONS = ("ori", "ori_d")
-"""Sites whose signal is rotation matrices, struck as quaternions."""
+"""Sites whose signal is rotation matrices; faults act on their quaternions."""
 
 
 def _rotated(setup: RavenSetup, rotation: Vec, quat: Vec, struck: Vec) -> Vec:
@@ -57,10 +56,10 @@ def _rotated(setup: RavenSetup, rotation: Vec, quat: Vec, struck: Vec) -> Vec:
 
 @cache
 def _paths(setup: RavenSetup) -> dict[injection.ChannelKey, injection.Target]:
-    """As declared, but for what is stored of a DAC command behind the checks."""
+    """The declared paths; the type of a DAC command after the checks follows the setup."""
     stored = _STORED[setup.dac_words]
     return {
-        key: (path, stored if key[0] == USB_SITE else kind)
+        key: (path, stored if key[0] == "usb_out" else kind)
         for key, (path, kind) in injection.paths(ROBOT, setup).items()
     }
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from ravenjax.numbers import tree
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import per_arm, real
-from ravenjax.numbers.vec import Scalar, Vec, record, replace, where
+from ravenjax.numbers.vec import Scalar, Vec, record, where
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.packet import Packet
@@ -23,7 +23,7 @@ from ravenjax.stages import haptics, monitor
 
 
 class ObserverParams(NamedTuple):
-    """Of each observer; what a campaign may vary of them stands in the tick's."""
+    """Parameters of each observer; those that a campaign may vary are part of `TickParams`."""
 
     nominal: tuple[nominal.NominalParams, ...]
     haptics: haptics.HapticParams
@@ -84,107 +84,89 @@ def init(
     )
 
 
-def observe(
+def see(
     setup: RavenSetup,
     params: ObserverParams,
     state: ObserverState,
     clean: Packet,
     fresh: Scalar,
     robot: RobotView,
+) -> tuple[ObserverState, Seen]:
+    """One tick of the nominal model and the cue; `judge` follows.
+
+    clean: the newest packet as the console meant it, whatever became of it; `fresh` where it is of
+    this tick.
+    """
+
+    def asked(i: int) -> nominal.Clean:
+        # each increment once, also where a packet spans several cycles
+        command: Any = clean.delta[i], clean.quat[i], clean.grasp[i]
+        if setup.console == "increments":
+            none = (Vec.full(3, 0), Vec((0.0, 0.0, 0.0, 1.0)), 0)
+            command = where(fresh, command, none)
+        return nominal.Clean(*command, clean.surgeon_mode)
+
+    def step_model(i: int, arm: ArmName) -> tuple[nominal.NominalState, nominal.NominalOutput]:
+        jpos = real(setup, robot.jpos[i])
+        return nominal.step(setup, arm, params.nominal[i], state.nominal[i], asked(i), jpos)
+
+    def sense(i: int, arm: ArmName) -> tuple[Any, ...]:
+        """What the console compares, the robot as its control software reports it, and the cue."""
+        model = models[i][1]
+        jpos, mvel = real(setup, (robot.jpos[i], robot.mvel[i]))
+        tool, software = setup.tools[i], setup.software
+        jvel = real(setup, transmission.joint_from_motor(arm, tool, mvel, software=software))
+        tip = kinematics.forward(arm, jpos).position
+        signal = haptics.HapticSignal(
+            model.tip_position, model.tip_velocity, tip, kinematics.tip_velocity(arm, jpos, jvel)
+        )
+        return tip, *haptics.step(setup, params.haptics, state.haptics[i], signal)
+
+    models = per_arm(setup, step_model)
+    reported, felt, cues = zip(*per_arm(setup, sense), strict=True)
+    tips = reported if robot.tips is None else robot.tips
+    return ObserverState(tuple(new for new, _ in models), felt, state.monitor), Seen(
+        tuple(out for _, out in models),
+        cues,
+        tips,
+        per_arm(setup, lambda i, arm: scene.tissue_depth(arm, tips[i])),
+        scene.tip_distance(setup.arms, tips),
+        live(robot.runlevel, robot.soft_estopped),
+    )
+
+
+def judge(
+    setup: RavenSetup,
+    params: ObserverParams,
+    state: ObserverState,
+    clean: Packet,
+    fresh: Scalar,
+    robot: RobotView,
+    seen: Seen,
     golden: Golden | None,
     now: Scalar,
-) -> tuple[ObserverState, Seen]:
-    """One tick of the observers."""
-    look = Look(setup, params, state, clean, fresh, robot)
-    return replace(look.state, monitor=look.judge(golden, now)), look.seen
-
-
-class Look:
-    """One tick of the nominal model and the cue, and then of the monitor."""
-
-    def __init__(
-        self,
-        setup: RavenSetup,
-        params: ObserverParams,
-        state: ObserverState,
-        clean: Packet,
-        fresh: Scalar,
-        robot: RobotView,
-    ) -> None:
-        """clean: the newest packet as the console meant it, whatever became of it; `fresh` where it
-        is of this tick.
-        """
-        self._setup, self._params, self._robot = setup, params, robot
-        self._clean, self._fresh = clean, fresh
-
-        def asked(i: int) -> nominal.Clean:
-            # each increment once, also where a packet spans several cycles
-            command: Any = clean.delta[i], clean.quat[i], clean.grasp[i]
-            if setup.console == "increments":
-                none = (Vec.full(3, 0), Vec((0.0, 0.0, 0.0, 1.0)), 0)
-                command = where(fresh, command, none)
-            delta, quat, grasp = command
-            return nominal.Clean(delta, quat, grasp, clean.surgeon_mode)
-
-        def step_model(i: int, arm: ArmName) -> tuple[nominal.NominalState, nominal.NominalOutput]:
-            jpos = real(setup, robot.jpos[i])
-            return nominal.step(setup, arm, params.nominal[i], state.nominal[i], asked(i), jpos)
-
-        def sense(i: int, arm: ArmName) -> tuple[Any, ...]:
-            """What the console compares, the robot as its control software reports it, and the
-            cue.
-            """
-            model = models[i][1]
-            jpos, mvel = real(setup, (robot.jpos[i], robot.mvel[i]))
-            tool, software = setup.tools[i], setup.software
-            jvel = real(setup, transmission.joint_from_motor(arm, tool, mvel, software=software))
-            tip = kinematics.forward(arm, jpos).position
-            signal = haptics.HapticSignal(
-                model.tip_position,
-                model.tip_velocity,
-                tip,
-                kinematics.tip_velocity(arm, jpos, jvel),
-            )
-            return tip, *haptics.step(setup, params.haptics, state.haptics[i], signal)
-
-        models = per_arm(setup, step_model)
-        reported, felt, cues = zip(*per_arm(setup, sense), strict=True)
-        tips = reported if robot.tips is None else robot.tips
-        self.state = ObserverState(tuple(new for new, _ in models), felt, state.monitor)
-        self.seen = Seen(
-            tuple(out for _, out in models),
-            cues,
-            tips,
-            per_arm(setup, lambda i, arm: scene.tissue_depth(arm, tips[i])),
-            scene.tip_distance(setup.arms, tips),
-            live(robot.runlevel, robot.soft_estopped),
-        )
-
-    def judge(self, golden: Golden | None, now: Scalar) -> monitor.MonitorState:
-        """The monitor after a tick. golden: None where there is no golden run; the nominal model
-        stands for it.
-        """
-        setup, robot, seen = self._setup, self._robot, self.seen
-        model_tips = tuple(out.tip_position for out in seen.models)
-        pos = _um(seen.tips) if robot.pos is None else real(setup, robot.pos)
-        signal = monitor.MonitorSignal(
-            tip=seen.tips,
-            pos=pos,
-            model_tip=model_tips,
-            depth=seen.depth,
-            distance=seen.distance,
-            dac=robot.dac,
-            fresh=self._fresh,
-            live=seen.live,
-            pedal=self._clean.surgeon_mode != 0,
-            tick=now,
-        )
-        beside = (
-            monitor.Reference(model_tips, _um(model_tips))
-            if golden is None
-            else reference(setup, golden, seen.tips, pos)
-        )
-        return monitor.step(setup, self._params.monitor, self.state.monitor, signal, beside)
+) -> monitor.MonitorState:
+    """The monitor after a tick. golden: None where there is no golden run; the nominal model
+    stands for it.
+    """
+    model_tips = tuple(out.tip_position for out in seen.models)
+    pos = _um(seen.tips) if robot.pos is None else real(setup, robot.pos)
+    signal = monitor.MonitorSignal(
+        tip=seen.tips,
+        pos=pos,
+        model_tip=model_tips,
+        depth=seen.depth,
+        distance=seen.distance,
+        dac=robot.dac,
+        fresh=fresh,
+        live=seen.live,
+        pedal=clean.surgeon_mode != 0,
+        tick=now,
+    )
+    beside = monitor.Reference(model_tips, _um(model_tips))
+    if golden is not None:
+        beside = reference(setup, golden, seen.tips, pos)
+    return monitor.step(setup, params.monitor, state.monitor, signal, beside)
 
 
 def live(runlevel: Scalar, soft_estopped: Scalar) -> Scalar:

@@ -18,13 +18,10 @@ from ravenjax.robots.raven2.plant import contact, nominal
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.stages import plc, usb
 from ravenjax.stages import (
-    channel,
     detectors,
     hand,
     haptics,
     monitor,
-    packet_clock,
-    packet_history,
 )
 from ravenjax.vocabulary import packets
 
@@ -108,21 +105,14 @@ class TickState:
     plc: plc.PlcState
     plant: tuple[plant.PlantState, ...]
     enc_val: tuple[Vec, ...]  # int32 counts that the encoders show
-    motors: (
-        tuple[tuple[Vec, Vec], ...] | None
-    )  # rad, rad/s of motors 1-3, for the dynamics-simulator builds alone
+    # rad, rad/s of motors 1-3, for the dynamics-simulator builds alone
+    motors: tuple[tuple[Vec, Vec], ...]
     nominal: tuple[nominal.NominalState, ...]
     haptics: tuple[haptics.HapticState, ...]
-    hands: Any  # operator.HandOffsets; None: they do what is planned
-    reaction: Any  # reaction.ReactionState, where Setup.reacts
-    own_operator: Any  # own_operator.OwnOperatorState, where Setup.hands
-    hand: Any  # hand.HandState of each arm, where Setup.hand_yields
-    channel: channel.ChannelState | None  # where faults seed it
-    clock: packet_clock.PacketClock | None  # where Setup.packets
-    history: packet_history.PacketHistory | None  # where Setup.packet_history
+    hands: operator.HandOffsets
     files: user_files.UserFilesState
     monitor: monitor.MonitorState
-    watchers: dict[str, Any]  # of each of `watchers.WATCHERS` that is in the tick
+    stages: dict[str, Any]  # of each of `optional.STAGES` that is in the tick
     pedal_ticks: Scalar  # int32, ticks since pedal-down was entered; negative: not in it
     pedal_down_ticks: Scalar  # int32, ticks in pedal-down so far
     packet: Scalar  # int32, index of the console's newest packet; -1: none yet

@@ -14,9 +14,9 @@ from ravenjax.numbers.lazy import at_once, jnp
 from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.console import operator, own_operator, reaction
-from ravenjax.robots.raven2.loop import connections, control, observers, user_files, watchers
-from ravenjax.robots.raven2.loop.injector import seeded
+from ravenjax.robots.raven2.console import operator, reaction
+from ravenjax.robots.raven2.loop import connections, control, observers, user_files
+from ravenjax.robots.raven2.loop.optional import Start, find_stages
 from ravenjax.robots.raven2.loop.records import (
     Input,
     NetworkParams,
@@ -31,14 +31,11 @@ from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
 from ravenjax.stages import (
-    channel,
     check,
     detectors,
     hand,
     haptics,
     monitor,
-    packet_clock,
-    packet_history,
 )
 from ravenjax.stages.check import CheckHistory
 
@@ -85,8 +82,9 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
     zero = jnp.int32(0)
     with at_once():  # where a run begins is a constant of the campaign
         software = control.init(setup, params.start, ready)
-    own, strays = own_operator.init(setup, params.operator, start, tips, ready)
-    strays = strays or setup.reacts or setup.hand_yields or strikes(setup, "hand")
+    stages = find_stages(setup)
+    moves = strikes(setup, "hand") or any(stage.moves_hands for stage in stages.values())
+    begin = Start(start, tips, ready)
     return TickState(
         faults=fault.init(setup),
         control=software,
@@ -98,19 +96,10 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
         motors=connections.motors(setup, robots),
         nominal=beside.nominal,
         haptics=beside.haptics,
-        hands=operator.at_plan(setup) if strays else None,
-        reaction=reaction.init(setup) if setup.reacts else None,
-        own_operator=own,
-        hand=connections.each(setup, hand.init(setup)) if setup.hand_yields else None,
-        channel=channel.init() if seeded(setup, "bursts") else None,
-        clock=packet_clock.init() if setup.packets else None,
-        history=packet_history.init(setup.packet_history) if setup.packet_history else None,
+        hands=operator.at_plan(setup) if moves else operator.ON_PLAN,
         files=user_files.init(setup, params.checks, params.control.own),
         monitor=beside.monitor,
-        watchers={
-            name: watcher.init(setup, params)
-            for name, watcher in watchers.find_watchers(setup).items()
-        },
+        stages={name: stage.init(setup, params, begin) for name, stage in stages.items()},
         pedal_ticks=jnp.int32(-1),
         pedal_down_ticks=jnp.int32(0),
         packet=jnp.int32(-1),
@@ -130,12 +119,8 @@ def outcomes(setup: RavenSetup, params: TickParams, state: TickState) -> dict[st
     # a fault may write a number there that is no run level
     out["end_runlevel"] = jnp.where((level >= 0) & (level < len(run_levels.NAMES)), level, -1)
     out["pedal_down_ms"] = state.pedal_down_ticks
-    if state.reaction is not None:
-        out["reaction_ms"] = state.reaction.acted
-    if state.hand is not None:
-        out |= hand.outcomes(setup, state.hand)
-    for name, watcher in watchers.find_watchers(setup).items():
-        out |= watcher.outcomes(setup, state.watchers[name])
+    for name, stage in find_stages(setup).items():
+        out |= stage.outcomes(setup, state.stages[name])
     return out | monitor.outcomes(setup, state.monitor)
 
 

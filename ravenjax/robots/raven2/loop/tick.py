@@ -1,10 +1,11 @@
 """One millisecond of everything, on one page: console, network, control software, PLC, robot,
 nominal model, cue.
 
-The order is the robot's own: sense, decide, check, write; the plant moves last and its encoders are
-read in the next tick. Faults strike at the sites named here and in `control`. The nominal model
-runs beside the robot on the *clean* operator input; the monitor compares it with the robot and the
-console's haptic device pulls.
+The order is the robot's: sense, decide, check, write; the plant moves last and its encoders are
+read in the next tick. Optional stages (`optional.STAGES`) act before the console makes its packet,
+between console and robot, and after the robot has moved. Faults act at the sites named here and in
+`control`. The nominal model runs beside the robot on the *clean* operator input. The monitor
+compares it with the robot, and the console's haptic device pulls.
 """
 
 from __future__ import annotations
@@ -19,37 +20,39 @@ from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, replace, where
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.console import operator, own_operator, reaction
-from ravenjax.robots.raven2.geometry.mapping import position_to_itp
+from ravenjax.robots.raven2.console import operator, own_operator
+from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.loop import connections, control, observers
 from ravenjax.robots.raven2.loop.injector import RavenInjector, seeded
+from ravenjax.robots.raven2.loop.optional import Console, Sight, find_stages
 from ravenjax.robots.raven2.loop.records import Input, TickParams, TickSignals, TickState
 from ravenjax.robots.raven2.loop.user_files import UserFiles
-from ravenjax.robots.raven2.loop.watchers import Sight, find_watchers
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
-from ravenjax.stages import channel, detectors, hand, packet_clock, packet_history
+from ravenjax.stages import channel, detectors
 
 
 def tick(
     setup: RavenSetup, params: TickParams, faults: fault.Faults, state: TickState, signal: Input
 ) -> tuple[TickState, TickSignals]:
     """One millisecond of one robot."""
-    now = signal.tick
-    fresh, sequence, clock = _packet_due(setup, params, state, signal)
-    history = None if state.history is None else packet_history.step(state.history, fresh)
+    now, present, stages = signal.tick, find_stages(setup), dict(state.stages)
+    console = _wait_for_packet(setup, params, state, signal)
+    for name, stage in present.items():
+        stages[name] = stage.act(setup, params, stages[name], console)
+    fresh, sequence = console.fresh, console.sequence
     triggers = fault.TriggerClocks(now, sequence + 1, state.pedal_ticks)
     inject = RavenInjector(
         setup, faults, fault.open_windows(setup, faults, state.faults, triggers), triggers
     )
     files = UserFiles(setup, params.checks, params.control.own, state.files, now)
 
-    state = replace(state, clock=clock, history=history)
-    state, clean, packet, arrives = _send_packet(
-        setup, params, inject, state, signal, fresh, sequence
+    clean, packet, arrives = _send_packet(setup, params, inject, state, stages, console)
+    pressed = detectors.stops(setup, stages.get("detectors"))
+    state, software, relays, robots = _move_robot(
+        setup, params, inject, state, packet, files, pressed
     )
-    state, software, relays, robots = _move_robot(setup, params, inject, state, packet, files)
     before = observers.ObserverState(state.nominal, state.haptics, state.monitor)
     robot = observers.RobotView(
         jpos=tuple(arm.jpos for arm in software.arms),
@@ -60,8 +63,7 @@ def tick(
         pos=tuple(arm.pos.position_um for arm in software.arms),
         tips=connections.tips(setup, params.plant, state.plant, robots),
     )
-    look = observers.Look(setup, params.observers, before, clean, fresh, robot)
-    seen = look.seen
+    beside, seen = observers.see(setup, params.observers, before, clean, fresh, robot)
     signals = TickSignals(
         packet=packet,
         control=software,
@@ -75,34 +77,33 @@ def tick(
         tip_distance=seen.distance,
         fault_active=tuple(slot.active for slot in inject.state.slots),
     )
-    sight = Sight(now, seen.live, signals, files)
-
-    def watch(early: bool) -> dict[str, Any]:
-        return {
-            name: watcher.step(setup, params, state.watchers[name], sight)
-            for name, watcher in find_watchers(setup).items()
-            if watcher.early == early
-        }
-
-    watched = watch(early=True)
-    monitor = look.judge(observers.Golden(signal.reference, signal.apart), now)
     down = software.runlevel == run_levels.PEDAL_DOWN
-    state = _move_hands(setup, params, state, signals, fresh, down, now)
-    watched |= watch(early=False)
+    sight = Sight(now, down, seen.live, signals, files, operator.sent(console.hands, fresh))
+
+    def watch(early: bool) -> None:
+        for name, stage in present.items():
+            if stage.early == early:
+                stages[name] = stage.watch(setup, params, stages[name], sight)
+
+    watch(early=True)
+    golden = observers.Golden(signal.reference, signal.apart)
+    monitor = observers.judge(
+        setup, params.observers, beside, clean, fresh, robot, seen, golden, now
+    )
+    watch(early=False)
     numbers = {"joint": [x for out in robots for x in (*out.jpos, *out.mpos)]}
-    for name, watcher in find_watchers(setup).items():
-        numbers |= watcher.numbers(watched[name])
-    if state.hands is not None:
-        numbers["hand"] = [x for offset in state.hands.offset for x in offset]
-    if state.own_operator is not None and state.own_operator.grasp is not None:
-        numbers["hand"] = [*numbers.get("hand", ()), *state.own_operator.grasp.offset]
+    for name, stage in present.items():
+        numbers |= stage.numbers(stages[name])
+    if offsets := [x for offset in sight.hands.offset for x in offset]:
+        numbers["hand"] = [*offsets, *numbers.get("hand", ())]
     state = replace(
         state,
         faults=inject.state,
-        nominal=look.state.nominal,
-        haptics=look.state.haptics,
+        nominal=beside.nominal,
+        haptics=beside.haptics,
+        hands=sight.hands,
         files=files.state,
-        watchers=watched,
+        stages=stages,
         pedal_ticks=jnp.where(down, jnp.maximum(state.pedal_ticks, -1) + 1, -1),
         pedal_down_ticks=state.pedal_down_ticks + as_int(seen.live),
         packet=sequence,
@@ -112,33 +113,40 @@ def tick(
     return state, signals
 
 
-def _packet_due(
+def _wait_for_packet(
     setup: RavenSetup, params: TickParams, state: TickState, signal: Input
-) -> tuple[Scalar, Scalar, packet_clock.PacketClock | None]:
-    """Whether there is a new packet in this tick, the index of the newest one, and the clock
-    after it.
-    """
-    if signal.packet is not None:
-        fresh = signal.packet.received != 0
-        return fresh, state.packet + as_int(fresh), state.clock
+) -> Console:
+    """The console of this tick, whose packets all last `cycles_per_packet` cycles."""
     now, cycles = signal.tick, params.network.cycles_per_packet
     stopped = state.control.state_machine.soft_estopped
     # a simulator's packet generator ends with the robot's software E-stop
     ends = setup.build != "robot"
-    if state.clock is not None:
-        fresh = now >= state.clock.due
-        fresh = fresh & (stopped == 0) if ends else fresh
-        index = state.packet + as_int(fresh)
-        network = params.network
-        lasts = packet_clock.length(setup.packets, network.packets, network.packet_key, index)
-        return fresh, index, packet_clock.step(state.clock, now, fresh, lasts)
-    every_tick = isinstance(cycles, np.integer) and cycles == 1
-    index = now if every_tick else lax.div(now, jnp.maximum(cycles, 1))
-    if ends:
-        index = jnp.where(stopped != 0, state.packet, index)
-    elif every_tick:
-        return jnp.bool_(True), now, None
-    return index != state.packet, index, None
+    if signal.packet is not None:
+        fresh = signal.packet.received != 0
+        sequence = state.packet + as_int(fresh)
+    else:
+        every_tick = isinstance(cycles, np.integer) and cycles == 1
+        sequence = now if every_tick else lax.div(now, jnp.maximum(cycles, 1))
+        if ends:
+            sequence = jnp.where(stopped != 0, state.packet, sequence)
+        fresh = jnp.bool_(True) if every_tick and not ends else sequence != state.packet
+
+    def count_packets(late: Scalar) -> Scalar:
+        least = jnp.maximum(cycles, 1)
+        return lax.div(late + least - 1, least)
+
+    return Console(
+        signal,
+        newest=state.packet,
+        soft_estopped=stopped,
+        fresh=fresh,
+        sequence=sequence,
+        timing=connections.row_by_row(sequence),
+        plan=own_operator.PlanMoment(sequence, sequence - 1, fresh),
+        hands=state.hands,
+        older=lambda network: connections.row_by_row(sequence - network.lag - network.delay),
+        packets_in=count_packets,
+    )
 
 
 def _send_packet(
@@ -146,87 +154,45 @@ def _send_packet(
     params: TickParams,
     inject: RavenInjector,
     state: TickState,
-    signal: Input,
-    fresh: Scalar,
-    sequence: Scalar,
-) -> tuple[TickState, Any, Any, Scalar]:
-    """Console and network: the state, the packet as the console meant it, which the nominal model
-    follows, the packet as it reaches the robot, and whether it does.
+    stages: dict[str, Any],
+    console: Console,
+) -> tuple[Packet, Packet, Scalar]:
+    """Console and network: the packet as the console meant it, which the nominal model follows,
+    the packet as it reaches the robot, and whether it does.
     """
-    now, clock, history = signal.tick, state.clock, state.history
-    hands, own, deviation = state.hands, state.own_operator, own_operator.PLAN
-    timing, moment = connections.row_by_row(sequence), (sequence, sequence - 1, fresh)
-    if clock is not None:
-        timing = connections.PacketTiming(sequence, clock.tick, clock.before)
-        moment = now, now - 1, jnp.bool_(True)
-    reacting = state.reaction
-    if params.reaction is not None:
-        reacting = reaction.act(setup, params.reaction, reacting, now, timing.row)
-    if own is not None and signal.packet is None:
-        own, hands, deviation = own_operator.act(
-            setup,
-            params.operator,
-            own,
-            hands,
-            signal.motion,
-            own_operator.PlanMoment(*moment),
-            fresh,
-            now,
-        )
-    if hands is not None and inject.strikes("hand"):
+    signal, sequence = console.signal, console.sequence
+    if inject.strikes("hand"):
         still = connections.each(setup, Vec.full(3, real(setup, 0.0)))
-        hands = operator.strayed(hands, inject("hand", still))
+        console.hands = operator.strayed(console.hands, inject("hand", still))
 
-    def made(console: operator.OperatorParams, timing: connections.PacketTiming) -> Any:
+    def make(sender: operator.OperatorParams, timing: connections.PacketTiming) -> Packet:
         return connections.packet(
-            setup, console, params.reaction, signal.motion, reacting, hands, timing, deviation
+            setup, sender, signal.motion, timing, console.hands, console.deviate(timing)
         )
 
-    clean = made(params.operator, timing) if signal.packet is None else signal.packet
-    console = inject("console", connections.ConsoleSeam(params.operator.scale))
-
+    clean = make(params.operator, console.timing) if signal.packet is None else signal.packet
+    seam = inject("console", connections.ConsoleSeam(params.operator.scale))
     network = inject(
         "network",
         connections.Network(
             jnp.int32(0), jnp.int32(0), jnp.bool_(False), real(setup, 0.0), real(setup, 0.0)
         ),
     )
-    line = state.channel
-    if line is not None:
-        line = channel.step(line, network.bursts, sequence, fresh)
-        network = replace(network, lost=network.lost | (line.burst > 0))
+    for name, stage in find_stages(setup).items():
+        stages[name], network = stage.transmit(stages[name], console, network)
     if seeded(setup, "jitter"):
-        late = channel.delay_ms(network.jitter, sequence)
-        if history is not None:
-            late = packet_history.sent_within(history, late)
-        else:
-            cycles = jnp.maximum(params.network.cycles_per_packet, 1)
-            late = lax.div(late + cycles - 1, cycles)
+        late = console.packets_in(channel.delay_ms(network.jitter, sequence))
         network = replace(network, delay=network.delay + late)
 
     # a packet from outside is not there to be sent again
     packet, again = clean, signal.packet is None
     if again and inject.strikes("console", "network"):
-        if clock is None:
-            timing = connections.row_by_row(sequence - network.lag - network.delay)
-        elif history is not None:
-            # the packet so many before the newest was made when it was sent
-            older = jnp.maximum(network.lag + network.delay, 0)
-            row, before = (now - packet_history.age(history, n) for n in (older, older + 1))
-            timing = connections.PacketTiming(sequence - older, row, before)
-        packet = made(replace(params.operator, scale=console.scale), timing)
-    arrives = fresh & ~network.lost
+        packet = make(replace(params.operator, scale=seam.scale), console.older(network))
+    arrives = console.fresh & ~network.lost
     if again and inject.strikes("network"):
         index = packet.sequence - 1
         arrives = arrives & (index >= 0) & ((network.delay == 0) | (index > state.delivered))
-    state = replace(
-        state,
-        hands=hands,
-        reaction=reacting,
-        own_operator=own,
-        channel=line,
-    )
-    return state, clean, replace(packet, received=as_int(arrives)), arrives
+    return clean, replace(packet, received=as_int(arrives)), arrives
 
 
 def _move_robot(
@@ -234,10 +200,13 @@ def _move_robot(
     params: TickParams,
     inject: RavenInjector,
     state: TickState,
-    packet: Any,
+    packet: Packet,
     files: UserFiles,
+    pressed: Scalar,
 ) -> tuple[TickState, control.ControlSignals, plc.PlcOutput, tuple[plant.PlantOutput, ...]]:
-    """Control computer and PLC; then motors, cables and links."""
+    """Control computer and PLC; then motors, cables and links. pressed: bool, a detector presses
+    the E-stop.
+    """
     fine = connections.each(setup, jnp.int32(1))
     status = inject("usb_status", connections.UsbStatus(fine, fine))
     pins = plc.input_pins(inject("plc", state.plc.runlevel))
@@ -252,7 +221,6 @@ def _move_robot(
     boards = usb.transfer(state.boards, message, status.write_ok)
     boards = files.check_boards(state.boards, boards, state.plc.runlevel)
 
-    pressed = detectors.stops(setup, state.watchers.get("detectors"))
     buttons = inject("buttons", connections.Buttons(pressed, jnp.bool_(False)))
     plc_signal = plc.PlcSignal(
         boards.pins[: connections.boards_apart(setup)], buttons.estop, buttons.start
@@ -291,44 +259,3 @@ _MECHANICS: dict[str, float] = {
     "external_torque": 0.0,
 }
 """Sites of the robot's mechanics, with what they are where nothing is wrong."""
-
-
-def _move_hands(
-    setup: RavenSetup,
-    params: TickParams,
-    state: TickState,
-    signals: TickSignals,
-    fresh: Scalar,
-    down: Scalar,
-    now: Scalar,
-) -> TickState:
-    """The operator after this tick's cue: what the hands add to their plan from now on."""
-    hands, reacting, pulled, own = state.hands, state.reaction, state.hand, state.own_operator
-    cues, models = signals.haptics, tuple(out.tip_position for out in signals.nominal)
-    if hands is not None:
-        off_plan = operator.tip_offset(setup, params.operator, hands)
-        hands = operator.sent(hands, fresh)
-        if params.reaction is not None:
-            pulls = tuple(out.force[0] for out in cues)
-            senses = reaction.OperatorSenses(pulls, signals.tip, models, off_plan, down, now)
-            reacting, correction = reaction.feel(setup, params.reaction, reacting, senses)
-            hands = operator.steered(setup, params.operator, hands, correction)
-        yielding = params.hand
-        if yielding is not None:
-            pulled = per_arm(
-                setup,
-                lambda i, arm: hand.step(
-                    setup,
-                    yielding,
-                    state.hand[i],
-                    position_to_itp(arm, cues[i].direction * cues[i].force[0]),
-                ),
-            )
-            moves = tuple(
-                (new.displacement - old.displacement) * 1e6
-                for new, old in zip(pulled, state.hand, strict=True)
-            )
-            hands = operator.strayed(hands, moves)
-    if own is not None:
-        own = own_operator.see(setup, own, signals.tip, models, cues, signals.control.runlevel)
-    return replace(state, hands=hands, reaction=reacting, hand=pulled, own_operator=own)

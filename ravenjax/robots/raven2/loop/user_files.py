@@ -445,8 +445,8 @@ def _chosen(
 def _limited(
     trips: Sequence[Scalar], values: tuple[Vec, ...], commands: tuple[Vec, ...]
 ) -> tuple[Vec, ...]:
-    """Commands as a check leaves them: within 16 bits, and none where there is none: no check
-    passes an E-stop.
+    """Commands after a check: within 16 bits. A command of 0 stays 0, so that no check overrides an
+    E-stop.
     """
     there = (_any([x != 0 for x in command]) for command in commands)
     limited = [trip & some for trip, some in zip(trips, there, strict=True)]

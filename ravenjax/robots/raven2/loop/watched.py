@@ -1,5 +1,4 @@
-"""A run of ticks whose signals are what its detectors remember: what one of one's own sees and
-says, to the bit.
+"""A run of ticks whose signals are the memory of its detectors, bit by bit.
 
 This module is a `Loop` of `ravenjax.engines.interface`: that of `run`, with other signals.
 """
@@ -38,4 +37,4 @@ def advance(
     """See `ravenjax.engines.interface.Loop`."""
     state, series, signals = run.advance(setup, params, faults, state, now, motion, golden)
     live = observers.live(signals.control.runlevel, state.control.state_machine.soft_estopped)
-    return state, series, WatchedSignals(state.watchers["detectors"], live)
+    return state, series, WatchedSignals(state.stages["detectors"], live)

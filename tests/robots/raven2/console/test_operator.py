@@ -75,13 +75,6 @@ def test_increment_quaternions_compose_to_the_hand(motion):
         assert np.abs(np.linalg.norm(np.stack(sent.quat[i], axis=1), axis=1) - 1.0).max() < 3e-7
 
 
-def test_grasp_increments_add_up(motion):
-    sent = packets(make_setup(), motion, 0.1)
-    total = np.cumsum(sent.grasp[0])
-    assert (total == np.trunc(motion.grasp_mrad[:, 0].astype(np.float32))).all()
-    assert total.max() > 500
-
-
 def test_header(motion):
     sent = packets(make_setup(), motion, 0.1)
     assert (sent.sequence == np.arange(1, len(motion) + 1)).all()
@@ -165,16 +158,6 @@ def test_what_hands_do_beyond_the_plan_is_sent_once_and_adds_up(motion):
         whole = np.trunc((motion.position_um[329].astype(np.float32) + numbers(hands.offset)) * 0.1)
         assert np.abs(numbers(hands.offset)).max() > 100.0
         np.testing.assert_array_equal(total, whole - begun)
-
-
-def test_between_packets_the_hands_wait_to_be_sent():
-    setup = make_setup(precision=REFERENCE)
-    with jax.enable_x64(True):
-        hands = operator.strayed(operator.at_plan(setup), vectors((1, 2, 3), (4, 5, 6)))
-        assert (numbers(operator.sent(hands, jnp.bool_(False)).offset_before) == 0.0).all()
-        assert (
-            numbers(operator.sent(hands, jnp.bool_(True)).offset_before) == [[1, 2, 3], [4, 5, 6]]
-        ).all()
 
 
 @pytest.mark.parametrize("scale", [0.05, 0.2])

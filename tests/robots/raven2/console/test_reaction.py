@@ -43,6 +43,10 @@ def after_pull(action, **changes):
     return asked, reaction.act(SETUP, asked, state, jnp.int32(400), jnp.int32(390))
 
 
+def deviation(asked, state, row):
+    return reaction.deviation(SETUP, asked, state, jnp.int32(row), jnp.int32(row - 1))
+
+
 def test_the_action_begins_after_the_reaction_time():
     asked = params("release", delay_ms=250.0)
     state, _ = reaction.feel(SETUP, asked, reaction.init(SETUP), felt(0.01, 100))
@@ -65,18 +69,16 @@ def test_what_is_too_weak_or_comes_with_the_pedal_up_is_not_felt(force, down):
 
 def test_release_holds_from_its_packet_on_and_not_in_older_ones():
     asked, state = after_pull("release")
-    released = [
-        bool(reaction.pace(SETUP, asked, state, jnp.int32(k)).released) for k in (389, 390, 1000)
-    ]
-    assert released == [False, True, True]
+    lifted = [bool(deviation(asked, state, row).lifted) for row in (389, 390, 1000)]
+    assert lifted == [False, True, True]
 
 
 @pytest.mark.parametrize("slow_to", [0.0, 0.25, 1.0])
 def test_slowed_hands_fall_behind_in_proportion(slow_to):
     asked, state = after_pull("slow", slow_to=slow_to)
-    lags = [int(reaction.pace(SETUP, asked, state, jnp.int32(k)).lag) for k in (100, 390, 394, 790)]
+    lags = [int(deviation(asked, state, row).lag) for row in (100, 390, 394, 790)]
     assert lags == [0, 0, int(4 * (1 - slow_to)), int(400 * (1 - slow_to))]
-    assert not bool(reaction.pace(SETUP, asked, state, jnp.int32(790)).released)
+    assert not bool(deviation(asked, state, 790).lifted)
 
 
 @pytest.mark.slow

@@ -11,9 +11,9 @@ from evaluated_program import in_python
 
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.console.packet import Packet
+from ravenjax.robots.raven2.declaration import SITES
 from ravenjax.robots.raven2.loop import control
 from ravenjax.robots.raven2.setup import RavenSetup
-from ravenjax.robots.raven2.sites import SITES
 from ravenjax.robots.raven2.stages.usb import UsbIn
 
 BOTH = {"arms": ("gold", "green"), "tools": ("r_grasper", "r_grasper")}

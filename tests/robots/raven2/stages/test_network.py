@@ -62,10 +62,3 @@ def test_only_shorter_datagrams_are_dropped():
     assert offer(0, 1, size=123) == (False, 0, ["size"])
     assert offer(0, 1, size=4000) == (True, 1, [])
     assert offer(0, 1, received=0) == (False, 0, [])
-
-
-def test_the_margin_of_the_size_is_the_smallest_surplus():
-    state = network.init(SETUP)
-    for size in (130, 126, 128):
-        state, _ = network.step(SETUP, state, np.int32(0), packet(1, size=size))
-    assert float(state.size.margin) == 2.0

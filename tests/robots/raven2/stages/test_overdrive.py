@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -71,17 +70,3 @@ def test_the_hard_counter_is_shared_by_joints_and_arms_within_a_cycle():
     _, checked, tripped = run(commands, policy=2)
     assert tripped
     assert checked == [commands[0], [*commands[1][:5], 0, 0]]
-
-
-def test_levels():
-    assert [int(x) for x in overdrive.params(RAVEN2, "advanced").dac_max] == [
-        5000,
-        5000,
-        4000,
-        3000,
-        3000,
-        3800,
-        3800,
-    ]
-    with pytest.raises(ValueError, match=r"expert.*beginner, moderate, advanced"):
-        overdrive.params(RAVEN2, "expert")

@@ -97,17 +97,6 @@ def test_start_is_obeyed_after_a_trip_and_the_next_trip_counts_again() -> None:
     assert int(state.trip_cause) == plc.CAUSE_WATCHDOG and int(state.watchdog_lost.count) == 1
 
 
-def test_start_is_not_obeyed_while_the_button_is_in_or_the_watchdog_dead() -> None:
-    tripped, _ = drive(plc.init(SETUP, PARAMS), 10, estop=True)
-    state, outs = drive(tripped, 50, estop=True, start=True)
-    assert {int(out.runlevel) for out in outs} == {run_levels.E_STOP} and int(
-        state.trip_cause
-    ) == plc.CAUSE_BUTTON
-    silent, _ = drive(tripped, 100, wave=lambda _: 0)
-    _, outs = drive(silent, 50, wave=lambda _: 0, start=True)
-    assert {int(out.runlevel) for out in outs} == {run_levels.E_STOP}
-
-
 @pytest.mark.parametrize("held", [READY | PEDAL, READY | PEDAL | 16])
 def test_the_watchdog_of_every_board_is_missed(held: int) -> None:
     both = lambda tick: READY | PEDAL | watchdog(tick)  # noqa: E731

@@ -1,0 +1,94 @@
+"""What the Raven-II declares of itself, without JAX: `declaration.toml` as records."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from ravenjax.robots.raven2.arms import JOINTS
+from ravenjax.vocabulary.checks import Check
+from ravenjax.vocabulary.seams import Seam, SeamChannel
+from ravenjax.vocabulary.signals import Signal
+from ravenjax.vocabulary.sites import ARM, Channel, Field, Site
+
+FILE = "declaration.toml"
+_TABLES = tomllib.loads((Path(__file__).parent / FILE).read_text(encoding="utf-8"))
+_NAMES = {
+    "joints": JOINTS,
+    "positioning": JOINTS[:3],
+    "axes": ("x", "y", "z"),
+    "quaternion": ("qx", "qy", "qz", "qw"),
+    "matrix": tuple(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)),
+}
+_FIELDS = {name: Field(**field) for name, field in _TABLES["fields"].items()}
+
+
+def _channels(table: dict[str, Any]) -> list[tuple[str, str, tuple[str | int, ...]]]:
+    """(name, unit, path) of the channels that one table stands for."""
+    names, unit = table["names"], table["unit"]
+    several = str(names) in _NAMES
+    units = {"insertion": table.get("linear", unit)}
+    channels = []
+    for place, name in enumerate(_NAMES[names] if several else names):
+        path = table.get("path", [ARM, "#"] if several else [name])
+        indexed = tuple(place if step == "#" else step for step in path)
+        channels.append((name, units.get(name, unit), indexed))
+    return channels
+
+
+def _site_channels(table: dict[str, Any]) -> list[Channel]:
+    field = _FIELDS[table["field"]] if "field" in table else None
+    return [
+        Channel(name, path, table["kind"], unit, field) for name, unit, path in _channels(table)
+    ]
+
+
+def _site(name: str, table: dict[str, Any]) -> Site:
+    channels = tuple(
+        channel for group in table.pop("channels") for channel in _site_channels(group)
+    )
+    return Site(name, channels=channels, **{"per_arm": True} | table)
+
+
+def _seam(name: str, table: dict[str, Any]) -> Seam:
+    channels = tuple(
+        SeamChannel(channel, unit, group.get("site", name), path)
+        for group in table.pop("channels")
+        for channel, unit, path in _channels(group)
+    )
+    return Seam(name, channels=channels, **{"per_arm": True} | table)
+
+
+def _signal(name: str, table: dict[str, Any]) -> Signal:
+    names, linear = table.pop("names", ""), table.pop("linear", "")
+    return Signal(
+        name,
+        channels=_NAMES.get(names, ()),
+        units=(("insertion", linear),) if linear else (),
+        together=(("tool", JOINTS[3:]),) if names == "joints" else (),
+        against=tuple(table.pop("against", ())),
+        **table,
+    )
+
+
+LAYERS: dict[str, str] = _TABLES["layers"]
+"""Name of each layer, in the robot's order."""
+
+PHASES: dict[str, str] = _TABLES["phases"]
+"""Phases of an operation, each with when it is."""
+
+CHECKS = {name: Check(name, **table) for name, table in _TABLES["checks"].items()}
+"""Built-in checks in the order of the loop."""
+
+CHECK_SEAMS: dict[str, str] = _TABLES["check_seams"]
+"""Where a user's check may stand, in the order of the tick."""
+
+SITES = {name: _site(name, table) for name, table in _TABLES["sites"].items()}
+"""Where faults can strike, in the order of the tick."""
+
+SEAMS = {name: _seam(name, table) for name, table in _TABLES["seams"].items()}
+"""Every seam in the order of the tick."""
+
+SIGNALS = tuple(_signal(name, table) for name, table in _TABLES["signals"].items())
+"""What a monitor can look at, in the order of the tick."""

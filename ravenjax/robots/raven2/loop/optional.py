@@ -1,0 +1,331 @@
+"""Optional stages of the tick: each is a value in STAGES, and in the tick where it is `present`.
+
+Another one is another value there. Its state is in `TickState.stages`, its outcomes are in the
+result table, and a run fails where one of its `numbers` is not finite.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from ravenjax.numbers.lazy import jnp
+from ravenjax.numbers.setup import per_arm
+from ravenjax.numbers.vec import Scalar, Vec, as_int, replace
+from ravenjax.robots.raven2.console import operator, own_operator, reaction
+from ravenjax.robots.raven2.geometry.mapping import position_to_itp
+from ravenjax.robots.raven2.loop import connections
+from ravenjax.robots.raven2.loop.connections import Network, PacketTiming
+from ravenjax.robots.raven2.loop.injector import seeded
+from ravenjax.robots.raven2.loop.records import Input, TickParams, TickSignals
+from ravenjax.robots.raven2.loop.user_files import UserFiles
+from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.stages import (
+    channel,
+    detectors,
+    hand,
+    overload,
+    packet_clock,
+    packet_history,
+    touch,
+)
+
+
+class Start(NamedTuple):
+    """Where a run begins, one entry an arm."""
+
+    jpos: tuple[Vec, ...]  # 7, rad and m
+    tips: tuple[Vec, ...]  # m, frame 0
+    runlevel: int
+
+
+@dataclasses.dataclass
+class Console:
+    """What the console does in this tick. The stages before it may change all but `signal`."""
+
+    signal: Input
+    newest: Scalar  # int32, index of the newest packet before this tick; -1: none yet
+    soft_estopped: Scalar  # int32 flag of the control software
+    fresh: Scalar  # bool, there is a new packet in this tick
+    sequence: Scalar  # int32, the same after this tick
+    timing: PacketTiming
+    plan: own_operator.PlanMoment
+    hands: operator.HandOffsets
+    older: Callable[[Network], PacketTiming]  # timing of the packet that the network delivers
+    packets_in: Callable[[Scalar], Scalar]  # packets (int32) in so many ms (int32)
+    # what the operator makes of the plan in a packet of that timing
+    deviate: Callable[[PacketTiming], operator.Deviation] = lambda timing: operator.PLAN
+
+
+@dataclasses.dataclass
+class Sight:
+    """What a stage may look at when the robot has moved. It may move the hands."""
+
+    tick: Scalar  # int32
+    pedal_down: Scalar  # bool
+    live: Scalar  # bool, pedal-down without software E-stop
+    signals: TickSignals
+    files: UserFiles
+    hands: operator.HandOffsets
+
+
+def _keep(setup: RavenSetup, params: TickParams, state: Any, seen: Any) -> Any:
+    return state
+
+
+class Stage(NamedTuple):
+    """One of them. `act`, `transmit` and `watch` are its places in the tick."""
+
+    present: Callable[[RavenSetup], bool]
+    init: Callable[[RavenSetup, TickParams, Start], Any]
+    # before the console makes its packet
+    act: Callable[[RavenSetup, TickParams, Any, Console], Any] = _keep
+    # between console and robot
+    transmit: Callable[[Any, Console, Network], tuple[Any, Network]] = (
+        lambda state, console, network: (state, network)
+    )
+    # when the robot has moved
+    watch: Callable[[RavenSetup, TickParams, Any, Sight], Any] = _keep
+    outcomes: Callable[[RavenSetup, Any], dict[str, Scalar]] = lambda setup, state: {}
+    numbers: Callable[[Any], dict[str, list[Scalar]]] = lambda state: {}
+    moves_hands: bool = False
+    # before the monitor: a CPU has its many operations to do while those of a long chain wait
+    early: bool = False
+
+
+def find_stages(setup: RavenSetup) -> dict[str, Stage]:
+    """Those that are in the tick, by name."""
+    return {name: stage for name, stage in STAGES.items() if stage.present(setup)}
+
+
+# --- before the console makes its packet ---
+
+
+def _draw_length(
+    setup: RavenSetup, params: TickParams, clock: packet_clock.PacketClock, console: Console
+) -> packet_clock.PacketClock:
+    """Packets last a number of cycles that is drawn; each is made of what the hands do now."""
+    now, network = console.signal.tick, params.network
+    if console.signal.packet is None:
+        fresh = now >= clock.due
+        # a simulator's packet generator ends with the robot's software E-stop
+        fresh = fresh & (console.soft_estopped == 0) if setup.build != "robot" else fresh
+        console.fresh, console.sequence = fresh, console.newest + as_int(fresh)
+        lasts = packet_clock.length(
+            setup.packets, network.packets, network.packet_key, console.sequence
+        )
+        clock = packet_clock.step(clock, now, fresh, lasts)
+    console.timing = PacketTiming(console.sequence, clock.tick, clock.before)
+    console.older = lambda network: console.timing
+    console.plan = own_operator.PlanMoment(now, now - 1, jnp.bool_(True))
+    return clock
+
+
+def _remember_packet(
+    setup: RavenSetup,
+    params: TickParams,
+    history: packet_history.PacketHistory,
+    console: Console,
+) -> packet_history.PacketHistory:
+    now, history = console.signal.tick, packet_history.step(history, console.fresh)
+
+    def older(network: Network) -> PacketTiming:
+        # the packet so many before the newest was made when it was sent
+        count = jnp.maximum(network.lag + network.delay, 0)
+        row, before = (now - packet_history.age(history, n) for n in (count, count + 1))
+        return PacketTiming(console.sequence - count, row, before)
+
+    console.older = older
+    console.packets_in = lambda late: packet_history.sent_within(history, late)
+    return history
+
+
+def _react(
+    setup: RavenSetup, params: TickParams, state: reaction.ReactionState, console: Console
+) -> reaction.ReactionState:
+    reacts = params.reaction
+    assert reacts is not None
+    acting = reaction.act(setup, reacts, state, console.signal.tick, console.timing.row)
+    console.deviate = lambda timing: reaction.deviation(
+        setup, reacts, acting, timing.row, timing.before
+    )
+    return acting
+
+
+def _act_as_file(setup: RavenSetup, params: TickParams, state: Any, console: Console) -> Any:
+    signal = console.signal
+    if signal.packet is not None:
+        return state
+    state, console.hands, deviation = own_operator.act(
+        setup,
+        params.operator,
+        state,
+        console.hands,
+        signal.motion,
+        console.plan,
+        console.fresh,
+        signal.tick,
+    )
+    console.deviate = lambda timing: deviation
+    return state
+
+
+# --- between console and robot ---
+
+
+def _lose_bursts(
+    state: channel.ChannelState, console: Console, network: Network
+) -> tuple[channel.ChannelState, Network]:
+    state = channel.step(state, network.bursts, console.sequence, console.fresh)
+    return state, replace(network, lost=network.lost | (state.burst > 0))
+
+
+# --- when the robot has moved ---
+
+
+def _feel(setup: RavenSetup, params: TickParams, state: Any, sight: Sight) -> Any:
+    assert params.reaction is not None
+    signals = sight.signals
+    senses = reaction.OperatorSenses(
+        tuple(out.force[0] for out in signals.haptics),
+        signals.tip,
+        tuple(out.tip_position for out in signals.nominal),
+        operator.tip_offset(setup, params.operator, sight.hands),
+        sight.pedal_down,
+        sight.tick,
+    )
+    state, correction = reaction.feel(setup, params.reaction, state, senses)
+    sight.hands = operator.steered(setup, params.operator, sight.hands, correction)
+    return state
+
+
+def _yield(setup: RavenSetup, params: TickParams, state: Any, sight: Sight) -> Any:
+    assert params.hand is not None
+    yielding, cues = params.hand, sight.signals.haptics
+    pulled = per_arm(
+        setup,
+        lambda i, arm: hand.step(
+            setup, yielding, state[i], position_to_itp(arm, cues[i].direction * cues[i].force[0])
+        ),
+    )
+    moves = tuple(
+        (new.displacement - old.displacement) * 1e6 for new, old in zip(pulled, state, strict=True)
+    )
+    sight.hands = operator.strayed(sight.hands, moves)
+    return pulled
+
+
+def _show(setup: RavenSetup, params: TickParams, state: Any, sight: Sight) -> Any:
+    signals = sight.signals
+    models = tuple(out.tip_position for out in signals.nominal)
+    return own_operator.see(
+        setup, state, signals.tip, models, signals.haptics, signals.control.runlevel
+    )
+
+
+def _detect(setup: RavenSetup, params: TickParams, state: Any, sight: Sight) -> Any:
+    assert params.detectors is not None
+    signals, robots = sight.signals, sight.signals.plant
+    models, cues = signals.nominal, signals.haptics
+    sight.files.note(
+        brakes=signals.plc.brakes,
+        model_jpos=tuple(model.jpos for model in models),
+        model_tip=tuple(model.tip_position for model in models),
+        tip_error=tuple(cue.distance for cue in cues),
+    )
+    views: tuple[Any, ...] = ()
+    if detectors.sources(setup):
+        tips = zip(models, cues, strict=True)
+        sight.files.note(tip=tuple(model.tip_position - cue.error for model, cue in tips))
+        views = sight.files.views("the end", setup.precision.real)
+    seen = detectors.DetectorSignal(
+        mpos=tuple(out.mpos for out in robots),
+        mvel=tuple(out.mvel for out in robots),
+        jpos=tuple(out.jpos for out in robots),
+        jvel=tuple(out.jvel for out in robots),
+        tip_error=tuple(cue.distance for cue in cues),
+        command=tuple(arm.current_cmd for arm in signals.control.arms),
+        command_limit=params.control.overdrive.dac_max,
+        armed=sight.live,
+        tick=sight.tick,
+        views=views,
+    )
+    return detectors.step(setup, params.detectors, state, seen)
+
+
+def _add_loads(setup: RavenSetup, params: TickParams, state: Any, sight: Sight) -> Any:
+    loads = tuple(
+        out.carried * arm.cable_strength.map(lambda strength: 1.0 / strength)
+        for out, arm in zip(sight.signals.plant, params.plant, strict=True)
+    )
+    return overload.step(state, loads, sight.tick)
+
+
+def _add_touches(setup: RavenSetup, params: TickParams, state: Any, sight: Sight) -> Any:
+    touches = (out.touch for out in sight.signals.plant)
+    return touch.step(state, tuple(felt for felt in touches if felt is not None))
+
+
+STAGES: dict[str, Stage] = {
+    "clock": Stage(
+        present=lambda setup: bool(setup.packets),
+        init=lambda setup, params, start: packet_clock.init(),
+        act=_draw_length,
+    ),
+    "history": Stage(
+        present=lambda setup: setup.packet_history > 0,
+        init=lambda setup, params, start: packet_history.init(setup.packet_history),
+        act=_remember_packet,
+    ),
+    "reaction": Stage(
+        present=lambda setup: setup.reacts,
+        init=lambda setup, params, start: reaction.init(setup),
+        act=_react,
+        watch=_feel,
+        outcomes=lambda setup, state: {"reaction_ms": state.acted},
+        moves_hands=True,
+    ),
+    "hand": Stage(
+        present=lambda setup: setup.hand_yields,
+        init=lambda setup, params, start: connections.each(setup, hand.init(setup)),
+        watch=_yield,
+        outcomes=hand.outcomes,
+        moves_hands=True,
+    ),
+    "channel": Stage(
+        present=lambda setup: seeded(setup, "bursts"),
+        init=lambda setup, params, start: channel.init(),
+        transmit=_lose_bursts,
+    ),
+    "detectors": Stage(
+        present=lambda setup: bool(setup.detectors),
+        init=lambda setup, params, start: detectors.init(setup, params.detectors),  # type: ignore[arg-type]
+        watch=_detect,
+        outcomes=detectors.outcomes,
+        early=True,
+    ),
+    "overload": Stage(
+        present=lambda setup: setup.cables != "unwatched",
+        init=lambda setup, params, start: overload.init(setup),
+        watch=_add_loads,
+        outcomes=lambda setup, state: overload.outcomes(state),
+        numbers=lambda state: {"cable": [state.peak]},
+    ),
+    "touch": Stage(
+        present=lambda setup: setup.contact,
+        init=lambda setup, params, start: touch.init(setup),
+        watch=_add_touches,
+        outcomes=touch.outcomes,
+        numbers=lambda state: {"contact": [state.impulse]},
+    ),
+    "own_operator": Stage(
+        present=lambda setup: setup.hands is not None,
+        init=lambda setup, params, start: own_operator.init(setup, params.operator, *start),
+        act=_act_as_file,
+        watch=_show,
+        numbers=lambda state: {} if state.grasp is None else {"hand": [*state.grasp.offset]},
+        moves_hands=True,
+    ),
+}
+"""In the order in which they act."""
