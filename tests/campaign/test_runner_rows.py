@@ -86,21 +86,13 @@ def test_a_limited_run_goes_on_to_more_and_to_all(whole, tmp_path):
     assert last.differences(expected) == [] and last.rows is None and last.done == 300
 
 
-def test_limits_in_memory_and_of_shards(whole, tmp_path):
+def test_limits_in_a_temporary_folder_and_of_shards(whole):
     expected = read_all(whole[0])["run_id"].tolist()
     assert runner.run_campaign(limited(7), None, "simd").frame()["run_id"].tolist() == expected[:7]
     shares = [
         runner.run_campaign(limited(70), None, "simd", shard=Shard(n, 2)).frame() for n in (1, 2)
     ]
     assert sorted(index for share in shares for index in share["index"]) == list(range(70))
-
-
-def test_rows_in_memory(whole):
-    table = runner.run_campaign(
-        tiny.config(), None, "simd", rows=[range(95, 105), range(0, 2)]
-    ).frame()
-    expected = read_all(whole[0])
-    assert table["run_id"].tolist() == expected["run_id"].iloc[[0, 1, *range(95, 105)]].tolist()
 
 
 @pytest.mark.parametrize("rows", [[range(-1, 2)], [range(290, 301)], [range(0, 10, 2)]])
@@ -174,7 +166,7 @@ def test_the_progress_file_is_written_at_most_once_a_second_but_for_a_new_phase(
     progress.began(1.0)
     for _ in range(30):
         now[0] += 0.1
-        progress.part(0, {"nan": 1})
+        progress.count_part(0, {"nan": 1})
         progress.ticks(0)
     progress.tell("done")
     assert [one["phase"] for one in written] == ["compile", "run", "run", "run", "done"]
@@ -185,23 +177,3 @@ def test_a_progress_file_that_cannot_be_written_stops_nothing(tmp_path):
     (tmp_path / "progress.json").mkdir()
     table = runner.run_campaign(tiny.config(runs=20), tmp_path, "simd").frame()
     assert len(table) == 20
-
-
-def test_failures_of_earlier_starts_are_counted_too():
-    told: list[Status] = []
-    progress = Progress("e", 100, 40, 10, told.append, notes=("one part was set aside",))
-    progress.known({"nan": 2})
-    progress.began(0.5)
-    progress.began(9.0)
-    progress.part(20, {"nan": 1})
-    progress.lost({"worker killed by SIGKILL": 7})
-    progress.tell("run")
-    status = told[-1]
-    assert (status.done, status.failed, status.compile_s) == (
-        80,
-        3,
-        0.5,
-    ), "the first that is ready starts the clock"
-    assert status.failures == {"nan": 3, "worker killed by SIGKILL": 7} and status.notes == (
-        "one part was set aside",
-    )

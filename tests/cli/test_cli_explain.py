@@ -109,7 +109,7 @@ def test_results_of_engine_mjx_name_another(said, folder, tmp_path):
     record = manifest.read(folder).model_copy(update={"engine": "mjx"})
     (tmp_path / "manifest.json").write_text(record.model_dump_json())
     code, _, err = said(tmp_path, "7", "--out", tmp_path)
-    assert code == cli.USER_ERROR and "computed by engine mjx" in err and "--engine simd" in err
+    assert code == cli.USER_ERROR and "engine 'mjx' cannot" in err and "--engine simd" in err
 
 
 def test_a_robot_without_seams_is_named(monkeypatch):

@@ -62,13 +62,13 @@ class Head:
 
     plan: Plan  # without rows
     engine: str
-    pack: Pack[Any]
+    pack: Pack
     largest_chunk: int  # rows
     cores: int  # of a task
     computed_by: Mapping[str, Any]  # code, device and versions of the coordinator
 
 
-def make_head(work: Work[Any], chunks: Sequence[range], cores: int) -> Head:
+def make_head(work: Work, chunks: Sequence[range], cores: int) -> Head:
     """The head of these chunks."""
     return Head(
         plan=work.plan.take(slice(0)),
@@ -95,7 +95,7 @@ class Worker:
         """Raises UserError where this process would not compute what the coordinator would."""
         compile_cache.enable()
         precision = head.plan.program.setup.precision
-        self._head, self.progress = head, Progress("", 0, 0, 1, None)
+        self._head, self.progress = head, Progress("", 0, 0, 1)
         self._engine = selection.select(head.engine, precision, compile_cache.objects())
         _require_same(_computed_by(head.plan, self._engine.device), head.computed_by)
         self._computation: Computation | None = None
@@ -132,7 +132,7 @@ def _text(value: Any) -> str:
     return ", ".join(sorted(value)) if isinstance(value, frozenset) else str(value)
 
 
-def _compute(key: str, head: Head, rows: Mapping[str, Any]) -> tuple[float, FinishedChunk[Any]]:
+def _compute(key: str, head: Head, rows: Mapping[str, Any]) -> tuple[float, FinishedChunk]:
     """The task: (s of compiling, the finished chunk)."""
     if key not in _workers:
         # those of another campaign
@@ -140,7 +140,7 @@ def _compute(key: str, head: Head, rows: Mapping[str, Any]) -> tuple[float, Fini
         _workers[key] = Worker(head)
     worker = _workers[key]
     finished = finish_chunk(*worker.compute(rows), head.pack)
-    return worker.progress.compile_s, finished
+    return worker.progress.status.compile_s, finished
 
 
 class Ray:
@@ -155,7 +155,7 @@ class Ray:
         self.workers, self._address = workers, address
         _import_ray()
 
-    def run(self, work: Work[Any], chunks: Sequence[range]) -> None:
+    def run(self, work: Work, chunks: Sequence[range]) -> None:
         """See `protocol.Executor`."""
         ray = _import_ray()
         joins = not ray.is_initialized()
@@ -167,10 +167,10 @@ class Ray:
             if joins:
                 ray.shutdown()
 
-    def _run(self, ray: Any, work: Work[Any], chunks: Sequence[range]) -> None:
+    def _run(self, ray: Any, work: Work, chunks: Sequence[range]) -> None:
         gpu, progress = work.engine.name == "cuda", work.progress
         cores, tasks = _cores_and_tasks(ray.cluster_resources(), ray.nodes(), self.workers, gpu)
-        progress.workers = tasks
+        progress.status.workers = tasks
         progress.tell("compile")
         head = ray.put(make_head(work, chunks, cores))
         compute = ray.remote(
@@ -184,7 +184,7 @@ class Ray:
         lost: dict[range, str] = {}
         delivered = 0
 
-        def deliver(finished: FinishedChunk[Any]) -> None:
+        def deliver(finished: FinishedChunk) -> None:
             work.deliver(finished)
             progress.ticks(len(finished.rows) * work.plan.program.ticks)
 
@@ -207,7 +207,7 @@ class Ray:
                                 raise cause from None
                             why = f"{type(cause).__name__}: {cause}".strip().splitlines()[0][:300]
                             lost[rows] = why
-                            progress.lost({why: len(rows)})
+                            progress.count_failures({why: len(rows)})
                             progress.note(f"rows {rows.start} to {rows.stop - 1}: {why}")
                         else:
                             progress.began(compile_s)

@@ -8,21 +8,18 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from ravenjax.campaign import compile_cache, outcomes
+from ravenjax.campaign import outcomes
 from ravenjax.campaign.computation import Computation
-from ravenjax.campaign.file.config import CampaignConfig, validated
-from ravenjax.campaign.inspection import replay
-from ravenjax.campaign.plan import Plan, make_plan
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.inspection.replay import PlannedCampaign
+from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress import OnProgress, Progress
-from ravenjax.engines import selection
 from ravenjax.errors import UserError, suggestion
-from ravenjax.store import manifest
 
 ENGINES = ("simd", "xla", "cuda")
 """Those that compute links by single numbers, as the tick's other parts: their runs can be
@@ -49,7 +46,7 @@ class Explained(NamedTuple):
     engine: str  # engine and device, in words
 
 
-class Explainer:
+class Explainer(PlannedCampaign):
     """Explains runs of one campaign."""
 
     def __init__(self, config: CampaignConfig, engine: str = "auto") -> None:
@@ -61,39 +58,14 @@ class Explainer:
                 " explained: expected a robot whose part `campaign` has `explained`, as raven2;"
                 " look at single runs with `ravenjax trace`"
             )
-        require_engine(engine)
-        compile_cache.enable()
-        self.config = config
-        self.plan = make_plan(config)
-        program = part.explained(self.plan.program)
-        self._plan = dataclasses.replace(self.plan, program=program)
-        self._engine = selection.select(engine, program.setup.precision, compile_cache.objects())
-
-    @staticmethod
-    def of_folder(folder: Path, engine: str = "auto") -> Explainer:
-        """Of the campaign that a result folder holds, on the engine that computed it if "auto".
-
-        Raises StoreError as `manifest.read`, and UserError.
-        """
-        record = manifest.read(folder)
-        if engine == "auto" and record.engine not in ENGINES:
+        if engine != "auto" and engine not in ENGINES:
             raise UserError(
-                f"{folder} was computed by engine {record.engine}, whose runs cannot be explained:"
-                " write --engine simd, which computes the same campaign with results that differ"
-                " in the last digits"
+                f"engine {engine!r} cannot explain runs: expected auto or {', '.join(ENGINES)},"
+                " which compare every number of the tick bit by bit; for a result of another engine"
+                f" write --engine simd{suggestion(engine, ENGINES)}"
             )
-        if engine == "auto":
-            engine = "auto" if record.engine == "cuda" else record.engine
-        return Explainer(validated(record.config), engine)
-
-    @property
-    def engine(self) -> str:
-        """Engine and device, in words."""
-        return f"{self._engine.name} on {self._engine.device}"
-
-    def index(self, run: str | int) -> int:
-        """Index of a run by its id, the beginning of its id, or its index. Raises UserError."""
-        return replay.find(self.plan.rows.numbers("run_id"), run)
+        super().__init__(config, engine)
+        self._plan = dataclasses.replace(self.plan, program=part.explained(self.plan.program))
 
     def faulty(self) -> np.ndarray:
         """Indices of the runs with a fault."""
@@ -116,10 +88,10 @@ class Explainer:
         golden_runs = np.unique(some.golden, return_inverse=True)[1]
         some = dataclasses.replace(some, golden=golden_runs.reshape(-1).astype(np.int32))
         progress = Progress(self.engine, some.runs, some.runs, some.program.ticks, on_progress)
-        work = Computation(some, self._engine, progress, self._together(some))
+        work = Computation(some, self.backend, progress, self._together(some))
         work.compile()
         own, golden = work.tables([range(some.runs)])
-        progress.rows(some.runs, 0)
+        progress.status.done = some.runs
         progress.tell("done")
         observed = {
             name: own.pop(name) for name in list(own) if name == HARM or name.startswith(PREFIXES)
@@ -139,13 +111,4 @@ class Explainer:
         program = some.program
         length = program.ticks * program.loop.series_length(program.setup)
         golden = length * np.dtype(program.setup.precision.real).itemsize
-        return min(some.runs, self._engine.threads * max(1, BLOCK_BYTES // golden))
-
-
-def require_engine(engine: str) -> None:
-    """UserError for an engine whose runs cannot be explained."""
-    if engine != "auto" and engine not in ENGINES:
-        raise UserError(
-            f"engine {engine!r} cannot explain runs: expected auto or {', '.join(ENGINES)}, which"
-            f" compare every number of the tick bit by bit{suggestion(engine, ENGINES)}"
-        )
+        return min(some.runs, self.backend.threads * max(1, BLOCK_BYTES // golden))

@@ -70,9 +70,10 @@ def extend(
             raw = earlier.config
         on_motion(there, path)
         config = validated(raw)
-        runner.run_campaign(
-            config, path, _engine(engine, record), on_progress=on_progress, command=command
-        )
+        if engine == "auto":
+            # one motion is one lane, which a processor core runs faster than a GPU does
+            engine = "simd" if record.engine == "cuda" else record.engine
+        runner.run_campaign(config, path, engine, on_progress=on_progress, command=command)
         before, there = there, _hours(folder, record)
         if not there > before:
             raise UserError(
@@ -179,10 +180,3 @@ def _hours(folder: Path, record: Manifest) -> float:
             )
         total_ms += float(pedal_ms or 0)
     return total_ms / MS_PER_HOUR
-
-
-def _engine(engine: str, record: Manifest) -> str:
-    """One motion is one lane, which a processor core runs faster than a GPU does."""
-    if engine != "auto":
-        return engine
-    return "simd" if record.engine == "cuda" else record.engine

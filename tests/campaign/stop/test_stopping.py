@@ -12,7 +12,7 @@ import synthetic_results as synthetic
 from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.stop import decisions
-from ravenjax.campaign.stop.event_bitmaps import group_draws, stop_rule
+from ravenjax.campaign.stop.adaptive import group_draws, stop_rule
 from ravenjax.errors import StoreError, UserError
 from ravenjax.outcomes import events
 from ravenjax.outcomes.events import Rules
@@ -76,7 +76,7 @@ def test_repeats_and_crossed_variants_are_one_draw():
         groups=groups, campaign={"name": "x", "noise": True}, cross={"operator.scale": [0.1, 0.2]}
     )
     assert [tuple(of) for of in group_draws(one)] == [(0, 1, 2), (2, 200, 6)]
-    assert group_draws(one)[1].range(10) == range(2, 62)
+    assert group_draws(one)[1].rows_of(10) == range(2, 62)
 
 
 def test_the_beginning_of_a_grid_is_a_sample_of_it():
