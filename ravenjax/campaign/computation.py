@@ -15,7 +15,7 @@ import time
 from collections import deque
 from collections.abc import Generator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import NamedTuple, cast
+from typing import cast
 
 import numpy as np
 
@@ -23,11 +23,12 @@ from ravenjax import interruption
 from ravenjax.campaign import outcomes
 from ravenjax.campaign.golden_runs import Branches, Computed, FastForwardPlan, GoldenRuns
 from ravenjax.campaign.memory_windows import (
-    Tables,
+    Columns,
+    Pair,
     Window,
     WindowLimits,
-    WindowTable,
     cut_into_windows,
+    join_blocks,
 )
 from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress import Progress
@@ -42,36 +43,13 @@ GPU_TIMES = 2
 """Times that for a GPU, which needs many lanes at a time and copies those of a block."""
 AHEAD, ENOUGH_ROWS = 4, 2**18
 """Blocks of a window for each that runs at a time, but one alone where so many rows are more:
-those of one window are stored while the next one runs."""
+those of one window are packed while the next one runs."""
 STANDS_STILL = 0.1
 """Share of its length for which a golden run may stand still without a word."""
 SORTED_ROWS, SORTED_TICKS = 2**14, 2**28
 """Rows of a window, and ticks of them all, that are enough to find some that act at about the
 same time.
 """
-
-Columns = dict[str, np.ndarray]
-Pair = tuple[Columns, Columns]
-"""Outcomes of the rows of a block, and `outcomes.of_golden` of their golden runs."""
-
-
-class _UnderWay(NamedTuple):
-    """A window whose blocks are submitted."""
-
-    tables: Tables  # of all its rows, in order, once the blocks are done
-    coming: list[Future[None]]
-
-    def finished(self) -> Tables:
-        """The tables, once they are whole."""
-        for future in self.coming:
-            interruption.result(future)
-        return self.tables
-
-
-def _put(tables: Tables, places: np.ndarray, block: Future[Pair]) -> None:
-    """What comes out of a block, at the places of its rows."""
-    for table, columns in zip(tables, block.result(), strict=True):
-        table.put(places, columns)
 
 
 class Computation:
@@ -108,41 +86,39 @@ class Computation:
         other.plan = plan
         return other
 
-    def blocks(self, ranges: Sequence[range]) -> Generator[Tables]:
-        """Outcomes of the rows of `ranges`, in order, some at a time; and `outcomes.of_golden` of
-        their golden runs.
+    def blocks(self, ranges: Sequence[range]) -> Generator[Pair]:
+        """Outcomes of the rows of `ranges`, in order, a window at a time; and `outcomes.of_golden`
+        of their golden runs.
 
         Close it to give up what is under way. Use it where `interruption.held_back`.
         """
         self._fast_forward = FastForwardPlan(self.plan, 0 if self.whole else self.kernel.branches)
         self._halted: list[np.ndarray] = []
-        under_way: deque[_UnderWay] = deque()
+        under_way: deque[tuple[Window, list[Future[Pair]]]] = deque()
         golden_runs = GoldenRuns(np.zeros(0, self.plan.golden.dtype), ())
-        with ThreadPoolExecutor(self.threads) as pool, ThreadPoolExecutor(self.threads) as storage:
+
+        def finish_window() -> Pair:
+            window, blocks = under_way.popleft()
+            return join_blocks(window, [interruption.result(block) for block in blocks])
+
+        with ThreadPoolExecutor(self.threads) as pool:
             try:
                 for window in cut_into_windows(
                     ranges, self.plan.golden, self._limits(), self.plan.acts
                 ):
                     golden_runs = self._golden_runs(pool, window, golden_runs)
-                    tables = WindowTable(len(window.rows)), WindowTable(len(window.rows))
-                    coming = [
-                        storage.submit(
-                            _put,
-                            tables,
-                            places,
-                            pool.submit(self._faulty, window.rows[places], golden_runs),
-                        )
+                    blocks = [
+                        pool.submit(self._faulty, window.rows[places], golden_runs)
                         for places in window.blocks
                     ]
-                    under_way.append(_UnderWay(tables, coming))
+                    under_way.append((window, blocks))
                     if len(under_way) == 2:
-                        yield under_way.popleft().finished()
+                        yield finish_window()
                 while under_way:
-                    yield under_way.popleft().finished()
+                    yield finish_window()
                 self._tell_of_stops()
             except BaseException:
-                for threads in (pool, storage):
-                    threads.shutdown(wait=False, cancel_futures=True)
+                pool.shutdown(wait=False, cancel_futures=True)
                 raise
 
     def tables(self, ranges: Sequence[range]) -> Pair:

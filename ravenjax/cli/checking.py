@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -95,75 +95,17 @@ def _print_rows(title: str, keys: tuple[str, ...], rows: list[dict[str, Any]]) -
     )
 
 
-def _summary(config: CampaignConfig, view: dict[str, Any]) -> Iterator[tuple[str, str]]:
+def _summary(config: CampaignConfig, view: dict[str, Any]) -> list[tuple[str, ...]]:
+    """(what, how it is) of a preview, by the lines of check.j2."""
+    import jinja2
+
     from ravenjax.campaign.inspection.estimate import duration
 
-    campaign, runs, due = config.campaign, view["runs"], view["runs_asked_for"]
-    if campaign.description:
-        yield "asks", campaign.description
-    if config.source is not None:
-        yield "file", str(config.source)
-    part = "" if due == runs else f"; {due} of them with limit = {campaign.limit}"
-    groups = len(view["groups"])
-    yield "runs", f"{runs} in {groups} group{'s' if groups > 1 else ''}{part}"
-    if view["fault_free_runs"] is not None:
-        yield "fault-free", f"{view['fault_free_runs']} of them without a fault"
-    if view["golden_runs"] is not None:
-        yield (
-            "golden runs",
-            f"{view['golden_runs']}: fault-free ones that the runs are compared with, computed"
-            " beside them",
-        )
-    if copies := view["copies"]:
-        yield "copies", f"{copies} with every input of an earlier run: these come out the same"
-    yield "length", f"{campaign.duration_s:g} s each, {campaign.ticks} ticks of 1 ms"
-    yield from config.lines()
-    for phase in view["phases"]:
-        stretches = phase["stretches"]
-        yield (
-            f"phase {phase['name']}",
-            f"{phase['ms']:,} ms of each run, in {stretches:,} stretch{'es' * (stretches > 1)}",
-        )
-    cues, verdict_cue = config.haptics.cues(), config.outcomes.cue
-    distances = ", ".join(dict.fromkeys(f"{cue.threshold_m * 1e3:g}" for cue in cues))
-    decides = (
-        f", {len(cues)} sets of gains; set {verdict_cue}, at"
-        f" {cues[verdict_cue].threshold_m * 1e3:g} mm, decides the verdict"
-        if len(cues) > 1
-        else ""
+    templates = jinja2.Environment(
+        loader=jinja2.PackageLoader("ravenjax.cli"),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
-    yield "cue", f"pulls beyond {distances} mm{decides}"
-    thresholds = sum(len(detector["thresholds"]) for detector in view["detectors"])
-    names = ", ".join(detector.name for detector in config.detector)
-    yield (
-        "detectors",
-        f"{names}: {len(view['detectors'])} with {thresholds} thresholds in all"
-        if names
-        else "none",
-    )
-    for check in view["checks"]:
-        in_a_row = f", {check['consecutive']} ms in a row" if check["consecutive"] > 1 else ""
-        parameters = "".join(f"; {path} = {value}" for path, value in check["parameters"].items())
-        yield (
-            f"check {check['name']}",
-            f"at {check['at']}, above {check['threshold']}{in_a_row}: {check['does']}{parameters}",
-        )
-    if config.stop is not None:
-        least = f"{100 * config.stop.half_width:g} points"
-        yield (
-            "stops",
-            f"once {', '.join(config.stop.rates)} are known within +-{least}, so fewer runs may do",
-        )
-    engine, cost = view["engine"], view["expected"]
-    why = f" ({engine['why']})" if engine["why"] else ""
-    yield "engine", f"{engine['name']} on {engine['device']}{why}"
-    run_s, start_s, mib = cost["run_s"], cost["start_s"], cost["memory_mib"]
-    run = (
-        f"{duration(run_s)} to run, after {duration(start_s)} to start"
-        if run_s
-        else "no run is left"
-    )
-    yield "time", f"{run}; the report comes on top"
-    yield "memory", f"{mib:.0f} MiB" if mib < 2000 else f"{mib / 1024:.1f} GiB"
-    yield "by", cost["basis"]
-    yield "results", f"{view['folder']['path']}: {view['folder']['holds']}"
+    text = templates.get_template("check.j2").render(config=config, duration=duration, **view)
+    return [tuple(line.split("|", 1)) for line in text.splitlines()]

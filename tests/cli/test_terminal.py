@@ -52,21 +52,6 @@ def test_where_there_is_no_terminal_lines_come_now_and_then_and_each_note_once()
     assert sum(line.startswith("run:") for line in lines) == 1 and lines[-1].startswith("done:")
 
 
-def test_outcomes_are_shares_of_valid_runs():
-    counted = {
-        "silent/none/no cue": 6,
-        "": 5,
-        "limited/unintended motion/cue": 1,
-        "flagged/none/cue": 1,
-    }
-    assert terminal.outcome_rows(counted) == [
-        ("silent/none/no cue", "6", "75.0 %"),
-        ("flagged/none/cue", "1", "12.5 %"),
-        ("limited/unintended motion/cue", "1", "12.5 %"),
-    ]
-    assert terminal.outcome_rows({"": 3}) == terminal.outcome_rows({}) == []
-
-
 def test_what_evades_is_told_in_a_sentence():
     counted = {
         "silent/none/no cue": 6,

@@ -77,7 +77,7 @@ class Executor(Protocol):
 def finish_chunk(plan: Plan, part: PartRows, pack: Pack) -> FinishedChunk:
     """The rows of `part`, which are rows of `plan`, packed."""
     runs = plan.rows.take(slice(part.rows.start, part.rows.stop))
-    rows = outcomes.columns(plan.config, runs, *part.tables())
+    rows = outcomes.columns(plan.config, runs, part.outcomes, part.golden_runs)
     first = int(runs.numbers("index")[0])
     failures = {cause: count for cause, count in rows["failed"].counts().items() if cause and count}
     return FinishedChunk(range(first, first + len(runs)), pack(rows), failures)

@@ -17,7 +17,6 @@ from ravenjax.campaign import outcomes
 from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.inspection.replay import PlannedCampaign
-from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress import OnProgress, Progress
 from ravenjax.errors import UserError, suggestion
 
@@ -27,10 +26,6 @@ compared bit by bit.
 """
 MOST = 200_000
 """Runs that are explained together: their ticks take a gigabyte."""
-FEW = 64
-"""Golden runs that blocks of any size may have."""
-BLOCK_BYTES = 2**27
-"""Memory that the golden runs' series of one block may take where there are more."""
 PREFIXES = ("differs:", "leaves:", "near:", "golden_near:", "near_ms:")
 HARM = "harm_ms"
 """Names of what the observer adds to a run's outcomes."""
@@ -88,7 +83,7 @@ class Explainer(PlannedCampaign):
         golden_runs = np.unique(some.golden, return_inverse=True)[1]
         some = dataclasses.replace(some, golden=golden_runs.reshape(-1).astype(np.int32))
         progress = Progress(self.engine, some.runs, some.runs, some.program.ticks, on_progress)
-        work = Computation(some, self.backend, progress, self._together(some))
+        work = Computation(some, self.backend, progress)
         work.compile()
         own, golden = work.tables([range(some.runs)])
         progress.status.done = some.runs
@@ -101,14 +96,3 @@ class Explainer(PlannedCampaign):
             {"run_id": results["run_id"], "index": np.asarray(rows, np.int32), **observed}
         )
         return Explained(results, ticks, self.engine)
-
-    def _together(self, some: Plan) -> int:
-        """Runs that blocks are sized for: few where each has a golden run of its own, whose
-        series are long.
-        """
-        if some.golden.max() < FEW:
-            return some.runs
-        program = some.program
-        length = program.ticks * program.loop.series_length(program.setup)
-        golden = length * np.dtype(program.setup.precision.real).itemsize
-        return min(some.runs, self.backend.threads * max(1, BLOCK_BYTES // golden))

@@ -11,7 +11,6 @@ import pytest
 
 import ravenjax as rj
 from ravenjax.campaign import plan, runner
-from ravenjax.campaign.executors.local import Local
 from ravenjax.campaign.inspection import fault_free
 from ravenjax.engines import selection
 from ravenjax.errors import UserError
@@ -84,33 +83,6 @@ def test_as_many_hours_as_asked_of_different_motion(result, short):
     assert fault_free.extend(result, wanted) == there
     more = fault_free.extend(result, there + 1e-6)
     assert more == pytest.approx(1.5 * there) and (result / FOLDER / "reach_7").is_dir()
-
-
-@pytest.mark.slow
-def test_the_robot_is_that_of_the_campaign(result, short):
-    fault_free.extend(result, 1e-9)
-    one = find(result, manifest.read(result)).motions[0]
-    assert one.manifest.config["parameters"] == manifest.read(result).config["parameters"]
-    assert one.manifest.config["reaction"] is None
-    assert [group["name"] for group in one.manifest.config["group"]] == ["fault_free"]
-
-
-def test_an_interrupted_motion_is_finished(result, short, monkeypatch):
-    there = fault_free.extend(result, 1e-9)
-    names = sorted(path.name for path in (result / FOLDER).iterdir())
-
-    def stopped(*_args, **_kwargs):
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Local, "run", stopped)
-        with pytest.raises(KeyboardInterrupt):
-            fault_free.extend(result, there + 1e-6)
-    monkeypatch.setattr(fault_free, "LONGEST_S", 1)  # what was begun keeps its length
-    assert fault_free.extend(result, there + 1e-6) > there
-    (new,) = {path.name for path in (result / FOLDER).iterdir()} - set(names)
-    record = manifest.read(result / FOLDER / new)
-    assert record.config["campaign"]["duration_s"] == 2.0 and record.finished is not None
 
 
 def changed(result, **sections):

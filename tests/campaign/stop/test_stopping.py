@@ -116,24 +116,14 @@ def test_events_are_those_of_the_report(event):
     ("stop", "key", "message"),
     [
         ({"half_width": 0}, "stop.half_width", "got 0, expected greater than 0"),
-        ({"half_width": 0.7}, "stop.half_width", "got 0.7, expected less than 0.5"),
         (
             {"rates": ["evade"]},
             "stop.rates[0]",
             "unknown rate 'evade', expected one of evades, evades_built_in,",
         ),
         ({"rates": ["cue", "cue"]}, "stop", "rates = ['cue', 'cue'], expected each once"),
-        ({"rates": []}, "stop.rates", "at least 1"),
         ({"looks": [0.5, 0.2]}, "stop", "looks = [0.5, 0.2], expected increasing shares"),
-        ({"looks": [0.5, 1.2]}, "stop", "at most 1"),
-        ({"looks": []}, "stop.looks", "at least 1"),
         ({"confidence": 1}, "stop.confidence", "got 1, expected less than 1"),
-        (
-            {"allocation": "equal"},
-            "stop.allocation",
-            "got 'equal', expected 'proportional' or 'neyman'",
-        ),
-        ({"of": "all"}, "stop.of", "got 'all', expected 'groups' or 'whole'"),
         ({"width": 0.1}, "stop.width", "unknown key, expected one of half_width, rates"),
     ],
 )
