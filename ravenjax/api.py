@@ -42,11 +42,10 @@ def run(
     """Run a campaign; one row a run, columns as in results/README.md; their units and meanings are
     in `attrs`.
 
-    out: result folder, resumed where it holds a part of this campaign; None keeps everything in
-    memory. executor: "local" (this process) or "ray"; workers: tasks side by side; the table is the
-    same. Raises UserError and, for what is wrong with `out`, StoreError.
+    out: result folder, resumed where it holds a part of this campaign; None: a temporary one.
+    executor: "local" (this process) or "ray"; workers: tasks side by side; the table is the same.
+    Raises UserError and, for what is wrong with `out`, StoreError.
     """
-    running.require(out, on_progress)
     results = running.run(_config(campaign), out, engine, on_progress, executor, workers)
     table = results.frame()
     table.attrs.update(column_meanings(results.shape))
@@ -77,7 +76,7 @@ def simulate(
             f"run is {shown(run)}, expected its index (a whole number) or its run_id (text)"
         )
     config = _config(campaign)
-    again = replay(config, run if isinstance(run, str) else int(run), running.engine_name(engine))
+    again = replay(config, run if isinstance(run, str) else int(run), engine)
     row: dict[str, Any] = {str(name): value for name, value in again.row.items()}
     plain = ("run_id", "group", "operator", "verdict", "response", "response_cause", "hazard")
     attributes = {name: str(row[name]) for name in plain} | {
@@ -140,7 +139,7 @@ def counterfactual(
     question = Question(false_alarms_per_hour, lead_ms, hours, most, tuple(groups), seed)
     folder = _folder(campaign)
     config = _config(campaign) if folder is None else validated(manifest.read(folder).config)
-    one = finding.find(config, question, running.engine_name(engine))
+    one = finding.find(config, question, engine)
     files = [] if out is None else output.write(one, Path(out))
     table = pd.read_csv(
         io.StringIO(downloads.text(output.table(one))), keep_default_na=False, na_values=[""]
@@ -183,7 +182,7 @@ def calibrate_monitor(
         motions,
         seed,
     )
-    calibrate.calibrate(request, Path(out), hours, running.engine_name(engine))
+    calibrate.calibrate(request, Path(out), hours, engine)
     return writing.read(Path(out))[1]
 
 

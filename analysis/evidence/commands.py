@@ -75,13 +75,7 @@ def _tell_check(place: Path, result: Any, as_json: bool) -> None:
         + (f"{len(complaints)} broken" if complaints else "every checksum holds")
     )
     for node in complaints:
-        console.err.print(
-            f"{node.name}: {node.reason}",
-            style="red",
-            markup=False,
-            highlight=False,
-            soft_wrap=True,
-        )
+        console.complain(f"{node.name}: {node.reason}")
     others = [node.name for node in result.of_status("broken") if node.item is None]
     if others:
         console.say(f"what rests on them is red, too: {', '.join(others)}")

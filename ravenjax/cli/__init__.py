@@ -5,7 +5,6 @@ the commands.
 from __future__ import annotations
 
 import os
-from typing import Literal
 
 from cyclopts import App, CycloptsError
 
@@ -70,7 +69,6 @@ for _command in (
     catalogue.campaigns,
     catalogue.faults,
     catalogue.parameters,
-    schema.reference,
     schema.schema,
     machine.bench,
     machine.doctor,
@@ -79,18 +77,6 @@ for _command in (
 app.register_install_completion_command(
     help="Install completion of commands, options and files for this shell (bash, zsh, fish)."
 )
-
-
-@app.command
-def completion(shell: Literal["bash", "zsh", "fish"]) -> None:
-    """Print the completion script of a shell, without installing it.
-
-    Parameters
-    ----------
-    shell
-        As in `source <(ravenjax completion bash)`.
-    """
-    print(app.generate_completion(shell=shell), file=console.out.file)
 
 
 def main(tokens: list[str] | None = None) -> int:
@@ -112,9 +98,7 @@ def main(tokens: list[str] | None = None) -> int:
         # it has printed what is wrong with the command line
         return USER_ERROR
     except (UserError, StoreError) as error:
-        console.err.print(
-            f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True
-        )
+        console.complain(f"error: {error}")
         return USER_ERROR
     return code if isinstance(code, int) else 0
 

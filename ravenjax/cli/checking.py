@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-from cyclopts import Parameter
+from typing import TYPE_CHECKING, Any
 
 from ravenjax.cli import console
-from ravenjax.cli.console import Overrides
+from ravenjax.cli.console import AsJson, Count, Overrides
 
 if TYPE_CHECKING:
     from ravenjax.campaign.file.config import CampaignConfig
@@ -24,8 +22,8 @@ def check(
     overrides: Overrides = None,
     out: Path | None = None,
     engine: str = "auto",
-    limit: Annotated[int | None, Parameter(validator=console.SOME)] = None,
-    as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
+    limit: Count = None,
+    as_json: AsJson = False,
 ) -> None:
     """Show what a campaign file would run: runs, groups, faults, operator, cues, time and memory.
 
@@ -41,8 +39,6 @@ def check(
         auto, cuda, simd, xla or mjx
     limit
         as for run: only the first runs
-    as_json
-        print the same as JSON, for programs
     """
     from ravenjax.campaign import loading
     from ravenjax.campaign.inspection.preview import preview

@@ -25,8 +25,10 @@ Overrides = Annotated[
         help="key.path=value, as campaign.duration_s=5 or group.0.runs=100",
     ),
 ]
-SOME = validators.Number(gte=1)
-"""Of an option that counts something."""
+Count = Annotated[int | None, Parameter(validator=validators.Number(gte=1))]
+Words = Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")]
+Switch = Annotated[bool, Parameter(negative="")]
+Engine = Annotated[str, Parameter(help="auto, cuda, simd, xla or mjx")]
 
 AsJson = Annotated[
     bool, Parameter(name="--json", negative="", help="print JSON on standard output, nothing else")
@@ -67,6 +69,11 @@ def emit_json(value: Any) -> None:
 def say(text: str) -> None:
     """Print text as it is."""
     out.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+def complain(text: str) -> None:
+    """Print what is wrong."""
+    err.print(text, style="red", markup=False, highlight=False, soft_wrap=True)
 
 
 def note(text: str) -> None:

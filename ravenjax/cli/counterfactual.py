@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-from cyclopts import Parameter
+from typing import TYPE_CHECKING
 
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson, Overrides
+from ravenjax.cli.console import AsJson, Overrides, Switch, Words
 
 if TYPE_CHECKING:
     from ravenjax.campaign.file.config import CampaignConfig
@@ -22,9 +20,9 @@ def counterfactual(
     lead_ms: int = 10,
     hours: float = 2.0,
     most: int = 8,
-    group: Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")] = None,
+    group: Words = None,
     seed: int = 0,
-    confirm: Annotated[bool, Parameter(negative="")] = False,
+    confirm: Switch = False,
     engine: str = "auto",
     overrides: Overrides = None,
     as_json: AsJson = False,

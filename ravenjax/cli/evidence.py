@@ -3,37 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
-
-from cyclopts import Parameter
 
 from ravenjax.cli import checkout
-from ravenjax.cli.console import AsJson
+from ravenjax.cli.console import AsJson, Switch
 
 
 def evidence(
     *folders: Path,
-    out: Annotated[
-        Path | None, Parameter(help="folder to write into; default FOLDER/evidence of a single one")
-    ] = None,
-    check: Annotated[
-        Path | None,
-        Parameter(
-            help="compute the checksums of evidence in this folder again, and write nothing new"
-        ),
-    ] = None,
-    xlsx: Annotated[
-        bool, Parameter(negative="", help="the tables as one workbook, too (extra: xlsx)")
-    ] = False,
-    credibility: Annotated[
-        Path | None,
-        Parameter(
-            help=(
-                "findings of `ravenjax reproduce`: report what the simulator's credibility rests"
-                " on, too"
-            )
-        ),
-    ] = None,
+    out: Path | None = None,
+    check: Path | None = None,
+    xlsx: Switch = False,
+    credibility: Path | None = None,
     as_json: AsJson = False,
 ) -> int:
     """Write evidence for a risk file: failure modes, hazards, unsafe control actions, an argument.
@@ -46,6 +26,14 @@ def evidence(
     ----------
     folders
         What `ravenjax run` wrote, one folder or several.
+    out
+        folder to write into; default FOLDER/evidence of a single one
+    check
+        compute the checksums of evidence in this folder again, and write nothing new
+    xlsx
+        the tables as one workbook, too (extra: xlsx)
+    credibility
+        findings of `ravenjax reproduce`: report what the simulator's credibility rests on, too
     """
     commands = checkout.load_module("evidence.commands")
     return commands.evidence(folders, out, check, xlsx, credibility, as_json)

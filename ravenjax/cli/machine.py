@@ -9,31 +9,36 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson, Listing
+from ravenjax.cli.console import AsJson, Listing, Switch
 
 TableName = Literal["engines", "shell", "cores", "devices", "fault_times", "campaigns", "peers"]
 
 
 def bench(
     *,
-    json: Annotated[bool, Parameter(negative="", help="print every number as JSON")] = False,
-    quick: Annotated[
-        bool, Parameter(negative="", help="half a minute instead of minutes: the shorter parts")
-    ] = False,
-    markdown: Annotated[Path | None, Parameter(help="also write the tables to this file")] = None,
-    only: Annotated[
-        list[TableName] | None,
-        Parameter(consume_multiple=True, negative="", help="these parts alone"),
-    ] = None,
-    seconds: Annotated[
-        float | None,
-        Parameter(help="how long it may take, about; default: 160, and 35 of a quick run"),
-    ] = None,
+    json: Switch = False,
+    quick: Switch = False,
+    markdown: Path | None = None,
+    only: Annotated[list[TableName] | None, Parameter(consume_multiple=True, negative="")] = None,
+    seconds: float | None = None,
 ) -> int:
     """Measure the speed of this machine, and compare it with MuJoCo and MJX.
 
     Each part runs in its own process. Parts that do not fit into the time are named and left
     out. The exit code is 1 if nothing could be measured.
+
+    Parameters
+    ----------
+    json
+        print every number as JSON
+    quick
+        half a minute instead of minutes: the shorter parts
+    markdown
+        also write the tables to this file
+    only
+        these parts alone
+    seconds
+        how long it may take, about; default: 160, and 35 of a quick run
     """
     from ravenjax.cli import checkout
 
@@ -41,17 +46,16 @@ def bench(
     return suite.bench(json, quick, markdown, only or (), seconds)
 
 
-def doctor(
-    *,
-    realtime: Annotated[
-        bool, Parameter(negative="", help="measure how well a session keeps time instead")
-    ] = False,
-    seconds: Annotated[
-        float, Parameter(help="of each of the five loops that --realtime measures")
-    ] = 60.0,
-    as_json: AsJson = False,
-) -> int:
-    """Check this machine: versions, devices, CPU, memory, and that each part works."""
+def doctor(*, realtime: Switch = False, seconds: float = 60.0, as_json: AsJson = False) -> int:
+    """Check this machine: versions, devices, CPU, memory, and that each part works.
+
+    Parameters
+    ----------
+    realtime
+        measure how well a session keeps time instead
+    seconds
+        of each of the five loops that --realtime measures
+    """
     from ravenjax.cli import terminal
 
     if realtime:

@@ -7,12 +7,12 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-from cyclopts import App, Parameter
+from cyclopts import App
 
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson, Listing, Overrides
+from ravenjax.cli.console import AsJson, Engine, Listing, Overrides, Words
 
 if TYPE_CHECKING:
     from ravenjax.analyses.monitors.calibration import Calibrated
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 monitor = App(
     name="monitor", help="Monitors with a stated false-alarm rate: calibrate, check for a shift."
 )
-Engine = Annotated[str, Parameter(help="auto, cuda, simd, xla or mjx")]
 
 
 @monitor.command
@@ -28,14 +27,14 @@ def calibrate(
     file: Path,
     *,
     out: Path | None = None,
-    signals: Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")] = None,
+    signals: Words = None,
     segments: str = "",
     false_alarms_per_hour: float = 1.0,
     confidence: float = 0.95,
     hours: float | None = None,
     length_s: float = 300.0,
     robots: int = 16,
-    motions: Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")] = None,
+    motions: Words = None,
     seed: int = 0,
     engine: Engine = "auto",
     overrides: Overrides = None,

@@ -92,13 +92,7 @@ def verify(
     console.out.print(terminal.table(f"Verified: {folder}", ("what", "", "looked at"), rows))
     for check in verified.checks:
         for problem in check.problems:
-            console.err.print(
-                f"{check.name}: {problem}",
-                style="red",
-                markup=False,
-                highlight=False,
-                soft_wrap=True,
-            )
+            console.complain(f"{check.name}: {problem}")
     if verified.rerun is not None and verified.rerun.differing:
         n = len(verified.rerun.rows)
         apart = [

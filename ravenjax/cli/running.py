@@ -8,13 +8,11 @@ import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-from cyclopts import Parameter
+from typing import TYPE_CHECKING, Any
 
 from ravenjax import interruption
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson, Overrides
+from ravenjax.cli.console import AsJson, Count, Overrides
 from ravenjax.cli.motion import show_operator
 from ravenjax.cli.results import write_report
 
@@ -30,8 +28,8 @@ def run(
     out: Path | None = None,
     engine: str = "auto",
     overrides: Overrides = None,
-    chunk: Annotated[int | None, Parameter(validator=console.SOME)] = None,
-    limit: Annotated[int | None, Parameter(validator=console.SOME)] = None,
+    chunk: Count = None,
+    limit: Count = None,
     executor: str | None = None,
     workers: int | None = None,
     ray_address: str | None = None,

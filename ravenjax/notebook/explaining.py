@@ -12,7 +12,6 @@ import pandas as pd
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.inspection.explain import Explainer
 from ravenjax.errors import UserError, shown
-from ravenjax.notebook.running import engine_name
 from ravenjax.report.run import chain, chain_words
 
 if TYPE_CHECKING:
@@ -44,10 +43,8 @@ def figure(source: CampaignConfig | Path, run: Any, engine: Any) -> Figure | Non
 
 
 def _explainer(source: CampaignConfig | Path, engine: Any) -> Explainer:
-    name = engine_name(engine)
-    return (
-        Explainer.of_folder(source, name) if isinstance(source, Path) else Explainer(source, name)
-    )
+    build = Explainer.of_folder if isinstance(source, Path) else Explainer
+    return build(source, engine)  # pyright: ignore[reportArgumentType]
 
 
 def _row(explainer: Explainer, run: Any) -> int:

@@ -42,7 +42,6 @@ def test_help_and_version_import_nothing_slow():
         "run",
         "fault-free",
         "check",
-        "reference",
         "report",
         "trace",
         "verify",

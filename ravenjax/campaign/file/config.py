@@ -38,27 +38,20 @@ class CampaignConfig(Section):
     """A whole campaign file."""
 
     campaign: CampaignSection
-    parameters: dict[str, Number] = Field(
-        default_factory=dict,
-        description="path = value, list or distribution; from = a file of robots",
-    )
-    cross: Cross = Field(
-        default_factory=dict,
-        description=(
-            "path = list: every run once with each value, all else alike, random numbers too; for"
-            " pairs"
-        ),
-    )
+    parameters: dict[str, Number] = Field(default_factory=dict)
+    """path = value, list or distribution; from = a file of robots"""
+    cross: Cross = Field(default_factory=dict)
+    """path = list: every run once with each value, all else alike, random numbers too; for pairs"""
     haptics: Haptics = Haptics()
-    detector: tuple[Detector, ...] = Field(default=(), description="observers that are scored")
-    check: tuple[OwnCheck, ...] = Field(
-        default=(), description="checks of your own that stand in the loop"
-    )
+    detector: tuple[Detector, ...] = ()
+    """observers that are scored"""
+    check: tuple[OwnCheck, ...] = ()
+    """checks of your own that stand in the loop"""
     outcomes: Outcomes = Outcomes()
-    stop: Stop | None = Field(
-        default=None, description="when to stop; without it the whole table is computed"
-    )
-    group: tuple[Group, ...] = Field(min_length=1, description="the runs")
+    stop: Stop | None = None
+    """when to stop; without it the whole table is computed"""
+    group: tuple[Group, ...] = Field(min_length=1)
+    """the runs"""
     _source: Path | None = PrivateAttr(None)
 
     @model_validator(mode="before")

@@ -68,6 +68,9 @@ def tidy(node: Any) -> None:
             del node["title"]
         if "anyOf" in node:
             node.pop("minLength", None)
+        if isinstance(text := node.get("description"), str):
+            # a docstring of several lines
+            node["description"] = " ".join(text.split())
         for inner in node.values():
             tidy(inner)
     elif isinstance(node, list):
