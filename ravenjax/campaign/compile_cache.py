@@ -68,7 +68,7 @@ def objects() -> MutableMapping[str, bytes] | None:
     """Traces and compiled objects of the printing engines by their key, on disk; None where the
     cache is off.
 
-    Raises UserError for a size that is none.
+    Raises UserError for a size that is no number.
     """
     base = folder()
     return None if base is None else Objects(base / "objects", _size_mb() * 1_000_000)

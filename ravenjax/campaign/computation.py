@@ -21,7 +21,13 @@ import numpy as np
 
 from ravenjax import interruption
 from ravenjax.campaign import outcomes
-from ravenjax.campaign.golden_runs import Branches, Computed, FastForwardPlan, GoldenRuns
+from ravenjax.campaign.golden_runs import (
+    Branches,
+    Computed,
+    FastForwardPlan,
+    GoldenRuns,
+    join_computed,
+)
 from ravenjax.campaign.memory_windows import (
     Columns,
     Pair,
@@ -95,7 +101,7 @@ class Computation:
         self._fast_forward = FastForwardPlan(self.plan, 0 if self.whole else self.kernel.branches)
         self._halted: list[np.ndarray] = []
         under_way: deque[tuple[Window, list[Future[Pair]]]] = deque()
-        golden_runs = GoldenRuns(np.zeros(0, self.plan.golden.dtype), ())
+        golden_runs: GoldenRuns | None = None
 
         def finish_window() -> Pair:
             window, blocks = under_way.popleft()
@@ -104,7 +110,7 @@ class Computation:
         with ThreadPoolExecutor(self.threads) as pool:
             try:
                 for window in cut_into_windows(
-                    ranges, self.plan.golden, self._limits(), self.plan.acts
+                    ranges, self.plan.golden, self.plan.acts, self._limits()
                 ):
                     golden_runs = self._golden_runs(pool, window, golden_runs)
                     blocks = [
@@ -132,7 +138,7 @@ class Computation:
         return rows, golden_runs
 
     def _tell_of_stops(self) -> None:
-        """A note where golden runs stand still for long: nothing that strikes there can do harm."""
+        """Add a note where golden runs stand still for long: no fault can do harm there."""
         halted = np.concatenate(self._halted) if self._halted else np.zeros(0)
         still = halted > STANDS_STILL * self.plan.program.ticks
         if still.any():
@@ -173,23 +179,29 @@ class Computation:
     # --- golden runs ---
 
     def _golden_runs(
-        self, pool: ThreadPoolExecutor, window: Window, earlier: GoldenRuns
+        self, pool: ThreadPoolExecutor, window: Window, earlier: GoldenRuns | None
     ) -> GoldenRuns:
-        """Those of a window; starts what is not there, with the parameters of the first row of
-        each.
+        """The golden runs of a window; starts those that `earlier` lacks, with the parameters of
+        the first row of each.
         """
         numbers, first = np.unique(self.plan.golden[window.rows], return_index=True)
         rows = window.rows[first]
-
-        def start(lacking: np.ndarray) -> list[Future[Computed]]:
-            some = rows[np.isin(numbers, lacking)]
-            lanes = min(self.kernel.lanes, self.kernel.size(-(-len(some) // self.threads)))
-            return [
-                pool.submit(self._fault_free, some[i : i + lanes])
-                for i in range(0, len(some), lanes)
+        there = np.isin(numbers, () if earlier is None else earlier.numbers)
+        if earlier is not None and there.all():
+            golden_runs = earlier
+        else:
+            lacking = rows[~there]
+            lanes = min(self.kernel.lanes, self.kernel.size(-(-len(lacking) // self.threads)))
+            parts = [
+                pool.submit(self._fault_free, lacking[i : i + lanes])
+                for i in range(0, len(lacking), lanes)
             ]
-
-        golden_runs = earlier.followed(window.golden_runs, start)
+            kept = earlier if there.any() else None
+            golden_runs = GoldenRuns(
+                numbers,
+                pool.submit(join_computed, parts, kept and kept.computed, numbers),
+                {n: b for n, b in kept.branches.items() if n in numbers} if kept else {},
+            )
         for number, row in zip(numbers.tolist(), rows, strict=True):
             if self._fast_forward.branches[number] and number not in golden_runs.branches:
                 golden_runs.branches[number] = pool.submit(self._branches, row, golden_runs)
@@ -212,11 +224,11 @@ class Computation:
         return Computed(self.plan.golden[rows], result.reference[:, :, : len(rows)], columns)
 
     def _branches(self, row: int, golden_runs: GoldenRuns) -> Branches:
-        """Of the golden run of a row."""
+        """The snapshots of the golden run of a row."""
         number = self.plan.golden[row]
         last, ends = int(self._fast_forward.last_act[number]), self._fast_forward.early_ends(number)
         kernel = cast(BranchingKernel, self.kernel)
-        block = self._block(np.array([row]), golden_runs.get(), harmless=True)
+        block = self._block(np.array([row]), golden_runs.computed.result(), harmless=True)
         trunk, columns = kernel.trunk(block, self.plan.columns, last, ends)
         return Branches(trunk, ends, {name: columns[name] for name in outcomes.of_golden(columns)})
 
@@ -224,7 +236,11 @@ class Computation:
         """`outcomes.of_golden` of the golden run of each row, when the row ends; each moment is
         computed once.
         """
-        own, golden, ends = golden_runs.get(), self.plan.golden[rows], self.plan.ends[rows]
+        own, golden, ends = (
+            golden_runs.computed.result(),
+            self.plan.golden[rows],
+            self.plan.ends[rows],
+        )
         early = self._fast_forward.early[rows]
         if len(own.numbers) == 1 and not early.any():
             return {
@@ -255,7 +271,7 @@ class Computation:
     def _faulty(self, rows: np.ndarray, golden_runs: GoldenRuns) -> Pair:
         """The runs of these rows."""
         self.progress.more_due((self.kernel.size(len(rows)) - len(rows)) * self.plan.program.ticks)
-        own = golden_runs.get()
+        own = golden_runs.computed.result()
         coming = [golden_runs.branches.get(number) for number in own.numbers.tolist()]
         here = np.isin(own.numbers, self.plan.golden[rows]).tolist()
         trunks = [

@@ -1,5 +1,5 @@
-"""Which rows are computed together: blocks for the engine, in windows whose golden runs fit in
-memory; and how the columns of blocks become those of parts.
+"""Cuts rows into blocks for the engine, in windows whose golden runs fit in memory, and joins the
+columns of blocks to those of parts.
 """
 
 from __future__ import annotations
@@ -33,72 +33,30 @@ class WindowLimits(NamedTuple):
 
 
 def cut_into_windows(
-    ranges: Iterable[range],
-    golden: np.ndarray,
-    limits: WindowLimits,
-    acts: np.ndarray | None = None,
+    ranges: Sequence[range], golden: np.ndarray, acts: np.ndarray, limits: WindowLimits
 ) -> Iterator[Window]:
     """The rows of `ranges` in order, in windows of blocks.
 
-    golden: number of each row's golden run. acts: of each row, int. Within a window blocks are of
-    rows that have the same golden run and then act at about the same time.
+    golden: number of each row's golden run. acts: first tick in which each row's faults may act.
+    The rows of a block have the same golden run, or few, and act at about the same time.
     """
-    acts = np.zeros(len(golden), np.int32) if acts is None else acts
-    some: list[np.ndarray] = []
-    golden_runs = np.zeros(0, golden.dtype)
-    count = 0
-    for full in _blocks(ranges, limits.lanes):
-        for block in _split_to_fit(full, golden, limits):
-            together = np.union1d(golden_runs, golden[block])
-            if some and (len(together) > limits.golden_runs or count == limits.blocks):
-                yield _window(some, golden, acts, limits)
-                some, together, count = [], np.unique(golden[block]), 0
-            some.append(block)
-            golden_runs, count = together, count + 1
-    if some:
-        yield _window(some, golden, acts, limits)
-
-
-def _window(
-    some: list[np.ndarray], golden: np.ndarray, acts: np.ndarray, limits: WindowLimits
-) -> Window:
-    rows = np.concatenate(some)
-    order = np.lexsort((acts[rows], golden[rows]))
-    sizes = range(0, len(rows), limits.lanes)
-    pieces = (
-        piece
-        for i in sizes
-        for piece in _split_to_fit(order[i : i + limits.lanes], golden[rows], limits)
-    )
-    return Window(rows, list(pieces), np.unique(golden[rows]))
-
-
-def _blocks(ranges: Iterable[range], lanes: int) -> Iterator[np.ndarray]:
-    pieces: list[range] = []
-    room = lanes
-    for rows in ranges:
-        while rows:
-            pieces.append(rows[:room])
-            rows, room = rows[room:], room - len(pieces[-1])
-            if not room:
-                yield np.concatenate([np.arange(some.start, some.stop) for some in pieces])
-                pieces, room = [], lanes
-    if pieces:
-        yield np.concatenate([np.arange(some.start, some.stop) for some in pieces])
-
-
-def _split_to_fit(
-    rows: np.ndarray, golden: np.ndarray, limits: WindowLimits
-) -> Iterator[np.ndarray]:
-    """`rows` as they are where their golden runs fit and are shared, else in pieces that bear
-    one for each row.
-    """
-    golden_runs = len(np.unique(golden[rows]))
-    shared = golden_runs <= max(1, len(rows) // SHARED)
-    alone = min(limits.alone, limits.golden_runs)
-    whole = golden_runs <= limits.golden_runs and (shared or len(rows) <= alone)
-    step = len(rows) if whole else alone
-    yield from (rows[i : i + step] for i in range(0, len(rows), step))
+    rows = np.concatenate([np.arange(some.start, some.stop) for some in ranges])
+    lanes, alone = limits.lanes, min(limits.alone, limits.golden_runs)
+    begin = 0
+    while begin < len(rows):
+        some = rows[begin : begin + lanes * limits.blocks]
+        # where each golden run comes first
+        places = np.sort(np.unique(golden[some], return_index=True)[1])
+        if len(places) > limits.golden_runs:
+            some = some[: places[limits.golden_runs]]
+        begin += len(some)
+        order = np.lexsort((acts[some], golden[some]))
+        blocks = []
+        for full in (order[i : i + lanes] for i in range(0, len(order), lanes)):
+            shared = len(np.unique(golden[some[full]])) <= max(1, len(full) // SHARED)
+            step = len(full) if shared else alone
+            blocks += [full[i : i + step] for i in range(0, len(full), step)]
+        yield Window(some, blocks, np.unique(golden[some]))
 
 
 Columns = dict[str, np.ndarray]

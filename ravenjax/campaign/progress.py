@@ -1,4 +1,4 @@
-"""Counts how far a campaign is, tells whoever watches, and keeps progress.json of a result folder.
+"""Counts the progress of a campaign, reports it, and keeps progress.json of a result folder.
 
 progress.json is replaced in one step, at most once a second, and never holds up or ends a campaign.
 A start that was killed leaves its last one behind, with the process that wrote it (`pid`, `host`)
@@ -70,7 +70,7 @@ OnProgress = Callable[[Status], None]
 
 
 class Progress:
-    """The counters of one start of a campaign; any thread may count."""
+    """The counters of one start of a campaign. Any thread may count."""
 
     def __init__(
         self,
@@ -129,7 +129,7 @@ class Progress:
             self.status.notes = (*self.status.notes, sentence)
 
     def tell(self, phase: str) -> None:
-        """Pass a copy of the status to whoever watches."""
+        """Pass a copy of the status to `on_progress`."""
         status = self.status
         if self._began:
             status.run_s = time.perf_counter() - self._began

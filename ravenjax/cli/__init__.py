@@ -80,7 +80,7 @@ app.register_install_completion_command(
 
 
 def main(tokens: list[str] | None = None) -> int:
-    """Run the command line; what a user can mend becomes one message and exit code 2."""
+    """Run the command line. An error that the user can correct is one message and exit code 2."""
     from ravenjax.errors import StoreError, UserError
 
     os.environ.setdefault("MUJOCO_GL", "disable")  # else it starts a process to look for windows

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -115,8 +114,6 @@ def _faults(word: str | None) -> Iterator[Listing]:
         yield from _site(ROBOT.sites[word])
     elif word in EFFECTS:
         yield Listing("effect", f"Effect {word}", meaning, [EFFECTS[word][:2]])
-        rows = [(site.name, _effect_values(site, word)) for site in ROBOT.sites.values()]
-        yield Listing("values", "Its value", ("site", "may be"), [row for row in rows if row[1]])
     else:
         ids = [row.id for row in library.rows()]
         if word not in ids:
@@ -164,39 +161,14 @@ def _site(site: Site) -> Iterator[Listing]:
         channels.append((channel.name, channel.kind, channel.unit, usual))
     columns = ("channel", "number", "unit", "without a fault")
     yield Listing("channels", "Channels", columns, channels)
-    effects = [(e.name, e.meaning, _effect_values(site, e.name)) for e in EFFECTS.values()]
-    yield Listing(
-        "effects",
-        "Effects that it takes",
-        ("effect", "meaning", "value"),
-        [row for row in effects if row[2]],
-    )
+    effects = [
+        effect[:2]
+        for effect in EFFECTS.values()
+        if effect.network is None or site.name == "network"
+    ]
+    yield Listing("effects", "Effects that it takes", ("effect", "meaning"), effects)
     hazards = listing.table(listing.of_site(site.name))
     yield Listing("hazards", "Hazards that strike it", listing.COLUMNS, hazards)
-
-
-def _effect_values(site: Site, name: str) -> str:
-    """What the value of an effect may be at the channels of a site; "" where it cannot strike."""
-    from ravenjax.vocabulary.effects import EFFECTS
-    from ravenjax.vocabulary.legal import legal
-
-    effect, channels = EFFECTS[name], site.channels
-    if effect.network is not None:
-        if site.name != "network":
-            return ""
-        channels = (site.channel(effect.network.channel),)
-    if not effect.takes_value:
-        return "takes none"
-    spans: dict[str, list[str]] = {}
-    for channel in channels:
-        rule = legal(channel, name)
-        field = channel.field if effect.value == "number" else None
-        low, high = (rule.low, rule.high) if field is None else (field.low, field.high)
-        span = "any number" if math.isinf(low) else f"{low:.10g}..{high:.10g}"
-        spans.setdefault(span + ", whole" * rule.whole, []).append(channel.name)
-    if len(spans) == 1:
-        return next(iter(spans))
-    return "; ".join(f"{', '.join(names)}: {span}" for span, names in spans.items())
 
 
 def parameters(

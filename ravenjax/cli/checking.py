@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson, Count, Overrides
+from ravenjax.cli.console import AsJson, Count, Listing, Overrides
 
 if TYPE_CHECKING:
-    from ravenjax.campaign.file.config import CampaignConfig
+    pass
 
 MOST_ROWS = 40
 """Groups that are printed; of more, the rest is counted."""
@@ -41,6 +40,7 @@ def check(
         as for run: only the first runs
     """
     from ravenjax.campaign import loading
+    from ravenjax.campaign.inspection.estimate import duration
     from ravenjax.campaign.inspection.preview import preview
     from ravenjax.report import wording
 
@@ -61,47 +61,26 @@ def check(
         return
     groups = view["groups"]
     more = f", the first {MOST_ROWS} of {len(groups)}" if len(groups) > MOST_ROWS else ""
-    _print_table(
-        f"Campaign {config.campaign.name}, as it would run", ("what", "is"), _summary(config, view)
-    )
-    _print_rows(f"Groups{more}", ("name", "design", "runs", "sites", "effects"), groups[:MOST_ROWS])
-    if view["faults"]:
-        columns = ("site", "layer", "effect", "runs")
-        _print_rows("Faults by site and effect", columns, view["faults"])
-    if view["sample"]:
-        _print_rows("Some of the runs", ("index", "group", "fault"), view["sample"])
+    summary = console.render("check.j2", config=config, duration=duration, **view)
+    tables = [
+        Listing(
+            "",
+            f"Campaign {config.campaign.name}, as it would run",
+            ("what", "is"),
+            [tuple(line.split("|", 1)) for line in summary.splitlines()],
+        ),
+        _listing(f"Groups{more}", groups[:MOST_ROWS], "name", "design", "runs", "sites", "effects"),
+        _listing("Faults by site and effect", view["faults"], "site", "layer", "effect", "runs"),
+        _listing("Some of the runs", view["sample"], "index", "group", "fault"),
+    ]
+    console.emit([table for table in tables if table.rows], False)
     for notice in view["notices"]:
         console.say(f"note: {notice}")
 
 
-def _print_table(title: str, columns: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> None:
-    from ravenjax.cli import terminal
-
-    console.out.print(terminal.table(title, columns, list(rows)))
-
-
-def _print_rows(title: str, keys: tuple[str, ...], rows: list[dict[str, Any]]) -> None:
-    """Rows as JSON has them, below an empty line."""
-    console.out.print()
-    cells = (tuple(row[key] for key in keys) for row in rows)
-    _print_table(
-        title,
-        tuple({"name": "group", "index": "run"}.get(key, key) for key in keys),
-        (tuple(", ".join(c) if isinstance(c, list) else str(c) for c in row) for row in cells),
-    )
-
-
-def _summary(config: CampaignConfig, view: dict[str, Any]) -> list[tuple[str, ...]]:
-    """(what, how it is) of a preview, by the lines of check.j2."""
-    import jinja2
-
-    from ravenjax.campaign.inspection.estimate import duration
-
-    templates = jinja2.Environment(
-        loader=jinja2.PackageLoader("ravenjax.cli"),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    text = templates.get_template("check.j2").render(config=config, duration=duration, **view)
-    return [tuple(line.split("|", 1)) for line in text.splitlines()]
+def _listing(title: str, rows: list[dict[str, Any]], *keys: str) -> Listing:
+    """Rows as JSON has them, as a table."""
+    columns = tuple({"name": "group", "index": "run"}.get(key, key) for key in keys)
+    cells = [[row[key] for key in keys] for row in rows]
+    texts = [tuple(", ".join(c) if isinstance(c, list) else str(c) for c in row) for row in cells]
+    return Listing("", title, columns, texts)

@@ -49,16 +49,21 @@ def emit(listings: Sequence[Listing], as_json: bool) -> None:
     if as_json:
         emit_json({listing.name: _objects(listing) for listing in listings})
         return
-    from ravenjax.cli import terminal
-
     for number, listing in enumerate(listings):
         if number:
             out.print()
-        out.print(terminal.table(listing.title, listing.columns, list(listing.rows)))
+        table(listing.title, listing.columns, listing.rows)
+
+
+def table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
+    """Print a table."""
+    from ravenjax.cli import terminal
+
+    out.print(terminal.table(title, columns, list(rows)))
 
 
 def emit_json(value: Any) -> None:
-    """Print a value as JSON on standard output; numbers that are none or infinite are null,
+    """Print a value as JSON on standard output; NaN and infinite numbers are null,
     paths text.
     """
     import json
@@ -69,6 +74,19 @@ def emit_json(value: Any) -> None:
 def say(text: str) -> None:
     """Print text as it is."""
     out.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+def render(template: str, **content: Any) -> str:
+    """The text of a template of this package."""
+    import jinja2
+
+    templates = jinja2.Environment(
+        loader=jinja2.PackageLoader("ravenjax.cli"),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return templates.get_template(template).render(content)
 
 
 def complain(text: str) -> None:

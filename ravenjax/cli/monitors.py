@@ -223,26 +223,17 @@ def _tell(place: Path, result: Calibrated, as_json: bool) -> None:
     _, record = writing.read(place)
     if as_json:
         return console.emit_json({"folder": place, **record})
-    own, tested = result.threshold, result.test
     rows = [
-        (
-            term.name,
-            ", ".join(f"{limit:.4g}" for limit in limits),
-            term.units[0],
-        )
+        (term.name, ", ".join(f"{limit:.4g}" for limit in limits), term.units[0])
         for term, limits in zip(result.monitor.terms, result.monitor.limits.tolist(), strict=True)
     ]
     console.emit([Listing("terms", "Alarm above", ("term", "limit", "unit"), rows)], False)
-    low, high = tested.one_each.low, tested.one_each.high
-    console.say(
-        f"{record['promise']['words']}\nset on {own.operations} operations of {own.units}"
-        f" operators, {own.hours:.4g} h, {own.alarms} with an alarm\ntested on {tested.operations}"
-        f" others of {tested.units} operators, {tested.hours:.4g} h without an alarm:"
-        f" {tested.alarms} with one, {tested.per_hour:.3g} an hour; of one operation each"
-        f" {tested.one_each.count} in {tested.one_each.hours:.3g} h, {low:.3g} to {high:.3g} an"
-        f" hour\nfolder: {place}"
+    words = record["promise"]["words"]
+    return console.say(
+        console.render(
+            "monitor.j2", words=words, own=result.threshold, tested=result.test, place=place
+        )
     )
-    return None
 
 
 @contextlib.contextmanager

@@ -62,7 +62,6 @@ def verify(
         of the sample
     """
     from ravenjax.campaign.inspection import verification
-    from ravenjax.cli import terminal
 
     verified = verification.verify(folder, sample, engine, seed)
     if as_json:
@@ -89,7 +88,7 @@ def verify(
     rows = [
         (check.name, "ok" if check.fine else "WRONG", check.looked_at) for check in verified.checks
     ]
-    console.out.print(terminal.table(f"Verified: {folder}", ("what", "", "looked at"), rows))
+    console.table(f"Verified: {folder}", ("what", "", "looked at"), rows)
     for check in verified.checks:
         for problem in check.problems:
             console.complain(f"{check.name}: {problem}")
@@ -100,7 +99,7 @@ def verify(
             for one in verified.rerun.differing
         ]
         columns = ("column", "rows that differ", "largest difference")
-        console.out.print(terminal.table("Not equal to the bit", columns, apart))
+        console.table("Not equal to the bit", columns, apart)
     return 0 if verified.fine else 1
 
 
@@ -137,7 +136,7 @@ def merge(
 
 
 def write_report(folder: Path, tell: bool = True) -> Path:
-    """Write the report and return its path; `tell`: print it, too."""
+    """Write the report and return its path; `tell`: also print the path."""
     from ravenjax.report import page
 
     path = page.build(folder)

@@ -189,15 +189,14 @@ def _summary(folder: Path, results: Results) -> None:
 
     record = manifest.read(folder)
     counted = results.verdicts() if record.done else {}
-    if rows := terminal.outcome_rows(counted):
+    valid = sum(count for verdict, count in counted.items() if verdict)
+    if rows := terminal.share_rows(counted, valid):
         columns = ("response / hazard / cue", "runs", "share")
-        console.out.print(terminal.table("Runs with a fault", columns, rows))
+        console.table("Runs with a fault", columns, rows)
         evading = terminal.evading(counted, record.limit_mm)
         console.say(evading)
-    if rows := terminal.failure_rows(record.failures, record.done):
-        console.out.print(
-            terminal.table("Runs without a valid outcome", ("cause", "runs", "share"), rows)
-        )
+    if rows := terminal.share_rows(record.failures, record.done):
+        console.table("Runs without a valid outcome", ("cause", "runs", "share"), rows)
     if why := decisions.sentence(folder):
         console.say(why)
     if record.shard is None and not why and record.due < record.runs:

@@ -1,5 +1,5 @@
 """Commands on the studies of a checkout, `analysis/studies`: `reproduce` runs them, `credibility`
-tells what each of their claims rests on.
+prints the evidence for each of their claims.
 """
 
 from __future__ import annotations

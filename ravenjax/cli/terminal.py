@@ -159,18 +159,14 @@ def checks(tests: dict[str, Callable[[], str]]) -> Iterator[tuple[str, str, str]
             yield name, "FAILED", f"{type(error).__name__}: {error}"
 
 
-def outcome_rows(runs: Mapping[str, int]) -> list[tuple[str, ...]]:
-    """(verdict, runs, share) of the numbers of runs by verdict, most frequent first.
+def share_rows(counts: Mapping[str, int], total: int) -> list[tuple[str, ...]]:
+    """(name, runs, share of the total) of numbers of runs, most frequent first; without "".
 
-    Runs without a valid outcome, whose verdict is "", are in no share. Repeats of a fault count
-    each, so a share has no interval here; that of the report counts every fault once.
+    Repeats of a fault count each, so a share has no interval here. The report counts every fault
+    once.
     """
-    valid = {verdict: count for verdict, count in runs.items() if verdict}
-    ordered = sorted(valid.items(), key=lambda item: (-item[1], item[0]))
-    return [
-        (verdict, str(count), f"{100 * count / sum(valid.values()):.1f} %")
-        for verdict, count in ordered
-    ]
+    ordered = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
+    return [(name, str(n), f"{100 * n / total:.1f} %") for name, n in ordered if name]
 
 
 def evading(runs: Mapping[str, int], limit_mm: float) -> str:
@@ -191,9 +187,3 @@ def evading(runs: Mapping[str, int], limit_mm: float) -> str:
         )
     evade = f"{many} of {of} runs with a fault {'evades' if many == 1 else 'evade'} the checks"
     return f"{evade}: no check tells anyone, and {harm}. The cue comes in {by_cue[0]} of these."
-
-
-def failure_rows(failures: Mapping[str, int], runs: int) -> list[tuple[str, ...]]:
-    """(cause, runs, share) of the runs without a valid outcome, most frequent cause first."""
-    ordered = sorted(failures.items(), key=lambda item: (-item[1], item[0]))
-    return [(cause, str(count), f"{100 * count / max(1, runs):.2g} %") for cause, count in ordered]

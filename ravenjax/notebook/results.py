@@ -1,4 +1,4 @@
-"""The results of a campaign as an object: read when asked, counted as the report counts."""
+"""The results of a campaign as an object, counted as in the report."""
 
 from __future__ import annotations
 

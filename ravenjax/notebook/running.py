@@ -1,4 +1,4 @@
-"""Runs a campaign for who calls from Python: what callers may pass is looked at before any work."""
+"""Runs a campaign from Python, after a check of the arguments."""
 
 from __future__ import annotations
 

@@ -15,6 +15,7 @@ from ravenjax.campaign.memory_windows import (
 )
 
 SEED = st.integers(0, 9)
+SAME = np.zeros(1000, int)
 
 
 @st.composite
@@ -45,7 +46,7 @@ def test_every_row_is_in_one_block_and_nothing_is_too_large(
     rows = np.concatenate([np.asarray(r) for r in ranges])
     golden = np.random.default_rng(seed).integers(0, golden_runs, rows[-1] + 1)
     acts = np.random.default_rng(seed + 1).integers(0, 9, rows[-1] + 1)
-    found = list(cut_into_windows(ranges, golden, WindowLimits(lanes, ahead, most, alone), acts))
+    found = list(cut_into_windows(ranges, golden, acts, WindowLimits(lanes, ahead, most, alone)))
     np.testing.assert_array_equal(np.concatenate([window.rows for window in found]), rows)
     for window in found:
         places = np.concatenate(window.blocks)
@@ -64,9 +65,7 @@ def test_every_row_is_in_one_block_and_nothing_is_too_large(
 
 def test_blocks_are_full_where_a_golden_run_is_shared():
     found = list(
-        cut_into_windows(
-            [range(0, 70), range(80, 1000)], np.zeros(1000, int), WindowLimits(64, 4, 1, 1)
-        )
+        cut_into_windows([range(0, 70), range(80, 1000)], SAME, SAME, WindowLimits(64, 4, 1, 1))
     )
     assert [len(block) for window in found for block in window.blocks] == [64] * 15 + [30]
     assert [len(window.blocks) for window in found] == [4, 4, 4, 4]
@@ -79,7 +78,7 @@ def test_parts_hold_the_rows_of_their_ranges(ranges, lanes, golden_runs, seed):
     golden = np.random.default_rng(seed).integers(0, golden_runs, rows[-1] + 1)
 
     def computed():
-        for window in cut_into_windows(ranges, golden, WindowLimits(lanes, 3, 20, 20)):
+        for window in cut_into_windows(ranges, golden, golden, WindowLimits(lanes, 3, 20, 20)):
             blocks = [
                 ({"row": window.rows[places]}, {"golden": golden[window.rows[places]]})
                 for places in window.blocks
@@ -94,7 +93,7 @@ def test_parts_hold_the_rows_of_their_ranges(ranges, lanes, golden_runs, seed):
 
 
 def test_columns_of_one_value_stay_one_number():
-    window = next(cut_into_windows([range(4)], np.zeros(4, int), WindowLimits(2, 4, 1, 1)))
+    window = next(cut_into_windows([range(4)], SAME, SAME, WindowLimits(2, 4, 1, 1)))
     one, other = (np.broadcast_to(np.array([value]), 2) for value in (1.0, 2.0))
     for second, strides in ((one, (0,)), (other, (8,))):
         table, _ = join_blocks(window, [({"x": one}, {"g": one}), ({"x": second}, {"g": one})])

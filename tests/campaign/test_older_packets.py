@@ -17,7 +17,6 @@ from ravenjax.campaign import loading, plan
 from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.engines.interface import Block
 from ravenjax.errors import UserError
-from ravenjax.robots.raven2.campaign import older_packets
 from ravenjax.stages import channel
 
 TICKS, START, SEED = 1000, 600, 0.5
@@ -146,27 +145,6 @@ def test_engine_cuda_has_the_bits_of_engine_simd(monkeypatch, tmp_path):
     }
     check_engines(
         planned({"name": "late", "fault": [late]}, packets="measured", duration_s=0.06), 1
-    )
-
-
-def age_ms(*faults: dict, **more) -> float:
-    """Of one group whose packets last four cycles at most."""
-    slots = [{"site": "network", "start_ms": 0, **fault} for fault in faults]
-    config = loading.from_dict(tables({"name": "g", "fault": slots, **more}, packets="measured"))
-    return older_packets.age_ms(config.group, 4)
-
-
-def test_faults_of_one_run_add_up_and_runs_do_not():
-    delay = {"effect": "delay", "value": 3}
-    assert age_ms(delay, {"effect": "overwrite", "channel": "lag", "value": 10}) == 15 * 4
-    assert age_ms(delay, design="list", run=[{}, {"fault": [{"value": 8}]}]) == 10 * 4
-    assert age_ms(delay, {"effect": "overwrite", "channel": "jitter", "value": 0.5}) == 5 * 4 + 110
-    drawn = {"effect": "overwrite", "channel": "lag", "value": {"uniform": [2, 30]}}
-    assert age_ms(drawn, design="random", runs=3) == 32 * 4
-    assert (
-        age_ms({"effect": "drop"})
-        == age_ms({"effect": "overwrite", "channel": "bursts", "value": 0.5})
-        == 0
     )
 
 

@@ -14,7 +14,6 @@ from cuda_cases import check_engines
 
 import ravenjax as rj
 from ravenjax.campaign import loading, plan
-from ravenjax.campaign.inspection import verification
 from ravenjax.errors import UserError
 from ravenjax.outcomes import verdict
 from ravenjax.robots.raven2 import ROBOT
@@ -228,27 +227,6 @@ def test_one_that_watches_or_flags_changes_no_motion(tmp_path, acts):
     )
     assert (plain["told_ms"][2], watched["told_ms"][2]) == (733, 700 if acts == "flag" else 733)
     assert ("built_in_response" in watched) == (acts == "flag")
-
-
-@pytest.mark.slow
-def test_a_campaign_with_one_is_resumed_verified_and_explained(tmp_path):
-    campaign = tmp_path / "x.toml"
-    (tmp_path / "mine.py").write_text(HEAD + BOARDS.format(more=""))
-    campaign.write_text(
-        '[campaign]\nname = "x"\nduration_s = 0.9\n[[check]]\nname = "mine"\nfile = "mine.py"\nat ='
-        ' "usb_out"\nacts = "stop"\n[[group]]\nname = "a"\n[[group.fault]]\nsite ='
-        ' "usb_out"\nchannel = "elbow"\neffect = "overwrite"\nvalue = [200, 14000]\nstart_ms ='
-        " 700\nduration_ms = 64\n"
-    )
-    table = rj.run(loading.load(campaign), out=tmp_path / "out", engine="simd")
-    assert verification.verify(tmp_path / "out", 1).fine
-    explained = rj.explain(tmp_path / "out")
-    assert len(explained)
-    pytest.importorskip("ray")
-    elsewhere = rj.run(
-        loading.load(campaign), tmp_path / "other", engine="simd", executor="ray", workers=1
-    )
-    require_equal(elsewhere, table, ["check_own_mine_first_ms", "response", "unintended_mm"])
 
 
 STEP = "def step(params, state, view):\n    return "

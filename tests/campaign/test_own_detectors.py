@@ -101,16 +101,6 @@ def test_the_text_of_a_built_in_detector_gives_its_bits(tmp_path, kind, engine):
         )
 
 
-def test_it_changes_nothing_else(tmp_path):
-    raw = tables(tmp_path, BOARDS)
-    without = {key: value for key, value in raw.items() if key != "detector"}
-    watched, plain = rj.run(raw, engine="simd"), rj.run(without, engine="simd")
-    names = [name for name in watched.columns if "detector" not in name]
-    assert names == list(plain.columns)
-    for name in names:
-        np.testing.assert_array_equal(watched[name], plain[name], err_msg=name)
-
-
 @pytest.mark.parametrize(
     "wrong, said",
     [

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -42,13 +40,6 @@ def test_runs_share_a_golden_run_exactly_where_all_parameters_agree(rows):
     first = {row: i for i, row in reversed(list(enumerate(rows)))}
     numbered = sorted(set(first.values()))
     assert golden.tolist() == [numbered.index(first[row]) for row in rows], "numbered as they come"
-
-
-def test_a_plan_travels_between_processes():
-    ready = plan.make_plan(rj.load_campaign(CAMPAIGN))
-    again = pickle.loads(pickle.dumps(ready))
-    assert again.program.loop is ready.program.loop
-    assert again.program.setup == ready.program.setup and again.table.equals(ready.table)
 
 
 def test_with_noise_every_run_draws_its_own_and_has_a_golden_run_that_draws_the_same():

@@ -91,18 +91,6 @@ def test_limits_are_those_of_the_campaign(hands):
     assert operator_bounds(fork).upper[3] == pytest.approx(limits.FORK_ROLL_LIMIT)
 
 
-def test_a_scale_that_is_varied_is_said_and_checked(hands):
-    config = loading.from_dict(
-        tables(hands), overrides=["parameters.operator.scale=[0.05, 0.1, 0.2]"]
-    )
-    summary = plan.make_plan(config).operator
-    assert summary.scales == (0.05, 0.2)
-    assert "the tip moves 0.5 to 2 times as far" in dict(table_rows(summary))["scale"]
-    far = loading.from_dict(tables(hands), overrides=["parameters.operator.scale=1"])
-    with pytest.raises(UserError, match="varied to 1 moves the tip 10 times as far as recorded"):
-        plan.make_plan(far)
-
-
 @pytest.mark.slow
 def test_the_manifest_keeps_what_became_of_it(hands, tmp_path):
     raw = tables(hands, cutoff_hz=5.0)

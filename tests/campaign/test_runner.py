@@ -131,16 +131,6 @@ def blocks(monkeypatch):
     return ran
 
 
-def test_a_block_is_as_large_as_its_rows_ask_for(blocks):
-    """Three golden runs in a block that is no larger than they need, and a last block that is
-    not filled up.
-    """
-    rj.run(config(), engine="simd")
-    width = simd.jit.host().width
-    assert [lanes for lanes, golden_runs in blocks if golden_runs] == [-(-3 // width) * width]
-    assert sum(lanes for lanes, golden_runs in blocks if not golden_runs) < 27 + 3 * width
-
-
 @pytest.mark.slow
 def test_nothing_piles_up_behind_a_slow_disk(blocks, monkeypatch, tmp_path):
     """While the first parts cannot be written, no more blocks are computed than may be under

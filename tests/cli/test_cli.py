@@ -89,14 +89,7 @@ def test_faults_of_a_site_lists_channels_effects_and_hazards(run):
     assert channels[0][:3] == ["shoulder", "int16", "cnt"] and channels[0][3].startswith(
         "gold -1871..2099, green "
     )
-    values = {row[0]: row[2] for row in effects}
-    assert set(values) == set(EFFECTS) - {"drop", "duplicate", "delay"}
-    assert values["overwrite"] == "-32768..32767, whole"
-    assert (values["stuck"], values["bit_flip"], values["scale"]) == (
-        "takes none",
-        "0..15, whole",
-        "any number",
-    )
+    assert {row[0] for row in effects} == set(EFFECTS) - {"drop", "duplicate", "delay"}
     assert [row[0] for row in hazards] == ["B11", "B24", "B25", "B26", "B27"]
 
 
@@ -200,7 +193,7 @@ def test_what_came_out_is_told_at_the_end_of_a_run(capsys, monkeypatch, tmp_path
     causes = frame.loc[frame["failed"] != "", "failed"].value_counts()
     assert failed > 0 and len(causes)
     for cause, count in causes.items():
-        assert [cause, str(count), f"{100 * count / 600:.2g} %"] in lines
+        assert [cause, str(count), f"{100 * count / 600:.1f} %"] in lines
 
 
 def as_json(run, *tokens):

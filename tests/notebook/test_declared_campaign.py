@@ -1,13 +1,9 @@
 """Campaigns declared in Python are those of TOML files, both ways, with the same errors."""
 
 import copy
-import pickle
 import tomllib
 
-import numpy as np
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
-from hypothesis import strategies as st
 
 import ravenjax as rj
 from ravenjax.bundled import resources
@@ -45,123 +41,6 @@ def test_a_bundled_campaign_goes_through_python_and_back(file):
     assert "[campaign]" in text and text.count("[[group]]") == len(
         tomllib.loads(file.read_text())["group"]
     )
-
-
-number = st.one_of(
-    st.integers(-4000, 4000), st.floats(-4000, 4000, allow_nan=False).map(lambda x: round(x, 3))
-)
-pair = st.tuples(number, number).map(sorted).map(list)
-axis = st.one_of(
-    number,
-    st.lists(number, min_size=1, max_size=4, unique=True),
-    pair.map(lambda ends: rj.uniform(*ends)),
-    st.tuples(number, st.floats(0, 50)).map(lambda both: rj.normal(*both)),
-    st.lists(number, min_size=1, max_size=4).map(rj.choice),
-    st.lists(number, min_size=1, max_size=3).map(lambda values: {"list": values}),
-)
-start = st.one_of(
-    st.integers(0, 400),
-    st.lists(st.integers(0, 400), min_size=1, max_size=3, unique=True),
-    st.just(rj.uniform(0, 400)),
-    st.floats(0, 1).map(lambda share: rj.phase("fast", share)),
-    st.just(rj.phase("slow")),
-    st.just(rj.phase("fast", [0.0, 0.5])),
-)
-duration = st.one_of(
-    st.integers(1, 100), st.just("end"), st.just([5, "end"]), st.just({"choice": [5, 50]})
-)
-fault = st.builds(
-    lambda channel, effect, value, start, duration: rj.Fault(
-        site="current_cmd",
-        channel=channel,
-        effect=effect,
-        value=value,
-        start_ms=start,
-        duration_ms=duration,
-    ),
-    st.sampled_from(["shoulder", "*", ["shoulder", "elbow"]]),
-    st.sampled_from(
-        ["offset", "overwrite", ["offset", "overwrite"], {"choice": ["offset", "overwrite"]}]
-    ),
-    axis.filter(lambda value: not isinstance(value, dict) or "normal" not in value),
-    start,
-    duration,
-)
-paths = st.dictionaries(
-    st.sampled_from(
-        ["plant.mass_scale", "plant.gold.friction_scale", "operator.scale", "plant.gold.kp.elbow"]
-    ),
-    st.one_of(
-        st.sampled_from([0.9, [0.8, 1.0], {"uniform": [0.8, 1.2]}]), st.just({"choice": [0.9, 1]})
-    ),
-    max_size=2,
-)
-nested = st.sampled_from(
-    [{}, {"plant": {"mass_scale": {"uniform": [0.9, 1.1]}, "gold": {"friction_scale": [1, 1.2]}}}]
-)
-name = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=12)
-group = st.one_of(
-    st.builds(
-        lambda name, faults, parameters: rj.Group(name=name, fault=faults, parameters=parameters),
-        name,
-        st.lists(fault, max_size=2),
-        paths | nested,
-    ),
-    st.builds(
-        lambda name, faults, runs: rj.Group(name=name, design="random", runs=runs, fault=faults),
-        name,
-        st.lists(fault, min_size=1, max_size=2),
-        st.integers(1, 9),
-    ),
-    st.builds(lambda name: {"name": name, "hazards": ["C02"], "start_ms": 100}, name),
-    st.builds(
-        lambda name, one: rj.Group(
-            name=name,
-            design="list",
-            fault=[one],
-            run=[rj.Run(fault=[{"value": 2}]), {"parameters": {"plant.mass_scale": 1.1}}],
-        ),
-        name,
-        fault,
-    ),
-)
-keys = st.fixed_dictionaries(
-    {"name": st.just("made"), "duration_s": st.sampled_from([0.5, 3]), "seed": st.integers(0, 99)},
-    optional={
-        "description": name,
-        "noise": st.booleans(),
-        "arms": st.just(("gold",)),
-        "haptics": st.just(rj.Haptics(threshold_mm=np.array([3.0, 2.0]), cap=0.05)),
-        "operator": st.sampled_from(
-            [rj.Operator(motion="reach"), {"motion": "suture", "start": {"elbow_deg": 80}}]
-        ),
-        "reaction": st.just(rj.Reaction()),
-        "detector": st.just([rj.Detector(name="tip", kind="tip_error", threshold=3)]),
-        "outcomes": st.just(rj.Outcomes(jump="text")),
-        "cross": st.just({"plant.cable_damping": [400, 500]}),
-        "parameters": paths | nested,
-        "limits": st.just(rj.Limits(elbow_deg=(50, 120))),
-    },
-)
-
-
-@pytest.mark.slow
-@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
-@given(keys=keys, groups=st.lists(group, min_size=1, max_size=3))
-def test_any_campaign_goes_to_toml_and_back(keys, groups):
-    try:
-        campaign = rj.Campaign(**keys, group=groups)
-    except rj.UserError:
-        assume(False)
-    text = campaign.to_toml()
-    assert plain(loading.from_dict(tomllib.loads(text))) == plain(campaign.config)
-    assert (
-        rj.Campaign.from_toml(text)
-        == campaign
-        == again(campaign)
-        == pickle.loads(pickle.dumps(campaign))
-    )
-    assert rj.Campaign.from_toml(text).to_toml() == text
 
 
 def minimal(**more):

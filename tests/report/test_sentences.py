@@ -117,7 +117,7 @@ def test_the_terminal_counts_runs_with_a_fault():
     counted = FRAME.loc[FRAME["fault0_site"] != "", "verdict"].value_counts().to_dict()
     cue = np.where(VALID["cue0_first_ms"] >= 0, "cue", "no cue")
     sizes = (VALID["response"] + "/" + VALID["hazard"] + "/" + cue).value_counts()
-    told = terminal.outcome_rows(counted)
+    told = terminal.share_rows(counted, len(VALID))
     assert {verdict: int(runs) for verdict, runs, _ in told} == sizes.to_dict()
     evading = VALID[MOVED & UNTOLD]
     sentence = terminal.evading(counted, manifest.limit_mm)

@@ -84,8 +84,8 @@ def finish_chunk(plan: Plan, part: PartRows, pack: Pack) -> FinishedChunk:
 
 
 class BackgroundQueue:
-    """Calls made in other threads, few of them waiting; a context manager, which waits for those
-    that are under way.
+    """Runs calls in other threads, with a bound on those that wait. As a context manager it waits
+    for the calls that have begun.
     """
 
     def __init__(self, threads: int) -> None:

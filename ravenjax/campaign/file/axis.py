@@ -1,7 +1,7 @@
 """An axis of a campaign: one value, a list of values, or a distribution to draw from.
 
-A list may be written `{ list = [..] }`, too: the same values, told apart from one value for each
-number of a vector.
+A list may also be written `{ list = [..] }`. That says that its values are levels, and not one
+value for each number of a vector.
 """
 
 from __future__ import annotations

@@ -167,7 +167,7 @@ class Fault(Section):
                 yield name, axis
 
     def channels(self, site: Site) -> Axis:
-        """Names of the channels of its site that it strikes; "" where it leaves that open."""
+        """Names of the channels of its site; "" where it names none and the site has several."""
         names = tuple(channel.name for channel in site.channels)
         if self.channel is None:
             return fixed(names[0] if len(names) == 1 else "")

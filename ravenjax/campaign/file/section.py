@@ -16,7 +16,7 @@ from ravenjax.errors import unknown
 
 
 class _SectionClass(type(BaseModel)):
-    """Lets Python make a table from NumPy's values, too, and tells what is wrong as of a file."""
+    """Makes a table from NumPy's values, too, and words errors as those of a file."""
 
     if not TYPE_CHECKING:
 

@@ -157,7 +157,7 @@ class Haptics(Section):
 
 
 MOST_THRESHOLDS = 64
-"""Of a detector: each costs every run some time and two columns."""
+"""Most thresholds of a detector: each costs every run some time and two columns."""
 
 _UpTo8 = Annotated[int, Field(ge=1, le=8)]
 

@@ -1,4 +1,4 @@
-"""Runs of a campaign again, in bulk, each compared with its golden run at every seam of the tick.
+"""Computes many runs again, each compared with its golden run at every seam of the tick.
 
 The robot's own observer (`prepared`, `explained`) takes part in the tick; runs go through the
 campaign's computation like any others. Ten thousand runs of 3 s take seconds on two cores.

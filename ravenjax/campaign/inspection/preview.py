@@ -5,6 +5,7 @@ and nothing computed.
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -81,7 +82,7 @@ def preview(
             }
             for name in names
         ],
-        "fault_free_runs": int((struck == "").all(axis=1).sum()),
+        "fault_free_runs": int((struck.to_numpy() == "").all(axis=1).sum()),
         "golden_runs": golden_runs,
         "copies": _count_copies(config, rows),
         "duration_ms": config.campaign.ticks,
@@ -156,29 +157,24 @@ def _own_checks(config: CampaignConfig, plan: Plan) -> Iterator[dict[str, Any]]:
 
 
 def _fault_rows(config: CampaignConfig, rows: pd.DataFrame) -> Iterator[dict[str, Any]]:
-    """How many runs each site is struck in by each effect, by the robot's order of sites; a run
-    that is struck twice in the same way counts once.
+    """Number of runs with a fault by site and effect, in the robot's order of sites. A run with
+    two such faults counts once.
     """
-    if not config.slots:
-        return
-    struck = pd.concat(
-        rows[["index", f"fault{slot}_site", f"fault{slot}_effect"]].set_axis(
-            ["index", "site", "effect"], axis=1
-        )
+    names = ("index", "fault{}_site", "fault{}_effect")
+    struck = {
+        hit
         for slot in range(config.slots)
-    )
-    struck = struck.astype({"site": str, "effect": str}).drop_duplicates()
-    counts = struck[struck["site"] != ""].groupby(["site", "effect"]).size()
+        for hit in zip(*(rows[name.format(slot)] for name in names), strict=True)
+    }
+    runs = Counter((site, effect) for _, site, effect in struck if site)
     sites = list(config.robot.sites)
-    for (site, effect), runs in sorted(
-        counts.items(), key=lambda item: (sites.index(item[0][0]), item[0][1])
-    ):
+    for site, effect in sorted(runs, key=lambda pair: (sites.index(pair[0]), pair[1])):
         layer = config.robot.sites[site].layer
-        yield {"site": site, "layer": layer, "effect": effect, "runs": int(runs)}
+        yield {"site": site, "layer": layer, "effect": effect, "runs": runs[site, effect]}
 
 
 def _count_copies(config: CampaignConfig, rows: pd.DataFrame) -> int:
-    """Runs whose every input is that of an earlier one, where nothing else tells them apart."""
+    """Runs that repeat an earlier one: every input is equal, and nothing is random."""
     if any(semantics.random_in_itself(config, group) for group in config.group):
         return 0
     inputs = [name for name in rows.columns if name.startswith(("fault", "param:"))]

@@ -1,8 +1,9 @@
-"""One run again, alone, with everything that crossed the seams of the tick as time series."""
+"""Computes single runs again, with all signals of the tick as time series."""
 
 from __future__ import annotations
 
 import dataclasses
+import numbers
 from pathlib import Path
 from typing import Any, Self
 
@@ -14,7 +15,7 @@ from ravenjax.campaign.faults import run_id
 from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.campaign.plan import make_plan
 from ravenjax.engines.interface import Block
-from ravenjax.errors import UserError
+from ravenjax.errors import UserError, shown
 from ravenjax.store import manifest, schema
 from ravenjax.store.logs.topics import Base
 
@@ -56,7 +57,7 @@ class PlannedCampaign:
         record = manifest.read(folder)
         return cls(validated(record.config), original_engine(record, engine))
 
-    def index(self, run: str | int) -> int:
+    def index(self, run: Any) -> int:
         """Index of a run by its id, the beginning of its id, or its index. Raises UserError."""
         return find(self.plan.rows.numbers("run_id"), run)
 
@@ -79,7 +80,7 @@ class Replayer(PlannedCampaign):
         self._robot = config.robot.part("campaign")
         self._bases = self._robot.bases(program.setup) if hasattr(self._robot, "bases") else {}
 
-    def replay(self, run: str | int) -> Replay:
+    def replay(self, run: Any) -> Replay:
         """Run one row; `run` as for `index`. Raises UserError."""
         row, program = self.index(run), self.plan.program
         varied, harmless = self.plan.lanes([row], LANES, harmless=True)
@@ -109,22 +110,26 @@ class Replayer(PlannedCampaign):
         )
 
 
-def replay(config: CampaignConfig, run: str | int, engine: str = "auto") -> Replay:
+def replay(config: CampaignConfig, run: Any, engine: str = "auto") -> Replay:
     """Run one row of a campaign: `run` is its run id (or the beginning of one that no other has)
     or its index.
     """
     return Replayer(config, engine).replay(run)
 
 
-def find(ids: np.ndarray, run: str | int) -> int:
-    """Index of a run by id, beginning of an id, or index; `ids` as in the fault table. Raises
-    UserError.
+def find(ids: np.ndarray, run: Any) -> int:
+    """Index of a run by its id, the beginning of its id, or its index; ids: of the fault table.
+
+    Raises UserError.
     """
-    if isinstance(run, int) or (run.isdecimal() and len(run) < run_id.DIGITS):
-        index = int(run)
-        if not 0 <= index < len(ids):
-            raise UserError(f"run {index}: the campaign has runs 0..{len(ids) - 1}")
-        return index
+    if isinstance(run, bool) or not isinstance(run, str | numbers.Integral):
+        raise UserError(
+            f"run {shown(run)}: expected its index (a whole number) or its run_id (text)"
+        )
+    if not isinstance(run, str) or (run.isdecimal() and len(run) < run_id.DIGITS):
+        if not 0 <= int(run) < len(ids):
+            raise UserError(f"run {run}: the campaign has runs 0..{len(ids) - 1}")
+        return int(run)
     matches = run_id.beginning(ids, run)
     if len(matches) != 1:
         problem = "no run has this id" if not len(matches) else f"{len(matches)} runs begin so"

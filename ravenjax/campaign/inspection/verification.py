@@ -1,11 +1,9 @@
-"""Whether a result folder can be believed: what lies in it is checked, and a random sample of its
-runs is made again.
+"""Verifies a result folder: checks its files, and computes a random sample of its runs again.
 
 A campaign is a function of its file, the seed, the code and the engine. So the fault table is
-expanded anew and must have the ids that the folder has; and runs made again on the same engine,
-device, code and packages must be equal to the bit. On another engine numbers may differ, and it is
-told by how much. They are made from their beginning, also where the campaign let runs go on from
-their golden run.
+expanded again and must have the ids of the folder. Runs computed again on the same engine, device,
+code and packages must be equal to the bit. On another engine numbers may differ, and the result
+states by how much. Runs are computed from their beginning, without fast-forward.
 """
 
 from __future__ import annotations
@@ -87,8 +85,8 @@ def verify(
 ) -> Verification:
     """Check a result folder and make `sample` of its runs again, drawn with `seed`; 0: none.
 
-    engine: "auto" is the one that the folder was computed on; a folder of a GPU is taken to the
-    fastest engine where there is none. Raises StoreError where the folder holds no result,
+    engine: "auto" is the engine that computed the folder; for a folder of a GPU it is the fastest
+    engine of this machine. Raises StoreError where the folder holds no result,
     UserError for an engine that is not here.
     """
     if sample < 0:
@@ -114,7 +112,9 @@ def verify(
     checks.append(_campaign(folder, record, plan, whole))
     if not sample or not checks[-1].fine or not whole:
         return Verification(checks, None)
-    rerun = _again(folder, record, plan, _drawn(whole, sample, seed), engine, on_progress)
+    there = np.concatenate([np.asarray(part.rows) for part in whole])
+    drawn = np.random.default_rng(seed).choice(there, min(sample, len(there)), replace=False)
+    rerun = _again(folder, record, plan, np.sort(drawn), engine, on_progress)
     return Verification([*checks, _check(rerun, plan)], rerun)
 
 
@@ -151,17 +151,6 @@ def _campaign(folder: Path, record: Manifest, plan: Plan, whole: Sequence[Part])
         f"expanded again, {rows:,} run ids and the config hash compared",
         complaints[: checking.MOST],
     )
-
-
-def _drawn(whole: Sequence[Part], sample: int, seed: int) -> np.ndarray:
-    """Indices of `sample` different rows of these parts, or all of them, ascending."""
-    sizes = np.array([len(part.rows) for part in whole])
-    places = np.random.default_rng(seed).choice(
-        sizes.sum(), min(sample, int(sizes.sum())), replace=False
-    )
-    part = np.searchsorted(np.cumsum(sizes), places, side="right")
-    before = np.cumsum(sizes) - sizes
-    return np.sort(np.array([one.first for one in whole])[part] + places - before[part])
 
 
 def _again(

@@ -3,8 +3,6 @@
 import math
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
@@ -27,56 +25,6 @@ def expand(*groups, **sections):
 def group(name="g", **keys):
     faults = keys.pop("faults", [FAULT])
     return {"name": name, "fault": faults, **keys}
-
-
-CHANNELS = st.lists(
-    st.sampled_from(["shoulder", "elbow", "insertion"]), min_size=1, max_size=3, unique=True
-)
-VALUES = st.lists(st.integers(-32768, 32767), min_size=1, max_size=4, unique=True)
-TIMES = st.lists(st.integers(1, 2999), min_size=1, max_size=3, unique=True)
-
-
-@settings(max_examples=60, deadline=None)
-@given(CHANNELS, VALUES, TIMES, TIMES, VALUES, st.integers(1, 3), st.booleans())
-def test_grid_is_the_product_in_order(channels, values, starts, durations, second, repeats, noise):
-    """Slot by slot, field by field, parameters last, repeats fastest; one slot of two is a list
-    as well.
-    """
-    first = {
-        **FAULT,
-        "channel": channels,
-        "value": values,
-        "start_ms": starts,
-        "duration_ms": durations,
-    }
-    other = {**FAULT, "value": second}
-    repeats = repeats if noise else 1
-    table = expand(
-        group(faults=[first, other], repeats=repeats, parameters={"plant.a": [1.5, 2.5]}),
-        campaign={"name": "x", "noise": noise, "seed": 11},
-    )
-    naive = [
-        (c, v, s, d, w, p, 11 + r)
-        for c in channels
-        for v in values
-        for s in starts
-        for d in durations
-        for w in second
-        for p in (1.5, 2.5)
-        for r in range(repeats)
-    ]
-    columns = [
-        "fault0_channel",
-        "fault0_value",
-        "fault0_start_ms",
-        "fault0_duration_ms",
-        "fault1_value",
-        "param:plant.a",
-        "seed",
-    ]
-    assert list(table[columns].itertuples(index=False, name=None)) == naive
-    assert list(table["index"]) == list(range(len(naive)))
-    assert table["run_id"].is_unique
 
 
 def test_zip_takes_lists_of_one_length_only():
@@ -123,15 +71,6 @@ def test_run_id_depends_on_what_decides_the_run(name, same):
     value = {"chunk": 7, "description": "d", "level": "advanced", "duration_s": 4.0}[name]
     one, other = expand(group()), expand(group(), campaign={"name": "y", name: value})
     assert bool(one["run_id"][0] == other["run_id"][0]) is same
-
-
-def test_run_id_hashes_the_recording(tmp_path):
-    path = tmp_path / "m.csv"
-    ids = []
-    for content in ("a", "b"):
-        path.write_text(content)
-        ids.append(expand(group(), operator={"file": str(path)})["run_id"][0])
-    assert ids[0] != ids[1]
 
 
 def test_arm_is_implied_with_one_arm_and_asked_for_with_two():

@@ -114,18 +114,3 @@ def test_a_result_of_another_version_is_refused(result, tmp_path):
     manifest.write(tmp_path, manifest.read(result).model_copy(update={"code_hash": "0" * 64}))
     with pytest.raises(UserError, match="computed by another version of the code"):
         fault_free.extend(tmp_path, 1.0)
-
-
-@pytest.mark.slow
-def test_a_robot_that_is_stopped_without_a_fault_is_told_of(tmp_path, monkeypatch):
-    """Else the hours would never come together."""
-    monkeypatch.setattr(fault_free, "ENOUGH", 2)
-    (tmp_path / "mine.py").write_text(
-        "def step(params, state, view):\n    return state, (view.tick >= 600) * 2.0\n"
-    )
-    check = {"name": "mine", "file": str(tmp_path / "mine.py"), "at": "jpos", "acts": "stop"}
-    rj.run({**copy.deepcopy(CAMPAIGN), "check": [check]}, out=tmp_path / "stopped", engine="simd")
-    with pytest.raises(
-        UserError, match=r"2 fault-free motions of \d+ s had .* s of pedal-down: something stops"
-    ):
-        fault_free.extend(tmp_path / "stopped", 0.1)

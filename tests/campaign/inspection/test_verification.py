@@ -161,22 +161,6 @@ def test_damaged_missing_and_stray_parts_are_each_named(folder):
     ]
 
 
-def test_a_shard_is_asked_for_its_own_rows_only(folder):
-    record = manifests.read(folder)
-    for part in record.parts[2:]:
-        (folder / "parts" / part.file).unlink()
-    share = record.model_copy(
-        update={"parts": record.parts[:2], "rows": ((0, 19),), "shard": "1/2"}
-    )
-    manifests.write(folder, share)
-    assert verification.verify(folder, sample=5).fine
-    manifests.write(folder, share.model_copy(update={"rows": ((0, 9), (20, 29))}))
-    problems = wrong(verification.verify(folder, sample=0))["rows"]
-    assert (
-        problems[0] == "10 rows are missing: 20 to 29" and "not asked of this folder" in problems[1]
-    )
-
-
 def test_what_a_user_asks_wrongly(folder, tmp_path):
     with pytest.raises(UserError, match="--sample -1"):
         verification.verify(folder, sample=-1)
