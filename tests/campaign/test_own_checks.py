@@ -54,7 +54,6 @@ def step(params, state, view):
         score = jnp.maximum(score, jnp.abs(now - before) / params.counts)
     return state, score{more}
 """
-ALWAYS = "def step(params, state, view):\n    return state, as_int(view.tick >= 600){more}\n"
 FAULT = {
     "site": "usb_out",
     "channel": "elbow",
