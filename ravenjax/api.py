@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import io
-import numbers
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,11 +14,10 @@ import pandas as pd
 
 from ravenjax.analyses.monitors.counterfactual import finding, output
 from ravenjax.analyses.monitors.counterfactual.candidates import Question
-from ravenjax.campaign.file.config import CampaignConfig, validated
+from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.inspection.replay import replay
-from ravenjax.campaign.loading import load_campaign
+from ravenjax.campaign.loading import load_campaign, load_source, result_folder
 from ravenjax.campaign.progress import OnProgress
-from ravenjax.errors import UserError, shown
 from ravenjax.notebook import explaining, running
 from ravenjax.notebook.campaign import Campaign
 from ravenjax.notebook.results import CampaignResults, column_meanings
@@ -42,11 +40,10 @@ def run(
     """Run a campaign; one row a run, columns as in results/README.md; their units and meanings are
     in `attrs`.
 
-    out: result folder, resumed where it holds a part of this campaign; None keeps everything in
-    memory. executor: "local" (this process) or "ray"; workers: tasks side by side; the table is the
-    same. Raises UserError and, for what is wrong with `out`, StoreError.
+    out: result folder, resumed where it holds a part of this campaign; None: a temporary one.
+    executor: "local" (this process) or "ray"; workers: tasks side by side; the table is the same.
+    Raises UserError and, for what is wrong with `out`, StoreError.
     """
-    running.require(out, on_progress)
     results = running.run(_config(campaign), out, engine, on_progress, executor, workers)
     table = results.frame()
     table.attrs.update(column_meanings(results.shape))
@@ -72,12 +69,8 @@ def simulate(
     axis="z")`. attrs of the dataset say which run it is and what became of it. run: index, run id,
     or the beginning of one. Raises UserError.
     """
-    if isinstance(run, bool) or not isinstance(run, str | numbers.Integral):
-        raise UserError(
-            f"run is {shown(run)}, expected its index (a whole number) or its run_id (text)"
-        )
     config = _config(campaign)
-    again = replay(config, run if isinstance(run, str) else int(run), running.engine_name(engine))
+    again = replay(config, run, engine)
     row: dict[str, Any] = {str(name): value for name, value in again.row.items()}
     plain = ("run_id", "group", "operator", "verdict", "response", "response_cause", "hazard")
     attributes = {name: str(row[name]) for name in plain} | {
@@ -113,8 +106,10 @@ def explain(
     several; None: every run with a fault. Raises UserError, and StoreError for a folder that cannot
     be read.
     """
-    source = _folder(campaign)
-    return explaining.table(_config(campaign) if source is None else source, runs, engine)
+    if isinstance(campaign, CampaignResults):
+        campaign = campaign.folder
+    source = Path(campaign) if result_folder(campaign) else _config(campaign)  # type: ignore[arg-type]
+    return explaining.table(source, runs, engine)
 
 
 def counterfactual(
@@ -138,9 +133,7 @@ def counterfactual(
     counterfactual`. Raises UserError, and StoreError.
     """
     question = Question(false_alarms_per_hour, lead_ms, hours, most, tuple(groups), seed)
-    folder = _folder(campaign)
-    config = _config(campaign) if folder is None else validated(manifest.read(folder).config)
-    one = finding.find(config, question, running.engine_name(engine))
+    one = finding.find(_config(campaign), question, engine)
     files = [] if out is None else output.write(one, Path(out))
     table = pd.read_csv(
         io.StringIO(downloads.text(output.table(one))), keep_default_na=False, na_values=[""]
@@ -183,7 +176,7 @@ def calibrate_monitor(
         motions,
         seed,
     )
-    calibrate.calibrate(request, Path(out), hours, running.engine_name(engine))
+    calibrate.calibrate(request, Path(out), hours, engine)
     return writing.read(Path(out))[1]
 
 
@@ -206,18 +199,12 @@ def check_monitor(
     return checking.check(Path(folder), [Path(source) for source in several], level, seed)
 
 
-def _folder(campaign: Any) -> Path | None:
-    """The result folder that it is, if it is one."""
-    if isinstance(campaign, CampaignResults):
-        return campaign.folder
-    return (
-        Path(campaign)
-        if isinstance(campaign, str | Path) and (Path(campaign) / manifest.FILE).is_file()
-        else None
-    )
-
-
 def _config(campaign: Any) -> CampaignConfig:
+    """The campaign that a caller names: an object, tables, a file, or a result folder."""
+    if isinstance(campaign, CampaignResults):
+        campaign = campaign.folder
     if isinstance(campaign, Campaign):
         return campaign.config
-    return campaign if isinstance(campaign, CampaignConfig) else load_campaign(campaign)
+    if isinstance(campaign, CampaignConfig):
+        return campaign
+    return load_source(campaign) if isinstance(campaign, str | Path) else load_campaign(campaign)

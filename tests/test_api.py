@@ -51,7 +51,7 @@ def test_overrides_are_a_list_of_texts(overrides):
     [
         ({"out": 5}, "out is 5, expected the path of a result folder"),
         ({"out": ""}, "out is ''"),
-        ({"engine": None}, "engine is None"),
+        ({"engine": None}, "engine None is unknown"),
         ({"engine": "cpu"}, "engine 'cpu' is unknown"),
         ({"on_progress": 3}, "on_progress is 3, expected a function"),
         ({"executor": "cloud"}, "executor 'cloud' is unknown: expected local, ray"),
@@ -59,8 +59,7 @@ def test_overrides_are_a_list_of_texts(overrides):
     ],
 )
 def test_what_run_does_not_take(given, words, monkeypatch):
-    for computes in ("_into", "_in_memory"):
-        monkeypatch.setattr(runner, computes, None)
+    monkeypatch.setattr(runner, "Work", None)
     with pytest.raises(UserError, match=words):
         rj.run(CAMPAIGN, **given)
 

@@ -64,16 +64,6 @@ def commands(program):
     ]
 
 
-def test_there_is_something_to_look_at():
-    assert len(RUN) >= 9
-    assert {one.language for text in TEXTS.values() for one in snippets.snippets(text)} <= {
-        "bash",
-        "python",
-        "text",
-        "toml",
-    }
-
-
 @pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
 @pytest.mark.parametrize(("page", "snippet"), of_language("bash"))
 def test_shell_is_shell(page, snippet):

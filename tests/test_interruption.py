@@ -83,43 +83,6 @@ def test_what_came_is_raised_at_the_end_and_the_handlers_are_back(handlers):
     interruption.point()  # and it is raised once
 
 
-def test_signals_that_are_ignored_stay_so():
-    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    try:
-        with interruption.held_back():
-            assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
-            signal.raise_signal(signal.SIGHUP)
-            interruption.point()
-    finally:
-        signal.signal(signal.SIGHUP, before)
-
-
-def test_one_inside_another_raises_at_the_inner_wait():
-    future: Future[int] = Future()
-    after = False
-    with pytest.raises(Asked), interruption.held_back():
-        with interruption.held_back():
-            signal.raise_signal(signal.SIGTERM)
-            interruption.result(future)
-        after = True
-    assert not after
-
-
-def test_other_threads_neither_hold_back_nor_raise():
-    def work() -> int:
-        with interruption.held_back(), interruption.ended_in_time("never"):
-            signal.raise_signal(signal.SIGTERM)  # Python runs handlers in the main thread alone
-            interruption.point()
-            return 3
-
-    with pytest.raises(Asked), interruption.held_back(), ThreadPoolExecutor(1) as pool:
-        future = pool.submit(work)
-        while not future.done():
-            time.sleep(0.01)
-        assert future.result() == 3
-        interruption.point()
-
-
 def test_a_signal_leaves_with_its_number_unless_it_is_ignored(handlers):
     hangup = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
@@ -175,7 +138,3 @@ def ended(within_s: float) -> tuple[int, str, str]:
 
 def test_what_heeds_no_signal_is_ended():
     assert ended(600.0) == (128 + signal.SIGTERM, "", "that was long enough\n")
-
-
-def test_what_ends_in_time_is_left_alone():
-    assert ended(0.1) == (0, "out\n", "")

@@ -10,6 +10,7 @@ import os
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from bench import (
@@ -22,6 +23,7 @@ from bench import (
     scaling,
 )
 from ravenjax.campaign import compile_cache
+from ravenjax.errors import UserError
 
 FULL_S, QUICK_S = 160.0, 35.0
 """s, of the whole benchmark where nothing else is asked for."""
@@ -197,3 +199,36 @@ def _text(value: Any) -> str:
     if isinstance(value, dict):
         return ", ".join(f"{key} {_text(one)}" for key, one in value.items())
     return str(value).replace("|", "\\|")
+
+
+def bench(
+    json: bool, quick: bool, markdown: Path | None, only: Sequence[str], seconds: float | None
+) -> int:
+    """The exit code of `ravenjax bench`."""
+    from ravenjax.cli import console, terminal
+
+    if markdown is not None and not markdown.absolute().parent.is_dir():
+        raise UserError(
+            f"--markdown {markdown}: the folder does not exist, expected a file in a folder that"
+            " does"
+        )
+    if seconds is not None and not LEAST_S <= seconds <= LONGEST_S:
+        raise UserError(f"--seconds {seconds:g}: expected {LEAST_S:g} to {LONGEST_S:g}")
+
+    def tell(what: str) -> None:
+        console.err.print(f"measuring: {what}", markup=False, highlight=False, soft_wrap=True)
+
+    found = measure(seconds or (QUICK_S if quick else FULL_S), quick, only, tell)
+    every = make_tables(found)
+    if markdown is not None:
+        words = [f"--only {' '.join(only)}"] if only else []
+        words += ["--quick"] * quick + ([f"--seconds {seconds:g}"] if seconds is not None else [])
+        command = " ".join(["ravenjax bench", *words, "--markdown FILE"])
+        markdown.write_text(write_markdown("How fast the engines are", command, every))
+    if json:
+        console.emit_json(found)
+    else:
+        for title, columns, rows in every:
+            console.out.print(terminal.table(title, columns, rows))
+            console.out.print()
+    return int(not found.keys() & {part.table for part in list_parts(1)})

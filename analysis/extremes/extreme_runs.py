@@ -20,7 +20,6 @@ from typing import Any, NamedTuple, get_args
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 
 from ravenjax.campaign import loading, plan, runner
 from ravenjax.campaign.executors.local import Local
@@ -35,8 +34,7 @@ from ravenjax.numbers.quantity import Quantity
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.console.motions import MOTIONS
 from ravenjax.robots.raven2.plant import parameter_sets
-from ravenjax.store import schema
-from ravenjax.store.access.results import Results
+from ravenjax.store import parts, schema
 from ravenjax.vocabulary import legal
 from ravenjax.vocabulary.detectors import MEANINGS
 from ravenjax.vocabulary.effects import EFFECTS, NETWORK_EFFECTS, TRIGGERS
@@ -377,10 +375,10 @@ def _table(ready: plan.Plan, engine: str) -> pd.DataFrame:
         {},
     )
 
-    def deliver(done: FinishedChunk[pa.Table]) -> None:
+    def deliver(done: FinishedChunk) -> None:
         tables[done.rows.start] = done.packed
 
     progress = Progress(engine, ready.runs, ready.runs, ready.program.ticks, None)
     pack = functools.partial(schema.conform, shape=shape)
     Local().run(Work(ready, backend, pack, deliver, progress), [range(ready.runs)])
-    return Results(shape, None, tuple(tables[first] for first in sorted(tables))).frame()
+    return parts.concatenate([tables[first] for first in sorted(tables)])

@@ -131,7 +131,7 @@ def ray_task(tasks: int = 300) -> float:
 
 def chunk_costs(
     worker: ray_cluster.Worker,
-    pack: Pack[Any],
+    pack: Pack,
     ready: Plan,
     chunk: int,
     folder: Path,

@@ -16,8 +16,11 @@ from collections.abc import Iterator, MutableMapping
 from pathlib import Path
 from typing import Any
 
+from ravenjax.engines import selection
+from ravenjax.engines.interface import Engine
 from ravenjax.errors import UserError
 from ravenjax.numbers import lazy
+from ravenjax.numbers.setup import Precision
 
 VARIABLE = "RAVENJAX_CACHE"
 """Environment variable: another folder, or "off"."""
@@ -65,7 +68,7 @@ def objects() -> MutableMapping[str, bytes] | None:
     """Traces and compiled objects of the printing engines by their key, on disk; None where the
     cache is off.
 
-    Raises UserError for a size that is none.
+    Raises UserError for a size that is no number.
     """
     base = folder()
     return None if base is None else Objects(base / "objects", _size_mb() * 1_000_000)
@@ -81,6 +84,12 @@ def _size_mb() -> int:
             " keeps nothing"
         )
     return int(text)
+
+
+def cached_engine(name: str, precision: Precision) -> Engine:
+    """The engine of that name, which keeps traces and compiled code here. Raises UserError."""
+    enable()
+    return selection.select(name, precision, objects())
 
 
 class Objects(MutableMapping[str, bytes]):

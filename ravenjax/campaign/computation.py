@@ -15,19 +15,26 @@ import time
 from collections import deque
 from collections.abc import Generator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import NamedTuple, cast
+from typing import cast
 
 import numpy as np
 
 from ravenjax import interruption
 from ravenjax.campaign import outcomes
-from ravenjax.campaign.golden_runs import Branches, Computed, FastForwardPlan, GoldenRuns
+from ravenjax.campaign.golden_runs import (
+    Branches,
+    Computed,
+    FastForwardPlan,
+    GoldenRuns,
+    join_computed,
+)
 from ravenjax.campaign.memory_windows import (
-    Tables,
+    Columns,
+    Pair,
     Window,
     WindowLimits,
-    WindowTable,
     cut_into_windows,
+    join_blocks,
 )
 from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress import Progress
@@ -42,36 +49,13 @@ GPU_TIMES = 2
 """Times that for a GPU, which needs many lanes at a time and copies those of a block."""
 AHEAD, ENOUGH_ROWS = 4, 2**18
 """Blocks of a window for each that runs at a time, but one alone where so many rows are more:
-those of one window are stored while the next one runs."""
+those of one window are packed while the next one runs."""
 STANDS_STILL = 0.1
 """Share of its length for which a golden run may stand still without a word."""
 SORTED_ROWS, SORTED_TICKS = 2**14, 2**28
 """Rows of a window, and ticks of them all, that are enough to find some that act at about the
 same time.
 """
-
-Columns = dict[str, np.ndarray]
-Pair = tuple[Columns, Columns]
-"""Outcomes of the rows of a block, and `outcomes.of_golden` of their golden runs."""
-
-
-class _UnderWay(NamedTuple):
-    """A window whose blocks are submitted."""
-
-    tables: Tables  # of all its rows, in order, once the blocks are done
-    coming: list[Future[None]]
-
-    def finished(self) -> Tables:
-        """The tables, once they are whole."""
-        for future in self.coming:
-            interruption.result(future)
-        return self.tables
-
-
-def _put(tables: Tables, places: np.ndarray, block: Future[Pair]) -> None:
-    """What comes out of a block, at the places of its rows."""
-    for table, columns in zip(tables, block.result(), strict=True):
-        table.put(places, columns)
 
 
 class Computation:
@@ -108,41 +92,39 @@ class Computation:
         other.plan = plan
         return other
 
-    def blocks(self, ranges: Sequence[range]) -> Generator[Tables]:
-        """Outcomes of the rows of `ranges`, in order, some at a time; and `outcomes.of_golden` of
-        their golden runs.
+    def blocks(self, ranges: Sequence[range]) -> Generator[Pair]:
+        """Outcomes of the rows of `ranges`, in order, a window at a time; and `outcomes.of_golden`
+        of their golden runs.
 
         Close it to give up what is under way. Use it where `interruption.held_back`.
         """
         self._fast_forward = FastForwardPlan(self.plan, 0 if self.whole else self.kernel.branches)
         self._halted: list[np.ndarray] = []
-        under_way: deque[_UnderWay] = deque()
-        golden_runs = GoldenRuns(np.zeros(0, self.plan.golden.dtype), ())
-        with ThreadPoolExecutor(self.threads) as pool, ThreadPoolExecutor(self.threads) as storage:
+        under_way: deque[tuple[Window, list[Future[Pair]]]] = deque()
+        golden_runs: GoldenRuns | None = None
+
+        def finish_window() -> Pair:
+            window, blocks = under_way.popleft()
+            return join_blocks(window, [interruption.result(block) for block in blocks])
+
+        with ThreadPoolExecutor(self.threads) as pool:
             try:
                 for window in cut_into_windows(
-                    ranges, self.plan.golden, self._limits(), self.plan.acts
+                    ranges, self.plan.golden, self.plan.acts, self._limits()
                 ):
                     golden_runs = self._golden_runs(pool, window, golden_runs)
-                    tables = WindowTable(len(window.rows)), WindowTable(len(window.rows))
-                    coming = [
-                        storage.submit(
-                            _put,
-                            tables,
-                            places,
-                            pool.submit(self._faulty, window.rows[places], golden_runs),
-                        )
+                    blocks = [
+                        pool.submit(self._faulty, window.rows[places], golden_runs)
                         for places in window.blocks
                     ]
-                    under_way.append(_UnderWay(tables, coming))
+                    under_way.append((window, blocks))
                     if len(under_way) == 2:
-                        yield under_way.popleft().finished()
+                        yield finish_window()
                 while under_way:
-                    yield under_way.popleft().finished()
+                    yield finish_window()
                 self._tell_of_stops()
             except BaseException:
-                for threads in (pool, storage):
-                    threads.shutdown(wait=False, cancel_futures=True)
+                pool.shutdown(wait=False, cancel_futures=True)
                 raise
 
     def tables(self, ranges: Sequence[range]) -> Pair:
@@ -156,7 +138,7 @@ class Computation:
         return rows, golden_runs
 
     def _tell_of_stops(self) -> None:
-        """A note where golden runs stand still for long: nothing that strikes there can do harm."""
+        """Add a note where golden runs stand still for long: no fault can do harm there."""
         halted = np.concatenate(self._halted) if self._halted else np.zeros(0)
         still = halted > STANDS_STILL * self.plan.program.ticks
         if still.any():
@@ -197,23 +179,29 @@ class Computation:
     # --- golden runs ---
 
     def _golden_runs(
-        self, pool: ThreadPoolExecutor, window: Window, earlier: GoldenRuns
+        self, pool: ThreadPoolExecutor, window: Window, earlier: GoldenRuns | None
     ) -> GoldenRuns:
-        """Those of a window; starts what is not there, with the parameters of the first row of
-        each.
+        """The golden runs of a window; starts those that `earlier` lacks, with the parameters of
+        the first row of each.
         """
         numbers, first = np.unique(self.plan.golden[window.rows], return_index=True)
         rows = window.rows[first]
-
-        def start(lacking: np.ndarray) -> list[Future[Computed]]:
-            some = rows[np.isin(numbers, lacking)]
-            lanes = min(self.kernel.lanes, self.kernel.size(-(-len(some) // self.threads)))
-            return [
-                pool.submit(self._fault_free, some[i : i + lanes])
-                for i in range(0, len(some), lanes)
+        there = np.isin(numbers, () if earlier is None else earlier.numbers)
+        if earlier is not None and there.all():
+            golden_runs = earlier
+        else:
+            lacking = rows[~there]
+            lanes = min(self.kernel.lanes, self.kernel.size(-(-len(lacking) // self.threads)))
+            parts = [
+                pool.submit(self._fault_free, lacking[i : i + lanes])
+                for i in range(0, len(lacking), lanes)
             ]
-
-        golden_runs = earlier.followed(window.golden_runs, start)
+            kept = earlier if there.any() else None
+            golden_runs = GoldenRuns(
+                numbers,
+                pool.submit(join_computed, parts, kept and kept.computed, numbers),
+                {n: b for n, b in kept.branches.items() if n in numbers} if kept else {},
+            )
         for number, row in zip(numbers.tolist(), rows, strict=True):
             if self._fast_forward.branches[number] and number not in golden_runs.branches:
                 golden_runs.branches[number] = pool.submit(self._branches, row, golden_runs)
@@ -236,11 +224,11 @@ class Computation:
         return Computed(self.plan.golden[rows], result.reference[:, :, : len(rows)], columns)
 
     def _branches(self, row: int, golden_runs: GoldenRuns) -> Branches:
-        """Of the golden run of a row."""
+        """The snapshots of the golden run of a row."""
         number = self.plan.golden[row]
         last, ends = int(self._fast_forward.last_act[number]), self._fast_forward.early_ends(number)
         kernel = cast(BranchingKernel, self.kernel)
-        block = self._block(np.array([row]), golden_runs.get(), harmless=True)
+        block = self._block(np.array([row]), golden_runs.computed.result(), harmless=True)
         trunk, columns = kernel.trunk(block, self.plan.columns, last, ends)
         return Branches(trunk, ends, {name: columns[name] for name in outcomes.of_golden(columns)})
 
@@ -248,7 +236,11 @@ class Computation:
         """`outcomes.of_golden` of the golden run of each row, when the row ends; each moment is
         computed once.
         """
-        own, golden, ends = golden_runs.get(), self.plan.golden[rows], self.plan.ends[rows]
+        own, golden, ends = (
+            golden_runs.computed.result(),
+            self.plan.golden[rows],
+            self.plan.ends[rows],
+        )
         early = self._fast_forward.early[rows]
         if len(own.numbers) == 1 and not early.any():
             return {
@@ -279,7 +271,7 @@ class Computation:
     def _faulty(self, rows: np.ndarray, golden_runs: GoldenRuns) -> Pair:
         """The runs of these rows."""
         self.progress.more_due((self.kernel.size(len(rows)) - len(rows)) * self.plan.program.ticks)
-        own = golden_runs.get()
+        own = golden_runs.computed.result()
         coming = [golden_runs.branches.get(number) for number in own.numbers.tolist()]
         here = np.isin(own.numbers, self.plan.golden[rows]).tolist()
         trunks = [

@@ -1,5 +1,4 @@
-"""The golden runs that runs are compared with: each computed once, kept while the next runs may
-need it.
+"""Keeps the golden runs that runs are compared with, and plans which runs start from them.
 
 Up to the first tick in which a fault may act a run is its golden run, to the bit. Where enough runs
 share a golden run it is followed once more, and they go on from its snapshots; where each has its
@@ -9,8 +8,6 @@ own, nothing is saved.
 from __future__ import annotations
 
 import dataclasses
-import threading
-from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -50,13 +47,26 @@ class Branches(NamedTuple):
     outcomes: Columns  # outcome -> [ends], as of a golden run that ends there
 
 
-def _join_computed(some: list[Computed]) -> Computed:
-    """All of them, of which no two hold the same golden run. Takes them from the list one by
-    one: series are large.
+class GoldenRuns(NamedTuple):
+    """The golden runs of a window."""
+
+    numbers: np.ndarray  # ascending
+    computed: Future[Computed]
+    branches: dict[int, Future[Branches]]
+
+
+def join_computed(
+    parts: list[Future[Computed]], earlier: Future[Computed] | None, numbers: np.ndarray
+) -> Computed:
+    """The golden runs of `parts`, and those of `earlier` that are among `numbers`, which all of
+    them together are. Empties `parts`: series are large.
     """
+    some = [part.result() for part in parts]
+    parts.clear()
+    if earlier is not None:
+        some.append(earlier.result().picked(numbers))
     if len(some) == 1:
-        return some.pop()
-    numbers = np.sort(np.concatenate([one.numbers for one in some]))
+        return some[0]
     first = some[0]
     reference = np.empty((*first.reference.shape[:2], len(numbers)), first.reference.dtype)
     outcomes = {
@@ -64,58 +74,12 @@ def _join_computed(some: list[Computed]) -> Computed:
     }
     del first
     while some:
-        one = some.pop()
-        places = np.searchsorted(numbers, one.numbers)
-        reference[:, :, places] = one.reference
-        for name, values in one.outcomes.items():
+        computed = some.pop()
+        places = np.searchsorted(numbers, computed.numbers)
+        reference[:, :, places] = computed.reference
+        for name, values in computed.outcomes.items():
             outcomes[name][places] = values
     return Computed(numbers, reference, outcomes)
-
-
-class GoldenRuns:
-    """The golden runs of a stretch of runs; those that are still computed are waited for by who
-    first needs them.
-    """
-
-    def __init__(
-        self,
-        numbers: np.ndarray,
-        coming: Sequence[Future[Computed]],
-        earlier: GoldenRuns | None = None,
-    ) -> None:
-        """numbers: ascending; each is in one of `coming` or in `earlier`, whose `branches` these
-        have as well.
-        """
-        self.numbers = numbers
-        self.branches: dict[int, Future[Branches]]
-        self.branches = (
-            {} if earlier is None else {n: b for n, b in earlier.branches.items() if n in numbers}
-        )
-        self._coming, self._earlier = coming, earlier
-        self._computed: Computed | None = None
-        self._lock = threading.Lock()
-
-    def get(self) -> Computed:
-        """All of them, once they are there."""
-        with self._lock:
-            if self._computed is None:
-                parts = [future.result() for future in self._coming]
-                if self._earlier is not None:
-                    parts.append(self._earlier.get().picked(self.numbers))
-                self._coming, self._earlier = (), None
-                self._computed = _join_computed(parts)
-            return self._computed
-
-    def followed(
-        self, numbers: np.ndarray, compute: Callable[[np.ndarray], Sequence[Future[Computed]]]
-    ) -> GoldenRuns:
-        """Those `numbers` (ascending) that the next stretch needs; `compute` starts those that
-        are not among these.
-        """
-        here = np.isin(numbers, self.numbers)
-        if here.all():
-            return self
-        return GoldenRuns(numbers, compute(numbers[~here]), self if here.any() else None)
 
 
 class FastForwardPlan:

@@ -1,8 +1,7 @@
 """Reads a campaign file: TOML, then overrides, then `CampaignConfig`, then `semantics`. Nothing is
 compiled, and no tick imported, before.
 
-All that is wrong is told at once, each complaint with file, line, key, what was got and what was
-expected.
+All complaints come in one error, each with file, line, key, what was got and what was expected.
 """
 
 from __future__ import annotations
@@ -16,10 +15,11 @@ from pydantic import BaseModel, ValidationError
 from ravenjax.campaign import population
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import location, overriding, semantics
-from ravenjax.campaign.file.config import CampaignConfig, config_class_of, robot_of
+from ravenjax.campaign.file.config import CampaignConfig, config_class_of, robot_of, validated
 from ravenjax.campaign.file.section import model_at, models_in
 from ravenjax.errors import UserError, shown, suggestion
 from ravenjax.hazards import expansion
+from ravenjax.store import manifest
 
 
 def load_campaign(
@@ -40,6 +40,25 @@ def load_campaign(
 
 
 load = load_campaign
+
+
+def load_source(source: str | Path, overrides: Sequence[str] = ()) -> CampaignConfig:
+    """The campaign of a file, a bundled one, or a result folder, which takes no overrides.
+
+    Raises UserError and StoreError.
+    """
+    if not result_folder(source):
+        return load_campaign(source, overrides)
+    if overrides:
+        raise UserError(
+            f"--set changes a campaign file, and {source} is a result folder: name the file"
+        )
+    return validated(manifest.read(Path(source)).config)
+
+
+def result_folder(source: Any) -> bool:
+    """Whether this is the path of a result folder."""
+    return isinstance(source, str | Path) and (Path(source) / manifest.FILE).is_file()
 
 
 def from_dict(

@@ -1,4 +1,4 @@
-"""From what an engine returns to rows of the result table: names, types, response and verdict."""
+"""Turns what an engine returns into rows of the result table: names, types, response, verdict."""
 
 from __future__ import annotations
 

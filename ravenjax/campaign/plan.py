@@ -83,7 +83,9 @@ class Plan:
 
     @cached_property
     def clocks(self) -> Clocks | None:
-        """What triggers count beside the time, where any does and the robot tells."""
+        """When packets come and the pedal is down; None where no trigger counts them, or the robot
+        does not say.
+        """
         robot = self.config.robot.part("campaign")
         if not {"packet", "pedal"}.intersection(
             self.program.setup.injection.triggers

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from ravenjax.campaign.file.group import flatten_parameters
 from ravenjax.campaign.file.location import Where
@@ -26,38 +26,32 @@ def with_population(raw: dict[str, Any], where: Where, source: Path | None) -> d
     own = raw.get("parameters") if isinstance(raw, dict) else None
     if not isinstance(own, dict) or KEY not in own:
         return raw
-    key = ("parameters", KEY)
+
+    def refuse(message: str, *key: str) -> NoReturn:
+        raise where.error([(key or ("parameters", KEY), message)]) from None
+
     if not isinstance(own[KEY], str):
-        raise where.error(
-            [
-                (
-                    key,
-                    (
-                        f"got {shown(own[KEY])}, expected the path of a file that `ravenjax"
-                        " calibrate` wrote"
-                    ),
-                )
-            ]
+        refuse(
+            f"got {shown(own[KEY])}, expected the path of a file that `ravenjax calibrate` wrote"
         )
     path = Path(own[KEY]) if source is None else source.parent / own[KEY]
     if not path.is_file():
-        raise where.error([(key, f"no file at {path}; `ravenjax calibrate LOG` writes one")])
+        refuse(f"no file at {path}; `ravenjax calibrate LOG` writes one")
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
-        raise where.error([(key, f"{path} is no TOML: {error}")]) from None
+        refuse(f"{path} is no TOML: {error}")
     if unknown := [name for name in content if name not in TABLES]:
-        raise where.error(
-            [(key, f"{path} has {', '.join(unknown)}, expected [campaign] and [parameters] alone")]
-        )
+        refuse(f"{path} has {', '.join(unknown)}, expected [campaign] and [parameters] alone")
     campaign = raw.get("campaign", {})
     for name, value in content.get("campaign", {}).items():
         if campaign.get(name, value) != value:
-            message = (
+            refuse(
                 f"got {shown(campaign[name])}, but the numbers of {path} hold for {shown(value)}:"
-                " remove one of the two"
+                " remove one of the two",
+                "campaign",
+                name,
             )
-            raise where.error([(("campaign", name), message)])
     robots = flatten_parameters({"parameters": content.get("parameters", {})})["parameters"]
     rest = {name: value for name, value in own.items() if name != KEY}
     own_paths = flatten_parameters({"parameters": rest})["parameters"]

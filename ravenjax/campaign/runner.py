@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import contextlib
 import functools
-from collections.abc import Sequence
+import shutil
+import tempfile
+import weakref
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
-
-import pyarrow as pa
 
 from ravenjax import interruption
 from ravenjax.campaign import compile_cache
@@ -24,7 +24,6 @@ from ravenjax.campaign.faults import run_id, table
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.plan import Plan, make_plan
 from ravenjax.campaign.progress import OnProgress, Progress, ProgressFile
-from ravenjax.engines import selection
 from ravenjax.engines.interface import Engine
 from ravenjax.errors import StoreError, UserError
 from ravenjax.store import files, manifest, parts, schema
@@ -44,18 +43,30 @@ def run_campaign(
     shard: Shard | None = None,
     command: Sequence[str] = (),
 ) -> Results:
-    """Run `config`, or finish it where `out` holds a part of it. `campaign.limit` is no part of
-    what identifies a folder: with another one, or without, the same campaign goes on.
+    """Run `config`, or finish it where `out` holds a part of it.
 
-    out: result folder, None to keep everything in memory. rows: compute these only; a folder that
-    already holds, or is to hold, others goes on with both. shard: compute its share only. command:
-    the command line, for the record. Raises UserError and StoreError for what the user can mend;
-    whatever happens, finished parts stay.
+    out: result folder; None: a temporary one that goes with the results. A folder of the same
+    campaign with another `campaign.limit` is continued. rows: compute these rows only, beside those
+    that the folder already holds. shard: compute its share only. command: the command line, for the
+    record. Raises UserError and StoreError for what the user can correct. Finished parts stay,
+    whatever happens.
     """
-    compile_cache.enable()
+    if out is None:
+        return in_temporary_folder(
+            lambda folder: run_campaign(
+                config,
+                folder,
+                engine,
+                on_progress=on_progress,
+                rows=rows,
+                executor=executor,
+                shard=shard,
+                command=command,
+            )
+        )
     plan = make_plan(config)
     interruption.point()
-    backend = selection.select(engine, plan.program.setup.precision, compile_cache.objects())
+    backend = compile_cache.cached_engine(engine, plan.program.setup.precision)
     executor = executor or Local()
     chunk = config.campaign.chunk or parts.rows_of_a_part(plan.runs, executor.workers)
     first = range(min(config.campaign.limit or plan.runs, plan.runs))
@@ -75,82 +86,50 @@ def run_campaign(
             "workers": executor.workers,
         }
     )
-    if out is None:
-        return _in_memory(
-            plan, backend, executor, list(parts.gaps((), record.wanted, chunk)), on_progress
-        )
     files.require_writable(out)
     with lock.held(out):
         folder = ResultFolder.open(out, record)
-        _into(folder, plan, backend, executor, list(folder.missing(chunk)), on_progress)
+        missing = list(folder.missing(chunk))
+        progress = Progress(
+            f"{backend.name} on {backend.device}",
+            folder.manifest.due,
+            sum(map(len, missing)),
+            plan.program.ticks,
+            ProgressFile(out, on_progress),
+            folder.notes,
+        )
+        progress.count_failures(folder.manifest.failures)
+
+        def deliver(done: FinishedChunk) -> None:
+            folder.put(done.packed)
+            progress.count_part(len(done.rows), done.failures)
+
+        config_hash = folder.manifest.config_hash
+        pack = functools.partial(parts.encode, shape=record.shape, config_hash=config_hash)
+        phase = "stopped"
+        try:
+            if missing:
+                executor.run(Work(plan, backend, pack, deliver, progress), missing)
+            phase = "done"
+        finally:
+            # a disk that refused a part is already reported, and refuses the manifest, too
+            with contextlib.suppress(*[StoreError] if phase == "stopped" else ()):
+                status = progress.status
+                folder.close(status.compile_s, status.run_s, status.computed)
+            progress.tell(phase)
     return Results(record.shape, out)
 
 
-def _into(
-    folder: ResultFolder,
-    plan: Plan,
-    engine: Engine,
-    executor: Executor,
-    missing: Sequence[range],
-    on_progress: OnProgress | None,
-) -> None:
-    """Compute what is missing into its folder."""
-    listener, shape = ProgressFile(folder.path, on_progress), shape_of(plan)
-    due = folder.manifest.due
-    progress = _progress(plan, engine, due, missing, listener, folder.notes)
-    progress.known(folder.manifest.failures)
-
-    def deliver(done: FinishedChunk[parts.Encoded]) -> None:
-        folder.put(done.packed)
-        progress.part(len(done.rows), done.failures)
-
-    pack = functools.partial(parts.encode, shape=shape, config_hash=folder.manifest.config_hash)
+def in_temporary_folder(compute: Callable[[Path], Results]) -> Results:
+    """What `compute` puts into a new temporary folder, which goes with the returned results."""
+    folder = tempfile.mkdtemp(prefix="ravenjax-")
     try:
-        if missing:
-            executor.run(Work(plan, engine, pack, deliver, progress), missing)
+        results = compute(Path(folder))
     except BaseException:
-        with contextlib.suppress(StoreError):  # a disk that is full, or gone, has been told of
-            folder.close(progress.compile_s, progress.run_s, progress.stored)
-        progress.tell("stopped")
+        shutil.rmtree(folder, ignore_errors=True)
         raise
-    folder.close(progress.compile_s, progress.run_s, progress.stored)
-    progress.tell("done")
-
-
-def _in_memory(
-    plan: Plan,
-    engine: Engine,
-    executor: Executor,
-    chunks: Sequence[range],
-    on_progress: OnProgress | None,
-) -> Results:
-    """Compute chunks into tables."""
-    shape, tables = shape_of(plan), dict[int, pa.Table]()
-    progress = _progress(plan, engine, sum(map(len, chunks)), chunks, on_progress, ())
-
-    def deliver(done: FinishedChunk[pa.Table]) -> None:
-        tables[done.rows.start] = done.packed
-        progress.part(len(done.rows), done.failures)
-
-    if chunks:
-        executor.run(
-            Work(plan, engine, functools.partial(schema.conform, shape=shape), deliver, progress),
-            chunks,
-        )
-    progress.tell("done")
-    return Results(shape, None, tuple(tables[first] for first in sorted(tables)))
-
-
-def _progress(
-    plan: Plan,
-    engine: Engine,
-    due: int,
-    missing: Sequence[range],
-    told: Any,
-    notes: tuple[str, ...],
-) -> Progress:
-    words, rows = f"{engine.name} on {engine.device}", sum(map(len, missing))
-    return Progress(words, due, rows, plan.program.ticks, told, notes=notes)
+    weakref.finalize(results, shutil.rmtree, folder, ignore_errors=True)
+    return results
 
 
 def _pairs(rows: Sequence[range], runs: int) -> tuple[tuple[int, int], ...]:

@@ -5,9 +5,8 @@ the commands.
 from __future__ import annotations
 
 import os
-from typing import Literal
 
-from cyclopts import App
+from cyclopts import App, CycloptsError
 
 from ravenjax.cli import (
     calibration,
@@ -70,7 +69,6 @@ for _command in (
     catalogue.campaigns,
     catalogue.faults,
     catalogue.parameters,
-    schema.reference,
     schema.schema,
     machine.bench,
     machine.doctor,
@@ -81,21 +79,9 @@ app.register_install_completion_command(
 )
 
 
-@app.command
-def completion(shell: Literal["bash", "zsh", "fish"]) -> None:
-    """Print the completion script of a shell, without installing it.
-
-    Parameters
-    ----------
-    shell
-        As in `source <(ravenjax completion bash)`.
-    """
-    print(app.generate_completion(shell=shell), file=console.out.file)
-
-
 def main(tokens: list[str] | None = None) -> int:
-    """Run the command line; what a user can mend becomes one message and exit code 2."""
-    from ravenjax.errors import UserError
+    """Run the command line. An error that the user can correct is one message and exit code 2."""
+    from ravenjax.errors import StoreError, UserError
 
     os.environ.setdefault("MUJOCO_GL", "disable")  # else it starts a process to look for windows
     try:
@@ -108,30 +94,13 @@ def main(tokens: list[str] | None = None) -> int:
         return INTERRUPTED
     except SystemExit as leaving:
         return leaving.code if isinstance(leaving.code, int) else 1
-    except Exception as error:
-        if isinstance(error, UserError) or _is_mendable(error):
-            if not _is_parse_error(error):
-                console.err.print(
-                    f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True
-                )
-            return USER_ERROR
-        raise
+    except CycloptsError:
+        # it has printed what is wrong with the command line
+        return USER_ERROR
+    except (UserError, StoreError) as error:
+        console.complain(f"error: {error}")
+        return USER_ERROR
     return code if isinstance(code, int) else 0
-
-
-def _is_parse_error(error: Exception) -> bool:
-    """Whether the command line itself was wrong; that has been printed already."""
-    from cyclopts import CycloptsError
-
-    return isinstance(error, CycloptsError)
-
-
-def _is_mendable(error: Exception) -> bool:
-    if _is_parse_error(error):
-        return True
-    from ravenjax.errors import StoreError
-
-    return isinstance(error, StoreError)
 
 
 def _version() -> str:

@@ -107,7 +107,6 @@ def calibrate(
 def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, LoopParams]) -> None:
     """The judgement on both halves and the parameters, as tables."""
     from ravenjax.analyses.calibration import tables
-    from ravenjax.cli import terminal
 
     joints = logged.log.joints
     where = ("where the robot was fitted", "on the rest, to which nothing was fitted")
@@ -117,7 +116,7 @@ def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, Loo
         for title, part in zip(titles, logged.halves, strict=True)
     ]
     for rows in (*judged, tables.parameters("What the log tells", calibrated)):
-        console.out.print(terminal.table(rows.title, rows.columns, rows.cells))
+        console.table(rows.title, rows.columns, rows.cells)
     for one, other, correlation in calibrated.confounded:
         console.say(f"told together: {one} and {other}, correlation {correlation:.2f}")
     for one, steps in calibrated.unlikely:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,7 @@ from ravenjax.cli.console import AsJson, Listing, Overrides
 
 if TYPE_CHECKING:
     from ravenjax.campaign.file.config import CampaignConfig
-    from ravenjax.vocabulary.sites import Channel, Site
+    from ravenjax.vocabulary.sites import Site
 
 
 def campaigns(*, as_json: AsJson = False) -> None:
@@ -76,29 +75,26 @@ def _faults(word: str | None) -> Iterator[Listing]:
     from ravenjax.robots.raven2 import ROBOT
     from ravenjax.vocabulary.effects import EFFECTS, TRIGGERS
 
-    every: dict[str, Callable[[], Listing]] = {
-        "layers": lambda: Listing(
-            "layers", "Layers of the loop", listing.LAYER_COLUMNS, listing.layers()
+    meaning = ("effect", "meaning")
+    every = {
+        "layers": Listing("layers", "Layers of the loop", listing.LAYER_COLUMNS, listing.layers()),
+        "sites": _sites(
+            "Sites, in the robot's order; `ravenjax faults SITE` shows one", ROBOT.sites.values()
         ),
-        "sites": lambda: _sites(
-            "Sites, in the robot's order; `ravenjax faults SITE` shows one", list(ROBOT.sites)
-        ),
-        "effects": lambda: Listing(
-            "effects", "Effects", ("effect", "meaning"), [effect[:2] for effect in EFFECTS.values()]
-        ),
-        "triggers": lambda: Listing(
+        "effects": Listing("effects", "Effects", meaning, [e[:2] for e in EFFECTS.values()]),
+        "triggers": Listing(
             "triggers", "Triggers", ("trigger", "start_ms counts"), list(TRIGGERS.items())
         ),
-        "phases": lambda: Listing(
+        "phases": Listing(
             "phases", "Phases of an operation", ("phase", "when"), list(ROBOT.phases.items())
         ),
-        "classes": lambda: Listing(
+        "classes": Listing(
             "classes",
             "Outcome classes of hazards",
             ("class", "meaning"),
             list(library.terms()["classes"].items()),
         ),
-        "hazards": lambda: Listing(
+        "hazards": Listing(
             "hazards",
             "Hazards; `ravenjax faults ID` shows one, `hazards = [ID, ..]` in a [[group]] runs it",
             listing.COLUMNS,
@@ -106,25 +102,22 @@ def _faults(word: str | None) -> Iterator[Listing]:
         ),
     }
     if word is None:
-        yield from (table() for table in every.values())
+        yield from every.values()
     elif word in every:
-        yield every[word]()
-    elif word in library.layers():
-        yield _sites(
-            f"{word}, {library.layers()[word]}: sites",
-            [s.name for s in ROBOT.sites.values() if s.layer == word],
-        )
-        yield Listing(
-            "hazards", f"{word}: hazards", listing.COLUMNS, listing.table(listing.of_layer(word))
-        )
+        yield every[word]
+    elif word in (layers := library.layers()):
+        sites = [site for site in ROBOT.sites.values() if site.layer == word]
+        yield _sites(f"{word}, {layers[word]}: sites", sites)
+        rows = listing.table(listing.of_layer(word))
+        yield Listing("hazards", f"{word}: hazards", listing.COLUMNS, rows)
     elif word in ROBOT.sites:
-        yield from _site(word)
+        yield from _site(ROBOT.sites[word])
     elif word in EFFECTS:
-        yield from _effect(word)
+        yield Listing("effect", f"Effect {word}", meaning, [EFFECTS[word][:2]])
     else:
         ids = [row.id for row in library.rows()]
         if word not in ids:
-            words = [*every, *library.layers(), *ROBOT.sites, *EFFECTS, *ids]
+            words = [*every, *layers, *ROBOT.sites, *EFFECTS, *ids]
             raise UserError(
                 f"unknown word {word!r}, expected a layer (L1 to L10), a site, an effect, the id of"
                 f" a hazard, or one of {', '.join(every)}{suggestion(word, words)}"
@@ -132,124 +125,50 @@ def _faults(word: str | None) -> Iterator[Listing]:
         yield Listing("hazard", f"Hazard {word}", ("what", "is"), listing.description(word))
 
 
-def _sites(title: str, names: Sequence[str]) -> Listing:
-    from ravenjax.robots.raven2 import ROBOT
-
+def _sites(title: str, sites: Iterable[Site]) -> Listing:
     rows = []
-    for site in (ROBOT.sites[name] for name in names):
+    for site in sites:
         kinds: dict[str, list[str]] = {}
         for channel in site.channels:
             kinds.setdefault(f"{channel.kind} {channel.unit}", []).append(channel.name)
         channels = "; ".join(f"{' '.join(group)} ({kind})" for kind, group in kinds.items())
-        rows.append(
-            (site.layer, site.name, ("each arm: " if site.per_arm else "") + channels, site.where)
-        )
+        each_arm = "each arm: " if site.per_arm else ""
+        rows.append((site.layer, site.name, each_arm + channels, site.where))
     return Listing("sites", title, ("layer", "site", "channels (number, unit)", "where"), rows)
 
 
-def _site(name: str) -> Iterator[Listing]:
-    from ravenjax.hazards import library, listing
-    from ravenjax.robots.raven2 import ROBOT
+def _site(site: Site) -> Iterator[Listing]:
+    from ravenjax.hazards import library, listing, ranges
     from ravenjax.vocabulary.effects import EFFECTS
 
-    site = ROBOT.sites[name]
     about = [
         ("layer", f"{site.layer}: {library.layers()[site.layer]}"),
         ("where", site.where),
         ("arm", "on each arm: with both, write arm" if site.per_arm else "of no arm"),
     ]
-    yield Listing("site", f"Site {name}", ("what", "is"), about)
-    yield Listing(
-        "channels",
-        "Channels",
-        ("channel", "number", "unit", "without a fault"),
-        [(one.name, one.kind, one.unit, _normal_range(site, one)) for one in site.channels],
-    )
-    yield Listing(
-        "effects",
-        "Effects that it takes",
-        ("effect", "meaning", "value"),
-        [
-            (effect.name, effect.meaning, _effect_values(site, effect.name))
-            for effect in EFFECTS.values()
-            if effect.network is None or name == "network"
-        ],
-    )
-    yield Listing(
-        "hazards", "Hazards that strike it", listing.COLUMNS, listing.table(listing.of_site(name))
-    )
-
-
-def _effect(name: str) -> Iterator[Listing]:
-    from ravenjax.robots.raven2 import ROBOT
-    from ravenjax.vocabulary.effects import EFFECTS, NETWORK_EFFECTS
-
-    yield Listing("effect", f"Effect {name}", ("what", "is"), [("meaning", EFFECTS[name].meaning)])
-    sites = [
-        site
-        for site in ROBOT.sites.values()
-        if name not in NETWORK_EFFECTS or site.name == "network"
+    yield Listing("site", f"Site {site.name}", ("what", "is"), about)
+    channels = []
+    for channel in site.channels:
+        spans = {
+            arm: f"{span.low:.4g}..{span.high:.4g}"
+            for (of, arm, name), span in ranges.measured().items()
+            if (of, name) == (site.name, channel.name)
+        }
+        alike = len(set(spans.values())) == 1
+        usual = ", ".join(
+            {*spans.values()} if alike else (f"{arm} {span}" for arm, span in spans.items())
+        )
+        channels.append((channel.name, channel.kind, channel.unit, usual))
+    columns = ("channel", "number", "unit", "without a fault")
+    yield Listing("channels", "Channels", columns, channels)
+    effects = [
+        effect[:2]
+        for effect in EFFECTS.values()
+        if effect.network is None or site.name == "network"
     ]
-    rows = [(site.name, _effect_values(site, name)) for site in sites]
-    yield Listing("values", "Its value", ("site", "may be"), rows)
-
-
-def _effect_values(site: Site, effect: str) -> str:
-    """What the value of an effect may be at the channels of a site, in words."""
-    from ravenjax.vocabulary.effects import NETWORK_EFFECTS, WITHOUT_VALUE
-
-    if effect in WITHOUT_VALUE:
-        return "takes none"
-    aimed = (
-        [site.channel(NETWORK_EFFECTS[effect][0])] if effect in NETWORK_EFFECTS else site.channels
-    )
-    spans: dict[str, list[str]] = {}
-    for channel in aimed:
-        spans.setdefault(_value_range(site, channel, effect), []).append(channel.name)
-    if len(spans) == 1:
-        return next(iter(spans))
-    return "; ".join(f"{', '.join(names)}: {span}" for span, names in spans.items())
-
-
-def _value_range(site: Site, channel: Channel, effect: str) -> str:
-    from ravenjax.vocabulary.effects import EFFECTS
-    from ravenjax.vocabulary.legal import legal
-
-    rule = legal(channel, effect)
-    low, high = rule.low, rule.high
-    if effect == "bit_flip":
-        return f"bit {low:.0f}..{high:.0f}"
-    if effect == "delay":
-        return f"{low:.0f}..{high:.0f} packets, whole"
-    if effect == "scale":
-        return "any factor"
-    if channel.field and EFFECTS[effect].value == "number":
-        low, high = channel.field.low, channel.field.high
-    unit = "" if channel.unit == "1" else f" {channel.unit}"
-    if math.isinf(low):
-        return f"any number{unit and f', in{unit}'}"
-    beyond = ""
-    if channel.kind == "int16":
-        beyond = ", beyond with wraps = true" + (" or campaign.dac_words" if site.beyond else "")
-    return f"{low:.10g}..{high:.10g}{unit}{', whole' if rule.whole else ''}{beyond}"
-
-
-def _normal_range(site: Site, channel: Channel) -> str:
-    """The range of a channel in fault-free runs, of each arm where they differ."""
-    from ravenjax.errors import UserError
-    from ravenjax.hazards import ranges
-    from ravenjax.robots.raven2 import ROBOT
-
-    spans = {}
-    for arm in ROBOT.arms if site.per_arm else ROBOT.arms[:1]:
-        try:
-            normal = ranges.normal(site.name, channel.name, arm)
-        except UserError:
-            continue
-        spans[arm] = f"{normal.low:.4g}..{normal.high:.4g}"
-    if len(set(spans.values())) == 1:
-        return next(iter(spans.values()))
-    return ", ".join(f"{arm} {span}" for arm, span in spans.items())
+    yield Listing("effects", "Effects that it takes", ("effect", "meaning"), effects)
+    hazards = listing.table(listing.of_site(site.name))
+    yield Listing("hazards", "Hazards that strike it", listing.COLUMNS, hazards)
 
 
 def parameters(

@@ -25,8 +25,10 @@ Overrides = Annotated[
         help="key.path=value, as campaign.duration_s=5 or group.0.runs=100",
     ),
 ]
-SOME = validators.Number(gte=1)
-"""Of an option that counts something."""
+Count = Annotated[int | None, Parameter(validator=validators.Number(gte=1))]
+Words = Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")]
+Switch = Annotated[bool, Parameter(negative="")]
+Engine = Annotated[str, Parameter(help="auto, cuda, simd, xla or mjx")]
 
 AsJson = Annotated[
     bool, Parameter(name="--json", negative="", help="print JSON on standard output, nothing else")
@@ -47,16 +49,21 @@ def emit(listings: Sequence[Listing], as_json: bool) -> None:
     if as_json:
         emit_json({listing.name: _objects(listing) for listing in listings})
         return
-    from ravenjax.cli import terminal
-
     for number, listing in enumerate(listings):
         if number:
             out.print()
-        out.print(terminal.table(listing.title, listing.columns, list(listing.rows)))
+        table(listing.title, listing.columns, listing.rows)
+
+
+def table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
+    """Print a table."""
+    from ravenjax.cli import terminal
+
+    out.print(terminal.table(title, columns, list(rows)))
 
 
 def emit_json(value: Any) -> None:
-    """Print a value as JSON on standard output; numbers that are none or infinite are null,
+    """Print a value as JSON on standard output; NaN and infinite numbers are null,
     paths text.
     """
     import json
@@ -67,6 +74,24 @@ def emit_json(value: Any) -> None:
 def say(text: str) -> None:
     """Print text as it is."""
     out.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+def render(template: str, **content: Any) -> str:
+    """The text of a template of this package."""
+    import jinja2
+
+    templates = jinja2.Environment(
+        loader=jinja2.PackageLoader("ravenjax.cli"),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return templates.get_template(template).render(content)
+
+
+def complain(text: str) -> None:
+    """Print what is wrong."""
+    err.print(text, style="red", markup=False, highlight=False, soft_wrap=True)
 
 
 def note(text: str) -> None:

@@ -3,15 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-from cyclopts import Parameter
 
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson, Overrides
-
-if TYPE_CHECKING:
-    from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.cli.console import AsJson, Overrides, Switch, Words
 
 
 def counterfactual(
@@ -22,9 +16,9 @@ def counterfactual(
     lead_ms: int = 10,
     hours: float = 2.0,
     most: int = 8,
-    group: Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")] = None,
+    group: Words = None,
     seed: int = 0,
-    confirm: Annotated[bool, Parameter(negative="")] = False,
+    confirm: Switch = False,
     engine: str = "auto",
     overrides: Overrides = None,
     as_json: AsJson = False,
@@ -61,11 +55,12 @@ def counterfactual(
     """
     from ravenjax.analyses.monitors.counterfactual import finding, output
     from ravenjax.analyses.monitors.counterfactual.candidates import Question
+    from ravenjax.campaign import loading
     from ravenjax.cli import terminal
     from ravenjax.store import files
 
     question = Question(false_alarms_per_hour, lead_ms, hours, most, tuple(group or ()), seed)
-    config = _config(file, overrides)
+    config = loading.load_source(file, overrides or ())
     place = out or Path("results") / f"{config.campaign.name}_counterfactual"
     question.require()
     files.require_writable(place)
@@ -89,22 +84,6 @@ def counterfactual(
             "checks": [row for row in output.table(one) if row["chosen"]],
         }
         return console.emit_json(plain | {"files": [str(path) for path in paths]})
-    console.out.print(terminal.table("", output.COLUMNS, output.rows(one)))
+    console.table("", output.COLUMNS, output.rows(one))
     console.say("\n".join([*(f"  {line}" for line in output.checks(one)), *sentences]))
     return console.say("\n".join(f"  wrote    {path}" for path in paths))
-
-
-def _config(file: Path, overrides: list[str] | None) -> CampaignConfig:
-    """Of a campaign's file, or of what a folder holds the results of."""
-    from ravenjax.campaign import loading
-    from ravenjax.campaign.file.config import validated
-    from ravenjax.errors import UserError
-    from ravenjax.store import manifest
-
-    if not (file / manifest.FILE).is_file():
-        return loading.load(file, overrides or ())
-    if overrides:
-        raise UserError(
-            f"--set changes a campaign file, and {file} is a result folder: name the file"
-        )
-    return validated(manifest.read(file).config)

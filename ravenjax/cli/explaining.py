@@ -119,7 +119,6 @@ def _one_by_one(place: Path, record: Manifest, explanation: Explained, as_json: 
 
 def _print(one: Chain, paths: list[Path]) -> None:
     """Tables and sentences of one run."""
-    from ravenjax.cli import terminal
     from ravenjax.report.run import chain_words
 
     console.say("\n  ".join([chain_words.title(one), *chain_words.sentences(one)]))
@@ -129,7 +128,7 @@ def _print(one: Chain, paths: list[Path]) -> None:
     )
     for columns, rows in tables:
         if rows:
-            console.out.print(terminal.table("", columns, rows))
+            console.table("", columns, rows)
     console.say("\n".join([*(f"  wrote    {path}" for path in paths), ""]))
 
 
@@ -137,7 +136,6 @@ def _together(folder: Path, place: Path, record: Manifest, as_json: bool) -> Non
     """What carries and shows the evading faults: printed, and as CSV and SVG."""
     import contextlib
 
-    from ravenjax.cli import terminal
     from ravenjax.report import downloads
     from ravenjax.report.data.runs import Runs
     from ravenjax.report.sections import chains
@@ -158,5 +156,5 @@ def _together(folder: Path, place: Path, record: Manifest, as_json: bool) -> Non
         return console.emit_json(chains.as_dict(one) | {"files": [str(path) for path in paths]})
     console.say("\n".join(chains.sentences(one)))
     if one.carriers:
-        console.out.print(terminal.table("", chains.COLUMNS, chains.table(one)))
+        console.table("", chains.COLUMNS, chains.table(one))
     return console.say("\n".join(f"  wrote    {path}" for path in paths))

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
-
-from cyclopts import Parameter
+from typing import Literal
 
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson
+from ravenjax.cli.console import AsJson, Words
 
 
 def export(
     folder: Path,
     *,
-    arms: Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")] = None,
-    tools: Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")] = None,
+    arms: Words = None,
+    tools: Words = None,
     policy: str = "soft_regulation",
     level: str | None = None,
     parameter_set: str = "power_consistent",

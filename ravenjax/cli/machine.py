@@ -4,86 +4,62 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson, Listing
+from ravenjax.cli.console import AsJson, Listing, Switch
 
 TableName = Literal["engines", "shell", "cores", "devices", "fault_times", "campaigns", "peers"]
 
 
 def bench(
     *,
-    json: Annotated[bool, Parameter(negative="", help="print every number as JSON")] = False,
-    quick: Annotated[
-        bool, Parameter(negative="", help="half a minute instead of minutes: the shorter parts")
-    ] = False,
-    markdown: Annotated[Path | None, Parameter(help="also write the tables to this file")] = None,
-    only: Annotated[
-        list[TableName] | None,
-        Parameter(consume_multiple=True, negative="", help="these parts alone"),
-    ] = None,
-    seconds: Annotated[
-        float | None,
-        Parameter(help="how long it may take, about; default: 160, and 35 of a quick run"),
-    ] = None,
+    json: Switch = False,
+    quick: Switch = False,
+    markdown: Path | None = None,
+    only: Annotated[list[TableName] | None, Parameter(consume_multiple=True, negative="")] = None,
+    seconds: float | None = None,
 ) -> int:
     """Measure the speed of this machine, and compare it with MuJoCo and MJX.
 
     Each part runs in its own process. Parts that do not fit into the time are named and left
     out. The exit code is 1 if nothing could be measured.
+
+    Parameters
+    ----------
+    json
+        print every number as JSON
+    quick
+        half a minute instead of minutes: the shorter parts
+    markdown
+        also write the tables to this file
+    only
+        these parts alone
+    seconds
+        how long it may take, about; default: 160, and 35 of a quick run
     """
-    from ravenjax.cli import checkout, terminal
-    from ravenjax.errors import UserError
+    from ravenjax.cli import checkout
 
     suite = checkout.load_module("bench.suite")
-    if markdown is not None and not markdown.absolute().parent.is_dir():
-        raise UserError(
-            f"--markdown {markdown}: the folder does not exist, expected a file in a folder that"
-            " does"
-        )
-    if seconds is not None and not suite.LEAST_S <= seconds <= suite.LONGEST_S:
-        raise UserError(f"--seconds {seconds:g}: expected {suite.LEAST_S:g} to {suite.LONGEST_S:g}")
-
-    def tell(what: str) -> None:
-        console.err.print(f"measuring: {what}", markup=False, highlight=False, soft_wrap=True)
-
-    total_s = seconds or (suite.QUICK_S if quick else suite.FULL_S)
-    found = suite.measure(total_s, quick, only or (), tell)
-    every = suite.make_tables(found)
-    if markdown is not None:
-        words = [f"--only {' '.join(only)}"] if only else []
-        words += ["--quick"] * quick + ([f"--seconds {seconds:g}"] if seconds is not None else [])
-        command = " ".join(["ravenjax bench", *words, "--markdown FILE"])
-        markdown.write_text(suite.write_markdown("How fast the engines are", command, every))
-    if json:
-        console.emit_json(found)
-    else:
-        for title, columns, rows in every:
-            console.out.print(terminal.table(title, columns, rows))
-            console.out.print()
-    return int(not any(name in found for name in get_args(TableName)))
+    return suite.bench(json, quick, markdown, only or (), seconds)
 
 
-def doctor(
-    *,
-    realtime: Annotated[
-        bool, Parameter(negative="", help="measure how well a session keeps time instead")
-    ] = False,
-    seconds: Annotated[
-        float, Parameter(help="of each of the five loops that --realtime measures")
-    ] = 60.0,
-    as_json: AsJson = False,
-) -> int:
-    """Check this machine: versions, devices, CPU, memory, and that each part works."""
+def doctor(*, realtime: Switch = False, seconds: float = 60.0, as_json: AsJson = False) -> int:
+    """Check this machine: versions, devices, CPU, memory, and that each part works.
+
+    Parameters
+    ----------
+    realtime
+        measure how well a session keeps time instead
+    seconds
+        of each of the five loops that --realtime measures
+    """
     from ravenjax.cli import terminal
 
     if realtime:
         return _keeps_time(seconds, as_json)
-    from ravenjax.robots.raven2.console.packet import UDP_PORT
-
     about = Listing("machine", "This machine", ("what", "is"), list(terminal.machine()))
     if not as_json:
         console.emit([about], as_json)
@@ -94,7 +70,7 @@ def doctor(
         "robot model": _model_loads,
         "campaigns": _campaigns_load,
         "results": _results_writable,
-        "console port": lambda: terminal.udp_port(UDP_PORT),
+        "console port": _port_opens,
     }
     works = Listing(
         "works", "What works", ("what", "state", "detail"), list(terminal.checks(tests))
@@ -165,3 +141,13 @@ def _results_writable() -> str:
 
     with tempfile.TemporaryDirectory(dir=Path.cwd()):
         return f"{Path.cwd()} can be written to"
+
+
+def _port_opens() -> str:
+    import socket
+
+    from ravenjax.robots.raven2.console.packet import UDP_PORT
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", UDP_PORT))
+    return f"127.0.0.1:{UDP_PORT} is free"

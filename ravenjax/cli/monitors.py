@@ -4,13 +4,15 @@ they still hold.
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING
 
-from cyclopts import App, Parameter
+from cyclopts import App
 
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson, Listing, Overrides
+from ravenjax.cli.console import AsJson, Engine, Listing, Overrides, Words
 
 if TYPE_CHECKING:
     from ravenjax.analyses.monitors.calibration import Calibrated
@@ -18,7 +20,6 @@ if TYPE_CHECKING:
 monitor = App(
     name="monitor", help="Monitors with a stated false-alarm rate: calibrate, check for a shift."
 )
-Engine = Annotated[str, Parameter(help="auto, cuda, simd, xla or mjx")]
 
 
 @monitor.command
@@ -26,14 +27,14 @@ def calibrate(
     file: Path,
     *,
     out: Path | None = None,
-    signals: Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")] = None,
+    signals: Words = None,
     segments: str = "",
     false_alarms_per_hour: float = 1.0,
     confidence: float = 0.95,
     hours: float | None = None,
     length_s: float = 300.0,
     robots: int = 16,
-    motions: Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")] = None,
+    motions: Words = None,
     seed: int = 0,
     engine: Engine = "auto",
     overrides: Overrides = None,
@@ -222,52 +223,25 @@ def _tell(place: Path, result: Calibrated, as_json: bool) -> None:
     _, record = writing.read(place)
     if as_json:
         return console.emit_json({"folder": place, **record})
-    own, tested = result.threshold, result.test
     rows = [
-        (
-            term.name,
-            ", ".join(f"{limit:.4g}" for limit in limits),
-            term.units[0],
-        )
+        (term.name, ", ".join(f"{limit:.4g}" for limit in limits), term.units[0])
         for term, limits in zip(result.monitor.terms, result.monitor.limits.tolist(), strict=True)
     ]
     console.emit([Listing("terms", "Alarm above", ("term", "limit", "unit"), rows)], False)
-    low, high = tested.one_each.low, tested.one_each.high
-    console.say(
-        f"{record['promise']['words']}\nset on {own.operations} operations of {own.units}"
-        f" operators, {own.hours:.4g} h, {own.alarms} with an alarm\ntested on {tested.operations}"
-        f" others of {tested.units} operators, {tested.hours:.4g} h without an alarm:"
-        f" {tested.alarms} with one, {tested.per_hour:.3g} an hour; of one operation each"
-        f" {tested.one_each.count} in {tested.one_each.hours:.3g} h, {low:.3g} to {high:.3g} an"
-        f" hour\nfolder: {place}"
+    words = record["promise"]["words"]
+    return console.say(
+        console.render(
+            "monitor.j2", words=words, own=result.threshold, tested=result.test, place=place
+        )
     )
-    return None
 
 
-class _progress:
+@contextlib.contextmanager
+def _progress(as_json: bool) -> Iterator[Callable[[int, int], None]]:
     """A bar of operators on the terminal; silent with JSON."""
+    from rich.progress import MofNCompleteColumn, Progress
 
-    def __init__(self, as_json: bool) -> None:
-        from rich.progress import (
-            BarColumn,
-            MofNCompleteColumn,
-            Progress,
-            TextColumn,
-            TimeRemainingColumn,
-        )
-
-        columns: Any = (
-            TextColumn("operators"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeRemainingColumn(),
-        )
-        self._bar = Progress(*columns, console=console.err, disable=as_json)
-
-    def __enter__(self) -> Any:
-        self._bar.__enter__()
-        task = self._bar.add_task("operators", total=None)
-        return lambda done, total: self._bar.update(task, completed=done, total=total)
-
-    def __exit__(self, *error: Any) -> None:
-        self._bar.__exit__(*error)
+    columns = (*Progress.get_default_columns(), MofNCompleteColumn())
+    with Progress(*columns, console=console.err, disable=as_json) as bar:
+        task = bar.add_task("operators", total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-from cyclopts import Parameter
+from typing import TYPE_CHECKING, Any
 
 from ravenjax.cli import console
-from ravenjax.cli.console import Overrides
+from ravenjax.cli.console import Overrides, Words
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -22,7 +20,7 @@ def motion(
     file: Path,
     *,
     campaign: str | None = None,
-    arms: Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")] = None,
+    arms: Words = None,
     overrides: Overrides = None,
     out: Path = Path("results/motions"),
 ) -> None:

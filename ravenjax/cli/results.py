@@ -62,7 +62,6 @@ def verify(
         of the sample
     """
     from ravenjax.campaign.inspection import verification
-    from ravenjax.cli import terminal
 
     verified = verification.verify(folder, sample, engine, seed)
     if as_json:
@@ -89,16 +88,10 @@ def verify(
     rows = [
         (check.name, "ok" if check.fine else "WRONG", check.looked_at) for check in verified.checks
     ]
-    console.out.print(terminal.table(f"Verified: {folder}", ("what", "", "looked at"), rows))
+    console.table(f"Verified: {folder}", ("what", "", "looked at"), rows)
     for check in verified.checks:
         for problem in check.problems:
-            console.err.print(
-                f"{check.name}: {problem}",
-                style="red",
-                markup=False,
-                highlight=False,
-                soft_wrap=True,
-            )
+            console.complain(f"{check.name}: {problem}")
     if verified.rerun is not None and verified.rerun.differing:
         n = len(verified.rerun.rows)
         apart = [
@@ -106,7 +99,7 @@ def verify(
             for one in verified.rerun.differing
         ]
         columns = ("column", "rows that differ", "largest difference")
-        console.out.print(terminal.table("Not equal to the bit", columns, apart))
+        console.table("Not equal to the bit", columns, apart)
     return 0 if verified.fine else 1
 
 
@@ -143,7 +136,7 @@ def merge(
 
 
 def write_report(folder: Path, tell: bool = True) -> Path:
-    """Write the report and return its path; `tell`: print it, too."""
+    """Write the report and return its path; `tell`: also print the path."""
     from ravenjax.report import page
 
     path = page.build(folder)

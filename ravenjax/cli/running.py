@@ -8,13 +8,11 @@ import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-from cyclopts import Parameter
+from typing import TYPE_CHECKING, Any
 
 from ravenjax import interruption
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson, Overrides
+from ravenjax.cli.console import AsJson, Count, Overrides
 from ravenjax.cli.motion import show_operator
 from ravenjax.cli.results import write_report
 
@@ -30,8 +28,8 @@ def run(
     out: Path | None = None,
     engine: str = "auto",
     overrides: Overrides = None,
-    chunk: Annotated[int | None, Parameter(validator=console.SOME)] = None,
-    limit: Annotated[int | None, Parameter(validator=console.SOME)] = None,
+    chunk: Count = None,
+    limit: Count = None,
     executor: str | None = None,
     workers: int | None = None,
     ray_address: str | None = None,
@@ -191,15 +189,14 @@ def _summary(folder: Path, results: Results) -> None:
 
     record = manifest.read(folder)
     counted = results.verdicts() if record.done else {}
-    if rows := terminal.outcome_rows(counted):
+    valid = sum(count for verdict, count in counted.items() if verdict)
+    if rows := terminal.share_rows(counted, valid):
         columns = ("response / hazard / cue", "runs", "share")
-        console.out.print(terminal.table("Runs with a fault", columns, rows))
+        console.table("Runs with a fault", columns, rows)
         evading = terminal.evading(counted, record.limit_mm)
         console.say(evading)
-    if rows := terminal.failure_rows(record.failures, record.done):
-        console.out.print(
-            terminal.table("Runs without a valid outcome", ("cause", "runs", "share"), rows)
-        )
+    if rows := terminal.share_rows(record.failures, record.done):
+        console.table("Runs without a valid outcome", ("cause", "runs", "share"), rows)
     if why := decisions.sentence(folder):
         console.say(why)
     if record.shard is None and not why and record.due < record.runs:

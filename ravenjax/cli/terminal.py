@@ -5,11 +5,9 @@ from __future__ import annotations
 import importlib.metadata
 import os
 import platform
-import socket
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -134,35 +132,20 @@ def table(
 
 def machine() -> Iterator[tuple[str, str]]:
     """(what, how it is) of this machine and its software."""
+    from ravenjax.engines import selection
+    from ravenjax.numbers.setup import CAMPAIGN
+
     yield "python", f"{platform.python_version()} on {platform.system()} {platform.machine()}"
     for package in PACKAGES:
         try:
             yield package, importlib.metadata.version(package)
         except importlib.metadata.PackageNotFoundError:
             yield package, "not installed"
-    yield "cpu", f"{os.cpu_count()} threads, {_cpu_features() or 'features unknown'}"
-    yield "memory", _memory()
+    yield "cpu", f"{os.cpu_count()} threads, {selection.select('simd', CAMPAIGN).device}"
+    page = os.sysconf("SC_PAGE_SIZE") / 2**30
+    total, free = (page * os.sysconf(name) for name in ("SC_PHYS_PAGES", "SC_AVPHYS_PAGES"))
+    yield "memory", f"{total:.1f} GiB, {free:.1f} GiB free"
     yield "output", "terminal" if sys.stdout.isatty() else "no terminal"
-
-
-def _cpu_features() -> str:
-    wanted = ("avx2", "fma", "avx512f", "asimd", "sve")
-    try:
-        text = Path("/proc/cpuinfo").read_text()
-    except OSError:
-        return ""
-    lines = [line for line in text.splitlines() if line.lower().startswith(("flags", "features"))]
-    present = set(lines[0].split()) if lines else set()
-    return ", ".join(flag for flag in wanted if flag in present)
-
-
-def _memory() -> str:
-    try:
-        page = os.sysconf("SC_PAGE_SIZE")
-        total, free = page * os.sysconf("SC_PHYS_PAGES"), page * os.sysconf("SC_AVPHYS_PAGES")
-    except (ValueError, OSError):
-        return "unknown"
-    return f"{total / 2**30:.1f} GiB, {free / 2**30:.1f} GiB free"
 
 
 def checks(tests: dict[str, Callable[[], str]]) -> Iterator[tuple[str, str, str]]:
@@ -176,25 +159,14 @@ def checks(tests: dict[str, Callable[[], str]]) -> Iterator[tuple[str, str, str]
             yield name, "FAILED", f"{type(error).__name__}: {error}"
 
 
-def udp_port(port: int) -> str:
-    """That a UDP port of this machine can be opened; OSError where not."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", port))
-    return f"127.0.0.1:{port} is free"
+def share_rows(counts: Mapping[str, int], total: int) -> list[tuple[str, ...]]:
+    """(name, runs, share of the total) of numbers of runs, most frequent first; without "".
 
-
-def outcome_rows(runs: Mapping[str, int]) -> list[tuple[str, ...]]:
-    """(verdict, runs, share) of the numbers of runs by verdict, most frequent first.
-
-    Runs without a valid outcome, whose verdict is "", are in no share. Repeats of a fault count
-    each, so a share has no interval here; that of the report counts every fault once.
+    Repeats of a fault count each, so a share has no interval here. The report counts every fault
+    once.
     """
-    valid = {verdict: count for verdict, count in runs.items() if verdict}
-    ordered = sorted(valid.items(), key=lambda item: (-item[1], item[0]))
-    return [
-        (verdict, str(count), f"{100 * count / sum(valid.values()):.1f} %")
-        for verdict, count in ordered
-    ]
+    ordered = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
+    return [(name, str(n), f"{100 * n / total:.1f} %") for name, n in ordered if name]
 
 
 def evading(runs: Mapping[str, int], limit_mm: float) -> str:
@@ -215,9 +187,3 @@ def evading(runs: Mapping[str, int], limit_mm: float) -> str:
         )
     evade = f"{many} of {of} runs with a fault {'evades' if many == 1 else 'evade'} the checks"
     return f"{evade}: no check tells anyone, and {harm}. The cue comes in {by_cue[0]} of these."
-
-
-def failure_rows(failures: Mapping[str, int], runs: int) -> list[tuple[str, ...]]:
-    """(cause, runs, share) of the runs without a valid outcome, most frequent cause first."""
-    ordered = sorted(failures.items(), key=lambda item: (-item[1], item[0]))
-    return [(cause, str(count), f"{100 * count / max(1, runs):.2g} %") for cause, count in ordered]

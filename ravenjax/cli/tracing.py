@@ -119,24 +119,14 @@ def _metadata(record: Manifest, again: Replay) -> dict[str, str]:
     from ravenjax.store import manifest
 
     row = again.row.to_dict()
-    plain = (
-        "run_id",
-        "index",
-        "group",
-        "seed",
-        "operator",
-        "verdict",
-        "response",
-        "response_cause",
-        "hazard",
-    )
-    values = {name: row[name] for name in plain} | {
+    values = {
+        name: value
+        for name, value in row.items()
+        if isinstance(value, str)
+        or name in ("index", "seed")
+        or (name.startswith(("fault", "param:")) and value == value)
+    } | {
         "fault": wording.fault(row, record.robot),
-        **{
-            name: value
-            for name, value in row.items()
-            if name.startswith(("fault", "param:")) and value == value
-        },
         "campaign": record.campaign,
         "config_hash": record.config_hash,
         "duration_ms": record.duration_ms,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import os
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
@@ -135,12 +134,8 @@ class Campaign:
         """
         from ravenjax.notebook.results import CampaignResults
 
-        if out is not None:
-            running.run(self.config, out, engine, on_progress, executor, workers)
-            return CampaignResults(Path(out))
-        folder = tempfile.TemporaryDirectory(prefix="ravenjax-")
-        running.run(self.config, Path(folder.name), engine, on_progress, executor, workers)
-        return CampaignResults(Path(folder.name), folder)
+        results = running.run(self.config, out, engine, on_progress, executor, workers)
+        return CampaignResults(results.path, results)
 
     def __setattr__(self, name: str, value: Any) -> None:
         raise AttributeError(f"a campaign is frozen: write changed = campaign.replace({name}=...)")

@@ -88,15 +88,10 @@ def _page(template: str, **content: Any) -> str:
 
 @functools.cache
 def _environment() -> jinja2.Environment:
+    from ravenjax.document import html
     from ravenjax.report import wording
 
-    templates = jinja2.Environment(
-        loader=jinja2.PackageLoader("ravenjax.notebook"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    templates = html.environment("ravenjax.notebook")
     templates.filters |= {
         "percent": wording.percent,
         "interval": wording.interval,

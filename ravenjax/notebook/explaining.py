@@ -1,8 +1,7 @@
-"""How faults spread, for who calls from Python: as a table, or one run's as a figure."""
+"""Shows how faults spread: all as a table, or one run as a figure."""
 
 from __future__ import annotations
 
-import numbers
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,8 +10,6 @@ import pandas as pd
 
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.inspection.explain import Explainer
-from ravenjax.errors import UserError, shown
-from ravenjax.notebook.running import engine_name
 from ravenjax.report.run import chain, chain_words
 
 if TYPE_CHECKING:
@@ -27,7 +24,7 @@ def table(source: CampaignConfig | Path, runs: Any, engine: Any) -> pd.DataFrame
         if runs is None or (isinstance(runs, Sequence) and not isinstance(runs, str))
         else [runs]
     )
-    rows = explainer.faulty() if wanted is None else [_row(explainer, one) for one in wanted]
+    rows = explainer.faulty() if wanted is None else [explainer.index(run) for run in wanted]
     explanation, config = explainer.explain(rows), explainer.config
     frame = chain.table(explanation.results, explanation.ticks, config.robot, config.campaign.arms)
     frame.attrs.update({"campaign": config.campaign.name, "engine": explanation.engine})
@@ -37,22 +34,12 @@ def table(source: CampaignConfig | Path, runs: Any, engine: Any) -> pd.DataFrame
 def figure(source: CampaignConfig | Path, run: Any, engine: Any) -> Figure | None:
     """One run's chain over time; None where nothing differs. Raises UserError."""
     explainer = _explainer(source, engine)
-    explanation, config = explainer.explain([_row(explainer, run)]), explainer.config
+    explanation, config = explainer.explain([explainer.index(run)]), explainer.config
     row, ticks = explanation.results.iloc[0].to_dict(), explanation.ticks.iloc[0].to_dict()
     one = chain.chain(row, ticks, config.robot, config.campaign.arms, config.rules.cue)  # pyright: ignore[reportArgumentType]
     return chain_words.figure(one)
 
 
 def _explainer(source: CampaignConfig | Path, engine: Any) -> Explainer:
-    name = engine_name(engine)
-    return (
-        Explainer.of_folder(source, name) if isinstance(source, Path) else Explainer(source, name)
-    )
-
-
-def _row(explainer: Explainer, run: Any) -> int:
-    if isinstance(run, bool) or not isinstance(run, str | numbers.Integral):
-        raise UserError(
-            f"a run is {shown(run)}, expected its index (a whole number) or its run_id (text)"
-        )
-    return explainer.index(run if isinstance(run, str) else int(run))
+    build = Explainer.of_folder if isinstance(source, Path) else Explainer
+    return build(source, engine)  # pyright: ignore[reportArgumentType]

@@ -15,7 +15,7 @@ from ravenjax.report.sections import tables
 from ravenjax.store.access.query import RESULTS, quoted
 
 _WORDS = ("group", "site", "layer", "block", "response", "hazard", "outcome")
-"""Columns of `facts` by which the report tells classes of faults apart."""
+"""Columns of `facts` by which the report groups faults."""
 _PREFIXES = ("", "fault0_", "param:")
 """What a column of the result table may begin with, beside its name: of the first fault, of a
 parameter.

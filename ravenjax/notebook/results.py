@@ -1,11 +1,10 @@
-"""The results of a campaign as an object: read when asked, counted as the report counts."""
+"""The results of a campaign as an object, counted as in the report."""
 
 from __future__ import annotations
 
 import functools
 import io
 import os
-import tempfile
 import weakref
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -70,19 +69,13 @@ class CampaignResults:
     part is missing or damaged.
     """
 
-    def __init__(
-        self, folder: str | Path, owned: tempfile.TemporaryDirectory[str] | None = None
-    ) -> None:
-        """folder: what a run wrote; owned: a temporary one that goes with this object. Raises
-        StoreError.
-        """
+    def __init__(self, folder: str | Path, results: Results | None = None) -> None:
+        """folder: what a run wrote; results: what keeps a temporary folder. Raises StoreError."""
         if not isinstance(folder, str | os.PathLike) or not str(folder):
             raise UserError(f"folder is {shown(folder)}, expected the path of a result folder")
         self.folder = Path(folder)
-        self._owned = owned
-        if owned is not None:
-            weakref.finalize(self, owned.cleanup)
         self._manifest = manifests.read(self.folder)
+        self._results = results or Results(self._manifest.shape, self.folder)
 
     @property
     def manifest(self) -> Manifest:
@@ -108,13 +101,13 @@ class CampaignResults:
         """The table, or some of its columns, as `run` gives it; its attrs say units and
         meanings.
         """
-        frame = Results(self._manifest.shape, self.folder).frame(columns)
+        frame = self._results.frame(columns)
         frame.attrs.update(column_meanings(self._manifest.shape))
         return frame
 
     def to_arrow(self, columns: Sequence[str] | None = None) -> pa.Table:
         """The table, or some of its columns, as Arrow, by `index`."""
-        return Results(self._manifest.shape, self.folder).arrow(columns)
+        return self._results.arrow(columns)
 
     def query(self, sql: str) -> pd.DataFrame:
         """A query in SQL over `results`, the table, and `facts`, what the report derives of it;
@@ -259,8 +252,7 @@ class CampaignResults:
         return runs
 
     def __repr__(self) -> str:
-        place = "in a temporary folder" if self._owned is not None else f"in {self.folder}"
-        return f"<results of {self._manifest.campaign}: {len(self):,} runs, {place}>"
+        return f"<results of {self._manifest.campaign}: {len(self):,} runs, in {self.folder}>"
 
     def _repr_html_(self) -> str:
         from ravenjax.notebook import card

@@ -5,7 +5,6 @@ one does, engines.
 from __future__ import annotations
 
 import numpy as np
-import pyarrow as pa
 import pytest
 from cuda_as_cpp import real_or_pretended
 from cuda_cases import check_engines
@@ -13,8 +12,6 @@ from cuda_cases import check_engines
 import ravenjax as rj
 from ravenjax.campaign import loading, plan
 from ravenjax.errors import UserError
-from ravenjax.outcomes import events
-from ravenjax.outcomes.events import Rules
 
 COLUMNS = ("cable_load", "cable_overload_first_ms", "cable_overload")
 FAULT = {
@@ -66,38 +63,6 @@ def test_a_cable_parts_when_the_one_that_holds_is_overloaded(holding, breaking):
             )
         else:
             assert breaking[name][~over].equals(holding[name][~over]), name
-
-
-@pytest.mark.slow
-def test_the_event_is_beyond_the_golden_run():
-    weak = tables() | {"parameters": {"plant.cable_strength": [2.0, 1200.0]}}
-    frame = rj.run(loading.from_dict(weak), engine="simd")
-    names = events.columns(["cable_overload"], Rules())
-    _, cases = events.happened(
-        pa.Table.from_pandas(frame[names], preserve_index=False), ["cable_overload"], Rules()
-    )
-    golden, own = (
-        frame[f"{prefix}cable_overload_first_ms"].to_numpy() for prefix in ("golden_", "")
-    )
-    assert (golden >= 0).any() and (golden < 0).any() and cases.any()
-    assert not cases[golden >= 0].any(), "the golden run is overloaded from its beginning on"
-    assert cases.tolist() == ((own >= 0) & ~((golden >= 0) & (golden <= own))).tolist()
-
-
-@pytest.mark.slow
-def test_the_authors_law_has_no_such_columns():
-    frame = rj.run(
-        loading.from_dict(tables(0.05, parameter_set="traj3") | {"group": [{"name": "free"}]})
-    )
-    assert not [name for name in frame if "cable" in name]
-
-
-@pytest.mark.slow
-def test_engine_xla_has_the_same_outcomes(breaking):
-    theirs = rj.run(loading.from_dict(tables(cables="break")), engine="xla")
-    for name in (*COLUMNS[1:], "verdict"):
-        assert (theirs[name].astype(str) == breaking[name].astype(str)).all(), name
-    np.testing.assert_allclose(theirs["cable_load"], breaking["cable_load"], rtol=1e-3)
 
 
 @pytest.mark.slow

@@ -16,10 +16,7 @@ from cuda_cases import check_engines
 from ravenjax.campaign import loading, plan
 from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.engines.interface import Block
-from ravenjax.engines.xla.engine import ScanEngine
 from ravenjax.errors import UserError
-from ravenjax.robots.raven2.campaign import older_packets
-from ravenjax.robots.raven2.loop import run
 from ravenjax.stages import channel
 
 TICKS, START, SEED = 1000, 600, 0.5
@@ -137,30 +134,6 @@ def test_a_packet_that_arrives_late_is_the_newest_that_is_old_enough(packets_of,
 
 
 @pytest.mark.slow
-def test_where_every_packet_lasts_one_cycle_the_bits_are_those_without_a_history():
-    clocked, plain = (planned(*FAULTS, packets=lengths) for lengths in ([1.0, 0.0], "every_cycle"))
-    assert clocked.program.setup.packet_history > 0 == plain.program.setup.packet_history
-    tracers = [SimdEngine().tracer(ready.program, 1) for ready in (clocked, plain)]
-    for row in range(plain.runs):
-        both = zip((clocked, plain), tracers, strict=True)
-        got, right = (jax.tree.leaves(packet(tracer, ready, row, True)) for ready, tracer in both)
-        for a, b in zip(got, right, strict=True):
-            np.testing.assert_array_equal(a, b)
-
-
-@pytest.mark.slow  # engine xla compiles for a minute
-def test_engine_xla_delivers_the_same_packets():
-    ready = planned(*FAULTS, packets="measured", duration_s=0.7)
-    tracers = [engine.tracer(ready.program, 1) for engine in (SimdEngine(), ScanEngine("xla"))]
-    for row in range(ready.runs):
-        ours, theirs = (jax.tree.leaves(packet(tracer, ready, row, True)) for tracer in tracers)
-        for a, b in zip(ours, theirs, strict=True):
-            np.testing.assert_allclose(
-                a, b, rtol=0, atol=1e-6
-            )  # rotations are products, which xla may fuse
-
-
-@pytest.mark.slow
 def test_engine_cuda_has_the_bits_of_engine_simd(monkeypatch, tmp_path):
     real_or_pretended(monkeypatch, tmp_path)
     late = {
@@ -172,38 +145,6 @@ def test_engine_cuda_has_the_bits_of_engine_simd(monkeypatch, tmp_path):
     }
     check_engines(
         planned({"name": "late", "fault": [late]}, packets="measured", duration_s=0.06), 1
-    )
-
-
-def test_what_sends_no_older_packet_has_no_history():
-    lost = group("lost", effect="drop", duration_ms=20)
-    for ready in (
-        planned(lost, packets="measured"),
-        planned(*FAULTS),
-        planned({"name": "free"}, packets="measured"),
-    ):
-        assert ready.program.setup.packet_history == 0
-        assert run.init(ready.program.setup, ready.program.params).history is None
-
-
-def age_ms(*faults: dict, **more) -> float:
-    """Of one group whose packets last four cycles at most."""
-    slots = [{"site": "network", "start_ms": 0, **fault} for fault in faults]
-    config = loading.from_dict(tables({"name": "g", "fault": slots, **more}, packets="measured"))
-    return older_packets.age_ms(config.group, 4)
-
-
-def test_faults_of_one_run_add_up_and_runs_do_not():
-    delay = {"effect": "delay", "value": 3}
-    assert age_ms(delay, {"effect": "overwrite", "channel": "lag", "value": 10}) == 15 * 4
-    assert age_ms(delay, design="list", run=[{}, {"fault": [{"value": 8}]}]) == 10 * 4
-    assert age_ms(delay, {"effect": "overwrite", "channel": "jitter", "value": 0.5}) == 5 * 4 + 110
-    drawn = {"effect": "overwrite", "channel": "lag", "value": {"uniform": [2, 30]}}
-    assert age_ms(drawn, design="random", runs=3) == 32 * 4
-    assert (
-        age_ms({"effect": "drop"})
-        == age_ms({"effect": "overwrite", "channel": "bursts", "value": 0.5})
-        == 0
     )
 
 

@@ -14,7 +14,6 @@ from cuda_cases import check_engines
 
 import ravenjax as rj
 from ravenjax.campaign import loading, plan
-from ravenjax.campaign.inspection import verification
 from ravenjax.errors import UserError
 from ravenjax.outcomes import verdict
 from ravenjax.robots.raven2 import ROBOT
@@ -55,7 +54,6 @@ def step(params, state, view):
         score = jnp.maximum(score, jnp.abs(now - before) / params.counts)
     return state, score{more}
 """
-ALWAYS = "def step(params, state, view):\n    return state, as_int(view.tick >= 600){more}\n"
 FAULT = {
     "site": "usb_out",
     "channel": "elbow",
@@ -162,19 +160,6 @@ def test_a_stop_in_the_software_raises_its_e_stop_as_the_overdrive_check_does(tm
     assert own[names].to_dict() == built_in[names].to_dict() and own["check_estop_first_ms"] > 0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seam", [seam for seam in ROBOT.check_seams if seam != "usb_out"])
-def test_a_stop_at_each_seam_of_the_software_acts_in_the_same_millisecond(tmp_path, seam):
-    table = rj.run(
-        tables(tmp_path, ALWAYS.format(more=""), at=seam, acts="stop", threshold=0.5), engine="simd"
-    )
-    assert (table["check_own_mine_first_ms"] == 600).all() and (
-        table["check_soft_estop_first_ms"] == 600
-    ).all()
-    assert (table["check_plc_watchdog_count"] == 1).all()
-    assert (table["pedal_down_ms"] < 600).all()
-
-
 @pytest.mark.parametrize("engine", ["simd", pytest.param("xla", marks=pytest.mark.slow)])
 def test_a_board_that_refuses_holds_zero_and_lets_the_plc_stop_the_robot(tmp_path, engine):
     table = rj.run(
@@ -200,51 +185,6 @@ def test_a_board_that_refuses_holds_zero_and_lets_the_plc_stop_the_robot(tmp_pat
     )
 
 
-@pytest.mark.slow
-def test_a_stop_that_comes_sooner_than_the_golden_runs_is_the_faults(tmp_path):
-    """The check stops the robot at 900 ms in any case; the fault makes it do so at 700 ms, as
-    often.
-    """
-    text = """
-def step(params, state, view):
-    late = (view.tick == 900) & (view.runlevel == 3)
-    score = jnp.where(late, 30000, 0)
-    for command in view.current_cmd[:6]:
-        score = jnp.maximum(score, jnp.abs(command))
-    return state, score
-"""
-    raw = tables(tmp_path, text, EARLY, at="current_cmd", acts="stop", threshold=20000)
-    raw["group"][1]["fault"][0]["duration_ms"] = 1
-    table = rj.run(raw | {"parameters": {"control.overdrive.max_inst_dac": 32768}}, engine="simd")
-    free, mild, hard = (table.iloc[row] for row in range(3))
-    names = ["check_own_mine_count", "check_own_mine_first_ms"]
-    for row, first, response in (
-        (free, 900, "silent"),
-        (mild, 900, "limited"),
-        (hard, 700, "stopped"),
-    ):
-        assert row[names].tolist() == [1, first] and row[
-            [f"golden_{name}" for name in names]
-        ].tolist() == [1, 900]
-        assert row["response"] == response
-    assert (hard["response_cause"], hard["response_ms"], hard["told_ms"]) == ("own_mine", 700, 700)
-    assert hard["built_in_response"] in ("limited", "silent")
-
-
-@pytest.mark.slow
-def test_boards_refuse_one_by_one(tmp_path):
-    raw = tables(
-        tmp_path,
-        BOARDS.format(more=""),
-        {**FAULT, "arm": "green"},
-        {"arms": ["gold", "green"]},
-        at="usb_out",
-    )
-    raw["check"][0]["acts"] = "stop"
-    hard = rj.run(raw, engine="simd").iloc[2]
-    assert hard["response_cause"] == "own_mine" and hard["check_plc_watchdog_count"] == 1
-
-
 @pytest.mark.parametrize("engine", ["simd", pytest.param("xla", marks=pytest.mark.slow)])
 def test_a_board_that_limits_holds_what_it_held(tmp_path, engine):
     """As if the write had failed: the struck command never arrives."""
@@ -256,40 +196,6 @@ def test_a_board_that_limits_holds_what_it_held(tmp_path, engine):
     assert hard["unintended_mm"] < 0.5 * unhindered["unintended_mm"]
     names = [name for name in plain.columns if not name.startswith(("run_id", "built_in"))]
     require_equal(table.iloc[:2], plain.iloc[:2], names)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seam", ["current_cmd", "checked_cmd", "usb_out"])
-def test_no_limit_passes_an_e_stop_or_16_bits(tmp_path, seam):
-    """An E-stop leaves no command, and a check that limits makes none of it; nor any that a
-    board cannot hold.
-    """
-    text = ALWAYS.format(more=", Vec.full(7, 1000000)")
-    raw = tables(tmp_path, text, at=seam, acts="limit", threshold=0.5)
-    (tmp_path / "stop.py").write_text(
-        HEAD + "def step(params, state, view):\n    return state, as_int(view.tick >= 620)\n"
-    )
-    raw["check"].append(
-        {
-            "name": "stop",
-            "file": str(tmp_path / "stop.py"),
-            "at": "packet",
-            "acts": "stop",
-            "threshold": 0.5,
-        }
-    )
-    trace = rj.simulate(loading.from_dict(raw), 0)
-    commands, held = (trace[name].sel(arm="gold").values for name in ("dac_cnt", "boards_cnt"))
-    if seam == "usb_out":  # what the boards make of it is what reaches the motors
-        assert held[605].max() == 32767 > commands[605].max() and not held[640:].any()
-    else:
-        np.testing.assert_array_equal(held, commands)
-    if seam != "usb_out":  # what leaves the software
-        assert commands[605].max() <= 32767
-        assert not commands[640:].any()
-    still = rj.run(raw, engine="simd").iloc[0]
-    assert still["check_own_stop_first_ms"] == 620
-    assert still["check_estop_first_ms"] > 0
 
 
 def test_built_in_ones_count_until_the_first_of_ones_own_acts():
@@ -310,23 +216,6 @@ def test_built_in_ones_count_until_the_first_of_ones_own_acts():
     assert [verdict.RESPONSES[k] for k in responses] == ["silent", "stopped", "stopped"]
 
 
-def test_a_limited_packet_is_dropped(tmp_path):
-    """As if the network had lost it."""
-    lost = {"site": "network", "effect": "drop", "start_ms": 600}
-    plain = tables(tmp_path, "")
-    plain["group"][1]["fault"] = [lost]
-    raw = tables(tmp_path, ALWAYS.format(more=""), at="packet", acts="limit", threshold=0.5)
-    table, dropped = rj.run(raw, engine="simd"), rj.run(plain, engine="simd").iloc[1]
-    assert (table["check_own_mine_count"] == 400).all()
-    names = [
-        "peak_model_deviation_mm",
-        "rms_model_deviation_mm",
-        "peak_dac_gold_shoulder",
-        "peak_dac_gold_elbow",
-    ]
-    assert table.iloc[0][names].to_dict() == dropped[names].to_dict()
-
-
 @pytest.mark.parametrize("acts", ["watch", "flag"])
 def test_one_that_watches_or_flags_changes_no_motion(tmp_path, acts):
     raw = tables(tmp_path, BOARDS.format(more=""), at="usb_out", acts=acts)
@@ -339,45 +228,6 @@ def test_one_that_watches_or_flags_changes_no_motion(tmp_path, acts):
     assert ("built_in_response" in watched) == (acts == "flag")
 
 
-@pytest.mark.slow
-def test_thresholds_and_parameters_are_swept(tmp_path):
-    raw = tables(tmp_path, BOARDS.format(more=""), at="usb_out")
-    raw["group"][1]["cross"] = {
-        "checks.own.mine.counts": [3000, 30000],
-        "checks.threshold.mine": [0.4, 2],
-    }
-    table = rj.run(raw, engine="simd")
-    hit = table[(table["group"] == "hit") & (table["fault0_value"] == 14000)]
-    trips = {
-        (row["param:checks.own.mine.counts"], row["param:checks.threshold.mine"]): row[
-            "check_own_mine_first_ms"
-        ]
-        for _, row in hit.iterrows()
-    }
-    assert trips == {(3000, 0.4): 700, (3000, 2): 700, (30000, 0.4): 700, (30000, 2): -1}
-
-
-@pytest.mark.slow
-def test_a_campaign_with_one_is_resumed_verified_and_explained(tmp_path):
-    campaign = tmp_path / "x.toml"
-    (tmp_path / "mine.py").write_text(HEAD + BOARDS.format(more=""))
-    campaign.write_text(
-        '[campaign]\nname = "x"\nduration_s = 0.9\n[[check]]\nname = "mine"\nfile = "mine.py"\nat ='
-        ' "usb_out"\nacts = "stop"\n[[group]]\nname = "a"\n[[group.fault]]\nsite ='
-        ' "usb_out"\nchannel = "elbow"\neffect = "overwrite"\nvalue = [200, 14000]\nstart_ms ='
-        " 700\nduration_ms = 64\n"
-    )
-    table = rj.run(loading.load(campaign), out=tmp_path / "out", engine="simd")
-    assert verification.verify(tmp_path / "out", 1).fine
-    explained = rj.explain(tmp_path / "out")
-    assert len(explained)
-    pytest.importorskip("ray")
-    elsewhere = rj.run(
-        loading.load(campaign), tmp_path / "other", engine="simd", executor="ray", workers=1
-    )
-    require_equal(elsewhere, table, ["check_own_mine_first_ms", "response", "unintended_mm"])
-
-
 STEP = "def step(params, state, view):\n    return "
 WRONG = {
     "not yet": (
@@ -385,51 +235,20 @@ WRONG = {
         STEP + "state, view.tau_d[0]",
         r"mine\.py:3: .*no tau_d at jpos",
     ),
-    "unknown": (
-        {"at": "jpos"},
-        STEP + "state, view.tau",
-        r"mine\.py:3: .*no tau at jpos; it has tick, runlevel",
-    ),
     "two": (
         {"at": "tau_d", "acts": "limit"},
         STEP + "state, 1.0",
         r"step\(params, state, view\) gives .* expected \(state, score, values\)",
-    ),
-    "three": (
-        {"at": "tau_d"},
-        STEP + "state, 1.0, view.tau_d",
-        r"expected \(state, score\)",
-    ),
-    "too few": (
-        {"at": "tau_d", "acts": "limit"},
-        STEP + "state, 1.0, Vec(view.tau_d[:3])",
-        r"gives .* for values, expected 7 numbers",
     ),
     "kind": (
         {"at": "usb_out", "acts": "limit"},
         STEP + "state, 1.0, Vec(0.5 * c for c in view.boards_cmd)",
         r"gives a float for values\[0\], expected int: take to_int32",
     ),
-    "array": (
-        {"at": "usb_out", "acts": "limit"},
-        STEP + "state, 1.0, Vec(jnp.ones(2) for c in view.boards_cmd)",
-        r"gives an array of shape \(2,\) for values\[0\], expected a single number",
-    ),
     "seam": (
         {"at": "usb"},
         STEP + "state, 1.0",
         r"unknown seam 'usb', expected one of packet, .*usb_out",
-    ),
-    "name": (
-        {"at": "jpos", "name": "my-check"},
-        STEP + "state, 1.0",
-        r"expected letters, digits and _",
-    ),
-    "arm": ({"at": "jpos", "name": "gold"}, STEP + "state, 1.0", r"got 'gold', which is an arm"),
-    "file": (
-        {"at": "jpos", "file": "none.py"},
-        STEP + "state, 1.0",
-        r"file of check 'mine' cannot be read",
     ),
     "changed": ({"at": "jpos", "sha256": "0" * 64}, STEP + "state, 1.0", r"has changed since"),
 }

@@ -10,7 +10,7 @@ import ravenjax as rj
 from ravenjax.campaign import loading, plan, runner
 from ravenjax.engines import selection
 from ravenjax.errors import UserError
-from ravenjax.robots.raven2.campaign.hands import operator_bounds, operator_motion
+from ravenjax.robots.raven2.campaign.hands import operator_bounds
 from ravenjax.robots.raven2.geometry import limits
 from ravenjax.store import manifest
 from ravenjax.store.motion.summary import table_rows
@@ -48,19 +48,12 @@ def tables(file, **more):
             {"motion": "reach", "rate_hz": 1000},
             "rate_hz belongs to a recorded motion, a generated one has none: remove",
         ),
-        ({"motion": "reach", "cutoff_hz": 5}, "cutoff_hz belongs to a recorded motion"),
-        ({"motion": "reach", "slow_down": 2}, "slow_down belongs to a recorded motion"),
-        ({"motion": "reach", "spikes": "remove"}, "spikes belongs to a recorded motion"),
-        ({"motion": "reach", "at_end": "hold"}, "at_end belongs to a recorded motion"),
-        ({"motion": "reach", "window_s": [0, 1]}, "window_s belongs to a recorded motion"),
         (
             {"file": "a.csv", "seed": 3},
             "seed belongs to a generated motion, a recorded one has none: remove it",
         ),
         ({"file": "a.csv", "spikes": "drop"}, "expected 'refuse', 'remove' or 'replay'"),
-        ({"file": "a.csv", "at_end": "loop"}, "expected 'refuse', 'hold' or 'reverse'"),
         ({"file": "a.csv", "rate_hz": 0}, "operator.rate_hz: got 0"),
-        ({"file": "a.csv", "max_gap_s": 0}, "operator.max_gap_s: got 0"),
     ],
 )
 def test_keys_that_do_not_fit(operator, says):
@@ -98,18 +91,6 @@ def test_limits_are_those_of_the_campaign(hands):
     assert operator_bounds(fork).upper[3] == pytest.approx(limits.FORK_ROLL_LIMIT)
 
 
-def test_a_scale_that_is_varied_is_said_and_checked(hands):
-    config = loading.from_dict(
-        tables(hands), overrides=["parameters.operator.scale=[0.05, 0.1, 0.2]"]
-    )
-    summary = plan.make_plan(config).operator
-    assert summary.scales == (0.05, 0.2)
-    assert "the tip moves 0.5 to 2 times as far" in dict(table_rows(summary))["scale"]
-    far = loading.from_dict(tables(hands), overrides=["parameters.operator.scale=1"])
-    with pytest.raises(UserError, match="varied to 1 moves the tip 10 times as far as recorded"):
-        plan.make_plan(far)
-
-
 @pytest.mark.slow
 def test_the_manifest_keeps_what_became_of_it(hands, tmp_path):
     raw = tables(hands, cutoff_hz=5.0)
@@ -144,12 +125,3 @@ def test_a_campaign_does_not_depend_on_where_its_recording_lies(hands, tmp_path)
     assert any(
         line.startswith("config.operator.file: ") for line in records[0].differences(records[2])
     )
-
-
-def test_a_file_that_changes_is_read_again(hands):
-    config = loading.from_dict(tables(hands))
-    before = operator_motion(config)
-    frame = pd.read_csv(hands)
-    frame.assign(gold_x_mm=frame["gold_x_mm"] + 1e-3 * frame["t_ms"]).to_csv(hands, index=False)
-    after = operator_motion(config)
-    assert np.abs(after.position_um - before.position_um).max() > 1e3

@@ -110,15 +110,6 @@ def test_a_finished_campaign_computes_nothing_again(whole, tmp_path, monkeypatch
     same(whole, rj.run(config(), out=tmp_path))
 
 
-def test_no_chunk_is_a_chunk_that_suits_the_campaign(whole, tmp_path):
-    free = config()
-    free = free.model_copy(update={"campaign": free.campaign.model_copy(update={"chunk": None})})
-    same(whole, rj.run(free, out=tmp_path))
-    assert [path.name for path in (tmp_path / "parts").iterdir()] == [
-        "part-000000000-000000026.parquet"
-    ]
-
-
 def test_rows_do_not_depend_on_the_size_of_blocks(whole, monkeypatch):
     """Nor on how many golden runs fit in memory, down to one."""
     monkeypatch.setattr(simd, "MAX_LANES", 16)
@@ -138,16 +129,6 @@ def blocks(monkeypatch):
 
     monkeypatch.setattr(simd.SimdKernel, "run", watched)
     return ran
-
-
-def test_a_block_is_as_large_as_its_rows_ask_for(blocks):
-    """Three golden runs in a block that is no larger than they need, and a last block that is
-    not filled up.
-    """
-    rj.run(config(), engine="simd")
-    width = simd.jit.host().width
-    assert [lanes for lanes, golden_runs in blocks if golden_runs] == [-(-3 // width) * width]
-    assert sum(lanes for lanes, golden_runs in blocks if not golden_runs) < 27 + 3 * width
 
 
 @pytest.mark.slow
@@ -190,18 +171,6 @@ def test_another_campaign_is_refused_and_nothing_is_lost(tmp_path):
     assert sorted(path.name for path in tmp_path.rglob("*")) == before
 
 
-def test_runs_with_their_own_parameters_have_their_own_golden_runs(whole):
-    weak = whole[whole["group"] == "weak cable"]
-    assert (weak["peak_golden_deviation_mm"] > 0).all()
-    by_stiffness = weak.groupby("param:plant.cable_stiffness_scale")[
-        "peak_model_deviation_mm"
-    ].min()
-    assert by_stiffness.nunique() == 2
-    # 0.5 rad of the insertion motor moves the tip by a fraction of a millimetre, seen against the
-    # right golden run.
-    assert weak.loc[weak["fault0_value"] == 0.5, "peak_golden_deviation_mm"].max() < 1.0
-
-
 def test_a_fault_free_run_is_its_own_golden_run(whole):
     free = whole[whole["group"] == "free"].iloc[0]
     assert free["verdict"] == "silent/none/no cue"
@@ -236,19 +205,3 @@ def test_a_replay_is_the_run(whole, replayer, index):
     apart = np.linalg.norm(series["gold/tip"] - series["gold/model_position"], axis=1) * 1e3
     assert apart.max() == pytest.approx(row["peak_model_deviation_mm"], rel=1e-3)
     assert int(series["fault0_active"].sum()) >= row["active_ticks"]
-
-
-@pytest.mark.slow
-def test_a_replay_responds_as_the_run_did_where_the_golden_run_trips_too():
-    strict = config(level="beginner", duration_s=1.2, limit=9)
-    strict = rj.load_campaign(
-        {
-            **CAMPAIGN,
-            "campaign": strict.campaign.model_dump(),
-            "operator": {"motion": "reach", "scale": 0.3},
-        }
-    )
-    table = rj.run(strict)
-    assert (table["check_overdrive_clip_count"] > 0).all(), "the fault-free run is clipped as well"
-    quiet = table[table["response"] == "silent"].iloc[0]
-    assert replay.replay(strict, quiet["run_id"]).row["response"] == "silent"

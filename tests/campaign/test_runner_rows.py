@@ -10,10 +10,9 @@ import os
 import pytest
 import tiny_campaign as tiny
 
-from ravenjax.campaign import progress as progress_module
 from ravenjax.campaign import runner
 from ravenjax.campaign.executors.shards import Shard
-from ravenjax.campaign.progress import Progress, ProgressFile, Status
+from ravenjax.campaign.progress import Status
 from ravenjax.errors import StoreError, UserError
 from ravenjax.store import manifest, parts
 from ravenjax.store.access import lock
@@ -86,23 +85,6 @@ def test_a_limited_run_goes_on_to_more_and_to_all(whole, tmp_path):
     assert last.differences(expected) == [] and last.rows is None and last.done == 300
 
 
-def test_limits_in_memory_and_of_shards(whole, tmp_path):
-    expected = read_all(whole[0])["run_id"].tolist()
-    assert runner.run_campaign(limited(7), None, "simd").frame()["run_id"].tolist() == expected[:7]
-    shares = [
-        runner.run_campaign(limited(70), None, "simd", shard=Shard(n, 2)).frame() for n in (1, 2)
-    ]
-    assert sorted(index for share in shares for index in share["index"]) == list(range(70))
-
-
-def test_rows_in_memory(whole):
-    table = runner.run_campaign(
-        tiny.config(), None, "simd", rows=[range(95, 105), range(0, 2)]
-    ).frame()
-    expected = read_all(whole[0])
-    assert table["run_id"].tolist() == expected["run_id"].iloc[[0, 1, *range(95, 105)]].tolist()
-
-
 @pytest.mark.parametrize("rows", [[range(-1, 2)], [range(290, 301)], [range(0, 10, 2)]])
 def test_rows_that_the_campaign_has_not(rows):
     with pytest.raises(UserError, match="expected ranges of step 1 within 0 to 300"):
@@ -159,49 +141,3 @@ def test_the_progress_file_tells_what_the_watcher_was_told(whole):
         0.0,
     )
     assert found["pid"] == os.getpid() and found["parts"] == told[-1].parts
-
-
-def test_the_progress_file_is_written_at_most_once_a_second_but_for_a_new_phase(
-    tmp_path, monkeypatch
-):
-    now, written = [0.0], []
-    monkeypatch.setattr(progress_module.time, "monotonic", lambda: now[0])
-    monkeypatch.setattr(
-        progress_module.files, "replace", lambda path, text: written.append(json.loads(text))
-    )
-    progress = Progress("e", 10, 10, 1, ProgressFile(tmp_path))
-    progress.tell("compile")
-    progress.began(1.0)
-    for _ in range(30):
-        now[0] += 0.1
-        progress.part(0, {"nan": 1})
-        progress.ticks(0)
-    progress.tell("done")
-    assert [one["phase"] for one in written] == ["compile", "run", "run", "run", "done"]
-    assert written[-1]["failed"] == {"nan": 30}
-
-
-def test_a_progress_file_that_cannot_be_written_stops_nothing(tmp_path):
-    (tmp_path / "progress.json").mkdir()
-    table = runner.run_campaign(tiny.config(runs=20), tmp_path, "simd").frame()
-    assert len(table) == 20
-
-
-def test_failures_of_earlier_starts_are_counted_too():
-    told: list[Status] = []
-    progress = Progress("e", 100, 40, 10, told.append, notes=("one part was set aside",))
-    progress.known({"nan": 2})
-    progress.began(0.5)
-    progress.began(9.0)
-    progress.part(20, {"nan": 1})
-    progress.lost({"worker killed by SIGKILL": 7})
-    progress.tell("run")
-    status = told[-1]
-    assert (status.done, status.failed, status.compile_s) == (
-        80,
-        3,
-        0.5,
-    ), "the first that is ready starts the clock"
-    assert status.failures == {"nan": 3, "worker killed by SIGKILL": 7} and status.notes == (
-        "one part was set aside",
-    )

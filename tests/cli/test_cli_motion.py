@@ -68,25 +68,6 @@ def test_a_table_and_a_picture(run, hands, tmp_path):
     assert svg.read_bytes() == first
 
 
-@pytest.mark.slow
-def test_for_a_campaign_with_its_duration_and_limits(run, hands, tmp_path):
-    code, out, _ = run("motion", hands, "--campaign", "quick", "--out", tmp_path)
-    assert code == 0 and "0.000 to 2.250 s of the recording" in out and "3.000 s in all" in out
-    code, _, err = run(
-        *(
-            "motion",
-            hands,
-            "--campaign",
-            "quick",
-            "--out",
-            tmp_path,
-            "--set",
-            "limits.insertion_m=[0.3,0.401]",
-        )
-    )
-    assert code == USER_ERROR and "insertion of gold would be at 4" in err
-
-
 def test_what_cannot_be_replayed_is_drawn_and_refused(run, tmp_path):
     path = tmp_path / "spiked.csv"
     spiked = frame()
@@ -112,11 +93,6 @@ def test_what_cannot_be_read_is_refused_once(run, tmp_path):
     assert not (tmp_path / "pictures").exists()
     code, _, err = run("motion", tmp_path / "none.csv")
     assert code == USER_ERROR and "no such file" in err
-
-
-def test_arms_are_those_of_the_file(run, hands, tmp_path):
-    code, _, err = run("motion", hands, "--arms", "gold", "green", "--out", tmp_path)
-    assert code == USER_ERROR and "no column green_x_m" in err
 
 
 @pytest.mark.slow

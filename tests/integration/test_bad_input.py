@@ -8,8 +8,6 @@ import os
 import re
 from pathlib import Path
 
-import numpy as np
-import pandas as pd
 import pytest
 
 from ravenjax.cli import USER_ERROR, console, main
@@ -116,72 +114,8 @@ def test_an_unknown_fault_site(campaign, refused, tmp_path):
     assert not out.exists()
 
 
-def test_several_mistakes_are_told_at_once(campaign, refused):
-    path = campaign(
-        site="usb_output", more="[limits]\nshoulder_deg = [-10, 80]\n\n[outcome]\ncue = 0"
-    )
-    err = refused(["run", path], "limits.shoulder_deg", "outcome: unknown key", "'outcomes'")
-    assert len(err.splitlines()) >= 2
-
-
-def test_an_unknown_engine(campaign, refused, tmp_path):
-    refused(
-        ["run", campaign(), "--out", tmp_path / "out", "--engine", "xlb"],
-        "'xlb'",
-        "expected auto",
-        "'xla'",
-    )
-
-
 # --- the operator's file
 # ----------------------------------------------------------------------------------------------
-
-ROWS = 2000
-
-
-def recording() -> pd.DataFrame:
-    """Two seconds near the gold arm's home tip, a row a millisecond."""
-    phase = 2.0 * np.pi * np.arange(ROWS) / ROWS
-    x, y, z = -77.947, -25.266, 13.226  # mm
-    columns = (x + 3.0 * (1.0 - np.cos(phase)), y + 5.0 * np.sin(phase), np.full(ROWS, z))
-    return pd.DataFrame(
-        {"time_s": np.arange(ROWS) * 1e-3}
-        | {f"gold_{n}_mm": c for n, c in zip("xyz", columns, strict=True)}
-    )
-
-
-def backwards(frame):
-    frame.loc[500:, "time_s"] -= 0.2
-    return frame
-
-
-def out_of_reach(frame):
-    """Through the remote centre and back, near the end."""
-    away = np.clip(1.0 - np.abs(np.arange(ROWS) - 1400) / 200.0, 0.0, 1.0)
-    away = away * away * (3.0 - 2.0 * away)
-    return frame.assign(
-        **{name: frame[name] * (1.0 - 0.9 * away) for name in frame if name.endswith("_mm")}
-    )
-
-
-@pytest.mark.parametrize(
-    ("kind", "damage", "words"),
-    [
-        ("csv", backwards, ("row 500", "time goes back by 0.199 s")),
-        ("parquet", out_of_reach, ("cannot reach the pose", "operator.window_s")),
-    ],
-)
-def test_a_damaged_operator_file(campaign, refused, tmp_path, kind, damage, words):
-    file = tmp_path / f"hands.{kind}"
-    frame = damage(recording())
-    frame.to_parquet(file) if kind == "parquet" else frame.to_csv(file, index=False)
-    before = file.read_bytes()
-    path = campaign(operator=f'file = "{file.name}"')
-    refused(
-        ["run", path, "--out", tmp_path / "out", "--set", "campaign.duration_s=2.5"], file, *words
-    )
-    assert file.read_bytes() == before
-    assert not (tmp_path / "out").exists()
 
 
 # --- the result folder
@@ -275,14 +209,6 @@ def test_a_trace_that_cannot_be_written(copied, refused, tmp_path):
         tmp_path / "file",
         "cannot be written",
     )
-
-
-def test_a_report_that_cannot_be_written(copied, refused):
-    _, out = copied
-    (out / "report.html").mkdir()
-    before = contents(out)
-    refused(["report", out], out / "report.html", "cannot be written")
-    assert contents(out) == before
 
 
 def test_a_disk_that_fills_up_keeps_the_parts_that_are_there(copied, run, monkeypatch):

@@ -5,8 +5,6 @@ to do.
 from __future__ import annotations
 
 import json
-import re
-import shutil
 
 import numpy as np
 import pandas as pd
@@ -142,39 +140,6 @@ def test_a_trace_is_a_table_and_a_plot(traced):
     assert (dac[250:290] == 9000).all() and dac.abs().max() == row["peak_dac_gold_shoulder"]
 
 
-@pytest.mark.slow
-def test_the_worst_runs_are_traced_with_a_summary(out, capsys, tmp_path):
-    assert call("trace", out, "--worst", 2, "--out", tmp_path) == 0
-    text = capsys.readouterr().out
-    frame = read_all(out)
-    worst = frame[frame["fault0_site"] != ""].nlargest(2, "unintended_mm")["run_id"].tolist()
-    assert [
-        line.split()[1].rstrip(",") for line in text.splitlines() if line.startswith("run ")
-    ] == worst
-    assert (
-        "  fault    usb_out gold shoulder, overwrite" in text
-        and "the fault first changes a value" in text
-    )
-    assert {path.name for path in tmp_path.iterdir()} == {
-        f"{one}.{kind}" for one in worst for kind in ("mcap", "csv", "svg")
-    }
-
-
-@pytest.mark.slow
-def test_the_report_replays_what_was_traced_and_draws_figures(out, traced, tmp_path):
-    row, _ = traced
-    assert call("report", out, "--figures", tmp_path / "figures") == 0
-    page = (out / "report.html").read_text(encoding="utf-8")
-    (shown,) = re.findall(
-        r'class="replay".*?<span>run (\w+), gold arm, at most ([\d.]+) mm off</span>', page, re.S
-    )
-    assert shown[0] == row["run_id"] and float(shown[1]) == pytest.approx(
-        row["peak_model_deviation_mm"], abs=0.06
-    )
-    drawn = {path.suffix for path in (tmp_path / "figures").iterdir()}
-    assert drawn == {".svg", ".pdf"}
-
-
 def test_the_notebook_sees_the_same_series(out, traced):
     import ravenjax as rj
 
@@ -219,49 +184,3 @@ def test_what_a_run_gave_as_json(out, capsys):
     )
     assert told["runs"] == told["finished"] == RUNS and told["engine"] == "simd"
     assert "7 of 7 runs" in printed.err
-
-
-def test_a_verification_as_json(out, capsys, tmp_path):
-    assert call("verify", out, "--sample", 3, "--json") == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["fine"] and all(check["fine"] and not check["problems"] for check in told["checks"])
-    assert len(told["runs_made_again"]["rows"]) == told["runs_made_again"]["equal_verdicts"] == 3
-    assert told["runs_made_again"]["columns_that_differ"] == []
-    damaged = tmp_path / "damaged"
-    shutil.copytree(out, damaged)
-    part = next((damaged / "parts").iterdir())
-    part.write_bytes(part.read_bytes()[:-1])
-    assert call("verify", damaged, "--json") == 1
-    told = json.loads(capsys.readouterr().out)
-    assert not told["fine"] and any(
-        part.name in " ".join(check["problems"]) for check in told["checks"]
-    )
-
-
-@pytest.mark.slow
-def test_two_results_are_compared(out, capsys, tmp_path):
-    other = tmp_path / "other"
-    tokens = ("run", out.parent / "tiny.toml", "--out", other, "--engine", "simd", "--no-report")
-    assert call(*tokens, "--set", "parameters.plant.friction_scale=1.5") == 0
-    capsys.readouterr()
-    assert call("compare", out, other, "--json") == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["configuration"] == [
-        {"path": "parameters.plant.friction_scale", "first": None, "second": "1.5"}
-    ]
-    counts = {
-        "by_run_id": 0,
-        "by_fault": RUNS,
-        "unpaired": [0, 0],
-        "compared": RUNS - 1,
-        "faults": RUNS - 1,
-    }
-    assert told["pairs"] == {**counts, "sampled": False}
-    assert sum(one["runs"] for one in told["transitions"]["hazard"]) == RUNS - 1
-    assert call("compare", out, other) == 0
-    text = capsys.readouterr().out
-    assert (
-        "by fault: 7. Compared: 6 pairs with a fault" in text
-        and "plant.friction_scale" in text
-        and "evades" in text
-    )

@@ -7,13 +7,9 @@ from __future__ import annotations
 import pytest
 from mutations import mutant
 
-from ravenjax.analyses.search.file import loading as searches
-from ravenjax.campaign import loading as campaigns
 from ravenjax.errors import StoreError, UserError
 from ravenjax.store import manifest
-from ravenjax.store.access import lock
 from ravenjax.store.logs.session import description
-from ravenjax.train.scenario import loading as scenarios
 from studies import findings
 
 LONGEST = 20_000
@@ -43,20 +39,6 @@ def test_five_thousand_mutants_end_in_no_traceback(tmp_path, block):
     assert any(refused(number, tmp_path) for number in range(1000 * block, 1000 * (block + 1)))
 
 
-READERS = {"quick": campaigns, "smallest_harmful_dac": searches, "dac_burst": scenarios}
-
-
-@pytest.mark.parametrize("file", READERS)
-@pytest.mark.parametrize(
-    "path", ["arms.0", ".".join(["a"] * 40), ".".join(["a"] * 3000), "group.0" + ".a" * 3000]
-)
-def test_an_override_that_leads_nowhere_is_one_error(file, path):
-    with pytest.raises(UserError) as error:
-        READERS[file].load(file, [f"{path}=inf"])
-    told = str(error.value)
-    assert len(told) < 1000 and "--set" in told and "expected" in told
-
-
 NESTED = ("[" * 100_000, '{"a":' * 100_000)
 
 
@@ -73,10 +55,3 @@ def test_json_nested_without_end_is_one_error(tmp_path, name, read, text):
     (tmp_path / name).write_text(text)
     with pytest.raises(StoreError, match="nested too deeply"):
         read(tmp_path)
-
-
-@pytest.mark.parametrize("text", NESTED, ids=["lists", "tables"])
-def test_a_lock_nested_without_end_is_nobodys(tmp_path, text):
-    (tmp_path / lock.FILE).write_text(text)
-    with lock.held(tmp_path):
-        assert (tmp_path / lock.FILE).read_text() != text

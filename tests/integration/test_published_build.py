@@ -7,7 +7,6 @@ import pytest
 
 import ravenjax as rj
 from ravenjax.campaign.inspection.replay import replay
-from ravenjax.errors import UserError
 
 pytestmark = pytest.mark.slow
 
@@ -40,12 +39,6 @@ def test_packets_end_with_the_software_stop_in_the_simulator_build_alone(stoppin
         assert (grows == (1 if build == "robot" else 0)).all()
 
 
-def test_the_window_stays_open_on_the_frozen_packet(stopping):
-    active = stopping["dyn_sim"]["fault0_active"]
-    assert active[700:].all()
-    assert not stopping["robot"]["fault0_active"][1010:].any()
-
-
 def test_the_simulator_build_reads_its_model_without_encoders(stopping):
     """Motors 1-3 as they were after the last cycle, to the bit; tool joints where they should
     be.
@@ -61,24 +54,6 @@ def test_the_simulator_build_reads_its_model_without_encoders(stopping):
     assert (series["gold/mvel"][1:, 3:] == 0).all()
 
 
-def test_tool_joints_may_be_measured_in_the_simulator_build(stopping):
-    """Up to the fault they are those of the robot's build, by encoders and filter; joints 1-3
-    are the model's.
-    """
-    fault = {"value": 8000, "start_ms": 700, "duration_ms": 300}
-    series = replay(campaign(fault, build="dyn_sim_tools"), 0, "simd").series
-    np.testing.assert_array_equal(
-        series["gold/mpos"][1:, :3], series["gold/motor_mpos"][:-1, :3].astype(np.float32)
-    )
-    robot = stopping["robot"]["gold/mpos"][:700, 3:]
-    assert np.abs(series["gold/mpos"][:700, 3:] - robot).max() < 0.02 < np.ptp(robot, axis=0).max()
-    assert (
-        (series["gold/mvel"][1:, 3:5] != 0).any(axis=0).all()
-    )  # friction holds the jaws, which nobody asks to move
-    stop = int(np.argmax(series["soft_estopped"] != 0))
-    assert stop > 700 and (np.diff(series["last_seq"][stop + 1 :]) == 0).all()
-
-
 @pytest.mark.parametrize(
     "words, stored", [("wrap", 14464), ("saturate", 32767), ("unwrapped", 80000)]
 )
@@ -86,12 +61,6 @@ def test_a_large_command_is_stored_as_asked(words, stored):
     fault = {"effect": "overwrite", "value": 80000, "start_ms": 700, "duration_ms": 1}
     series = replay(campaign(fault, dac_words=words), 0, "simd").series
     assert (series["gold/dac_cnt"][:, 0] == stored).sum() == 1
-
-
-@pytest.mark.parametrize("build", ["dyn_sim", "dyn_sim_tools"])
-def test_the_present_software_was_not_built_so(build):
-    with pytest.raises(UserError, match=rf"{build}'.*fork2015"):
-        rj.load_campaign({"campaign": {"name": "x", "build": build}, "group": [{"name": "g"}]})
 
 
 def test_a_delayed_command_moves_the_motor_so_much_later():

@@ -11,8 +11,6 @@ import synthetic_results as synthetic
 from rendered_page import Page, rendered, words
 
 from ravenjax.cli import terminal
-from ravenjax.store import schema
-from ravenjax.store.access.results import Results
 
 RUNS = 1200
 FRAME = synthetic.frame(RUNS)
@@ -116,10 +114,10 @@ def test_enumerated_faults_have_no_interval_in_any_section():
 
 def test_the_terminal_counts_runs_with_a_fault():
     manifest = synthetic.manifest(RUNS)
-    counted = Results(manifest.shape, None, [schema.conform(FRAME, manifest.shape)]).verdicts()
+    counted = FRAME.loc[FRAME["fault0_site"] != "", "verdict"].value_counts().to_dict()
     cue = np.where(VALID["cue0_first_ms"] >= 0, "cue", "no cue")
     sizes = (VALID["response"] + "/" + VALID["hazard"] + "/" + cue).value_counts()
-    told = terminal.outcome_rows(counted)
+    told = terminal.share_rows(counted, len(VALID))
     assert {verdict: int(runs) for verdict, runs, _ in told} == sizes.to_dict()
     evading = VALID[MOVED & UNTOLD]
     sentence = terminal.evading(counted, manifest.limit_mm)

@@ -89,7 +89,7 @@ class Evaluator:
             self._learn(ids[new], [rows.take(new)])
         self.progress = self._progress(due, on_progress, min(self.held, due - 1), journal.notes)
         for rows in self._tables:
-            self.progress.known(parts.failures(rows))
+            self.progress.count_failures(parts.failures(rows))
 
     def _progress(
         self, due: int, told: OnProgress | None, earlier: int, notes: tuple[str, ...]
@@ -118,9 +118,9 @@ class Evaluator:
             self._asked, self.batches = self._asked.append(pd.Index(fresh)), self.batches + 1
         new = np.flatnonzero(self._known.get_indexer(ids) < 0)
         if len(new):
-            compiled = self.progress.compile_s
+            compiled = self.progress.status.compile_s
             self._run(rows.take(new))
-            self.run_s += time.perf_counter() - start - (self.progress.compile_s - compiled)
+            self.run_s += time.perf_counter() - start - (self.progress.status.compile_s - compiled)
         return self._values[self._known.get_indexer(ids)][place.reshape(-1)]
 
     def ids(self, case: np.ndarray, values: np.ndarray) -> list[str]:
@@ -153,8 +153,7 @@ class Evaluator:
                 tables.append(done.packed)
                 if self._journal is not None:
                     self._journal.add(done.packed)
-                self.progress.rows(len(done.rows), sum(done.failures.values()))
-                self.progress.lost(done.failures)
+                self.progress.count_part(len(done.rows), done.failures)
         self._learn(ready.rows.numbers("run_id"), tables)
 
     def _learn(self, ids: np.ndarray, tables: Sequence[pa.Table]) -> None:

@@ -107,6 +107,7 @@ def _identity(config: SearchConfig, evaluator: Evaluator) -> dict[str, Any]:
 
 
 def _record(config: SearchConfig, evaluator: Evaluator) -> dict[str, Any]:
+    status = evaluator.progress.status
     return {
         "kind": config.search.kind,
         "name": config.campaign.campaign.name,
@@ -114,8 +115,9 @@ def _record(config: SearchConfig, evaluator: Evaluator) -> dict[str, Any]:
         "seed": config.campaign.campaign.seed,
         "runs": evaluator.runs,
         "batches": evaluator.batches,
-        "computed": evaluator.progress.stored,  # of them at the last start, whose times follow
-        "compile_s": evaluator.progress.compile_s,
+        # runs of the last start, whose times follow
+        "computed": status.computed,
+        "compile_s": status.compile_s,
         "run_s": evaluator.run_s,
-        "runs_per_s": evaluator.progress.stored / evaluator.run_s if evaluator.run_s else None,
+        "runs_per_s": status.computed / evaluator.run_s if evaluator.run_s else None,
     }

@@ -1,4 +1,4 @@
-"""Who computes the chunks of a campaign: this process, or a Ray cluster."""
+"""Chooses the executor that computes the chunks of a campaign: this process, or a Ray cluster."""
 
 from __future__ import annotations
 

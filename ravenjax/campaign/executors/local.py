@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Sequence
-from typing import Any
 
 from ravenjax import interruption
 from ravenjax.campaign import memory_windows
@@ -21,7 +20,7 @@ class Local:
 
     name, workers = "local", 1
 
-    def run(self, work: Work[Any], chunks: Sequence[range]) -> None:
+    def run(self, work: Work, chunks: Sequence[range]) -> None:
         """See `protocol.Executor`."""
         computation = Computation(work.plan, work.engine, work.progress)
         computation.compile()

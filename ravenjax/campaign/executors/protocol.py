@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Protocol
 
 from ravenjax import interruption
 from ravenjax.campaign import outcomes
@@ -21,9 +21,7 @@ from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress import Progress
 from ravenjax.engines.interface import Engine
 
-T = TypeVar("T")
-
-Pack = Callable[[Mapping[str, Any]], T]
+Pack = Callable[[Mapping[str, Any]], Any]
 """Makes what is kept of a chunk from the columns of its rows. It travels to where the chunk is
 computed.
 """
@@ -33,23 +31,23 @@ WAITING_CALLS = 4
 
 
 @dataclass(frozen=True, eq=False)
-class FinishedChunk(Generic[T]):
+class FinishedChunk:
     """A chunk whose rows are all computed."""
 
     rows: range
-    packed: T  # what `Work.pack` made of its columns
+    packed: Any  # what `Work.pack` made of its columns
     failures: dict[str, int]  # runs without a valid outcome, by cause
 
 
 @dataclass(frozen=True, eq=False)
-class Work(Generic[T]):
+class Work:
     """What there is to compute, and where to put it."""
 
     plan: Plan
     engine: Engine
-    pack: Pack[T]
+    pack: Pack
     # may be called from several threads at once; what it raises ends the work
-    deliver: Callable[[FinishedChunk[T]], None]
+    deliver: Callable[[FinishedChunk], None]
     progress: Progress
 
 
@@ -66,7 +64,7 @@ class Executor(Protocol):
         """Tasks side by side, as asked for; None: as many as there is room for."""
         ...
 
-    def run(self, work: Work[Any], chunks: Sequence[range]) -> None:
+    def run(self, work: Work, chunks: Sequence[range]) -> None:
         """Compute and deliver every chunk, each exactly once.
 
         A chunk that fails does not hold up the others: UserError names it and why once they are
@@ -76,18 +74,18 @@ class Executor(Protocol):
         ...
 
 
-def finish_chunk(plan: Plan, part: PartRows, pack: Pack[T]) -> FinishedChunk[T]:
+def finish_chunk(plan: Plan, part: PartRows, pack: Pack) -> FinishedChunk:
     """The rows of `part`, which are rows of `plan`, packed."""
     runs = plan.rows.take(slice(part.rows.start, part.rows.stop))
-    rows = outcomes.columns(plan.config, runs, *part.tables())
+    rows = outcomes.columns(plan.config, runs, part.outcomes, part.golden_runs)
     first = int(runs.numbers("index")[0])
     failures = {cause: count for cause, count in rows["failed"].counts().items() if cause and count}
     return FinishedChunk(range(first, first + len(runs)), pack(rows), failures)
 
 
 class BackgroundQueue:
-    """Calls made in other threads, few of them waiting; a context manager, which waits for those
-    that are under way.
+    """Runs calls in other threads, with a bound on those that wait. As a context manager it waits
+    for the calls that have begun.
     """
 
     def __init__(self, threads: int) -> None:

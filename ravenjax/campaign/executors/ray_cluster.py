@@ -33,7 +33,6 @@ from ravenjax.campaign.executors.protocol import (
 from ravenjax.campaign.memory_windows import PartRows
 from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress import Progress
-from ravenjax.engines import selection
 from ravenjax.errors import UserError, listed
 from ravenjax.store import manifest
 
@@ -62,13 +61,13 @@ class Head:
 
     plan: Plan  # without rows
     engine: str
-    pack: Pack[Any]
+    pack: Pack
     largest_chunk: int  # rows
     cores: int  # of a task
-    computed_by: Mapping[str, Any]  # code, device and versions of the coordinator
+    computed_by: Mapping[str, str]  # code, device and versions of the coordinator
 
 
-def make_head(work: Work[Any], chunks: Sequence[range], cores: int) -> Head:
+def make_head(work: Work, chunks: Sequence[range], cores: int) -> Head:
     """The head of these chunks."""
     return Head(
         plan=work.plan.take(slice(0)),
@@ -80,12 +79,12 @@ def make_head(work: Work[Any], chunks: Sequence[range], cores: int) -> Head:
     )
 
 
-def _computed_by(plan: Plan, device: str) -> dict[str, Any]:
+def _computed_by(plan: Plan, device: str) -> dict[str, str]:
     """What must agree between processes that compute the same rows."""
     code = manifest.code_hash(plan.config.robot)[:16]
-    # an engine names several devices as '2 x A, B'; their kinds must agree, not their number
-    kinds = frozenset(word.partition(" x ")[2] or word for word in device.split(", "))
-    return {"code": code, "device": kinds} | dict(manifest.package_versions())
+    # an engine names several devices as '2 x A': their kind must agree, not their number
+    kind = device.partition(" x ")[2] or device
+    return {"code": code, "device": kind} | dict(manifest.package_versions())
 
 
 class Worker:
@@ -93,10 +92,9 @@ class Worker:
 
     def __init__(self, head: Head) -> None:
         """Raises UserError where this process would not compute what the coordinator would."""
-        compile_cache.enable()
         precision = head.plan.program.setup.precision
-        self._head, self.progress = head, Progress("", 0, 0, 1, None)
-        self._engine = selection.select(head.engine, precision, compile_cache.objects())
+        self._head, self.progress = head, Progress("", 0, 0, 1)
+        self._engine = compile_cache.cached_engine(head.engine, precision)
         _require_same(_computed_by(head.plan, self._engine.device), head.computed_by)
         self._computation: Computation | None = None
 
@@ -113,12 +111,11 @@ class Worker:
         return plan, next(memory_windows.assemble_parts(ranges, blocks))
 
 
-def _require_same(here: Mapping[str, Any], there: Mapping[str, Any]) -> None:
+def _require_same(here: Mapping[str, str], there: Mapping[str, str]) -> None:
     different = [
-        f"{name}: {_text(here.get(name))} here, {_text(there.get(name))} at the coordinator"
+        f"{name}: {here.get(name)} here, {there.get(name)} at the coordinator"
         for name in sorted(here.keys() | there.keys())
         if here.get(name) != there.get(name)
-        and not (name == "device" and here[name] <= there[name])
     ]
     if different:
         raise UserError(
@@ -128,11 +125,7 @@ def _require_same(here: Mapping[str, Any], there: Mapping[str, Any]) -> None:
         )
 
 
-def _text(value: Any) -> str:
-    return ", ".join(sorted(value)) if isinstance(value, frozenset) else str(value)
-
-
-def _compute(key: str, head: Head, rows: Mapping[str, Any]) -> tuple[float, FinishedChunk[Any]]:
+def _compute(key: str, head: Head, rows: Mapping[str, Any]) -> tuple[float, FinishedChunk]:
     """The task: (s of compiling, the finished chunk)."""
     if key not in _workers:
         # those of another campaign
@@ -140,7 +133,7 @@ def _compute(key: str, head: Head, rows: Mapping[str, Any]) -> tuple[float, Fini
         _workers[key] = Worker(head)
     worker = _workers[key]
     finished = finish_chunk(*worker.compute(rows), head.pack)
-    return worker.progress.compile_s, finished
+    return worker.progress.status.compile_s, finished
 
 
 class Ray:
@@ -155,7 +148,7 @@ class Ray:
         self.workers, self._address = workers, address
         _import_ray()
 
-    def run(self, work: Work[Any], chunks: Sequence[range]) -> None:
+    def run(self, work: Work, chunks: Sequence[range]) -> None:
         """See `protocol.Executor`."""
         ray = _import_ray()
         joins = not ray.is_initialized()
@@ -167,10 +160,10 @@ class Ray:
             if joins:
                 ray.shutdown()
 
-    def _run(self, ray: Any, work: Work[Any], chunks: Sequence[range]) -> None:
+    def _run(self, ray: Any, work: Work, chunks: Sequence[range]) -> None:
         gpu, progress = work.engine.name == "cuda", work.progress
         cores, tasks = _cores_and_tasks(ray.cluster_resources(), ray.nodes(), self.workers, gpu)
-        progress.workers = tasks
+        progress.status.workers = tasks
         progress.tell("compile")
         head = ray.put(make_head(work, chunks, cores))
         compute = ray.remote(
@@ -184,7 +177,7 @@ class Ray:
         lost: dict[range, str] = {}
         delivered = 0
 
-        def deliver(finished: FinishedChunk[Any]) -> None:
+        def deliver(finished: FinishedChunk) -> None:
             work.deliver(finished)
             progress.ticks(len(finished.rows) * work.plan.program.ticks)
 
@@ -207,7 +200,7 @@ class Ray:
                                 raise cause from None
                             why = f"{type(cause).__name__}: {cause}".strip().splitlines()[0][:300]
                             lost[rows] = why
-                            progress.lost({why: len(rows)})
+                            progress.count_failures({why: len(rows)})
                             progress.note(f"rows {rows.start} to {rows.stop - 1}: {why}")
                         else:
                             progress.began(compile_s)

@@ -200,8 +200,9 @@ def _crossings(config: CampaignConfig, group: Group) -> list[dict[str, np.ndarra
 def faults_and_axes(
     config: CampaignConfig, group: Group
 ) -> Iterator[tuple[tuple[Fault, ...], dict[Key, Axis]]]:
-    """Of a group, or of each entry of design "list": its faults, and every axis in its order: slot
-    by slot, field by field, then the parameters."""
+    """(faults, axes) of a group, or of each entry of design "list". Axes are in order: slot by
+    slot, field by field, then the parameters.
+    """
     for run in group.run or [Run()]:
         faults = group.faults_of(run)
         axes = {

@@ -1,6 +1,4 @@
-"""Onsets in a phase of the operation as milliseconds: by what a campaign's robot makes of the
-operator's motion.
-"""
+"""Turns onsets in a phase of the operation into milliseconds, by the robot's motion."""
 
 from __future__ import annotations
 
@@ -18,16 +16,14 @@ from ravenjax.errors import UserError
 
 
 class Moments:
-    """Of a campaign. Its phases are looked at when the first onset needs them."""
+    """The phases of a campaign's operation, which are computed when the first onset needs them."""
 
     def __init__(self, config: CampaignConfig) -> None:
         self._config = config
 
     @cached_property
     def phases(self) -> Mapping[str, np.ndarray]:
-        """Of each phase the stretches of its ticks, int [stretches, 2]: the first, and the first
-        beyond.
-        """
+        """{phase: stretches of its ticks, int [stretches, 2]}: the first, and the first beyond."""
         return self._config.robot.part("campaign").phases(self._config)
 
     def placed(self, axes: Mapping[Key, Axis], group: str) -> dict[Key, Axis]:

@@ -1,8 +1,8 @@
 """Run ids: 64 bits, a hash of all that decides a run's outcome, written as 16 hex digits.
 
-Each column of a row is hashed by its name and value under a key that the campaign's common part
-gives, and the sum is hashed again: the order of columns does not count, nor does a column in which
-a row has nothing (NaN, or an empty word). The hash of a number is the finaliser of SplitMix64
+Each column of a row is hashed by its name and value under a key of the campaign. The sum of these
+hashes is hashed again, so the order of columns does not count. A column in which a row has nothing
+(NaN, or an empty word) does not count either. The hash of a number is the finaliser of SplitMix64
 (Steele, Lea, Flood, "Fast splittable pseudorandom number generators", 2014).
 """
 
@@ -37,7 +37,7 @@ def of(
         total += np.array(salts, np.uint64)[column.codes]
     for name, values in numbers.items():
         total += _hashed(values, _salt(f"{common}/{name}"))
-    return _told_apart(mixed(total))
+    return _number_copies(mixed(total))
 
 
 def mixed(numbers: np.ndarray) -> np.ndarray:
@@ -88,7 +88,7 @@ def _salt(text: str) -> np.uint64:
 
 
 def _hashed(values: np.ndarray, salt: np.uint64) -> np.ndarray:
-    """uint64 [rows], or [1] where all values are equal; 0 where there is none."""
+    """uint64 [rows], or [1] where all values are equal; 0 for NaN."""
     values = values[:1] if (values == values[:1]).all() else values
     canonical = values + 0.0  # float64 without -0.0
     hashes = mixed(canonical.view(np.uint64) ^ salt)
@@ -96,18 +96,15 @@ def _hashed(values: np.ndarray, salt: np.uint64) -> np.ndarray:
     return hashes
 
 
-def _told_apart(ids: np.ndarray) -> np.ndarray:
+def _number_copies(ids: np.ndarray) -> np.ndarray:
     """Ids in which each copy but the first has another."""
     ordered = np.sort(ids)
-    several = np.unique(ordered[1:][ordered[1:] == ordered[:-1]])
-    if not len(several):
+    if (ordered[1:] != ordered[:-1]).all():
         return ids
-    place = np.minimum(np.searchsorted(several, ids), len(several) - 1)
-    rows = np.flatnonzero(several[place] == ids)
-    rows = rows[np.argsort(ids[rows], kind="stable")]
-    first = np.flatnonzero(np.r_[True, ids[rows][1:] != ids[rows][:-1]])
+    order = np.argsort(ids, kind="stable")
+    place, is_first = np.arange(len(ids)), np.r_[True, ordered[1:] != ordered[:-1]]
     # of each row the number of copies before it
-    copy = np.arange(len(rows)) - np.repeat(first, np.diff(np.r_[first, len(rows)]))
-    further = rows[copy > 0]
+    copy = place - np.maximum.accumulate(np.where(is_first, place, 0))
+    further = order[copy > 0]
     ids[further] = mixed(ids[further] ^ mixed(copy[copy > 0].astype(np.uint64)))
     return ids

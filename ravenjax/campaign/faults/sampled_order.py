@@ -2,9 +2,9 @@
 of its rows.
 
 A draw is one place of a group's design. Its repeats and crossed variants are the same fault again:
-their rows stand together, are computed together and count once. Draws stand as they were drawn
-where the design is random, lhs or sobol, whose beginnings are samples, and shuffled by the
-campaign's seed where it is a grid, zip or list, whose beginnings are corners. Run ids do not depend
+their rows stand together, are computed together and count once. Draws of a
+random, lhs or sobol design keep their order, as their beginnings are samples. Draws of a grid, zip
+or list are shuffled by the campaign's seed, as their beginnings are corners. Run ids do not depend
 on the order.
 """
 
@@ -21,9 +21,7 @@ from ravenjax.campaign.file.group import SAMPLED, Group
 
 
 def arranged(config: CampaignConfig, table: FaultTable) -> FaultTable:
-    """The whole fault table, which stands group by group, in that order; `index` and `pair`
-    numbered anew.
-    """
+    """The whole fault table in that order, group by group; `index` and `pair` are renumbered."""
     order = np.arange(len(table))
     pair = table.numbers("pair")
     first_of_kind = pair == order

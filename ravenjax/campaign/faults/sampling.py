@@ -1,6 +1,4 @@
-"""Where each run of a group stands on each axis: what a design is, apart from what the axes
-mean.
-"""
+"""Samples a design: the place of each run of a group on each axis."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The columns of one fault slot over many runs, in canonical form: equal faults have equal columns.
 
-What an effect does not use is NaN or 0, an effect of the network names the channel that it acts on,
-times are whole and possible, and a value that is drawn for whole numbers is one.
+What an effect does not use is NaN or 0. An effect of the network names the channel that it acts
+on. Times are whole and not negative. A value that is drawn for a whole number is rounded.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -59,34 +59,6 @@ FIELDS = (
 """Columns of a slot in order, each prefixed with fault0_, fault1_, ..."""
 
 
-class _Codes:
-    """Words of a robot as their places in `words_of`."""
-
-    def __init__(self, robot: Robot) -> None:
-        self.words = words_of(robot)
-        self.code = {
-            column: {word: code for code, word in enumerate(words)}
-            for column, words in self.words.items()
-        }
-        acts = [
-            NETWORK_EFFECTS[name].channel if name in NETWORK_EFFECTS else ""
-            for name in self.words["effect"]
-        ]
-        # the channel that an effect of the network acts on, 0 for other effects; by the effect's
-        # place
-        self.channel_of_effect = np.array(
-            [self.code["channel"].get(channel, 0) for channel in acts], np.int8
-        )
-        self.valueless = np.isin(self.words["effect"], WITHOUT_VALUE)
-
-    def of(self, field: str, axis: Axis) -> np.ndarray:
-        """Places of an axis's words."""
-        return np.array([self.code[field][word] for word in axis.values], np.int8)
-
-
-_codes = functools.cache(_Codes)
-
-
 def slot(
     robot: Robot, fault: Fault, axes: Mapping[str, Axis], places: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
@@ -95,25 +67,29 @@ def slot(
 
     axes: of its fields but the site; places: the runs' places on them.
     """
-    codes, site = _codes(robot), robot.sites[fault.site]
-    word = {
-        name: codes.of(name, axes[name])[places[name]] for name in codes.words if name != "site"
-    }
+    words, site = words_of(robot), robot.sites[fault.site]
+
+    def codes(column: str, names: Iterable[str]) -> np.ndarray:
+        return np.array([words[column].index(name) for name in names], np.int8)
+
+    word = {name: codes(name, axes[name].values)[places[name]] for name in words if name != "site"}
     effect = word["effect"]
-    acts = codes.channel_of_effect[effect]
+    # an effect of the network names the channel that it acts on
+    acts_on = [NETWORK_EFFECTS[e].channel if e in NETWORK_EFFECTS else "" for e in words["effect"]]
+    acts = codes("channel", (c if c in words["channel"] else "" for c in acts_on))[effect]
     word["channel"] = np.where(acts > 0, acts, word["channel"])
     value = axes["value"].at(places["value"])
     if not axes["value"].listed:
         # what is drawn for a whole number is one
-        rounded = np.zeros((len(codes.words["channel"]), len(codes.words["effect"])), bool)
+        rounded = np.zeros((len(words["channel"]), len(words["effect"])), bool)
         for channel, name in itertools.product(site.channels, axes["effect"].listed):
-            at = codes.code["channel"][channel.name], codes.code["effect"][name]
+            at = words["channel"].index(channel.name), words["effect"].index(name)
             rounded[at] = legal(channel, name).rounded
         whole = axes["value"].at(places["value"], whole=True)
         value = np.where(rounded[word["channel"], effect], whole, value)
-    value = np.where(codes.valueless[effect], np.nan, value)
-    columns = {"site": np.int8(codes.code["site"][fault.site]), **word, "value": value}
-    periodic = effect == codes.code["effect"]["periodic"]
+    value = np.where(np.isin(words["effect"], WITHOUT_VALUE)[effect], np.nan, value)
+    columns = {"site": np.int8(words["site"].index(fault.site)), **word, "value": value}
+    periodic = effect == words["effect"].index("periodic")
     for name in ("start_ms", "duration_ms", "every_ms", "period_ms"):
         columns[name] = _times(
             name, axes[name].at(places[name], whole=True), axes[name], periodic

@@ -1,6 +1,4 @@
-"""When the faults of a run can act at the earliest, and when they have ended: what decides which
-of its ticks run.
-"""
+"""Computes in which tick the faults of a run can act first, and when they have ended."""
 
 from __future__ import annotations
 
@@ -39,10 +37,10 @@ def ends(
     """The first tick that each run is not observed, int32 [runs]: `observe` ticks after its last
     fault ended.
 
-    A run goes on to its end, `ticks`, where nothing says when its last fault has ended before it
-    runs: a fault lasts, or counts time in pedal-down where a fault of the run may move the pedal;
-    without `clocks` any that counts packets or time in pedal-down. So does one without a fault, and
-    any where `observe` is None.
+    A run goes on to its end, `ticks`, where the end of its last fault is not known before: the
+    fault lasts, or it counts time in pedal-down and a fault may move the pedal. Without `clocks`
+    this holds for any fault that counts packets or time in pedal-down. A run without a fault goes
+    on to its end, too, and so does every run where `observe` is None.
     """
     shape = faults["code"].shape
     if observe is None:
@@ -63,8 +61,8 @@ def ends(
 
 
 def _openings(faults: Faults) -> Iterator[tuple[int, tuple[np.ndarray, ...], np.ndarray, Opening]]:
-    """Of each trigger that some fault has: (code, places [runs, slots] of its faults, their
-    runs, their windows).
+    """(code of a trigger, places [runs, slots] of its faults, their runs, their windows) of each
+    trigger in use.
     """
     for trigger in (_TIME, _PACKET, _PEDAL):
         where = np.nonzero((faults["code"] > 0) & (faults["trigger"] == trigger))

@@ -1,7 +1,7 @@
 """An axis of a campaign: one value, a list of values, or a distribution to draw from.
 
-A list may be written `{ list = [..] }`, too: the same values, told apart from one value for each
-number of a vector.
+A list may also be written `{ list = [..] }`. That says that its values are levels, and not one
+value for each number of a vector.
 """
 
 from __future__ import annotations
@@ -227,38 +227,32 @@ class OneValue:
     def json_schema(self) -> dict[str, Any]:
         """Of what a file may write."""
         some = {"type": "array", "items": self.schema, "minItems": 1}
-        number = {"type": "number"}
-        pair = {"type": "array", "items": number, "minItems": 2, "maxItems": 2}
-        tables = [
-            _table({form: {"description": FORMS[form], **(pair if form in _PAIRS else some)}})
+        pair = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
+        properties = {
+            form: {"description": FORMS[form], **(pair if form in _PAIRS else some)}
             for form in self.forms
-        ]
+        }
+        table = {
+            "type": "object",
+            "properties": properties,
+            "additionalProperties": False,
+            "minProperties": 1,
+            "maxProperties": 1,
+        }
         forms = ", ".join(f"{{{form} = {FORMS[form]}}}" for form in self.forms)
         return {
             "description": f"{self.expected}, a list of them, or one of {forms}",
-            "anyOf": [self.schema, some, *tables],
+            "anyOf": [self.schema, some, table],
         }
 
-    def annotation(self, parsed: Callable[[Any], Axis] | None = None, *more: Any) -> Any:
-        """Of a key that takes an axis of such values; more: schemas of what else `parsed` takes."""
-        schema = self.json_schema()
+    def annotation(self, parsed: Callable[[Any], Axis] | None = None) -> Any:
+        """The type of a key that takes an axis of such values."""
         return Annotated[
             Any,
             BeforeValidator(parsed or self.axis),
             PlainSerializer(Axis.written),
-            WithJsonSchema({**schema, "anyOf": [*schema["anyOf"], *more]}),
+            WithJsonSchema(self.json_schema()),
         ]
-
-
-def _table(properties: dict[str, Any]) -> dict[str, Any]:
-    """JSON Schema of a table with these keys and no others."""
-    required = list(properties)
-    return {
-        "type": "object",
-        "properties": properties,
-        "required": required,
-        "additionalProperties": False,
-    }
 
 
 def _number(raw: Any) -> int | float:
@@ -304,17 +298,19 @@ def words(what: str, known: Iterable[str] | None = None) -> OneValue:
 
 NUMBER = OneValue("a number", _number, {"type": ["number", "boolean"]})
 _ONSET = times(0)
-_SHARE = {"description": "0: the first millisecond, 1: the last"} | {
-    "type": "number",
-    "minimum": 0,
-    "maximum": 1,
+_PLACE = {
+    "type": "object",
+    "properties": {
+        PHASE: {"description": "a phase of the operation", "type": "string"},
+        SHARE: {"description": "0: the first millisecond, 1: the last; or a list of such"},
+    },
+    "required": [PHASE],
+    "additionalProperties": False,
 }
-_PLACE = {PHASE: {"description": "a phase of the operation", "type": "string"}, SHARE: _SHARE}
-_SHARES = {"type": "array", "items": _SHARE, "minItems": 1}
 _MOMENTS = dataclasses.replace(
     _ONSET,
     parsed=lambda raw: _moment(raw) if _is_place(raw) else _ONSET.parsed(raw),
-    schema={"anyOf": [_ONSET.schema, _table(_PLACE)]},
+    schema={"anyOf": [_ONSET.schema, _PLACE]},
 )
 
 
@@ -354,6 +350,4 @@ if TYPE_CHECKING:
 else:
     Number = dataclasses.replace(NUMBER, forms=(*DISTRIBUTIONS, LIST)).annotation()
     Value = NUMBER.annotation()
-    Onset = _MOMENTS.annotation(
-        _onset, _table({PHASE: _PLACE[PHASE]}), _table({**_PLACE, SHARE: _SHARES})
-    )
+    Onset = _MOMENTS.annotation(_onset)

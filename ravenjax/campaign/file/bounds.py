@@ -100,9 +100,7 @@ def complaints(config: CampaignConfig) -> Iterator[Complaint]:
 
 
 def unfit(config: CampaignConfig, known: Iterable[str]) -> Iterator[Complaint]:
-    """(key, message) of each path that is none of the known ones, or whose list reads like a
-    vector.
-    """
+    """(key, message) of each unknown path, and of each list that reads like a vector."""
     known = list(known)
     for key, table in config.parameter_tables():
         for path, axis in table.items():

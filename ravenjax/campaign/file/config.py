@@ -38,27 +38,20 @@ class CampaignConfig(Section):
     """A whole campaign file."""
 
     campaign: CampaignSection
-    parameters: dict[str, Number] = Field(
-        default_factory=dict,
-        description="path = value, list or distribution; from = a file of robots",
-    )
-    cross: Cross = Field(
-        default_factory=dict,
-        description=(
-            "path = list: every run once with each value, all else alike, random numbers too; for"
-            " pairs"
-        ),
-    )
+    parameters: dict[str, Number] = Field(default_factory=dict)
+    """path = value, list or distribution; from = a file of robots"""
+    cross: Cross = Field(default_factory=dict)
+    """path = list: every run once with each value, all else alike, random numbers too; for pairs"""
     haptics: Haptics = Haptics()
-    detector: tuple[Detector, ...] = Field(default=(), description="observers that are scored")
-    check: tuple[OwnCheck, ...] = Field(
-        default=(), description="checks of your own that stand in the loop"
-    )
+    detector: tuple[Detector, ...] = ()
+    """observers that are scored"""
+    check: tuple[OwnCheck, ...] = ()
+    """checks of your own that stand in the loop"""
     outcomes: Outcomes = Outcomes()
-    stop: Stop | None = Field(
-        default=None, description="when to stop; without it the whole table is computed"
-    )
-    group: tuple[Group, ...] = Field(min_length=1, description="the runs")
+    stop: Stop | None = None
+    """when to stop; without it the whole table is computed"""
+    group: tuple[Group, ...] = Field(min_length=1)
+    """the runs"""
     _source: Path | None = PrivateAttr(None)
 
     @model_validator(mode="before")
@@ -144,7 +137,7 @@ class CampaignConfig(Section):
 
     @property
     def own_checks(self) -> tuple[Check, ...]:
-        """Checks of one's own, in order."""
+        """The user's checks, in order."""
         return tuple(one.check for one in self.check)
 
     @property
@@ -205,7 +198,7 @@ class CampaignConfig(Section):
 
     @property
     def random_packets(self) -> bool:
-        """Whether the lengths of the console's packets are drawn, anew in each run."""
+        """Whether each run draws the lengths of the console's packets."""
         return False
 
     @property
@@ -247,6 +240,17 @@ class CampaignConfig(Section):
         """
         # A key that is added later then changes no id of before.
         deciding_nothing = {"name", "description", "seed", "limit", "chunk"}
+        stops = [
+            [part.digest(use.part), use.consecutive, thresholds[0]]
+            for _, use, thresholds in self.detectors
+            if use.stops and use.part is not None
+        ]
+        checks = [
+            # paths of parameters have the name
+            [c.name, part.digest(c.part), c.at, c.acts, c.consecutive, c.threshold]
+            for c in self.check
+            if c.acts != "watch"
+        ]
         return {
             "campaign": self.campaign.model_dump(
                 mode="json", exclude=deciding_nothing, exclude_defaults=True
@@ -257,8 +261,8 @@ class CampaignConfig(Section):
                 "cue": 0,
                 **self.outcomes.model_dump(exclude_defaults=True),
             },
-            **({"stops": stops} if (stops := self._stops()) else {}),
-            **({"checks": acting} if (acting := self._acting_checks()) else {}),
+            **({"stops": stops} if stops else {}),
+            **({"checks": checks} if checks else {}),
         }
 
     @property
@@ -274,7 +278,7 @@ class CampaignConfig(Section):
         )
 
     def own_parts(self) -> Iterator[tuple[str, OwnSource]]:
-        """(beginning of its parameters' paths, code) of every file of one's own. Raises
+        """(beginning of its parameters' paths, code) of each of the user's files. Raises
         UserError.
         """
         for one in self.detector:
@@ -282,29 +286,6 @@ class CampaignConfig(Section):
                 yield f"detectors.own.{one.name}", source
         for check in self.check:
             yield f"checks.own.{check.name}", check.part
-
-    def _stops(self) -> list[Any]:
-        """Detectors that act."""
-        return [
-            [part.digest(use.part), use.consecutive, thresholds[0]]
-            for _, use, thresholds in self.detectors
-            if use.stops and use.part is not None
-        ]
-
-    def _acting_checks(self) -> list[Any]:
-        """Checks of one's own that do something."""
-        return [
-            [
-                one.name,
-                part.digest(one.part),
-                one.at,
-                one.acts,
-                one.consecutive,
-                one.threshold,
-            ]  # paths have the name
-            for one in self.check
-            if one.acts != "watch"
-        ]
 
 
 def robot_of(raw: Any) -> Robot:

@@ -117,46 +117,31 @@ class Fault(Section):
     distribution.
     """
 
-    site: str = Field(description="where: a fault site, see `ravenjax faults`")
-    arm: Arm | None = Field(default=None, description="gold or green; may be left out with one arm")
-    channel: Channel | None = Field(
-        default=None,
-        description=(
-            'joint, axis or field of the site; "*": each of them; may be left out where it has one'
-        ),
-    )
-    effect: EffectName = Field(description="what becomes of the number, see Effects")
-    value: Value | None = Field(
-        default=None,
-        description=(
-            "in the channel's unit; scale: a factor; bit_flip: index of the bit; delay: packets;"
-            " stuck, drop and duplicate take none"
-        ),
-    )
-    trigger: Trigger = Field(
-        default=fixed("time"), description="what start_ms counts from: time, packet or pedal"
-    )
-    start_ms: Onset = Field(
-        description=(
-            "onset: ms, packets or ms since pedal-down, as the trigger says; or a place in a phase"
-            " of the operation, see Phases"
-        )
-    )
-    duration_ms: Duration = Field(
-        default=fixed(END),
-        description='length of the window, ms or packets; "end": until the run ends',
-    )
-    every_ms: Repeat = Field(
-        default=fixed(0), description="the window opens again after each, 0: never"
-    )
-    period_ms: Repeat = Field(default=fixed(0), description="period of effect periodic, ms")
-    wraps: bool = Field(
-        default=False,
-        description=(
-            "a value beyond 16 bits is meant, and stored as the word holds it; without it such a"
-            " value is refused, but at usb_out where campaign.dac_words is set"
-        ),
-    )
+    site: str
+    """where: a fault site, see `ravenjax faults`"""
+    arm: Arm | None = None
+    """gold or green; may be left out with one arm"""
+    channel: Channel | None = None
+    """joint, axis or field of the site; "*": each of them; may be left out where it has one"""
+    effect: EffectName
+    """what becomes of the number, see Effects"""
+    value: Value | None = None
+    """in the channel's unit; scale: a factor; bit_flip: index of the bit; delay: packets; stuck,
+    drop and duplicate take none"""
+    trigger: Trigger = fixed("time")
+    """what start_ms counts from: time, packet or pedal"""
+    start_ms: Onset
+    """onset: ms, packets or ms since pedal-down, as the trigger says; or a place in a phase of the
+    operation, see Phases"""
+    duration_ms: Duration = fixed(END)
+    """length of the window, ms or packets; "end": until the run ends"""
+    every_ms: Repeat = fixed(0)
+    """the window opens again after each, 0: never"""
+    period_ms: Repeat = fixed(0)
+    """period of effect periodic, ms"""
+    wraps: bool = False
+    """a value beyond 16 bits is meant, and stored as the word holds it; without it such a value is
+    refused, but at usb_out where campaign.dac_words is set"""
 
     @model_validator(mode="after")
     def _fits(self) -> Fault:
@@ -182,7 +167,7 @@ class Fault(Section):
                 yield name, axis
 
     def channels(self, site: Site) -> Axis:
-        """Names of the channels of its site that it strikes; "" where it leaves that open."""
+        """Names of the channels of its site; "" where it names none and the site has several."""
         names = tuple(channel.name for channel in site.channels)
         if self.channel is None:
             return fixed(names[0] if len(names) == 1 else "")
@@ -194,8 +179,10 @@ class Run(Section):
 
     fault: tuple[
         dict[str, str | int | float | dict[Literal["phase", "share"], str | float]], ...
-    ] = Field(default=(), description="per slot, the keys to replace")
-    parameters: dict[str, Number] = Field(default_factory=dict, description="path = value")
+    ] = ()
+    """per slot, the keys to replace"""
+    parameters: dict[str, Number] = Field(default_factory=dict)
+    """path = value"""
 
     @model_validator(mode="before")
     @classmethod
@@ -206,27 +193,22 @@ class Run(Section):
 class Group(Section):
     """[[group]]: runs that share a design. Without faults: fault-free runs."""
 
-    name: str = Field(description="names the group in tables and report", min_length=1)
-    design: Design = Field(default="grid", description="how lists and distributions become runs")
-    runs: int | None = Field(
-        default=None,
-        ge=1,
-        le=100_000_000,
-        description="how many are drawn; of designs random, lhs, sobol, and only there",
-    )
-    repeats: int = Field(
-        default=1, ge=1, le=1_000_000, description="each run so many times, with seeds of its own"
-    )
-    fault: tuple[Fault, ...] = Field(
-        default=(),
-        max_length=MAX_SLOTS,
-        description="faults that strike in the same run; none: fault-free runs",
-    )
-    run: tuple[Run, ...] = Field(default=(), description="the runs of design list")
-    parameters: dict[str, Number] = Field(
-        default_factory=dict, description="as [parameters], for this group alone"
-    )
-    cross: Cross = Field(default_factory=dict, description="as [cross], for this group alone")
+    name: str = Field(min_length=1)
+    """names the group in tables and report"""
+    design: Design = "grid"
+    """how lists and distributions become runs"""
+    runs: int | None = Field(default=None, ge=1, le=100_000_000)
+    """how many are drawn; of designs random, lhs, sobol, and only there"""
+    repeats: int = Field(default=1, ge=1, le=1_000_000)
+    """each run so many times, with seeds of its own"""
+    fault: tuple[Fault, ...] = Field(default=(), max_length=MAX_SLOTS)
+    """faults that strike in the same run; none: fault-free runs"""
+    run: tuple[Run, ...] = ()
+    """the runs of design list"""
+    parameters: dict[str, Number] = Field(default_factory=dict)
+    """as [parameters], for this group alone"""
+    cross: Cross = Field(default_factory=dict)
+    """as [cross], for this group alone"""
 
     @model_validator(mode="before")
     @classmethod

@@ -128,7 +128,7 @@ def lines(text: str) -> dict[str, int]:
     """Line number, from 1, of each table header and key, by dotted key; entries of arrays of tables
     count from 0.
 
-    Keys inside inline tables and within multi-line strings are not told apart: ask `nearest`.
+    Keys inside inline tables and multi-line strings have no line of their own: use `nearest`.
     """
     numbers: dict[str, int] = {}
     counts: dict[Key, int] = {}
@@ -187,7 +187,7 @@ class Where:
         self.groups: Sequence[Any] = ()  # the groups of the file, as they are written there
 
     def error(self, complaints: Iterable[Complaint]) -> UserError:
-        """All of them as one error, in the order of the file, each told once."""
+        """All complaints as one error, in the order of the file, without repetitions."""
         unique = dict.fromkeys(self._in_file(key, message) for key, message in complaints)
         in_order = sorted(unique, key=lambda complaint: nearest(self.lines, complaint[0]) or 0)
         rows = [

@@ -1,4 +1,4 @@
-"""Files of one's own that a campaign names: where they lie, and by which content they are known."""
+"""Finds and reads the Python files that a campaign names, and checks their hashes."""
 
 from __future__ import annotations
 
@@ -12,13 +12,10 @@ from ravenjax.errors import UserError
 from ravenjax.parts import part
 from ravenjax.vocabulary.parts import OwnSource
 
-IDENTIFIER = re.compile(rf"(?!(?:{'|'.join(keyword.kwlist)})$)[A-Za-z][A-Za-z0-9_]*")
-"""Name of a part whose parameters a campaign may vary: it stands in their paths."""
-
 
 def require_identifier(name: str) -> str:
     """The name itself; ValueError for one that cannot stand in paths of parameters."""
-    if not IDENTIFIER.fullmatch(name):
+    if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII) or keyword.iskeyword(name):
         raise ValueError(
             f"name = {name!r}, expected letters, digits and _, a letter first: paths of parameters"
             " have it"
@@ -37,8 +34,8 @@ _KNOWN: dict[tuple[str, Path, str], OwnSource] = {}
 
 
 def source(name: str, file: Path, sha256: str | None, what: str) -> OwnSource:
-    """The code of a file, read anew where it, or what it takes from beside it, has changed; what:
-    kind of the part. Raises UserError for one that is unusable, or has another content than
+    """The code of a file, read again where it or a file that it imports has changed; what: kind
+    of the part. Raises UserError for one that is unusable, or has another content than
     `sha256`.
     """
     key = name, file.absolute(), what

@@ -16,7 +16,7 @@ from ravenjax.errors import unknown
 
 
 class _SectionClass(type(BaseModel)):
-    """Lets Python make a table from NumPy's values, too, and tells what is wrong as of a file."""
+    """Makes a table from NumPy's values, too, and words errors as those of a file."""
 
     if not TYPE_CHECKING:
 
@@ -35,7 +35,19 @@ class _SectionClass(type(BaseModel)):
 class Section(BaseModel, metaclass=_SectionClass):
     """A table of the file: frozen, unknown keys refused."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=False)
+    model_config = ConfigDict(
+        frozen=True,
+        extra="forbid",
+        allow_inf_nan=False,
+        strict=False,
+        use_attribute_docstrings=True,
+    )
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **_: Any) -> None:
+        """Put each description, which is a docstring of several lines, on one line."""
+        for field in cls.model_fields.values():
+            field.description = field.description and " ".join(field.description.split())
 
     @model_validator(mode="before")
     @classmethod

@@ -32,47 +32,30 @@ from ravenjax.vocabulary.parts import OwnSource
 class CampaignSection(Section):
     """[campaign]: what holds for every run. A robot may have more keys here: see its own."""
 
-    robot: str = Field(
-        default=robots.DEFAULT,
-        description="kind of robot, or the Python module of one's own that declares ROBOT",
-    )
-    name: str = Field(
-        description="short name; also names the default output folder",
-        pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*$",
-        max_length=100,
-    )
-    description: str = Field(default="", description="what the campaign asks")
-    seed: int = Field(
-        default=0, ge=0, lt=2**31, description="seed of designs, noise and random effects"
-    )
-    duration_s: float = Field(default=3.0, gt=0.0, le=3600.0, description="length of each run, s")
-    observe_ms: int | None = Field(
-        default=None,
-        ge=1,
-        le=3_600_000,
-        description=(
-            "end a run so long after its last fault ended, outcomes are those until then; left out,"
-            " each goes on for duration_s, as any does with a fault of no certain end: that lasts,"
-            " or counts time in pedal-down where a fault may move the pedal"
-        ),
-    )
+    robot: str = robots.DEFAULT
+    """kind of robot, or the Python module of one's own that declares ROBOT"""
+    name: str = Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*$", max_length=100)
+    """short name; also names the default output folder"""
+    description: str = ""
+    """what the campaign asks"""
+    seed: int = Field(default=0, ge=0, lt=2**31)
+    """seed of designs, noise and random effects"""
+    duration_s: float = Field(default=3.0, gt=0.0, le=3600.0)
+    """length of each run, s"""
+    observe_ms: int | None = Field(default=None, ge=1, le=3_600_000)
+    """end a run so long after its last fault ended, outcomes are those until then; left out, each
+    goes on for duration_s, as any does with a fault of no certain end: that lasts, or counts
+    time in pedal-down where a fault may move the pedal"""
     arms: tuple[str, ...] = Field(
-        default_factory=lambda known: robots.find(known["robot"]).arms[:1],
-        min_length=1,
-        description="arms, in order",
+        default_factory=lambda known: robots.find(known["robot"]).arms[:1], min_length=1
     )
-    noise: bool = Field(default=False, description="draw the robot's noise, anew each run")
-    limit: int | None = Field(
-        default=None,
-        ge=1,
-        description="compute only the first so many runs; a start with more, or with all, goes on",
-    )
-    chunk: int | None = Field(
-        default=None,
-        ge=1,
-        le=1_000_000,
-        description="rows per Parquet part; default: by the number of runs",
-    )
+    """arms, in order"""
+    noise: bool = False
+    """draw the robot's noise, anew each run"""
+    limit: int | None = Field(default=None, ge=1)
+    """compute only the first so many runs; a start with more, or with all, goes on"""
+    chunk: int | None = Field(default=None, ge=1, le=1_000_000)
+    """rows per Parquet part; default: by the number of runs"""
 
     @property
     def ticks(self) -> int:
@@ -124,15 +107,16 @@ MOST_CUES = 256
 class Haptics(Section):
     """[haptics]: the cue's thresholds and gains, all evaluated in the same run."""
 
-    threshold_mm: _Numbers = Field(
-        default=(PUBLISHED_CUE_MM,), description="tip distance above which the cue pulls, mm"
-    )
-    kp_per_mm: _Numbers = Field(default=(0.0045,), description="spring, device units per mm")
-    kd_per_mm_s: _Numbers = Field(default=(0.00009,), description="damper, device units per mm/s")
-    cap: _Numbers = Field(default=(0.05,), description="largest force, device units")
-    combine: Literal["grid", "zip"] = Field(
-        default="grid", description="grid: every combination; zip: side by side"
-    )
+    threshold_mm: _Numbers = (PUBLISHED_CUE_MM,)
+    """tip distance above which the cue pulls, mm"""
+    kp_per_mm: _Numbers = (0.0045,)
+    """spring, device units per mm"""
+    kd_per_mm_s: _Numbers = (0.00009,)
+    """damper, device units per mm/s"""
+    cap: _Numbers = (0.05,)
+    """largest force, device units"""
+    combine: Literal["grid", "zip"] = "grid"
+    """grid: every combination; zip: side by side"""
 
     @model_validator(mode="after")
     def _same_length(self) -> Haptics:
@@ -173,7 +157,7 @@ class Haptics(Section):
 
 
 MOST_THRESHOLDS = 64
-"""Of a detector: each costs every run some time and two columns."""
+"""Most thresholds of a detector: each costs every run some time and two columns."""
 
 _UpTo8 = Annotated[int, Field(ge=1, le=8)]
 
@@ -183,56 +167,38 @@ class Detector(Section):
     detector of each pair.
     """
 
-    name: str = Field(
-        description="what it is called in tables",
-        pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*$",
-        max_length=60,
-    )
+    name: str = Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*$", max_length=60)
+    """what it is called in tables"""
     kind: BuiltInKind | None = Field(
         default=None,
         description="; ".join(
             f"{kind}: {meaning}" for kind, meaning in MEANINGS.items() if kind != "own"
         ),
     )
-    file: Path | None = Field(
-        default=None,
-        description=(
-            "in place of kind: a Python file with a detector of your own, from this file's folder"
-        ),
-    )
+    file: Path | None = None
+    """in place of kind: a Python file with a detector of your own, from this file's folder"""
     sha256: str | None = Field(
         default=None,
         pattern=own_part.SHA256,
         description=f"of that file {own_part.CONTENT}",
     )
-    acts: Literal["watch", "stop"] = Field(
-        default="watch",
-        description=(
-            "of a file: watch; or stop: an alarm at its first threshold presses the E-stop a"
-            " millisecond later"
-        ),
-    )
+    acts: Literal["watch", "stop"] = "watch"
+    """of a file: watch; or stop: an alarm at its first threshold presses the E-stop a millisecond
+    later"""
     fusion: Annotated[
         tuple[Fusion, ...],
         BeforeValidator(_listed, json_schema_input_type=OneOrMore[Fusion]),
         Field(min_length=1),
-    ] = Field(
-        default=("all",),
-        description=(
-            "of steps: which of the three must be over; all, two, any, or one of them alone"
-        ),
-    )
+    ] = ("all",)
+    """of steps: which of the three must be over; all, two, any, or one of them alone"""
     consecutive: Annotated[
         tuple[_UpTo8, ...],
         BeforeValidator(_listed, json_schema_input_type=OneOrMore[_UpTo8]),
         Field(min_length=1),
-    ] = Field(
-        default=(1,),
-        description="milliseconds in a row above the threshold that make an alarm, 1 to 8",
-    )
-    threshold: Annotated[_Numbers, Field(max_length=MOST_THRESHOLDS)] = Field(
-        default=(1.0,), description="alarm above it; all evaluated in the same run"
-    )
+    ] = (1,)
+    """milliseconds in a row above the threshold that make an alarm, 1 to 8"""
+    threshold: Annotated[_Numbers, Field(max_length=MOST_THRESHOLDS)] = (1.0,)
+    """alarm above it; all evaluated in the same run"""
 
     @model_validator(mode="after")
     def _fits(self) -> Detector:
@@ -284,34 +250,26 @@ class Detector(Section):
 class OwnCheck(Section):
     """[[check]]: a check of your own at a seam of the tick; it acts in the same millisecond."""
 
-    name: Annotated[str, AfterValidator(own_part.require_identifier)] = Field(
-        description="what it is called in tables, where its columns are check_own_NAME_..",
-        max_length=60,
-    )
-    file: Path = Field(description="a Python file with the check, from this file's folder")
+    name: Annotated[str, AfterValidator(own_part.require_identifier)] = Field(max_length=60)
+    """what it is called in tables, where its columns are check_own_NAME_.."""
+    file: Path
+    """a Python file with the check, from this file's folder"""
     sha256: str | None = Field(
         default=None,
         pattern=own_part.SHA256,
         description=f"of that file {own_part.CONTENT}",
     )
-    at: str = Field(description="seam where it stands")
+    at: str
+    """seam where it stands"""
     acts: Action = Field(
         default="watch",
         description="what it does when it trips, by the robot's own means; "
         + "; ".join(f"{word}: {meaning}" for word, meaning in DOES.items()),
     )
-    threshold: float = Field(
-        default=1.0,
-        ge=0.0,
-        le=1e6,
-        description="it trips above it; varied as checks.threshold.NAME",
-    )
-    consecutive: int = Field(
-        default=1,
-        ge=1,
-        le=8,
-        description="milliseconds in a row above the threshold in which it trips from then on",
-    )
+    threshold: float = Field(default=1.0, ge=0.0, le=1e6)
+    """it trips above it; varied as checks.threshold.NAME"""
+    consecutive: int = Field(default=1, ge=1, le=8)
+    """milliseconds in a row above the threshold in which it trips from then on"""
 
     @property
     def part(self) -> OwnSource:
@@ -332,32 +290,17 @@ class OwnCheck(Section):
 class Outcomes(Section):
     """[outcomes]: which of the recorded outcomes the headline verdict uses."""
 
-    jump: Literal["code", "text"] = Field(
-        default="code",
-        description=(
-            "code: measured tip steps > jump_step_mm on two packets in a row, the golden run's not;"
-            " text: true tip > large_jump_mm within 2 ms"
-        ),
-    )
-    cue: int = Field(default=0, ge=0, description="number of the haptic set, from 0")
-    jump_step_mm: float = Field(
-        default=0.1,
-        gt=0.0,
-        le=1000.0,
-        description="of rule code: step of the measured tip per packet, mm",
-    )
-    large_jump_mm: float = Field(
-        default=1.0,
-        gt=0.0,
-        le=1000.0,
-        description="of rule text: motion of the true tip within 2 ms, mm",
-    )
-    limit_mm: float = Field(
-        default=LIMIT_MM,
-        gt=0.0,
-        le=1000.0,
-        description="a motion, or an error of the report, of more than this is a hazard, mm",
-    )
+    jump: Literal["code", "text"] = "code"
+    """code: measured tip steps > jump_step_mm on two packets in a row, the golden run's not; text:
+    true tip > large_jump_mm within 2 ms"""
+    cue: int = Field(default=0, ge=0)
+    """number of the haptic set, from 0"""
+    jump_step_mm: float = Field(default=0.1, gt=0.0, le=1000.0)
+    """of rule code: step of the measured tip per packet, mm"""
+    large_jump_mm: float = Field(default=1.0, gt=0.0, le=1000.0)
+    """of rule text: motion of the true tip within 2 ms, mm"""
+    limit_mm: float = Field(default=LIMIT_MM, gt=0.0, le=1000.0)
+    """a motion, or an error of the report, of more than this is a hazard, mm"""
 
 
 class Stop(Section):
@@ -367,37 +310,22 @@ class Stop(Section):
     Groups without faults are computed as a whole and not judged.
     """
 
-    half_width: float = Field(
-        gt=0.0, lt=0.5, description="stop once each rate is known within +- this fraction"
-    )
+    half_width: float = Field(gt=0.0, lt=0.5)
+    """stop once each rate is known within +- this fraction"""
     rates: tuple[Annotated[str, OneOf("rate", events.EVENTS)], ...] = Field(
-        default=("evades", "unintended_motion"),
-        min_length=1,
-        description="which rates",
+        default=("evades", "unintended_motion"), min_length=1
     )
-    of: Literal["groups", "whole"] = Field(
-        default="groups",
-        description="groups: the rates of each group; whole: those of the whole table",
-    )
+    """which rates"""
+    of: Literal["groups", "whole"] = "groups"
+    """groups: the rates of each group; whole: those of the whole table"""
     looks: tuple[float, ...] = Field(
-        default=(0.1, 0.2, 0.4, 0.7, 1.0),
-        min_length=1,
-        max_length=100,
-        description=(
-            "shares of each group after which one looks, increasing; no more than the last is"
-            " computed"
-        ),
+        default=(0.1, 0.2, 0.4, 0.7, 1.0), min_length=1, max_length=100
     )
-    confidence: float = Field(
-        default=0.95, gt=0.0, lt=1.0, description="with which all intervals of all looks hold"
-    )
-    allocation: Literal["proportional", "neyman"] = Field(
-        default="proportional",
-        description=(
-            "proportional: as many of each group; neyman: after the first look where it narrows"
-            " most"
-        ),
-    )
+    """shares of each group after which one looks, increasing; no more than the last is computed"""
+    confidence: float = Field(default=0.95, gt=0.0, lt=1.0)
+    """with which all intervals of all looks hold"""
+    allocation: Literal["proportional", "neyman"] = "proportional"
+    """proportional: as many of each group; neyman: after the first look where it narrows most"""
 
     @model_validator(mode="after")
     def _increasing(self) -> Stop:

@@ -183,7 +183,7 @@ def _misfit(
 
 
 def last_start(config: CampaignConfig, fault: Fault) -> int:
-    """The last `start_ms` that a fault can have and yet strike."""
+    """The last `start_ms` at which a fault still acts in the run."""
     ticks = config.campaign.ticks
     if fault.trigger.listed != ("packet",):
         return ticks - 1

@@ -1,4 +1,4 @@
-"""How long a campaign will take and how much memory it needs, before anything is computed.
+"""Estimates how long a campaign takes and how much memory it needs, before it runs.
 
 A model of a few terms, fitted by hand to campaigns of one machine (2 cores of an AMD EPYC,
 `znver4`, AVX-512, other work beside it, CPU time counted rather than time on the clock; Python

@@ -1,4 +1,4 @@
-"""Runs of a campaign again, in bulk, each compared with its golden run at every seam of the tick.
+"""Computes many runs again, each compared with its golden run at every seam of the tick.
 
 The robot's own observer (`prepared`, `explained`) takes part in the tick; runs go through the
 campaign's computation like any others. Ten thousand runs of 3 s take seconds on two cores.
@@ -8,21 +8,17 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from ravenjax.campaign import compile_cache, outcomes
+from ravenjax.campaign import outcomes
 from ravenjax.campaign.computation import Computation
-from ravenjax.campaign.file.config import CampaignConfig, validated
-from ravenjax.campaign.inspection import replay
-from ravenjax.campaign.plan import Plan, make_plan
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.inspection.replay import PlannedCampaign
 from ravenjax.campaign.progress import OnProgress, Progress
-from ravenjax.engines import selection
 from ravenjax.errors import UserError, suggestion
-from ravenjax.store import manifest
 
 ENGINES = ("simd", "xla", "cuda")
 """Those that compute links by single numbers, as the tick's other parts: their runs can be
@@ -30,10 +26,6 @@ compared bit by bit.
 """
 MOST = 200_000
 """Runs that are explained together: their ticks take a gigabyte."""
-FEW = 64
-"""Golden runs that blocks of any size may have."""
-BLOCK_BYTES = 2**27
-"""Memory that the golden runs' series of one block may take where there are more."""
 PREFIXES = ("differs:", "leaves:", "near:", "golden_near:", "near_ms:")
 HARM = "harm_ms"
 """Names of what the observer adds to a run's outcomes."""
@@ -49,7 +41,7 @@ class Explained(NamedTuple):
     engine: str  # engine and device, in words
 
 
-class Explainer:
+class Explainer(PlannedCampaign):
     """Explains runs of one campaign."""
 
     def __init__(self, config: CampaignConfig, engine: str = "auto") -> None:
@@ -61,39 +53,14 @@ class Explainer:
                 " explained: expected a robot whose part `campaign` has `explained`, as raven2;"
                 " look at single runs with `ravenjax trace`"
             )
-        require_engine(engine)
-        compile_cache.enable()
-        self.config = config
-        self.plan = make_plan(config)
-        program = part.explained(self.plan.program)
-        self._plan = dataclasses.replace(self.plan, program=program)
-        self._engine = selection.select(engine, program.setup.precision, compile_cache.objects())
-
-    @staticmethod
-    def of_folder(folder: Path, engine: str = "auto") -> Explainer:
-        """Of the campaign that a result folder holds, on the engine that computed it if "auto".
-
-        Raises StoreError as `manifest.read`, and UserError.
-        """
-        record = manifest.read(folder)
-        if engine == "auto" and record.engine not in ENGINES:
+        if engine != "auto" and engine not in ENGINES:
             raise UserError(
-                f"{folder} was computed by engine {record.engine}, whose runs cannot be explained:"
-                " write --engine simd, which computes the same campaign with results that differ"
-                " in the last digits"
+                f"engine {engine!r} cannot explain runs: expected auto or {', '.join(ENGINES)},"
+                " which compare every number of the tick bit by bit; for a result of another engine"
+                f" write --engine simd{suggestion(engine, ENGINES)}"
             )
-        if engine == "auto":
-            engine = "auto" if record.engine == "cuda" else record.engine
-        return Explainer(validated(record.config), engine)
-
-    @property
-    def engine(self) -> str:
-        """Engine and device, in words."""
-        return f"{self._engine.name} on {self._engine.device}"
-
-    def index(self, run: str | int) -> int:
-        """Index of a run by its id, the beginning of its id, or its index. Raises UserError."""
-        return replay.find(self.plan.rows.numbers("run_id"), run)
+        super().__init__(config, engine)
+        self._plan = dataclasses.replace(self.plan, program=part.explained(self.plan.program))
 
     def faulty(self) -> np.ndarray:
         """Indices of the runs with a fault."""
@@ -116,10 +83,10 @@ class Explainer:
         golden_runs = np.unique(some.golden, return_inverse=True)[1]
         some = dataclasses.replace(some, golden=golden_runs.reshape(-1).astype(np.int32))
         progress = Progress(self.engine, some.runs, some.runs, some.program.ticks, on_progress)
-        work = Computation(some, self._engine, progress, self._together(some))
+        work = Computation(some, self.backend, progress)
         work.compile()
         own, golden = work.tables([range(some.runs)])
-        progress.rows(some.runs, 0)
+        progress.status.done = some.runs
         progress.tell("done")
         observed = {
             name: own.pop(name) for name in list(own) if name == HARM or name.startswith(PREFIXES)
@@ -129,23 +96,3 @@ class Explainer:
             {"run_id": results["run_id"], "index": np.asarray(rows, np.int32), **observed}
         )
         return Explained(results, ticks, self.engine)
-
-    def _together(self, some: Plan) -> int:
-        """Runs that blocks are sized for: few where each has a golden run of its own, whose
-        series are long.
-        """
-        if some.golden.max() < FEW:
-            return some.runs
-        program = some.program
-        length = program.ticks * program.loop.series_length(program.setup)
-        golden = length * np.dtype(program.setup.precision.real).itemsize
-        return min(some.runs, self._engine.threads * max(1, BLOCK_BYTES // golden))
-
-
-def require_engine(engine: str) -> None:
-    """UserError for an engine whose runs cannot be explained."""
-    if engine != "auto" and engine not in ENGINES:
-        raise UserError(
-            f"engine {engine!r} cannot explain runs: expected auto or {', '.join(ENGINES)}, which"
-            f" compare every number of the tick bit by bit{suggestion(engine, ENGINES)}"
-        )

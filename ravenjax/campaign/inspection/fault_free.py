@@ -1,9 +1,7 @@
-"""More fault-free motion of a campaign's robot, until there are enough hours to state how often a
-cue is false.
+"""Computes more fault-free motion of a campaign's robot, to state how often a cue is a false alarm.
 
-Each folder holds one motion that the campaign did not have: generated anew from another seed, since
-a golden run is shared by all runs of one operator and robot, and the same seed for longer begins
-with the same motion.
+Each folder holds one motion that the campaign did not have. It is generated from another seed,
+because the same seed begins with the same motion however long the run is.
 """
 
 from __future__ import annotations
@@ -50,11 +48,10 @@ def extend(
     command: Sequence[str] = (),
 ) -> float:
     """Compute fault-free motion beside the result in `folder` until there are `hours` of it in
-    pedal-down, what is there already counted in; the hours then there, those of the campaign's own
-    golden runs not among them.
+    pedal-down; returns the hours. Hours of earlier calls count, those of golden runs do not.
 
-    on_motion: told the hours that are there, and the folder that comes next. Raises UserError and
-    StoreError for what the user can mend; finished motions stay, and the same call goes on.
+    on_motion: called with the hours so far and the next folder. Raises UserError and StoreError for
+    what the user can correct. Finished motions stay, and the same call continues.
     """
     record = manifest.read(folder)
     _require(record, hours)
@@ -70,9 +67,10 @@ def extend(
             raw = earlier.config
         on_motion(there, path)
         config = validated(raw)
-        runner.run_campaign(
-            config, path, _engine(engine, record), on_progress=on_progress, command=command
-        )
+        if engine == "auto":
+            # one motion is one lane, which a processor core runs faster than a GPU does
+            engine = "simd" if record.engine == "cuda" else record.engine
+        runner.run_campaign(config, path, engine, on_progress=on_progress, command=command)
         before, there = there, _hours(folder, record)
         if not there > before:
             raise UserError(
@@ -80,21 +78,15 @@ def extend(
                 " pedal-down, so there is nothing in which a cue could be false"
             )
         motions += 1
-        _require_much(folder, motions, seconds, there - begun)
+        added_s = (there - begun) * 3600
+        if motions >= ENOUGH and added_s < LITTLE * motions * seconds:
+            raise UserError(
+                f"{folder / FOLDER}: {motions} fault-free motions of {seconds} s had"
+                f" {added_s:.3g} s of pedal-down: something stops the robot without a fault, as a"
+                " check or detector of your own may. What is there says how often (ravenjax report"
+                f" {folder}); for more hours raise its threshold, and run the campaign anew"
+            )
     return there
-
-
-def _require_much(folder: Path, motions: int, seconds: int, hours: float) -> None:
-    """UserError where motions of so many seconds added few hours: more of them would take for
-    ever.
-    """
-    if motions >= ENOUGH and hours * 3600 < LITTLE * motions * seconds:
-        raise UserError(
-            f"{folder / FOLDER}: {motions} fault-free motions of {seconds} s had {hours * 3600:.3g}"
-            " s of pedal-down: something stops the robot without a fault, as a check or detector"
-            f" of your own may. What is there says how often (ravenjax report {folder}); for more"
-            " hours raise its threshold, and run the campaign anew"
-        )
 
 
 def _require(record: Manifest, hours: float) -> None:
@@ -158,7 +150,7 @@ def campaigns(own: Mapping[str, Any], seconds: int) -> Iterator[tuple[str, dict[
 
 
 def _record(path: Path) -> Manifest | None:
-    """The record of a folder that was begun before; None where there is none."""
+    """The record of a folder that an earlier call began, or None."""
     return manifest.read(path) if (path / manifest.FILE).exists() else None
 
 
@@ -179,10 +171,3 @@ def _hours(folder: Path, record: Manifest) -> float:
             )
         total_ms += float(pedal_ms or 0)
     return total_ms / MS_PER_HOUR
-
-
-def _engine(engine: str, record: Manifest) -> str:
-    """One motion is one lane, which a processor core runs faster than a GPU does."""
-    if engine != "auto":
-        return engine
-    return "simd" if record.engine == "cuda" else record.engine

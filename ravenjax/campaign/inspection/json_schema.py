@@ -2,7 +2,7 @@
 is written.
 
 Written from the models that `loading` checks a file with. It knows keys, types, single ranges and
-words; what several keys decide together, and the ranges of parameters, only `ravenjax check` tells.
+words. Only `ravenjax check` checks rules of several keys, and the ranges of parameters.
 """
 
 from __future__ import annotations
@@ -68,6 +68,9 @@ def tidy(node: Any) -> None:
             del node["title"]
         if "anyOf" in node:
             node.pop("minLength", None)
+        if isinstance(text := node.get("description"), str):
+            # a docstring of several lines
+            node["description"] = " ".join(text.split())
         for inner in node.values():
             tidy(inner)
     elif isinstance(node, list):
@@ -118,7 +121,7 @@ def _parameters(robot: Robot, any_path: Schema) -> Schema:
 
 
 _OWN = r"((detectors|checks|control|operator)\.own|checks\.threshold)(\.[A-Za-z][A-Za-z0-9_]*)+"
-"""Paths of parameters of parts of one's own: their names only their files know."""
+"""Paths of parameters of users' files, which alone know their names."""
 
 
 def _node(tree: Schema, any_path: Schema) -> Schema:

@@ -1,10 +1,11 @@
-"""One run again, alone, with everything that crossed the seams of the tick as time series."""
+"""Computes single runs again, with all signals of the tick as time series."""
 
 from __future__ import annotations
 
 import dataclasses
+import numbers
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
@@ -13,9 +14,8 @@ from ravenjax.campaign import compile_cache, outcomes
 from ravenjax.campaign.faults import run_id
 from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.campaign.plan import make_plan
-from ravenjax.engines import selection
 from ravenjax.engines.interface import Block
-from ravenjax.errors import UserError
+from ravenjax.errors import UserError, shown
 from ravenjax.store import manifest, schema
 from ravenjax.store.logs.topics import Base
 
@@ -38,58 +38,68 @@ class Replay:
     engine: str  # engine and device, in words
 
 
-class Replayer:
-    """Runs rows of one campaign again, one after the other: planned and compiled once."""
+class PlannedCampaign:
+    """A campaign planned for an engine that computes some of its runs again."""
 
     def __init__(self, config: CampaignConfig, engine: str = "auto") -> None:
         """Raises UserError for a campaign or an engine that cannot be run."""
-        compile_cache.enable()
-        self.config = config
-        self._plan = make_plan(config)
-        self._ids = self._plan.rows.numbers("run_id")
-        program = self._plan.program
-        backend = selection.select(engine, program.setup.precision, compile_cache.objects())
-        self.engine = f"{backend.name} on {backend.device}"
-        self._tracer = backend.tracer(program, LANES)
-        self._robot = config.robot.part("campaign")
-        self._bases = self._robot.bases(program.setup) if hasattr(self._robot, "bases") else {}
+        self.config, self.plan = config, make_plan(config)
+        precision = self.plan.program.setup.precision
+        self.backend = compile_cache.cached_engine(engine, precision)
+        self.engine = f"{self.backend.name} on {self.backend.device}"
 
-    @staticmethod
-    def of_folder(folder: Path, engine: str = "auto") -> Replayer:
-        """Of the campaign that a result folder holds, on the engine that computed it if "auto".
+    @classmethod
+    def of_folder(cls, folder: Path, engine: str = "auto") -> Self:
+        """The campaign of a result folder; "auto" is the engine that computed it.
 
         Raises StoreError as `manifest.read`, and UserError.
         """
         record = manifest.read(folder)
-        if engine == "auto":
-            # A GPU's results come again on a CPU, to the bit where that fuses multiply-adds.
-            engine = "auto" if record.engine == "cuda" else record.engine
-        return Replayer(validated(record.config), engine)
+        return cls(validated(record.config), original_engine(record, engine))
 
-    def index(self, run: str | int) -> int:
+    def index(self, run: Any) -> int:
         """Index of a run by its id, the beginning of its id, or its index. Raises UserError."""
-        return find(self._ids, run)
+        return find(self.plan.rows.numbers("run_id"), run)
 
-    def replay(self, run: str | int) -> Replay:
+
+def original_engine(record: manifest.Manifest, engine: str) -> str:
+    """The engine that computed a folder in place of "auto"; without a GPU the fastest one, which
+    gives the same bits where it fuses multiply-adds as a GPU does.
+    """
+    return record.engine if engine == "auto" and record.engine != "cuda" else engine
+
+
+class Replayer(PlannedCampaign):
+    """Computes single runs of a campaign again, with their time series."""
+
+    def __init__(self, config: CampaignConfig, engine: str = "auto") -> None:
+        """Raises UserError for a campaign or an engine that cannot be run."""
+        super().__init__(config, engine)
+        program = self.plan.program
+        self._tracer = self.backend.tracer(program, LANES)
+        self._robot = config.robot.part("campaign")
+        self._bases = self._robot.bases(program.setup) if hasattr(self._robot, "bases") else {}
+
+    def replay(self, run: Any) -> Replay:
         """Run one row; `run` as for `index`. Raises UserError."""
-        row, program = self.index(run), self._plan.program
-        varied, harmless = self._plan.lanes([row], LANES, harmless=True)
-        _, faults = self._plan.lanes([row], LANES)
-        end = int(self._plan.ends[row])
+        row, program = self.index(run), self.plan.program
+        varied, harmless = self.plan.lanes([row], LANES, harmless=True)
+        _, faults = self.plan.lanes([row], LANES)
+        end = int(self.plan.ends[row])
         ends = np.full(LANES, end)
         golden, result, signals = self._tracer.run(
             Block(varied, harmless, None, ends=ends),
             Block(varied, faults, None, ends=ends),
-            self._plan.columns,
+            self.plan.columns,
         )
         own, fault_free = (
             {name: values[:1] for name, values in one.outcomes.items()} for one in (result, golden)
         )
         if program.ends:
-            own[schema.OBSERVED] = self._plan.ends[[row]]
+            own[schema.OBSERVED] = self.plan.ends[[row]]
         series = self._robot.series(program.setup, signals, np.asarray(golden.reference)[:, :, 0])
         frame = outcomes.frame(
-            self.config, self._plan.rows.take(slice(row, row + 1)), own, fault_free
+            self.config, self.plan.rows.take(slice(row, row + 1)), own, fault_free
         )
         return Replay(
             row=frame.iloc[0],
@@ -100,22 +110,26 @@ class Replayer:
         )
 
 
-def replay(config: CampaignConfig, run: str | int, engine: str = "auto") -> Replay:
+def replay(config: CampaignConfig, run: Any, engine: str = "auto") -> Replay:
     """Run one row of a campaign: `run` is its run id (or the beginning of one that no other has)
     or its index.
     """
     return Replayer(config, engine).replay(run)
 
 
-def find(ids: np.ndarray, run: str | int) -> int:
-    """Index of a run by id, beginning of an id, or index; `ids` as in the fault table. Raises
-    UserError.
+def find(ids: np.ndarray, run: Any) -> int:
+    """Index of a run by its id, the beginning of its id, or its index; ids: of the fault table.
+
+    Raises UserError.
     """
-    if isinstance(run, int) or (run.isdecimal() and len(run) < run_id.DIGITS):
-        index = int(run)
-        if not 0 <= index < len(ids):
-            raise UserError(f"run {index}: the campaign has runs 0..{len(ids) - 1}")
-        return index
+    if isinstance(run, bool) or not isinstance(run, str | numbers.Integral):
+        raise UserError(
+            f"run {shown(run)}: expected its index (a whole number) or its run_id (text)"
+        )
+    if not isinstance(run, str) or (run.isdecimal() and len(run) < run_id.DIGITS):
+        if not 0 <= int(run) < len(ids):
+            raise UserError(f"run {run}: the campaign has runs 0..{len(ids) - 1}")
+        return int(run)
     matches = run_id.beginning(ids, run)
     if len(matches) != 1:
         problem = "no run has this id" if not len(matches) else f"{len(matches)} runs begin so"

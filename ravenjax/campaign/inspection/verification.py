@@ -1,18 +1,16 @@
-"""Whether a result folder can be believed: what lies in it is checked, and a random sample of its
-runs is made again.
+"""Verifies a result folder: checks its files, and computes a random sample of its runs again.
 
 A campaign is a function of its file, the seed, the code and the engine. So the fault table is
-expanded anew and must have the ids that the folder has; and runs made again on the same engine,
-device, code and packages must be equal to the bit. On another engine numbers may differ, and it is
-told by how much. They are made from their beginning, also where the campaign let runs go on from
-their golden run.
+expanded again and must have the ids of the folder. Runs computed again on the same engine, device,
+code and packages must be equal to the bit. On another engine numbers may differ, and the result
+states by how much. Runs are computed from their beginning, without fast-forward.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -22,9 +20,9 @@ from ravenjax.campaign import compile_cache, outcomes
 from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.faults import run_id
 from ravenjax.campaign.file.config import validated
+from ravenjax.campaign.inspection.replay import original_engine
 from ravenjax.campaign.plan import Plan, make_plan
 from ravenjax.campaign.progress import OnProgress, Progress
-from ravenjax.engines import selection
 from ravenjax.engines.interface import Engine
 from ravenjax.errors import StoreError, UserError
 from ravenjax.store import manifest, schema
@@ -87,8 +85,8 @@ def verify(
 ) -> Verification:
     """Check a result folder and make `sample` of its runs again, drawn with `seed`; 0: none.
 
-    engine: "auto" is the one that the folder was computed on; a folder of a GPU is taken to the
-    fastest engine where there is none. Raises StoreError where the folder holds no result,
+    engine: "auto" is the engine that computed the folder; for a folder of a GPU it is the fastest
+    engine of this machine. Raises StoreError where the folder holds no result,
     UserError for an engine that is not here.
     """
     if sample < 0:
@@ -100,7 +98,6 @@ def verify(
         )
     parts, whole = checking.files(folder, record)
     checks = [parts, checking.rows(record), *checking.values(folder, record, whole)]
-    compile_cache.enable()
     try:
         plan = make_plan(validated(record.config))
     except ValueError as error:
@@ -115,7 +112,9 @@ def verify(
     checks.append(_campaign(folder, record, plan, whole))
     if not sample or not checks[-1].fine or not whole:
         return Verification(checks, None)
-    rerun = _again(folder, record, plan, _drawn(whole, sample, seed), engine, on_progress)
+    there = np.concatenate([np.asarray(part.rows) for part in whole])
+    drawn = np.random.default_rng(seed).choice(there, min(sample, len(there)), replace=False)
+    rerun = _again(folder, record, plan, np.sort(drawn), engine, on_progress)
     return Verification([*checks, _check(rerun, plan)], rerun)
 
 
@@ -154,17 +153,6 @@ def _campaign(folder: Path, record: Manifest, plan: Plan, whole: Sequence[Part])
     )
 
 
-def _drawn(whole: Sequence[Part], sample: int, seed: int) -> np.ndarray:
-    """Indices of `sample` different rows of these parts, or all of them, ascending."""
-    sizes = np.array([len(part.rows) for part in whole])
-    places = np.random.default_rng(seed).choice(
-        sizes.sum(), min(sample, int(sizes.sum())), replace=False
-    )
-    part = np.searchsorted(np.cumsum(sizes), places, side="right")
-    before = np.cumsum(sizes) - sizes
-    return np.sort(np.array([one.first for one in whole])[part] + places - before[part])
-
-
 def _again(
     folder: Path,
     record: Manifest,
@@ -173,46 +161,26 @@ def _again(
     engine: str,
     on_progress: OnProgress | None,
 ) -> Rerun:
-    if engine == "auto" and record.engine != "cuda":
-        engine = record.engine
-    backend = selection.select(engine, plan.program.setup.precision, compile_cache.objects())
-    computed = compute(plan, backend, rows, on_progress)
-    new = schema.conform(computed, record.shape)
-    old = stored(folder, record, rows)
-    columns = [_column(name, old.column(name), new.column(name)) for name in old.column_names]
-    equal = {one.name: one.equal for one in columns}
-    return Rerun(
-        f"{backend.name} on {backend.device}",
-        _other(record, plan, backend),
-        rows,
-        equal["verdict"],
-        columns,
-    )
-
-
-def compute(
-    plan: Plan, engine: Engine, rows: np.ndarray, on_progress: OnProgress | None = None
-) -> dict[str, Any]:
-    """Columns of the result table of these rows (int [n], ascending) of a plan, computed
-    together and each whole.
-    """
-    words = f"{engine.name} on {engine.device}"
+    """Compute rows (ascending) again, each whole and from its beginning."""
+    precision = plan.program.setup.precision
+    backend = compile_cache.cached_engine(original_engine(record, engine), precision)
+    words = f"{backend.name} on {backend.device}"
     progress = Progress(words, len(rows), len(rows), plan.program.ticks, on_progress)
-    computation = Computation(plan, engine, progress, whole=True)
+    computation = Computation(plan, backend, progress, whole=True)
     computation.compile()
     columns, golden_runs = computation.tables([range(row, row + 1) for row in rows.tolist()])
     progress.tell("done")
-    return outcomes.columns(plan.config, plan.rows.take(rows), columns, golden_runs)
-
-
-def stored(folder: Path, record: Manifest, rows: np.ndarray) -> pa.Table:
-    """These rows (ascending) as the folder's parts hold them."""
+    computed = outcomes.columns(plan.config, plan.rows.take(rows), columns, golden_runs)
+    new = schema.conform(computed, record.shape)
     tables = []
-    for part in sorted(record.parts, key=lambda one: one.first):
-        mine = rows[(rows >= part.first) & (rows <= part.last)]
-        if len(mine):
-            tables.append(pq.read_table(folder / PARTS / part.file).take(mine - part.first))
-    return pa.concat_tables(tables).unify_dictionaries()
+    for part in sorted(record.parts, key=lambda part: part.first):
+        of_part = rows[(rows >= part.first) & (rows <= part.last)]
+        if len(of_part):
+            tables.append(pq.read_table(folder / PARTS / part.file).take(of_part - part.first))
+    old = pa.concat_tables(tables).unify_dictionaries()
+    agreements = [_column(name, old.column(name), new.column(name)) for name in old.column_names]
+    verdicts = next(column.equal for column in agreements if column.name == "verdict")
+    return Rerun(words, _other(record, plan, backend), rows, verdicts, agreements)
 
 
 def _other(record: Manifest, plan: Plan, engine: Engine) -> list[str]:
@@ -244,18 +212,14 @@ def _column(name: str, kept: pa.ChunkedArray, new: pa.ChunkedArray) -> ColumnAgr
 
 def _check(rerun: Rerun, plan: Plan) -> FolderCheck:
     """What of a rerun is wrong: any difference where nothing else differs, of the inputs always."""
-    inputs = set(plan.rows)
-    unequal = [one for one in rerun.differing if not rerun.other or one.name in inputs]
-    complaints = [
-        f"{one.name}: differs in {len(rerun.rows) - one.equal} of {len(rerun.rows)} rows"
-        for one in unequal
+    n, inputs = len(rerun.rows), set(plan.rows)
+    problems = [
+        f"{column.name}: differs in {n - column.equal} of {n} rows"
+        for column in rerun.differing
+        if not rerun.other or column.name in inputs
     ]
-    more = (
-        [f"and {len(complaints) - checking.MOST} more columns"]
-        if len(complaints) > checking.MOST
-        else []
-    )
-    n = len(rerun.rows)
+    if (more := len(problems) - checking.MOST) > 0:
+        problems[checking.MOST :] = [f"and {more} more columns"]
     equal = len(rerun.columns) - len(rerun.differing)
     looked_at = (
         f"{n} run{'s' if n > 1 else ''} on {rerun.engine}: {equal} of {len(rerun.columns)} columns"
@@ -263,4 +227,4 @@ def _check(rerun: Rerun, plan: Plan) -> FolderCheck:
     )
     if rerun.other:
         looked_at += f" ({'; '.join(rerun.other)}, so numbers may differ)"
-    return FolderCheck("runs made again", looked_at, complaints[: checking.MOST] + more)
+    return FolderCheck("runs made again", looked_at, problems)

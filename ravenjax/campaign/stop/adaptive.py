@@ -1,8 +1,7 @@
 """Runs a campaign that stops when it knows enough: look by look, by the rule of its [stop] section.
 
-How far it goes follows from the finished rows alone, so a campaign that was interrupted takes the
-same way again, to the byte. `decisions.jsonl` in the result folder says what each look found; it is
-written anew and never relied upon.
+How far it goes follows from the finished rows alone, so an interrupted campaign takes the same way
+again, to the byte. `decisions.jsonl` in the result folder says what each look found.
 """
 
 from __future__ import annotations
@@ -10,23 +9,21 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from ravenjax.campaign import runner
 from ravenjax.campaign.executors.protocol import Executor
 from ravenjax.campaign.executors.shards import Shard
+from ravenjax.campaign.faults import design, sampled_order
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.progress import OnProgress
 from ravenjax.campaign.stop import decisions
-from ravenjax.campaign.stop.event_bitmaps import (
-    EventBitmaps,
-    GroupDraws,
-    group_draws,
-    stop_rule,
-)
 from ravenjax.errors import UserError
-from ravenjax.stats.sample_size.sequential import Look
+from ravenjax.outcomes import events
+from ravenjax.outcomes.events import Rules
+from ravenjax.stats.sample_size.sequential import Look, Sequential, Stratum
 from ravenjax.store.access.results import Results
 
 
@@ -40,59 +37,108 @@ def run(
     shard: Shard | None = None,
     command: Sequence[str] = (),
 ) -> Results:
-    """Run `config`, or finish it where `out` holds a part of it, as far as its stop rule asks where
-    it has one.
+    """Run `config`, or finish it where `out` holds a part of it. A campaign with a stop rule is
+    computed as far as the rule asks.
 
-    Arguments and errors are those of `runner.run_campaign`; UserError for a shard of a campaign
-    that may stop.
+    Arguments and errors are those of `runner.run_campaign`. Raises UserError for a shard of a
+    campaign with a stop rule.
     """
     compute = functools.partial(
         runner.run_campaign,
         config,
-        out,
-        engine,
+        engine=engine,
         on_progress=on_progress,
         executor=executor,
         command=command,
     )
     if config.stop is None:
-        return compute(shard=shard)
+        return compute(out, shard=shard)
     if shard is not None:
         raise UserError(
             f"--shard {shard}: a campaign with [stop] decides by all its rows how far it goes, and"
             " a shard has a part of them. Take --executor ray, or remove [stop]"
         )
+    if out is None:
+        return runner.in_temporary_folder(
+            lambda folder: run(
+                config, folder, engine, on_progress=on_progress, executor=executor, command=command
+            )
+        )
     rule, draws = stop_rule(config), group_draws(config)
-    marks = EventBitmaps(draws[-1].range(draws[-1].number).stop, rule.rates, config.rules)
     looks: list[Look] = []
-    results: list[Results] = []
     counts, before = rule.first(), np.zeros(len(draws), np.int64)
     while True:
-        rows = _rows(draws, before, counts)
-        if not marks.cover(rows):
-            results.append(compute(rows=rows))
-            marks.take(results[-1])
-        k, n = marks.counts(draws, counts)
+        spans = [
+            range(group.rows_of(first).stop, group.rows_of(last).stop)
+            for group, first, last in zip(draws, before.tolist(), counts.tolist(), strict=True)
+        ]
+        results = compute(out, rows=[span for span in spans if span])
+        k, n = count_cases(results, draws, counts, rule.rates, config.rules)
         looks.append(rule.look(len(looks) + 1, counts, k, n))
-        if out is not None:
-            decisions.write(out, looks)
+        decisions.write(out, looks)
         if looks[-1].stop:
-            return results[-1] if out is not None else _joined(results)
+            return results
         before, counts = counts, rule.following(looks[-1], k, n)
 
 
-def _rows(draws: Sequence[GroupDraws], before: np.ndarray, taken: np.ndarray) -> list[range]:
-    """The rows of the draws from `before` to `taken` of each group, in order."""
-    spans = [
-        range(of.range(first).stop, of.range(last).stop)
-        for of, first, last in zip(draws, before.tolist(), taken.tolist(), strict=True)
-    ]
-    return [span for span in spans if span]
+class GroupDraws(NamedTuple):
+    """The draws of one group in the fault table, in the order of `sampled_order`."""
+
+    first: int  # row of the first draw
+    number: int
+    rows: int  # rows of each draw
+
+    def rows_of(self, taken: int) -> range:
+        """Rows of the first `taken` draws."""
+        return range(self.first, self.first + taken * self.rows)
 
 
-def _joined(found: Sequence[Results]) -> Results:
-    """What several calls kept in memory, in the order of the table."""
-    tables = [table for results in found for table in results.tables]
-    return Results(
-        found[0].shape, None, tuple(sorted(tables, key=lambda table: table["index"][0].as_py()))
+def group_draws(config: CampaignConfig) -> tuple[GroupDraws, ...]:
+    """The draws of each group in the order of the table."""
+    result, first = [], 0
+    for group in config.group:
+        rows = design.counts(config)[group.name]
+        each = sampled_order.rows_of_a_draw(config, group)
+        result.append(GroupDraws(first, rows // each, each))
+        first += rows
+    return tuple(result)
+
+
+def stop_rule(config: CampaignConfig) -> Sequential:
+    """The stop rule of a campaign that has one."""
+    if (stop := config.stop) is None:
+        raise ValueError(f"campaign {config.campaign.name!r} has no [stop] section")
+    strata = tuple(
+        Stratum(group.name, draws.number, bool(group.fault))
+        for group, draws in zip(config.group, group_draws(config), strict=True)
     )
+    return Sequential(
+        strata, stop.rates, stop.half_width, stop.looks, stop.confidence, stop.of, stop.allocation
+    )
+
+
+def count_cases(
+    results: Results,
+    draws: Sequence[GroupDraws],
+    taken: np.ndarray,
+    rates: Sequence[str],
+    rules: Rules,
+) -> tuple[np.ndarray, np.ndarray]:
+    """(cases [rates, groups], valid draws [groups]) of the first taken[group] draws of each group.
+
+    A draw counts by its first row with a valid outcome: one of its repeats or crossed variants.
+    """
+    table = results.arrow(["index", *events.columns(rates, rules)])
+    happened = np.zeros((1 + len(rates), draws[-1].rows_of(draws[-1].number).stop), bool)
+    happened[:, table["index"].to_numpy()] = events.happened(table, rates, rules)
+    k, n = np.zeros((len(rates), len(draws)), np.int64), np.zeros(len(draws), np.int64)
+    for number, (group, count) in enumerate(zip(draws, taken.tolist(), strict=True)):
+        rows = group.rows_of(count)
+        valid, *cases = happened[:, rows.start : rows.stop].reshape(
+            1 + len(rates), count, group.rows
+        )
+        first = valid.argmax(axis=1)[:, None]
+        for rate, case in enumerate(cases):
+            k[rate, number] = np.take_along_axis(case & valid, first, axis=1).sum()
+        n[number] = valid.any(axis=1).sum()
+    return k, n

@@ -1,6 +1,4 @@
-"""decisions.jsonl of a result folder: what each look of a stop rule found and decided, one line
-each.
-"""
+"""Reads and writes decisions.jsonl of a result folder: one line for each look of a stop rule."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""The result table of a campaign that has run: in its folder, or in memory; nothing is read
-before it is asked for.
-"""
+"""The result table of a campaign that has run; nothing is read before it is asked for."""
 
 from __future__ import annotations
 
@@ -28,17 +26,11 @@ class Results:
     """One row a run, ordered by `index`, columns as in `schema`."""
 
     shape: schema.Shape  # which repeated columns the table has
-    path: Path | None  # result folder, None where `tables` hold it
-    tables: Sequence[pa.Table] = ()  # of the parts, in order
+    path: Path  # result folder
 
     def frame(self, columns: Sequence[str] | None = None) -> pd.DataFrame:
         """The table, or some of its columns. Raises StoreError as `folder.read_all`."""
-        if self.path is not None:
-            return folder.read_all(self.path, columns)
-        schema.require_columns(self.shape, columns or ())
-        return parts.concatenate(
-            [table if columns is None else table.select(columns) for table in self.tables]
-        )
+        return folder.read_all(self.path, columns)
 
     def arrow(self, columns: Sequence[str] | None = None) -> pa.Table:
         """The table, or some of its columns, as Arrow. Raises StoreError as `folder.read_all`."""
@@ -71,11 +63,6 @@ class Results:
     ) -> list[Measured]:
         """What `measure` makes of the columns of each part, by the first row; None: of all."""
         path = self.path
-        if path is None:
-            return [
-                measure(table if columns is None else table.select(list(columns)))
-                for table in self.tables
-            ]
         record = folder.read_complete_manifest(path)
         return threads.mapped(
             lambda part: measure(

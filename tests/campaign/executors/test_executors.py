@@ -67,14 +67,6 @@ def test_shards_hold_every_row_once_and_about_as_many_each(of, runs, chunk):
     assert max(counts) - min(counts) <= chunk
 
 
-@given(st.integers(1, 64), st.integers(1, 10**8))
-def test_the_chunk_shares_a_large_campaign_out_evenly(of, runs):
-    chunk = Shard(1, of).chunk(runs, 65_536)
-    assert 1 <= chunk <= 65_536 and chunk == Shard(of, of).chunk(runs, 65_536)
-    if runs >= shards.CHUNKS * of * shards.FEWEST_ROWS:
-        assert -(-runs // chunk) >= (shards.CHUNKS - 1) * of
-
-
 @pytest.mark.parametrize("text", ["", "3", "0/3", "4/3", "1/0", "a/b", "-1/3", "1/3/5"])
 def test_no_shard(text):
     with pytest.raises(UserError, match="expected i/N with 1 <= i <= N"):
@@ -114,8 +106,7 @@ def test_a_chunk_elsewhere_is_the_chunk_here(work):
     ("name", "value", "message"),
     [
         ("code", "ffff", "code: .* here, ffff at the coordinator"),
-        ("numpy", "1.0", r"numpy: .* here, 1\.0 at the coordinator"),
-        ("device", frozenset({"another"}), "device: .* here, another at the coordinator"),
+        ("device", "another", "device: .* here, another at the coordinator"),
     ],
 )
 def test_a_worker_that_would_compute_something_else_refuses(work, name, value, message):
@@ -123,11 +114,3 @@ def test_a_worker_that_would_compute_something_else_refuses(work, name, value, m
     head = dataclasses.replace(head, computed_by={**head.computed_by, name: value})
     with pytest.raises(UserError, match=f"would not compute the same: .*{message}"):
         ray_cluster.Worker(head)
-
-
-def test_an_error_of_delivering_ends_the_work(work):
-    def refuse(_):
-        raise OSError(28, "No space left on device")
-
-    with pytest.raises(OSError, match="No space left"):
-        Local().run(dataclasses.replace(work, deliver=refuse), CHUNKS)

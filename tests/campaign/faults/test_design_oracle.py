@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
-from ravenjax.campaign.stop.event_bitmaps import group_draws
+from ravenjax.campaign.stop.adaptive import group_draws
 from ravenjax.errors import UserError
 from ravenjax.hazards import library
 

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import pickle
-
 import numpy as np
-import pandas as pd
 import pytest
-from pandas.util import hash_array
 
-from ravenjax.campaign import loading, plan
-from ravenjax.campaign.faults import design, run_id
+from ravenjax.campaign import loading
+from ravenjax.campaign.faults import design
 from ravenjax.campaign.faults.fault_table import FaultTable
 
 FAULT = {
@@ -54,44 +50,3 @@ def test_rows_are_those_of_the_frame(rows, some):
     wanted = rows.frame().iloc[some].reset_index(drop=True)
     assert rows.take(some).frame().equals(wanted)
     assert len(rows.take(some)) == len(wanted)
-
-
-def test_columns_are_replaced_in_their_places(rows):
-    other = rows.replaced(index=np.arange(14) * 2)
-    assert list(other) == list(rows) and other.numbers("index")[-1] == 26
-    assert rows.numbers("index")[-1] == 13
-
-
-def test_numbers_are_no_words_and_words_no_numbers(rows):
-    with pytest.raises(AssertionError):
-        rows.numbers("group")
-    with pytest.raises(AssertionError):
-        rows.words("seed")
-
-
-def test_a_table_travels(rows):
-    assert pickle.loads(pickle.dumps(rows)).frame().equals(rows.frame())
-
-
-def test_a_plan_has_both_forms(config):
-    ready = plan.make_plan(config)
-    assert ready.table.equals(ready.rows.frame()) and ready.runs == len(ready.table)
-
-
-def test_ids_are_those_of_pandas_hash():
-    numbers = np.random.default_rng(1).integers(0, 2**64, 10_000, np.uint64)
-    before = numbers.copy()
-    np.testing.assert_array_equal(run_id.mixed(numbers), hash_array(numbers))
-    np.testing.assert_array_equal(numbers, before)
-
-
-def test_golden_runs_are_numbered_as_they_come():
-    rng = np.random.default_rng(2)
-    varied = {
-        "a": rng.integers(0, 4, 500).astype(np.float32),
-        "same": np.ones(500),
-        "b": rng.integers(0, 9, 500),
-    }
-    keys = pd.Series(list(zip(*varied.values(), strict=True)))
-    np.testing.assert_array_equal(plan._golden_runs(varied, 500), pd.factorize(keys)[0])
-    assert plan._golden_runs({}, 3).tolist() == [0, 0, 0]

@@ -73,10 +73,3 @@ def test_no_fault_acts_before_and_none_where_a_run_is_cut(slots, cycles, down):
     end = span.ends(faults, TICKS, 3)[0]
     assert end == TICKS or end == ticks[-1] + 1 + 3, "so long after the last tick in which one acts"
     assert span.ends(faults, TICKS, None)[0] == TICKS
-
-
-def test_a_run_without_faults_is_whole():
-    none = faults_of([{"code": 0}])
-    assert span.acts(none, TICKS).tolist() == span.ends(none, TICKS, 3).tolist() == [TICKS]
-    empty = {name: values[:, :0] for name, values in none.items()}
-    assert span.acts(empty, TICKS).tolist() == span.ends(empty, TICKS, 3).tolist() == [TICKS]

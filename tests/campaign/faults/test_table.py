@@ -92,13 +92,6 @@ def test_injection_does_not_depend_on_the_order_of_rows(runs):
     assert table.injection(shuffled, robots.USUAL) == table.injection(runs, robots.USUAL)
 
 
-def test_no_faults_need_no_machinery():
-    free = design.rows(loading.from_dict({**CONFIG, "group": [{"name": "free"}]}))
-    injection = table.injection(free, robots.USUAL)
-    assert injection.slots == 0 and injection.sites == ()
-    assert table.arrays(free, injection)["code"].shape == (1, 0)
-
-
 def test_arrays_say_what_the_table_says(runs):
     """Each entry read back through the code book is the row it came from."""
     injection = table.injection(runs, robots.USUAL)
@@ -132,30 +125,9 @@ def test_network_effects_are_overwrites(runs):
     assert set(arrays["effect"][:, 0]) == {EFFECT_CODES["overwrite"]}
 
 
-def test_types(runs):
-    arrays = table.arrays(runs, table.injection(runs, robots.USUAL))
-    assert arrays.pop("value").dtype == np.float32
-    assert arrays.pop("key").dtype == np.uint32
-    assert {values.dtype.name for values in arrays.values()} == {"int32"}
-
-
 def test_keys_belong_to_run_and_slot_not_to_the_place(runs):
     injection = table.injection(runs, robots.USUAL)
     keys = table.arrays(runs, injection)["key"]
     assert len(set(keys.ravel().tolist())) == keys.size
     backwards = table.arrays(runs.take(slice(None, None, -1)), injection)["key"]
     assert (backwards[::-1] == keys).all()
-
-
-def test_rows_of_a_part_are_those_of_the_whole(runs):
-    """Whatever rows are taken together, each has the same entries."""
-    injection = table.injection(runs, robots.USUAL)
-    whole, part = table.arrays(runs, injection), table.arrays(runs.take(slice(5, 9)), injection)
-    assert all((part[name] == values[5:9]).all() for name, values in whole.items())
-
-
-def test_parameters():
-    sweep = {"name": "free", "parameters": {"plant.a": [1, 2]}}
-    runs = design.rows(loading.from_dict({**CONFIG, "group": [sweep, {"name": "other"}]}))
-    assert list(table.parameters(runs)) == ["plant.a"]
-    assert np.array_equal(table.parameters(runs)["plant.a"], [1.0, 2.0, np.nan], equal_nan=True)

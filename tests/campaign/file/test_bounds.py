@@ -2,14 +2,13 @@
 one: `test_quantity`.
 """
 
-import numpy as np
 import pandas as pd
 import pytest
 
 import ravenjax as rj
 from ravenjax.campaign import loading, plan
 from ravenjax.campaign.file import bounds
-from ravenjax.campaign.file.axis import Axis, fixed
+from ravenjax.campaign.file.axis import fixed
 from ravenjax.campaign.file.group import flatten_parameters
 from ravenjax.errors import UserError
 from ravenjax.numbers import paths
@@ -50,16 +49,6 @@ def test_a_parameter_is_named_as_its_fields_are(every):
     }
 
 
-def test_of_reserved_parameters_the_inmost_word_counts(every):
-    assert bounds.reserved(ROBOT, "monitor.limit") != bounds.reserved(ROBOT, "monitor.idle_share")
-    assert (
-        bounds.reserved(ROBOT, "plant.gold.noise_key")
-        == bounds.reserved(ROBOT, "plant.noise_key")
-        != ""
-    )
-    assert bounds.reserved(ROBOT, "plant.gravity") == ""
-
-
 def test_no_word_of_a_path_is_taken_for_a_misspelt_distribution():
     """But `nominal`, which is like `normal` and names no number."""
     words = bounds.names(ROBOT) - {"nominal"}
@@ -83,32 +72,18 @@ def test_a_vector_is_checked_against_the_rows_of_all_its_numbers(path):
     "path, value, words",
     [
         ("plant.friction_scale", -1, ("got -1, expected 0..100", "opposes motion")),
-        ("plant.mass_scale", 0, ("got 0, expected 0.01..100", "positive")),
-        ("plant.cable_stiffness", -5, ("got -5, expected 100..100000000 N/m",)),
         ("plant.cable_stiffness.elbow", 1e300, ("got 1e+300",)),
         ("network.cycles_per_packet", 0, ("got 0, expected 1..1000 cycles, whole",)),
-        ("network.cycles_per_packet", 1.5, ("got 1.5", "whole")),
         ("network.cycles_per_packet", {"uniform": [1, 4]}, ("uniform draws fractions", "choice")),
-        ("network.cycles_per_packet", {"choice": [1, 4, 5000]}, ("got 5000",)),
         ("plant.gold.friction_scale", {"uniform": [-0.5, 2]}, ("uniform = [-0.5, 2]", "-0.5")),
-        ("plant.friction_scale", {"uniform": [0.5, 200]}, ("may draw 200",)),
         (
             "plant.friction_scale",
             {"normal": [1, 0.2]},
             ("may draw -0.408", "normal = [1, 0.2]"),
         ),
-        ("control.cartesian.upper.elbow", 135, ("got 135, expected -6.3..6.3 rad",)),
         ("haptics.cues.0.threshold_m", 0.02, ("cannot be set", "write [haptics] threshold_mm")),
         ("monitor.limit", 0.02, ("cannot be set", "write [outcomes] limit_mm")),
-        ("monitor.idle_share", 0.5, ("cannot be set", "it belongs to the observer")),
-        (
-            "detectors.thresholds.0.1",
-            2,
-            ("cannot be set", "write threshold = [..] in [[detector]]"),
-        ),
         ("plant.noise_key", 7, ("cannot be set", "campaign.noise = true")),
-        ("plant.gold.noise_key", 7, ("cannot be set",)),
-        ("start.elbow", 1.5, ("cannot be set", "write [operator.start]")),
     ],
 )
 def test_what_is_out_of_range_is_refused(path, value, words):
@@ -131,14 +106,6 @@ def test_the_runs_of_a_list_are_looked_at_too():
         UserError, match=r"group\[0\]\.run\[1\]\.parameters\.plant\.mass_scale: got -1"
     ):
         loading.check_parameters(loading.from_dict({**BASE, "group": [group]}))
-
-
-def test_what_a_normal_distribution_may_draw_is_within_its_extent():
-    axis = Axis("normal", (2.0, 0.25))
-    low, high = axis.extent
-    drawn = axis.at(np.array([0.0, 1e-15, 0.5, 1.0 - 1e-16]))
-    assert low < drawn.min() < drawn.max() < high
-    assert high - drawn.max() < 0.01
 
 
 def at_the_ends(paths, **own):

@@ -6,7 +6,6 @@ import tomllib
 
 import pytest
 
-from ravenjax.bundled import resources
 from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import location
@@ -64,14 +63,6 @@ def test_dump_loads_again(write):
     assert design.expand(again).equals(design.expand(config))
 
 
-@pytest.mark.parametrize("path", resources.bundled("campaigns", "*.toml"), ids=lambda p: p.name)
-def test_bundled_campaigns(path):
-    config = loading.load(path)
-    assert config.campaign.name == path.stem
-    assert config.campaign.description
-    assert path.read_text().startswith("#")
-
-
 def test_quick_is_what_the_readme_says():
     config = loading.load("quick.toml")
     table = design.expand(config)
@@ -95,7 +86,6 @@ def test_quick_is_what_the_readme_says():
             "duration_s = -2",
             ":3: campaign.duration_s: got -2, expected greater than 0",
         ),
-        ("duration_s = 2.0", "duration_s = nan", ":3: campaign.duration_s | nan | finite"),
         (
             "duration_s = 2.0",
             "duration_s = true",
@@ -128,7 +118,6 @@ def test_quick_is_what_the_readme_says():
             ":21: | unknown effect 'overwrit' | Did you mean 'overwrite'",
         ),
         ("value = [100, 200]", 'value = "big"', ":22: | got 'big', expected a number"),
-        ("value = [100, 200]", "", "group[1].fault[0].value: missing | 'overwrite' takes a value"),
         ("value = [100, 200]", "value = []", ":22: | at least one value, got []"),
         (
             "value = [100, 200]",
@@ -140,18 +129,7 @@ def test_quick_is_what_the_readme_says():
             "value = {uniform = [2, 1]}",
             "low must not exceed high, got [2, 1]",
         ),
-        (
-            "start_ms = 1000",
-            "start_ms = -1",
-            "start_ms: got -1, expected a whole number of milliseconds from 0",
-        ),
         ('[10, "end"]', '{uniform = ["end", 5]}', ":24: | got 'end', expected a number"),
-        ('[10, "end"]', "{uniform = [0, 5]}", "duration_ms: got uniform = [0, 5] | from 1"),
-        (
-            "value = [100, 200]",
-            "value = [100, 1e39]",
-            ":22: | got 1e+39, expected a number of single precision",
-        ),
         (
             "value = [100, 200]",
             "value = {uniform = [-3e9, 0]}",
@@ -166,11 +144,6 @@ def test_quick_is_what_the_readme_says():
             "start_ms = 1000",
             'start_ms = 5000\ntrigger = "pedal"',
             "got 5000, expected less than the run's 2000 ms",
-        ),
-        (
-            "value = [100, 200]",
-            "value = {list = 5}",
-            "list takes a list with at least one value, got 5",
         ),
         (
             "start_ms = 1000",
@@ -188,19 +161,11 @@ def test_quick_is_what_the_readme_says():
             "got 2.0004 s, expected whole milliseconds | such as 2",
         ),
         ('"overwrite"', '"bit_flip"', ":22: | index of a bit, 0..15, got 100"),
-        ('"x"', '".."', ":2: campaign.name"),
         (
             '"x"',
             '"xxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxx"',
             ":2: campaign.name | at most 100 characters",
         ),
-        ('motion = "reach"', 'file = "a\\u0000b.csv"', ":6: operator.file | expected the path of"),
-        (
-            '"free"',
-            '"free"\nparameters.plant.mass_scale = {normal = 5}',
-            "normal takes [mean, standard deviation], got 5",
-        ),
-        ("start_ms = 1000", "start_ms = 2000", "got 2000, expected less than the run's 2000 ms"),
         (
             "start_ms = 1000",
             'start_ms = 1000\narm = "green"',
@@ -208,13 +173,6 @@ def test_quick_is_what_the_readme_says():
         ),
         ("start_ms = 1000", "start_ms = 1000\nevery_ms = 5", "every_ms | not longer than every_ms"),
         ('"free"', '"dac"', "got name 'dac' twice"),
-        ('"free"', '"free"\nruns = 5', "'grid' sets the number of runs itself"),
-        ('"free"', '"free"\ndesign = "lhs"', "'lhs' needs runs"),
-        (
-            '"dac"',
-            '"dac"\nrepeats = 0',
-            "group[1].repeats: got 0, expected greater than or equal to 1",
-        ),
         (
             '"free"',
             '"free"\ndesign = "zip"\nparameters."plant.a" = [1, 2, 3]',
@@ -224,17 +182,6 @@ def test_quick_is_what_the_readme_says():
             "[parameters]",
             "[limits]\nelbow_deg = [40, 135]\n[parameters]",
             "limits.elbow_deg[0]: got 40, expected greater than or equal to 45",
-        ),
-        ("[parameters]", "[outcomes]\ncue = 1\n[parameters]", "outcomes.cue: got 1, expected 0..0"),
-        (
-            "duration_s = 2.0",
-            'arms = ["green", "gold"]',
-            "campaign.arms | in the order ['gold', 'green']",
-        ),
-        (
-            "duration_s = 2.0",
-            'tools = ["r_graspr"]',
-            "unknown tool 'r_graspr' | Did you mean 'r_grasper'",
         ),
     ],
 )
@@ -251,9 +198,7 @@ def test_each_mistake_has_its_message(write, old, new, parts):
     "site, channel, value, what",
     [
         ("runlevel", "rl_desired", "9", "rl_desired is a run level: expected 0..3, got 9"),
-        ("plc", "runlevel", "[0, 3, 4]", "runlevel is a run level: expected 0..3, got 4"),
         ("pins_out", "pins", "{uniform = [0, 300]}", "pins is a byte: expected 0..255, got 300"),
-        ("packet_header", "size", "-1", "size is the length of a datagram"),
         ("brake", "engaged", "2", "engaged is a truth value"),
     ],
 )
@@ -262,35 +207,6 @@ def test_a_field_that_is_written_anew_holds_what_it_can(write, site, channel, va
     message = complaint(write(text.replace("[100, 200]", value)))
     assert what in message and ":22: group[1].fault[0].value" in message
     assert loading.load(write(text.replace("[100, 200]", "1")))
-
-
-@pytest.mark.parametrize(
-    "site, channel, last",
-    [("pins_out", "pins", 7), ("runlevel", "rl_desired", 1), ("packet_header", "size", 15)],
-)
-def test_a_bit_that_flips_is_one_of_the_field(write, site, channel, last):
-    text = GOOD.replace('"usb_out"', f'"{site}"').replace('["shoulder", "elbow"]', f'"{channel}"')
-    text = text.replace('"overwrite"', '"bit_flip"')
-    assert f"takes the index of a bit, 0..{last}, got {last + 1}" in complaint(
-        write(text.replace("[100, 200]", f"{last + 1}"))
-    )
-    assert loading.load(write(text.replace("[100, 200]", f"{last}")))
-
-
-def test_whole_numbers_that_single_precision_would_change(write):
-    text = GOOD.replace('"usb_out"', '"pos"').replace('["shoulder", "elbow"]', '"x"')
-    text = text.replace("[100, 200]", "[16777216, 16777217]")
-    message = complaint(write(text))
-    assert "holds every whole number to 2^24 only: got 16777217, write 16777216" in message
-    assert "write 2147483520" in complaint(write(text.replace("16777217", "2147483647")))
-
-
-def test_packets_that_last_come_later(write):
-    """With four cycles a packet there are 500 packets in 2 s, not 2000."""
-    text = GOOD.replace("start_ms = 1000", 'start_ms = 500\ntrigger = "packet"')
-    assert loading.load(write(text))
-    text = text.replace("[parameters]", "[parameters]\nnetwork.cycles_per_packet = 4")
-    assert "start_ms: got 500, expected less than the run's 500 packets" in complaint(write(text))
 
 
 def test_one_table_where_several_are_expected(write):
@@ -317,14 +233,6 @@ def test_a_list_that_says_so_is_a_list(write):
     )
 
 
-def test_lists_of_parameters_whose_names_look_like_a_distribution(write):
-    text = GOOD.replace("[parameters]", "[parameters]\ncontrol.overdrive.policy = [0, 1]")
-    assert loading.load(write(text)).parameters["control.overdrive.policy"].values == (0, 1)
-    assert "Did you mean 'choice'" in complaint(
-        write(text.replace("policy = [0, 1]", "policy = {choise = [0, 1]}"))
-    )
-
-
 def test_lists_side_by_side_are_looked_at_pair_by_pair(write):
     """Bit 3 and count 100 each fit their own effect; in a grid they would be crossed."""
     text = GOOD.replace('"overwrite"', '["bit_flip", "overwrite"]').replace(
@@ -347,11 +255,6 @@ def test_too_many_runs(write):
     assert "group: the groups make" in message and "expected at most 100000000" in message
 
 
-def test_too_many_cues():
-    with pytest.raises(UserError, match="the lists make 4096 haptic sets, expected at most 256"):
-        with_section({"haptics": {"threshold_mm": list(range(64)), "cap": list(range(64))}})
-
-
 def test_all_mistakes_are_told_at_once_in_order_of_lines(write):
     text = GOOD.replace("usb_out", "usb").replace("reach", "rech").replace("overwrite", "over")
     numbers = [int(line.split(":")[1]) for line in complaint(write(text)).splitlines()]
@@ -360,17 +263,13 @@ def test_all_mistakes_are_told_at_once_in_order_of_lines(write):
     )  # the channels and effects of an unknown site say nothing
 
 
-def test_syntax_error_names_the_line(write):
-    assert "line 1" in complaint(write("[campaign\n"))
-
-
 def test_a_misspelt_table_is_told_of_once(write):
     message = complaint(write(GOOD.replace("[group", "[groups")))
     assert ":12: groups: unknown key" in message and "Did you mean 'group'?" in message
     assert "missing" not in message and "\n" not in message
 
 
-@pytest.mark.parametrize("name", ["quik.toml", "quik", "./quik.toml", "/nowhere/quik.toml"])
+@pytest.mark.parametrize("name", ["quik.toml", "/nowhere/quik.toml"])
 def test_missing_file_is_told_in_one_line_with_the_nearest_name(name):
     message = complaint(name)
     assert (
@@ -389,7 +288,7 @@ def test_bundled_campaigns_need_no_suffix(tmp_path, monkeypatch):
     assert loading.load("mine").campaign.name == "x"
 
 
-@pytest.mark.parametrize("name", ["", ".", "..", "a" * 300, "x\0y", None, 5, b"quick"])
+@pytest.mark.parametrize("name", ["", ".", "x\0y", 5])
 def test_what_names_no_file(name):
     with pytest.raises(
         UserError, match=r"expected (a|the path of a) campaign|no such campaign|cannot be read"
@@ -404,11 +303,6 @@ def test_a_byte_order_mark_is_skipped(tmp_path):
     assert loading.load(path).campaign.name == "x"
     path.write_bytes(GOOD.encode("utf-16"))
     assert "Expected a TOML file in UTF-8" in complaint(path)
-
-
-@pytest.mark.parametrize("text", ["x = " + "9" * 5000, "x = " + "[" * 100_000])
-def test_toml_that_python_cannot_read(write, text):
-    assert "not valid TOML" in complaint(write(text))
 
 
 def test_unknown_parameters(write):
@@ -453,12 +347,7 @@ def test_overrides(write):
         ("campaign.sed=1", ["--set: campaign.sed: unknown key", "Did you mean 'seed'"]),
         ("campaign.seed", ["--set campaign.seed: expected key.path=value"]),
         ("group.dak.repeats=1", ["got 'dak'", "free, dac", "Did you mean 'dac'"]),
-        ("group.7.repeats=1", ["got '7', expected a number 0..1"]),
         ("campaign.name.x=1", ["'x' is no key of the value 'x'"]),
-        (
-            "group.dac.fault.0.effect=over",
-            ["--set: group[1].fault[0].effect: unknown effect 'over'"],
-        ),
     ],
 )
 def test_bad_overrides(write, override, parts):
@@ -486,16 +375,6 @@ def test_cues_are_the_product_in_si():
         (0.003, 9.0),
     ]
     assert all(c.cap == 0.05 and abs(c.kd - 0.09) < 1e-12 for c in cues)
-
-
-def test_limits_in_si():
-    given = with_section(
-        {"limits": {"elbow_deg": [60, 120], "insertion_m": [0.3, 0.5]}}
-    ).limits.si()
-    assert given == {
-        "elbow": (pytest.approx(1.0471975512), pytest.approx(2.0943951024)),
-        "insertion": (0.3, 0.5),
-    }
 
 
 # --- lines ----------------------------------------------------------------------------------------

@@ -12,7 +12,6 @@ import tiny_campaign
 
 import ravenjax as rj
 from ravenjax.campaign import plan
-from ravenjax.campaign.inspection import explain
 from ravenjax.campaign.inspection.explain import Explainer
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block
@@ -234,31 +233,6 @@ def test_explained_runs_are_what_two_whole_traces_say():
     assert (explained.ticks.filter(like="leaves:").to_numpy() >= 0).any()
 
 
-@pytest.mark.slow
-def test_margins_are_those_of_the_run_where_no_harm_comes():
-    explained = Explainer(tiny_campaign.config(runs=40), "simd").explain(np.arange(3, 40))
-    calm = (explained.ticks["harm_ms"] < 0).to_numpy()
-    assert calm.any()
-    for name in explained.ticks:
-        if name.startswith("near:"):
-            column = name.replace("near:", "check_") + "_margin"
-            ours, theirs = explained.ticks[name][calm], explained.results[column][calm]
-            assert np.array_equal(ours.astype("float32"), theirs.astype("float32")), name
-
-
-def test_runs_with_golden_runs_of_their_own_are_explained_alike_in_small_blocks(monkeypatch):
-    tables = tiny_campaign.tables(runs=60)
-    tables["group"][1]["parameters"] = {"plant.friction_scale": {"uniform": [0.7, 1.4]}}
-    explainer = Explainer(rj.load_campaign(tables), "simd")
-    rows = np.arange(3, 60)
-    monkeypatch.setattr(explain, "FEW", 1000)
-    large = explainer.explain(rows).ticks
-    monkeypatch.setattr(explain, "FEW", 2)
-    monkeypatch.setattr(explain, "BLOCK_BYTES", 2**20)
-    assert explainer._together(explainer._plan.take(rows)) < 57
-    assert explainer.explain(rows).ticks.equals(large)
-
-
 @pytest.mark.parametrize("engine", ["mjx", "simdd", "cpu"])
 def test_an_engine_that_cannot_is_named(engine):
     with pytest.raises(
@@ -267,35 +241,9 @@ def test_an_engine_that_cannot_is_named(engine):
         Explainer(tiny_campaign.config(runs=5), engine)
 
 
-def test_nothing_and_too_much_are_refused(monkeypatch):
-    explainer = Explainer(tiny_campaign.config(runs=10), "simd")
-    with pytest.raises(UserError, match="no run to explain"):
-        explainer.explain([])
-    monkeypatch.setattr(explain, "MOST", 3)
-    with pytest.raises(
-        UserError, match="4 runs are too many to explain together, expected 3 at most"
-    ):
-        explainer.explain([3, 4, 5, 6])
-
-
 @pytest.mark.slow
 def test_two_hundred_runs_over_all_sites_are_what_two_whole_traces_say():
     config = rj.load_campaign("quick")
     rows = spread(config, 200)
     assert len(rows) >= 200
     require_equal_to_traces(config, rows)
-
-
-@pytest.mark.slow
-def test_engine_xla_finds_the_same_beginning():
-    config, rows = tiny_campaign.config(runs=20), np.arange(3, 20)
-    ours, theirs = (Explainer(config, engine).explain(rows) for engine in ("xla", "simd"))
-    onset = ours.results["first_active_ms"].to_numpy()
-    assert (onset >= 0).any() and onset.tolist() == theirs.results["first_active_ms"].tolist()
-    differs = ours.ticks.filter(like="differs:").to_numpy()
-    assert (
-        np.where(differs < 0, 10**6, differs).min(axis=1) == np.where(onset < 0, 10**6, onset)
-    ).all()
-    for joint in ("shoulder", "elbow"):
-        for name in (f"differs:gold/usb_out/{joint}", f"leaves:gold/usb_out/{joint}"):
-            assert ours.ticks[name].tolist() == theirs.ticks[name].tolist()

@@ -11,7 +11,6 @@ import pytest
 
 import ravenjax as rj
 from ravenjax.campaign import plan, runner
-from ravenjax.campaign.executors.local import Local
 from ravenjax.campaign.inspection import fault_free
 from ravenjax.engines import selection
 from ravenjax.errors import UserError
@@ -86,33 +85,6 @@ def test_as_many_hours_as_asked_of_different_motion(result, short):
     assert more == pytest.approx(1.5 * there) and (result / FOLDER / "reach_7").is_dir()
 
 
-@pytest.mark.slow
-def test_the_robot_is_that_of_the_campaign(result, short):
-    fault_free.extend(result, 1e-9)
-    one = find(result, manifest.read(result)).motions[0]
-    assert one.manifest.config["parameters"] == manifest.read(result).config["parameters"]
-    assert one.manifest.config["reaction"] is None
-    assert [group["name"] for group in one.manifest.config["group"]] == ["fault_free"]
-
-
-def test_an_interrupted_motion_is_finished(result, short, monkeypatch):
-    there = fault_free.extend(result, 1e-9)
-    names = sorted(path.name for path in (result / FOLDER).iterdir())
-
-    def stopped(*_args, **_kwargs):
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Local, "run", stopped)
-        with pytest.raises(KeyboardInterrupt):
-            fault_free.extend(result, there + 1e-6)
-    monkeypatch.setattr(fault_free, "LONGEST_S", 1)  # what was begun keeps its length
-    assert fault_free.extend(result, there + 1e-6) > there
-    (new,) = {path.name for path in (result / FOLDER).iterdir()} - set(names)
-    record = manifest.read(result / FOLDER / new)
-    assert record.config["campaign"]["duration_s"] == 2.0 and record.finished is not None
-
-
 def changed(result, **sections):
     """The record of a result whose configuration differs."""
     record = manifest.read(result)
@@ -142,18 +114,3 @@ def test_a_result_of_another_version_is_refused(result, tmp_path):
     manifest.write(tmp_path, manifest.read(result).model_copy(update={"code_hash": "0" * 64}))
     with pytest.raises(UserError, match="computed by another version of the code"):
         fault_free.extend(tmp_path, 1.0)
-
-
-@pytest.mark.slow
-def test_a_robot_that_is_stopped_without_a_fault_is_told_of(tmp_path, monkeypatch):
-    """Else the hours would never come together."""
-    monkeypatch.setattr(fault_free, "ENOUGH", 2)
-    (tmp_path / "mine.py").write_text(
-        "def step(params, state, view):\n    return state, (view.tick >= 600) * 2.0\n"
-    )
-    check = {"name": "mine", "file": str(tmp_path / "mine.py"), "at": "jpos", "acts": "stop"}
-    rj.run({**copy.deepcopy(CAMPAIGN), "check": [check]}, out=tmp_path / "stopped", engine="simd")
-    with pytest.raises(
-        UserError, match=r"2 fault-free motions of \d+ s had .* s of pedal-down: something stops"
-    ):
-        fault_free.extend(tmp_path / "stopped", 0.1)

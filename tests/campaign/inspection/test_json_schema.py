@@ -88,10 +88,8 @@ def test_every_bundled_file_is_valid(kind, path):
         CAMPAIGN + '[[group]]\nname = "library"\nhazards = "all"\narm = ["gold", "green"]\n',
         CAMPAIGN
         + "[parameters]\nplant.friction_scale = 2\nnominal.gold.kp.elbow = { list = [1, 2] }\n",
-        CAMPAIGN + '[parameters]\n"plant.gold.friction_scale" = { uniform = [1, 2] }\n',
         CAMPAIGN + '[[detector]]\nname = "d"\nkind = "steps"\nfusion = "any"\nconsecutive = [1,'
         " 8]\nthreshold = 2\n",
-        CAMPAIGN + "[haptics]\nthreshold_mm = 3\ncap = [1, 2]\n",
     ],
 )
 def test_what_a_campaign_may_say(text):
@@ -103,39 +101,28 @@ def test_what_a_campaign_may_say(text):
     [
         ("campaign", 'name = "x"', 'name = "a b"'),
         ("campaign", 'name = "x"', 'name = "x"\ndurtion_s = 3'),
-        ("campaign", 'name = "x"', 'name = "x"\nduration_s = 0'),
         ("campaign", 'name = "x"', 'name = "x"\narms = ["red"]'),
         ("campaign", "[[group]]", "[group]"),
         ("campaign", 'site = "usb_out"', 'site = "usb_outt"'),
-        ("campaign", 'site = "usb_out"\n', ""),
         ("campaign", '"overwrite"', '["overwrite", "overrwrite"]'),
         ("campaign", "uniform", "unifrom"),
-        ("campaign", "[-1, 1]", "[-1, 1, 2]"),
         ("campaign", "start_ms = 3", "start_ms = -3"),
-        ("campaign", "start_ms = 3", "start_ms = 3\nduration_ms = 0"),
-        ("campaign", "start_ms = 3", 'start_ms = "end"'),
         ("campaign", "start_ms = 3", "start_ms = 3\n[parameters]\nplant.frictoin_scale = 2"),
-        ("campaign", "start_ms = 3", "start_ms = 3\n[parameters]\nplants.friction_scale = 2"),
         ("campaign", "start_ms = 3", 'start_ms = 3\n[[group]]\nname = "l"\nhazards = ["Z99"]'),
         (
             "campaign",
             "start_ms = 3",
             'start_ms = 3\n[[group]]\nname = "l"\nhazards = "all"\nruns = 3',
         ),
-        ("campaign", "start_ms = 3", 'start_ms = 3\n[[group]]\nname = "l"\nvalue = 3'),
         ("campaign", "start_ms = 3", "start_ms = 3\n[limits]\nelbow_deg = [40, 100]"),
         ("search", 'harm = "evades"', ""),
         ("search", '"boundary"', '"border"'),
-        ("search", 'harm = "evades"', 'harm = "evades"\nruns = 1000'),
-        ("search", "[search]", '[[group]]\nname = "h"\n[search]'),
         ("scenario", '"reach"', '"reech"'),
-        ("scenario", '"reach"', '"reach"\nlaps = 3'),
         (
             "scenario",
             '["B27"]',
             '["B27"]\n[[hazard.fault]]\nsite = "usb_out"\neffect = "overwrite"',
         ),
-        ("scenario", '["B27"]', '["B27"]\nright_response = ["wait"]'),
     ],
 )
 def test_what_an_editor_marks(kind, right, wrong):

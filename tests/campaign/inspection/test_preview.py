@@ -9,7 +9,6 @@ import tiny_campaign as tiny
 
 from ravenjax.campaign import loading, plan, runner
 from ravenjax.campaign.computation import Computation
-from ravenjax.campaign.faults import design
 from ravenjax.campaign.inspection import preview
 from ravenjax.cli import console, main
 from ravenjax.errors import UserError
@@ -43,7 +42,7 @@ def view_of(config, folder, engine="auto"):
     return preview.preview(config, folder, engine)[0]
 
 
-@pytest.mark.parametrize("name", ["quick.toml", "hazard_library.toml", "safecomp45.toml"])
+@pytest.mark.parametrize("name", ["quick.toml", "safecomp45.toml"])
 def test_the_numbers_are_those_of_the_fault_table(name, idle, tmp_path):
     config = loading.load(name)
     (view, sample), ready = preview.preview(config, tmp_path / "out"), plan.make_plan(config)
@@ -98,26 +97,10 @@ def test_runs_that_repeat_another_are_counted(idle, tmp_path):
     assert view_of(loading.from_dict(noisy), tmp_path)["copies"] == 0
 
 
-@pytest.mark.parametrize("most", [preview.MOST_EXPANDED, 10])
-def test_what_a_run_would_refuse_is_refused(idle, tmp_path, monkeypatch, most):
-    monkeypatch.setattr(preview, "MOST_EXPANDED", most)
+def test_what_a_run_would_refuse_is_refused(idle, tmp_path):
     config = loading.load("quick.toml", ["parameters.plant.friction_scal=2"])
     with pytest.raises(UserError, match=r"plant.friction_scal: unknown parameter. Did you mean"):
         preview.preview(config, tmp_path)
-
-
-def test_a_large_campaign_is_counted_and_not_expanded(idle, tmp_path, monkeypatch):
-    monkeypatch.setattr(preview, "MOST_EXPANDED", 100)
-    monkeypatch.setattr(
-        design, "expand", lambda config: pytest.fail("expanded") if len(config.group) > 1 else BARE
-    )
-    view, sample = preview.preview(loading.load("hazard_library.toml"), tmp_path)
-    assert view["runs"] == 1810 and sum(row["runs"] for row in view["groups"]) == 1810
-    assert view["faults"] is view["fault_free_runs"] is view["golden_runs"] is None
-    assert len(sample) == 0 and view["expected"]["run_s"] > 0
-
-
-BARE = design.expand(loading.from_dict({"campaign": {"name": "bare"}, "group": [{"name": "bare"}]}))
 
 
 @pytest.mark.slow
@@ -155,27 +138,6 @@ def test_the_command_prints_it(run, idle, tmp_path):
     }.items():
         assert words in lines[name], lines[name]
     assert "nothing is computed" not in out and list(tmp_path.iterdir()) == []
-
-
-def test_the_command_as_json(run, idle):
-    code, out, _ = run("check", "detectors", "--json", "--limit", "10")
-    view = json.loads(out)
-    assert code == 0
-    assert (view["runs"], view["runs_asked_for"], view["duration_ms"]) == (3121, 10, 4000)
-    assert {row["name"] for row in view["groups"]} >= {
-        "free/as modelled",
-        "boundary/usb_out",
-        "library/B24",
-    }
-    assert {"site": "usb_out", "layer": "L7", "effect": "latch_offset", "runs": 136} in view[
-        "faults"
-    ]
-    assert view["sample"][0]["fault"] == "no fault" and len(view["sample"][0]["run_id"]) == 16
-    assert len(view["detectors"]) == 18 + 3 and view["engine"]["name"] in ("simd", "cuda")
-    assert view["notices"][0].startswith(
-        "group[1].parameters.plant.gold.encoder_noise: nothing reads it while"
-    )
-    assert set(view["expected"]) == {"start_s", "run_s", "memory_mib", "basis"}
 
 
 def test_it_tells_what_checks_and_operator_of_ones_own_do(run, idle, tmp_path):

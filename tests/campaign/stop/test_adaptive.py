@@ -11,10 +11,9 @@ import synthetic_results as synthetic
 from ravenjax.campaign import loading
 from ravenjax.campaign.executors.shards import Shard
 from ravenjax.campaign.stop import adaptive, decisions
-from ravenjax.campaign.stop.event_bitmaps import EventBitmaps, group_draws
+from ravenjax.campaign.stop.adaptive import group_draws
 from ravenjax.errors import UserError
 from ravenjax.store import manifest as manifests
-from ravenjax.store import schema
 from ravenjax.store.access.results import Results
 from ravenjax.store.folder import ResultFolder, read_all
 
@@ -61,15 +60,9 @@ class Stand:
         self.table = synthetic.frame(rows)
         drawn = self.table.index >= rows - 1500
         self.table["jump_code"] = np.random.default_rng(1).random(rows) < np.where(drawn, 0.4, 0.03)
-        self.left, self.asked = parts_to_live, []
+        self.left = parts_to_live
 
-    def __call__(self, config, out, engine, *, rows, **_):
-        self.asked.append(rows)
-        if out is None:
-            kept = [
-                schema.conform(self.table.iloc[r.start : r.stop], synthetic.shape()) for r in rows
-            ]
-            return Results(synthetic.shape(), None, kept)
+    def __call__(self, config, out, *, rows, **_):
         asked = tuple((r.start, r.stop - 1) for r in rows)
         folder = ResultFolder.open(out, synthetic.manifest(len(self.table), rows=asked))
         try:
@@ -119,19 +112,10 @@ def test_a_look_counts_what_the_table_says(run, tmp_path):
     for look in decisions.read(tmp_path):
         for interval in look.intervals:
             start = {"grid": 1, "drawn": 601}[interval.stratum]
-            rows = table.loc[[*first[start].range(look.draws[interval.stratum])]]
+            rows = table.loc[[*first[start].rows_of(look.draws[interval.stratum])]]
             rows = rows[rows["failed"] == ""]
             came = rows["jump_code"] if interval.rate == "jump" else rows["response"] == "flagged"
             assert (interval.k, interval.n) == (came.sum(), len(rows))
-
-
-@pytest.mark.slow
-def test_memory_and_folder_hold_the_same(run, tmp_path):
-    in_memory, stand = run(config("neyman"))
-    in_folder, _ = run(config("neyman"), tmp_path)
-    assert in_memory.frame()["run_id"].tolist() == in_folder.frame()["run_id"].tolist()
-    computed = [row for rows in stand.asked for span in rows for row in span]
-    assert len(computed) == len(set(computed)) == len(in_memory.frame()), "no row is computed twice"
 
 
 @pytest.mark.slow
@@ -164,20 +148,25 @@ def test_lost_decisions_and_lost_parts_are_made_again(run, tmp_path):
     for number, part in enumerate(sorted((tmp_path / "parts").iterdir())):
         if number % 3 == 0:
             part.unlink()
-    _, stand = run(config(), tmp_path)
+    run(config(), tmp_path)
     assert (tmp_path / decisions.FILE).read_bytes() == whole and read_all(tmp_path).equals(table)
-    assert len(stand.asked) == 1, "the first start completes what the folder was to hold"
     assert manifests.read(tmp_path).finished is not None
 
 
-def test_of_repeats_the_first_valid_one_counts():
+def test_of_repeats_the_first_valid_one_counts(tmp_path):
+    table = synthetic.frame(3301)
+    # of draw 0 the first repeat failed, of draw 1 all three
+    table["failed"] = np.where(table.index.isin([1, 4, 5, 6]), "tip not finite", "")
+    # the second repeat of draw 0 jumps, and the second of draw 2
+    table["jump_code"] = table.index.isin([2, 8])
     one = config(repeats=3)
-    draws = group_draws(one)
-    marks = EventBitmaps(3301, ("jump",), one.rules)
-    marks.valid[:] = True
-    marks.valid[[1, 4, 5, 6]] = False  # of draw 0 the first repeat, of draw 1 all three
-    marks.cases[0, [2, 8]] = True  # the second repeat of draw 0 and the second of draw 2
-    k, n = marks.counts(draws, np.array([1, 3, 0]))
+    folder = ResultFolder.open(tmp_path, synthetic.manifest(3301))
+    folder.add(table)
+    folder.close(0.0, 0.0, 3301)
+    results = Results(synthetic.shape(), tmp_path)
+    k, n = adaptive.count_cases(
+        results, group_draws(one), np.array([1, 3, 0]), ("jump",), one.rules
+    )
     assert k.tolist() == [[0, 1, 0]] and n.tolist() == [1, 2, 0]
 
 
@@ -189,7 +178,7 @@ def test_without_a_stop_section_nothing_is_different(monkeypatch):
     )
     adaptive.run(plain, None, "simd", shard=share, command=["ravenjax"])
     ((args, given),) = calls
-    assert args == (plain, None, "simd") and "rows" not in given
+    assert args == (plain, None) and given["engine"] == "simd" and "rows" not in given
     assert (given["shard"], given["command"]) == (share, ["ravenjax"])
 
 

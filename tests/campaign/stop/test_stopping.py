@@ -12,7 +12,7 @@ import synthetic_results as synthetic
 from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.stop import decisions
-from ravenjax.campaign.stop.event_bitmaps import group_draws, stop_rule
+from ravenjax.campaign.stop.adaptive import group_draws, stop_rule
 from ravenjax.errors import StoreError, UserError
 from ravenjax.outcomes import events
 from ravenjax.outcomes.events import Rules
@@ -76,7 +76,7 @@ def test_repeats_and_crossed_variants_are_one_draw():
         groups=groups, campaign={"name": "x", "noise": True}, cross={"operator.scale": [0.1, 0.2]}
     )
     assert [tuple(of) for of in group_draws(one)] == [(0, 1, 2), (2, 200, 6)]
-    assert group_draws(one)[1].range(10) == range(2, 62)
+    assert group_draws(one)[1].rows_of(10) == range(2, 62)
 
 
 def test_the_beginning_of_a_grid_is_a_sample_of_it():
@@ -116,24 +116,14 @@ def test_events_are_those_of_the_report(event):
     ("stop", "key", "message"),
     [
         ({"half_width": 0}, "stop.half_width", "got 0, expected greater than 0"),
-        ({"half_width": 0.7}, "stop.half_width", "got 0.7, expected less than 0.5"),
         (
             {"rates": ["evade"]},
             "stop.rates[0]",
             "unknown rate 'evade', expected one of evades, evades_built_in,",
         ),
         ({"rates": ["cue", "cue"]}, "stop", "rates = ['cue', 'cue'], expected each once"),
-        ({"rates": []}, "stop.rates", "at least 1"),
         ({"looks": [0.5, 0.2]}, "stop", "looks = [0.5, 0.2], expected increasing shares"),
-        ({"looks": [0.5, 1.2]}, "stop", "at most 1"),
-        ({"looks": []}, "stop.looks", "at least 1"),
         ({"confidence": 1}, "stop.confidence", "got 1, expected less than 1"),
-        (
-            {"allocation": "equal"},
-            "stop.allocation",
-            "got 'equal', expected 'proportional' or 'neyman'",
-        ),
-        ({"of": "all"}, "stop.of", "got 'all', expected 'groups' or 'whole'"),
         ({"width": 0.1}, "stop.width", "unknown key, expected one of half_width, rates"),
     ],
 )

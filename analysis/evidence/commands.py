@@ -1,0 +1,86 @@
+"""What `ravenjax evidence` does: writes evidence, or computes its checksums again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from evidence import writing
+from ravenjax.cli import console
+from ravenjax.errors import UserError
+from ravenjax.store.files import sha256
+
+
+def evidence(
+    folders: tuple[Path, ...],
+    out: Path | None,
+    check: Path | None,
+    xlsx: bool,
+    credibility: Path | None,
+    as_json: bool,
+) -> int:
+    """The exit code of the command."""
+    if check is not None:
+        if folders or out is not None or xlsx or credibility is not None:
+            raise UserError(
+                "--check FOLDER stands alone: it reads result folders and place from the evidence"
+                " itself"
+            )
+        result = writing.check(check)
+        _tell_check(check, result, as_json)
+        return 1 if result.of_status("broken") else 0
+    if not folders:
+        raise UserError(
+            "of which results? Give result folders, or --check with a folder that this command"
+            " wrote"
+        )
+    if out is None and len(folders) > 1:
+        raise UserError(
+            f"{len(folders)} result folders have no single place; say where with --out FOLDER"
+        )
+    place = out or next(iter(folders)) / writing.FOLDER
+    model = None
+    if credibility is not None:
+        from studies.commands import model_credibility
+
+        model = model_credibility(credibility)
+    result = writing.write(folders, place, xlsx, model)
+    _tell_files(writing.files(place), result, as_json)
+    return 0
+
+
+def _tell_files(paths: list[Path], result: Any, as_json: bool) -> None:
+    """What the results say, and which files tell more."""
+    digest = sha256(paths[-1])
+    if as_json:
+        plain = _plain(result) | {"files": [str(path) for path in paths], "record_sha256": digest}
+        return console.emit_json(plain)
+    for sentence in (*result.sentences, result.notice):
+        console.say(sentence)
+    for node in result.of_status("open"):
+        console.note(f"{node.name} is open: {node.reason}")
+    console.say("\n".join(f"  wrote    {path}" for path in paths))
+    return console.say(f"  sha256 of {paths[-1].name}: {digest}")
+
+
+def _tell_check(place: Path, result: Any, as_json: bool) -> None:
+    """How many checksums hold, and each that does not."""
+    if as_json:
+        return console.emit_json(_plain(result))
+    items = [node for node in result.nodes if node.item is not None]
+    complaints = [node for node in items if node.status == "broken"]
+    files = f"{len(items)} file" + ("s" if len(items) != 1 else "")
+    console.say(
+        f"{place}: {files} looked at, "
+        + (f"{len(complaints)} broken" if complaints else "every checksum holds")
+    )
+    for node in complaints:
+        console.complain(f"{node.name}: {node.reason}")
+    others = [node.name for node in result.of_status("broken") if node.item is None]
+    if others:
+        console.say(f"what rests on them is red, too: {', '.join(others)}")
+    return None
+
+
+def _plain(one: Any) -> dict:
+    return one.model_dump(mode="json")
