@@ -26,8 +26,7 @@ from ravenjax.robots.raven2.layers import LAYERS
 from ravenjax.stats import latency
 from ravenjax.stats.alarms.false_alarms import alarm_rate
 from ravenjax.stats.bootstrap import units
-from ravenjax.stats.bootstrap.resample import codes
-from ravenjax.stats.bootstrap.units import Units
+from ravenjax.stats.bootstrap.units import Units, codes
 from ravenjax.stats.intervals import alpha_of
 from ravenjax.store import folder, manifest
 from ravenjax.store.manifest import DetectorRecord, Manifest

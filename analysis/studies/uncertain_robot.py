@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import tomllib
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -30,8 +31,8 @@ from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.bootstrap.units import Units
 from ravenjax.stats.comparison.clustered import exchange_p
-from ravenjax.stats.inputs.association import Dependence, dependences
-from ravenjax.stats.intervals import Estimate, Rate, share
+from ravenjax.stats.inputs.dependence import Dependence, InputLevel, judge, thirds
+from ravenjax.stats.intervals import Estimate, Rate, rate_difference, rates, share
 from ravenjax.stats.multiplicity import Finding, holm
 from ravenjax.store import folder, manifest
 from studies import kinds
@@ -205,6 +206,9 @@ SETS = tuple(parameter_sets.SETS)
 """The published sets, with the authors' law of motor and cable."""
 
 
+FEWEST_EXPECTED, TABLES_DRAWN = 5, 9999
+"""A count below which the chi-squared law no longer holds (Cochran 1954); tables drawn then."""
+
 EVENTS = {
     "evaded": "evades the checks: unintended motion, and nobody is told",
     "cue": "the cue fires",
@@ -356,6 +360,67 @@ def dependences_by_thirds(
         (event, one._replace(adjusted=finding.adjusted, depends=finding.rejected))
         for (event, one), finding in zip(tests, findings, strict=True)
     ]
+
+
+def dependences(
+    hit: np.ndarray, inputs: Mapping[str, np.ndarray], confidence: float = 0.95, seed: int = 0
+) -> list[Dependence]:
+    """Whether the rate of `hit` (bool [n]) depends on each numeric input [n], the clearest first.
+
+    Mann-Whitney's test sees a rate that rises or falls, the chi-squared test over thirds one that
+    is worst at both ends or in the middle; p is twice the lesser (Bonferroni). Where a third
+    expects fewer than 5 hits or misses, the latter is by tables drawn with `seed`. Runs are taken
+    as independent, and a run without a value (NaN) is left out of that input.
+    """
+    outcome = np.asarray(hit).astype(bool)
+    measured = [
+        _measured(name, outcome, np.asarray(values, float), confidence, seed)
+        for name, values in inputs.items()
+    ]
+    return judge(measured, confidence)
+
+
+def _measured(
+    name: str, hit: np.ndarray, values: np.ndarray, confidence: float, seed: int
+) -> Dependence:
+    present = ~np.isnan(values)
+    hit, values = hit[present], values[present]
+    code, names = thirds(values)
+    n = np.bincount(code, minlength=len(names))
+    rate_of = rates(np.bincount(code, hit, minlength=len(names)).astype(int), n, confidence)
+    levels = [
+        InputLevel(label, values[code == i].min(), values[code == i].max(), rate)
+        for i, (label, rate) in enumerate(zip(names, rate_of, strict=True))
+        if rate.n
+    ]
+    p = _p(hit, code[:, None] == np.flatnonzero(n), values, seed)
+    difference = Estimate(np.nan, np.nan, np.nan)
+    if len(levels) > 1:
+        first, last = levels[0].rate, levels[-1].rate
+        difference = rate_difference(last.k, last.n, first.k, first.n, confidence)
+    return Dependence(name, len(hit), p, p, False, tuple(levels), difference)
+
+
+def _p(hit: np.ndarray, member: np.ndarray, values: np.ndarray, seed: int) -> float:
+    """p of independence of hit [n] from its level (one-hot [n, levels]) and from the values [n]."""
+    from scipy.stats import MonteCarloMethod, chi2_contingency, mannwhitneyu
+    from scipy.stats.contingency import expected_freq
+
+    table = np.stack([member[hit].sum(axis=0), member[~hit].sum(axis=0)])
+    if table.shape[1] < 2 or not table.sum(axis=1).all():
+        return float("nan")
+    sparse = expected_freq(table).min() < FEWEST_EXPECTED
+    method = (
+        MonteCarloMethod(n_resamples=TABLES_DRAWN, rng=np.random.default_rng(seed))
+        if sparse
+        else None
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        association: Any = chi2_contingency(table, correction=False, method=method)
+    levels = float(association.pvalue)
+    trend: Any = mannwhitneyu(values[hit], values[~hit])
+    return min(1.0, 2 * min(levels, float(trend.pvalue)))
 
 
 def rounding(

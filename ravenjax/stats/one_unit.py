@@ -82,15 +82,11 @@ def _posterior(hits: np.ndarray, trials: np.ndarray) -> tuple[np.ndarray, np.nda
 def _likelihood(
     hits: np.ndarray, trials: np.ndarray, mean: np.ndarray, root: np.ndarray
 ) -> np.ndarray:
-    """Logarithm of the beta-binomial's, but for a constant, at each mean and root."""
-    from scipy.special import betaln
+    """Logarithm of the beta-binomial's at each mean and root."""
+    from scipy.stats import betabinom
 
-    one, other = _beta(*np.broadcast_arrays(mean, root))
-    parts = (
-        betaln(one[..., None] + hits, other[..., None] + trials - hits)
-        - betaln(one, other)[..., None]
-    )
-    return parts.sum(axis=-1)
+    first, second = (part[..., None] for part in _beta(*np.broadcast_arrays(mean, root)))
+    return betabinom.logpmf(hits, trials, first, second).sum(axis=-1)
 
 
 def _beta(mean: np.ndarray, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -67,19 +67,6 @@ def test_enough_quiet_motion_decides():
     assert not rare(counts, 0.49)[1].any()  # 3.689 / 7.4 h = 0.4985
 
 
-def test_one_alarm_is_the_best_where_it_keeps_the_limit():
-    counts = alarms(nested(100, 0.05), [0], 10.0)
-    assert cheapest(counts, 1).tolist() == [True]
-    assert [part.tolist() for part in rare(counts, 0.5)] == [[True], [True]]
-    assert [part.tolist() for part in rare(counts, 0.1)] == [[True], [False]]
-
-
-def test_a_limit_that_is_shown_to_be_broken_is_no_choice():
-    possible, keeps = rare(alarms(nested(700, 0.05, 0.10), [30, 0], 10.0), 1.0)
-    assert possible.tolist() == [False, True] and keeps.tolist() == [False, True]
-    assert not rare(alarms(nested(700, 0.05, 0.10), [30, 30], 10.0), 1.0)[0].any()
-
-
 def test_alarms_that_miss_nearly_the_same_are_not_told_apart():
     possible, keeps = rare(alarms(nested(100, 0.05, 0.06), [0, 0], 100.0), 0.5)
     assert possible.all() and keeps.all()

@@ -117,3 +117,15 @@ def test_pairs_use_the_clusters_own_differences():
     )
     single = clustered.paired_risk_difference(singles([1, 1, 0, 1]), singles([0, 1, 0, 0]))
     assert single.value == pytest.approx(0.5) and single.low < 0.5 < single.high
+
+
+def test_hedges_g_is_cohens_d_without_its_bias():
+    one, two = np.array([3.0, 4, 5, 6, 7]), np.array([1.0, 2, 3, 4, 5])
+    # Hedges' approximation of his factor.
+    expected = 2 / math.sqrt(2.5) * (1 - 3 / (4 * 8 - 1))
+    assert clustered.standardised_difference(one, two) == pytest.approx(expected, rel=1e-3)
+    shifted = two + [1.0, 2, 3, 2, 1]
+    pairs = clustered.standardised_difference(shifted, two, is_paired=True)
+    expected = 1.8 / math.sqrt(0.7) * (1 - 3 / (4 * 4 - 1))
+    assert pairs == pytest.approx(expected, rel=5e-3)
+    assert math.isnan(clustered.standardised_difference(np.ones(2), np.ones(2)))

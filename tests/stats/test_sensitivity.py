@@ -38,17 +38,11 @@ def test_ishigami():
 
 def test_coverage_of_the_bands():
     inside = np.zeros((2, 3))
-    for seed in range(80):
+    for seed in range(40):
         found = sobol_analyse(ishigami(sobol_sample(3, 256, seed)), 3, resamples=150, seed=seed)
         for i, (band, truth) in enumerate(((found.first, FIRST), (found.total, TOTAL))):
             inside[i] += (band.low <= truth) & (truth <= band.high)
-    assert (inside / 80 > 0.95 - 3.5 * np.sqrt(0.95 * 0.05 / 80)).all(), inside / 80
-
-
-def test_linear_shares():
-    found = sobol_analyse(linear(sobol_sample(4, 1024)), 4, resamples=50)
-    assert found.first.value == pytest.approx(np.array([16, 4, 1, 0]) / 21, abs=0.01)
-    assert found.total.value == pytest.approx(np.array([16, 4, 1, 0]) / 21, abs=0.01)
+    assert (inside / 40 > 0.95 - 3.5 * np.sqrt(0.95 * 0.05 / 40)).all(), inside / 40
 
 
 def test_design_has_saltellis_layout():

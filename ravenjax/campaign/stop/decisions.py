@@ -17,7 +17,7 @@ FILE = "decisions.jsonl"
 
 def write(folder: Path, looks: Sequence[Look]) -> None:
     """All looks so far, in one step. Raises StoreError where the disk refuses."""
-    text = "".join(look.line() for look in looks)
+    text = "".join(f"{look.model_dump_json()}\n" for look in looks)
     write_aside(folder / FILE, lambda target: target.write_text(text, encoding="utf-8"))
 
 
@@ -27,7 +27,7 @@ def read(folder: Path) -> list[Look]:
     """
     path = folder / FILE
     try:
-        return [sequential.parse(line) for line in path.read_text(encoding="utf-8").splitlines()]
+        return [Look.model_validate_json(line) for line in path.read_text("utf-8").splitlines()]
     except FileNotFoundError:
         return []
     except (OSError, ValueError) as error:

@@ -119,6 +119,28 @@ def mean_difference(
     return Estimate(value, float(low), float(high))
 
 
+def standardised_difference(
+    first: np.ndarray, second: np.ndarray, *, is_paired: bool = False
+) -> float:
+    """Hedges' g: mean of `first` minus mean of `second` in standard deviations, without the bias of
+    small samples. The deviation is pooled; of pairs it is that of their differences.
+
+    NaN with fewer than 2 values in a group, or where they do not vary.
+    """
+    from scipy.special import gammaln
+
+    if min(len(first), len(second)) < 2:
+        return math.nan
+    groups = [first - second] if is_paired else [first, second]
+    freedom = sum(len(group) - 1 for group in groups)
+    variance = sum(group.var(ddof=1) * (len(group) - 1) for group in groups) / freedom
+    if not variance > 0:
+        return math.nan
+    unbiased = math.exp(gammaln(freedom / 2) - gammaln((freedom - 1) / 2)) if freedom > 1 else 0.0
+    difference = float(first.mean() - second.mean())
+    return unbiased / math.sqrt(freedom / 2) * difference / math.sqrt(variance)
+
+
 def permutation_p(
     first: Clusters, second: Clusters, *, is_paired: bool = False, seed: int = 0
 ) -> float:

@@ -200,16 +200,6 @@ def excess_p(losses: np.ndarray, risk: float, confidence: float, exact: bool = F
     return float(np.exp(-max(0.0, capital.max())))
 
 
-def naive(operations: OperationScores, target: FalseAlarmTarget) -> float:
-    """The plain quantile of all scores at the target's risk, every operation counted as if it were
-    a unit.
-
-    It promises nothing: half of all calibrations are above the target. It is here to be compared
-    with.
-    """
-    return float(np.quantile(operations.score, 1.0 - target.risk, method="higher"))
-
-
 SHARE = 0.95
 """Quantile of an operation's maxima that is the scale of a signal in a segment."""
 LEAST = 1e-6
