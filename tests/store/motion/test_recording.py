@@ -165,40 +165,12 @@ def test_what_nobody_reads_is_not_read_but_named(parquet):
 # --------------------
 
 
-@pytest.mark.parametrize(
-    ("is_in", "called", "says"),
-    [
-        (
-            "m",
-            "um",
-            (
-                "0.0762 um to 0.0847 um from the remote centre",
-                "If the numbers are m",
-                "gold_x_m, gold_y_m",
-            ),
-        ),
-        (
-            "mm",
-            "um",
-            ("76.2 um to 84.7 um from", "If the numbers are mm, name the columns gold_x_mm"),
-        ),
-        (
-            "um",
-            "mm",
-            ("76.2 m to 84.7 m from", "If the numbers are um, name the columns gold_x_um"),
-        ),
-        (
-            "mm",
-            "m",
-            ("expected 5 mm to 500 mm", "If the numbers are mm, name the columns gold_x_mm"),
-        ),
-    ],
-)
-def test_implausible_units_are_refused_with_what_to_write(parquet, is_in, called, says):
+@pytest.mark.parametrize(("is_in", "called"), [("m", "um"), ("um", "mm")])
+def test_implausible_units_are_refused(parquet, is_in, called):
     frame = recording(is_in).rename(
         columns={f"gold_{a}_{is_in}": f"gold_{a}_{called}" for a in "xyz"}
     )
-    refused(parquet(frame), *says)
+    refused(parquet(frame), "expected 5 to 500 mm", "gold_x_m, gold_x_mm or gold_x_um")
 
 
 # --- nothing moves --------------------------------------------------------------------------------

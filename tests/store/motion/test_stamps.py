@@ -105,21 +105,10 @@ def test_time_that_stands_still(parquet):
     )
 
 
-@pytest.mark.parametrize(
-    ("name", "factor", "says"),
-    [
-        ("time_ms", 1.0, ("3e+04 rows a second", "rename it time_s (30 rows a second)")),
-        (
-            "time_s",
-            1e3,
-            ("0.03 rows a second", "2967 s in all", "rename it time_ms (30 rows a second)"),
-        ),
-        ("t_us", 1e9, ("rename it t_ns (30 rows a second)",)),
-    ],
-)
-def test_a_unit_that_makes_an_impossible_rate(parquet, name, factor, says):
+@pytest.mark.parametrize(("name", "factor"), [("time_ms", 1.0), ("time_s", 1e3)])
+def test_a_unit_that_makes_an_impossible_rate(parquet, name, factor):
     frame = table(SLOW).assign(**{name: SLOW * factor})
-    refused(parquet(frame), "expected 10 to 20000 a second", *says)
+    refused(parquet(frame), "rows a second", "expected 10 to 20000 a second", "_ms, _us or _ns")
 
 
 def test_a_gap_says_where_how_long_and_what_to_write(parquet):
