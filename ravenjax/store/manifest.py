@@ -52,8 +52,6 @@ _DECIDING = (
 
 A change elsewhere does not forbid to resume.
 """
-_SHOWN = 60
-"""Characters of a value in an error."""
 PACKAGES = (
     "ravenjax",
     "jax",
@@ -127,21 +125,10 @@ class Manifest(BaseModel):
     code_hash: str = Field(
         default_factory=lambda: code_hash(), description="sha256 of the files that decide outcomes"
     )
-    lock_hash: str = Field(
-        default_factory=lambda: lock_hash(),
-        description='sha256 of requirements.lock, "" outside a checkout',
-    )
     started: str = Field(default_factory=lambda: now())
     finished: str | None = None
     command: tuple[str, ...] = Field(
         default=(), description="command line of the last start, where there was one"
-    )
-    executor: str = Field(default="local", description="who computed at the last start")
-    workers: int | None = Field(
-        default=1,
-        description=(
-            "side by side, as asked for at the last start; None: as many as there was room for"
-        ),
     )
     shard: str | None = Field(
         default=None, description="which share of the campaign this is, as 2/7; None: no share"
@@ -235,7 +222,8 @@ def differences(here: dict[str, Any], wanted: dict[str, Any]) -> list[str]:
             change for change in all_changes if change.path != "config_hash"
         ]  # follows, and says nothing by itself
     return [
-        f"{path}: {_short(one)} here, {_short(other)} asked for" for path, one, other in all_changes
+        f"{path}: {one or 'absent':.60} here, {other or 'absent':.60} asked for"
+        for path, one, other in all_changes
     ]
 
 
@@ -310,7 +298,7 @@ def recorded(folder: Path) -> tuple[Part, ...]:
 
 def write(folder: Path, manifest: Manifest) -> None:
     """Replace the folder's manifest and its list of parts, each in one step."""
-    lines = "".join(_line(part) for part in manifest.parts)
+    lines = "".join(f"{part.model_dump_json()}\n" for part in manifest.parts)
     text = manifest.model_dump_json(indent=2, exclude={"parts"}) + "\n"
     write_aside(folder / PARTS_FILE, lambda target: target.write_bytes(lines.encode()))
     write_aside(folder / FILE, lambda target: target.write_bytes(text.encode()))
@@ -325,16 +313,12 @@ def record(folder: Path, part: Part) -> None:
     path = folder / PARTS_FILE
     try:
         with open(path, "ab") as file:
-            file.write(_line(part).encode())
+            file.write(f"{part.model_dump_json()}\n".encode())
     except OSError as error:
         raise StoreError(
             f"{path}: cannot be written ({error.strerror or error}). Whole parts are kept; "
             "free space or make the folder writable, then start the same command again."
         ) from error
-
-
-def _line(part: Part) -> str:
-    return part.model_dump_json() + "\n"
 
 
 def joined(*some: tuple[tuple[int, int], ...] | None) -> tuple[tuple[int, int], ...] | None:
@@ -368,10 +352,9 @@ def by_content(config: dict[str, Any], operator: MotionSummary | None) -> dict[s
     """A resolved campaign whose recording is named by its hash: who keeps it elsewhere runs the
     same campaign.
     """
-    own = config.get("operator") or {}
-    if operator is None or not own.get("file"):
+    if operator is None:
         return config
-    return config | {"operator": own | {"file": f"sha256:{operator.sha256}"}}
+    return config | {"operator": config["operator"] | {"file": f"sha256:{operator.sha256}"}}
 
 
 def config_hash(config: dict[str, Any]) -> str:
@@ -419,12 +402,6 @@ def code_hash(robot: Robot = robots.USUAL) -> str:
     return digest.hexdigest()
 
 
-def lock_hash() -> str:
-    """sha256 of the checkout's requirements.lock, "" where there is none."""
-    path = Path(__file__).resolve().parents[2] / "requirements.lock"
-    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
-
-
 def _flat(tree: Any, prefix: str = "") -> dict[str, str]:
     """Leaves of nested dicts and of lists of dicts by dotted path; other lists are leaves."""
     flat: dict[str, str] = {}
@@ -437,10 +414,3 @@ def _flat(tree: Any, prefix: str = "") -> dict[str, str]:
     for key, value in tree.items():
         flat |= _flat(value, f"{prefix}.{key}" if prefix else str(key))
     return flat
-
-
-def _short(text: str | None) -> str:
-    """A value as an error shows it."""
-    if text is None:
-        return "absent"
-    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}.."

@@ -101,7 +101,7 @@ numbers = st.sets(st.integers(0, 60), max_size=12)
 def test_overlapping_parts_are_set_aside_the_unrecorded_first(tmp_path):
     folder = fill(tmp_path, chunk=40)
     whole = read_all(tmp_path)
-    parts.write(
+    synthetic.write_part(
         tmp_path / "parts", FRAME.iloc[70:90], folder.manifest.shape, folder.manifest.config_hash
     )
     again = ResultFolder.open(tmp_path, wanted())
@@ -189,7 +189,9 @@ def test_a_foreign_part_in_a_folder_of_this_campaign_is_set_aside(tmp_path):
     fill(tmp_path, chunk=40)
     path = a_part(tmp_path)
     pq.write_table(schema.conform(FRAME.iloc[40:80], synthetic.shape()), path)
-    with_another = parts.write(tmp_path / "parts", FRAME.iloc[:7], synthetic.shape(), "0" * 64)
+    with_another = synthetic.write_part(
+        tmp_path / "parts", FRAME.iloc[:7], synthetic.shape(), "0" * 64
+    )
     folder = ResultFolder.open(tmp_path, wanted())
     told = " ".join(folder.notes)
     assert len(folder.notes) == 2 and path.name in told and "belongs to another campaign" in told

@@ -130,7 +130,7 @@ class Histories(RuleBasedStateMachine):
     def intrude(self, span, foreign):
         """A part that another campaign, or another start of this one, left behind."""
         frame, of = (OTHER, "another campaign") if foreign else (FRAME, wanted().config_hash)
-        parts.write(self.path / "parts", frame.iloc[span[0] : span[1] + 1], SHAPE, of)
+        synthetic.write_part(self.path / "parts", frame.iloc[span[0] : span[1] + 1], SHAPE, of)
 
     @precondition(lambda self: self.folder is None and self._known())
     @rule()

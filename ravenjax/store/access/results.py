@@ -8,19 +8,16 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
 
-from ravenjax import threads
 from ravenjax.store import folder, parts, schema, words
+from ravenjax.store.folder import Measured
 
 if TYPE_CHECKING:
     import pandas as pd
-
-
-Measured = TypeVar("Measured")
 
 
 @dataclass(frozen=True)
@@ -33,18 +30,11 @@ class Results:
 
     def frame(self, columns: Sequence[str] | None = None) -> pd.DataFrame:
         """The table, or some of its columns. Raises StoreError as `folder.read_all`."""
-        if self.path is not None:
-            return folder.read_all(self.path, columns)
-        schema.require_columns(self.shape, columns or ())
-        return parts.concatenate(
-            [table if columns is None else table.select(columns) for table in self.tables]
-        )
+        return parts.concatenate(self._of_parts(lambda table: table, columns))
 
     def arrow(self, columns: Sequence[str] | None = None) -> pa.Table:
         """The table, or some of its columns, as Arrow. Raises StoreError as `folder.read_all`."""
-        schema.require_columns(self.shape, columns or ())
-        tables = self._of_parts(lambda table: table, columns)
-        return pa.concat_tables(tables).unify_dictionaries()
+        return pa.concat_tables(self._of_parts(lambda table: table, columns)).unify_dictionaries()
 
     def verdicts(self) -> dict[str, int]:
         """How many of the faulty runs have each verdict, most frequent first; "" is that of failed
@@ -70,17 +60,10 @@ class Results:
         self, measure: Callable[[pa.Table], Measured], columns: Sequence[str] | None
     ) -> list[Measured]:
         """What `measure` makes of the columns of each part, by the first row; None: of all."""
-        path = self.path
-        if path is None:
-            return [
-                measure(table if columns is None else table.select(list(columns)))
-                for table in self.tables
-            ]
-        record = folder.read_complete_manifest(path)
-        return threads.mapped(
-            lambda part: measure(
-                parts.read(path / folder.PARTS / part.file, record.config_hash, part, columns)
-            ),
-            sorted(record.parts, key=lambda part: part.first),
-            folder.READERS,
-        )
+        if self.path is not None:
+            return folder.read_parts(self.path, columns, measure)
+        schema.require_columns(self.shape, columns or ())
+        return [
+            measure(table if columns is None else table.select(list(columns)))
+            for table in self.tables
+        ]

@@ -9,6 +9,7 @@ import shutil
 import numpy as np
 import pandas as pd
 import pytest
+from synthetic_results import write_part
 
 import ravenjax as rj
 from ravenjax.campaign import runner
@@ -67,7 +68,7 @@ def rewritten(folder, change, place=1):
     frame = pd.DataFrame({name: np.array(frame[name]) for name in frame})
     change(frame)
     (folder / "parts" / part.file).unlink()
-    new = parts.write(folder / "parts", frame, record.shape, record.config_hash)
+    new = write_part(folder / "parts", frame, record.shape, record.config_hash)
     listed = (*record.parts[:place], new, *record.parts[place + 1 :])
     manifests.write(folder, record.model_copy(update={"parts": listed}))
 
@@ -237,7 +238,7 @@ def test_missing_and_double_rows(folder):
         problems["rows"] == ["10 rows are missing: 10 to 19"]
         and "no record names" in problems["parts"][0]
     )
-    double = parts.write(folder / "parts", frame.iloc[2:5], record.shape, record.config_hash)
+    double = write_part(folder / "parts", frame.iloc[2:5], record.shape, record.config_hash)
     manifests.write(folder, record.model_copy(update={"parts": (*record.parts, double)}))
     (problem,) = wrong(verification.verify(folder, sample=0))["rows"]
     assert double.file in problem and "another part holds" in problem
