@@ -35,11 +35,9 @@ def rate(k: ArrayLike, n: ArrayLike, confidence: float = 0.95) -> UnitRate:
     """k of n trials of each unit [units]; units without trials are left out.
 
     Without an interval (NaN) below FEWEST units, or where no unit has a second trial: differences
-    between units cannot be told from chance then. ValueError unless 0 <= k <= n.
+    between units cannot be told from chance then.
     """
     hits, trials = np.asarray(k, float), np.asarray(n, float)
-    if hits.shape != trials.shape or ((hits < 0) | (hits > trials)).any():
-        raise ValueError("one_unit: k and n are counts of the same units, k at most n")
     hits, trials = hits[trials > 0], trials[trials > 0]
     total, among, count = int(hits.sum()), int(trials.sum()), len(trials)
     value = total / among if among else np.nan

@@ -14,6 +14,7 @@ import hashlib
 import importlib.util
 import json
 import platform
+from collections import Counter
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
@@ -36,23 +37,30 @@ from ravenjax.vocabulary.robot import Robot
 
 FILE = "manifest.json"
 PARTS_FILE = "parts.jsonl"
-_DECIDING = (
-    *("engines/**", "faults/**", "hazards/**", "ir/**", "numbers/**", "outcomes/**", "parts/**"),
-    *("robots/**", "stages/**", "vocabulary/**"),
-    *(
-        "campaign",
-        "campaign/executors",
-        "campaign/faults/**",
-        "campaign/file/**",
-        "campaign/stop/**",
-    ),
-    *("store/consoles", "store/motion"),
-)
+_DECIDING = [
+    "engines/**",
+    "faults/**",
+    "hazards/**",
+    "ir/**",
+    "numbers/**",
+    "outcomes/**",
+    "parts/**",
+    "robots/**",
+    "stages/**",
+    "vocabulary/**",
+    "campaign",
+    "campaign/executors",
+    "campaign/faults/**",
+    "campaign/file/**",
+    "campaign/stop/**",
+    "store/consoles",
+    "store/motion",
+]
 """Folders whose files decide outcomes, with their subfolders where the name ends in **.
 
 A change elsewhere does not forbid to resume.
 """
-PACKAGES = (
+PACKAGES = [
     "ravenjax",
     "jax",
     "jaxlib",
@@ -62,7 +70,7 @@ PACKAGES = (
     "pandas",
     "pyarrow",
     "scipy",
-)
+]
 
 
 class CueRecord(BaseModel):
@@ -93,63 +101,50 @@ class Manifest(BaseModel):
     model_config = ConfigDict(extra="ignore", ser_json_inf_nan="constants")
 
     schema_version: int = schema.VERSION
-    campaign: str = Field(description="name of the campaign")
-    config: dict[str, Any] = Field(description="the resolved campaign, every default filled in")
-    config_hash: str = Field(
-        description=(
-            "sha256 of `config` and of every run id; a recording counts by what is in it, wherever"
-            " it lies"
-        )
-    )
+    # Name of the campaign.
+    campaign: str
+    # The resolved campaign, every default filled in.
+    config: dict[str, Any]
+    # sha256 of `config` and of every run id; a recording counts by its content.
+    config_hash: str
     seed: int
-    runs: int = Field(description="rows of the fault table")
-    duration_ms: int = Field(description="ms, length of every run")
-    shape: schema.Shape = Field(description="which repeated columns the table has")
-    cues: tuple[CueRecord, ...] = Field(default=(), description="haptic sets, in column order")
-    detectors: tuple[DetectorRecord, ...] = Field(
-        default=(), description="detectors, in column order"
-    )
-    operator: MotionSummary | None = Field(
-        default=None, description="what became of a recorded operator"
-    )
-    verdict_cue: int = Field(
-        default=0, description="number of the haptic set that the column `verdict` uses"
-    )
-    verdict_jump: str = Field(
-        default="jump_code", description="column of the jump rule of the campaign"
-    )
-    limit_mm: float = Field(default=LIMIT_MM, description="mm, limit of the hazards")
+    # Rows of the fault table.
+    runs: int
+    duration_ms: int
+    # Which repeated columns the table has; haptic sets and detectors are in column order.
+    shape: schema.Shape
+    cues: tuple[CueRecord, ...] = ()
+    detectors: tuple[DetectorRecord, ...] = ()
+    # What became of a recorded operator.
+    operator: MotionSummary | None = None
+    # Number of the haptic set that the column `verdict` uses.
+    verdict_cue: int = 0
+    # Column of the jump rule of the campaign.
+    verdict_jump: str = "jump_code"
+    # Limit of the hazards.
+    limit_mm: float = LIMIT_MM
     engine: str
-    device: str = Field(description="device that computed, in words")
+    # The device that computed, in words.
+    device: str
     versions: dict[str, str] = Field(default_factory=lambda: package_versions())
-    code_hash: str = Field(
-        default_factory=lambda: code_hash(), description="sha256 of the files that decide outcomes"
-    )
+    # sha256 of the files that decide outcomes.
+    code_hash: str = Field(default_factory=lambda: code_hash())
     started: str = Field(default_factory=lambda: now())
     finished: str | None = None
-    command: tuple[str, ...] = Field(
-        default=(), description="command line of the last start, where there was one"
-    )
-    shard: str | None = Field(
-        default=None, description="which share of the campaign this is, as 2/7; None: no share"
-    )
-    rows: tuple[tuple[int, int], ...] | None = Field(
-        default=None,
-        description=(
-            "row ranges (first, last inclusive) that this folder is to hold, None: all of them"
-        ),
-    )
-    starts: int = Field(
-        default=1, description="how often the command was started, interruptions included"
-    )
-    compile_s: float | None = Field(
-        default=None, description="s, tracing and compiling, last start"
-    )
-    run_s: float | None = Field(default=None, description="s, executing, last start")
-    runs_per_s: float | None = Field(
-        default=None, description="runs per second of execution, last start"
-    )
-    parts: tuple[Part, ...] = Field(default=(), description="finished parts; kept in parts.jsonl")
+    # Command line of the last start, where there was one.
+    command: tuple[str, ...] = ()
+    # Which share of the campaign this is, as 2/7; None: no share.
+    shard: str | None = None
+    # Row ranges (first, last inclusive) that this folder is to hold; None: all of them.
+    rows: tuple[tuple[int, int], ...] | None = None
+    # How often the command was started, interruptions included.
+    starts: int = 1
+    # Of the last start: s of tracing and compiling, s of execution, runs a second of execution.
+    compile_s: float | None = None
+    run_s: float | None = None
+    runs_per_s: float | None = None
+    # Finished parts; kept in parts.jsonl.
+    parts: tuple[Part, ...] = ()
 
     @property
     def robot(self) -> Robot:
@@ -180,11 +175,10 @@ class Manifest(BaseModel):
         """Runs of finished parts without a valid outcome, by cause; of parts that nobody
         counted, none.
         """
-        causes: dict[str, int] = {}
+        causes: Counter[str] = Counter()
         for part in self.parts:
-            for cause, count in (part.failed or {}).items():
-                causes[cause] = causes.get(cause, 0) + count
-        return causes
+            causes.update(part.failed or {})
+        return dict(causes)
 
     @property
     def wanted(self) -> tuple[range, ...]:

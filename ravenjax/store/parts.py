@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict
 
 from ravenjax.errors import StoreError
-from ravenjax.store import schema, words
+from ravenjax.store import schema
 from ravenjax.store.files import sha256, write_aside
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def encode(columns: schema.Columns, shape: schema.Shape, config_hash: str) -> En
 
 def encode_table(table: pa.Table, config_hash: str) -> Encoded:
     """As `encode`, of rows that `schema.conform` returned."""
-    index = words.numpy_numbers(table.column("index").chunks)
+    index = table.column("index").to_numpy()
     first, last = int(index[0]), int(index[-1])
     if not np.array_equal(index, np.arange(first, first + len(index))):
         raise StoreError(
@@ -121,7 +121,7 @@ def put(folder: Path, encoded: Encoded) -> Part:
 
 def failures(table: pa.Table) -> dict[str, int]:
     """How many rows of a result table have no valid outcome, by cause."""
-    counted = words.of_arrow(table.column("failed")).counts()
+    counted = table.column("failed").to_pandas().value_counts().to_dict()
     return {cause: number for cause, number in counted.items() if cause and number}
 
 

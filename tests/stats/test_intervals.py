@@ -95,8 +95,3 @@ def test_no_trials_have_no_rate():
 def test_impossible_confidence_is_refused(confidence):
     with pytest.raises(ValueError, match=str(confidence)):
         wilson(1, 2, confidence)
-
-
-def test_half_a_case_is_refused():
-    with pytest.raises(ValueError, match=r"k counts, .* got \[1.5\]"):
-        rates([1, 1.5], 2)

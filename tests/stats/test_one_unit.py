@@ -73,8 +73,3 @@ def test_where_nothing_happened_there_is_an_upper_bound() -> None:
     one = one_unit.rate(np.zeros(20), np.full(20, 50))
     assert np.isnan(one.deviation)
     assert one.rate.low < 1e-4 and 1.0 / 1000 < one.rate.high < intervals.wilson(0, 20).high
-
-
-def test_counts_that_are_none_are_refused() -> None:
-    with pytest.raises(ValueError, match="k at most n"):
-        one_unit.rate([3], [2])

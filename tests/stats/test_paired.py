@@ -7,7 +7,6 @@ import pytest
 from scipy.stats import norm
 
 from ravenjax.stats.comparison.paired import (
-    difference_of_counts,
     mcnemar,
     rate_difference,
 )
@@ -53,12 +52,6 @@ def test_coverage_of_the_rate_difference(chances):
 
 def test_no_pairs_have_no_difference():
     assert np.isnan(rate_difference([], [])).all()
-
-
-@pytest.mark.parametrize(("first", "second", "n"), [(-1, 0, 5), (3, 3, 5)])
-def test_counts_that_are_none_are_refused(first, second, n):
-    with pytest.raises(ValueError, match=f"{first} and {second} discordant pairs of {n}"):
-        difference_of_counts(first, second, n)
 
 
 def test_pairs_of_other_lengths_are_refused():

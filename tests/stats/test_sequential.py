@@ -4,7 +4,6 @@ stops.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import numpy as np
@@ -176,28 +175,6 @@ def test_a_stratum_of_which_no_run_is_valid_is_waited_for():
         assert back.model_dump_json() == look.model_dump_json() and math.isnan(
             back.intervals[-1].low
         )
-
-
-def test_sizes_that_were_not_registered_are_refused():
-    with pytest.raises(ValueError, match=r"sizes \[150\] were not registered"):
-        rule().look(1, np.array([150]), np.array([[1]]), np.array([150]))
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"half_width": 0.5}, "half_width"),
-        ({"shares": (0.5, 0.1)}, "increasing"),
-        ({"shares": ()}, "increasing"),
-        ({"shares": (0.5, 1.1)}, "at most 1"),
-        ({"rates": ()}, "a rate"),
-        ({"strata": (Stratum("free", 3, judged=False),)}, "a stratum that is judged"),
-        ({"confidence": 1.0}, "confidence"),
-    ],
-)
-def test_rules_that_cannot_be_are_refused(changes, message):
-    with pytest.raises(ValueError, match=message):
-        dataclasses.replace(rule(), **changes)
 
 
 def test_why_in_words():

@@ -91,8 +91,6 @@ def test_what_was_not_seen_is_not_certain_and_too_few_units_say_nothing():
 def test_wrong_units_are_refused():
     with pytest.raises(ValueError, match="several"):
         units.units([0, 0, 1], [0, 1, 1])
-    with pytest.raises(ValueError, match="2 strata"):
-        units.units([0, 0, 1], [0, 1])
     with pytest.raises(ValueError, match="no label"):
         units.units(["a", None])
 

@@ -176,4 +176,4 @@ def expected():
 
 
 TestHistories = pytest.mark.slow(Histories.TestCase)
-TestHistories.settings = settings(max_examples=15, stateful_step_count=14, deadline=None)
+TestHistories.settings = settings(max_examples=6, stateful_step_count=12, deadline=None)

@@ -32,7 +32,7 @@ def read(folder: Path) -> list[Look]:
         return []
     except (OSError, ValueError) as error:
         raise StoreError(
-            f"{path}: cannot be read ({error}). It follows from the parts: delete it and start the"
+            f"{path}: cannot be read ({str(error).splitlines()[0]}). It follows from the parts: delete it and start the"
             " same `ravenjax run` again, which writes it anew."
         ) from error
 

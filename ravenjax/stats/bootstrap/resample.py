@@ -4,24 +4,10 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.stats.intervals import alpha_of
-
-
-class BootstrapBand(NamedTuple):
-    """A statistic with its bootstrap interval: numbers, or arrays of one shape.
-
-    `undefined`: resamples without a value (NaN), left out of the band; an array where value is one.
-    """
-
-    value: Any
-    low: Any
-    high: Any
-    units: int  # resampled: clusters, runs
-    undefined: Any
+from ravenjax.stats.intervals import Estimate, alpha_of
 
 
 def bootstrap(
@@ -32,13 +18,13 @@ def bootstrap(
     resamples: int = 1000,
     seed: int = 0,
     batch: int = 100,
-) -> BootstrapBand:
+) -> Estimate:
     """Percentile band of a statistic of `units` exchangeable units.
 
     statistic: index of the chosen units [b, m] -> values [b, ...], one for each row; at most
     `batch` rows at a time, which bounds memory and does not change the result. Fewer than some 20
-    units give too narrow a band. The same seed gives the same band. ValueError with fewer than 2
-    units.
+    units give too narrow a band. The same seed gives the same band. Resamples without a value (NaN)
+    are left out. ValueError with fewer than 2 units.
     """
     if units < 2:
         raise ValueError(f"a bootstrap needs at least 2 independent units, got {units}")
@@ -50,7 +36,7 @@ def bootstrap(
             [np.asarray(statistic(rng.integers(units, size=(n, units))), float) for n in sizes]
         )
     low, high = quantiles(samples, confidence)
-    return BootstrapBand(value, low, high, units, np.isnan(samples).sum(axis=0))
+    return Estimate(value, low, high)
 
 
 def quantiles(samples: np.ndarray, confidence: float) -> np.ndarray:

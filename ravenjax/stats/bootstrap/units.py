@@ -87,14 +87,12 @@ def units(label: ArrayLike, stratum: ArrayLike | None = None) -> Units:
     """Units by the label of each row [n], and their strata by another, both of any type; no strata:
     one.
 
-    ValueError where a label is missing, lengths differ, or a unit lies in two strata.
+    ValueError where a label is missing, or a unit lies in two strata.
     """
     unit, count = codes(label)
     if stratum is None:
         return Units(unit, np.zeros(count, int))
     rows, _ = codes(stratum)
-    if len(rows) != len(unit):
-        raise ValueError(f"units: {len(unit)} labels and {len(rows)} strata")
     of_unit = np.zeros(count, int)
     of_unit[unit] = rows
     if (of_unit[unit] != rows).any():

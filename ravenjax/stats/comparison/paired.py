@@ -51,14 +51,10 @@ def difference_of_counts(
 ) -> Estimate:
     """As `rate_difference`, of how many of `n` pairs hit in the first variant only, and in the
     second only: numbers, or arrays of one shape.
-
-    ValueError where these are no counts of n pairs.
     """
     from scipy.stats import norm
 
     first, second = np.asarray(first_only), np.asarray(second_only)
-    if min(first.min(initial=0), second.min(initial=0)) < 0 or (first + second > n).any():
-        raise ValueError(f"{first_only} and {second_only} discordant pairs of {n}")
     if not n:
         return Estimate(np.nan, np.nan, np.nan)
     z = norm.isf(alpha_of(confidence) / 2)

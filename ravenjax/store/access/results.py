@@ -10,10 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 import pyarrow as pa
 
-from ravenjax.store import folder, parts, schema, words
+from ravenjax.store import folder, parts, schema
 from ravenjax.store.folder import Measured
 
 if TYPE_CHECKING:
@@ -46,10 +45,8 @@ class Results:
         sites = [f"fault{slot}_site" for slot in range(self.shape.slots)]
 
         def count(table: pa.Table) -> dict[str, int]:
-            faulty = np.zeros(table.num_rows, bool)
-            for site in sites:
-                faulty |= ~words.of_arrow(table.column(site)).equal("")
-            return words.of_arrow(table.column("verdict"))[faulty].counts()
+            frame = table.to_pandas()
+            return frame.loc[(frame[sites] != "").any(axis=1), "verdict"].value_counts().to_dict()
 
         counts: Counter[str] = Counter()
         for part in self._of_parts(count, ["verdict", *sites]):
