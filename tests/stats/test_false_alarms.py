@@ -41,14 +41,6 @@ def test_where_alarms_end_operations_their_rate_is_not_bounded_by_one_an_operati
     assert rate.hours == pytest.approx(length * (~alarm).sum())
 
 
-def test_rare_alarms_that_end_operations_have_a_poisson_rate_nearly():
-    alarm = np.arange(2000) < 5
-    rate, plain = ending_rate(alarm, np.full(2000, 0.05)), alarm_rate(5, 100.0)
-    assert (rate.per_hour, rate.low, rate.high) == pytest.approx(
-        (plain.per_hour, plain.low, plain.high), rel=0.01
-    )
-
-
 def test_no_hours_have_no_rate_and_alarms_alone_an_infinite_one():
     assert np.isnan(ending_rate(np.zeros(0, bool), np.zeros(0)).per_hour)
     rate = ending_rate(np.ones(5, bool), np.full(5, 0.1))

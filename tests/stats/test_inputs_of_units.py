@@ -60,23 +60,6 @@ def test_false_finds_are_as_rare_as_promised(shared):
     assert wrong <= 7  # 2 expected; more in one of 1000 such tests
 
 
-def test_of_few_units_nothing_is_said():
-    few = KIND < units.FEWEST - 1
-    x = RANDOM.normal(size=few.sum())
-    (one,) = dependences(x > 0, {"x": x}, units.units(KIND[few]))
-    assert np.isnan(one.p) and not one.depends
-    assert np.isnan(one.difference.low) and all(np.isnan(level.rate.low) for level in one.levels)
-    assert one.difference.value > 0.9
-
-
-def test_where_nothing_was_hit_the_interval_is_that_of_the_units():
-    (one,) = dependences(np.zeros(len(KIND), bool), {"x": np.arange(len(KIND))}, units.units(KIND))
-    assert np.isnan(one.p) and one.difference.value == 0
-    assert (
-        -0.6 < one.difference.low < -0.1 and 0.1 < one.difference.high < 0.6
-    )  # 8 kinds in either third
-
-
 def test_an_input_that_differs_between_kinds_alone_tells_no_kinds_apart_from_it():
     """Each kind has a value of its own: kinds are exchanged, so that a chance order of kinds is
     no finding.

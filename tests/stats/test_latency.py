@@ -46,12 +46,6 @@ def test_textbook_median_interval():
     assert found[:2] == (23, 13) and np.isnan(found.high)
 
 
-@pytest.mark.parametrize("n", range(4, 60, 2))
-def test_half_of_the_runs_are_a_half_beside_a_censored_one(n):
-    times, came = np.arange(1, n + 1), np.arange(1, n + 1) < n
-    assert incidence(times, came).quantile(0.5) == n / 2
-
-
 def test_lead_by_hand():
     nan = np.nan
     #        early  late  never  no harm  at once
@@ -81,15 +75,6 @@ def test_lead_of_a_detector_that_misses_is_not_flattered():
     assert known.value == pytest.approx(20, abs=4) and known.low < 20 < known.high
 
 
-def test_lead_without_harm_or_alarm():
-    nothing = lead_time([np.nan, 3.0], [np.nan, np.nan], 10)
-    assert (
-        nothing.n == 0 and np.isnan(nothing.before.value) and np.isnan(nothing.quantile(0.5).value)
-    )
-    silent = lead_time([np.nan], [4.0], 10)
-    assert (silent.alarmed, silent.before.k) == (0, 0) and np.isnan(silent.quantile(0.5).value)
-
-
 def test_censoring_does_not_bias():
     random = np.random.default_rng(1)
     delay, end = random.exponential(50, 20_000), random.uniform(0, 150, 20_000)
@@ -98,16 +83,6 @@ def test_censoring_does_not_bias():
         assert np.interp(time, curve.time, curve.fraction) == pytest.approx(
             1 - np.exp(-time / 50), abs=0.01
         )
-
-
-def test_event_that_never_comes():
-    curve = incidence(np.array([5.0, 6.0]), np.array([False, False]))
-    assert (
-        curve.events == 0
-        and curve.n == 2
-        and not curve.fraction.any()
-        and np.isnan(curve.quantile(0.5))
-    )
 
 
 @given(st.lists(st.tuples(st.integers(0, 9), st.booleans()), min_size=1, max_size=40))

@@ -42,12 +42,6 @@ def test_plain_monte_carlo():
     )
 
 
-def test_coverage_of_plain_monte_carlo():
-    found = [monte_carlo(lambda u: u[:, 0] - 0.01, 1, 1000, seed=seed) for seed in range(500)]
-    inside = np.mean([one.low <= 0.01 <= one.high for one in found])
-    assert inside > 0.95 - 3.5 * np.sqrt(0.95 * 0.05 / 500)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("limit", [plane, corners])
 @pytest.mark.parametrize("probability", [1e-2, 1e-3, 1e-4])
@@ -75,47 +69,6 @@ def test_subset_against_plain_monte_carlo():
     plain, steps = monte_carlo(g, D, 100_000, seed=2), subset(g, D, 2000, seed=2)
     assert steps.low < plain.high and plain.low < steps.high
     assert steps.levels == tuple(sorted(steps.levels, reverse=True)) and steps.levels[-1] == 0
-
-
-def test_subset_calls_in_batches_and_repeats():
-    sizes, runs = [], 0
-
-    def g(u):
-        nonlocal runs
-        sizes.append(len(u))
-        runs += len(u)
-        assert u.shape[1] == D and ((u >= 0) & (u <= 1)).all()
-        return plane(1e-3)(u)
-
-    found = subset(g, D, 500, share=0.2, seed=3)
-    assert set(sizes) == {100} and found.runs == runs
-    assert (
-        found
-        == subset(plane(1e-3), D, 500, share=0.2, seed=3)
-        != subset(plane(1e-3), D, 500, share=0.2, seed=4)
-    )
-
-
-def test_a_common_event_takes_one_level():
-    found = subset(lambda u: u[:, 0] - 0.3, D)
-    assert (
-        found.runs == 1000
-        and found.low < 0.3 < found.high
-        and found.cov == pytest.approx(0.048, rel=0.1)
-    )
-    always = subset(lambda u: u[:, 0] - 2, D)
-    assert (always.probability, always.cov) == (1, 0) and always.low > 0.99
-
-
-@pytest.mark.parametrize(("seed", "per_level"), [(4, 1000), (153, 1000), (30, 100)])
-def test_a_threshold_a_hair_above_the_event(seed, per_level):
-    """Where a level's threshold divides it into events and others, OpenTURNS ends early or has
-    no variance.
-    """
-    found = subset(
-        lambda u: norm.isf(1e-2) - ndtri(u).sum(axis=1) / np.sqrt(6), 6, per_level, seed=seed
-    )
-    assert found.low < 1e-2 < found.high and 0.1 < found.cov < 1
 
 
 @pytest.mark.parametrize(

@@ -10,10 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import hypergeom
 
-from ravenjax.stats.intervals import bounds
-from ravenjax.stats.sample_size import sequential
 from ravenjax.stats.sample_size.sequential import Look, Sequential, Stratum
 
 
@@ -77,21 +74,6 @@ def test_the_rate_of_the_whole_table_is_covered(allocation):
         used += sum(looks[-1].taken.values())
     assert wrong / tries <= 0.05
     assert used / tries < 0.6 * sum(sizes)
-
-
-@pytest.mark.parametrize("size", [20, 100])
-def test_an_exact_interval_covers_a_table_drawn_without_replacement(size):
-    """Every sample size and every number of cases in the table, exactly: never below what is
-    promised.
-    """
-    for n in range(1, size, 3):
-        k, cases = np.arange(n + 1), np.arange(size + 1)
-        for confidence in (0.9, 0.99):
-            low, high = bounds(k, np.full(n + 1, n), confidence, "clopper_pearson")
-            truth = cases[:, None] / size
-            held = (low <= truth) & (truth <= high)
-            chance = hypergeom.pmf(k, size, cases[:, None], n)
-            assert (np.where(held, chance, 0.0).sum(axis=1) >= confidence).all()
 
 
 def test_neyman_needs_fewer_runs_than_proportional():
@@ -175,20 +157,3 @@ def test_a_stratum_of_which_no_run_is_valid_is_waited_for():
         assert back.model_dump_json() == look.model_dump_json() and math.isnan(
             back.intervals[-1].low
         )
-
-
-def test_why_in_words():
-    one = rule((1000, 10), half_width=0.1, shares=(0.1, 0.5))
-    assert sequential.sentence([]) == "No look at the stop rule yet."
-    looks = course(one, [[np.zeros(1000, bool), np.zeros(10, bool)]])
-    assert sequential.sentence(looks[:1]).startswith(
-        "Not stopped yet: at look 1 of 2 the widest interval was +-0."
-    )
-    assert "the last that was planned: not every rate is known within +-0.1" in sequential.sentence(
-        looks
-    )
-    assert "(g1)" in sequential.sentence(looks) or looks[-1].waiting == ()
-    whole = course(rule(half_width=0.2), [[np.zeros(1000, bool)]])
-    assert sequential.sentence(whole).startswith(
-        "Stopped at look 1 of 3: every rate is known within +-0.2"
-    )

@@ -31,8 +31,9 @@ def read(folder: Path) -> list[Look]:
     except FileNotFoundError:
         return []
     except (OSError, ValueError) as error:
+        why = str(error).splitlines()[0]
         raise StoreError(
-            f"{path}: cannot be read ({str(error).splitlines()[0]}). It follows from the parts: delete it and start the"
+            f"{path}: cannot be read ({why}). It follows from the parts: delete it and start the"
             " same `ravenjax run` again, which writes it anew."
         ) from error
 

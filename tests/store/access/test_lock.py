@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import errno
-import fcntl
 import json
 import os
 import re
@@ -57,23 +55,3 @@ def test_the_lock_of_a_killed_process_does_not_block(tmp_path, holder):
     with lock.held(tmp_path):
         assert json.loads((tmp_path / ".lock").read_text())["pid"] == os.getpid()
     assert (tmp_path / ".lock").read_text() == ""
-
-
-def test_held_twice_in_one_process_is_refused_too_and_free_after_an_error(tmp_path):
-    with (
-        pytest.raises(StoreError, match=f"process {os.getpid()} on"),
-        lock.held(tmp_path),
-        lock.held(tmp_path),
-    ):
-        pytest.fail("held twice")
-    with lock.held(tmp_path):
-        pass
-
-
-def test_a_file_system_without_locks_refuses_nobody(tmp_path, monkeypatch):
-    def refuse(*_):
-        raise OSError(errno.ENOLCK, "No locks available")
-
-    monkeypatch.setattr(fcntl, "flock", refuse)
-    with lock.held(tmp_path):
-        assert json.loads((tmp_path / ".lock").read_text())["pid"] == os.getpid()

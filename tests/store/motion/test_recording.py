@@ -4,7 +4,7 @@ each kind of damage.
 
 import numpy as np
 import pytest
-from recorded_hands import ROWS, play, recording, refused, table, tip_mm
+from recorded_hands import ROWS, play, recording, refused, tip_mm
 from scipy.spatial.transform import Rotation
 
 from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
@@ -153,14 +153,6 @@ def test_a_wrong_value_or_column_is_named(tmp_path, column, row, value, says):
     refused(tmp_path / "m.csv", says)
 
 
-def test_what_nobody_reads_is_not_read_but_named(parquet):
-    frame = recording().assign(note=["x" * 1000] * ROWS)
-    assert play(parquet(frame)).summary.ignored == ("note",)
-    refused(
-        parquet(frame.rename(columns={"gold_x_um": "gld_x_um"})), "note", "Did you mean 'gld_x_um'"
-    )
-
-
 # --- units ----------------------------------------------------------------------------------------
 # --------------------
 
@@ -175,27 +167,6 @@ def test_implausible_units_are_refused(parquet, is_in, called):
 
 # --- nothing moves --------------------------------------------------------------------------------
 # --------------------
-
-
-def test_a_motion_that_never_moves_is_refused(parquet):
-    time_s = np.arange(ROWS) * 1e-3
-    frame = table(time_s, lambda t: np.zeros((len(t), 3))).assign(time_s=time_s)
-    frame["gold_x_um"] += np.arange(ROWS) % 2  # a digit of noise
-    refused(
-        parquet(frame),
-        "nothing moves from 0.000 to 3.000 s: the tip stays within 1 um",
-        'motion = "still"',
-    )
-
-
-def test_a_pedal_that_is_never_down_is_refused_with_when_it_is(parquet):
-    frame = recording().assign(surgeon_mode=(np.arange(ROWS) >= 2500).astype(int))
-    refused(
-        parquet(frame),
-        "the pedal is never down from 0.000 to 1.000 s",
-        "it goes down at 2.500 s",
-        window_s=(0, 1),
-    )
 
 
 # --- the public recordings

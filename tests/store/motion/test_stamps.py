@@ -62,14 +62,6 @@ def test_a_file_without_times_needs_a_rate(parquet):
     assert len(one.motion) == ROWS + 749
 
 
-def test_a_time_without_a_unit_is_refused_with_what_to_write(parquet):
-    frame = table(SLOW).assign(timeStamp=SLOW * 1e3)
-    refused(
-        parquet(frame), "nothing says when its 90 rows were sampled", "rename the one", "rate_hz"
-    )
-    assert play(parquet(frame), rate_hz=30.0).summary.ignored == ("timeStamp",)
-
-
 # --- a rate beside stamps
 # ---------------------------------------------------------------------------------------------
 
@@ -93,16 +85,6 @@ def test_a_rate_overrules_stamps_of_arrival_and_says_so(parquet):
 
 # --- what cannot be -------------------------------------------------------------------------------
 # --------------------
-
-
-def test_time_that_stands_still(parquet):
-    frame = recording()
-    frame.loc[[7, 900], "time_s"] = [0.006, 0.899]
-    refused(
-        parquet(frame),
-        "row 7 has the time of row 6, 0.006 s (column time_s; 2 such rows)",
-        "rate_hz = 1000",
-    )
 
 
 @pytest.mark.parametrize(("name", "factor"), [("time_ms", 1.0), ("time_s", 1e3)])
