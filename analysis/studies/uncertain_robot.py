@@ -42,11 +42,13 @@ from studies.study import (
     Context,
     Findings,
     Line,
-    Study,
     StudyEstimate,
     Table,
     Variant,
+    own_line,
     read_notes,
+    study,
+    table,
 )
 
 
@@ -575,29 +577,20 @@ NONE = "none of those tried"
 
 def parameter_table(listed: Sequence[Uncertain]) -> Table:
     """Ranges and their sources."""
-    return Table(
+    return table(
         "What is not known of the robot",
-        (
-            "parameter",
-            "path",
-            "range",
-            "known robot",
-            "unit",
-            "drawn",
-            "where the range comes from",
-        ),
-        tuple(
-            (
-                one.words,
-                one.path,
-                f"{one.low:g} to {one.high:g}",
-                one.nominal,
-                one.unit,
-                one.law,
-                one.source,
-            )
+        [
+            {
+                "parameter": one.words,
+                "path": one.path,
+                "range": f"{one.low:g} to {one.high:g}",
+                "known robot": one.nominal,
+                "unit": one.unit,
+                "drawn": one.law,
+                "where the range comes from": one.source,
+            }
             for one in listed
-        ),
+        ],
     )
 
 
@@ -624,26 +617,22 @@ def conclusion_table(
         alone = [f"{one.parameter.words} ({signed(one.difference.value)})" for one, _ in mine]
         together = [words[one.name] for name, one in drawn if name == event and one.depends]
         rows.append(
-            (
-                words_of,
-                rate(known.rate(event)),
-                f"{percent(span.low)} to {percent(span.high)}",
-                f"{span.low_robot}; {span.high_robot}",
-                ", ".join(alone) or NONE,
-                ", ".join(together) or NONE,
-            )
+            {
+                "share of faults": words_of,
+                "known robot": rate(known.rate(event)),
+                f"lowest and highest of {len(listed)} robots": (
+                    f"{percent(span.low)} to {percent(span.high)}"
+                ),
+                "on which robots": f"{span.low_robot}; {span.high_robot}",
+                "depends on (same faults, one parameter from its low to its high end, points)": (
+                    ", ".join(alone) or NONE
+                ),
+                "depends on (all drawn together, thirds)": ", ".join(together) or NONE,
+            }
         )
-    return Table(
+    return table(
         "Which conclusions depend on the robot",
-        (
-            "share of faults",
-            "known robot",
-            f"lowest and highest of {len(listed)} robots",
-            "on which robots",
-            "depends on (same faults, one parameter from its low to its high end, points)",
-            "depends on (all drawn together, thirds)",
-        ),
-        tuple(rows),
+        rows,
         f"The {len(listed)} robots: the known one, each parameter at each end of its range, the"
         " published sets; the same faults on all. Depends: p below 0.05 after Holm over all"
         " conclusions and parameters of that column; on the same faults exact, both ends exchanged"
@@ -656,29 +645,22 @@ def conclusion_table(
 def ends_table(found: Sequence[ParameterEffect]) -> Table:
     """Every rate at both ends of every parameter."""
     judged = holm_findings([one.p for one in found])
-    return Table(
+    return table(
         "One parameter at a time, the same faults",
-        (
-            "share of faults",
-            "parameter",
-            "faults",
-            "at the low end",
-            "at the high end",
-            "difference, points",
-            "p (Holm)",
-        ),
-        tuple(
-            (
-                EVENTS[one.event],
-                f"{one.parameter.words}, {one.parameter.low:g} to {one.parameter.high:g}",
-                one.low.n,
-                rate(one.low),
-                rate(one.high),
-                points(one.difference),
-                wording.number(finding.adjusted, 2),
-            )
+        [
+            {
+                "share of faults": EVENTS[one.event],
+                "parameter": (
+                    f"{one.parameter.words}, {one.parameter.low:g} to {one.parameter.high:g}"
+                ),
+                "faults": one.low.n,
+                "at the low end": rate(one.low),
+                "at the high end": rate(one.high),
+                "difference, points": points(one.difference),
+                "p (Holm)": wording.number(finding.adjusted, 2),
+            }
             for one, finding in zip(found, judged, strict=True)
-        ),
+        ],
         "Difference: high minus low end, pairs of the same fault and random numbers. p: both ends"
         " exchanged kind by kind, exact, Holm over the table; – where no fault came out"
         f" differently. {kinds.NOTE}",
@@ -729,27 +711,19 @@ def layer_table(listed: Sequence[RobotRates], event: str) -> Table:
         order = sorted(rates_of, key=lambda name: -rates_of[name][k].value)
         for name in rates_of:
             places[name].append(order.index(name) + 1)
-    return Table(
+    return table(
         f"Does the order of layers depend on the robot? Share of faults with: {EVENTS[event]}",
-        (
-            "layer",
-            "known robot, of the layer's faults",
-            f"lowest of {len(listed)} robots",
-            "highest",
-            "place on the known robot",
-            "places on all robots",
-        ),
-        tuple(
-            (
-                name,
-                rate(rates[0]),
-                percent(min(rates, key=lambda one: one.value)),
-                percent(max(rates, key=lambda one: one.value)),
-                places[name][0],
-                f"{min(places[name])} to {max(places[name])}",
-            )
+        [
+            {
+                "layer": name,
+                "known robot, of the layer's faults": rate(rates[0]),
+                f"lowest of {len(listed)} robots": percent(min(rates, key=lambda one: one.value)),
+                "highest": percent(max(rates, key=lambda one: one.value)),
+                "place on the known robot": places[name][0],
+                "places on all robots": f"{min(places[name])} to {max(places[name])}",
+            }
             for name, rates in rates_of.items()
-        ),
+        ],
         "Place 1 is the layer whose faults do it most often. The first robot is the known one."
         " Intervals as in the table before: none with fewer than 5 kinds of faults.",
     )
@@ -757,31 +731,23 @@ def layer_table(listed: Sequence[RobotRates], event: str) -> Table:
 
 def sensitivity_table(found: Sequence[Index], outcome: str) -> Table:
     """Morris and Sobol."""
-    return Table(
+    return table(
         "What decides how far an unchecked command throws the tip",
-        (
-            "joint",
-            "mean ± deviation over robots, mm",
-            "parameter",
-            "Sobol, total",
-            "Sobol, first order",
-            "Morris, mean |effect|, mm",
-            "Morris, deviation, mm",
-            "runs",
-        ),
-        tuple(
-            (
-                one.case,
-                f"{wording.number(one.mean_mm)} ± {wording.number(one.deviation_mm, 2)}",
-                one.parameter.words,
-                number(Estimate(*one.total)),
-                number(Estimate(*one.first)),
-                number(Estimate(*one.effect)),
-                wording.number(one.spread, 2),
-                one.runs,
-            )
+        [
+            {
+                "joint": one.case,
+                "mean ± deviation over robots, mm": (
+                    f"{wording.number(one.mean_mm)} ± {wording.number(one.deviation_mm, 2)}"
+                ),
+                "parameter": one.parameter.words,
+                "Sobol, total": number(Estimate(*one.total)),
+                "Sobol, first order": number(Estimate(*one.first)),
+                "Morris, mean |effect|, mm": number(Estimate(*one.effect)),
+                "Morris, deviation, mm": wording.number(one.spread, 2),
+                "runs": one.runs,
+            }
             for one in found
-        ),
+        ],
         f"`{outcome}` of 4000 counts added behind every check for 32 ms. Total: share of the"
         " variance over robots that the parameter causes, alone and together with others. Mean"
         " |effect|: change over the whole range. 95 %, bootstrap. First orders scatter about 0"
@@ -878,7 +844,7 @@ def _lines(
         rate = known.rate(event)
         of = f"faults of this design, {kinds.count(known.faults)}, the known robot"
         value = StudyEstimate(100 * rate.value, 100 * rate.low, 100 * rate.high, rate.n, of)
-        yield Line(words, "%", None, value)
+        yield own_line(words, "%", value)
         span = over(robots, event)
         many = StudyEstimate(
             100 * rate.value,
@@ -887,14 +853,14 @@ def _lines(
             len(robots),
             "robots, extremes",
         )
-        yield Line(f"{words}, over robots", "%", None, many)
+        yield own_line(f"{words}, over robots", "%", many)
     judged = holm_findings([one.p for one in effects])
     for parameter in PARAMETERS:
         depends = [
             f.rejected for one, f in zip(effects, judged, strict=True) if one.parameter == parameter
         ]
         value = StudyEstimate(sum(depends), n=len(EVENTS), of="conclusions")
-        yield Line(f"conclusions that depend on: {parameter.words}", "", None, value)
+        yield own_line(f"conclusions that depend on: {parameter.words}", "", value)
 
 
 def _notes(robots: int, rounding: float, same: int) -> tuple[str, ...]:
@@ -922,18 +888,4 @@ def _variants() -> Iterator[Variant]:
         yield Variant(f"drawn_{seed}", CAMPAIGN, overrides, f"every run another robot, draw {seed}")
 
 
-STUDY = Study(
-    name="uncertain_robot",
-    title="Which conclusions depend on the robot?",
-    source=(
-        "a study of our own; parameters: the published sets of raven2_sim, and assumptions as the"
-        " table says"
-    ),
-    question=(
-        "Which rates of the quick campaign would be others on a robot that differs in what nobody"
-        " knows exactly?"
-    ),
-    variants=tuple(_variants()),
-    compare=compare,
-    minutes=2.0,
-)
+STUDY = study("uncertain_robot", variants=tuple(_variants()), compare=compare)
