@@ -68,12 +68,13 @@ def subset(
     g is called with batches of per_level * share points: as many chains as there are seeds, of 1 /
     share steps each. The cov counts the correlation along the chains as far as Au and Beck do, and
     is somewhat too small; the interval is lognormal with it (one level alone: Clopper-Pearson).
-    Needs a margin that tells near from far. Where the event is not reached in 12 levels, since it
-    is rarer, impossible, or the margin is flat, the probability is given as 0, and the upper bound
-    is what the first level's independent points assure. Check it against `monte_carlo` where the
-    event has a probability of 1e-2 to 1e-3. Deterministic by seed; the state of OpenTURNS'
-    generator is left as it was. per_level * share and 1 / share are whole numbers of at least 2.
-    ValueError where g returns NaN; UserError where OpenTURNS is not installed.
+    The margin must show how near a run is to the event. Where the event is not reached in 12
+    levels, since it is rarer, impossible, or the margin is flat, the probability is given as 0,
+    and the upper bound is what the first level's independent points assure. Check it against
+    `monte_carlo` where the event has a probability of 1e-2 to 1e-3. Deterministic by seed; the
+    state of OpenTURNS' generator is left as it was. per_level * share and 1 / share are whole
+    numbers of at least 2. ValueError where g returns NaN; UserError where OpenTURNS is not
+    installed.
     """
     from scipy.stats import lognorm
 
@@ -153,7 +154,7 @@ class _Ended(Exception):
 
 
 class _Unreached(Exception):
-    """So many levels, and no event."""
+    """The largest number of levels passed without an event."""
 
 
 def _margins(g: LimitState, points: np.ndarray) -> np.ndarray:

@@ -187,7 +187,7 @@ def read_parts(
 
 def _finished(file: Path, recorded: parts.Part | None, config_hash: str) -> parts.Part | StoreError:
     """Record of a whole part, one that was renamed but not yet recorded when the power went too;
-    or why it is none.
+    or the reason why it cannot be used.
     """
     try:
         if recorded is None:

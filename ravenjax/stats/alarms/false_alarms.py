@@ -17,9 +17,7 @@ from ravenjax.stats.intervals import alpha_of, clopper_pearson
 
 
 class AlarmRate(NamedTuple):
-    """count alarms in so many hours; per_hour with its exact Poisson interval, NaN where hours
-    is 0.
-    """
+    """Alarms counted over hours; per_hour with its exact Poisson interval, NaN where hours is 0."""
 
     count: int
     hours: float
@@ -68,5 +66,5 @@ def rate_bounds(
 
     counts, times = np.broadcast_arrays(np.asarray(count), np.asarray(hours, float))
     low, high = confint_poisson(counts, times, "exact-c", alpha_of(confidence))
-    # Of one rate it makes numbers.
+    # confint_poisson returns numbers for a single rate.
     return np.reshape(low, counts.shape), np.reshape(high, counts.shape)

@@ -1,4 +1,4 @@
-"""How well a score tells harmful runs from harmless ones: ROC and precision-recall.
+"""How well a score separates harmful runs from harmless ones: ROC and precision-recall.
 
 A run alarms at a threshold where its score is at least the threshold; a score of -inf never alarms.
 Labels are bool, True for a run that should alarm.

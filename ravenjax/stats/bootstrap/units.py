@@ -43,7 +43,7 @@ class Units(NamedTuple):
         return len(self.stratum)
 
     def where(self, rows: np.ndarray) -> Units:
-        """Of some rows (bool [rows] or indices): units that have any of them."""
+        """The units of some rows (bool [rows] or indices)."""
         present, unit = np.unique(self.unit[rows], return_inverse=True)
         return Units(unit, self.stratum[present])
 

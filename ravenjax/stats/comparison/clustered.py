@@ -20,7 +20,7 @@ from ravenjax.stats.intervals import Estimate, alpha_of, bounds_at
 Clusters = Sequence[np.ndarray]
 
 DRAWS = 9999
-"""Permutations drawn where there are more."""
+"""Number of permutations drawn where all are too many."""
 _NONE = Estimate(math.nan, math.nan, math.nan)
 
 

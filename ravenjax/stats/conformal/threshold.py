@@ -2,13 +2,13 @@
 were sampled.
 
 The score of an operation is its maximum over time, so it has an alarm where that is above the
-threshold. What was sampled are *units*, one operator each with some robots: its loss is the mean
-over its operations (`target`), in 0..1, and losses of units are independent. A threshold is
-rejected until the hypothesis that its risk is above the target is refuted at 1 - confidence. Risk
-falls with the threshold, so the least one for which that holds for it and all above it keeps the
-target with that confidence (Bates, Angelopoulos, Lei, Malik, Jordan, Distribution-free,
-risk-controlling prediction sets, J. ACM 68, 2021, theorem 1), over the draw of the units and for
-any distribution of the scores.
+threshold. The sampled units are operators, each with some robots: its loss is the mean over its
+operations (`target`), in 0..1, and losses of units are independent. A threshold is rejected until
+the hypothesis that its risk is above the target is refuted at 1 - confidence. Risk falls with the
+threshold, so the least one for which that holds for it and all above it keeps the target with
+that confidence (Bates, Angelopoulos, Lei, Malik, Jordan, Distribution-free, risk-controlling
+prediction sets, J. ACM 68, 2021, theorem 1), over the draw of the units and for any distribution
+of the scores.
 
 The hypothesis is refuted by betting (`excess_p`), which holds for losses of any distribution and
 asks for fewer units the less they differ. With one operation a unit, each counting whole, it is
@@ -52,7 +52,7 @@ class OperationScores(NamedTuple):
 
 
 class FalseAlarmTarget(NamedTuple):
-    """At most so many false alarms an hour, with so much confidence; and as the risk of one
+    """A limit of false alarms an hour and its confidence, also expressed as the risk of one
     operation.
 
     An operation lasts T hours, and an alarm ends it, as an E-stop does. With A = 1 where it has an

@@ -21,7 +21,7 @@ from ravenjax.stats.intervals import Estimate, Rate, rate_difference, share, wil
 from ravenjax.stats.multiplicity import holm
 
 _DRAWS = 9999
-# From so many units on, the normal law stands for draws.
+# With at least this many units the normal law replaces draws.
 _MANY = 50
 
 
@@ -140,8 +140,8 @@ def thirds(values: np.ndarray) -> tuple[np.ndarray, list[str]]:
 
 
 def _rate(k: np.ndarray, n: np.ndarray, samples: np.ndarray, confidence: float) -> Rate:
-    """Of one level by unit: its resamples' quantiles; where all rows are alike, Wilson's of as
-    many trials as units.
+    """Rate of one level, with quantiles of its resamples; where all rows are alike, Wilson's
+    interval with one trial per unit.
     """
     whole, count = share(int(k.sum()), int(n.sum())), int((n > 0).sum())
     if count < FEWEST:
@@ -160,7 +160,7 @@ def _difference(
     confidence: float,
 ) -> Estimate:
     """Rate of one level (hits and rows by unit) minus that of another. Where all rows of each are
-    alike a resample can show nothing else: then that of as many trials as there are units."""
+    alike a resample can show nothing else: then the interval of one trial per unit."""
     sums = [(int(k.sum()), int(n.sum()), int((n > 0).sum())) for k, n in (one, other)]
     value = sums[0][0] / sums[0][1] - sums[1][0] / sums[1][1]
     if min(count for *_, count in sums) < FEWEST:

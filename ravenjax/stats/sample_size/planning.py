@@ -57,5 +57,5 @@ def _wilson_runs(rate: float, half_width: float, confidence: float) -> int:
 
 
 def _up(count: float) -> int:
-    """Rounded up, but for what only float rounding has lifted above a whole number."""
+    """Rounded up; an excess that only float rounding causes is ignored."""
     return math.ceil(count * (1 - 1e-9))

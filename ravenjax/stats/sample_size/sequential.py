@@ -75,7 +75,7 @@ class Interval(BaseModel):
 
 
 class Look(BaseModel):
-    """What one look found and decided."""
+    """The result and the decision of one look."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -205,7 +205,7 @@ class Sequential:
         )
 
     def _exhausted(self, one: Interval, taken: np.ndarray) -> bool:
-        """Whether the table holds no further draw of what an interval is about."""
+        """Whether every draw behind an interval was taken."""
         of_it = self.judged & np.array(
             [one.stratum in ("", stratum.name) for stratum in self.strata]
         )

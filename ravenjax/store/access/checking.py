@@ -1,5 +1,4 @@
-"""What a result folder must hold to be believed: whole parts, each row once, values that a run can
-have.
+"""Checks a result folder: whole parts, each row once, values that a run can have.
 
 Each check is one line of a table: what was looked at, and each thing that is wrong in words.
 """
@@ -24,7 +23,7 @@ from ravenjax.store.manifest import Manifest
 from ravenjax.vocabulary import failures
 
 MOST = 5
-"""Problems of one check that are told, and columns in one of them."""
+"""Problems of one check that are printed, and columns in one of them."""
 WORDS = {
     "response": verdict.RESPONSES,
     "hazard": verdict.HAZARDS,

@@ -1,4 +1,4 @@
-"""One writer a result folder: who comes second is refused, and told who holds it.
+"""One writer a result folder: a second writer is refused with the name of the first.
 
 The lock is the operating system's (`flock` on `DIR/.lock`), so it ends with the process that held
 it. The file only says who that was. Linux passes `flock` on NFS to the server. A file system
