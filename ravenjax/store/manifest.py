@@ -212,12 +212,11 @@ def differences(here: dict[str, Any], wanted: dict[str, Any]) -> list[str]:
     """Where nested values differ: 'path: here, asked for', one line each."""
     all_changes = changes(here, wanted)
     if any(change.path.startswith("config.") for change in all_changes):
-        all_changes = [
-            change for change in all_changes if change.path != "config_hash"
-        ]  # follows, and says nothing by itself
+        # The hash follows from the config and adds nothing.
+        all_changes = [change for change in all_changes if change.path != "config_hash"]
     return [
-        f"{path}: {one or 'absent':.60} here, {other or 'absent':.60} asked for"
-        for path, one, other in all_changes
+        f"{path}: {here or 'absent':.60} here, {wanted or 'absent':.60} asked for"
+        for path, here, wanted in all_changes
     ]
 
 
@@ -241,8 +240,8 @@ def changes(first: dict[str, Any], second: dict[str, Any]) -> list[Change]:
 
 
 def read(folder: Path) -> Manifest:
-    """The manifest of a result folder; StoreError where there is none, it is damaged, or newer
-    than this reader.
+    """The manifest of a result folder; StoreError where it is missing, damaged, or newer than
+    this reader.
     """
     path = folder / FILE
     try:
@@ -343,8 +342,8 @@ def campaign_hash(config: dict[str, Any], operator: MotionSummary | None, runs: 
 
 
 def by_content(config: dict[str, Any], operator: MotionSummary | None) -> dict[str, Any]:
-    """A resolved campaign whose recording is named by its hash: who keeps it elsewhere runs the
-    same campaign.
+    """A resolved campaign whose recording is named by its hash: a copy elsewhere gives the same
+    campaign.
     """
     if operator is None:
         return config

@@ -92,7 +92,7 @@ def rows(config: CampaignConfig) -> FaultTable:
     groups = list(dict.fromkeys(piece.group for piece in pieces))
     # numbers of an empty slot do not count
     counted = {
-        name: np.where(words[f"{name.partition('_')[0]}_site"] == "", np.nan, values)
+        name: np.where(np.asarray(words[f"{name.partition('_')[0]}_site"] == ""), np.nan, values)
         for name, values in numbers.items()
     }
     # what decides the outcome of every run alike

@@ -24,12 +24,11 @@ class FaultTable:
     @staticmethod
     def of(frame: pd.DataFrame) -> FaultTable:
         """The table of a DataFrame that `frame` made, or of some of its rows."""
-        return FaultTable(
-            {
-                str(name): values.array if values.dtype == "category" else values.to_numpy()
-                for name, values in frame.items()
-            }
-        )
+        columns: dict[str, Any] = {
+            str(name): values.array if values.dtype == "category" else values.to_numpy()
+            for name, values in frame.items()
+        }
+        return FaultTable(columns)
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values())))

@@ -8,7 +8,7 @@ to the one port that gets datagrams of that size. Of several senders the one tha
 console.
 
 Whole packets are read under the console's profile, in their order. What the robot would drop moves
-nothing: repeated and older numbers, and the packet after a gap. A stream may start anew, see
+nothing: repeated and older numbers, and the packet after a gap. A stream may restart, see
 `_restarts`.
 """
 
@@ -20,7 +20,7 @@ import struct
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
@@ -209,8 +209,8 @@ def _datagrams(path: Path) -> Iterator[Datagram]:
                 while not isinstance(packet, (bytes, type(None), ip.IP, ip6.IP6)):
                     packet = getattr(packet, "data", None)
                 if isinstance(getattr(packet, "data", None), dpkt.udp.UDP):
-                    udp = packet.data
-                    sender = packet.src, udp.sport
+                    found = cast("Any", packet)
+                    udp, sender = found.data, (found.src, found.data.sport)
                     yield Datagram(float(time_s), sender, udp.dport, bytes(udp.data))
     except (OSError, *not_of_udp) as error:
         raise UserError(
@@ -360,7 +360,7 @@ def read_stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketSt
 
 
 def _restarts(number: int, last: int, silence_s: float) -> bool:
-    """Whether a number below the last one begins the stream anew; that packet itself moves nothing.
+    """Whether a number below the last one restarts the stream; that packet itself moves nothing.
 
     The robot's own rule, far behind; and those by which a console that was started again comes back
     in a session.

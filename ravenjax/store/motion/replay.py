@@ -18,7 +18,7 @@ from ravenjax.robots.raven2.console.motion import TICK_S, Motion
 from ravenjax.store import files
 from ravenjax.store.motion import resampling, spikes, timeline
 from ravenjax.store.motion.options import ReplayOptions
-from ravenjax.store.motion.reach import ArmReach, Bounds, Poses, reach, reason
+from ravenjax.store.motion.reach import ArmReach, Bounds, reach, reason
 from ravenjax.store.motion.recording import HandRecording, load, refused, require_readable
 from ravenjax.store.motion.summary import (
     ArmSummary,
@@ -28,8 +28,6 @@ from ravenjax.store.motion.summary import (
 )
 from ravenjax.store.motion.timeline import Timeline
 
-STILL_M, STILL_RAD = 5e-5, math.radians(0.2)
-"""A tip that stays within, and turns and opens within, does not move."""
 OUTSIDE_LISTED = 8
 """Stretches that cannot be replayed, in the summary."""
 
@@ -58,21 +56,20 @@ def replay(
     options: ReplayOptions | None = None,
     ticks: int | None = None,
     scale: float = 0.1,
-    bounds: Bounds | None = None,
+    *,
+    bounds: Bounds,
 ) -> OperatorReplay:
     """The motion of `ticks` ms that a recording makes; None: as long as its window.
 
-    scale: teleoperation scale at which the tip moves as recorded. bounds: soft joint limits, by
-    default those of raven2 with its own tool. Raises UserError for a file that cannot be used, and
-    where what is replayed has a gap or a jump, is too short, leaves the limits, or does not move.
+    scale: teleoperation scale at which the tip moves as recorded. bounds: soft joint limits.
+    Raises UserError for a file that cannot be used, and where what is replayed has a gap or a jump,
+    is too short or leaves the limits.
     """
     path = Path(path)
     require_readable(path)
     state = path.stat()
     key = state.st_mtime_ns, state.st_size
-    return _replay(
-        path, key, arms, options or ReplayOptions(), ticks, scale, bounds or usual_bounds()
-    )
+    return _replay(path, key, arms, options or ReplayOptions(), ticks, scale, bounds)
 
 
 @functools.lru_cache(
@@ -97,7 +94,6 @@ def _replay(
     pedal, rows = course.pedal, begin + course.row
     if recording.pedal is not None:
         pedal = pedal * recording.pedal[np.floor(rows + 1e-9).astype(int)]
-    _require_moving(recording, begin, end, rows, pedal)
     hand, quat, grasp = [], [], []
     poses = recording.poses
     for i, arm in enumerate(arms):
@@ -122,14 +118,6 @@ def _replay(
     )
     summary = _summary(recording, reachable.inside, begin, end, course, pedal, scale)
     return OperatorReplay(recording, motion, summary, course, begin, bounds, reachable)
-
-
-def usual_bounds() -> Bounds:
-    """The soft limits of raven2 with its own tool."""
-    from ravenjax.robots.raven2.geometry import limits
-
-    soft = limits.soft_limits("r_grasper")
-    return Bounds(soft.lower[:5], soft.upper[:5])
 
 
 def require_scales(one: OperatorReplay, scales: Sequence[float] | np.ndarray) -> None:
@@ -255,7 +243,7 @@ def _require_inside(
     share = 1.0 - float((inside & ~reachable.leaps)[begin:end].mean())
     raise UserError(
         f"{recording.path}: at {bad * TICK_S:.3f} s an arm cannot reach the pose inside its soft"
-        f" joint limits: {reason(recording.poses, bad, bounds)}. That is so for {100 * share:.2g} %"
+        f" joint limits: {reason(recording.poses, bad, bounds)}. That is so for {100 * share:.3g} %"
         f" {where}. Reachable stretches, longest first: {stretches(usable, 4)}; write one, or"
         " a part of one, as operator.window_s"
     )
@@ -270,41 +258,6 @@ def _longest_first(
     spans = resampling.stretches(mask, sorted([*recording.cuts, *cuts]))
     spans = [span for span in spans if span[1] - span[0] > 1]
     return resampling.seconds(sorted(spans, key=lambda span: span[0] - span[1]))
-
-
-def _require_moving(
-    recording: HandRecording, begin: int, end: int, rows: np.ndarray, pedal: np.ndarray
-) -> None:
-    """UserError where nothing moves while the pedal is down."""
-    span = f"from {begin * TICK_S:.3f} to {end * TICK_S:.3f} s"
-    if not pedal.any():
-        down = np.flatnonzero(recording.pedal) if recording.pedal is not None else np.zeros(0, int)
-        hint = f"; it goes down at {down[0] * TICK_S:.3f} s" if down.size else ""
-        raise UserError(
-            f"{recording.path}: the pedal is never down {span}, so nothing would move"
-            f" (surgeon_mode){hint}. Expected a part in which it is down: operator.window_s; or"
-            " drop the column surgeon_mode"
-        )
-    poses = recording.poses
-    used = np.unique(np.rint(rows[pedal > 0]).astype(int))
-    if _moves(poses, used):
-        return
-    extent = float(np.ptp(poses.position[used], axis=0).max())
-    raise UserError(
-        f"{recording.path}: nothing moves {span}: the tip stays within {extent * 1e6:.3g} um,"
-        " expected more than "
-        f'{STILL_M * 1e6:g} um. For hands at rest write operator.motion = "still" instead of'
-        " the file"
-    )
-
-
-def _moves(poses: Poses, rows: np.ndarray) -> bool:
-    turn = np.abs(np.sum(poses.quat[rows] * poses.quat[rows[:1]], axis=2)).min()
-    return bool(
-        np.ptp(poses.position[rows], axis=0).max() > STILL_M
-        or 2.0 * math.acos(min(1.0, float(turn))) > STILL_RAD
-        or np.ptp(poses.opening_mrad[rows], axis=0).max() > STILL_RAD * 1e3
-    )
 
 
 def _itp(
