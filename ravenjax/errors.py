@@ -1,4 +1,4 @@
-"""The errors that a user can mend, and how they are worded."""
+"""Errors that a user can correct, and how their messages are worded."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother, _SHORT.maxlong = 3, 80, 80, 
 
 
 def shown(value: object) -> str:
-    """What was got, as an error tells it: its repr, cut where it is long."""
+    """The repr of a value in an error message, cut where it is long."""
     try:
         return _SHORT.repr(value)
     except Exception:  # a repr may fail in any way, and its owner still wants the error
@@ -52,6 +52,6 @@ def suggestion(word: object, names: Iterable[str]) -> str:
 
 
 def unknown(what: str, word: str, names: Iterable[str]) -> str:
-    """What to say of a word that is none of the known ones."""
+    """The message for a word that is not known."""
     names = list(names)
     return f"unknown {what} {word!r}, expected one of {', '.join(names)}{suggestion(word, names)}"

@@ -4,8 +4,8 @@ Python raises in the main thread wherever that happens to be. Where it has just 
 another thread needs, such as that of a `Future`, nobody gives the lock back, and the program waits
 for ever; where a compiled module is being imported, that says it cannot be. One signal in a hundred
 or two did either to a campaign. So a signal is held back, and raised where the main thread waits
-for others or begins something new. What heeds none for long, as a compiler that is at it for
-minutes, is ended with the process.
+for others or begins something new. Work that does not return for long, such as a compiler that
+runs for minutes, ends with the process.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 EVERY_S = 0.05
 """How often who waits for a thread looks for a signal."""
 GRACE_S = 10.0
-"""What the main thread has from a signal to the end of its work, before the process is ended."""
+"""Time that the main thread has from a signal to the end of its work; then the process ends."""
 
 T = TypeVar("T")
 
 _held: list[Callable[[], object]] = []
-"""What the handlers of signals that came would have done. Of the main thread alone."""
+"""Calls of the handlers of signals that came. Only the main thread uses it."""
 
 
 @contextlib.contextmanager
@@ -122,8 +122,8 @@ def _handled_by(
 @contextlib.contextmanager
 def ended_in_time(message: str, grace_s: float = GRACE_S) -> Iterator[None]:
     """End the process, saying `message` and with exit code 128 + the signal's number, where a
-    signal came and the main thread is still in here `grace_s` later. Whoever uses this leaves
-    nothing on disk that such an end would spoil."""
+    signal came and the main thread is still in here `grace_s` later. The work inside must leave
+    nothing on disk that such an end would damage."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

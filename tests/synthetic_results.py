@@ -5,12 +5,13 @@ without a simulation.
 from __future__ import annotations
 
 import hashlib
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from ravenjax.outcomes.verdict import LIMIT_MM
-from ravenjax.store import schema
+from ravenjax.store import parts, schema
 from ravenjax.store.manifest import CueRecord, DetectorRecord, Manifest, config_hash
 
 CHECKS = (
@@ -248,3 +249,8 @@ def manifest(runs: int = 2000, **changes: object) -> Manifest:
         "code_hash": "0123456789abcdef" * 4,
     }
     return Manifest.model_validate(fields | changes)
+
+
+def write_part(folder: Path, columns, shape: schema.Shape, config_hash: str) -> parts.Part:
+    """Rows as one part in a folder that need not have a manifest."""
+    return parts.put(folder, parts.encode(columns, shape, config_hash))

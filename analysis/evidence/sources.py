@@ -33,7 +33,6 @@ _DECIDES = {
     "device",
     "versions",
     "code_hash",
-    "lock_hash",
     "shard",
 }
 """Fields of a manifest that decide outcomes, or what they are called; the others tell of starts

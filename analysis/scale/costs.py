@@ -34,7 +34,6 @@ from ravenjax.campaign.progress import Progress
 from ravenjax.engines import selection
 from ravenjax.store import manifest, parts
 from ravenjax.store.folder import ResultFolder
-from ravenjax.store.words import WordColumn
 
 CHUNKS = (64, 256, 1024, 4096, 16_384, 65_536, 202_752)
 PLANNED = 1_000_000
@@ -72,10 +71,7 @@ def least(
 def bytes_of(ready: Plan) -> int:
     """Bytes that a plan holds for its runs."""
     arrays = [*ready.faults.values(), *ready.varied.values(), ready.golden]
-    columns = [
-        values.codes if isinstance(values, WordColumn) else values
-        for values in ready.rows.columns.values()
-    ]
+    columns = [getattr(values, "codes", values) for values in ready.rows.columns.values()]
     return sum(array.nbytes for array in (*arrays, *columns))
 
 

@@ -26,8 +26,7 @@ from ravenjax.robots.raven2.declaration import LAYERS
 from ravenjax.stats import latency
 from ravenjax.stats.alarms.false_alarms import alarm_rate
 from ravenjax.stats.bootstrap import units
-from ravenjax.stats.bootstrap.resample import codes
-from ravenjax.stats.bootstrap.units import Units
+from ravenjax.stats.bootstrap.units import Units, codes
 from ravenjax.stats.intervals import alpha_of
 from ravenjax.store import folder, manifest
 from ravenjax.store.manifest import DetectorRecord, Manifest
@@ -35,7 +34,17 @@ from ravenjax.vocabulary import checks
 from ravenjax.vocabulary.robot import OTHER_LAYER
 from studies import kinds, motions_alike
 from studies.motions_alike import MOTIONS, RECORDINGS, Activated
-from studies.study import Context, Findings, Line, Study, StudyEstimate, Table, Variant, read_notes
+from studies.study import (
+    Context,
+    Findings,
+    Line,
+    StudyEstimate,
+    Table,
+    Variant,
+    own_line,
+    read_notes,
+    study,
+)
 
 FREE = "free/"
 """Begin of the names of groups without faults."""
@@ -803,36 +812,33 @@ def _lines(
     moved, faults = faulty.unintended, len(np.unique(faulty.cell))
     every = StudyEstimate(faults, of=f"{kinds.count(faulty.faults)}, {len(MOTIONS)} motions")
     lines = [
-        Line("faults, distinct", "", None, every),
-        Line(
+        own_line("faults, distinct", "", every),
+        own_line(
             "faulty runs with unintended motion",
             "runs",
-            None,
             StudyEstimate(int(moved.sum()), n=len(moved), of="activated runs of this design"),
         ),
-        Line(
+        own_line(
             "motion without a fault, robot as modelled",
             "h",
-            None,
             StudyEstimate(round(float(modelled.hours.sum()), 2)),
         ),
         *(
-            Line(f"AUC, {p.name}", "", None, found.estimate(listed.index(p.name), of=MOVED))
+            own_line(f"AUC, {p.name}", "", found.estimate(listed.index(p.name), of=MOVED))
             for p in quiet
         ),
     ]
     for p in quiet:
         lines.append(
-            Line(
+            own_line(
                 f"{p.name}, threshold {p.threshold:g}: unintended motion caught",
                 "%",
-                None,
                 hundred(p.caught),
             )
         )
         if not by_definition(faulty, p.name, p.threshold):
             words = f"{p.name}, threshold {p.threshold:g}: caught before it began"
-            lines.append(Line(words, "%", None, hundred(p.before)))
+            lines.append(own_line(words, "%", hundred(p.before)))
     slow = at_scale(unclutched(modelled), 0.1)
     for name in (p.name for p in quiet if slow.hours.sum() > 0):
         threshold = threshold_for(slow, name)
@@ -841,24 +847,21 @@ def _lines(
                 f"{name}, threshold {threshold:g}, quiet at scale 0.1 without clutching: unintended"
                 " motion caught"
             )
-            lines.append(Line(words, "%", None, hundred(caught(faulty, name, threshold))))
+            lines.append(own_line(words, "%", hundred(caught(faulty, name, threshold))))
     for p in published:
         lines.append(
-            Line(
+            own_line(
                 f"{p.name}, threshold {p.threshold:g}: unintended motion caught",
                 "%",
-                None,
                 hundred(p.caught),
             )
         )
-        lines.append(
-            Line(f"{p.name}, threshold {p.threshold:g}: false alarms", "1/h", None, p.false)
-        )
+        lines.append(own_line(f"{p.name}, threshold {p.threshold:g}: false alarms", "1/h", p.false))
     for p in spoken:
-        lines.append(Line(f"{p.name}: unintended motion caught", "%", None, hundred(p.caught)))
+        lines.append(own_line(f"{p.name}: unintended motion caught", "%", hundred(p.caught)))
         if not by_definition(faulty, p.name, p.threshold):
-            lines.append(Line(f"{p.name}: caught before it began", "%", None, hundred(p.before)))
-        lines.append(Line(f"{p.name}: false alarms", "1/h", None, p.false))
+            lines.append(own_line(f"{p.name}: caught before it began", "%", hundred(p.before)))
+        lines.append(own_line(f"{p.name}: false alarms", "1/h", p.false))
     return lines
 
 
@@ -905,17 +908,4 @@ def _variants() -> tuple[Variant, ...]:
     )
 
 
-STUDY = Study(
-    name="detectors",
-    title="Which detector knows first, and how often does it cry wolf?",
-    source=(
-        "a study of our own; detectors of DSN 2016, raven2_sim, IROS 2016 and the control software"
-    ),
-    question=(
-        "Over every layer's faults and hours of motion without one: what does each detector catch,"
-        " how early, and how often is it wrong?"
-    ),
-    variants=_variants(),
-    compare=compare,
-    minutes=2.0,
-)
+STUDY = study("detectors", variants=_variants(), compare=compare)

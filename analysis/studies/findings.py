@@ -108,7 +108,6 @@ def _provenance(
         "engine": first.engine if first else "",
         "device": first.device if first else "",
         "code_hash": manifest.code_hash(),
-        "lock_hash": manifest.lock_hash(),
         "versions": first.versions if first else manifest.package_versions(),
         "campaigns": [campaign(variant) for variant in study.variants],
     }

@@ -23,11 +23,13 @@ from studies.study import (
     Context,
     Findings,
     Line,
-    Study,
     StudyEstimate,
     Table,
     Variant,
+    own_line,
     read_notes,
+    study,
+    table,
 )
 
 
@@ -290,48 +292,35 @@ def _lines(effects: Effects, released: Mapping[float, Pairs]) -> Iterator[Line]:
         of = f"faults that make it where nobody reacts, {kinds.count(contrast.affected)}"
         rate = contrast.avoided
         share = StudyEstimate(100.0 * rate.value, 100.0 * rate.low, 100.0 * rate.high, rate.n, of)
-        yield Line(
+        yield own_line(
             f"lifting the pedal after {delay:g} ms avoids, of motions of more than 20 mm",
             "%",
-            None,
             share,
         )
 
 
 def _line(quantity: str, unit: str, value: Estimate, n: int, of: str) -> Line:
-    return Line(quantity, unit, None, StudyEstimate(value.value, value.low, value.high, n, of))
+    return own_line(quantity, unit, StudyEstimate(value.value, value.low, value.high, n, of))
 
 
 def _followed(effects: Effects) -> Table:
-    return Table(
+    return table(
         "Who follows the hand",
-        (
-            "force",
-            "grip",
-            "robot",
-            "faults",
-            "with a moved hand",
-            "hand, mm",
-            "from the model, mm",
-            "from the golden run, mm",
-            "share that parts robot and model",
-            "share that moves the robot",
-        ),
-        tuple(
-            (
-                force,
-                grip,
-                robot,
-                one.pairs,
-                f"{one.pulled}, {kinds.count(one.kinds)}",
-                reacting_operator.number(one.hand),
-                reacting_operator.number(one.model),
-                reacting_operator.number(one.golden),
-                reacting_operator.number(one.model_share),
-                reacting_operator.number(one.golden_share),
-            )
+        [
+            {
+                "force": force,
+                "grip": grip,
+                "robot": robot,
+                "faults": one.pairs,
+                "with a moved hand": f"{one.pulled}, {kinds.count(one.kinds)}",
+                "hand, mm": reacting_operator.number(one.hand),
+                "from the model, mm": reacting_operator.number(one.model),
+                "from the golden run, mm": reacting_operator.number(one.golden),
+                "share that parts robot and model": reacting_operator.number(one.model_share),
+                "share that moves the robot": reacting_operator.number(one.golden_share),
+            }
             for (force, grip, robot), one in effects.items()
-        ),
+        ],
         "Means over faults whose cue moves the hand, with the force minus without. Hand: its"
         " largest displacement. From the model, from the golden run: root mean square distance of"
         " the true tip over the run. Shares: mean absolute change of that distance, by scale times"
@@ -383,26 +372,18 @@ def _loop() -> Table:
             farthest = CAP * newtons / stiffness * 1e3
             gain = KP * newtons / stiffness
             rows.append(
-                (
-                    words,
-                    grip,
-                    f"{farthest:.2g}",
-                    f"{SCALE * farthest:.2g}",
-                    f"{SCALE * gain:.2g}",
-                    f"{1 / gain:.2g}",
-                )
+                {
+                    "force": words,
+                    "grip": grip,
+                    "hand at the cap, mm": f"{farthest:.2g}",
+                    "tip at the cap, mm": f"{SCALE * farthest:.2g}",
+                    "gain of the loop": f"{SCALE * gain:.2g}",
+                    "scale at which it is 1": f"{1 / gain:.2g}",
+                }
             )
-    return Table(
+    return table(
         "By statics",
-        (
-            "force",
-            "grip",
-            "hand at the cap, mm",
-            "tip at the cap, mm",
-            "gain of the loop",
-            "scale at which it is 1",
-        ),
-        tuple(rows),
+        rows,
         "Where both follow, the loop is open: the distance from model to robot does not change."
         " Where the robot stands still, the model alone follows, away from the robot, and the cue"
         " grows with it: gain = scale x spring x newtons a unit / stiffness. Below 1 the hand comes"
@@ -465,16 +446,8 @@ def _crossed(name: str, values: tuple[float, ...]) -> str:
 
 _NOBODY = ("cross.reaction.action=[0]", "haptics.threshold_mm=[3]", "hand.grip=0.5")
 
-STUDY = Study(
-    name="hand",
-    title="The cue as a force on a hand",
-    source=(
-        "a study of our own; the cue is that of the Raven-II surgical training simulator, IROS 2016"
-    ),
-    question=(
-        "What changes when the cue's force moves the input that robot and model both follow, and"
-        " what does not?"
-    ),
+STUDY = study(
+    "hand",
     variants=(
         Variant(
             FORCE,
@@ -514,5 +487,4 @@ STUDY = Study(
         ),
     ),
     compare=compare,
-    minutes=2.0,
 )

@@ -45,7 +45,18 @@ from studies.detectors import (
     share,
 )
 from studies.motions_alike import MOTIONS, RECORDINGS, Activated
-from studies.study import Context, Findings, Line, Study, StudyEstimate, Table, Variant, read_notes
+from studies.study import (
+    Context,
+    Findings,
+    Line,
+    StudyEstimate,
+    Table,
+    Variant,
+    own_line,
+    read_notes,
+    study,
+    table,
+)
 
 RESAMPLES = 2000
 WEIGHTS = (1.0, 10.0, 100.0, 1_000.0, 10_000.0, 100_000.0)
@@ -418,38 +429,24 @@ def threshold_table(faulty: FaultyCues, free: FreeCues, sets: Sequence[int]) -> 
     for k in sets:
         result = felt(faulty, k)
         rows.append(
-            (
-                faulty.cues[k].threshold_mm,
-                percent(result.missed),
-                percent(result.before),
-                percent(result.others),
-                plain(result.delay_ms),
-                plain(result.lead_ms),
-                result.force,
-                percent(result.at_cap),
-                result.felt_ms,
-                rate(false_cues(free, k, AS_MODELLED)),
-                false_time(free, k, AS_MODELLED),
-                rate(false_cues(free, k, UNCERTAIN)),
-            )
+            {
+                "threshold, mm": faulty.cues[k].threshold_mm,
+                "missed": percent(result.missed),
+                "felt before it began": percent(result.before),
+                "felt, of the other faulty runs": percent(result.others),
+                "median delay, ms": plain(result.delay_ms),
+                "median lead, ms": plain(result.lead_ms),
+                "largest force": result.force,
+                "at the cap": percent(result.at_cap),
+                "time felt, ms": result.felt_ms,
+                "false cues an hour": rate(false_cues(free, k, AS_MODELLED)),
+                "time with one": false_time(free, k, AS_MODELLED),
+                "false cues with an uncertain robot": rate(false_cues(free, k, UNCERTAIN)),
+            }
         )
-    return Table(
+    return table(
         "Thresholds, with the published gains",
-        (
-            "threshold, mm",
-            "missed",
-            "felt before it began",
-            "felt, of the other faulty runs",
-            "median delay, ms",
-            "median lead, ms",
-            "largest force",
-            "at the cap",
-            "time felt, ms",
-            "false cues an hour",
-            "time with one",
-            "false cues with an uncertain robot",
-        ),
-        tuple(rows),
+        rows,
         "Missed, and felt before it began: of runs with unintended motion. Delay: from the fault's"
         " first effect; lead over the unintended motion: positive where the cue comes first; one"
         " run of each fault that made one, runs without a cue censored at their end. A dash about"
@@ -474,28 +471,21 @@ def choice_table(faulty: FaultyCues, sets: Sequence[int], winners: Winners) -> T
             if j != winner and wins[j] >= 0.01
         ]
         rows.append(
-            (
-                f"{weight:,.0f}",
-                mm if sure else f"cannot be said; {mm:g} costs least",
-                f"{100 * wins[winner]:.0f} %",
-                ", ".join(others),
-                float(f"{cost[winner]:.3g}"),
-                float(f"{cost[published]:.3g}"),
-                f"{100 * wins[published]:.0f} %",
-            )
+            {
+                "a missed unintended motion an hour weighs so many false cues": f"{weight:,.0f}",
+                "threshold, mm": mm if sure else f"cannot be said; {mm:g} costs least",
+                "wins": f"{100 * wins[winner]:.0f} %",
+                "else wins": ", ".join(others),
+                "cost, false cues an hour": float(f"{cost[winner]:.3g}"),
+                f"cost of {faulty.cues[faulty.published].threshold_mm:g} mm": float(
+                    f"{cost[published]:.3g}"
+                ),
+                "it wins": f"{100 * wins[published]:.0f} %",
+            }
         )
-    return Table(
+    return table(
         "The threshold that the data would choose",
-        (
-            "a missed unintended motion an hour weighs so many false cues",
-            "threshold, mm",
-            "wins",
-            "else wins",
-            "cost, false cues an hour",
-            f"cost of {faulty.cues[faulty.published].threshold_mm:g} mm",
-            "it wins",
-        ),
-        tuple(rows),
+        rows,
         "Cost: weight x share missed + false cues an hour. Wins: of 2 000 draws of kinds of faults"
         f" and of recordings with replacement; a threshold is named from {100 * SURE:.0f} %"
         " on. Among thresholds with the published gains; of equals the highest.",
@@ -558,32 +548,21 @@ def gain_table(faulty: FaultyCues, modelled: FreeCues, numbers: Sequence[int]) -
             result, cue = felt(faulty, k), faulty.cues[k]
             false = per_hour(modelled.count[:, k], modelled.hours, modelled.recording, "cues")
             rows.append(
-                (
-                    mm,
-                    cue.kp_per_mm,
-                    damper(cue),
-                    percent(result.missed),
-                    plain(result.delay_ms),
-                    result.force,
-                    percent(result.at_cap),
-                    result.felt_ms,
-                    rate(false),
-                )
+                {
+                    "threshold, mm": mm,
+                    "Kp, per mm": cue.kp_per_mm,
+                    "Kd, per mm/s": damper(cue),
+                    "missed": percent(result.missed),
+                    "median delay, ms": plain(result.delay_ms),
+                    "largest force": result.force,
+                    "at the cap": percent(result.at_cap),
+                    "time felt, ms": result.felt_ms,
+                    "false cues an hour": rate(false),
+                }
             )
-    return Table(
+    return table(
         "Gains",
-        (
-            "threshold, mm",
-            "Kp, per mm",
-            "Kd, per mm/s",
-            "missed",
-            "median delay, ms",
-            "largest force",
-            "at the cap",
-            "time felt, ms",
-            "false cues an hour",
-        ),
-        tuple(rows),
+        rows,
         "Missed: of runs with unintended motion. Force in device units, cap 0.05. The gains were"
         " not published: 0.0045 per mm was read off Figure 5 of IROS 2016, the damper made out of"
         " its third pulse.",
@@ -704,17 +683,15 @@ def _lines(
         len(np.unique(faulty.cell)), of=f"{kinds.count(faulty.faults)}, {len(MOTIONS)} motions"
     )
     lines = [
-        Line("faults, distinct", "", None, cells),
-        Line(
+        own_line("faults, distinct", "", cells),
+        own_line(
             "faulty runs with unintended motion",
             "runs",
-            None,
             StudyEstimate(int(moved.sum()), n=len(moved), of="activated runs of this design"),
         ),
-        Line(
+        own_line(
             "motion without a fault, robot as modelled",
             "h",
-            None,
             StudyEstimate(round(float(modelled.hours.sum()), 2)),
         ),
     ]
@@ -728,20 +705,15 @@ def _lines(
         if not by_definition(faulty, k):
             rates["unintended motion felt before it began"] = before
         lines += [
-            Line(f"{words}: {what}", "%", None, hundred(share(hit, moved, faulty.faults, MOVED)))
+            own_line(f"{words}: {what}", "%", hundred(share(hit, moved, faulty.faults, MOVED)))
             for what, hit in rates.items()
         ]
         if not by_definition(faulty, k):
             lines.append(
-                Line(
-                    f"{words}: median lead over the motion",
-                    "ms",
-                    None,
-                    felt(faulty, k).lead_ms,
-                )
+                own_line(f"{words}: median lead over the motion", "ms", felt(faulty, k).lead_ms)
             )
         false = per_hour(modelled.count[:, k], modelled.hours, modelled.recording, "cues")
-        lines.append(Line(f"{words}: false cues", "1/h", None, false))
+        lines.append(own_line(f"{words}: false cues", "1/h", false))
     for weight, winner, wins, sure in zip(*choice.winners[:3], choice.winners.sure, strict=True):
         mm, wins_often = (
             faulty.cues[choice.sets[winner]].threshold_mm,
@@ -753,11 +725,10 @@ def _lines(
             of=wins_often if sure else f"cannot be said: {mm:g} mm {wins_often}",
         )
         lines.append(
-            Line(
+            own_line(
                 f"threshold chosen where a missed unintended motion an hour weighs {weight:,.0f}"
                 " false cues",
                 "mm",
-                None,
                 threshold,
             )
         )
@@ -793,15 +764,4 @@ def _variants() -> tuple[Variant, ...]:
     )
 
 
-STUDY = Study(
-    name="haptic_cue",
-    title="At which distance should the haptic cue pull, and how strongly?",
-    source="a study of our own; the cue of IROS 2016, 3 mm and a cap of 0.05",
-    question=(
-        "What is felt of which fault, when, how strongly, how often for nothing, and which"
-        " threshold would the data choose?"
-    ),
-    variants=_variants(),
-    compare=compare,
-    minutes=2.0,
-)
+STUDY = study("haptic_cue", variants=_variants(), compare=compare)

@@ -27,7 +27,7 @@ from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stats.bootstrap.resample import bootstrap
 from studies.dsn16 import authors, recording
 from studies.dsn16.recording import ARM, TOOL, JointRecording, motors
-from studies.study import Context, Findings, Line, Study, StudyEstimate, Table, read_notes
+from studies.study import Context, Findings, Line, StudyEstimate, Table, read_notes, study
 
 THREE_JOINTS, SEVEN_JOINTS = recording.FILE, "recording_gold_7joints.parquet"
 DATA = recording.DATA
@@ -512,17 +512,4 @@ _REASONS = {
     )
 }
 
-STUDY = Study(
-    name="mechanics",
-    title="A power-consistent robot against two recorded arms",
-    source=(
-        "recordings of CSLDepend/raven2_sim (Li_DYN/dac_mvel_mpos.txt) and HaonanPeng/RAVEN_ILC"
-        " (2018)"
-    ),
-    question=(
-        "Do motors, gears, cables and friction of the virtual robot do what those of real ones did?"
-    ),
-    variants=(),
-    compare=compare,
-    minutes=12.0,
-)
+STUDY = study("mechanics", variants=(), compare=compare)

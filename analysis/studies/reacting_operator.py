@@ -40,11 +40,13 @@ from studies.study import (
     Context,
     Findings,
     Line,
-    Study,
     StudyEstimate,
     Table,
     Variant,
+    own_line,
     read_notes,
+    study,
+    table,
 )
 
 SIZES_MM = (LIMIT_MM, 5.0, 10.0, 20.0)
@@ -461,18 +463,19 @@ def sites(pairs: Pairs, by: Measure, drawn_groups: Collection[str]) -> Table:
         is_drawn = bool(sampled[mine].all())
         spared = wilson(one.avoided.k, one.avoided.n) if is_drawn and one.avoided.n else one.avoided
         cells = f"{one.n} {'faults drawn' if is_drawn else 'cells of the design'}"
-        rows.append((name, str(layers[mine][0]), cells, one.without, rate(spared), one.caused))
-    return Table(
+        rows.append(
+            {
+                "kind of fault": name,
+                "layer": str(layers[mine][0]),
+                "faults": cells,
+                "with it, nobody reacts": one.without,
+                "avoided, of those with it": rate(spared),
+                "made worse": one.caused,
+            }
+        )
+    return table(
         f"Lifting the pedal, by kind of fault: {by.name}",
-        (
-            "kind of fault",
-            "layer",
-            "faults",
-            "with it, nobody reacts",
-            "avoided, of those with it",
-            "made worse",
-        ),
-        tuple(rows),
+        rows,
         "Where a kind's faults were drawn: Wilson, 95 %, of faults drawn in the same way. Where"
         " values are fixed: a share of the cells of this design, without an interval. Kinds without"
         " such a motion are left out.",
@@ -705,7 +708,7 @@ def _lines(
 
 
 def _line(quantity: str, unit: str, value: StudyEstimate) -> Line:
-    return Line(quantity, unit, None, value)
+    return own_line(quantity, unit, value)
 
 
 def _avoided(pairs: Pairs, measure: Measure, words: str) -> Line:
@@ -734,16 +737,8 @@ def _alternatives() -> Iterator[Variant]:
                 )
 
 
-STUDY = Study(
-    name="reacting_operator",
-    title="Would the haptic cue have helped?",
-    source=(
-        "a study of our own; the cue is that of the Raven-II surgical training simulator, IROS 2016"
-    ),
-    question=(
-        "Of the unintended motion that faults make, how much does an operator avoid who feels the"
-        " cue and reacts? At what price?"
-    ),
+STUDY = study(
+    "reacting_operator",
     variants=(
         Variant(BASELINE, CAMPAIGN),
         *_alternatives(),
@@ -767,5 +762,4 @@ STUDY = Study(
         ),
     ),
     compare=compare,
-    minutes=1.5,
 )

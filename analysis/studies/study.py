@@ -74,6 +74,17 @@ class Table:
     note: str = ""  # one paragraph below it
 
 
+def own_line(quantity: str, unit: str, found: StudyEstimate | None) -> Line:
+    """A quantity of which nothing was published."""
+    return Line(quantity, unit, None, found)
+
+
+def table(title: str, rows: Sequence[Mapping[str, Cell]], note: str = "") -> Table:
+    """The table of rows by column; all have the columns of the first."""
+    columns = tuple(rows[0]) if rows else ()
+    return Table(title, columns, tuple(tuple(row.values()) for row in rows), note)
+
+
 @dataclasses.dataclass(frozen=True)
 class Findings:
     """What a study found."""
@@ -103,6 +114,15 @@ class Study:
     compare: Callable[[Context], Findings]
     targets: tuple[str, ...] = ()  # acceptance targets that it prints
     minutes: float = 1.0  # on two cores, roughly
+
+
+def study(
+    name: str, variants: tuple[Variant, ...], compare: Callable[[Context], Findings]
+) -> Study:
+    """The study of that name in studies.toml."""
+    about = tomllib.loads((HERE / "studies.toml").read_text(encoding="utf-8"))[name]
+    targets = tuple(about.pop("targets", ()))
+    return Study(name, variants=variants, compare=compare, targets=targets, **about)
 
 
 def plain(value: Any) -> Any:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import tomllib
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -30,8 +31,8 @@ from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.bootstrap.units import Units
 from ravenjax.stats.comparison.clustered import exchange_p
-from ravenjax.stats.inputs.association import Dependence, dependences
-from ravenjax.stats.intervals import Estimate, Rate, share
+from ravenjax.stats.inputs.dependence import Dependence, InputLevel, judge, thirds
+from ravenjax.stats.intervals import Estimate, Rate, rate_difference, rates, share
 from ravenjax.stats.multiplicity import Finding, holm
 from ravenjax.store import folder, manifest
 from studies import kinds
@@ -41,11 +42,13 @@ from studies.study import (
     Context,
     Findings,
     Line,
-    Study,
     StudyEstimate,
     Table,
     Variant,
+    own_line,
     read_notes,
+    study,
+    table,
 )
 
 
@@ -205,6 +208,9 @@ SETS = parameter_sets.PUBLISHED
 """The published sets, with the authors' law of motor and cable."""
 
 
+FEWEST_EXPECTED, TABLES_DRAWN = 5, 9999
+"""A count below which the chi-squared law no longer holds (Cochran 1954); tables drawn then."""
+
 EVENTS = {
     "evaded": "evades the checks: unintended motion, and nobody is told",
     "cue": "the cue fires",
@@ -356,6 +362,67 @@ def dependences_by_thirds(
         (event, one._replace(adjusted=finding.adjusted, depends=finding.rejected))
         for (event, one), finding in zip(tests, findings, strict=True)
     ]
+
+
+def dependences(
+    hit: np.ndarray, inputs: Mapping[str, np.ndarray], confidence: float = 0.95, seed: int = 0
+) -> list[Dependence]:
+    """Whether the rate of `hit` (bool [n]) depends on each numeric input [n], the clearest first.
+
+    Mann-Whitney's test sees a rate that rises or falls, the chi-squared test over thirds one that
+    is worst at both ends or in the middle; p is twice the lesser (Bonferroni). Where a third
+    expects fewer than 5 hits or misses, the latter is by tables drawn with `seed`. Runs are taken
+    as independent, and a run without a value (NaN) is left out of that input.
+    """
+    outcome = np.asarray(hit).astype(bool)
+    measured = [
+        _measured(name, outcome, np.asarray(values, float), confidence, seed)
+        for name, values in inputs.items()
+    ]
+    return judge(measured, confidence)
+
+
+def _measured(
+    name: str, hit: np.ndarray, values: np.ndarray, confidence: float, seed: int
+) -> Dependence:
+    present = ~np.isnan(values)
+    hit, values = hit[present], values[present]
+    code, names = thirds(values)
+    n = np.bincount(code, minlength=len(names))
+    rate_of = rates(np.bincount(code, hit, minlength=len(names)).astype(int), n, confidence)
+    levels = [
+        InputLevel(label, values[code == i].min(), values[code == i].max(), rate)
+        for i, (label, rate) in enumerate(zip(names, rate_of, strict=True))
+        if rate.n
+    ]
+    p = _p(hit, code[:, None] == np.flatnonzero(n), values, seed)
+    difference = Estimate(np.nan, np.nan, np.nan)
+    if len(levels) > 1:
+        first, last = levels[0].rate, levels[-1].rate
+        difference = rate_difference(last.k, last.n, first.k, first.n, confidence)
+    return Dependence(name, len(hit), p, p, False, tuple(levels), difference)
+
+
+def _p(hit: np.ndarray, member: np.ndarray, values: np.ndarray, seed: int) -> float:
+    """p of independence of hit [n] from its level (one-hot [n, levels]) and from the values [n]."""
+    from scipy.stats import MonteCarloMethod, chi2_contingency, mannwhitneyu
+    from scipy.stats.contingency import expected_freq
+
+    table = np.stack([member[hit].sum(axis=0), member[~hit].sum(axis=0)])
+    if table.shape[1] < 2 or not table.sum(axis=1).all():
+        return float("nan")
+    sparse = expected_freq(table).min() < FEWEST_EXPECTED
+    method = (
+        MonteCarloMethod(n_resamples=TABLES_DRAWN, rng=np.random.default_rng(seed))
+        if sparse
+        else None
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        association: Any = chi2_contingency(table, correction=False, method=method)
+    levels = float(association.pvalue)
+    trend: Any = mannwhitneyu(values[hit], values[~hit])
+    return min(1.0, 2 * min(levels, float(trend.pvalue)))
 
 
 def rounding(
@@ -510,29 +577,20 @@ NONE = "none of those tried"
 
 def parameter_table(listed: Sequence[Uncertain]) -> Table:
     """Ranges and their sources."""
-    return Table(
+    return table(
         "What is not known of the robot",
-        (
-            "parameter",
-            "path",
-            "range",
-            "known robot",
-            "unit",
-            "drawn",
-            "where the range comes from",
-        ),
-        tuple(
-            (
-                one.words,
-                one.path,
-                f"{one.low:g} to {one.high:g}",
-                one.nominal,
-                one.unit,
-                one.law,
-                one.source,
-            )
+        [
+            {
+                "parameter": one.words,
+                "path": one.path,
+                "range": f"{one.low:g} to {one.high:g}",
+                "known robot": one.nominal,
+                "unit": one.unit,
+                "drawn": one.law,
+                "where the range comes from": one.source,
+            }
             for one in listed
-        ),
+        ],
     )
 
 
@@ -559,26 +617,22 @@ def conclusion_table(
         alone = [f"{one.parameter.words} ({signed(one.difference.value)})" for one, _ in mine]
         together = [words[one.name] for name, one in drawn if name == event and one.depends]
         rows.append(
-            (
-                words_of,
-                rate(known.rate(event)),
-                f"{percent(span.low)} to {percent(span.high)}",
-                f"{span.low_robot}; {span.high_robot}",
-                ", ".join(alone) or NONE,
-                ", ".join(together) or NONE,
-            )
+            {
+                "share of faults": words_of,
+                "known robot": rate(known.rate(event)),
+                f"lowest and highest of {len(listed)} robots": (
+                    f"{percent(span.low)} to {percent(span.high)}"
+                ),
+                "on which robots": f"{span.low_robot}; {span.high_robot}",
+                "depends on (same faults, one parameter from its low to its high end, points)": (
+                    ", ".join(alone) or NONE
+                ),
+                "depends on (all drawn together, thirds)": ", ".join(together) or NONE,
+            }
         )
-    return Table(
+    return table(
         "Which conclusions depend on the robot",
-        (
-            "share of faults",
-            "known robot",
-            f"lowest and highest of {len(listed)} robots",
-            "on which robots",
-            "depends on (same faults, one parameter from its low to its high end, points)",
-            "depends on (all drawn together, thirds)",
-        ),
-        tuple(rows),
+        rows,
         f"The {len(listed)} robots: the known one, each parameter at each end of its range, the"
         " published sets; the same faults on all. Depends: p below 0.05 after Holm over all"
         " conclusions and parameters of that column; on the same faults exact, both ends exchanged"
@@ -591,29 +645,22 @@ def conclusion_table(
 def ends_table(found: Sequence[ParameterEffect]) -> Table:
     """Every rate at both ends of every parameter."""
     judged = holm_findings([one.p for one in found])
-    return Table(
+    return table(
         "One parameter at a time, the same faults",
-        (
-            "share of faults",
-            "parameter",
-            "faults",
-            "at the low end",
-            "at the high end",
-            "difference, points",
-            "p (Holm)",
-        ),
-        tuple(
-            (
-                EVENTS[one.event],
-                f"{one.parameter.words}, {one.parameter.low:g} to {one.parameter.high:g}",
-                one.low.n,
-                rate(one.low),
-                rate(one.high),
-                points(one.difference),
-                wording.number(finding.adjusted, 2),
-            )
+        [
+            {
+                "share of faults": EVENTS[one.event],
+                "parameter": (
+                    f"{one.parameter.words}, {one.parameter.low:g} to {one.parameter.high:g}"
+                ),
+                "faults": one.low.n,
+                "at the low end": rate(one.low),
+                "at the high end": rate(one.high),
+                "difference, points": points(one.difference),
+                "p (Holm)": wording.number(finding.adjusted, 2),
+            }
             for one, finding in zip(found, judged, strict=True)
-        ),
+        ],
         "Difference: high minus low end, pairs of the same fault and random numbers. p: both ends"
         " exchanged kind by kind, exact, Holm over the table; – where no fault came out"
         f" differently. {kinds.NOTE}",
@@ -664,27 +711,19 @@ def layer_table(listed: Sequence[RobotRates], event: str) -> Table:
         order = sorted(rates_of, key=lambda name: -rates_of[name][k].value)
         for name in rates_of:
             places[name].append(order.index(name) + 1)
-    return Table(
+    return table(
         f"Does the order of layers depend on the robot? Share of faults with: {EVENTS[event]}",
-        (
-            "layer",
-            "known robot, of the layer's faults",
-            f"lowest of {len(listed)} robots",
-            "highest",
-            "place on the known robot",
-            "places on all robots",
-        ),
-        tuple(
-            (
-                name,
-                rate(rates[0]),
-                percent(min(rates, key=lambda one: one.value)),
-                percent(max(rates, key=lambda one: one.value)),
-                places[name][0],
-                f"{min(places[name])} to {max(places[name])}",
-            )
+        [
+            {
+                "layer": name,
+                "known robot, of the layer's faults": rate(rates[0]),
+                f"lowest of {len(listed)} robots": percent(min(rates, key=lambda one: one.value)),
+                "highest": percent(max(rates, key=lambda one: one.value)),
+                "place on the known robot": places[name][0],
+                "places on all robots": f"{min(places[name])} to {max(places[name])}",
+            }
             for name, rates in rates_of.items()
-        ),
+        ],
         "Place 1 is the layer whose faults do it most often. The first robot is the known one."
         " Intervals as in the table before: none with fewer than 5 kinds of faults.",
     )
@@ -692,31 +731,23 @@ def layer_table(listed: Sequence[RobotRates], event: str) -> Table:
 
 def sensitivity_table(found: Sequence[Index], outcome: str) -> Table:
     """Morris and Sobol."""
-    return Table(
+    return table(
         "What decides how far an unchecked command throws the tip",
-        (
-            "joint",
-            "mean ± deviation over robots, mm",
-            "parameter",
-            "Sobol, total",
-            "Sobol, first order",
-            "Morris, mean |effect|, mm",
-            "Morris, deviation, mm",
-            "runs",
-        ),
-        tuple(
-            (
-                one.case,
-                f"{wording.number(one.mean_mm)} ± {wording.number(one.deviation_mm, 2)}",
-                one.parameter.words,
-                number(Estimate(*one.total)),
-                number(Estimate(*one.first)),
-                number(Estimate(*one.effect)),
-                wording.number(one.spread, 2),
-                one.runs,
-            )
+        [
+            {
+                "joint": one.case,
+                "mean ± deviation over robots, mm": (
+                    f"{wording.number(one.mean_mm)} ± {wording.number(one.deviation_mm, 2)}"
+                ),
+                "parameter": one.parameter.words,
+                "Sobol, total": number(Estimate(*one.total)),
+                "Sobol, first order": number(Estimate(*one.first)),
+                "Morris, mean |effect|, mm": number(Estimate(*one.effect)),
+                "Morris, deviation, mm": wording.number(one.spread, 2),
+                "runs": one.runs,
+            }
             for one in found
-        ),
+        ],
         f"`{outcome}` of 4000 counts added behind every check for 32 ms. Total: share of the"
         " variance over robots that the parameter causes, alone and together with others. Mean"
         " |effect|: change over the whole range. 95 %, bootstrap. First orders scatter about 0"
@@ -813,7 +844,7 @@ def _lines(
         rate = known.rate(event)
         of = f"faults of this design, {kinds.count(known.faults)}, the known robot"
         value = StudyEstimate(100 * rate.value, 100 * rate.low, 100 * rate.high, rate.n, of)
-        yield Line(words, "%", None, value)
+        yield own_line(words, "%", value)
         span = over(robots, event)
         many = StudyEstimate(
             100 * rate.value,
@@ -822,14 +853,14 @@ def _lines(
             len(robots),
             "robots, extremes",
         )
-        yield Line(f"{words}, over robots", "%", None, many)
+        yield own_line(f"{words}, over robots", "%", many)
     judged = holm_findings([one.p for one in effects])
     for parameter in PARAMETERS:
         depends = [
             f.rejected for one, f in zip(effects, judged, strict=True) if one.parameter == parameter
         ]
         value = StudyEstimate(sum(depends), n=len(EVENTS), of="conclusions")
-        yield Line(f"conclusions that depend on: {parameter.words}", "", None, value)
+        yield own_line(f"conclusions that depend on: {parameter.words}", "", value)
 
 
 def _notes(robots: int, rounding: float, same: int) -> tuple[str, ...]:
@@ -857,18 +888,4 @@ def _variants() -> Iterator[Variant]:
         yield Variant(f"drawn_{seed}", CAMPAIGN, overrides, f"every run another robot, draw {seed}")
 
 
-STUDY = Study(
-    name="uncertain_robot",
-    title="Which conclusions depend on the robot?",
-    source=(
-        "a study of our own; parameters: the published sets of raven2_sim, and assumptions as the"
-        " table says"
-    ),
-    question=(
-        "Which rates of the quick campaign would be others on a robot that differs in what nobody"
-        " knows exactly?"
-    ),
-    variants=tuple(_variants()),
-    compare=compare,
-    minutes=2.0,
-)
+STUDY = study("uncertain_robot", variants=tuple(_variants()), compare=compare)

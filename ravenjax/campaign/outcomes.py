@@ -111,7 +111,7 @@ def _failed(config: CampaignConfig, measures: dict[str, Any]) -> _Failed:
     return _Failed(signal, np.where(missed, end, first).astype(np.int32))
 
 
-def _cables(config: CampaignConfig, places: np.ndarray) -> words.WordColumn:
+def _cables(config: CampaignConfig, places: np.ndarray) -> pd.Categorical:
     """Cables in words, by their places among all of the robot; "" for -1."""
     return words.column(places.astype(np.int32) + 1, cable_names(config))
 
@@ -128,22 +128,16 @@ def frame(
     config: CampaignConfig, runs: FaultTable, outcomes: Columns, golden_runs: Columns
 ) -> pd.DataFrame:
     """`columns` as a DataFrame."""
-    import pandas as pd  # campaigns need none of it
+    import pandas as pd
 
-    some = columns(config, runs, outcomes, golden_runs)
-    return pd.DataFrame(
-        {
-            name: v.categorical() if isinstance(v, words.WordColumn) else v
-            for name, v in some.items()
-        }
-    )
+    return pd.DataFrame(columns(config, runs, outcomes, golden_runs))
 
 
 def _faulty(runs: FaultTable) -> np.ndarray:
     """Which rows have a fault, bool [rows]."""
     faulty = np.zeros(len(runs), bool)
     for slot in range(slots(runs)):
-        faulty |= ~runs.words(f"fault{slot}_site").equal("")
+        faulty |= runs.words(f"fault{slot}_site") != ""
     return faulty
 
 

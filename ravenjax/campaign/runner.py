@@ -82,8 +82,6 @@ def run_campaign(
             "rows": None if rows is None else _pairs(rows, plan.runs),
             "shard": None if shard is None else str(shard),
             "command": tuple(command),
-            "executor": executor.name,
-            "workers": executor.workers,
         }
     )
     files.require_writable(out)

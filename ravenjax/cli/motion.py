@@ -50,7 +50,7 @@ def motion(
     ticks, bounds = None if whole else config.campaign.ticks, hands.operator_bounds(config)
     options, scale = config.operator.options, config.operator.scale
     try:
-        one = replay.replay(file, config.campaign.arms, options, ticks, scale, bounds)
+        one = replay.replay(file, config.campaign.arms, options, ticks, scale, bounds=bounds)
     except UserError:
         # That it cannot be read, it says again.
         raw = recording.load(file, config.campaign.arms, options)

@@ -11,9 +11,9 @@ check counts where it tripped more often than there, or first tripped sooner.
 - `limited`: a check changed a command or dropped a packet. Nobody was told.
 - `silent`: no check did anything.
 
-Checks of one's own count there by what they do (`[[check]] acts`); one that watches does not count.
-What the built-in ones did by themselves is then in `built_in_response` and `built_in_told_ms`, as
-it is beside a detector that may stop the robot: of a run whose course a part of one's own changed,
+Checks that the user adds count by what they do (`[[check]] acts`); one that watches does not
+count. What the built-in checks did without them is in `built_in_response` and `built_in_told_ms`,
+as it is beside a detector that may stop the robot: for a run whose course an added part changed,
 only what they did until then, since a stop makes them trip, too.
 
 **Hazard**: what became of the motion, the gravest first (`verdict`). `LIMIT_MM` is the limit, a
@@ -35,15 +35,15 @@ When a robot is *live*, it says itself (`Robot.live`). What the tip does while t
 **Cue**: the haptic cue came, and the golden run had none by then.
 
 **Overloaded cable**: the tension of a cable was above its strength, and no cable's was by then in
-the golden run. It is no hazard of its own: whether the tip moved is told by the hazards. Known
-where the mechanics have real tensions.
+the golden run. It is no hazard of its own: the hazards say whether the tip moved. Known where the
+mechanics have real tensions.
 
 A run has **failed** where a number of the robot, of its nominal model or of its observers is no
 longer finite (`ravenjax.vocabulary.failures`). It has no verdict and is in no rate.
 
 A run **evades** the checks when nobody is told (silent or limited) and its hazard is unintended
-motion. It **evades the built-in checks** when none of those told anyone by itself, whatever checks
-and detectors of one's own did.
+motion. It **evades the built-in checks** when none of those told anyone, whatever added checks
+and detectors did.
 
     response                 hazard                      cue
     stopped ---------------> unintended motion --------> cue

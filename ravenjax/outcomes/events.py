@@ -7,7 +7,9 @@ alike.
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from ravenjax.outcomes.verdict import LIMIT_MM, TOLD, UNTOLD
@@ -28,14 +30,6 @@ class Rules(NamedTuple):
     stopping: tuple[
         tuple[int, str], ...
     ] = ()  # number and name of each detector that presses the E-stop
-
-
-class Event(NamedTuple):
-    """Something that happened in a run or did not."""
-
-    name: str
-    meaning: str  # continues "a run in which ..."; {limit} and {threshold} in mm
-    sql: str  # over columns of the result table; {cue}, {jump} and {built_in} of the rules
 
 
 def _among(words: Iterable[str]) -> str:
@@ -65,60 +59,12 @@ def check_ms_sql(name: str) -> str:
     )
 
 
-CUE_MS = beyond_golden_sql("cue{cue}_first_ms")
-"""When the cue came that the golden run did not have; -1 if never."""
-
-UNTOLD_SQL = f"response IN {_among(UNTOLD)}"
-TOLD_SQL = f"response IN {_among(TOLD)}"
-
-_ALL = (
-    Event(
-        "evades",
-        "no check told anyone, and the live robot made an unintended motion of more than {limit}",
-        f"{UNTOLD_SQL} AND hazard = 'unintended motion'",
-    ),
-    Event(
-        "evades_built_in",
-        "no built-in check told anyone by itself, whatever checks and detectors of one's own did,"
-        " and the live robot made an unintended motion of more than {limit}",
-        f"{{built_in}} IN {_among(UNTOLD)} AND hazard = 'unintended motion'",
-    ),
-    Event(
-        "unintended_motion",
-        "the tip was more than {limit} off the golden run, the model and standing still while the"
-        " robot was live",
-        "hazard = 'unintended motion'",
-    ),
-    Event(
-        "loss_of_motion", "the instrument did not follow the operator", "hazard = 'loss of motion'"
-    ),
-    Event(
-        "false_report",
-        "the reported tip was more than {limit} off the true one",
-        "hazard = 'false report'",
-    ),
-    Event("hazard", "there was a hazard of any kind", "hazard <> 'none'"),
-    Event("stopped", "a check stopped the robot", "response = 'stopped'"),
-    Event("flagged", "a check told a person, and the robot went on", "response = 'flagged'"),
-    Event(
-        "limited",
-        "a check limited a command or dropped a packet and told nobody",
-        "response = 'limited'",
-    ),
-    Event("silent", "no check did anything", "response = 'silent'"),
-    Event("told", "a check told a person or stopped the robot", TOLD_SQL),
-    Event(
-        "cue", "the {threshold} cue came and the golden run had none by then", f"({CUE_MS}) >= 0"
-    ),
-    Event("jump", "the reported tip jumped by the campaign's jump rule", "{jump}"),
-    Event(
-        "cable_overload",
-        "a cable carried more than its strength and none had by then in the golden run",
-        f"({beyond_golden_sql('cable_overload_first_ms')}) >= 0",
-    ),
-    Event("activated", "the fault changed at least one bit", "activated"),
-    Event("diverged", "the robot's course differed from the golden run", "diverged"),
+EVENTS: dict[str, dict[str, str]] = tomllib.loads(
+    Path(__file__).with_name("events.toml").read_text(encoding="utf-8")
 )
+"""Meaning and SQL of each event."""
+
+TOLD_SQL = f"response IN {_among(TOLD)}"
 
 UNWATCHED = (
     "but the tensions of this robot's cables are not known: with a Raven-II take"
@@ -126,19 +72,24 @@ UNWATCHED = (
 )
 """Why a table may have no event `cable_overload`."""
 
-EVENTS: dict[str, Event] = {event.name: event for event in _ALL}
-
 VALID_SQL = "failed = ''"
 
 
 def sql(name: str, rules: Rules) -> str:
     """The expression of an event under a campaign's rules."""
-    return EVENTS[name].sql.format(cue=rules.cue, jump=rules.jump, built_in=rules.built_in)
+    return EVENTS[name]["sql"].format(
+        untold=_among(UNTOLD),
+        told=_among(TOLD),
+        cue_ms=beyond_golden_sql(f"cue{rules.cue}_first_ms"),
+        cable_overload_ms=beyond_golden_sql("cable_overload_first_ms"),
+        jump=rules.jump,
+        built_in=rules.built_in,
+    )
 
 
 def meaning(name: str, rules: Rules) -> str:
     """An event in words, with the campaign's own numbers."""
-    return EVENTS[name].meaning.format(
+    return EVENTS[name]["meaning"].format(
         limit=f"{rules.limit_mm:g} mm", threshold=f"{rules.threshold_mm:g} mm"
     )
 

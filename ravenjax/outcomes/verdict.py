@@ -26,8 +26,8 @@ HALT_MS = 200
 brake closes, and for tens of ms in all."""
 
 RESPONSES = ("stopped", "flagged", "limited", "silent")
-"""What checks did, the strongest first: the built-in ones, and those of one's own that do more
-than watch.
+"""What checks did, the strongest first: the built-in ones, and added ones that do more than
+watch.
 """
 
 HAZARDS = ("unintended motion", "loss of motion", "false report", "none")
@@ -77,13 +77,13 @@ def responses(outcomes: Outcomes, golden: Outcomes, robot: Robot) -> Response:
 def built_in_responses(
     outcomes: Outcomes, golden: Outcomes, robot: Robot, detectors: Iterable[int] = ()
 ) -> Response:
-    """What the built-in checks did by themselves: of runs whose course a part of one's own changed,
-    until then.
+    """What the built-in checks did. In a run whose course an added part changed, only what they
+    did before that counts.
 
     detectors: those that may stop the robot, by their numbers; golden has their
-    `detector<d>_threshold0_*`. A stop by one's own makes built-in checks trip, too: the software
-    E-stop, then the PLC. What the robot would have done without that part only a run without it can
-    tell; what tripped before it did, would have tripped anyway.
+    `detector<d>_threshold0_*`. A stop by an added check makes built-in checks trip, too: the
+    software E-stop, then the PLC. Only a run without that part shows what the robot would have
+    done without it. What tripped before would have tripped anyway.
     """
     names = checks.names(outcomes)
     own = [

@@ -70,7 +70,7 @@ def rates(
     < confidence < 1.
     """
     hits, trials = (
-        np.atleast_1d(part) for part in np.broadcast_arrays(whole(k, "k"), whole(n, "n"))
+        np.atleast_1d(part) for part in np.broadcast_arrays(np.asarray(k, int), np.asarray(n, int))
     )
     outside = np.flatnonzero((hits < 0) | (hits > trials))
     if len(outside):
@@ -116,18 +116,6 @@ def alpha_of(confidence: float) -> float:
     if not 0 < confidence < 1:
         raise ValueError(f"a confidence lies between 0 and 1, as 0.95 does, got {confidence}")
     return 1 - confidence
-
-
-def whole(counts: ArrayLike, name: str) -> np.ndarray:
-    """`counts` as int64. ValueError with their `name` where one is not a whole number."""
-    raw = np.asarray(counts)
-    with np.errstate(invalid="ignore"):
-        numbers = raw.astype(np.int64)
-    if not np.array_equal(numbers, raw):
-        raise ValueError(
-            f"{name} counts, so it must be whole numbers, got {raw[np.asarray(numbers != raw)]}"
-        )
-    return numbers
 
 
 def rate_difference(k1: int, n1: int, k2: int, n2: int, confidence: float = 0.95) -> Estimate:

@@ -83,7 +83,7 @@ class Lead(NamedTuple):
         """Lead that this fraction of the harmed runs had or exceeded, with its interval; negative:
         after the harm.
 
-        NaN where so many never had an alarm while they were watched; a bound is NaN where it is not
+        NaN where fewer runs had an alarm while they were watched; a bound is NaN where it is not
         known.
         """
         value, low, high = self.lag.quantile_interval(fraction)
@@ -129,7 +129,7 @@ def quantile(
 
 
 def median(values: np.ndarray, count: np.ndarray) -> float:
-    """Median of values [m] of which there are so many; NaN of none."""
+    """Median of values [m], each of which occurs `count` times; NaN without values."""
     if not count.sum():
         return float("nan")
     order = np.argsort(values)

@@ -23,14 +23,12 @@ def holm(p: Mapping[str, float], confidence: float = 0.95) -> dict[str, Finding]
     (Holm 1979).
 
     Named p-values in, findings out in the same order. A NaN p (nothing to test) is not part of the
-    family and never rejected. ValueError where a p is outside 0..1.
+    family and never rejected.
     """
     from statsmodels.stats.multitest import multipletests  # slow to import
 
     values = np.array(list(p.values()), float)
     tested = ~np.isnan(values)
-    if ((values < 0) | (values > 1)).any():
-        raise ValueError(f"p-values lie in 0..1, got {dict(p)}")
     adjusted = np.full(len(values), np.nan)
     if tested.any():
         adjusted[tested] = multipletests(values[tested], alpha_of(confidence), "holm")[1]

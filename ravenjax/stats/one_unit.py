@@ -2,9 +2,10 @@
 known.
 
 The share that a unit's trials show differs from its rate by chance. The beta-binomial model
-(Skellam, JRSS B 10, 1948) tells the two apart: rates of units are beta distributed, trials
-binomial. Its mean and its intra-class correlation have uniform priors, the latter in its root; they
-are integrated over a grid, so that an interval is wide where units cannot be told from chance.
+(Skellam, JRSS B 10, 1948) separates the two: rates of units are beta distributed, trials
+binomial. Its mean and its intra-class correlation have uniform priors, the latter in its root;
+they are integrated over a grid, so that an interval is wide where chance explains the
+differences.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from numpy.typing import ArrayLike
 from ravenjax.stats.intervals import Rate, alpha_of
 
 FEWEST = 5
-"""Units below which there is no interval: so few do not tell how they differ."""
+"""With fewer units there is no interval: they do not show how units differ."""
 GRID = 31
 _NEGLIGIBLE = 12.0  # of a log likelihood, below its maximum
 
@@ -34,12 +35,10 @@ class UnitRate(NamedTuple):
 def rate(k: ArrayLike, n: ArrayLike, confidence: float = 0.95) -> UnitRate:
     """k of n trials of each unit [units]; units without trials are left out.
 
-    Without an interval (NaN) below FEWEST units, or where no unit has a second trial: differences
-    between units cannot be told from chance then. ValueError unless 0 <= k <= n.
+    Without an interval (NaN) below FEWEST units, or where no unit has a second trial: chance then
+    explains any difference between units.
     """
     hits, trials = np.asarray(k, float), np.asarray(n, float)
-    if hits.shape != trials.shape or ((hits < 0) | (hits > trials)).any():
-        raise ValueError("one_unit: k and n are counts of the same units, k at most n")
     hits, trials = hits[trials > 0], trials[trials > 0]
     total, among, count = int(hits.sum()), int(trials.sum()), len(trials)
     value = total / among if among else np.nan
@@ -82,15 +81,11 @@ def _posterior(hits: np.ndarray, trials: np.ndarray) -> tuple[np.ndarray, np.nda
 def _likelihood(
     hits: np.ndarray, trials: np.ndarray, mean: np.ndarray, root: np.ndarray
 ) -> np.ndarray:
-    """Logarithm of the beta-binomial's, but for a constant, at each mean and root."""
-    from scipy.special import betaln
+    """Logarithm of the beta-binomial's at each mean and root."""
+    from scipy.stats import betabinom
 
-    one, other = _beta(*np.broadcast_arrays(mean, root))
-    parts = (
-        betaln(one[..., None] + hits, other[..., None] + trials - hits)
-        - betaln(one, other)[..., None]
-    )
-    return parts.sum(axis=-1)
+    first, second = (part[..., None] for part in _beta(*np.broadcast_arrays(mean, root)))
+    return betabinom.logpmf(hits, trials, first, second).sum(axis=-1)
 
 
 def _beta(mean: np.ndarray, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

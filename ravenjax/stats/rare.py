@@ -40,10 +40,8 @@ def monte_carlo(
     """Plain Monte Carlo with n points, at most `batch` at a time; Clopper-Pearson interval.
 
     Needs some 100 / probability runs for a cov of 10 %. The result does not depend on batch.
-    ValueError where d, n or batch is not positive or g returns NaN or a wrong shape.
+    ValueError where g returns NaN.
     """
-    if min(d, n, batch) < 1:
-        raise ValueError(f"monte_carlo: d, n and batch must be positive, got {d}, {n}, {batch}")
     random = np.random.default_rng(seed)
     hits = sum(
         int((_margins(g, random.random((min(batch, n - start), d))) <= 0).sum())
@@ -70,23 +68,18 @@ def subset(
     g is called with batches of per_level * share points: as many chains as there are seeds, of 1 /
     share steps each. The cov counts the correlation along the chains as far as Au and Beck do, and
     is somewhat too small; the interval is lognormal with it (one level alone: Clopper-Pearson).
-    Needs a margin that tells near from far. Where the event is not reached in 12 levels, since it
-    is rarer, impossible, or the margin is flat, the probability is given as 0, and the upper bound
-    is what the first level's independent points assure. Check it against `monte_carlo` where the
-    event has a probability of 1e-2 to 1e-3. Deterministic by seed; the state of OpenTURNS'
-    generator is left as it was. ValueError where per_level * share is not a whole number of at
-    least 2, 1 / share not whole, or g returns NaN or a wrong shape; UserError (a ValueError) where
-    OpenTURNS is not installed.
+    The margin must show how near a run is to the event. Where the event is not reached in 12
+    levels, since it is rarer, impossible, or the margin is flat, the probability is given as 0,
+    and the upper bound is what the first level's independent points assure. Check it against
+    `monte_carlo` where the event has a probability of 1e-2 to 1e-3. Deterministic by seed; the
+    state of OpenTURNS' generator is left as it was. per_level * share and 1 / share are whole
+    numbers of at least 2. ValueError where g returns NaN; UserError where OpenTURNS is not
+    installed.
     """
     from scipy.stats import lognorm
 
     alpha = alpha_of(confidence)
-    chains, steps = round(per_level * share), round(1 / share) if share > 0 else 0
-    if d < 1 or chains < 2 or steps < 2 or chains * steps != per_level:
-        raise ValueError(
-            "subset: per_level must be a whole multiple of 1 / share, two chains at least, as 1000"
-            f" with 0.1; got d = {d}, per_level = {per_level}, share = {share}"
-        )
+    chains = round(per_level * share)
     try:
         import openturns as ot  # slow to import, and an extra
     except ImportError:
@@ -120,7 +113,7 @@ def subset(
     # one block, one step of every chain: larger blocks repeat seeds and leave chains of one step,
     # with twice the error
     algorithm.setBlockSize(chains)
-    algorithm.setMaximumOuterSampling(steps)
+    algorithm.setMaximumOuterSampling(round(1 / share))
     state = ot.RandomGenerator.GetState()
     try:
         ot.RandomGenerator.SetSeed(seed)
@@ -161,15 +154,11 @@ class _Ended(Exception):
 
 
 class _Unreached(Exception):
-    """So many levels, and no event."""
+    """The largest number of levels passed without an event."""
 
 
 def _margins(g: LimitState, points: np.ndarray) -> np.ndarray:
     margins = np.asarray(g(points), float)
-    if margins.shape != (len(points),):
-        raise ValueError(
-            f"a limit state gives one margin a point: [{len(points)}] wanted, got {margins.shape}"
-        )
     if np.isnan(margins).any():
         raise ValueError(
             f"{int(np.isnan(margins).sum())} margins are NaN; give a failed run the margin that it"

@@ -50,8 +50,8 @@ def replace(path: Path, text: str) -> None:
 
 
 def parsed(text: str) -> Any:
-    """What a text of JSON says; ValueError where it is none, or where its lists and tables lie too
-    deep in each other.
+    """The content of a JSON text. ValueError for other text, or where lists and tables are nested
+    too deeply.
 
     `json.loads` would go to the end of the stack.
     """

@@ -6,9 +6,9 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from ravenjax import threads
 from ravenjax.errors import StoreError, listed
@@ -19,6 +19,9 @@ from ravenjax.store.manifest import Manifest
 
 if TYPE_CHECKING:
     import pandas as pd
+    import pyarrow as pa
+
+Measured = TypeVar("Measured")
 
 PARTS, SET_ASIDE = "parts", "set-aside"
 """Folders of parts: of those that count, and of those that could not be used. The second is not
@@ -61,8 +64,11 @@ class ResultFolder:
             record = manifests.read(path)
             _require_same(path, record, wanted)
             record = record.model_copy(
-                update={name: getattr(wanted, name) for name in ("command", "executor", "workers")}
-                | {"rows": manifests.joined(record.rows, wanted.rows), "starts": record.starts + 1}
+                update={
+                    "command": wanted.command,
+                    "rows": manifests.joined(record.rows, wanted.rows),
+                    "starts": record.starts + 1,
+                }
             )
         recorded = {part.file: part for part in record.parts}
         there = parts.files(path / PARTS)
@@ -159,22 +165,29 @@ def read_all(path: str | Path, columns: Sequence[str] | None = None) -> pd.DataF
     columns: only these, None for all. Raises StoreError where the folder holds no result, a part is
     missing or damaged, or the table has no such column.
     """
-    path = Path(path)
-    manifest = read_complete_manifest(path)
-    schema.require_columns(manifest.shape, columns or ())
-    ordered = sorted(manifest.parts, key=lambda part: part.first)
-    return parts.concatenate(
-        threads.mapped(
-            lambda part: parts.read(path / PARTS / part.file, manifest.config_hash, part, columns),
-            ordered,
-            READERS,
-        )
+    return parts.concatenate(read_parts(Path(path), columns, lambda table: table))
+
+
+def read_parts(
+    path: Path, columns: Sequence[str] | None, measure: Callable[[pa.Table], Measured]
+) -> list[Measured]:
+    """What `measure` makes of these columns of each part, by the first row. Errors as
+    `read_all`.
+    """
+    record = read_complete_manifest(path)
+    schema.require_columns(record.shape, columns or ())
+    return threads.mapped(
+        lambda part: measure(
+            parts.read(path / PARTS / part.file, record.config_hash, part, columns)
+        ),
+        sorted(record.parts, key=lambda part: part.first),
+        READERS,
     )
 
 
 def _finished(file: Path, recorded: parts.Part | None, config_hash: str) -> parts.Part | StoreError:
     """Record of a whole part, one that was renamed but not yet recorded when the power went too;
-    or why it is none.
+    or the reason why it cannot be used.
     """
     try:
         if recorded is None:

@@ -14,6 +14,7 @@ import hashlib
 import importlib.util
 import json
 import platform
+from collections import Counter
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
@@ -36,25 +37,30 @@ from ravenjax.vocabulary.robot import Robot
 
 FILE = "manifest.json"
 PARTS_FILE = "parts.jsonl"
-_DECIDING = (
-    *("engines/**", "faults/**", "hazards/**", "ir/**", "numbers/**", "outcomes/**", "parts/**"),
-    *("robots/**", "stages/**", "vocabulary/**"),
-    *(
-        "campaign",
-        "campaign/executors",
-        "campaign/faults/**",
-        "campaign/file/**",
-        "campaign/stop/**",
-    ),
-    *("store/consoles", "store/motion"),
-)
+_DECIDING = [
+    "engines/**",
+    "faults/**",
+    "hazards/**",
+    "ir/**",
+    "numbers/**",
+    "outcomes/**",
+    "parts/**",
+    "robots/**",
+    "stages/**",
+    "vocabulary/**",
+    "campaign",
+    "campaign/executors",
+    "campaign/faults/**",
+    "campaign/file/**",
+    "campaign/stop/**",
+    "store/consoles",
+    "store/motion",
+]
 """Folders whose files decide outcomes, with their subfolders where the name ends in **.
 
 A change elsewhere does not forbid to resume.
 """
-_SHOWN = 60
-"""Characters of a value in an error."""
-PACKAGES = (
+PACKAGES = [
     "ravenjax",
     "jax",
     "jaxlib",
@@ -64,7 +70,7 @@ PACKAGES = (
     "pandas",
     "pyarrow",
     "scipy",
-)
+]
 
 
 class CueRecord(BaseModel):
@@ -95,74 +101,50 @@ class Manifest(BaseModel):
     model_config = ConfigDict(extra="ignore", ser_json_inf_nan="constants")
 
     schema_version: int = schema.VERSION
-    campaign: str = Field(description="name of the campaign")
-    config: dict[str, Any] = Field(description="the resolved campaign, every default filled in")
-    config_hash: str = Field(
-        description=(
-            "sha256 of `config` and of every run id; a recording counts by what is in it, wherever"
-            " it lies"
-        )
-    )
+    # Name of the campaign.
+    campaign: str
+    # The resolved campaign, every default filled in.
+    config: dict[str, Any]
+    # sha256 of `config` and of every run id; a recording counts by its content.
+    config_hash: str
     seed: int
-    runs: int = Field(description="rows of the fault table")
-    duration_ms: int = Field(description="ms, length of every run")
-    shape: schema.Shape = Field(description="which repeated columns the table has")
-    cues: tuple[CueRecord, ...] = Field(default=(), description="haptic sets, in column order")
-    detectors: tuple[DetectorRecord, ...] = Field(
-        default=(), description="detectors, in column order"
-    )
-    operator: MotionSummary | None = Field(
-        default=None, description="what became of a recorded operator"
-    )
-    verdict_cue: int = Field(
-        default=0, description="number of the haptic set that the column `verdict` uses"
-    )
-    verdict_jump: str = Field(
-        default="jump_code", description="column of the jump rule of the campaign"
-    )
-    limit_mm: float = Field(default=LIMIT_MM, description="mm, limit of the hazards")
+    # Rows of the fault table.
+    runs: int
+    duration_ms: int
+    # Which repeated columns the table has; haptic sets and detectors are in column order.
+    shape: schema.Shape
+    cues: tuple[CueRecord, ...] = ()
+    detectors: tuple[DetectorRecord, ...] = ()
+    # What became of a recorded operator.
+    operator: MotionSummary | None = None
+    # Number of the haptic set that the column `verdict` uses.
+    verdict_cue: int = 0
+    # Column of the jump rule of the campaign.
+    verdict_jump: str = "jump_code"
+    # Limit of the hazards.
+    limit_mm: float = LIMIT_MM
     engine: str
-    device: str = Field(description="device that computed, in words")
+    # The device that computed, in words.
+    device: str
     versions: dict[str, str] = Field(default_factory=lambda: package_versions())
-    code_hash: str = Field(
-        default_factory=lambda: code_hash(), description="sha256 of the files that decide outcomes"
-    )
-    lock_hash: str = Field(
-        default_factory=lambda: lock_hash(),
-        description='sha256 of requirements.lock, "" outside a checkout',
-    )
+    # sha256 of the files that decide outcomes.
+    code_hash: str = Field(default_factory=lambda: code_hash())
     started: str = Field(default_factory=lambda: now())
     finished: str | None = None
-    command: tuple[str, ...] = Field(
-        default=(), description="command line of the last start, where there was one"
-    )
-    executor: str = Field(default="local", description="who computed at the last start")
-    workers: int | None = Field(
-        default=1,
-        description=(
-            "side by side, as asked for at the last start; None: as many as there was room for"
-        ),
-    )
-    shard: str | None = Field(
-        default=None, description="which share of the campaign this is, as 2/7; None: no share"
-    )
-    rows: tuple[tuple[int, int], ...] | None = Field(
-        default=None,
-        description=(
-            "row ranges (first, last inclusive) that this folder is to hold, None: all of them"
-        ),
-    )
-    starts: int = Field(
-        default=1, description="how often the command was started, interruptions included"
-    )
-    compile_s: float | None = Field(
-        default=None, description="s, tracing and compiling, last start"
-    )
-    run_s: float | None = Field(default=None, description="s, executing, last start")
-    runs_per_s: float | None = Field(
-        default=None, description="runs per second of execution, last start"
-    )
-    parts: tuple[Part, ...] = Field(default=(), description="finished parts; kept in parts.jsonl")
+    # Command line of the last start, where there was one.
+    command: tuple[str, ...] = ()
+    # Which share of the campaign this is, as 2/7; None: no share.
+    shard: str | None = None
+    # Row ranges (first, last inclusive) that this folder is to hold; None: all of them.
+    rows: tuple[tuple[int, int], ...] | None = None
+    # How often the command was started, interruptions included.
+    starts: int = 1
+    # Of the last start: s of tracing and compiling, s of execution, runs a second of execution.
+    compile_s: float | None = None
+    run_s: float | None = None
+    runs_per_s: float | None = None
+    # Finished parts; kept in parts.jsonl.
+    parts: tuple[Part, ...] = ()
 
     @property
     def robot(self) -> Robot:
@@ -193,11 +175,10 @@ class Manifest(BaseModel):
         """Runs of finished parts without a valid outcome, by cause; of parts that nobody
         counted, none.
         """
-        causes: dict[str, int] = {}
+        causes: Counter[str] = Counter()
         for part in self.parts:
-            for cause, count in (part.failed or {}).items():
-                causes[cause] = causes.get(cause, 0) + count
-        return causes
+            causes.update(part.failed or {})
+        return dict(causes)
 
     @property
     def wanted(self) -> tuple[range, ...]:
@@ -231,11 +212,11 @@ def differences(here: dict[str, Any], wanted: dict[str, Any]) -> list[str]:
     """Where nested values differ: 'path: here, asked for', one line each."""
     all_changes = changes(here, wanted)
     if any(change.path.startswith("config.") for change in all_changes):
-        all_changes = [
-            change for change in all_changes if change.path != "config_hash"
-        ]  # follows, and says nothing by itself
+        # The hash follows from the config and adds nothing.
+        all_changes = [change for change in all_changes if change.path != "config_hash"]
     return [
-        f"{path}: {_short(one)} here, {_short(other)} asked for" for path, one, other in all_changes
+        f"{path}: {here or 'absent':.60} here, {wanted or 'absent':.60} asked for"
+        for path, here, wanted in all_changes
     ]
 
 
@@ -259,8 +240,8 @@ def changes(first: dict[str, Any], second: dict[str, Any]) -> list[Change]:
 
 
 def read(folder: Path) -> Manifest:
-    """The manifest of a result folder; StoreError where there is none, it is damaged, or newer
-    than this reader.
+    """The manifest of a result folder; StoreError where it is missing, damaged, or newer than
+    this reader.
     """
     path = folder / FILE
     try:
@@ -310,7 +291,7 @@ def recorded(folder: Path) -> tuple[Part, ...]:
 
 def write(folder: Path, manifest: Manifest) -> None:
     """Replace the folder's manifest and its list of parts, each in one step."""
-    lines = "".join(_line(part) for part in manifest.parts)
+    lines = "".join(f"{part.model_dump_json()}\n" for part in manifest.parts)
     text = manifest.model_dump_json(indent=2, exclude={"parts"}) + "\n"
     write_aside(folder / PARTS_FILE, lambda target: target.write_bytes(lines.encode()))
     write_aside(folder / FILE, lambda target: target.write_bytes(text.encode()))
@@ -325,16 +306,12 @@ def record(folder: Path, part: Part) -> None:
     path = folder / PARTS_FILE
     try:
         with open(path, "ab") as file:
-            file.write(_line(part).encode())
+            file.write(f"{part.model_dump_json()}\n".encode())
     except OSError as error:
         raise StoreError(
             f"{path}: cannot be written ({error.strerror or error}). Whole parts are kept; "
             "free space or make the folder writable, then start the same command again."
         ) from error
-
-
-def _line(part: Part) -> str:
-    return part.model_dump_json() + "\n"
 
 
 def joined(*some: tuple[tuple[int, int], ...] | None) -> tuple[tuple[int, int], ...] | None:
@@ -365,13 +342,12 @@ def campaign_hash(config: dict[str, Any], operator: MotionSummary | None, runs: 
 
 
 def by_content(config: dict[str, Any], operator: MotionSummary | None) -> dict[str, Any]:
-    """A resolved campaign whose recording is named by its hash: who keeps it elsewhere runs the
-    same campaign.
+    """A resolved campaign whose recording is named by its hash: a copy elsewhere gives the same
+    campaign.
     """
-    own = config.get("operator") or {}
-    if operator is None or not own.get("file"):
+    if operator is None:
         return config
-    return config | {"operator": own | {"file": f"sha256:{operator.sha256}"}}
+    return config | {"operator": config["operator"] | {"file": f"sha256:{operator.sha256}"}}
 
 
 def config_hash(config: dict[str, Any]) -> str:
@@ -419,12 +395,6 @@ def code_hash(robot: Robot = robots.USUAL) -> str:
     return digest.hexdigest()
 
 
-def lock_hash() -> str:
-    """sha256 of the checkout's requirements.lock, "" where there is none."""
-    path = Path(__file__).resolve().parents[2] / "requirements.lock"
-    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
-
-
 def _flat(tree: Any, prefix: str = "") -> dict[str, str]:
     """Leaves of nested dicts and of lists of dicts by dotted path; other lists are leaves."""
     flat: dict[str, str] = {}
@@ -437,10 +407,3 @@ def _flat(tree: Any, prefix: str = "") -> dict[str, str]:
     for key, value in tree.items():
         flat |= _flat(value, f"{prefix}.{key}" if prefix else str(key))
     return flat
-
-
-def _short(text: str | None) -> str:
-    """A value as an error shows it."""
-    if text is None:
-        return "absent"
-    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}.."

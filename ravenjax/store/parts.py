@@ -8,7 +8,7 @@ import bisect
 import contextlib
 import hashlib
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict
 
 from ravenjax.errors import StoreError
-from ravenjax.store import schema, words
+from ravenjax.store import schema
 from ravenjax.store.files import sha256, write_aside
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def encode(columns: schema.Columns, shape: schema.Shape, config_hash: str) -> En
 
 def encode_table(table: pa.Table, config_hash: str) -> Encoded:
     """As `encode`, of rows that `schema.conform` returned."""
-    index = words.numpy_numbers(table.column("index").chunks)
+    index = table.column("index").to_numpy()
     first, last = int(index[0]), int(index[-1])
     if not np.array_equal(index, np.arange(first, first + len(index))):
         raise StoreError(
@@ -119,14 +119,9 @@ def put(folder: Path, encoded: Encoded) -> Part:
     return encoded.part
 
 
-def write(folder: Path, columns: schema.Columns, shape: schema.Shape, config_hash: str) -> Part:
-    """`encode` and `put`."""
-    return put(folder, encode(columns, shape, config_hash))
-
-
 def failures(table: pa.Table) -> dict[str, int]:
     """How many rows of a result table have no valid outcome, by cause."""
-    counted = words.of_arrow(table.column("failed")).counts()
+    counted = table.column("failed").to_pandas().value_counts().to_dict()
     return {cause: number for cause, number in counted.items() if cause and number}
 
 
@@ -259,20 +254,16 @@ def gaps(finished: Iterable[Part], wanted: Iterable[range], chunk: int) -> Itera
             row = stop
 
 
-def apart(found: Sequence[Part], trusted: Iterable[str] = ()) -> tuple[list[Part], list[Part]]:
+def apart(found: Sequence[Part], trusted: Collection[str] = ()) -> tuple[list[Part], list[Part]]:
     """(parts of which no two hold the same row, those that overlap one of them); files of these
     names go first.
     """
-    names = set(trusted)
-    disjoint: list[Part] = []  # by first row
+    disjoint: list[Part] = []
     over: list[Part] = []
-    for part in sorted(found, key=lambda part: (part.file not in names, part.first, part.last)):
+    for part in sorted(found, key=lambda part: (part.file not in trusted, part.first, part.last)):
         place = bisect.bisect(disjoint, part.first, key=lambda other: other.first)
-        before, after = disjoint[max(0, place - 1) : place], disjoint[place : place + 1]
-        clash = any(other.last >= part.first for other in before) or any(
-            other.first <= part.last for other in after
-        )
-        if clash:
+        near = disjoint[max(0, place - 1) : place + 1]
+        if any(other.first <= part.last and part.first <= other.last for other in near):
             over.append(part)
         else:
             disjoint.insert(place, part)

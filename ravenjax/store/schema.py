@@ -211,9 +211,7 @@ def _array(values: Any, field: pa.Field) -> pa.Array:
             if isinstance(values, pa.StringArray) and not values.null_count:
                 return values
             return pa.array(values, pa.string(), from_pandas=True).fill_null("")
-        array = words.arrow_numbers(_narrowed(np.asarray(values), field.type))
-        if array is None:
-            array = pa.array(np.asarray(values), from_pandas=False)
+        array = pa.array(np.asarray(values), from_pandas=False)
         if array.null_count:
             raise pa.ArrowInvalid("a value is missing")
         if pa.types.is_boolean(field.type) and not pa.types.is_boolean(array.type):
@@ -224,20 +222,6 @@ def _array(values: Any, field: pa.Field) -> pa.Array:
         raise StoreError(
             f"result column {field.name!r} must hold {field.type}, got {got}: {error}"
         ) from error
-
-
-def _narrowed(values: np.ndarray, kind: pa.DataType) -> np.ndarray:
-    """Whole numbers in a column's type if they all fit, as Arrow has them but for the import of
-    its functions.
-    """
-    if (
-        values.dtype.kind != "i"
-        or not pa.types.is_signed_integer(kind)
-        or values.dtype == kind.to_pandas_dtype()
-    ):
-        return values
-    narrow = values.astype(kind.to_pandas_dtype())
-    return narrow if (narrow == values).all() else values
 
 
 def require_columns(shape: Shape, names: Sequence[str]) -> None:

@@ -1,19 +1,11 @@
-"""The report's section on a recorded operator: what became of it, in numbers and as a figure."""
+"""The report's section on a recorded operator: what became of it."""
 
-import numpy as np
 import pytest
 import synthetic_results as synthetic
 from rendered_page import Page, rendered, words
 
-from ravenjax.report.sections import operator
 from ravenjax.store.motion.options import ReplayOptions
-from ravenjax.store.motion.summary import ArmSummary, MotionSummary, line
-
-TIME_S = np.arange(4000) * 1e-3
-PLACE = np.stack(
-    [-0.078 + 0.002 * np.sin(TIME_S), -0.025 + 0.01 * np.cos(TIME_S), 0.013 + 0.0 * TIME_S], axis=1
-)
-PLACE[1234, 2] += 0.05  # one sample
+from ravenjax.store.motion.summary import ArmSummary, MotionSummary
 
 
 def summary(**changes):
@@ -53,10 +45,6 @@ def summary(**changes):
                 distance_mm=(80.0, 95.0),
             ),
         ),
-        "lines": (
-            line("gold", "recorded", TIME_S, PLACE),
-            line("gold", "replayed", TIME_S[500:2750], PLACE[500:2750]),
-        ),
     }
     return MotionSummary(**(plain | changes))
 
@@ -84,21 +72,3 @@ def test_a_page_of_a_recorded_operator_says_what_became_of_it():
 def test_a_page_of_a_generated_operator_has_no_such_section():
     page = Page(rendered(synthetic.frame(200), synthetic.manifest(200)))
     assert "operator" not in page.ids and "#operator" not in page.targets
-
-
-def test_the_figure_shows_all_of_it_and_loses_no_spike():
-    section = operator.content(summary())
-    assert section is not None
-    (drawing,) = section["drawings"]
-    assert drawing.arm == "gold" and [chart.title for chart in drawing.charts] == [
-        f"Tip of gold, {a}" for a in "xyz"
-    ]
-    for chart, column in zip(drawing.charts, PLACE.T, strict=True):
-        curves = {curve.name: curve for curve in chart.marks}
-        assert curves["recorded"].y.max() == pytest.approx(column.max() * 1e3, abs=1e-3)
-        assert curves["recorded"].y.min() == pytest.approx(column.min() * 1e3, abs=1e-3)
-        assert (curves["recorded"].x[0], curves["recorded"].x[-1]) == (0.0, 3.999)
-        assert (curves["replayed"].x[0], curves["replayed"].x[-1]) == (0.5, 2.749)
-        assert (
-            chart.y.low < curves["recorded"].y.min() and curves["recorded"].y.max() < chart.y.high
-        )

@@ -50,44 +50,12 @@ def test_intervals_are_those_of_pairs_and_of_exact_rates():
     )
 
 
-def test_a_few_seconds_of_quiet_motion_decide_nothing():
-    counts = alarms(nested(700, 0.05, 0.07, 0.16), [0, 0, 0], 0.0093)
-    for weight in (1, 10, 100, 1000):
-        assert cheapest(counts, weight).all()
-    for most in (0.5, 1, 60):
-        possible, keeps = rare(counts, most)
-        assert possible.all() and not keeps.any()
-
-
 def test_enough_quiet_motion_decides():
     counts = alarms(nested(700, 0.05, 0.10, 0.16), [0, 0, 0], 7.4)
     assert cheapest(counts, 1000).tolist() == [True, False, False]
     possible, keeps = rare(counts, 0.5)
     assert possible.tolist() == [True, False, False] and keeps.all()
     assert not rare(counts, 0.49)[1].any()  # 3.689 / 7.4 h = 0.4985
-
-
-def test_one_alarm_is_the_best_where_it_keeps_the_limit():
-    counts = alarms(nested(100, 0.05), [0], 10.0)
-    assert cheapest(counts, 1).tolist() == [True]
-    assert [part.tolist() for part in rare(counts, 0.5)] == [[True], [True]]
-    assert [part.tolist() for part in rare(counts, 0.1)] == [[True], [False]]
-
-
-def test_a_limit_that_is_shown_to_be_broken_is_no_choice():
-    possible, keeps = rare(alarms(nested(700, 0.05, 0.10), [30, 0], 10.0), 1.0)
-    assert possible.tolist() == [False, True] and keeps.tolist() == [False, True]
-    assert not rare(alarms(nested(700, 0.05, 0.10), [30, 30], 10.0), 1.0)[0].any()
-
-
-def test_alarms_that_miss_nearly_the_same_are_not_told_apart():
-    possible, keeps = rare(alarms(nested(100, 0.05, 0.06), [0, 0], 100.0), 0.5)
-    assert possible.all() and keeps.all()
-    assert np.isnan(
-        hours_to_decide(
-            lambda times: rare(alarms(nested(100, 0.05, 0.06), [0, 0], 100 * times), 0.5)[0]
-        )
-    )
 
 
 def test_hours_that_decide_are_the_fewest():

@@ -39,24 +39,6 @@ def test_one_row_a_cluster_is_the_usual_interval():
     assert mean == pytest.approx((values[0].mean() - values[1].mean(), *welch))
 
 
-def test_three_clusters_have_an_interval_of_one_degree_of_freedom():
-    one, two = (
-        [np.array([True, False, True]), np.array([False, False, True])],
-        [np.array([True, True, False])],
-    )
-    z = stats.t.isf(0.025, 1)  # 12.7, where 1 - confidence is too small to be told from 1
-
-    def wilson(p, n):
-        middle, half = (p + z * z / 2 / n) / (1 + z * z / n), z / (1 + z * z / n)
-        return middle + half * np.sqrt(p * (1 - p) / n + z * z / 4 / n / n) * np.array([-1, 1])
-
-    n = np.array([3, 6]) / clustered.correlation(two, one).design_effect
-    (low, high), (least, most) = wilson(2 / 3, n[0]), wilson(1 / 2, n[1])
-    below, above = np.hypot(2 / 3 - low, most - 1 / 2), np.hypot(high - 2 / 3, 1 / 2 - least)
-    expected = (1 / 6, 1 / 6 - below, 1 / 6 + above)
-    assert clustered.risk_difference(two, one) == pytest.approx(expected, abs=1e-12)
-
-
 def test_correlation_of_what_is_alike_and_of_what_is_not():
     alike = [np.full(4, float(i)) for i in range(6)]
     found = clustered.correlation(alike)
@@ -117,3 +99,15 @@ def test_pairs_use_the_clusters_own_differences():
     )
     single = clustered.paired_risk_difference(singles([1, 1, 0, 1]), singles([0, 1, 0, 0]))
     assert single.value == pytest.approx(0.5) and single.low < 0.5 < single.high
+
+
+def test_hedges_g_is_cohens_d_without_its_bias():
+    one, two = np.array([3.0, 4, 5, 6, 7]), np.array([1.0, 2, 3, 4, 5])
+    # Hedges' approximation of his factor.
+    expected = 2 / math.sqrt(2.5) * (1 - 3 / (4 * 8 - 1))
+    assert clustered.standardised_difference(one, two) == pytest.approx(expected, rel=1e-3)
+    shifted = two + [1.0, 2, 3, 2, 1]
+    pairs = clustered.standardised_difference(shifted, two, is_paired=True)
+    expected = 1.8 / math.sqrt(0.7) * (1 - 3 / (4 * 4 - 1))
+    assert pairs == pytest.approx(expected, rel=5e-3)
+    assert math.isnan(clustered.standardised_difference(np.ones(2), np.ones(2)))

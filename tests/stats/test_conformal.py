@@ -48,13 +48,6 @@ def test_as_many_alarms_as_wilks_allows(units, alarms):
     assert result.alarms == alarms and result.value == 2 * units - 1 - alarms
 
 
-def test_hours_needed_do_not_depend_on_the_length_of_an_operation():
-    hours = [
-        FalseAlarmTarget(0.01, 0.95, length).fewest_units * length for length in (0.01, 0.1, 1.0)
-    ]
-    assert np.allclose(hours, 300, rtol=0.01)
-
-
 @pytest.mark.parametrize("shape", ["shares", "whole", "mixed", "constant"])
 def test_betting_keeps_its_level_at_the_risk_itself(shape):
     """Losses whose mean is the risk: a p-value of at most 0.05 in at most 5 of 100."""
@@ -68,18 +61,6 @@ def test_betting_keeps_its_level_at_the_risk_itself(shape):
     }[shape]
     p = np.array([threshold.excess_p(one.astype(float), risk, 0.95) for one in losses])
     assert (p <= 0.05).sum() <= binom.ppf(0.999, times, 0.05)
-
-
-def test_betting_needs_hardly_more_units_than_wilks_and_fewer_where_units_are_alike():
-    quiet = [threshold.excess_p(np.zeros(n), 0.05, 0.95) <= 0.05 for n in range(1, 100)]
-    assert quiet.index(True) + 1 == 62 == target(0.05).fewest_clusters  # 59 at least
-    shares = np.random.default_rng(1).binomial(16, 0.02, 150) / 16
-    assert (
-        threshold.excess_p(shares, 0.05, 0.95)
-        < 0.02
-        < 0.05
-        < binom.cdf(round(shares.sum()), 150, 0.05)
-    )
 
 
 @given(
@@ -127,7 +108,7 @@ def test_the_risk_is_kept_with_the_confidence_and_the_naive_quantile_does_not(ea
     for _ in range(calibrations):
         some = clustered(rng, 120, each, spread)
         above += norm.sf(threshold.least(some, wanted).value) > wanted.risk
-        naive += norm.sf(threshold.naive(some, wanted)) > wanted.risk
+        naive += norm.sf(np.quantile(some.score, 1.0 - wanted.risk, method="higher")) > wanted.risk
     assert above <= binom.ppf(
         0.999, calibrations, 0.1
     )  # of promises that hold, one in a thousand tests is above
@@ -149,23 +130,6 @@ def test_the_rate_is_kept_where_only_a_part_of_the_hours_counts():
         loss.mean() > wanted.risk
     )  # hours before an alarm are left out: the loss says more than there are
     assert loss.mean() == pytest.approx(wanted.risk, rel=0.1)
-
-
-def test_hours_that_do_not_count_ask_for_more_units():
-    wanted = target(0.05)
-    some = one_a_unit(np.arange(59.0))
-    less = some._replace(hours=np.full(59, 0.06))
-    assert threshold.least(some, wanted).alarms == 0
-    with pytest.raises(TooFewUnits):
-        threshold.least(less, wanted)
-    with pytest.raises(ValueError, match=r"lie in 0\.\.0\.1"):
-        threshold.least(some._replace(hours=np.full(59, 0.2)), wanted)
-
-
-def test_one_of_each_unit_is_taken():
-    some = OperationScores(np.array([4, 4, 7, 7]), np.array([1.0, 2, 3, 4]), np.ones(4))
-    assert some.one_each().score.tolist() == [1, 3] and some.units == 2
-    assert some.taken_from(np.array([7])).score.tolist() == [3, 4]
 
 
 # --- shift ---
@@ -195,11 +159,6 @@ def test_the_level_is_kept_and_a_changed_robot_is_reported():
         shift.shift(rng.normal(size=200), 6 * rng.normal(size=60), s).p <= level for s in range(20)
     ]
     assert all(wider)
-
-
-def test_a_single_fresh_unit_can_say_so_only_with_many_of_the_calibration():
-    assert shift.shift(np.arange(10.0), np.array([99.0])).p > 0.05
-    assert shift.shift(np.arange(100.0), np.array([999.0])).p <= 0.05
 
 
 def test_the_martingale_has_mean_one_and_grows_against_small_p_values():

@@ -28,8 +28,6 @@ def test_coverage():
 
 def test_no_hours_have_no_rate():
     assert math.isnan(alarm_rate(0, 0.0).per_hour)
-    with pytest.raises(ValueError, match="2 in 0 h"):
-        alarm_rate(2, 0)
 
 
 def test_where_alarms_end_operations_their_rate_is_not_bounded_by_one_an_operation():
@@ -41,14 +39,6 @@ def test_where_alarms_end_operations_their_rate_is_not_bounded_by_one_an_operati
     rate = ending_rate(alarm, np.full(4000, length))
     assert rate.low < truth < rate.high and rate.per_hour > 10 / length
     assert rate.hours == pytest.approx(length * (~alarm).sum())
-
-
-def test_rare_alarms_that_end_operations_have_a_poisson_rate_nearly():
-    alarm = np.arange(2000) < 5
-    rate, plain = ending_rate(alarm, np.full(2000, 0.05)), alarm_rate(5, 100.0)
-    assert (rate.per_hour, rate.low, rate.high) == pytest.approx(
-        (plain.per_hour, plain.low, plain.high), rel=0.01
-    )
 
 
 def test_no_hours_have_no_rate_and_alarms_alone_an_infinite_one():

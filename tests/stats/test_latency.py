@@ -46,12 +46,6 @@ def test_textbook_median_interval():
     assert found[:2] == (23, 13) and np.isnan(found.high)
 
 
-@pytest.mark.parametrize("n", range(4, 60, 2))
-def test_half_of_the_runs_are_a_half_beside_a_censored_one(n):
-    times, came = np.arange(1, n + 1), np.arange(1, n + 1) < n
-    assert incidence(times, came).quantile(0.5) == n / 2
-
-
 def test_lead_by_hand():
     nan = np.nan
     #        early  late  never  no harm  at once
@@ -81,34 +75,6 @@ def test_lead_of_a_detector_that_misses_is_not_flattered():
     assert known.value == pytest.approx(20, abs=4) and known.low < 20 < known.high
 
 
-def test_lead_without_harm_or_alarm():
-    nothing = lead_time([np.nan, 3.0], [np.nan, np.nan], 10)
-    assert (
-        nothing.n == 0 and np.isnan(nothing.before.value) and np.isnan(nothing.quantile(0.5).value)
-    )
-    silent = lead_time([np.nan], [4.0], 10)
-    assert (silent.alarmed, silent.before.k) == (0, 0) and np.isnan(silent.quantile(0.5).value)
-
-
-def test_textbook_product():
-    # deaths at 1, 3, 4; one leaves at 2: survival 4/5, then x 2/3, then x 1/2 with 5 at risk, 3, 2
-    curve = incidence(np.array([1, 2, 3, 4, 5]), np.array([True, False, True, True, False]))
-    at = dict(zip(curve.time, curve.fraction, strict=True))
-    assert at[1] == pytest.approx(1 - 4 / 5)
-    assert at[3] == pytest.approx(1 - 4 / 5 * 2 / 3)
-    assert at[4] == pytest.approx(1 - 4 / 5 * 2 / 3 * 1 / 2)
-    assert (curve.events, curve.n) == (3, 5)
-
-
-def test_without_censoring_it_is_the_share():
-    delay = np.random.default_rng(0).exponential(50, 400)
-    curve = incidence(delay, np.ones(400, bool))
-    assert np.interp(60, curve.time, curve.fraction) == pytest.approx(
-        np.mean(delay <= 60), abs=0.005
-    )
-    assert curve.quantile(0.5) == pytest.approx(np.median(delay), rel=0.05)
-
-
 def test_censoring_does_not_bias():
     random = np.random.default_rng(1)
     delay, end = random.exponential(50, 20_000), random.uniform(0, 150, 20_000)
@@ -117,22 +83,6 @@ def test_censoring_does_not_bias():
         assert np.interp(time, curve.time, curve.fraction) == pytest.approx(
             1 - np.exp(-time / 50), abs=0.01
         )
-
-
-def test_band_holds_the_estimate():
-    random = np.random.default_rng(2)
-    curve = incidence(random.integers(0, 200, 100), random.random(100) < 0.6)
-    assert (curve.low <= curve.fraction).all() and (curve.fraction <= curve.high).all()
-
-
-def test_event_that_never_comes():
-    curve = incidence(np.array([5.0, 6.0]), np.array([False, False]))
-    assert (
-        curve.events == 0
-        and curve.n == 2
-        and not curve.fraction.any()
-        and np.isnan(curve.quantile(0.5))
-    )
 
 
 @given(st.lists(st.tuples(st.integers(0, 9), st.booleans()), min_size=1, max_size=40))

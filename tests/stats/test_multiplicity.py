@@ -37,8 +37,3 @@ def test_the_promise_holds_in_simulation(monkeypatch):
 def test_what_was_not_tested_is_no_member():
     assert holm({"a": 0.03, "none": float("nan")})["a"].adjusted == 0.03
     assert not holm({"none": float("nan")})["none"].rejected and holm({}) == {}
-
-
-def test_impossible_p_is_refused():
-    with pytest.raises(ValueError, match=r"0\.\.1"):
-        holm({"a": 1.5})

@@ -60,19 +60,9 @@ def test_repeated_runs_do_not_narrow_the_band():
     score, positive = normals(100, 2)
     once = roc_band(score, positive, np.arange(100), seed=1)
     often = roc_band(np.tile(score, 8), np.tile(positive, 8), np.tile(np.arange(100), 8), seed=1)
-    assert often.area[:4] == pytest.approx(once.area[:4])
+    assert often.area == pytest.approx(once.area)
     as_if_new = roc_band(np.tile(score, 8), np.tile(positive, 8), np.arange(800), seed=1)
     assert as_if_new.area.high - as_if_new.area.low < 0.5 * (once.area.high - once.area.low)
-
-
-def test_resamples_without_positives_are_counted():
-    positive = np.arange(40) < 2
-    band = roc_band(np.arange(40.0), positive, np.arange(40), resamples=400)
-    assert band.area.undefined == pytest.approx(400 * (38 / 40) ** 40, abs=30)
-    assert band.area[:3] == (0, 0, 0)  # of the rest: each positive scores below each negative
-    assert (band.curve.undefined == band.area.undefined).all()
-    nobody = roc_band(np.arange(40.0), np.zeros(40, bool), np.arange(40), resamples=20)
-    assert math.isnan(nobody.area.value) and nobody.area.undefined == 20
 
 
 def test_bad_scores_are_refused():

@@ -12,7 +12,7 @@ from scipy import stats
 
 from ravenjax.stats import latency
 from ravenjax.stats.bootstrap import units
-from ravenjax.stats.comparison.clustered import correlation, exchange_p
+from ravenjax.stats.comparison.clustered import exchange_p
 from ravenjax.stats.comparison.paired import mcnemar
 from ravenjax.stats.intervals import wilson
 
@@ -47,21 +47,6 @@ def test_a_rate_covers_what_the_naive_one_does_not(count, size):
     assert naive / trials == pytest.approx(narrow, abs=0.09) and naive / trials < 0.72
 
 
-def test_the_width_is_that_of_the_design_effect():
-    random = np.random.default_rng(4)
-    widths, closed = [], []
-    for trial in range(60):
-        hit, label = clustered(random, np.full(60, 20), 0.4, 0.2)
-        band = units.rate(hit, units.units(label), seed=trial)
-        effect = correlation([hit[label == k].astype(float) for k in range(60)]).design_effect
-        widths.append(band.high - band.low)
-        closed.append(2 * 1.96 * math.sqrt(effect * 0.24 / len(hit)))
-    assert np.mean(widths) == pytest.approx(np.mean(closed), rel=0.05)
-    assert np.mean(closed) == pytest.approx(
-        2 * 1.96 * math.sqrt((1 + 19 * 0.2) * 0.24 / 1200), rel=0.06
-    )
-
-
 def test_few_units_have_the_variance_with_divisor_n_less_one():
     """Rao and Wu: of the mean of n units s^2 / n, where the plain bootstrap has (n - 1) / n of
     it.
@@ -84,24 +69,6 @@ def test_strata_are_not_mixed():
     assert weight[:, :10].sum(axis=1) == pytest.approx(np.full(50, 10.0))
 
 
-def test_a_stratum_of_one_unit_joins_others():
-    label = np.array(list("abcdefg"))
-    lone = units.units(label, np.array([0, 0, 0, 1, 1, 1, 2]))
-    assert (lone.weights(200) == 1).all(axis=0).sum() == 0  # every unit varies
-    pair = units.units(label, np.array([0, 0, 0, 0, 0, 1, 2]))
-    weight = pair.weights(200)
-    assert (
-        weight[:, :5].sum(axis=1) == pytest.approx(np.full(200, 5.0)) and weight[:, 5:].max() == 2.0
-    )
-
-
-def test_units_of_some_rows_keep_their_strata():
-    some = units.units(list("aabbcc"), [0, 0, 0, 0, 1, 1]).where(
-        np.array([False, False, True, False, True, True])
-    )
-    assert (some.unit.tolist(), some.stratum.tolist(), some.count) == ([0, 1, 1], [0, 1], 2)
-
-
 def test_what_was_not_seen_is_not_certain_and_too_few_units_say_nothing():
     none = units.rate(np.zeros(200, bool), units.units(np.repeat(np.arange(10), 20)))
     assert none[2:] == pytest.approx(wilson(0, 10)[2:]) and none.n == 200
@@ -113,9 +80,7 @@ def test_what_was_not_seen_is_not_certain_and_too_few_units_say_nothing():
 def test_wrong_units_are_refused():
     with pytest.raises(ValueError, match="several"):
         units.units([0, 0, 1], [0, 1, 1])
-    with pytest.raises(ValueError, match="2 strata"):
-        units.units([0, 0, 1], [0, 1])
-    with pytest.raises(ValueError, match="no cluster"):
+    with pytest.raises(ValueError, match="no label"):
         units.units(["a", None])
 
 
@@ -123,11 +88,7 @@ def test_a_ratio_is_one_of_sums():
     unit = units.units(np.repeat(np.arange(8), 2))
     above, below = np.arange(16.0), np.full(16, 2.0)
     band = units.ratio(above, below, unit, seed=3)
-    assert (
-        band.value == pytest.approx(120 / 32)
-        and band.low < band.value < band.high
-        and band.units == 8
-    )
+    assert band.value == pytest.approx(120 / 32) and band.low < band.value < band.high
     mean = units.statistic(lambda weight: weight @ above / (weight @ below), unit, seed=3)
     assert mean == pytest.approx((band.value, band.low, band.high), abs=0.05)
 
@@ -157,21 +118,3 @@ def test_one_row_a_unit_is_mcnemars_exact_test():
         first, second = random.random(50) < 0.5, random.random(50) < share
         assert exchange_p(first, second, np.arange(50)) == pytest.approx(mcnemar(first, second).p)
     assert math.isnan(exchange_p(first, first, np.arange(50)))
-
-
-def test_rows_of_one_unit_are_no_more_evidence():
-    first, second = np.full(60, True), np.zeros(60, bool)
-    assert exchange_p(first, second, np.repeat(np.arange(6), 10)) == pytest.approx(2 / 2**6)
-    assert exchange_p(first, second, np.zeros(60, int)) == 1
-
-
-def test_the_test_of_units_rejects_no_more_than_promised_where_mcnemars_does():
-    random = np.random.default_rng(8)
-    p, naive = [], []
-    for _ in range(300):
-        worse, label = clustered(random, np.full(20, 10), 0.5, 0.4)
-        differs = random.random(len(label)) < 0.3
-        first, second = worse & differs, ~worse & differs
-        p.append(exchange_p(first, second, label))
-        naive.append(mcnemar(first, second).p)
-    assert np.mean(np.array(p) <= 0.05) <= 0.08 < np.mean(np.array(naive) <= 0.05)

@@ -47,17 +47,6 @@ def fed(reader, packets):
     return results
 
 
-def test_bundled_profiles_are_found_by_name():
-    assert loading.bundled()[0].name == "raven"
-    assert loading.load("dv_trainer").jaw.form == "positions"
-    assert loading.choice("auto") == loading.bundled()
-    with pytest.raises(
-        UserError,
-        match=r"expected one of raven, dv_trainer, auto, or a \.toml.*Did you mean 'raven'",
-    ):
-        loading.load("ravn")
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -91,15 +80,6 @@ def test_errors_of_a_file(tmp_path, text, words):
     with pytest.raises(UserError, match=words) as caught:
         loading.load(str(path))
     assert str(path) in str(caught.value)
-
-
-def test_a_vector_is_that_turn():
-    own = profile(orientation={"form": "vector", "unit": "deg"})
-    vector = (1.0, -2.0, 0.5)
-    (got,) = fed(PacketReader(own, ("gold",)), [fields(quat=(*vector, 1.0))])
-    np.testing.assert_allclose(
-        got.quat[0], Rotation.from_rotvec(vector, degrees=True).as_quat(), atol=1e-12
-    )
 
 
 def test_an_orientation_is_taken_from_packet_to_packet():
@@ -157,23 +137,6 @@ def test_whatever_comes_only_small_increments_are_read(name, hostile):
                 < 0.1 + 1e-9
             )
             assert abs(result.grasp_mrad[0]) <= 200
-
-
-def test_of_a_console_of_quaternions_auto_says_raven():
-    choice = ProfileChoice(loading.choice("auto"), BOTH)
-    turn = (math.sin(0.01), 0.0, 0.0, math.cos(0.01))
-    results = []
-    for n in range(1, 21):
-        results.append(choice.read(fields(n, gold=(3, 0, 0), quat=turn if n > 8 else LEVEL)))
-        choice.follow()
-    assert choice.profile == loading.load("raven"), choice.reason
-    assert choice.reason.startswith(
-        "It is not dv_trainer: 4 of the first 12 packets have quaternion of gold: got ["
-    )
-    read = [isinstance(result, PacketReading) for result in results]
-    assert read == [True] * 8 + [False] * 4 + [True] * 8, (
-        "what both read alike counts from the first packet on"
-    )
 
 
 # --- the recorded console ---

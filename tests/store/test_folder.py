@@ -5,13 +5,10 @@ nothing lost.
 from __future__ import annotations
 
 import os
-from concurrent.futures import ThreadPoolExecutor
 
 import pandas as pd
-import pyarrow.parquet as pq
 import pytest
 import synthetic_results as synthetic
-from hypothesis import strategies as st
 
 from ravenjax.errors import StoreError
 from ravenjax.store import manifest as manifests
@@ -48,30 +45,6 @@ def test_round_trip_keeps_every_value(tmp_path):
     pd.testing.assert_frame_equal(got, expected, check_categorical=False)
 
 
-def test_recording_a_part_adds_a_line_and_rewrites_nothing(tmp_path):
-    folder = ResultFolder.open(tmp_path, wanted())
-    manifest, listed = (tmp_path / "manifest.json").read_bytes(), b""
-    for rows in folder.missing(25):
-        folder.add(FRAME.iloc[rows.start : rows.stop])
-        before, listed = listed, (tmp_path / "parts.jsonl").read_bytes()
-        assert listed.startswith(before) and listed.count(b"\n") == before.count(b"\n") + 1
-        assert (tmp_path / "manifest.json").read_bytes() == manifest
-    assert manifests.read(tmp_path).done == folder.manifest.done == RUNS
-
-
-@pytest.mark.slow
-def test_parts_may_be_added_from_many_threads(tmp_path):
-    folder = ResultFolder.open(tmp_path, wanted())
-    with ThreadPoolExecutor(8) as pool:
-        list(
-            pool.map(lambda rows: folder.add(FRAME.iloc[rows.start : rows.stop]), folder.missing(3))
-        )
-    folder.close(compile_s=1.0, run_s=2.0, rows=RUNS)
-    record = manifests.read(tmp_path)
-    assert [part.first for part in record.parts] == list(range(0, RUNS, 3)) and record.finished
-    assert read_all(tmp_path)["run_id"].tolist() == FRAME["run_id"].tolist()
-
-
 @pytest.mark.parametrize("end", [b'{"file":"part-0000', b"\0" * 300, b'{"file":1}\n', b"\n\n"])
 def test_a_torn_line_is_no_record_and_harms_no_other(tmp_path, end):
     folder = ResultFolder.open(tmp_path, wanted())
@@ -95,38 +68,8 @@ def test_lost_part_is_computed_again(tmp_path):
     assert len(read_all(tmp_path)) == RUNS - 40
 
 
-numbers = st.sets(st.integers(0, 60), max_size=12)
-
-
-def test_overlapping_parts_are_set_aside_the_unrecorded_first(tmp_path):
-    folder = fill(tmp_path, chunk=40)
-    whole = read_all(tmp_path)
-    parts.write(
-        tmp_path / "parts", FRAME.iloc[70:90], folder.manifest.shape, folder.manifest.config_hash
-    )
-    again = ResultFolder.open(tmp_path, wanted())
-    assert len(again.notes) == 1 and "part-000000070-000000089.parquet" in again.notes[0]
-    assert (tmp_path / "set-aside" / "part-000000070-000000089.parquet").exists()
-    assert list(again.missing(40)) == []
-    pd.testing.assert_frame_equal(read_all(tmp_path), whole)
-
-
 # --- rows of their own
 # ------------------------------------------------------------------------------------------------
-
-
-def test_rows_of_a_folder_may_grow_and_the_table_is_the_same(tmp_path):
-    fill(tmp_path / "whole", chunk=40)
-    for rows in (((0, 9), (50, 69)), ((10, 19),), ((60, 99),), None):
-        folder = ResultFolder.open(tmp_path / "grown", wanted(rows=rows))
-        assert folder.manifest.finished is None, "there is more to do"
-        for some in folder.missing(40):
-            folder.add(FRAME.iloc[some.start : some.stop])
-        folder.close(1.0, 1.0, 1)
-        assert folder.manifest.finished is not None and folder.manifest.done == folder.manifest.due
-        assert len(read_all(tmp_path / "grown")) == folder.manifest.done
-    assert manifests.read(tmp_path / "grown").rows is None
-    pd.testing.assert_frame_equal(read_all(tmp_path / "grown"), read_all(tmp_path / "whole"))
 
 
 # --- damage ---------------------------------------------------------------------------------------
@@ -183,41 +126,6 @@ def test_folder_of_another_campaign_is_refused_with_what_differs(tmp_path, chang
     message = str(caught.value)
     assert told in message and "100 of 100 runs" in message and f"rm -r {tmp_path}" in message
     assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
-
-
-def test_a_foreign_part_in_a_folder_of_this_campaign_is_set_aside(tmp_path):
-    fill(tmp_path, chunk=40)
-    path = a_part(tmp_path)
-    pq.write_table(schema.conform(FRAME.iloc[40:80], synthetic.shape()), path)
-    with_another = parts.write(tmp_path / "parts", FRAME.iloc[:7], synthetic.shape(), "0" * 64)
-    folder = ResultFolder.open(tmp_path, wanted())
-    told = " ".join(folder.notes)
-    assert len(folder.notes) == 2 and path.name in told and "belongs to another campaign" in told
-    assert {p.name for p in (tmp_path / "set-aside").iterdir()} == {path.name, with_another.file}
-    assert list(folder.missing(1000)) == [range(40, 80)]
-
-
-def test_a_part_that_the_disk_cannot_read_is_not_taken_for_a_damaged_one(tmp_path, monkeypatch):
-    fill(tmp_path, chunk=40)
-
-    def broken(_):
-        raise OSError(5, "Input/output error")
-
-    monkeypatch.setattr(parts, "sha256", broken)
-    with pytest.raises(StoreError, match=r"parquet: cannot be read \(Input/output error\)"):
-        ResultFolder.open(tmp_path, wanted())
-    assert len(parts.files(tmp_path / "parts")) == 3 and not (tmp_path / "set-aside").exists()
-
-
-def test_failures_are_counted_by_cause_in_each_record(tmp_path):
-    fill(tmp_path, chunk=40)
-    failed = int((FRAME["failed"] != "").sum())
-    assert manifests.read(tmp_path).failures == ({"nan": failed} if failed else {})
-    recorded = [part.failed for part in manifests.read(tmp_path).parts]
-    (tmp_path / "parts.jsonl").unlink()
-    assert [
-        part.failed for part in ResultFolder.open(tmp_path, wanted()).manifest.parts
-    ] == recorded
 
 
 def test_output_folder_that_refuses_files(tmp_path):

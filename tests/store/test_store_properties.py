@@ -130,7 +130,7 @@ class Histories(RuleBasedStateMachine):
     def intrude(self, span, foreign):
         """A part that another campaign, or another start of this one, left behind."""
         frame, of = (OTHER, "another campaign") if foreign else (FRAME, wanted().config_hash)
-        parts.write(self.path / "parts", frame.iloc[span[0] : span[1] + 1], SHAPE, of)
+        synthetic.write_part(self.path / "parts", frame.iloc[span[0] : span[1] + 1], SHAPE, of)
 
     @precondition(lambda self: self.folder is None and self._known())
     @rule()
@@ -176,4 +176,4 @@ def expected():
 
 
 TestHistories = pytest.mark.slow(Histories.TestCase)
-TestHistories.settings = settings(max_examples=15, stateful_step_count=14, deadline=None)
+TestHistories.settings = settings(max_examples=6, stateful_step_count=12, deadline=None)

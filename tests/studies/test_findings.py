@@ -19,14 +19,12 @@ from studies.claims import Quotation
 from studies.study import (
     Findings,
     Line,
-    Published,
     Study,
     StudyEstimate,
     Table,
     Variant,
     plain,
     standings,
-    targets,
 )
 
 ROOT = resources.bundled("campaigns", "quick.toml")[0].parents[1]
@@ -120,23 +118,6 @@ def test_campaigns_run_once_and_their_findings_come_out_the_same(tmp_path):
     assert (tmp_path / "fake" / "findings.json").read_bytes() == first
 
 
-@pytest.mark.parametrize(
-    ("variants", "error", "words"),
-    [
-        ((TWO.variants[0], TWO.variants[0]), ValueError, "share a name"),
-        (
-            (Variant("base", "seed_fault_free.toml", ("campaign.sed=1",)),),
-            UserError,
-            r"campaign\.sed",
-        ),
-    ],
-)
-def test_wrong_variants_are_refused_before_anything_runs(tmp_path, variants, error, words):
-    with pytest.raises(error, match=words):
-        findings.reproduce(dataclasses.replace(TWO, variants=variants), tmp_path)
-    assert not (tmp_path / "fake").exists()
-
-
 def test_a_target_is_met_where_every_line_with_a_band_is_inside_it():
     assert [state.sentence for state in standings(plain(FOUND)["lines"])] == [
         "A6 not met: 1 of 2 lines inside their band",
@@ -145,22 +126,6 @@ def test_a_target_is_met_where_every_line_with_a_band_is_inside_it():
     ]
     (bare,) = standings([{"target": "A7", "band": None, "passed": None}])
     assert bare.sentence == "A7 not judged: no line of it has a band"
-
-
-def test_every_target_of_a_study_is_defined_and_names_the_study():
-    for study in map(studies.find, studies.NAMES):
-        for name in study.targets:
-            assert study.name in targets()[name].judged_by.split(", "), (study.name, name)
-
-
-def test_published_numbers_have_the_interval_of_their_reading():
-    published = Published("dsn16")
-    assert all(low <= high for low, high in map(published.band, published.bands))
-    for estimate in map(published.estimate, published.numbers):
-        assert estimate.of and not estimate.low > estimate.value
-        assert not estimate.high < estimate.value
-    with pytest.raises(KeyError, match="no published number"):
-        published.value("b.jmup.1ms")
 
 
 @pytest.mark.parametrize(
@@ -200,9 +165,3 @@ def test_the_kept_pages_over_all_studies_are_those_of_the_kept_findings(tmp_path
     assert out.read_text(encoding="utf-8") == kept
     written = (ROOT / "docs/explanation/credibility.md").read_text(encoding="utf-8")
     assert written == claims.page(records, "docs/explanation")
-
-
-def test_outside_a_checkout_the_command_says_what_is_missing(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr("ravenjax.__file__", str(tmp_path / "ravenjax/__init__.py"))
-    assert main(["reproduce"]) == 2
-    assert "this is no checkout" in capsys.readouterr().err

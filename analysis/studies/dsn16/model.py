@@ -16,10 +16,10 @@ from studies.study import (
     Findings,
     Line,
     Published,
-    Study,
     StudyEstimate,
     Table,
     read_notes,
+    study,
 )
 
 LOW_PASS_HZ = 20.0
@@ -162,13 +162,4 @@ def _low_passed(angle: np.ndarray) -> np.ndarray:
     return sosfiltfilt(butter(2, LOW_PASS_HZ, fs=1000, output="sos"), angle, axis=0)
 
 
-STUDY = Study(
-    name="dsn16_model",
-    title="Targeted attacks: the dynamic model against a recorded robot",
-    source="DSN 2016, Figure 8; recording of CSLDepend/raven2_sim, Li_DYN/dac_mvel_mpos.txt",
-    question="How far is the simulated arm from the real one when both do the same work?",
-    variants=(),
-    compare=compare,
-    targets=("A3",),
-    minutes=5.0,
-)
+STUDY = study("dsn16_model", variants=(), compare=compare)

@@ -15,10 +15,11 @@ from studies.study import (
     Findings,
     Line,
     Published,
-    Study,
     StudyEstimate,
+    own_line,
     read_notes,
     read_variants,
+    study,
 )
 
 SIGNIFICANT = 0.05
@@ -195,7 +196,7 @@ def _stops(base: VariantRuns, published: Published) -> Iterator[Line]:
 def _blind(base: VariantRuns) -> tuple[Line, ...]:
     """Rates whose published values were withheld."""
     return tuple(
-        Line(quantity, "%", None, attacks.rate(base.share(hit).shares.ravel()))
+        own_line(quantity, "%", attacks.rate(base.share(hit).shares.ravel()))
         for quantity, hit in (
             ("prevalence of jumps, all cells", "jump"),
             ("prevalence of E-stops, all cells", "stop"),
@@ -204,15 +205,4 @@ def _blind(base: VariantRuns) -> tuple[Line, ...]:
     )
 
 
-STUDY = Study(
-    name="dsn16_b",
-    title="Targeted attacks, scenario B: the shoulder's DAC behind the checks",
-    source=(
-        'Alemzadeh et al., "Targeted Attacks on Teleoperated Surgical Robots", DSN 2016, Figure 9 b'
-    ),
-    question="Which values and durations make the tip jump, and which does the robot stop itself?",
-    variants=VARIANTS,
-    compare=compare,
-    targets=("A1",),
-    minutes=2.0,
-)
+STUDY = study("dsn16_b", variants=VARIANTS, compare=compare)

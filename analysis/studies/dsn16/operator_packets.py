@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from ravenjax.robots.raven2.campaign.config import of_raven
 from studies.dsn16 import attacks, detector
 from studies.dsn16.attacks import DURATIONS, VariantCase, VariantRuns
-from studies.study import Context, Findings, Line, Study, read_notes, read_variants
+from studies.study import Context, Findings, Line, own_line, read_notes, read_variants, study
 
 BASELINE = "baseline"
 DRIFT = "drift"
@@ -89,28 +89,16 @@ def _rates(runs: VariantRuns, hit: str) -> Iterator[Line]:
     cells = runs.share(hit)
     for duration in DURATIONS:
         predicted = attacks.rate(cells.of(duration))
-        yield Line(
+        yield own_line(
             f"{OUTCOMES[hit]}, {duration} packets; {runs.name}, lever {runs.lever.words}",
             "%",
-            None,
             predicted,
         )
 
 
 def _overall(runs: VariantRuns, hit: str) -> Line:
     predicted = attacks.rate(runs.share(hit).shares.ravel())
-    return Line(f"{OUTCOMES[hit]}, all cells; {runs.name}", "%", None, predicted)
+    return own_line(f"{OUTCOMES[hit]}, all cells; {runs.name}", "%", predicted)
 
 
-STUDY = Study(
-    name="dsn16_a",
-    title="Targeted attacks, scenario A: the operator's packets displaced",
-    source='Alemzadeh et al., "Targeted Attacks on Teleoperated Surgical Robots", DSN 2016',
-    question=(
-        "Which displacements of the desired position make the tip jump, stop the robot, have no"
-        " solution?"
-    ),
-    variants=VARIANTS,
-    compare=compare,
-    minutes=2.0,
-)
+STUDY = study("dsn16_a", variants=VARIANTS, compare=compare)

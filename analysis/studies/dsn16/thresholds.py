@@ -17,11 +17,11 @@ from studies.study import (
     Findings,
     Line,
     Published,
-    Study,
     StudyEstimate,
     Table,
     read_notes,
     read_variants,
+    study,
 )
 
 BASELINE = "suture"
@@ -287,18 +287,4 @@ def _sensitivity(
     return Table(title, tuple(heads), tuple(rows), note)
 
 
-STUDY = Study(
-    name="dsn16_thresholds",
-    title="Targeted attacks: the detector's thresholds from fault-free runs",
-    source=(
-        'Alemzadeh et al., "Targeted Attacks on Teleoperated Surgical Robots", DSN 2016;'
-        " CSLDepend/raven2_sim"
-    ),
-    question=(
-        "How far do motors and joints move from packet to packet when nothing is wrong, and how"
-        " sure is that?"
-    ),
-    variants=VARIANTS,
-    compare=compare,
-    minutes=1.5,
-)
+STUDY = study("dsn16_thresholds", variants=VARIANTS, compare=compare)

@@ -25,11 +25,13 @@ from studies.study import (
     Findings,
     Line,
     Published,
-    Study,
     StudyEstimate,
     Table,
     Variant,
+    own_line,
     read_notes,
+    study,
+    table,
 )
 
 BASELINE = "library"
@@ -93,40 +95,26 @@ def documented(frame: pd.DataFrame, row: Hazard) -> tuple[int, int]:
 
 def row_table(found: Sequence[HazardOutcome], values: dict[str, tuple[int, int]]) -> Table:
     """One line a row that is run."""
-    return Table(
+    return table(
         "Every hazard that is run",
-        (
-            "hazard",
-            "layer",
-            "what",
-            "source",
-            "runs",
-            "activated",
-            "values as documented",
-            "values against normal",
-            "expected classes",
-            "predicted classes (runs)",
-            "verdict",
-            "why",
-        ),
-        tuple(
-            (
-                one.hazard.id,
-                one.hazard.layer,
-                one.hazard.title,
-                one.hazard.source,
-                one.runs,
-                one.activated,
-                "{} of {}".format(*values[one.hazard.id]),
-                normal(one.hazard),
-                ", ".join(one.hazard.expected_class),
-                one.said,
-                one.verdict,
-                one.reason,
-            )
+        [
+            {
+                "hazard": one.hazard.id,
+                "layer": one.hazard.layer,
+                "what": one.hazard.title,
+                "source": one.hazard.source,
+                "runs": one.runs,
+                "activated": one.activated,
+                "values as documented": "{} of {}".format(*values[one.hazard.id]),
+                "values against normal": normal(one.hazard),
+                "expected classes": ", ".join(one.hazard.expected_class),
+                "predicted classes (runs)": one.said,
+                "verdict": one.verdict,
+                "why": one.reason,
+            }
             for one in found
             if one.verdict != NOT_SIMULATED
-        ),
+        ],
         "Activated: runs in which the fault changed a bit of a signal; a value that is what the"
         " signal has anyway does not. Values against normal: where the struck signal may lie,"
         " beside its measured fault-free range. Where no outcome was published, the classes are"
@@ -136,34 +124,39 @@ def row_table(found: Sequence[HazardOutcome], values: dict[str, tuple[int, int]]
 
 def documented_only_table() -> Table:
     """Rows that cannot be run, and why."""
-    return Table(
+    return table(
         "Documented only",
-        ("hazard", "layer", "what", "source", "published outcome", "why it is not run"),
-        tuple(
-            (row.id, row.layer, row.title, row.source, row.expected, row.documented_only)
+        [
+            {
+                "hazard": row.id,
+                "layer": row.layer,
+                "what": row.title,
+                "source": row.source,
+                "published outcome": row.expected,
+                "why it is not run": row.documented_only,
+            }
             for row in library.rows()
             if not row.runnable
-        ),
+        ],
     )
 
 
 def pool_table(title: str, rows: Sequence[PoolRisk], caveat: str = "") -> Table:
     """Risk of classes or categories; one without a simulated hazard is listed as such."""
-    return Table(
+    return table(
         title,
-        ("class", "meaning", "hazards", "weight", "mean severity", "injury-capable", "no alarm"),
-        tuple(
-            (
-                row.pool.name,
-                row.pool.meaning,
-                ", ".join(dict.fromkeys(row.pool.hazards)) or NOT_SIMULATED,
-                "" if math.isnan(row.pool.weight) else wording.percent(row.pool.weight),
-                "" if math.isnan(row.mean) else round(row.mean, 2),
-                _mean(row.injury),
-                _mean(row.silent),
-            )
+        [
+            {
+                "class": row.pool.name,
+                "meaning": row.pool.meaning,
+                "hazards": ", ".join(dict.fromkeys(row.pool.hazards)) or NOT_SIMULATED,
+                "weight": "" if math.isnan(row.pool.weight) else wording.percent(row.pool.weight),
+                "mean severity": "" if math.isnan(row.mean) else round(row.mean, 2),
+                "injury-capable": _mean(row.injury),
+                "no alarm": _mean(row.silent),
+            }
             for row in rows
-        ),
+        ],
         f"{caveat} The hazards of a class count alike. Intervals, 95 %: bootstrap over hazards,"
         f" which are what was chosen; none with fewer than {FEWEST} of them, and too narrow with"
         f" fewer than {FEW}.".strip(),
@@ -193,7 +186,7 @@ def _lines(found: Sequence[HazardOutcome], published: Published) -> Iterator[Lin
 
     def count(quantity: str, holds: Callable[[HazardOutcome], bool]) -> Line:
         value = StudyEstimate(sum(map(holds, runnable)), n=len(runnable), of="rows that can be run")
-        return Line(quantity, "rows", None, value)
+        return own_line(quantity, "rows", value)
 
     yield count("rows that ran", lambda one: one.runs > 0)
     yield count("rows with at least one activated run", lambda one: one.activated > 0)
@@ -237,14 +230,6 @@ def _mean(mean: Estimate | None) -> str:
     )
 
 
-STUDY = Study(
-    name="hazard_library",
-    title="Every hazard of the library: outcome, severity, risk",
-    source=(
-        "SAFECOMP 2015, DSN 2016, MCPS 2015, IROS 2016, PLOS ONE 2016 and others, as each row says"
-    ),
-    question="What does each known hazard do to the simulated robot, and which are worst?",
-    variants=(Variant(BASELINE, "hazard_library.toml"),),
-    compare=compare,
-    minutes=0.5,
+STUDY = study(
+    "hazard_library", variants=(Variant(BASELINE, "hazard_library.toml"),), compare=compare
 )

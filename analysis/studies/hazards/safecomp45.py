@@ -24,11 +24,11 @@ from studies.study import (
     Findings,
     Line,
     Published,
-    Study,
     StudyEstimate,
     Table,
     Variant,
     read_notes,
+    study,
 )
 
 AGREE, PARTLY, DIFFER = "agree", "partly", "differ"
@@ -402,14 +402,8 @@ def _packets_note(found: Mapping[str, Sequence[HazardOutcome]]) -> str:
     )
 
 
-STUDY = Study(
-    name="safecomp45",
-    title="45 injections into the Raven-II, by outcome class",
-    source=(
-        "Alemzadeh et al., SAFECOMP 2015 (arXiv 1504.07135), and its supplementary list of"
-        " injections"
-    ),
-    question="Does the simulated robot fail in the ways in which the real one was seen to fail?",
+STUDY = study(
+    "safecomp45",
     variants=(
         Variant(BASELINE, CAMPAIGN),
         Variant(
@@ -440,6 +434,4 @@ STUDY = Study(
         ),
     ),
     compare=compare,
-    targets=("A7",),
-    minutes=0.5,
 )

@@ -27,11 +27,12 @@ from studies.study import (
     Context,
     Findings,
     Line,
-    Study,
     StudyEstimate,
     Table,
     Variant,
+    own_line,
     read_notes,
+    study,
 )
 
 SCALE = "plant.kinematic_errors.scale"
@@ -288,13 +289,11 @@ def _headline_lines(pairs: ScaledFaults, free: Mapping[float, pd.DataFrame]) -> 
         for scale, name in ((OFF, "no kinematic errors"), (FULL, "measured")):
             rate = pairs.share(event, scale)
             value = StudyEstimate(100 * rate.value, 100 * rate.low, 100 * rate.high, rate.n, of)
-            yield Line(f"{words}, {name}", "%", None, value)
+            yield own_line(f"{words}, {name}", "%", value)
     for scale, name in ((OFF, "no kinematic errors"), (FULL, "measured")):
         one = mean(free[scale], "rms")
         value = StudyEstimate(one.value, one.low, one.high, len(free[scale]), "robots drawn")
-        yield Line(
-            f"true tip from the nominal model without a fault, rms, {name}", "mm", None, value
-        )
+        yield own_line(f"true tip from the nominal model without a fault, rms, {name}", "mm", value)
 
 
 def _with_faults(pairs: ScaledFaults) -> Table:
@@ -330,14 +329,8 @@ def _points(one: Estimate) -> str:
     return f"{100 * one.value:+.1f} ({100 * one.low:+.1f} to {100 * one.high:+.1f})"
 
 
-STUDY = Study(
-    name="healthy_robot",
-    title="How wrong is a healthy robot's report?",
-    source="a study of our own; recording: UC Berkeley, 2014, public repository rll/raven_2",
-    question=(
-        "How far is a healthy robot's true tip from its report, and what does that change in what"
-        " campaigns say?"
-    ),
+STUDY = study(
+    "healthy_robot",
     variants=(
         Variant(FREE, "healthy_robot.toml"),
         Variant(
@@ -351,5 +344,4 @@ STUDY = Study(
         ),
     ),
     compare=compare,
-    minutes=2.0,
 )

@@ -22,11 +22,11 @@ from studies.study import (
     Findings,
     Line,
     Published,
-    Study,
     StudyEstimate,
     Table,
     Variant,
     read_notes,
+    study,
 )
 
 SHOULDER = 0
@@ -644,19 +644,4 @@ def _false_cues(free: Runs, published: Published) -> Line:
     )
 
 
-STUDY = Study(
-    name="seed_burst",
-    title="Bursts on the shoulder's DAC of the training simulator",
-    source=(
-        "Li et al., A Hardware-in-the-loop Simulator for Safety Training in Robotic Surgery, IROS"
-        " 2016, Fig. 4, 5"
-    ),
-    question=(
-        "Do 300 ms of a constant DAC command every 8 s give the published tip errors, rebounds,"
-        " cues and stop?"
-    ),
-    variants=_variants(),
-    compare=compare,
-    targets=("A4", "A5"),
-    minutes=2.0,
-)
+STUDY = study("seed_burst", variants=_variants(), compare=compare)

@@ -22,11 +22,11 @@ from studies.study import (
     Findings,
     Line,
     Published,
-    Study,
     StudyEstimate,
     Table,
     Variant,
     read_notes,
+    study,
 )
 
 REST_TICKS = 500
@@ -446,19 +446,4 @@ def _with_interval(estimate: StudyEstimate, sign: str = "") -> str:
     )
 
 
-STUDY = Study(
-    name="seed_fault_free",
-    title="Fault-free tip error of the training simulator",
-    source=(
-        "Li et al., A Hardware-in-the-loop Simulator for Safety Training in Robotic Surgery, IROS"
-        " 2016, Figure 3"
-    ),
-    question=(
-        "How far does the robot leave its nominal model when nothing is wrong, and does that grow"
-        " with the scale?"
-    ),
-    variants=_variants(),
-    compare=compare,
-    targets=("A5", "A6"),
-    minutes=2.0,
-)
+STUDY = study("seed_fault_free", variants=_variants(), compare=compare)

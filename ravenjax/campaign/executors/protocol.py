@@ -79,7 +79,8 @@ def finish_chunk(plan: Plan, part: PartRows, pack: Pack) -> FinishedChunk:
     runs = plan.rows.take(slice(part.rows.start, part.rows.stop))
     rows = outcomes.columns(plan.config, runs, part.outcomes, part.golden_runs)
     first = int(runs.numbers("index")[0])
-    failures = {cause: count for cause, count in rows["failed"].counts().items() if cause and count}
+    causes = rows["failed"].value_counts().to_dict()
+    failures = {cause: count for cause, count in causes.items() if cause}
     return FinishedChunk(range(first, first + len(runs)), pack(rows), failures)
 
 

@@ -28,7 +28,7 @@ from ravenjax.campaign.faults.table import SHARED
 from ravenjax.campaign.file.axis import Axis, fixed
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Fault, Group, Run
-from ravenjax.store.words import WordColumn, column
+from ravenjax.store.words import column
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -71,7 +71,7 @@ def rows(config: CampaignConfig) -> FaultTable:
     pieces = [piece for group in config.group for piece in _pieces(config, group, moments)]
     runs = sum(piece.runs for piece in pieces)
     seed = _joined(pieces, [piece.seed for piece in pieces], np.int64)
-    words: dict[str, WordColumn] = {}
+    words: dict[str, pd.Categorical] = {}
     numbers: dict[str, np.ndarray] = {}
     for s in range(config.slots):
         faults = [piece.faults[s] if s < len(piece.faults) else {} for piece in pieces]
@@ -92,7 +92,7 @@ def rows(config: CampaignConfig) -> FaultTable:
     groups = list(dict.fromkeys(piece.group for piece in pieces))
     # numbers of an empty slot do not count
     counted = {
-        name: np.where(words[f"{name.partition('_')[0]}_site"].equal(""), np.nan, values)
+        name: np.where(np.asarray(words[f"{name.partition('_')[0]}_site"] == ""), np.nan, values)
         for name, values in numbers.items()
     }
     # what decides the outcome of every run alike
@@ -156,7 +156,9 @@ def _joined(pieces: Sequence[_Piece], columns: Sequence[Any], dtype: Any) -> np.
     )
 
 
-def _words(pieces: Sequence[_Piece], columns: Sequence[Any], known: Sequence[str]) -> WordColumn:
+def _words(
+    pieces: Sequence[_Piece], columns: Sequence[Any], known: Sequence[str]
+) -> pd.Categorical:
     """One column of words of all pieces by their places in `known`."""
     return column(_joined(pieces, columns, np.min_scalar_type(-len(known))), known)
 

@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from ravenjax.store.words import WordColumn
-
 if TYPE_CHECKING:
     import pandas as pd
 
-Column: TypeAlias = np.ndarray | WordColumn
+Column: TypeAlias = "np.ndarray | pd.Categorical"
 """Numbers or words, [rows]."""
 
 
@@ -26,16 +24,11 @@ class FaultTable:
     @staticmethod
     def of(frame: pd.DataFrame) -> FaultTable:
         """The table of a DataFrame that `frame` made, or of some of its rows."""
-        return FaultTable(
-            {
-                str(name): (
-                    WordColumn(values.cat.codes.to_numpy(), tuple(values.cat.categories))
-                    if values.dtype == "category"
-                    else values.to_numpy()
-                )
-                for name, values in frame.items()
-            }
-        )
+        columns: dict[str, Any] = {
+            str(name): values.array if values.dtype == "category" else values.to_numpy()
+            for name, values in frame.items()
+        }
+        return FaultTable(columns)
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values())))
@@ -52,10 +45,10 @@ class FaultTable:
         assert isinstance(values, np.ndarray), name
         return values
 
-    def words(self, name: str) -> WordColumn:
+    def words(self, name: str) -> pd.Categorical:
         """A column of words."""
         values = self.columns[name]
-        assert isinstance(values, WordColumn), name
+        assert not isinstance(values, np.ndarray), name
         return values
 
     def take(self, rows: slice | np.ndarray) -> FaultTable:
@@ -73,10 +66,6 @@ class FaultTable:
 
     def frame(self) -> pd.DataFrame:
         """As a DataFrame; words are categorical."""
-        import pandas as pd  # runs need none of it
+        import pandas as pd
 
-        columns = {
-            name: v.categorical() if isinstance(v, WordColumn) else v
-            for name, v in self.columns.items()
-        }
-        return pd.DataFrame(columns, copy=False)
+        return pd.DataFrame(dict(self.columns), copy=False)

@@ -10,18 +10,21 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
 
-from ravenjax.store.words import WordColumn
+if TYPE_CHECKING:
+    import pandas as pd
+
 
 DIGITS = 16
 """Hex digits of an id."""
 
 
 def of(
-    common: str, words: Mapping[str, WordColumn], numbers: Mapping[str, np.ndarray]
+    common: str, words: Mapping[str, pd.Categorical], numbers: Mapping[str, np.ndarray]
 ) -> np.ndarray:
     """Ids [rows], uint64: of rows with these columns, one of numbers at least; `common` decides
     every run alike.

@@ -25,7 +25,7 @@ def arranged(config: CampaignConfig, table: FaultTable) -> FaultTable:
     order = np.arange(len(table))
     pair = table.numbers("pair")
     first_of_kind = pair == order
-    sizes = table.words("group").counts()
+    sizes = table.words("group").value_counts()
     start = 0
     for group in config.group:
         rows = order[start : start + sizes[group.name]]

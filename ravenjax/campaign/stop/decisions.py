@@ -15,7 +15,7 @@ FILE = "decisions.jsonl"
 
 def write(folder: Path, looks: Sequence[Look]) -> None:
     """All looks so far, in one step. Raises StoreError where the disk refuses."""
-    text = "".join(look.line() for look in looks)
+    text = "".join(f"{look.model_dump_json()}\n" for look in looks)
     write_aside(folder / FILE, lambda target: target.write_text(text, encoding="utf-8"))
 
 
@@ -25,12 +25,13 @@ def read(folder: Path) -> list[Look]:
     """
     path = folder / FILE
     try:
-        return [sequential.parse(line) for line in path.read_text(encoding="utf-8").splitlines()]
+        return [Look.model_validate_json(line) for line in path.read_text("utf-8").splitlines()]
     except FileNotFoundError:
         return []
     except (OSError, ValueError) as error:
+        why = str(error).splitlines()[0]
         raise StoreError(
-            f"{path}: cannot be read ({error}). It follows from the parts: delete it and start the"
+            f"{path}: cannot be read ({why}). It follows from the parts: delete it and start the"
             " same `ravenjax run` again, which writes it anew."
         ) from error
 

@@ -51,11 +51,7 @@ def mean_difference(after: np.ndarray, before: np.ndarray, among: Units | None) 
     """Mean of `after` minus `before` by resampling faults; of one pair it has no interval."""
     if among is None or len(after) < 2:
         return Estimate(_mean(after - before), math.nan, math.nan)
-    if among.count < len(after):
-        return _resampled(after - before, among)
-    resamples = _resamples(len(after))
-    band = paired.mean_difference(after, before, resamples=resamples)
-    return Estimate(float(band.value), float(band.low), float(band.high))
+    return _resampled(after - before, among)
 
 
 def p_value(after: np.ndarray, before: np.ndarray, among: Units | None) -> float:

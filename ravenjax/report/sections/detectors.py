@@ -25,7 +25,6 @@ from ravenjax.report.drawing import incidence_curve, log_time
 from ravenjax.report.sections import Section, tables
 from ravenjax.stats.alarms.false_alarms import AlarmRate
 from ravenjax.stats.alarms.roc import CurveBand
-from ravenjax.stats.bootstrap.resample import BootstrapBand
 from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.stats.latency import Incidence, Lead
 from ravenjax.store.manifest import DetectorRecord
@@ -97,7 +96,7 @@ class DetectorRow(NamedTuple):
         CurveBand | None
     )  # None for a check or a cue, and where runs do not differ in it or are all of one fault
     recall: CurveBand | None
-    auc: BootstrapBand | None
+    auc: Estimate | None
 
 
 class Curves(NamedTuple):
@@ -351,7 +350,7 @@ def _chart(
         visible = number in largest or band is None
         if band is not None:
             name = f"{row.name} ({band.area.value:.3f})"
-            curve, low, high = (np.asarray(part, float) for part in band.curve[:3])
+            curve, low, high = (np.asarray(part, float) for part in band.curve)
             low, high = (EMPTY, EMPTY) if np.isnan(band.area.low) else (low, high)
             marks.append(Curve(name, colour, band.grid, curve, low, high, visible=visible))
         places = [

@@ -20,8 +20,7 @@ from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import Section
 from ravenjax.stats import one_unit
 from ravenjax.stats.bootstrap import units
-from ravenjax.stats.inputs.association import Dependence
-from ravenjax.stats.inputs.clustered import dependences
+from ravenjax.stats.inputs.dependence import Dependence, dependences
 from ravenjax.stats.intervals import Rate, share
 from ravenjax.store.access.query import RESULTS, quoted
 

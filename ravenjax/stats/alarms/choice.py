@@ -1,9 +1,9 @@
 """Which of several alarms is best, and whether the data decide it: those that no other is shown to
 beat.
 
-An alarm costs what it misses and what it says for nothing. Both are known with an interval; an
-alarm is out where another is better at the ends of the intervals that speak least for it. What is
-left is all that may be the best.
+An alarm has two costs: hazards that it misses, and false alarms. Both are known with an interval;
+an alarm is out where another is better at the ends of the intervals that speak least for it. The
+alarms that are left may be the best.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from ravenjax.stats.comparison.paired import difference_of_counts
 from ravenjax.stats.intervals import Estimate
 
 MOST_TIMES = 1e9
-"""More hours than so many times those that there are do not decide."""
+"""Largest factor by which hours are extended; more would not decide."""
 
 
 class AlarmCounts(NamedTuple):
-    """What each of some alarms misses of the same hazards, and how often it comes for nothing."""
+    """Missed hazards and false alarms of several alarms on the same hazards."""
 
     missed: np.ndarray  # int [alarms]
     only: np.ndarray  # int [alarms, alarms], hazards that the first misses and the second does not
@@ -44,8 +44,8 @@ def missed_difference(alarms: AlarmCounts, confidence: float = 0.95) -> Estimate
 
 
 def false_rates(alarms: AlarmCounts, times: float = 1.0, confidence: float = 0.95) -> Estimate:
-    """False alarms an hour with exact Poisson intervals, arrays [alarms]; as if there were so many
-    `times` the hours, and the rates as they are. Infinite times: without an interval."""
+    """False alarms an hour with exact Poisson intervals, arrays [alarms]; for `times` as many
+    hours at the same rates. Infinite times: without an interval."""
     if np.isinf(times):
         value = alarms.count / alarms.hours
         return Estimate(value, value, value)
@@ -63,8 +63,8 @@ def cheapest(alarms: AlarmCounts, weight: float, times: float = 1.0) -> np.ndarr
 
 
 def rare(alarms: AlarmCounts, per_hour: float, times: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """Which may miss fewest hazards of those with at most so many false alarms an hour, and which
-    are shown to have at most so many: bool [alarms] each; `times` as of `false_rates`."""
+    """Which alarms may miss fewest hazards while they keep the limit of false alarms an hour, and
+    which certainly keep it: bool [alarms] each; `times` as of `false_rates`."""
     false = false_rates(alarms, times)
     keeps = false.high <= per_hour * (1 + 1e-9)
     worse = (missed_difference(alarms).low > 0) & keeps[None, :]
@@ -96,17 +96,9 @@ def front(first: ArrayLike, second: ArrayLike) -> np.ndarray:
     lower in one.
 
     Two costs [n], less is better, each in any unit; equal choices stand or fall together. A choice
-    with a NaN cost is never on the front and beats none. One sort, one running minimum.
+    with a NaN cost is never on the front and beats none.
     """
-    x, y = np.asarray(first, float), np.asarray(second, float)
-    best = np.zeros(len(x), bool)
-    valid = np.flatnonzero(~np.isnan(x) & ~np.isnan(y))
-    order = valid[np.lexsort((y[valid], x[valid]))]
-    x, y = x[order], y[order]
-    start = np.searchsorted(
-        x, x
-    )  # where the choices of the same first cost begin; the first of them has the least y
-    before = np.concatenate([[np.inf], np.minimum.accumulate(y)])[start]
-    unbounded = start == 0  # an infinite second cost still stands where nothing is cheaper
-    best[order] = (y == y[start]) & ((y < before) | unbounded)
-    return best
+    costs = np.stack([np.asarray(first, float), np.asarray(second, float)], axis=1)
+    low = np.all(costs[None] <= costs[:, None], axis=2)
+    lower = np.any(costs[None] < costs[:, None], axis=2)
+    return ~np.any(low & lower, axis=1) & ~np.any(np.isnan(costs), axis=1)

@@ -17,9 +17,7 @@ from ravenjax.stats.intervals import alpha_of, clopper_pearson
 
 
 class AlarmRate(NamedTuple):
-    """count alarms in so many hours; per_hour with its exact Poisson interval, NaN where hours
-    is 0.
-    """
+    """Alarms counted over hours; per_hour with its exact Poisson interval, NaN where hours is 0."""
 
     count: int
     hours: float
@@ -31,11 +29,7 @@ class AlarmRate(NamedTuple):
 def alarm_rate(count: int, hours: float, confidence: float = 0.95) -> AlarmRate:
     """Alarms per hour with the exact interval of a Poisson rate (Garwood 1936), for `count`
     independent alarms.
-
-    ValueError where count or hours is negative or there are alarms in no time.
     """
-    if count < 0 or not hours >= 0 or (count and not hours):
-        raise ValueError(f"alarm_rate needs count >= 0 in hours > 0, got {count} in {hours} h")
     if not hours:
         return AlarmRate(0, 0.0, math.nan, math.nan, math.nan)
     low, high = rate_bounds(count, hours, confidence)
@@ -72,6 +66,5 @@ def rate_bounds(
 
     counts, times = np.broadcast_arrays(np.asarray(count), np.asarray(hours, float))
     low, high = confint_poisson(counts, times, "exact-c", alpha_of(confidence))
-    return np.reshape(low, counts.shape), np.reshape(
-        high, counts.shape
-    )  # of one rate it makes numbers
+    # confint_poisson returns numbers for a single rate.
+    return np.reshape(low, counts.shape), np.reshape(high, counts.shape)

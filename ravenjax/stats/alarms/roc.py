@@ -1,4 +1,4 @@
-"""How well a score tells harmful runs from harmless ones: ROC and precision-recall.
+"""How well a score separates harmful runs from harmless ones: ROC and precision-recall.
 
 A run alarms at a threshold where its score is at least the threshold; a score of -inf never alarms.
 Labels are bool, True for a run that should alarm.
@@ -12,7 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ravenjax.stats.bootstrap.resample import BootstrapBand, cluster_bootstrap
+from ravenjax.stats.bootstrap.resample import quantiles
+from ravenjax.stats.bootstrap.units import units
+from ravenjax.stats.intervals import Estimate
 
 GRID = np.linspace(0.0, 1.0, 101)
 
@@ -21,8 +23,8 @@ class CurveBand(NamedTuple):
     """A curve on a common grid with its bootstrap band, and the area under it with its own."""
 
     grid: np.ndarray  # of fpr or of recall
-    curve: BootstrapBand  # tpr or precision, arrays as the grid
-    area: BootstrapBand  # AUC or average precision
+    curve: Estimate  # tpr or precision, arrays as the grid
+    area: Estimate  # AUC or average precision
 
 
 def roc_band(
@@ -37,7 +39,7 @@ def roc_band(
 ) -> CurveBand:
     """tpr at each fpr of `grid`, and AUC, with bands that resample clusters (label [n];
     np.arange(n) where each run stands alone). The bands are pointwise. ValueError where a score is
-    NaN, and as `cluster_bootstrap`."""
+    NaN, or a label is missing."""
 
     def curve(hits: np.ndarray, misses: np.ndarray) -> np.ndarray:
         tpr, fpr = (np.insert(part, 0, 0.0) / part[-1] for part in (hits, misses))
@@ -83,10 +85,15 @@ def _band(
 
     scikit-learn takes one weighting at a time and sorts each time: some 5 times slower.
     """
-    values, truth = _scored(score, positive)
+    values, truth = np.asarray(score, float), np.asarray(positive, bool)
+    if np.isnan(values).any():
+        raise ValueError(
+            f"{int(np.isnan(values).sum())} scores are NaN; a run that can never alarm scores -inf"
+        )
     order = np.argsort(-values, kind="stable")
     falling = values[order]
-    last = np.flatnonzero(np.append(falling[1:] != falling[:-1], True))  # of equal scores
+    # The last of equal scores.
+    last = np.flatnonzero(np.append(falling[1:] != falling[:-1], True))
 
     def statistic(weight: np.ndarray) -> np.ndarray:
         ordered = weight[:, order]
@@ -95,21 +102,10 @@ def _band(
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.stack([curve(*pair) for pair in zip(hits, misses, strict=True)])
 
-    band = cluster_bootstrap(cluster, statistic, confidence, resamples=resamples, seed=seed)
-    value, low, high = (np.asarray(part) for part in band[:3])
+    (value,) = statistic(np.ones((1, len(values))))
+    low, high = quantiles(units(cluster).resampled(statistic, resamples, seed), confidence)
     return CurveBand(
         grid,
-        BootstrapBand(value[:-1], low[:-1], high[:-1], band.units, band.undefined[:-1]),
-        BootstrapBand(
-            float(value[-1]), float(low[-1]), float(high[-1]), band.units, int(band.undefined[-1])
-        ),
+        Estimate(value[:-1], low[:-1], high[:-1]),
+        Estimate(*(float(part[-1]) for part in (value, low, high))),
     )
-
-
-def _scored(score: ArrayLike, positive: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    values, truth = np.asarray(score, float), np.asarray(positive).astype(bool)
-    if np.isnan(values).any():
-        raise ValueError(
-            f"{int(np.isnan(values).sum())} scores are NaN; a run that can never alarm scores -inf"
-        )
-    return values, truth

@@ -1,30 +1,13 @@
-"""The bootstrap of anything that can be computed from chosen units: clusters, runs, base points
-of a design.
-"""
+"""The bootstrap of anything that can be computed from chosen units, such as runs."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from ravenjax.stats.intervals import alpha_of
-
-
-class BootstrapBand(NamedTuple):
-    """A statistic with its bootstrap interval: numbers, or arrays of one shape.
-
-    `undefined`: resamples without a value (NaN), left out of the band; an array where value is one.
-    """
-
-    value: Any
-    low: Any
-    high: Any
-    units: int  # resampled: clusters, runs
-    undefined: Any
+from ravenjax.stats.intervals import Estimate, alpha_of
 
 
 def bootstrap(
@@ -35,13 +18,13 @@ def bootstrap(
     resamples: int = 1000,
     seed: int = 0,
     batch: int = 100,
-) -> BootstrapBand:
+) -> Estimate:
     """Percentile band of a statistic of `units` exchangeable units.
 
     statistic: index of the chosen units [b, m] -> values [b, ...], one for each row; at most
     `batch` rows at a time, which bounds memory and does not change the result. Fewer than some 20
-    units give too narrow a band. The same seed gives the same band. ValueError with fewer than 2
-    units.
+    units give too narrow a band. The same seed gives the same band. Resamples without a value (NaN)
+    are left out. ValueError with fewer than 2 units.
     """
     if units < 2:
         raise ValueError(f"a bootstrap needs at least 2 independent units, got {units}")
@@ -53,7 +36,7 @@ def bootstrap(
             [np.asarray(statistic(rng.integers(units, size=(n, units))), float) for n in sizes]
         )
     low, high = quantiles(samples, confidence)
-    return BootstrapBand(value, low, high, units, np.isnan(samples).sum(axis=0))
+    return Estimate(value, low, high)
 
 
 def quantiles(samples: np.ndarray, confidence: float) -> np.ndarray:
@@ -62,53 +45,3 @@ def quantiles(samples: np.ndarray, confidence: float) -> np.ndarray:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         return np.nanquantile(samples, [alpha / 2, 1 - alpha / 2], axis=0)
-
-
-_ELEMENTS = 2_000_000  # of a batch of weights, 16 MB
-
-
-def cluster_bootstrap(
-    cluster: ArrayLike,
-    statistic: Callable[[np.ndarray], np.ndarray],
-    confidence: float = 0.95,
-    *,
-    resamples: int = 1000,
-    seed: int = 0,
-) -> BootstrapBand:
-    """Band of any statistic of n rows that belong to clusters; `cluster` [n] is each row's label
-    (no NaN).
-
-    statistic: weight [b, n] -> values [b, ...]: how often each row is drawn (whole, 0 where its
-    cluster is not), one resample a line. A mean is `weight @ x / weight.sum(1)`; what takes no
-    weights repeats rows, `np.repeat(x, weight[i].astype(int))`. Band.units counts the clusters.
-    ValueError with fewer than 2.
-    """
-    code, clusters = codes(cluster)
-
-    def weighted(index: np.ndarray) -> np.ndarray:
-        line = np.arange(len(index))[:, None] * clusters
-        weights = np.bincount((index + line).ravel(), minlength=len(index) * clusters).reshape(
-            -1, clusters
-        )
-        return statistic(weights[:, code].astype(float))
-
-    batch = max(1, _ELEMENTS // max(1, len(code)))
-    return bootstrap(clusters, weighted, confidence, resamples=resamples, seed=seed, batch=batch)
-
-
-def codes(cluster: ArrayLike) -> tuple[np.ndarray, int]:
-    """Number of each row's cluster [n], and how many clusters there are. ValueError where a
-    label is missing.
-    """
-    import pandas as pd
-
-    labels: Any = (
-        cluster if isinstance(cluster, pd.Series | pd.Categorical) else np.asarray(cluster)
-    )
-    code, names = pd.factorize(labels)
-    if (code < 0).any():
-        raise ValueError(
-            f"cluster: {int((code < 0).sum())} rows have no cluster (NaN); name it or leave"
-            " them out"
-        )
-    return code, len(names)

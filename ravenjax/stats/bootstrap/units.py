@@ -15,12 +15,12 @@ to others (collapsed strata: Wolter, Introduction to Variance Estimation, 2007, 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ravenjax.stats.bootstrap.resample import BootstrapBand, codes, quantiles
+from ravenjax.stats.bootstrap.resample import quantiles
 from ravenjax.stats.intervals import Estimate, Rate, alpha_of, bounds
 
 FEWEST = 5
@@ -43,7 +43,7 @@ class Units(NamedTuple):
         return len(self.stratum)
 
     def where(self, rows: np.ndarray) -> Units:
-        """Of some rows (bool [rows] or indices): units that have any of them."""
+        """The units of some rows (bool [rows] or indices)."""
         present, unit = np.unique(self.unit[rows], return_inverse=True)
         return Units(unit, self.stratum[present])
 
@@ -60,19 +60,39 @@ class Units(NamedTuple):
             )
         return weight
 
+    def resampled(
+        self, value: Callable[[np.ndarray], np.ndarray], resamples: int, seed: int
+    ) -> np.ndarray:
+        """`value` of each resample [resamples, ...]; it takes weights of rows [b, n]."""
+        weight = self.weights(resamples, seed)
+        batch = max(1, _ELEMENTS // max(1, len(self.unit)))
+        parts = [value(weight[i : i + batch, self.unit]) for i in range(0, resamples, batch)]
+        return np.concatenate(parts)
+
+
+def codes(label: ArrayLike) -> tuple[np.ndarray, int]:
+    """Number of each row's label [n], and how many labels differ. ValueError where one is
+    missing.
+    """
+    import pandas as pd
+
+    labels: Any = label if isinstance(label, pd.Series | pd.Categorical) else np.asarray(label)
+    code, names = pd.factorize(labels)
+    if (code < 0).any():
+        raise ValueError(f"units: {int((code < 0).sum())} rows have no label (NaN)")
+    return code, len(names)
+
 
 def units(label: ArrayLike, stratum: ArrayLike | None = None) -> Units:
     """Units by the label of each row [n], and their strata by another, both of any type; no strata:
     one.
 
-    ValueError where a label is missing, lengths differ, or a unit lies in two strata.
+    ValueError where a label is missing, or a unit lies in two strata.
     """
     unit, count = codes(label)
     if stratum is None:
         return Units(unit, np.zeros(count, int))
     rows, _ = codes(stratum)
-    if len(rows) != len(unit):
-        raise ValueError(f"units: {len(unit)} labels and {len(rows)} strata")
     of_unit = np.zeros(count, int)
     of_unit[unit] = rows
     if (of_unit[unit] != rows).any():
@@ -88,7 +108,7 @@ def ratio(
     *,
     resamples: int = RESAMPLES,
     seed: int = 0,
-) -> BootstrapBand:
+) -> Estimate:
     """sum(above) / sum(below) over rows [n] with its percentile band; below 1 gives a mean.
 
     Without a band (NaN) where there are fewer than FEWEST units. Where all units have the same
@@ -100,12 +120,11 @@ def ratio(
         total = sums.sum(axis=1)
         value = total[0] / total[1]
         if among.count < FEWEST:
-            return BootstrapBand(value, np.nan, np.nan, among.count, 0)
+            return Estimate(value, np.nan, np.nan)
         numerator, denominator = sums @ among.weights(resamples, seed).T
         samples = numerator / denominator
     low, high = quantiles(np.where(np.isfinite(samples), samples, np.nan), confidence)
-    undefined = int((~np.isfinite(samples)).sum())
-    return BootstrapBand(float(value), float(low), float(high), among.count, undefined)
+    return Estimate(float(value), float(low), float(high))
 
 
 def rate(
@@ -150,12 +169,8 @@ def statistic(
     whole = float(value(np.ones((1, len(among.unit))))[0])
     if among.count < FEWEST:
         return Estimate(whole, np.nan, np.nan)
-    weight = among.weights(resamples, seed)
-    batch = max(1, _ELEMENTS // max(1, len(among.unit)))
-    parts = [value(weight[i : i + batch, among.unit]) for i in range(0, resamples, batch)]
-    values = np.sort(
-        np.concatenate(parts)
-    )  # those without a value last, as something that never comes
+    # Resamples without a value are last, as something that never comes.
+    values = np.sort(among.resampled(value, resamples, seed))
     alpha = alpha_of(confidence)
     low, high = (
         float(values[int(np.clip(round(q * resamples), 0, resamples - 1))])

@@ -20,7 +20,7 @@ from ravenjax.stats.intervals import Estimate, alpha_of, bounds_at
 Clusters = Sequence[np.ndarray]
 
 DRAWS = 9999
-"""Permutations drawn where there are more."""
+"""Number of permutations drawn where all are too many."""
 _NONE = Estimate(math.nan, math.nan, math.nan)
 
 
@@ -117,6 +117,28 @@ def mean_difference(
     test: Any = ttest_1samp(one - two, 0.0) if is_paired else ttest_ind(one, two, equal_var=False)
     low, high = test.confidence_interval(confidence)
     return Estimate(value, float(low), float(high))
+
+
+def standardised_difference(
+    first: np.ndarray, second: np.ndarray, *, is_paired: bool = False
+) -> float:
+    """Hedges' g: mean of `first` minus mean of `second` in standard deviations, without the bias of
+    small samples. The deviation is pooled; of pairs it is that of their differences.
+
+    NaN with fewer than 2 values in a group, or where they do not vary.
+    """
+    from scipy.special import gammaln
+
+    if min(len(first), len(second)) < 2:
+        return math.nan
+    groups = [first - second] if is_paired else [first, second]
+    freedom = sum(len(group) - 1 for group in groups)
+    variance = sum(group.var(ddof=1) * (len(group) - 1) for group in groups) / freedom
+    if not variance > 0:
+        return math.nan
+    unbiased = math.exp(gammaln(freedom / 2) - gammaln((freedom - 1) / 2)) if freedom > 1 else 0.0
+    difference = float(first.mean() - second.mean())
+    return unbiased / math.sqrt(freedom / 2) * difference / math.sqrt(variance)
 
 
 def permutation_p(

@@ -2,13 +2,13 @@
 were sampled.
 
 The score of an operation is its maximum over time, so it has an alarm where that is above the
-threshold. What was sampled are *units*, one operator each with some robots: its loss is the mean
-over its operations (`target`), in 0..1, and losses of units are independent. A threshold is
-rejected until the hypothesis that its risk is above the target is refuted at 1 - confidence. Risk
-falls with the threshold, so the least one for which that holds for it and all above it keeps the
-target with that confidence (Bates, Angelopoulos, Lei, Malik, Jordan, Distribution-free,
-risk-controlling prediction sets, J. ACM 68, 2021, theorem 1), over the draw of the units and for
-any distribution of the scores.
+threshold. The sampled units are operators, each with some robots: its loss is the mean over its
+operations (`target`), in 0..1, and losses of units are independent. A threshold is rejected until
+the hypothesis that its risk is above the target is refuted at 1 - confidence. Risk falls with the
+threshold, so the least one for which that holds for it and all above it keeps the target with
+that confidence (Bates, Angelopoulos, Lei, Malik, Jordan, Distribution-free, risk-controlling
+prediction sets, J. ACM 68, 2021, theorem 1), over the draw of the units and for any distribution
+of the scores.
 
 The hypothesis is refuted by betting (`excess_p`), which holds for losses of any distribution and
 asks for fewer units the less they differ. With one operation a unit, each counting whole, it is
@@ -52,7 +52,7 @@ class OperationScores(NamedTuple):
 
 
 class FalseAlarmTarget(NamedTuple):
-    """At most so many false alarms an hour, with so much confidence; and as the risk of one
+    """A limit of false alarms an hour and its confidence, also expressed as the risk of one
     operation.
 
     An operation lasts T hours, and an alarm ends it, as an E-stop does. With A = 1 where it has an
@@ -198,16 +198,6 @@ def excess_p(losses: np.ndarray, risk: float, confidence: float, exact: bool = F
     bet = np.minimum(1.0, np.sqrt(-2.0 * np.log(alpha_of(confidence)) / (units * variance)))
     capital = np.cumsum(np.log1p(-bet * (losses - risk)))
     return float(np.exp(-max(0.0, capital.max())))
-
-
-def naive(operations: OperationScores, target: FalseAlarmTarget) -> float:
-    """The plain quantile of all scores at the target's risk, every operation counted as if it were
-    a unit.
-
-    It promises nothing: half of all calibrations are above the target. It is here to be compared
-    with.
-    """
-    return float(np.quantile(operations.score, 1.0 - target.risk, method="higher"))
 
 
 SHARE = 0.95

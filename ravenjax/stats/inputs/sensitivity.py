@@ -12,10 +12,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from ravenjax.stats.bootstrap.resample import BootstrapBand, bootstrap
-from ravenjax.stats.intervals import Estimate, alpha_of
+from ravenjax.stats.bootstrap.resample import bootstrap
+from ravenjax.stats.intervals import Estimate
 
 
 class SobolIndices(NamedTuple):
@@ -23,8 +22,8 @@ class SobolIndices(NamedTuple):
     variance that the input explains alone, and with all its interactions. NaN where the output
     never varies."""
 
-    first: BootstrapBand
-    total: BootstrapBand
+    first: Estimate
+    total: Estimate
 
 
 class MorrisEffects(NamedTuple):
@@ -45,12 +44,10 @@ def sobol_sample(d: int, n: int, seed: int = 0) -> np.ndarray:
     of two.
 
     Block i holds A_i, A_i with one input from B_i for each input, B_i (the order of
-    SALib.sample.sobol), from one scrambled Sobol sequence in 2 d dimensions. ValueError where d < 1
-    or n is no power of two.
+    SALib.sample.sobol), from one scrambled Sobol sequence in 2 d dimensions.
     """
     from scipy.stats import qmc
 
-    _counts(d, n, power=True)
     base = qmc.Sobol(2 * d, rng=np.random.default_rng(seed)).random(n)
     a, b = base[:, :d], base[:, d:]
     crossed = np.where(np.eye(d, dtype=bool), b[:, None], a[:, None])
@@ -58,104 +55,70 @@ def sobol_sample(d: int, n: int, seed: int = 0) -> np.ndarray:
 
 
 def sobol_analyse(
-    outputs: ArrayLike, d: int, confidence: float = 0.95, *, resamples: int = 500, seed: int = 0
+    outputs: np.ndarray, d: int, confidence: float = 0.95, *, resamples: int = 500, seed: int = 0
 ) -> SobolIndices:
-    """Indices from the outputs [n (d + 2)] of `sobol_sample(d, n)`, by scipy.stats.sobol_indices.
+    """Indices from the finite outputs [n (d + 2)] of `sobol_sample(d, n)`, by
+    scipy.stats.sobol_indices.
 
     Estimators of Saltelli et al. 2010. Bands: percentile bootstrap over the n base points; a
-    resample in which the output does not vary has no index and is left out (Band.undefined; SALib
-    divides by nearly 0 there, its issue 619). A Sobol sequence fills the cube more evenly than a
-    bootstrap knows: for a smooth model the bands are several times too wide. ValueError where the
-    number of outputs does not fit, or one is not finite: give failed runs a value, dropping one
-    would break the design.
+    resample in which the output does not vary has no index and is left out (SALib divides by nearly
+    0 there, its issue 619). A Sobol sequence fills the cube more evenly than a bootstrap knows: for
+    a smooth model the bands are several times too wide.
     """
     from scipy.stats import sobol_indices
 
-    values = np.asarray(outputs, float)
-    n = len(values) // (d + 2) if d > 0 else 0
-    if values.shape != (n * (d + 2),):
-        raise ValueError(
-            f"sobol_analyse: d = {d} needs n * {d + 2} outputs, got shape {values.shape}"
-        )
-    _counts(d, n, power=True)
-    _finite(values, "sobol_analyse")
-    block = values.reshape(n, d + 2).T  # [d + 2, n]
-    resting = np.ptp(block[[0, -1]]) == 0
+    # Axes [d + 2, n].
+    block = outputs.reshape(-1, d + 2).T
+    n = block.shape[1]
 
     def indices(index: np.ndarray) -> np.ndarray:
-        resample = block[
-            :, index
-        ]  # [d + 2, b, n]: scipy takes the resamples as so many outputs of one model
-        result = sobol_indices(
-            func={"f_A": resample[0], "f_B": resample[-1], "f_AB": resample[1:-1]}, n=n
-        )
+        # Axes [d + 2, b, n]: scipy takes the resamples as so many outputs of one model.
+        resample = block[:, index]
+        functions = {"f_A": resample[0], "f_B": resample[-1], "f_AB": resample[1:-1]}
+        result = sobol_indices(func=functions, n=n)
         still = np.ptp(resample[[0, -1]], axis=(0, 2)) == 0
-        # [b, 2, d]; scipy drops the first axis of a single output
+        # Axes [b, 2, d]; scipy drops the first axis of a single output.
         both = np.stack(
             [np.reshape(part, (-1, d)) for part in (result.first_order, result.total_order)], axis=1
         )
-        return np.where(still[:, None, None] | resting, np.nan, both)
+        return np.where(still[:, None, None], np.nan, both)
 
-    batch = max(1, 2_000_000 // values.size)
+    batch = max(1, 2_000_000 // outputs.size)
     band = bootstrap(n, indices, confidence, resamples=resamples, seed=seed, batch=batch)
-    first, total = (
-        BootstrapBand(
-            band.value[which], band.low[which], band.high[which], n, band.undefined[which]
-        )
-        for which in (0, 1)
-    )
-    return SobolIndices(first, total)
+    return SobolIndices(*(Estimate(*(part[which] for part in band)) for which in (0, 1)))
 
 
 def morris_sample(d: int, n: int, seed: int = 0, levels: int = 4) -> np.ndarray:
     """Morris' design for d inputs: n trajectories of d + 1 unit-cube points, [n (d + 1), d], by
     SALib.
 
-    Each step of a trajectory moves one input by levels / (2 (levels - 1)) of its range. ValueError
-    where d < 1, n < 2, or levels is not an even number.
+    Each step of a trajectory moves one input by levels / (2 (levels - 1)) of its range; levels is
+    an even number.
     """
-    from SALib.sample.morris import sample  # slow to import
+    from SALib.sample.morris import sample
 
-    _counts(d, n, power=False)
-    if levels < 2 or levels % 2:
-        raise ValueError(f"morris_sample: levels must be an even number, got {levels}")
     return sample(_problem(d), n, num_levels=levels, seed=seed)
 
 
 def morris_analyse(
     design: np.ndarray,
-    outputs: ArrayLike,
+    outputs: np.ndarray,
     confidence: float = 0.95,
     *,
     levels: int = 4,
     resamples: int = 1000,
     seed: int = 0,
 ) -> MorrisEffects:
-    """Effects from a design of `morris_sample` and its outputs [runs], by SALib (Campolongo et al.
-    2007).
+    """Effects from a design of `morris_sample` and its finite outputs [runs], by SALib (Campolongo
+    et al. 2007).
 
     The band of mu_star is normal, with the bootstrap's error over trajectories, from 0 up: with
-    fewer than some 20 trajectories it is too narrow. ValueError where sizes do not fit or an output
-    is not finite.
+    fewer than some 20 trajectories it is too narrow.
     """
-    from SALib.analyze.morris import analyze  # slow to import
+    from SALib.analyze.morris import analyze
 
-    values, points = np.asarray(outputs, float), np.asarray(design, float)
-    alpha_of(confidence)
-    if points.ndim != 2 or values.shape != (len(points),) or len(points) % (points.shape[1] + 1):
-        raise ValueError(
-            f"morris_analyse: design {points.shape} and outputs {values.shape} do not fit"
-        )
-    _finite(values, "morris_analyse")
-    effects = analyze(
-        _problem(points.shape[1]),
-        points,
-        values,
-        resamples,
-        confidence,
-        num_levels=levels,
-        seed=seed,
-    )
+    problem = _problem(design.shape[1])
+    effects = analyze(problem, design, outputs, resamples, confidence, num_levels=levels, seed=seed)
     mu_star, half, mu, sigma = (
         np.asarray(effects[key], float) for key in ("mu_star", "mu_star_conf", "mu", "sigma")
     )
@@ -166,17 +129,3 @@ def morris_analyse(
 
 def _problem(d: int) -> dict[str, object]:
     return {"num_vars": d, "names": [f"x{i}" for i in range(d)], "bounds": [[0.0, 1.0]] * d}
-
-
-def _counts(d: int, n: int, power: bool) -> None:
-    if d < 1 or n < 2 or (power and n & (n - 1)):
-        wanted = "a power of two, at least 2" if power else "at least 2"
-        raise ValueError(f"a design needs d >= 1 and n {wanted}, got d = {d}, n = {n}")
-
-
-def _finite(values: np.ndarray, caller: str) -> None:
-    bad = int((~np.isfinite(values)).sum())
-    if bad:
-        raise ValueError(
-            f"{caller}: {bad} outputs are not finite; give a failed run the value of what it means"
-        )

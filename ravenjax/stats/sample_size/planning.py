@@ -14,15 +14,9 @@ def hours_to_bound(per_hour: float, count: int = 0, confidence: float = 0.95) ->
     """Hours in which `count` alarms, 0 where none came, show that there are at most `per_hour` of
     them: those in which the upper end of the exact interval (`false_alarms.alarm_rate`) is
     per_hour. 3.69 / per_hour at 95 % without an alarm.
-
-    ValueError unless per_hour > 0 and count >= 0.
     """
     from scipy.stats import chi2
 
-    if not per_hour > 0 or count < 0:
-        raise ValueError(
-            f"hours_to_bound needs per_hour > 0 and count >= 0, got {per_hour} and {count}"
-        )
     # twice a Poisson mean with a chance of alpha / 2 to show at most `count` (Garwood 1936)
     return float(chi2.isf(alpha_of(confidence) / 2, 2 * (count + 1))) / 2 / per_hour
 
@@ -37,15 +31,9 @@ class MoreRuns(NamedTuple):
 
 def more_runs(k: int, n: int, half_width: float, confidence: float = 0.95) -> MoreRuns:
     """Further runs until the Wilson interval of a rate seen as k of n is +- half_width (fraction)
-    or narrower.
-
-    ValueError unless 0 <= k <= n, n > 0 and 0 < half_width < 0.5.
+    or narrower; n > 0.
     """
     (rate,) = rates(k, n, confidence)
-    if not rate.n:
-        raise ValueError("more_runs: no run was seen yet")
-    if not 0 < half_width < 0.5:
-        raise ValueError(f"more_runs: half_width lies between 0 and 0.5, got {half_width}")
     worst = min(max(0.5, rate.low), rate.high)
     return MoreRuns(
         *(max(0, _wilson_runs(p, half_width, confidence) - rate.n) for p in (rate.value, worst))
@@ -69,5 +57,5 @@ def _wilson_runs(rate: float, half_width: float, confidence: float) -> int:
 
 
 def _up(count: float) -> int:
-    """Rounded up, but for what only float rounding has lifted above a whole number."""
+    """Rounded up; an excess that only float rounding causes is ignored."""
     return math.ceil(count * (1 - 1e-9))

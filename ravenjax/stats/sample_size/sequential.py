@@ -18,15 +18,15 @@ drawn without replacement, which makes the intervals wider than need be.
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 from collections.abc import Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import BaseModel, BeforeValidator, ConfigDict, PlainSerializer
 
-from ravenjax.stats.intervals import Estimate, alpha_of, bounds, rates
+from ravenjax.stats.intervals import Estimate, Rate, alpha_of, bounds, rates
 from ravenjax.stats.sample_size.planning import more_runs
 
 Of = Literal["groups", "whole"]
@@ -43,16 +43,30 @@ class Stratum(NamedTuple):
     )
 
 
-class Interval(NamedTuple):
+def _nan_of_null(value: float | None) -> float:
+    return math.nan if value is None else value
+
+
+# A float that is null in JSON where it is NaN; the last digits differ between machines.
+_Number = Annotated[
+    float,
+    BeforeValidator(_nan_of_null),
+    PlainSerializer(lambda value: None if math.isnan(value) else float(f"{value:.9g}")),
+]
+
+
+class Interval(BaseModel):
     """One rate with its simultaneous interval, fractions; NaN where no run was valid."""
+
+    model_config = ConfigDict(frozen=True)
 
     rate: str
     stratum: str  # "" of the whole table
     k: int
     n: int
-    value: float
-    low: float
-    high: float
+    value: _Number
+    low: _Number
+    high: _Number
 
     @property
     def half_width(self) -> float:
@@ -60,58 +74,28 @@ class Interval(NamedTuple):
         return (self.high - self.low) / 2 if self.n else 1.0
 
 
-_KEYS = {"draws": "taken", "sizes": "held"}  # field of a look -> its name in a line
+class Look(BaseModel):
+    """The result and the decision of one look."""
 
-
-@dataclasses.dataclass(frozen=True)
-class Look:
-    """What one look found and decided."""
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
     number: int  # from 1
     looks: int  # how many there are at most
-    draws: dict[str, int]  # draws of each stratum
-    sizes: dict[str, int]  # draws that the table has of each: the weights of a rate over several
+    taken: dict[str, int]  # draws of each stratum
+    held: dict[str, int]  # draws that the table has of each: the weights of a rate over several
     intervals: tuple[Interval, ...]
-    widest: float  # largest half-width of those still waited for, else of all; fraction
-    waiting: tuple[
-        str, ...
-    ]  # strata that are neither narrow enough nor computed as a whole; "" the whole table
+    widest: _Number  # largest half-width of those still waited for, else of all; fraction
+    # Strata that are neither narrow enough nor computed as a whole; "" the whole table.
+    waiting: tuple[str, ...]
     stop: bool
     half_width: float  # asked for, fraction
-    each: float  # confidence of each interval
+    each: _Number  # confidence of each interval
     even: bool  # every stratum was taken to the same share
-
-    def line(self) -> str:
-        """Itself as one line of JSON; computed floats to nine digits."""
-        content = {
-            _KEYS.get(field, field): value for field, value in dataclasses.asdict(self).items()
-        }
-        content |= {"intervals": [_rounded(one) for one in self.intervals]}
-        return (
-            json.dumps(
-                content | {"widest": _nine(self.widest), "each": _nine(self.each)},
-                ensure_ascii=False,
-            )
-            + "\n"
-        )
-
-
-def parse(line: str) -> Look:
-    """The look of a line. ValueError where it is none."""
-    try:
-        raw = json.loads(line)
-        intervals = tuple(Interval(**_present(one)) for one in raw.pop("intervals"))
-        fields = {field: raw.pop(name) for field, name in _KEYS.items()}
-        return Look(intervals=intervals, waiting=tuple(raw.pop("waiting")), **fields, **raw)
-    except (KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise ValueError(f"no record of a look: {line[:80]!r}") from error
 
 
 @dataclasses.dataclass(frozen=True)
 class Sequential:
-    """The rule: what is judged, how narrow it must get, at which sizes one looks. ValueError for
-    one that cannot be.
-    """
+    """The rule: what is judged, how narrow it must get, at which sizes one looks."""
 
     strata: tuple[Stratum, ...]
     rates: tuple[str, ...]
@@ -120,22 +104,6 @@ class Sequential:
     confidence: float = 0.95
     of: Of = "groups"
     allocation: Allocation = "proportional"
-
-    def __post_init__(self) -> None:
-        if not 0 < self.half_width < 0.5:
-            raise ValueError(f"half_width is a fraction between 0 and 0.5, got {self.half_width}")
-        if (
-            not self.shares
-            or list(self.shares) != sorted(set(self.shares))
-            or not 0 < self.shares[0] <= self.shares[-1] <= 1
-        ):
-            raise ValueError(
-                "looks are increasing shares of the table, above 0 and at most 1, got"
-                f" {self.shares}"
-            )
-        if not self.rates or not any(stratum.judged and stratum.size for stratum in self.strata):
-            raise ValueError("a stop rule needs a rate, and a stratum that is judged by it")
-        alpha_of(self.confidence)
 
     @property
     def judged(self) -> np.ndarray:
@@ -160,16 +128,8 @@ class Sequential:
 
     def look(self, number: int, taken: np.ndarray, k: np.ndarray, n: np.ndarray) -> Look:
         """The decision after look `number` (from 1), with k[rate, stratum] events in n[stratum]
-        valid draws.
-
-        ValueError where `taken` are not registered sizes.
-        """
+        valid draws; taken: registered sizes."""
         sizes = self.sizes()
-        if not (taken == sizes).any(axis=0).all():
-            raise ValueError(
-                f"sizes {taken.tolist()} were not registered, only {sizes.tolist()}: a look would"
-                " not hold"
-            )
         intervals = self._groups(k, n) if self.of == "groups" else self._whole(k, n)
         wide = [
             one
@@ -177,15 +137,15 @@ class Sequential:
             if one.half_width > self.half_width and not self._exhausted(one, taken)
         ]
         waiting = tuple(dict.fromkeys(one.stratum for one in wide))
-        widest = max(one.half_width for one in wide or intervals)
+        widest = max((one.half_width for one in wide or intervals), default=0.0)
         stop = not waiting or number == len(self.shares)
         return Look(
             number=number,
             looks=len(self.shares),
-            draws={
+            taken={
                 stratum.name: int(count) for stratum, count in zip(self.strata, taken, strict=True)
             },
-            sizes={stratum.name: stratum.size for stratum in self.strata},
+            held={stratum.name: stratum.size for stratum in self.strata},
             intervals=tuple(intervals),
             widest=widest,
             waiting=waiting,
@@ -205,7 +165,7 @@ class Sequential:
         largest spread. A stratum that is not waited for gets none, one judged by itself no more
         than it is likely to need. Then each is rounded up to a registered size.
         """
-        sizes, counts = self.sizes(), np.array(list(look.draws.values()), np.int64)
+        sizes, counts = self.sizes(), np.array(list(look.taken.values()), np.int64)
         if self.allocation == "proportional":
             return np.maximum(counts, sizes[look.number])
         waits = self.judged & np.array(
@@ -245,7 +205,7 @@ class Sequential:
         )
 
     def _exhausted(self, one: Interval, taken: np.ndarray) -> bool:
-        """Whether the table holds no further draw of what an interval is about."""
+        """Whether every draw behind an interval was taken."""
         of_it = self.judged & np.array(
             [one.stratum in ("", stratum.name) for stratum in self.strata]
         )
@@ -256,9 +216,9 @@ class Sequential:
         there = np.flatnonzero(self.judged)
         names = [self.strata[s].name for s in there]
         return [
-            Interval(rate, name, *bounds)
+            Interval(rate=rate, stratum=name, **found._asdict())
             for r, rate in enumerate(self.rates)
-            for name, bounds in zip(
+            for name, found in zip(
                 names, rates(k[r, there], n[there], self.each, "clopper_pearson"), strict=True
             )
         ]
@@ -266,16 +226,17 @@ class Sequential:
     def _whole(self, k: np.ndarray, n: np.ndarray) -> list[Interval]:
         there = np.flatnonzero(self.judged)
         weight = np.array([self.strata[s].size for s in there], float)
-        valid = n[there] > 0
-        if not valid.all():  # a stratum of which nothing is known leaves the whole unknown
-            return [Interval(rate, "", 0, 0, math.nan, math.nan, math.nan) for rate in self.rates]
-        estimates = [
-            stratified(k[r, there], n[there], weight, self.each) for r in range(len(self.rates))
-        ]
-        return [
-            Interval(rate, "", int(k[r, there].sum()), int(n[there].sum()), *one)
-            for r, (rate, one) in enumerate(zip(self.rates, estimates, strict=True))
-        ]
+        # A stratum of which nothing is known leaves the whole unknown.
+        known = bool((n[there] > 0).all())
+        rows = []
+        for r, rate in enumerate(self.rates):
+            found = Rate(0, 0, math.nan, math.nan, math.nan)
+            if known:
+                hits, runs = k[r, there], n[there]
+                estimate = stratified(hits, runs, weight, self.each)
+                found = Rate(int(hits.sum()), int(runs.sum()), *estimate)
+            rows.append(Interval(rate=rate, stratum="", **found._asdict()))
+        return rows
 
 
 def sentence(looks: Sequence[Look]) -> str:
@@ -304,19 +265,6 @@ def sentence(looks: Sequence[Look]) -> str:
         f"Stopped at {where}, the last that was planned: not every rate is known within {target}, "
         f"the widest within +-{last.widest:.2g} ({names}{more}).{uneven}"
     )
-
-
-def _rounded(one: Interval) -> dict[str, Any]:
-    numbers = {name: _nine(getattr(one, name)) for name in ("value", "low", "high")}
-    return one._asdict() | numbers
-
-
-def _nine(value: float) -> float | None:
-    return None if math.isnan(value) else float(f"{value:.9g}")
-
-
-def _present(raw: dict[str, Any]) -> dict[str, Any]:
-    return {name: math.nan if value is None else value for name, value in raw.items()}
 
 
 def stratified(k: ArrayLike, n: ArrayLike, weight: ArrayLike, confidence: float = 0.95) -> Estimate:

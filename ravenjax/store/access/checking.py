@@ -1,12 +1,12 @@
-"""What a result folder must hold to be believed: whole parts, each row once, values that a run can
-have.
+"""Checks a result folder: whole parts, each row once, values that a run can have.
 
 Each check is one line of a table: what was looked at, and each thing that is wrong in words.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import re
+import tomllib
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,9 +23,14 @@ from ravenjax.store.manifest import Manifest
 from ravenjax.vocabulary import failures
 
 MOST = 5
-"""Problems of one check that are told, and columns in one of them."""
-MAY_BE_NAN = ("_value", "tip_distance_mm")
-"""Ends of names of those that are NaN where there is no such number; varied parameters are, too."""
+"""Problems of one check that are printed, and columns in one of them."""
+WORDS = {
+    "response": verdict.RESPONSES,
+    "hazard": verdict.HAZARDS,
+    "failed": failures.CAUSES,
+    "verdict": (*verdict.VERDICTS, ""),
+}
+"""All words of a column."""
 
 
 class FolderCheck(NamedTuple):
@@ -89,127 +94,53 @@ def rows(record: Manifest) -> FolderCheck:
 
 
 def values(folder: Path, record: Manifest, whole: list[parts.Part]) -> list[FolderCheck]:
-    """That the rows of whole parts have values that a run can have: one pass over the table for
-    each check.
-    """
+    """That the rows of whole parts have values that a run can have, as rules.toml says."""
     if not whole:
         return []
     with query.open_parts(
         [folder / PARTS / part.file for part in whole], folder, numbered=True
     ) as table:
-        checks = [
-            ("row numbers", _numbers),
-            ("ranges", _ranges),
-            ("finite numbers", _finite),
-            ("verdicts", _verdicts),
-        ]
-        return [_check(table, record, name, conditions) for name, conditions in checks]
+        rules = tomllib.loads(Path(__file__).with_name("rules.toml").read_text(encoding="utf-8"))
+        return [_check(table, record, check, listed) for check, listed in rules.items()]
 
 
 def _check(
-    table: ResultTable,
-    record: Manifest,
-    name: str,
-    conditions: Callable[[Manifest], Iterator[tuple[str, str, str]]],
+    table: ResultTable, record: Manifest, check: str, rules: list[dict[str, str]]
 ) -> FolderCheck:
-    """Count the rows that break each of the conditions: (column, condition that must hold, what
-    is wrong else).
-    """
-    rules = list(conditions(record))
-    counted = [f"count(*) FILTER (NOT coalesce({must}, false))" for _, must, _ in rules]
-    _, *broken = table.row(f"SELECT count(*), {', '.join(counted)} FROM {query.RESULTS}")
-    complaints = []
-    for (column, must, complaint), n in zip(rules, broken, strict=True):
+    """Count the rows that break each rule."""
+    musts, complaints = [], []
+    for column in schema.columns(record.shape):
+        rule = next(
+            (
+                rule
+                for rule in rules
+                if re.fullmatch(rule["columns"], f"{column.name} {column.dtype} {column.unit}")
+            ),
+            {},
+        )
+        if "must" in rule:
+            terms = {
+                "name": quoted(column.name),
+                "column": column.name,
+                "unit": column.unit,
+                "words": ", ".join(map(text, WORDS.get(column.name, ()))),
+                "end": record.duration_ms,
+                "last_row": record.runs - 1,
+                "cue": events.sql("cue", record.rules),
+                "told": events.TOLD_SQL,
+                "halt_ms": verdict.HALT_MS,
+            }
+            musts.append(f"coalesce({rule['must'].format(**terms)}, false)")
+            complaints.append(f"{column.name}: {rule['complaint'].format(**terms)}")
+    counted = (f"count(*) FILTER (NOT {must})" for must in musts)
+    counts = table.row(f"SELECT {', '.join(counted)} FROM {query.RESULTS}")
+    problems = []
+    for must, complaint, n in zip(musts, complaints, counts, strict=True):
         if n:
-            ((first,),) = table.rows(
-                f'SELECT min("index") FROM {query.RESULTS} WHERE NOT coalesce({must}, false)'
-            )
-            complaints.append(
-                f"{column}: {complaint} in {n:,} row{'s' if n > 1 else ''}, the first is {first}"
-            )
-    return FolderCheck(
-        name, f"{len(rules)} columns or rules in {record.done:,} rows", _short(complaints)
-    )
-
-
-def _numbers(record: Manifest) -> Iterator[tuple[str, str, str]]:
-    first = "regexp_extract(parse_filename(filename), 'part-(\\d+)-', 1)::BIGINT"
-    yield (
-        "index",
-        f'"index" = {first} + file_row_number',
-        "does not count up from the part's first row",
-    )
-    yield "run_id", "regexp_full_match(run_id, '[0-9a-f]{16}')", "is not 16 hex digits"
-    yield "pair", f"pair BETWEEN 0 AND {record.runs - 1}", "is no row of the campaign"
-
-
-def _ranges(record: Manifest) -> Iterator[tuple[str, str, str]]:
-    for column in schema.columns(record.shape):
-        name, end = quoted(column.name), record.duration_ms
-        if column.name.startswith("fault") or not column.dtype.startswith("int"):
-            continue
-        if column.name.endswith(
-            ("_first_ms", "_last_ms", "_active_ms", "response_ms", "reaction_ms", "told_ms")
-        ):
-            yield column.name, f"{name} BETWEEN -1 AND {end}", f"lies outside -1 to {end} ms"
-        elif column.unit in ("ms", "ticks"):
-            yield (
-                column.name,
-                f"{name} BETWEEN 0 AND {end}",
-                f"lies outside 0 to {end} {column.unit}",
-            )
-        elif column.name == "end_runlevel":
-            yield column.name, f"{name} BETWEEN -1 AND 3", "is no run level"
-        elif column.unit == "DAC counts" or column.name.endswith(("_count", "_alarms")):
-            yield column.name, f"{name} >= 0", "is negative"
-    known_words = {
-        "response": verdict.RESPONSES,
-        "hazard": verdict.HAZARDS,
-        "failed": failures.CAUSES,
-        "verdict": (*verdict.VERDICTS, ""),
-    }
-    for name, words in known_words.items():
-        yield (
-            name,
-            f"{name} IN ({', '.join(map(text, words))})",
-            "is none of the words that it can be",
-        )
-
-
-def _finite(record: Manifest) -> Iterator[tuple[str, str, str]]:
-    for column in schema.columns(record.shape):
-        name = quoted(column.name)
-        if not column.dtype.startswith("float") or column.name.startswith("param:"):
-            continue
-        valid = f"failed <> '' OR NOT isnan({name})"
-        if column.name.endswith(schema.MAY_BE_INFINITE):
-            yield column.name, valid, "is not a number"
-        elif column.name.endswith(MAY_BE_NAN):
-            yield column.name, f"NOT isinf({name})", "is infinite"
-        else:
-            yield column.name, f"failed <> '' OR isfinite({name})", "is not finite"
-
-
-def _verdicts(record: Manifest) -> Iterator[tuple[str, str, str]]:
-    cue = f"CASE WHEN {events.sql('cue', record.rules)} THEN 'cue' ELSE 'no cue' END"
-    follows = f"CASE WHEN failed <> '' THEN '' ELSE response || '/' || hazard || '/' || {cue} END"
-    yield "verdict", f"verdict = {follows}", "does not follow from response, hazard and cue"
-    halted = f"response <> 'stopped' AND halted_ms - golden_halted_ms > {verdict.HALT_MS}"
-    hazard = (
-        "CASE WHEN unintended_first_ms >= 0 THEN 'unintended motion' "
-        f"WHEN loss_first_ms >= 0 OR ({halted}) THEN 'loss of motion' "
-        "WHEN false_report_first_ms >= 0 THEN 'false report' ELSE 'none' END"
-    )
-    yield "hazard", f"hazard = {hazard}", "does not follow from the times of the hazards"
-    yield "told_ms", f"(told_ms >= 0) = ({events.TOLD_SQL})", "does not follow from response"
-    yield "failed_first_ms", "(failed = '') = (failed_first_ms < 0)", "does not follow from failed"
-    yield "activated", "activated = (active_ticks > 0)", "does not follow from active_ticks"
-    for rule in ("code", "text", "tip"):
-        yield (
-            f"jump_{rule}",
-            f"jump_{rule} = (jump_{rule}_first_ms >= 0)",
-            f"does not follow from jump_{rule}_first_ms",
-        )
+            (first,) = table.row(f'SELECT min("index") FROM {query.RESULTS} WHERE NOT {must}')
+            problems.append(f"{complaint} in {n:,} row{'s' if n > 1 else ''}, the first is {first}")
+    looked_at = f"{len(musts)} columns in {record.done:,} rows"
+    return FolderCheck(check, looked_at, _short(problems))
 
 
 def _differs(path: Path, part: parts.Part, shape: schema.Shape) -> str:

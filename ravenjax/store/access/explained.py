@@ -16,7 +16,7 @@ from ravenjax.store.files import write_aside
 from ravenjax.store.manifest import Manifest
 
 FOLDER, FILE = "explained", "explained.parquet"
-"""Of a result folder, where nothing else is said; the name of the table."""
+"""The usual folder inside a result folder, and the name of the table."""
 _CAMPAIGN, _CODE = b"config_hash", b"code_hash"
 
 
@@ -24,7 +24,7 @@ def add(place: Path, ticks: pd.DataFrame, record: Manifest) -> Path:
     """Put explained runs, as `campaign.inspection.explain`, into a folder's file, in place of what
     it had of them.
 
-    What was explained by other code, or of another campaign, is dropped. Raises StoreError where it
+    Explanations by other code or of another campaign are dropped. Raises StoreError where it
     cannot be written.
     """
     path, own = place / FILE, manifest.code_hash(record.robot).encode()

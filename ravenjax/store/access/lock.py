@@ -1,10 +1,8 @@
-"""One writer a result folder: who comes second is refused, and told who holds it.
+"""One writer a result folder: a second writer is refused with the name of the first.
 
-The lock is the operating system's (`flock` on `DIR/.lock`), so it goes with the process that held
-it, however that ended; what stands in the file only says who that was. Linux passes `flock` on NFS
-to the server (NFS 4, and 3 with `lockd`), which knows of every client; where a file system offers
-no locks at all, the file's words must do: they name a host and a process, and whoever is on another
-host, or sees that process run, stays away.
+The lock is the operating system's (`flock` on `DIR/.lock`), so it ends with the process that held
+it. The file only says who that was. Linux passes `flock` on NFS to the server. A file system
+without any locks gives no protection.
 """
 
 from __future__ import annotations
@@ -45,23 +43,14 @@ def held(folder: Path) -> Iterator[None]:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             if error.errno in _TAKEN:
-                raise _refusal(folder, file.read(), "") from None
+                raise _refusal(folder, file.read()) from None
             if error.errno not in _NO_LOCKS:
                 raise StoreError(f"{path}: cannot be locked ({error.strerror or error})") from error
-            holder = file.read()
-            if _may_live(holder):
-                raise _refusal(
-                    folder,
-                    holder,
-                    f" This file system has no locks: if that process is gone, delete {path}.",
-                ) from None
-        with contextlib.suppress(
-            OSError
-        ):  # a full disk is no reason to refuse: the lock itself holds
-            _put(
-                file,
-                json.dumps({"pid": os.getpid(), "host": socket.gethostname(), "since": _now()}),
-            )
+        since = datetime.now(UTC).isoformat(timespec="seconds")
+        holder = {"pid": os.getpid(), "host": socket.gethostname(), "since": since}
+        # A full disk is no reason to refuse: the lock itself holds.
+        with contextlib.suppress(OSError):
+            _put(file, json.dumps(holder))
         try:
             yield
         finally:
@@ -76,42 +65,13 @@ def _put(file, text: str) -> None:
     file.flush()
 
 
-def _holder(text: str) -> dict:
-    """What a lock file says; nothing where it is torn or empty."""
+def _refusal(folder: Path, text: str) -> StoreError:
     try:
-        content = parsed(text)
-    except ValueError:
-        return {}
-    return content if isinstance(content, dict) else {}
-
-
-def _may_live(text: str) -> bool:
-    holder = _holder(text)
-    if not holder:
-        return False
-    if holder.get("host") != socket.gethostname():
-        return True
-    try:
-        os.kill(int(holder["pid"]), 0)
-    except (ProcessLookupError, KeyError, TypeError, ValueError):
-        return False
-    except PermissionError:  # it is another user's, and there
-        pass
-    return True
-
-
-def _refusal(folder: Path, text: str, remedy: str) -> StoreError:
-    holder = _holder(text)
-    who = (
-        f"process {holder.get('pid')} on {holder.get('host')}, since {holder.get('since')}"
-        if holder
-        else "another process"
-    )
+        holder = parsed(text)
+        who = f"process {holder['pid']} on {holder['host']}, since {holder['since']}"
+    except (ValueError, KeyError, TypeError):
+        who = "another process"
     return StoreError(
         f"{folder}: is being written by {who}. Two runs into one folder would do the same work"
-        f" twice: wait for it, stop it, or choose another --out.{remedy} Nothing was changed."
+        " twice: wait for it, stop it, or choose another --out. Nothing was changed."
     )
-
-
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="seconds")

@@ -2,8 +2,8 @@
 one place.
 
 Parts are taken over as they are, by hard link where the file system can, else as copies, each
-checked before and after; the manifest comes last. The folder that is merged into counts as a shard
-of its own: so the same command may be given again after an interruption, or with further shards.
+checked before and after; the manifest comes last. The target folder counts as one more shard: so
+the same command may be given again after an interruption, or with further shards.
 """
 
 from __future__ import annotations
@@ -179,9 +179,7 @@ def _taken(source: PartSource, out: Path, config_hash: str) -> str:
 
 
 def _require_own(out: Path, sources: list[PartSource]) -> None:
-    """StoreError where the folder holds a part that is none of these: nobody would know what it
-    is.
-    """
+    """StoreError where the folder holds another part: nobody would know what it is."""
     own = {source.part.file for source in sources}
     foreign = [path for path in parts.files(out / PARTS) if path.name not in own]
     if foreign:

@@ -68,7 +68,7 @@ class ResultTable:
         return self._told(sql, given).df()
 
     def batches(self, sql: str, rows: int) -> Iterator[pa.RecordBatch]:
-        """A query as Arrow, so many rows at a time."""
+        """A query as Arrow, in batches of `rows`."""
         yield from self._connection.sql(sql).to_arrow_reader(rows)
 
     def types(self, name: str = RESULTS) -> dict[str, str]:
@@ -156,7 +156,7 @@ def empty(aside: Path | None = None, memory_mb: int | None = None) -> ResultTabl
                 "memory_limit": f"{limit_mb}MB",
                 "temp_directory": folder,
                 "threads": len(os.sched_getaffinity(0)),
-                # who needs an order says so; keeping one takes memory
+                # Queries name their order; keeping one takes memory.
                 "preserve_insertion_order": False,
                 "autoinstall_known_extensions": False,
             },

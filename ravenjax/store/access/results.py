@@ -6,19 +6,15 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
-import numpy as np
 import pyarrow as pa
 
-from ravenjax import threads
-from ravenjax.store import folder, parts, schema, words
+from ravenjax.store import folder, parts, schema
+from ravenjax.store.folder import Measured
 
 if TYPE_CHECKING:
     import pandas as pd
-
-
-Measured = TypeVar("Measured")
 
 
 @dataclass(frozen=True)
@@ -34,9 +30,7 @@ class Results:
 
     def arrow(self, columns: Sequence[str] | None = None) -> pa.Table:
         """The table, or some of its columns, as Arrow. Raises StoreError as `folder.read_all`."""
-        schema.require_columns(self.shape, columns or ())
-        tables = self._of_parts(lambda table: table, columns)
-        return pa.concat_tables(tables).unify_dictionaries()
+        return pa.concat_tables(self._of_parts(lambda table: table, columns)).unify_dictionaries()
 
     def verdicts(self) -> dict[str, int]:
         """How many of the faulty runs have each verdict, most frequent first; "" is that of failed
@@ -48,10 +42,8 @@ class Results:
         sites = [f"fault{slot}_site" for slot in range(self.shape.slots)]
 
         def count(table: pa.Table) -> dict[str, int]:
-            faulty = np.zeros(table.num_rows, bool)
-            for site in sites:
-                faulty |= ~words.of_arrow(table.column(site)).equal("")
-            return words.of_arrow(table.column("verdict"))[faulty].counts()
+            frame = table.to_pandas()
+            return frame.loc[(frame[sites] != "").any(axis=1), "verdict"].value_counts().to_dict()
 
         counts: Counter[str] = Counter()
         for part in self._of_parts(count, ["verdict", *sites]):
@@ -62,12 +54,4 @@ class Results:
         self, measure: Callable[[pa.Table], Measured], columns: Sequence[str] | None
     ) -> list[Measured]:
         """What `measure` makes of the columns of each part, by the first row; None: of all."""
-        path = self.path
-        record = folder.read_complete_manifest(path)
-        return threads.mapped(
-            lambda part: measure(
-                parts.read(path / folder.PARTS / part.file, record.config_hash, part, columns)
-            ),
-            sorted(record.parts, key=lambda part: part.first),
-            folder.READERS,
-        )
+        return folder.read_parts(self.path, columns, measure)

@@ -1,1 +1,1 @@
-"""Console profiles: bundled ones by name, and files of one's own."""
+"""Console profiles: bundled ones by name, and files of the user."""

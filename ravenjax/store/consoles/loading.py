@@ -34,7 +34,7 @@ def load(name: str) -> ConsoleProfile:
     if name in by_name:
         return by_name[name]
     path = Path(name)
-    if path.suffix != _SUFFIX and not _is_file(path):
+    if path.suffix != _SUFFIX:
         words = ", ".join([*by_name, AUTO])
         raise UserError(
             f"console {shown(name)} is not known, expected one of {words}, or a .toml file"
@@ -59,7 +59,8 @@ def _checked(where: str, text: str) -> ConsoleProfile:
         return ConsoleProfile.model_validate(tomllib.loads(text))
     except ValidationError as error:
         raise UserError(
-            f"{where}: not a console's profile:\n" + listed([_line(one) for one in error.errors()])
+            f"{where}: not a console's profile:\n"
+            + listed([_line(fault) for fault in error.errors()])
         ) from None
     except (
         ValueError,
@@ -68,30 +69,17 @@ def _checked(where: str, text: str) -> ConsoleProfile:
         raise UserError(f"{where}: not a TOML file: {error}") from None
 
 
-def _is_file(path: Path) -> bool:
-    """False, too, where no file can have such a name."""
-    try:
-        return path.is_file()
-    except OSError:
-        return False
-
-
 def _line(fault: ErrorDetails) -> str:
     key = ".".join(map(str, fault["loc"])) or "the file"
+    words = str(fault["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
     if fault["type"] == "extra_forbidden":
-        keys = _keys(fault["loc"][:-1])
+        model: type = ConsoleProfile
+        for table in fault["loc"][:-1]:
+            model = model.model_fields[str(table)].annotation  # type: ignore[attr-defined, assignment]
+        keys = list(model.model_fields)  # type: ignore[attr-defined]
         return f"{key}: no such key, expected {', '.join(keys)}{suggestion(fault['loc'][-1], keys)}"
     if fault["type"] == "missing":
         return f"{key}: missing, expected it in the file"
-    words = str(fault["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
     if fault["type"] == "value_error":
         return f"{key}: {words}"
     return f"{key}: got {shown(fault['input'])}, expected {words}"
-
-
-def _keys(tables: tuple[str | int, ...]) -> list[str]:
-    """Keys of the file, or of one of its tables."""
-    model: type = ConsoleProfile
-    for table in tables:
-        model = model.model_fields[str(table)].annotation  # type: ignore[attr-defined, assignment]
-    return list(model.model_fields)  # type: ignore[attr-defined]

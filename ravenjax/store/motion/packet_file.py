@@ -8,7 +8,7 @@ to the one port that gets datagrams of that size. Of several senders the one tha
 console.
 
 Whole packets are read under the console's profile, in their order. What the robot would drop moves
-nothing: repeated and older numbers, and the packet after a gap. A stream may start anew, see
+nothing: repeated and older numbers, and the packet after a gap. A stream may restart, see
 `_restarts`.
 """
 
@@ -20,7 +20,7 @@ import struct
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
@@ -209,26 +209,13 @@ def _datagrams(path: Path) -> Iterator[Datagram]:
                 while not isinstance(packet, (bytes, type(None), ip.IP, ip6.IP6)):
                     packet = getattr(packet, "data", None)
                 if isinstance(getattr(packet, "data", None), dpkt.udp.UDP):
-                    yield _udp_datagram(float(time_s), packet)
+                    found = cast("Any", packet)
+                    udp, sender = found.data, (found.src, found.data.sport)
+                    yield Datagram(float(time_s), sender, udp.dport, bytes(udp.data))
     except (OSError, *not_of_udp) as error:
         raise UserError(
             f"{path}: no capture that can be read: {str(error) or type(error).__name__}"
         ) from None
-
-
-def _udp_datagram(time_s: float, packet: Any) -> Datagram:
-    udp = packet.data
-    return Datagram(time_s, (packet.src, udp.sport), udp.dport, bytes(udp.data))
-
-
-def read_stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketStream:
-    """The packets of a Parquet file or a capture. console: a profile of `store.consoles`, or
-    "auto". UserError.
-    """
-    packets = read_packets(path)
-    fields = packets.fields
-    profile = _profile(path, fields, arms, console)
-    return _summed(path, profile, fields, arms, _arrivals(path, packets, profile))
 
 
 def read_arrivals(path: Path, packets: RawPackets, console: str) -> Arrivals:
@@ -326,13 +313,14 @@ def _arrivals(path: Path, packets: RawPackets, profile: ConsoleProfile) -> Arriv
     return Arrivals(since * stamps.UNITS[unit], f"column {name}", notes)
 
 
-def _summed(
-    path: Path,
-    profile: ConsoleProfile,
-    fields: Sequence[Sequence],
-    arms: tuple[ArmName, ...],
-    arrivals: Arrivals,
-) -> PacketStream:
+def read_stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketStream:
+    """The packets of a Parquet file or a capture. console: a profile of `store.consoles`, or
+    "auto". UserError.
+    """
+    packets = read_packets(path)
+    fields = packets.fields
+    profile = _profile(path, fields, arms, console)
+    arrivals = _arrivals(path, packets, profile)
     rows, count = len(fields), len(arms)
     delta, grasp = np.zeros((rows, count, 3)), np.zeros((rows, count))
     quat = np.tile(np.array([0.0, 0.0, 0.0, 1.0]), (rows, count, 1))
@@ -372,7 +360,7 @@ def _summed(
 
 
 def _restarts(number: int, last: int, silence_s: float) -> bool:
-    """Whether a number below the last one begins the stream anew; that packet itself moves nothing.
+    """Whether a number below the last one restarts the stream; that packet itself moves nothing.
 
     The robot's own rule, far behind; and those by which a console that was started again comes back
     in a session.

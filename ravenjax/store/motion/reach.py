@@ -56,7 +56,7 @@ class Poses:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ArmReach:
-    """What some arms must do to have their tips where poses want them."""
+    """Joints that put the tips of some arms at the wanted poses."""
 
     jpos: np.ndarray  # [T, A, 7] rad and m
     inside: np.ndarray  # [T, A] whether within the limits
@@ -103,19 +103,11 @@ def reason(poses: Poses, row: int, bounds: Bounds) -> str:
         nearest = int(np.argmin(excess.max(axis=1)))
         joint = int(np.argmax(excess[nearest]))
         if excess[nearest, joint] > 0.0:
-            value, metric = float(reachable[nearest, joint]), joint == _INSERTION
-            low, high, scale, unit = (
-                bounds.lower[joint],
-                bounds.upper[joint],
-                math.degrees(1.0),
-                "deg",
-            )
-            if metric:
-                scale, unit = 1e3, "mm"
-            margin = f"{MARGIN_M * 1e3:g} mm" if metric else f"{math.degrees(MARGIN_RAD):g} deg"
+            scale, unit = (1e3, "mm") if joint == _INSERTION else (math.degrees(1.0), "deg")
+            value, low, high = scale * np.array([reachable[nearest], lower, upper])[:, joint]
             return (
-                f"{JOINTS[joint]} of {arm} would be at {value * scale:.2f} {unit}, soft limits"
-                f" {low * scale:.1f} to {high * scale:.1f} {unit} less {margin}"
+                f"{JOINTS[joint]} of {arm} would be at {value:.2f} {unit}, limits less a margin"
+                f" {low:.2f} to {high:.2f} {unit}"
             )
     return f"a joint would step by more than {LARGEST_STEP:g} rad or m within a millisecond"
 

@@ -72,7 +72,7 @@ def arms_in(path: Path) -> tuple[ArmName, ...]:
     else:
         table = files.read_table(path)
         held = ARMS if PACKET in table else table_file.arms_in(table)
-    # Where there is none, gold is then missed by name.
+    # Without any arm, the error then names gold.
     return tuple(arm for arm in ARMS if arm in held) or ("gold",)
 
 

@@ -18,23 +18,18 @@ from ravenjax.robots.raven2.console.motion import TICK_S, Motion
 from ravenjax.store import files
 from ravenjax.store.motion import resampling, spikes, timeline
 from ravenjax.store.motion.options import ReplayOptions
-from ravenjax.store.motion.reach import ArmReach, Bounds, Poses, reach, reason
+from ravenjax.store.motion.reach import ArmReach, Bounds, reach, reason
 from ravenjax.store.motion.recording import HandRecording, load, refused, require_readable
 from ravenjax.store.motion.summary import (
     ArmSummary,
     MotionSummary,
     TipCourse,
-    line,
     stretches,
 )
 from ravenjax.store.motion.timeline import Timeline
 
-STILL_M, STILL_RAD = 5e-5, math.radians(0.2)
-"""A tip that stays within, and turns and opens within, does not move."""
 OUTSIDE_LISTED = 8
 """Stretches that cannot be replayed, in the summary."""
-UNFOLLOWED_MM = 0.1
-"""Motion under a lifted pedal that is worth a note."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -61,21 +56,20 @@ def replay(
     options: ReplayOptions | None = None,
     ticks: int | None = None,
     scale: float = 0.1,
-    bounds: Bounds | None = None,
+    *,
+    bounds: Bounds,
 ) -> OperatorReplay:
     """The motion of `ticks` ms that a recording makes; None: as long as its window.
 
-    scale: teleoperation scale at which the tip moves as recorded. bounds: soft joint limits, by
-    default those of raven2 with its own tool. Raises UserError for a file that cannot be used, and
-    where what is replayed has a gap or a jump, is too short, leaves the limits, or does not move.
+    scale: teleoperation scale at which the tip moves as recorded. bounds: soft joint limits.
+    Raises UserError for a file that cannot be used, and where what is replayed has a gap or a jump,
+    is too short or leaves the limits.
     """
     path = Path(path)
     require_readable(path)
     state = path.stat()
     key = state.st_mtime_ns, state.st_size
-    return _replay(
-        path, key, arms, options or ReplayOptions(), ticks, scale, bounds or usual_bounds()
-    )
+    return _replay(path, key, arms, options or ReplayOptions(), ticks, scale, bounds)
 
 
 @functools.lru_cache(
@@ -100,7 +94,6 @@ def _replay(
     pedal, rows = course.pedal, begin + course.row
     if recording.pedal is not None:
         pedal = pedal * recording.pedal[np.floor(rows + 1e-9).astype(int)]
-    _require_moving(recording, begin, end, rows, pedal)
     hand, quat, grasp = [], [], []
     poses = recording.poses
     for i, arm in enumerate(arms):
@@ -127,14 +120,6 @@ def _replay(
     return OperatorReplay(recording, motion, summary, course, begin, bounds, reachable)
 
 
-def usual_bounds() -> Bounds:
-    """The soft limits of raven2 with its own tool."""
-    from ravenjax.robots.raven2.geometry import limits
-
-    soft = limits.soft_limits("r_grasper")
-    return Bounds(soft.lower[:5], soft.upper[:5])
-
-
 def require_scales(one: OperatorReplay, scales: Sequence[float] | np.ndarray) -> None:
     """UserError where a teleoperation scale that a campaign varies takes a tip out of its joint
     limits.
@@ -149,22 +134,15 @@ def require_scales(one: OperatorReplay, scales: Sequence[float] | np.ndarray) ->
         )
         return reach(magnified, one.bounds).first_bad(0, end - begin)
 
-    different = np.unique(np.asarray(scales, float))
-    for scale in different[np.unique(np.linspace(0, len(different) - 1, 5).round().astype(int))][
-        ::-1
-    ].tolist():
+    for scale in (float(np.max(scales)), float(np.min(scales))):
         if scale == base or (row := first_outside(scale)) is None:
             continue
-        fits, fails = base, scale
-        for _ in range(7):
-            middle = (fits + fails) / 2
-            fits, fails = (middle, fails) if first_outside(middle) is None else (fits, middle)
         raise UserError(
             f"{one.recording.path}: operator.scale varied to {scale:g} moves the tip"
             f" {scale / base:.3g} times as far as recorded: at {(begin + row) * TICK_S:.3f} s of"
             f" the recording it leaves the joint limits. The scale of [operator], {base:g}, moves"
-            f" it as recorded; vary it {'up' if scale > base else 'down'} to {fits:.3g}, or write"
-            f" scale = {scale:g} in [operator] and do not vary it"
+            f" it as recorded; vary it less, or write scale = {scale:g} in [operator] and do not"
+            " vary it"
         )
 
 
@@ -195,10 +173,6 @@ def courses(
         )
         for i, arm in enumerate(recording.poses.arms)
     )
-
-
-# --- what is replayed
-# -------------------------------------------------------------------------------------------------
 
 
 def _end(begin: int, course: Timeline) -> int:
@@ -269,7 +243,7 @@ def _require_inside(
     share = 1.0 - float((inside & ~reachable.leaps)[begin:end].mean())
     raise UserError(
         f"{recording.path}: at {bad * TICK_S:.3f} s an arm cannot reach the pose inside its soft"
-        f" joint limits: {reason(recording.poses, bad, bounds)}. That is so for {_percent(share)}"
+        f" joint limits: {reason(recording.poses, bad, bounds)}. That is so for {100 * share:.3g} %"
         f" {where}. Reachable stretches, longest first: {stretches(usable, 4)}; write one, or"
         " a part of one, as operator.window_s"
     )
@@ -284,56 +258,6 @@ def _longest_first(
     spans = resampling.stretches(mask, sorted([*recording.cuts, *cuts]))
     spans = [span for span in spans if span[1] - span[0] > 1]
     return resampling.seconds(sorted(spans, key=lambda span: span[0] - span[1]))
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.1f} %" if share >= 5e-4 else "less than 0.1 %"
-
-
-def _require_moving(
-    recording: HandRecording, begin: int, end: int, rows: np.ndarray, pedal: np.ndarray
-) -> None:
-    """UserError where nothing moves while the pedal is down."""
-    span = f"from {begin * TICK_S:.3f} to {end * TICK_S:.3f} s"
-    if not pedal.any():
-        down = np.flatnonzero(recording.pedal) if recording.pedal is not None else np.zeros(0, int)
-        hint = f"; it goes down at {down[0] * TICK_S:.3f} s" if down.size else ""
-        raise UserError(
-            f"{recording.path}: the pedal is never down {span}, so nothing would move"
-            f" (surgeon_mode){hint}. Expected a part in which it is down: operator.window_s; or"
-            " drop the column surgeon_mode"
-        )
-    poses = recording.poses
-    used = np.unique(np.rint(rows[pedal > 0]).astype(int))
-    if _moves(poses, used):
-        return
-    away = np.linalg.norm(poses.position - poses.position[begin], axis=2).max(axis=1) > STILL_M
-    later = np.flatnonzero(away[end:])
-    hint = (
-        f"Its tip first moves at {(end + later[0]) * TICK_S:.3f} s: operator.window_s. "
-        if later.size
-        else ""
-    )
-    extent = float(np.ptp(poses.position[used], axis=0).max())
-    raise UserError(
-        f"{recording.path}: nothing moves {span}: the tip stays within {extent * 1e6:.3g} um,"
-        " expected more than "
-        f'{STILL_M * 1e6:g} um. {hint}For hands at rest write operator.motion = "still" instead of'
-        " the file"
-    )
-
-
-def _moves(poses: Poses, rows: np.ndarray) -> bool:
-    turn = np.abs(np.sum(poses.quat[rows] * poses.quat[rows[:1]], axis=2)).min()
-    return bool(
-        np.ptp(poses.position[rows], axis=0).max() > STILL_M
-        or 2.0 * math.acos(min(1.0, float(turn))) > STILL_RAD
-        or np.ptp(poses.opening_mrad[rows], axis=0).max() > STILL_RAD * 1e3
-    )
-
-
-# --- into the hands' frame
-# --------------------------------------------------------------------------------------------
 
 
 def _itp(
@@ -354,9 +278,6 @@ def _itp(
     return hand, np.concatenate([turn[:, :3] @ axes, turn[:, 3:]], axis=1)
 
 
-# --- what became of the recording
-
-
 def _summary(
     recording: HandRecording,
     inside: np.ndarray,
@@ -373,17 +294,6 @@ def _summary(
     gap = max(recording.gaps, key=lambda one: one[2] - one[1], default=None)
     lost = ~(np.all(inside, axis=1) & recording.covered)
     outside = resampling.seconds(resampling.stretches(lost))
-    lines = []
-    for i, arm in enumerate(poses.arms):
-        lines.append(line(arm, "recorded", recording.time_s[arm], track.arms[arm].position))
-        lines.append(
-            line(
-                arm,
-                "replayed",
-                np.arange(begin, end) * TICK_S,
-                poses.position[begin:end, i],
-            )
-        )
     return MotionSummary(
         file=str(track.path),
         sha256=files.sha256(track.path),
@@ -392,7 +302,7 @@ def _summary(
         clock=track.clock,
         read=track.read,
         ignored=track.ignored,
-        notes=(*track.notes, *_unfollowed(recording, begin, course, pedal)),
+        notes=track.notes,
         duration_s=float(times[-1] - times[0]),
         rate_hz=float(1e3 / steps.mean()),
         steps_ms=(float(steps.min()), float(np.median(steps)), float(steps.max())),
@@ -411,26 +321,7 @@ def _summary(
         arms=tuple(
             _arm_summary(recording, inside, i, begin, end, course) for i in range(len(poses.arms))
         ),
-        lines=tuple(lines),
     )
-
-
-def _unfollowed(
-    recording: HandRecording, begin: int, course: Timeline, pedal: np.ndarray
-) -> list[str]:
-    """What the console does not send: motion while the recorded pedal is up."""
-    notes = []
-    for i, arm in enumerate(recording.poses.arms):
-        path = resampling.at_rows(recording.poses.position[:, i], begin + course.row)
-        dropped = np.cumsum(np.diff(path, axis=0) * (pedal[1:, None] == 0.0), axis=0)
-        farthest = float(np.linalg.norm(dropped, axis=1).max(initial=0.0)) * 1e3
-        if farthest > UNFOLLOWED_MM:
-            notes.append(
-                f"the recorded tip of {arm} moves while the pedal is up: the console sends no"
-                f" motion then, and the tip goes on from where it is, up to {farthest:.3g} mm off"
-                " the recorded path"
-            )
-    return notes
 
 
 def _arm_summary(

@@ -5,7 +5,6 @@ the report shows. summary.j2 has the words.
 from __future__ import annotations
 
 import dataclasses
-import itertools
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,11 +12,6 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from ravenjax.store.motion.options import ReplayOptions
-
-POINTS = 200
-"""Stretches of a picture's lines; each is drawn from its least to its greatest value, so that no
-spike is lost.
-"""
 
 
 class ArmSummary(BaseModel):
@@ -35,23 +29,6 @@ class ArmSummary(BaseModel):
     distance_mm: tuple[float, float]  # from the remote centre
     # By the low-pass: root mean square in mm, largest in mm, and when in the recording in s.
     removed: tuple[float, float, float] | None = None
-
-
-class TipLine(BaseModel):
-    """A curve of the picture: numbers as text, so that a manifest stays a page of lines."""
-
-    model_config = ConfigDict(frozen=True)
-
-    arm: str
-    what: str  # "recorded", or "replayed" for the stretch that a campaign uses
-    time_ms: str  # in the recording
-    x_um: str
-    y_um: str
-    z_um: str
-
-    def numbers(self, name: str) -> list[float]:
-        """One of the columns."""
-        return [float(word) for word in getattr(self, name).split()]
 
 
 class MotionSummary(BaseModel):
@@ -87,7 +64,6 @@ class MotionSummary(BaseModel):
     scale: float  # teleoperation scale at which the tip moves as recorded
     scales: tuple[float, float] | None = None  # least and greatest that a campaign varies it to
     arms: tuple[ArmSummary, ...]
-    lines: tuple[TipLine, ...]
 
 
 def table_rows(summary: MotionSummary) -> list[tuple[str, str]]:
@@ -114,29 +90,6 @@ def _rendered_rows(summary: MotionSummary) -> list[tuple[str, str]]:
     )
     lines = template.render(s=summary).splitlines()
     return [(what, text) for what, bar, text in (line.partition(" | ") for line in lines) if bar]
-
-
-def line(arm: str, what: str, time_s: np.ndarray, position: np.ndarray) -> TipLine:
-    """The curve of positions [T, 3] m, thinned to the least and the greatest value of each of
-    POINTS stretches.
-    """
-    edges = np.unique(np.linspace(0, len(time_s), POINTS + 1).round().astype(int))
-    time, columns = [], ([], [], [])
-    for begin, end in itertools.pairwise(edges.tolist()):
-        time += [time_s[begin], time_s[end - 1]]
-        for axis, column in enumerate(columns):
-            some = position[begin:end, axis]
-            low, high = int(np.argmin(some)), int(np.argmax(some))
-            column += [some[min(low, high)], some[max(low, high)]]
-    x, y, z = (" ".join(f"{value * 1e6:.0f}" for value in column) for column in columns)
-    return TipLine(
-        arm=arm,
-        what=what,
-        time_ms=" ".join(f"{value * 1e3:.0f}" for value in time),
-        x_um=x,
-        y_um=y,
-        z_um=z,
-    )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

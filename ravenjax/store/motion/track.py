@@ -70,44 +70,20 @@ def check_plausible(track: Track) -> None:
     """UserError for positions that are not those of a tip in frame 0, and for jaws that open too
     wide.
     """
-    for arm, one in track.arms.items():
-        distance = np.linalg.norm(one.position, axis=1)
-        nearest, farthest = float(distance.min()), float(distance.max())
-        if farthest < NEAREST_M or nearest > FARTHEST_M:
+    for arm, samples in track.arms.items():
+        distance = np.linalg.norm(samples.position, axis=1)
+        if distance.max() < NEAREST_M or distance.min() > FARTHEST_M:
             raise UserError(
-                f"{track.path}: the tip of {arm} would be {_length(nearest)} to {_length(farthest)}"
-                f" from the remote centre, the origin of frame 0; expected {_length(NEAREST_M)} to"
-                f" {_length(FARTHEST_M)}. {_hint(track, arm, float(np.median(distance)))}"
+                f"{track.path}: the tip of {arm} would be {distance.min() * 1e3:.3g} to"
+                f" {distance.max() * 1e3:.3g} mm from the remote centre, the origin of frame 0;"
+                f" expected {NEAREST_M * 1e3:g} to {FARTHEST_M * 1e3:g} mm. Write positions in"
+                f" frame 0, in the unit of the column's name: {arm}_x_m, {arm}_x_mm or {arm}_x_um"
             )
-        opening = one.opening_mrad
-        if (
-            opening is not None
-            and (wide := np.flatnonzero(np.abs(opening) > WIDEST_RAD * 1e3)).size
-        ):
-            row = int(wide[0])
+        opening = samples.opening_mrad
+        if opening is not None and (wide := np.abs(opening) > WIDEST_RAD * 1e3).any():
+            row = int(np.argmax(wide))
             raise UserError(
                 f"{track.path}: row {row}: the jaws of {arm} would open by {opening[row] / 1e3:.4g}"
-                f" rad; expected at most {WIDEST_RAD:.3g}. If the numbers are degrees name the"
-                f" column {arm}_grasp_deg, if they are milliradians {arm}_grasp_mrad"
+                f" rad; expected at most {WIDEST_RAD:.3g}. Write the unit into the column's name:"
+                f" {arm}_grasp_rad, {arm}_grasp_mrad or {arm}_grasp_deg"
             )
-
-
-def _hint(track: Track, arm: str, median_m: float) -> str:
-    """What to write instead: the units in which the same numbers are a tip's."""
-    unit = next((u for u in LENGTHS if f"{arm}_x_{u}" in track.read), "m")
-    number = median_m / LENGTHS[unit]
-    likely = [
-        u for u, size in LENGTHS.items() if u != unit and NEAREST_M <= number * size <= FARTHEST_M
-    ]
-    if not likely or f"{arm}_x_{unit}" not in track.read:
-        return (
-            "Write tip positions in frame 0 of the arm: m, mm or um, as the column's name says, or"
-            " m in MCAP"
-        )
-    names = ", ".join(f"{arm}_{axis}_{likely[0]}" for axis in "xyz")
-    return f"If the numbers are {likely[0]}, name the columns {names}"
-
-
-def _length(metres: float) -> str:
-    unit = next((unit for unit, size in LENGTHS.items() if metres >= size), "um")
-    return f"{metres / LENGTHS[unit]:.3g} {unit}"

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ravenjax.stats import multiplicity
-from ravenjax.stats.comparison import clustered, effect_size
+from ravenjax.stats.comparison import clustered
 from ravenjax.stats.intervals import Estimate
 from ravenjax.train.judge.row import HazardRow
 from ravenjax.train.study.sessions import TrainingStudy
@@ -150,8 +150,8 @@ def _compare(
     means = clustered.means(limited_one), clustered.means(limited_two)
     g, p = _NONE, math.nan
     if min(map(len, means)) > 1:
-        standardised = effect_size.paired_g if is_paired else effect_size.hedges_g
-        g = standardised(means[1], means[0], confidence)
+        standardised = clustered.standardised_difference(means[1], means[0], is_paired=is_paired)
+        g = Estimate(standardised, math.nan, math.nan)
         # Whether exchanging conditions could change anything. That is asked without a look at
         # which group is which, so that leaving out what does not vary favours no result.
         spread = np.abs(means[0] - means[1]).max() if is_paired else np.ptp(np.concatenate(means))

@@ -118,7 +118,7 @@ def test_arrays_say_what_the_table_says(runs):
 
 def test_network_effects_are_overwrites(runs):
     injection = table.injection(runs, robots.USUAL)
-    net = runs.take(runs.words("group").equal("net"))
+    net = runs.take(runs.words("group") == "net")
     arrays, targets = table.arrays(net, injection), table.targets(injection)
     assert [targets[code - 1][2] for code in arrays["code"][:, 0]] == ["lost", "lag", "delay"]
     assert arrays["value"][:, 0].tolist() == [1.0, 1.0, 7.0]

@@ -9,6 +9,7 @@ import shutil
 import numpy as np
 import pandas as pd
 import pytest
+from synthetic_results import write_part
 
 import ravenjax as rj
 from ravenjax.campaign import runner
@@ -67,7 +68,7 @@ def rewritten(folder, change, place=1):
     frame = pd.DataFrame({name: np.array(frame[name]) for name in frame})
     change(frame)
     (folder / "parts" / part.file).unlink()
-    new = parts.write(folder / "parts", frame, record.shape, record.config_hash)
+    new = write_part(folder / "parts", frame, record.shape, record.config_hash)
     listed = (*record.parts[:place], new, *record.parts[place + 1 :])
     manifests.write(folder, record.model_copy(update={"parts": listed}))
 
@@ -177,3 +178,19 @@ def test_the_command_ends_with_code_1_where_something_is_wrong(folder, capsys):
     assert results.verify(folder, sample=0) == 1
     told = capsys.readouterr()
     assert "WRONG" in told.out and path.name in told.err
+
+
+def test_missing_and_double_rows(folder):
+    record, frame = manifests.read(folder), read_all(folder)
+    manifests.write(
+        folder, record.model_copy(update={"parts": (*record.parts[:1], *record.parts[2:])})
+    )
+    problems = wrong(verification.verify(folder, sample=0))
+    assert (
+        problems["rows"] == ["10 rows are missing: 10 to 19"]
+        and "no record names" in problems["parts"][0]
+    )
+    double = write_part(folder / "parts", frame.iloc[2:5], record.shape, record.config_hash)
+    manifests.write(folder, record.model_copy(update={"parts": (*record.parts, double)}))
+    (problem,) = wrong(verification.verify(folder, sample=0))["rows"]
+    assert double.file in problem and "another part holds" in problem

@@ -98,9 +98,9 @@ def test_it_stops_at_the_first_look_at_which_every_interval_is_narrow(
     assert looks[-1].stop and not looks[-1].waiting and 1 < looks[-1].number < len(LOOKS)
     assert all(look.waiting and look.widest > 0.06 for look in looks[:-1])
     assert all(interval.half_width <= 0.06 for interval in looks[-1].intervals)
-    assert len(rows) == sum(looks[-1].draws.values()) < 2101
+    assert len(rows) == sum(looks[-1].taken.values()) < 2101
     if (allocation, of) == ("neyman", "groups"):
-        assert looks[-1].draws["grid"] < 600 * LOOKS[looks[-1].number - 1], (
+        assert looks[-1].taken["grid"] < 600 * LOOKS[looks[-1].number - 1], (
             "a group that is known well gets no more"
         )
 
@@ -112,7 +112,7 @@ def test_a_look_counts_what_the_table_says(run, tmp_path):
     for look in decisions.read(tmp_path):
         for interval in look.intervals:
             start = {"grid": 1, "drawn": 601}[interval.stratum]
-            rows = table.loc[[*first[start].rows_of(look.draws[interval.stratum])]]
+            rows = table.loc[[*first[start].rows_of(look.taken[interval.stratum])]]
             rows = rows[rows["failed"] == ""]
             came = rows["jump_code"] if interval.rate == "jump" else rows["response"] == "flagged"
             assert (interval.k, interval.n) == (came.sum(), len(rows))

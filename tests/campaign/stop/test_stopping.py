@@ -154,9 +154,9 @@ def test_decisions_are_read_back_and_a_damaged_file_is_named(tmp_path):
     rule = stop_rule(config())
     look = rule.look(1, rule.first(), np.array([[0, 1, 0], [0, 2, 0]]), rule.first())
     decisions.write(tmp_path, [look])
-    assert [one.line() for one in decisions.read(tmp_path)] == [look.line()]
+    assert [one.model_dump_json() for one in decisions.read(tmp_path)] == [look.model_dump_json()]
     assert decisions.sentence(tmp_path).startswith("Not stopped yet: at look 1 of 5")
-    (tmp_path / decisions.FILE).write_text(look.line()[:50])
+    (tmp_path / decisions.FILE).write_text(look.model_dump_json()[:50])
     with pytest.raises(
         StoreError, match=r"decisions.jsonl: cannot be read .* delete it and start the same"
     ):

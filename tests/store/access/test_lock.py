@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import errno
-import fcntl
 import json
 import os
 import re
@@ -57,45 +55,3 @@ def test_the_lock_of_a_killed_process_does_not_block(tmp_path, holder):
     with lock.held(tmp_path):
         assert json.loads((tmp_path / ".lock").read_text())["pid"] == os.getpid()
     assert (tmp_path / ".lock").read_text() == ""
-
-
-def test_held_twice_in_one_process_is_refused_too_and_free_after_an_error(tmp_path):
-    with (
-        pytest.raises(StoreError, match=f"process {os.getpid()} on"),
-        lock.held(tmp_path),
-        lock.held(tmp_path),
-    ):
-        pytest.fail("held twice")
-    with lock.held(tmp_path):
-        pass
-
-
-@pytest.fixture
-def no_locks(monkeypatch):
-    def refuse(*_):
-        raise OSError(errno.ENOLCK, "No locks available")
-
-    monkeypatch.setattr(fcntl, "flock", refuse)
-
-
-@pytest.mark.parametrize(
-    ("told", "free"),
-    [
-        ("", True),
-        ('{"pid": 1, "ho', True),
-        ({"pid": 2**22 + 1, "host": socket.gethostname()}, True),
-        ({"pid": os.getpid(), "host": socket.gethostname(), "since": "now"}, False),
-        ({"pid": 2**22 + 1, "host": "another.host", "since": "now"}, False),
-    ],
-)
-def test_where_there_are_no_locks_the_words_must_do(tmp_path, no_locks, told, free):
-    (tmp_path / ".lock").write_text(told if isinstance(told, str) else json.dumps(told))
-    if free:
-        with lock.held(tmp_path):
-            assert json.loads((tmp_path / ".lock").read_text())["pid"] == os.getpid()
-    else:
-        with (
-            pytest.raises(StoreError, match=r"no locks: if that process is gone, delete .*\.lock"),
-            lock.held(tmp_path),
-        ):
-            pytest.fail("held twice")

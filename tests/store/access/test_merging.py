@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 
 from ravenjax.errors import StoreError
 from ravenjax.store import manifest as manifests
-from ravenjax.store import parts
 from ravenjax.store.access import merging
 from ravenjax.store.folder import ResultFolder, read_all
 
@@ -103,17 +102,6 @@ def test_an_interrupted_merge_is_finished_by_the_same_command(tmp_path, monkeypa
     pd.testing.assert_frame_equal(read_all(tmp_path / "out"), whole)
 
 
-def test_overlapping_rows_are_named(tmp_path):
-    a, b = two(tmp_path)
-    other = shard(tmp_path / "c", [(25, 40)])
-    with pytest.raises(
-        StoreError,
-        match=r"part-000000000-000000029.*part-000000025-000000039.* both hold row 25 to 29",
-    ):
-        merging.merge(tmp_path / "out", [a, b, other])
-    assert not (tmp_path / "out").exists()
-
-
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
@@ -130,12 +118,3 @@ def test_another_campaign_code_or_engine_is_no_shard(tmp_path, changes, told):
     with pytest.raises(StoreError, match="is no shard of the campaign") as caught:
         merging.merge(tmp_path / "out", two(tmp_path, **changes))
     assert told in str(caught.value) and not (tmp_path / "out").exists()
-
-
-def test_a_damaged_part_is_named_and_nothing_written(tmp_path):
-    shards = two(tmp_path)
-    path = parts.files(shards[1] / "parts")[0]
-    path.write_bytes(path.read_bytes()[:-100])
-    with pytest.raises(StoreError, match=rf"{path}: has .* bytes"):
-        merging.merge(tmp_path / "out", shards)
-    assert not (tmp_path / "out").exists()

@@ -13,8 +13,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ravenjax.errors import StoreError
-from ravenjax.store import manifest as manifests
-from ravenjax.store import parts
 from ravenjax.store.access import query
 from ravenjax.store.folder import ResultFolder, read_all
 
@@ -48,25 +46,6 @@ def test_the_relation_is_the_table_whatever_the_parts(chunk):
         assert (
             sorted(path.name for path in folder.iterdir() if path.name.startswith(".query")) == []
         )
-
-
-def test_parts_that_nobody_recorded_are_not_read(tmp_path):
-    fill(tmp_path, 40)
-    record = manifests.read(tmp_path)
-    manifests.write(
-        tmp_path, record.model_copy(update={"parts": record.parts[:1], "finished": None})
-    )
-    with query.open_folder(tmp_path) as table:
-        assert table.row("SELECT count(*) FROM results") == (40,)
-
-
-def test_damage_is_refused_before_a_query(tmp_path):
-    fill(tmp_path, 40)
-    path = parts.files(tmp_path / "parts")[1]
-    content = path.read_bytes()
-    path.write_bytes(content[:-10])
-    with pytest.raises(StoreError, match=rf"{path}: has .* bytes"):
-        query.open_folder(tmp_path)
 
 
 @pytest.mark.slow

@@ -77,11 +77,3 @@ def test_another_robot_or_the_same_motion_does_not_count_and_says_why(tmp_path, 
     companions = fault_free.find(tmp_path, CAMPAIGN)
     assert companions.motions == () and len(companions.excluded) == 1
     assert companions.excluded[0].startswith("motion: ") and why in companions.excluded[0]
-
-
-def test_with_noise_the_seed_makes_another_motion():
-    noisy = synthetic.manifest(20, config=config(campaign={"noise": True}))
-    again = noisy.model_copy(update={"seed": 8})
-    assert fault_free.motion_of(noisy) != fault_free.motion_of(again)
-    still = synthetic.manifest(20, config=config())
-    assert fault_free.motion_of(still) == fault_free.motion_of(still.model_copy(update={"seed": 8}))

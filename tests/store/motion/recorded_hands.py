@@ -7,9 +7,11 @@ import pandas as pd
 import pytest
 
 from ravenjax.errors import UserError
+from ravenjax.robots.raven2.geometry import limits
 from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 from ravenjax.store.motion import replay
 from ravenjax.store.motion.options import ReplayOptions
+from ravenjax.store.motion.reach import Bounds
 
 HOME_MM = np.array([-77.946997893, -25.265555299, 13.225627957])  # gold's tip at home, frame 0
 ROWS = 3000
@@ -41,7 +43,9 @@ def recording(unit="um", arms=("gold",), rows=ROWS):
 
 def play(path, arms=("gold",), ticks=None, scale=0.1, bounds=None, **options):
     """What is made of a file."""
-    return replay.replay(path, arms, ReplayOptions(**options), ticks, scale, bounds)
+    soft = limits.soft_limits("r_grasper")
+    usual = Bounds(soft.lower[:5], soft.upper[:5])
+    return replay.replay(path, arms, ReplayOptions(**options), ticks, scale, bounds=bounds or usual)
 
 
 def refused(path, *parts, **keys):

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from test_packet_file import table
 
-from ravenjax.errors import UserError
 from ravenjax.store.motion import packet_file
 
 HERE, THERE = bytes([10, 0, 0, 1]), bytes([10, 0, 0, 2])
@@ -120,48 +119,3 @@ def test_other_traffic_is_left_out_and_a_second_sender_told(tmp_path, datagrams)
     packets = packet_file.read_packets(pcap(tmp_path / "a.pcap", timed(frames)))
     assert packets.datagrams == datagrams
     assert packets.notes == ("1 packets of 1 other senders to port 36000 are left out",)
-
-
-@needs_dpkt
-def test_a_capture_that_was_stopped_within_a_packet_is_read_up_to_there(tmp_path, datagrams):
-    path = pcap(tmp_path / "a.pcap", timed(ipv4(one) for one in datagrams), 101)
-    path.write_bytes(path.read_bytes()[:-7])
-    assert packet_file.read_packets(path).datagrams[:49] == datagrams[:49]
-
-
-@needs_dpkt
-@pytest.mark.parametrize(
-    ("frames", "link", "words"),
-    [
-        ([], 1, "got none"),
-        ([ipv4(bytes(130), port=1), ipv4(bytes(130), port=2)], 101, "got 1 to port 1, 1 to port 2"),
-        ([ipv4(bytes(130))], 105, "link of type 105"),
-        ([ipv4(bytes(130))], 101, "holds 1 packets"),
-    ],
-)
-def test_what_holds_no_stream_is_one_sentence(tmp_path, frames, link, words):
-    with pytest.raises(UserError, match=words):
-        packet_file.read_packets(pcap(tmp_path / "a.pcap", timed(frames), link))
-
-
-@needs_dpkt
-def test_what_is_no_capture_is_one_sentence(tmp_path, datagrams):
-    rng = np.random.default_rng(5)
-    whole = pcap(tmp_path / "a.pcap", timed(ipv4(one) for one in datagrams), 101).read_bytes()
-    newer = pcapng(tmp_path / "b.pcapng", timed(ipv4(one) for one in datagrams)).read_bytes()
-    for number in range(300):
-        damaged = bytearray((whole, newer)[number % 2])
-        for at in rng.integers(0, min(len(damaged), (40, 4000)[number % 3 == 0]), 4):
-            damaged[at] = rng.integers(256)
-        (tmp_path / "c.pcap").write_bytes(damaged[: rng.integers(1, len(damaged))])
-        try:
-            packet_file.read_stream(tmp_path / "c.pcap", ("gold",), "raven")
-        except UserError as error:
-            assert "c.pcap" in str(error) and len(str(error)) < 600
-
-
-def test_without_the_package_it_is_named(tmp_path, monkeypatch):
-    path = pcap(tmp_path / "a.pcap", [])
-    monkeypatch.setattr(packet_file.importlib.util, "find_spec", lambda _: None)
-    with pytest.raises(UserError, match=r"pip install 'ravenjax\[pcap\]'"):
-        packet_file.read_packets(path)

@@ -106,20 +106,3 @@ def test_a_console_that_starts_anew_goes_on_after_one_lost_packet(
     read = packet_file.read_stream(path, ("gold",), "raven")
     assert read.counted[:25].all() and read.counted[25:].sum() == counted
     assert read.delta_um[:, 0, 0].sum() == (25 + counted) * 10
-
-
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"packet": [b"short"] * 50}, "row 0, column packet: expected 124 bytes"),
-        ({"arrival_us": None}, "one column arrival_s"),
-        ({"arrival_us": np.arange(50)[::-1]}, "column arrival_us must be finite and never go back"),
-        (
-            {"arrival_us": np.arange(50) * 70},
-            r"by column arrival_us 1\.429e\+04 packets arrive in a second; console raven",
-        ),
-    ],
-)
-def test_errors(tmp_path, changes, words):
-    with pytest.raises(UserError, match=words):
-        packet_file.read_stream(table(tmp_path / "a.parquet", **changes), ("gold",), "raven")

@@ -4,7 +4,7 @@ each kind of damage.
 
 import numpy as np
 import pytest
-from recorded_hands import ROWS, play, recording, refused, table, tip_mm
+from recorded_hands import ROWS, play, recording, refused, tip_mm
 from scipy.spatial.transform import Rotation
 
 from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
@@ -153,77 +153,20 @@ def test_a_wrong_value_or_column_is_named(tmp_path, column, row, value, says):
     refused(tmp_path / "m.csv", says)
 
 
-def test_what_nobody_reads_is_not_read_but_named(parquet):
-    frame = recording().assign(note=["x" * 1000] * ROWS)
-    assert play(parquet(frame)).summary.ignored == ("note",)
-    refused(
-        parquet(frame.rename(columns={"gold_x_um": "gld_x_um"})), "note", "Did you mean 'gld_x_um'"
-    )
-
-
 # --- units ----------------------------------------------------------------------------------------
 # --------------------
 
 
-@pytest.mark.parametrize(
-    ("is_in", "called", "says"),
-    [
-        (
-            "m",
-            "um",
-            (
-                "0.0762 um to 0.0847 um from the remote centre",
-                "If the numbers are m",
-                "gold_x_m, gold_y_m",
-            ),
-        ),
-        (
-            "mm",
-            "um",
-            ("76.2 um to 84.7 um from", "If the numbers are mm, name the columns gold_x_mm"),
-        ),
-        (
-            "um",
-            "mm",
-            ("76.2 m to 84.7 m from", "If the numbers are um, name the columns gold_x_um"),
-        ),
-        (
-            "mm",
-            "m",
-            ("expected 5 mm to 500 mm", "If the numbers are mm, name the columns gold_x_mm"),
-        ),
-    ],
-)
-def test_implausible_units_are_refused_with_what_to_write(parquet, is_in, called, says):
+@pytest.mark.parametrize(("is_in", "called"), [("m", "um"), ("um", "mm")])
+def test_implausible_units_are_refused(parquet, is_in, called):
     frame = recording(is_in).rename(
         columns={f"gold_{a}_{is_in}": f"gold_{a}_{called}" for a in "xyz"}
     )
-    refused(parquet(frame), *says)
+    refused(parquet(frame), "expected 5 to 500 mm", "gold_x_m, gold_x_mm or gold_x_um")
 
 
 # --- nothing moves --------------------------------------------------------------------------------
 # --------------------
-
-
-def test_a_motion_that_never_moves_is_refused(parquet):
-    time_s = np.arange(ROWS) * 1e-3
-    frame = table(time_s, lambda t: np.zeros((len(t), 3))).assign(time_s=time_s)
-    frame["gold_x_um"] += np.arange(ROWS) % 2  # a digit of noise
-    refused(
-        parquet(frame),
-        "nothing moves from 0.000 to 3.000 s: the tip stays within 1 um",
-        'motion = "still"',
-    )
-
-
-def test_a_pedal_that_is_never_down_is_refused_with_when_it_is(parquet):
-    frame = recording().assign(surgeon_mode=(np.arange(ROWS) >= 2500).astype(int))
-    refused(
-        parquet(frame),
-        "the pedal is never down from 0.000 to 1.000 s",
-        "it goes down at 2.500 s",
-        window_s=(0, 1),
-    )
 
 
 # --- the public recordings

@@ -3,14 +3,11 @@ nothing is invented.
 """
 
 import numpy as np
-import pytest
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from recorded_hands import HOME_MM, table
 from scipy.spatial.transform import Rotation
 
-from ravenjax.store.motion import recording, resampling, stamps
-from ravenjax.store.motion.options import ReplayOptions
+from ravenjax.store.motion import resampling
 
 steps_ms = st.lists(st.floats(0.2, 60.0), min_size=4, max_size=120)
 """Between samples."""
@@ -41,33 +38,6 @@ def test_a_smooth_curve_comes_back_within_the_bound(steps, parts):
         np.abs(resampling.by_time(time_s, values, at) - wanted).max()
         <= bend * longest**2 / 2.0 + 1e-9
     )
-
-
-@settings(max_examples=25)
-@given(
-    st.lists(st.floats(0.5, 40.0), min_size=60, max_size=200),
-    st.sampled_from(["time_s", "t_ms", "stamp_us"]),
-)
-def test_a_file_with_uneven_stamps_is_replayed_by_them(tmp_path_factory, steps, name):
-    """Uneven stamps were spaced evenly, which bends the motion."""
-    assume(np.median(steps) > np.mean(steps) / stamps.BURSTS)
-    time_s = np.cumsum([0.0, *steps]) * 1e-3
-    path = tmp_path_factory.mktemp("uneven") / "hands.csv"
-    per_s = {"time_s": 1.0, "t_ms": 1e3, "stamp_us": 1e6}[name]
-    table(time_s, wave, "mm").assign(**{name: time_s * per_s}).to_csv(path, index=False)
-    one = recording.load(path, ("gold",), ReplayOptions())
-    at = np.arange(len(one)) * 1e-3
-    longest, bend = max(steps) * 1e-3, 10.0 * (2 * np.pi) ** 2
-    assert at[-1] == pytest.approx(time_s[-1], abs=1.001e-3)
-    assert (
-        np.abs(one.poses.position[:, 0] * 1e3 - HOME_MM - wave(at)).max()
-        <= bend * longest**2 / 2.0 + 1e-6
-    )
-
-
-def wave(time_s):
-    """mm: 10 mm once a second along y."""
-    return np.stack([0.0 * time_s, 10.0 * np.sin(2 * np.pi * time_s), 0.0 * time_s], axis=1)
 
 
 @given(st.lists(st.floats(0.2, 60.0), min_size=4, max_size=60), st.integers(0, 2**31))

@@ -62,14 +62,6 @@ def test_a_file_without_times_needs_a_rate(parquet):
     assert len(one.motion) == ROWS + 749
 
 
-def test_a_time_without_a_unit_is_refused_with_what_to_write(parquet):
-    frame = table(SLOW).assign(timeStamp=SLOW * 1e3)
-    refused(
-        parquet(frame), "nothing says when its 90 rows were sampled", "rename the one", "rate_hz"
-    )
-    assert play(parquet(frame), rate_hz=30.0).summary.ignored == ("timeStamp",)
-
-
 # --- a rate beside stamps
 # ---------------------------------------------------------------------------------------------
 
@@ -95,31 +87,10 @@ def test_a_rate_overrules_stamps_of_arrival_and_says_so(parquet):
 # --------------------
 
 
-def test_time_that_stands_still(parquet):
-    frame = recording()
-    frame.loc[[7, 900], "time_s"] = [0.006, 0.899]
-    refused(
-        parquet(frame),
-        "row 7 has the time of row 6, 0.006 s (column time_s; 2 such rows)",
-        "rate_hz = 1000",
-    )
-
-
-@pytest.mark.parametrize(
-    ("name", "factor", "says"),
-    [
-        ("time_ms", 1.0, ("3e+04 rows a second", "rename it time_s (30 rows a second)")),
-        (
-            "time_s",
-            1e3,
-            ("0.03 rows a second", "2967 s in all", "rename it time_ms (30 rows a second)"),
-        ),
-        ("t_us", 1e9, ("rename it t_ns (30 rows a second)",)),
-    ],
-)
-def test_a_unit_that_makes_an_impossible_rate(parquet, name, factor, says):
+@pytest.mark.parametrize(("name", "factor"), [("time_ms", 1.0), ("time_s", 1e3)])
+def test_a_unit_that_makes_an_impossible_rate(parquet, name, factor):
     frame = table(SLOW).assign(**{name: SLOW * factor})
-    refused(parquet(frame), "expected 10 to 20000 a second", *says)
+    refused(parquet(frame), "rows a second", "expected 10 to 20000 a second", "_ms, _us or _ns")
 
 
 def test_a_gap_says_where_how_long_and_what_to_write(parquet):

@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from recorded_hands import play, recording, refused
 
-from ravenjax.errors import UserError
 from ravenjax.store.motion import timeline
 from ravenjax.store.motion.options import ReplayOptions
 
@@ -41,21 +40,3 @@ def test_a_timeline_never_leaves_the_recording_and_never_jumps(case, at_end):
         assert (steps >= -1e-12).all()
     if one.end_s is not None and ticks * 1e-3 >= one.end_s and at_end == "hold":
         assert one.row[-1] == pytest.approx(rows - 1)
-
-
-@given(st.tuples(st.integers(300, 4000), st.integers(501, 12_000), st.floats(0.1, 5.0)))
-def test_what_a_refusal_says_is_accepted(case):
-    rows, ticks, slow_down = case
-    try:
-        timeline.make(Path("m"), rows, ticks, ReplayOptions(slow_down=slow_down))
-    except UserError as error:
-        words = str(error).replace(",", " ").split()
-        shorter = round(float(words[words.index("campaign.duration_s") + 2]) * 1e3)
-        slower = float(words[-1])
-        assert (
-            len(timeline.make(Path("m"), rows, shorter, ReplayOptions(slow_down=slow_down)).row)
-            == shorter
-        )
-        assert (
-            len(timeline.make(Path("m"), rows, ticks, ReplayOptions(slow_down=slower)).row) == ticks
-        )

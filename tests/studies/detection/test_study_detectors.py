@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import synthetic_results
 
 from ravenjax.outcomes.events import Rules
 from ravenjax.store.manifest import DetectorRecord
@@ -17,10 +16,8 @@ from studies import detectors
 from studies import findings as findings_files
 from studies.detectors import (
     AS_MODELLED,
-    CHECKS,
     OTHERS,
     PUBLISHED,
-    STOPS,
     FaultyScores,
     FreeScores,
 )
@@ -111,48 +108,6 @@ def test_a_point_counts_what_is_caught_before_the_motion_and_for_nothing() -> No
     assert found.before.value == pytest.approx(1 / 3)
     assert (found.false.value, found.false.n) == (0.0, 0)
     assert found.false.high == pytest.approx(3.689 / 2, rel=1e-3)
-
-
-def test_alarms_before_the_first_effect_do_not_count() -> None:
-    made = synthetic_results.manifest(runs=400)
-    frame = synthetic_results.frame(400)
-    early = frame.copy()
-    early["detector0_threshold0_first_ms"] = np.where(
-        frame["detector0_threshold0_first_ms"] >= 0, 0, -1
-    )
-    late, soon = detectors.pooled([frame], made), detectors.pooled([early], made)
-    assert (late.spoke_ms("dsn16", 0.5) >= 0).sum() > 50
-    assert (soon.spoke_ms("dsn16", 0.5) >= 0).sum() == 0
-    assert (soon.spoke_ms("dsn16", 1.0) == late.spoke_ms("dsn16", 1.0)).all()
-
-
-def test_a_check_that_only_limits_is_no_alarm() -> None:
-    made, frame = synthetic_results.manifest(runs=2000), synthetic_results.frame(2000)
-    found = detectors.pooled([frame], made)
-    chosen = frame[frame["activated"] & (frame["fault0_site"] != "") & (frame["failed"] == "")]
-    response = chosen["response"]
-    assert (response == "limited").sum() > 10
-    assert ((found.others_ms[CHECKS] >= 0) == response.isin(["stopped", "flagged"])).all()
-    assert ((found.others_ms[STOPS] >= 0) == (response == "stopped")).all()
-    assert found.unintended.tolist() == (chosen["unintended_mm"] > 3.0).tolist()
-
-
-def test_a_check_that_trips_without_a_fault_is_a_false_alarm_whatever_the_response_says() -> None:
-    """A run without a fault is its own golden run, so its response is silent even where a check
-    stopped it.
-    """
-    frame = synthetic_results.frame(6).assign(
-        group=f"free/{AS_MODELLED}", failed="", response="silent"
-    )
-    frame[detectors.SCALE] = 0.1
-    frame[[name for name in frame if name.startswith("check_") and name.endswith("_count")]] = 0
-    frame.loc[1, "check_overdrive_clip_count"] = 900  # a limit
-    frame.loc[2, ["check_overdrive_instant_count", "check_estop_count"]] = 1
-    frame.loc[3, "check_ik_reject_count"] = 4
-    made = synthetic_results.manifest(runs=6, config={"campaign": {"noise": False}})
-    found = detectors.alone(frame, made, "reach 1")
-    assert found.others[CHECKS].tolist() == [0, 0, 1, 1, 0, 0]
-    assert found.others[STOPS].tolist() == [0, 0, 1, 0, 0, 0]
 
 
 def test_areas_are_those_of_scikit_learn_and_variances_those_of_delong() -> None:

@@ -54,14 +54,3 @@ def test_small_steps_of_several_joints_add_up_as_the_jacobian_says():
     result = detector.attribute(joints[None], 0.01)
     np.testing.assert_allclose(result.shares[0], expected, atol=0.02)
     assert result.shares[0].sum() == pytest.approx(1.0, abs=0.01)
-
-
-def test_joints_that_are_a_jump_only_together():
-    both = moving(shoulder=-0.05, wrist=0.06)
-    step = detector.attribute(both[None], 0.0)
-    assert (step.shares[0, [0, 4]] > 0.2).all()
-    with jax.enable_x64(True):
-        ends = [kinematics.forward("gold", Vec(q)).position for q in both[:2]]
-    length = 1e3 * float(np.linalg.norm([float(b) - float(a) for a, b in zip(*ends, strict=True)]))
-    result = detector.attribute(both[None], 0.97 * length)
-    assert [bool(one[0]) for one in result.kinds] == [False, False, False, True]

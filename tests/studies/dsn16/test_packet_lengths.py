@@ -5,22 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
-import scipy.stats
 
-from ravenjax.robots.raven2.campaign.sections import RavenCampaign
 from ravenjax.robots.raven2.console import arrivals
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.vocabulary import packets
-from studies.dsn16 import attacks, recording
-
-
-def test_rows_at_rest_are_no_packets():
-    position = np.array([0, 0, 0, 1, 1, 2, 3, 3, 3, 4, 4], float)[:, None]
-    repeats = np.all(np.diff(position, axis=0) == 0, axis=1)
-    assert recording.run_lengths(repeats, np.ones(11, bool)).tolist() == [2, 1, 3]
-    moving = np.ones(11, bool)
-    moving[7] = False
-    assert recording.run_lengths(repeats, moving).tolist() == [2, 1]
+from studies.dsn16 import recording
 
 
 def test_lengths_are_recovered_from_the_dac():
@@ -58,27 +47,3 @@ def test_bursts_are_those_of_the_recorded_console(shared_data, phase):
     stated = packets.SHARES[packets.BURSTS]
     np.testing.assert_allclose(shares[: len(stated)], stated, atol=5e-3)
     assert shares[len(stated) :].sum() < 5e-4
-
-
-@pytest.mark.slow
-def test_arrivals_of_a_campaign_have_the_quantiles_of_the_held_out_half(shared_data):
-    """Measured on the first half without its 169 ms gap, drawn as a campaign draws them, compared
-    with the second.
-
-    Bounds are those of three samples of this size: the measured, the drawn and the held-out one. A
-    mean may be off by four standard errors; Kolmogorov's distance is exceeded once in a thousand
-    times.
-    """
-    ms = pd.read_parquet(shared_data("console_itp_packets.parquet"))["arrival_us"].to_numpy() * 1e-6
-    half = ms[len(ms) // 2]
-    own = arrivals.as_campaign(arrivals.lengths(ms[(ms > 200.0) & (ms < half)]))
-    assert sum(own) == pytest.approx(1.0, abs=1e-9)
-    assert RavenCampaign(name="a", duration_s=1.0, packets=own).packet_shares == own
-    held_out = arrivals.lengths(ms[ms >= half])
-    per_root = np.sqrt(3.0 / len(held_out))
-    for ticks in attacks.drawn(own, np.arange(1, 9, dtype=np.uint32), 20_000).ticks:
-        generated = np.diff(ticks)
-        assert abs(generated.mean() - held_out.mean()) < 4.0 * held_out.std() * per_root
-        for q in (0.1, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99):
-            assert abs(np.quantile(generated, q) - np.quantile(held_out, q)) <= 1.0, q
-        assert scipy.stats.ks_2samp(generated, held_out).statistic < 1.95 * per_root

@@ -4,7 +4,6 @@ reaction times.
 
 from __future__ import annotations
 
-import numpy as np
 import pandas as pd
 import pytest
 
@@ -44,15 +43,6 @@ def made_up(moved_golden: float = -0.1, moved_model: float = 0.0) -> HandRuns:
     frame = pd.DataFrame(rows).sample(frac=1.0, random_state=1).reset_index(drop=True)
     facts = frame[["group", "activated", "failed", "unintended"]]
     return HandRuns(frame, facts)
-
-
-def test_pairs_are_of_one_fault_each_and_leave_out_what_did_nothing_or_failed() -> None:
-    both = hand.paired(made_up(), 3.3, 0.5)
-    assert len(both.on.frame) == FAULTS - 2
-    np.testing.assert_array_equal(both.on.frame["pair"], both.off.frame["pair"])
-    assert (both.on.frame[NEWTONS_COLUMN] == 3.3).all() and (
-        both.off.frame[NEWTONS_COLUMN] == 0.0
-    ).all()
 
 
 def test_an_effect_is_over_the_hands_that_moved() -> None:

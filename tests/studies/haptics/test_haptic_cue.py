@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import synthetic_results
 
 from ravenjax.outcomes.events import Rules
 from ravenjax.stats.bootstrap import units
@@ -60,26 +59,6 @@ def test_the_choice_weighs_missed_hazards_against_false_cues() -> None:
     assert found.wins.sum(axis=1) == pytest.approx(1.0)
 
 
-def test_a_rate_of_which_nothing_was_seen_decides_only_after_enough_hours() -> None:
-    # set 0 misses 5 % less; it may cost so many false cues more as no cue in the hours leaves open
-    missed = np.stack([np.arange(400) < 40, np.arange(400) < 60], axis=1)
-
-    def found(hours: float) -> haptic_cue.Winners:
-        counts = haptic_cue.counts(
-            missed,
-            units.units(np.arange(400)),
-            np.zeros((9, 2)),
-            np.full(9, hours / 9),
-            np.arange(9),
-        )
-        return haptic_cue.choose(counts, np.array([10.0]))
-
-    few, many = found(0.01), found(1000.0)
-    assert few.winner.tolist() == many.winner.tolist() == [0]
-    assert not few.sure[0] and few.wins[0] == pytest.approx([0.5, 0.5], abs=0.05)
-    assert many.sure[0] and many.wins[0, 0] == 1.0
-
-
 def test_what_is_felt_is_measured_from_the_first_effect() -> None:
     runs = faulty(
         [[110, 150, -1], [120, 250, -1], [-1, -1, -1], [130, -1, -1]],
@@ -101,30 +80,6 @@ def test_what_is_felt_is_measured_from_the_first_effect() -> None:
     assert haptic_cue.felt(runs, PUBLISHED + 1).at_cap.value == 1.0
     late = haptic_cue.missed(runs, [PUBLISHED], before=True)[:, 0]
     assert late.tolist() == [False, True, True, True]
-
-
-def test_kinds_of_motion_are_those_of_the_result_table() -> None:
-    made, frame = synthetic_results.manifest(runs=400), synthetic_results.frame(400)
-    found = haptic_cue.pooled([frame], made)
-    chosen = frame[frame["activated"] & (frame["fault0_site"] != "") & (frame["failed"] == "")]
-    assert len(found.cell) == len(chosen) > 300
-    assert found.unintended.tolist() == (chosen["unintended_mm"] > 3.0).tolist()
-    assert found.unintended_ms.tolist() == chosen["unintended_first_ms"].tolist()
-    apart = chosen[["unintended_mm", "unintended_off_mm"]].max(axis=1) > 3.0
-    deeper = chosen["tissue_depth_mm"] - chosen["golden_tissue_depth_mm"] > 1.0
-    injury = apart | deeper | chosen["jump_tip"] | chosen["jump_text"]
-    assert found.kinds[:, KINDS.index(haptic_cue.INJURY)].tolist() == injury.tolist()
-    assert injury.sum() > found.unintended.sum() > 20
-
-
-def test_a_cue_of_the_golden_run_does_not_count() -> None:
-    made = synthetic_results.manifest(runs=300)
-    frame = synthetic_results.frame(300)
-    plainly = haptic_cue.pooled([frame], made)
-    shared = haptic_cue.pooled([frame.assign(golden_cue0_first_ms=0)], made)
-    assert (plainly.first_ms[:, 0] >= 0).sum() > 20
-    assert (shared.first_ms[:, 0] >= 0).sum() == 0
-    assert (shared.first_ms[:, 1:] == plainly.first_ms[:, 1:]).all()
 
 
 @pytest.mark.slow

@@ -51,23 +51,3 @@ def test_verdicts(name: str, rows: list[dict[str, Any]], verdict: str) -> None:
         safecomp45.PARTLY: found.hazard.departure,
         safecomp45.DIFFER: found.hazard.departure,
     }.get(verdict, "")
-
-
-def test_a_class_of_fewer_than_one_run_in_ten_is_not_shown() -> None:
-    rare = [*[STOP] * 10, {**STOP, **MOVED}]
-    assert outcome("K01", *rare).shown == {"stop"}
-    assert outcome("K01", *rare[1:]).shown == {"stop", "displaced"}
-    assert outcome("K01", *rare, seen_share=0.0).verdict == safecomp45.PARTLY
-
-
-def test_only_activated_runs_with_an_outcome_count() -> None:
-    found = outcome("K01", STOP, {"activated": False}, {"failed": "nan", **JUMP})
-    assert (found.runs, found.activated, found.failed, found.valid, found.fitting) == (
-        3,
-        2,
-        1,
-        1,
-        1,
-    )
-    assert found.verdict == safecomp45.AGREE
-    assert found.said == "stop 1"

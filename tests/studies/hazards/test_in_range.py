@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from ravenjax.hazards import library, ranges
-from ravenjax.hazards.library import Struck
 from ravenjax.hazards.ranges import ChannelRange
 from studies.hazards import in_range
 from studies.hazards.in_range import EITHER, IN, OUT
@@ -52,23 +50,3 @@ def test_within(effect: str, values: list[float], verdict: str) -> None:
 )
 def test_motor_commands_wrap_at_16_bits(effect: str, value: float, verdict: str) -> None:
     assert in_range.within(effect, [value], COUNTS) == verdict
-
-
-def test_verdicts_of_library_rows() -> None:
-    def of(name: str) -> list[str]:
-        return [
-            in_range.verdict(struck) for case in library.find(name).case for struck in case.fault
-        ]
-
-    assert of("K01") == [OUT]  # joints at 0, 100, 1000
-    assert of("K06") == [IN]  # -1000 counts is a command that the robot gives
-    assert of("C08") == [EITHER, OUT]  # in range, and +-200 000
-    assert of("K19")[-1] == OUT
-
-
-def test_channels_struck_together_take_their_shares() -> None:
-    size = ranges.normal("pos_d", "x").high - ranges.normal("pos_d", "x").low
-    fault = {"site": "pos_d", "effect": "offset", "unit": "um", "start_ms": 0}
-    far = Struck.model_validate({**fault, "along": {"x": 0.5}, "value": 2.1 * size})
-    near = Struck.model_validate({**fault, "along": {"x": 0.5}, "value": 1.9 * size})
-    assert (in_range.verdict(far), in_range.verdict(near)) == (OUT, EITHER)

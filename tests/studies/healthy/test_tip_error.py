@@ -7,18 +7,10 @@ import made_up_camera
 import numpy as np
 import pytest
 
-from ravenjax.errors import UserError
 from studies.healthy_robot import arm_errors, camera_log, tip_error
 
 NONE = np.zeros(len(tip_error.PATHS))
 ELBOW = tip_error.PATHS.index("joint_offset.elbow")
-
-
-def test_where_a_camera_stands_is_no_error_of_the_arm() -> None:
-    log = made_up_camera.log(NONE)
-    assert max(errors.max() for errors in tip_error.errors_of(log, log.camera)) < 1e-12
-    first, second = tip_error.predicted(log, NONE[None])
-    assert first.max() < 1e-12 and second.max() < 1e-12
 
 
 def test_a_drawn_robot_predicts_the_errors_that_a_camera_sees_of_it() -> None:
@@ -73,11 +65,3 @@ def test_the_recording_is_in_the_software_s_frame(shared_data) -> None:
 def test_the_distribution_in_use_is_that_of_the_recording_s_first_half(shared_data) -> None:
     log = camera_log.read(shared_data(camera_log.FILE)).rows(slice(None, None, 60))
     assert tip_error.factor(log, tip_error.draw(500)) == pytest.approx(1.0, abs=0.1)
-
-
-def test_a_table_without_cameras_is_refused(tmp_path) -> None:
-    import pandas as pd
-
-    pd.DataFrame({"time_s": [0.0]}).to_parquet(tmp_path / "x.parquet")
-    with pytest.raises(UserError, match="no column camera_x_m"):
-        camera_log.read(tmp_path / "x.parquet")

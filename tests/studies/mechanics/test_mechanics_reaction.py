@@ -53,16 +53,3 @@ def test_a_load_that_is_there_is_predicted_by_the_model_that_has_it(monkeypatch)
     assert set(largest) == set(mechanics.MODELS) and rotor in largest and authors in largest
     for model, error in largest.items():
         assert (error < 1e-9).all() == (model in exact), model
-
-
-def test_the_second_half_is_fitted_to_by_nothing(monkeypatch) -> None:
-    """What happens there moves no prediction, only the errors."""
-    rng = np.random.default_rng(4)
-    columns, torque = rng.normal(size=(300, 5)), rng.normal(size=300)
-    place = np.arange(300) / 300
-    one = mechanics._Joint(columns, torque, place)
-    other = one._replace(torque=np.where(place < 0.5, torque, 9.0))
-    for fitted, load in mechanics.MODELS.values():
-        np.testing.assert_array_equal(
-            mechanics._predicted(one, fitted, load), mechanics._predicted(other, fitted, load)
-        )

@@ -13,7 +13,6 @@ import pandas as pd
 import pytest
 
 from ravenjax.report.sections.reaction.pairs import EXCURSION
-from ravenjax.stats.intervals import wilson
 from ravenjax.vocabulary.reactions import RELEASE
 from studies import findings as findings_files
 from studies import reacting_operator
@@ -104,30 +103,6 @@ def test_a_contrast_counts_what_was_avoided_and_what_was_caused() -> None:
     assert found.needed.value == pytest.approx(11 / 4)
 
 
-def test_a_contrast_counts_kinds_of_faults() -> None:
-    """Ten kinds of four faults: in five kinds all are avoided, in five none."""
-    rows = [
-        (
-            {**MOVED, "group": f"sampled/{kind}"},
-            {**ACTED, **({} if kind < 5 else MOVED), "group": f"sampled/{kind}"},
-        )
-        for kind in range(10)
-        for _ in range(4)
-    ]
-    found = reacting_operator.contrast_of(
-        reacting_operator.paired(paired_runs(*rows), RELEASE), reacting_operator.excursion(10.0)
-    )
-    assert (found.kinds.count, found.affected.count, found.avoided.value) == (10, 10, 0.5)
-    assert found.avoided.high - found.avoided.low > 1.6 * (
-        wilson(20, 40).high - wilson(20, 40).low
-    )  # near sqrt(4)
-    assert found.p == pytest.approx(2 / 2**5)  # five kinds that all changed one way
-    assert found.needed == pytest.approx((2, 1 / found.avoided.high, 1 / found.avoided.low))
-    assert "20 of 40, 50.0\u202f%" in reacting_operator.avoided(
-        found
-    ) and reacting_operator.avoided(found).endswith("10 kinds, few")
-
-
 def timed(*rows: tuple[dict[str, Any], dict[str, Any]]) -> ReactionRuns:
     return runs(*rows)
 
@@ -152,29 +127,6 @@ def test_leads_are_of_motion_and_of_the_faults_own_cue() -> None:
         3,
         4,
     ]  # 150, 250, 400 ms: 300 ms are enough for two
-
-
-def test_a_reaction_is_idle_where_no_hazard_was_coming() -> None:
-    table = paired_runs(*[({}, ACTED)] * 5, ({}, {}))
-    table.facts.loc[[0, 1], "hazard"] = "loss of motion"
-    table.facts.loc[[2, 3], ["hazard", "unintended"]] = ["unintended motion", True]
-    pairs = reacting_operator.paired(table, RELEASE)
-    idle, unmoved = reacting_operator.idle_rate(pairs), reacting_operator.unmoved_rate(pairs)
-    assert (idle.k, idle.n) == (3, 5)
-    assert (unmoved.k, unmoved.n) == (4, 5)
-
-
-def test_interruptions_are_counted_in_the_time_up_to_them() -> None:
-    rows = [
-        {"pedal_down_ms": 2000, "cue0_first_ms": 1500, "cue0_count": 3},
-        {"pedal_down_ms": 2000, "cue0_count": 0},
-    ]
-    table = runs(
-        *[({**row, reacting_operator.SCALE: 0.1, "operator": "suture"}, {}) for row in rows]
-    )
-    (found,) = reacting_operator.free_reactions(table, (3.0,))
-    assert found.first.hours == pytest.approx((500 + 2000) / 3.6e6)
-    assert found.first.count == 1
 
 
 @pytest.mark.slow

@@ -5,7 +5,6 @@ constant is chosen.
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 
 import numpy as np
@@ -13,7 +12,6 @@ import pytest
 
 from ravenjax.campaign import loading, plan
 from ravenjax.numbers import paths
-from studies import findings as findings_files
 from studies.seed import burst
 from studies.seed.burst import (
     BURST,
@@ -21,10 +19,8 @@ from studies.seed.burst import (
     FREE,
     MODELLED,
     PACKETS,
-    STUDY,
     BurstEvent,
     BurstRun,
-    ranges,
 )
 from studies.seed.motions import MOTIONS
 from studies.study import Context
@@ -53,19 +49,6 @@ def test_the_campaign_is_the_published_burst(ready):
     assert np.array_equal(values, -values[::-1]) and 0.0 in values and len(set(values)) == CONSTANTS
     assert (table.loc[table["group"] == PACKETS, "fault0_site"] == "packet").all()
     assert own(ready, "operator.scale") == 0.1
-
-
-@pytest.mark.parametrize(
-    ("values", "words"),
-    [
-        ([], ""),
-        ([-100.0, -50.0, 0.0], "-100 to +0"),
-        ([-50.0, 100.0, 150.0], "-50, +100 to +150"),
-        ([2000.0], "+2000"),
-    ],
-)
-def test_neighbours_are_joined(values, words):
-    assert ranges(values) == words
 
 
 GOOD = BurstEvent(0, 5.0, False, 5.0, 150.0, 0.2, 0.024, False)
@@ -129,13 +112,3 @@ def test_a_run_as_published_meets_a4_and_a5(monkeypatch):
     force = lines["peak force over tip error peak, events with a peak of 3 to 7 mm"]
     assert force.published.value == pytest.approx((0.0166 / 3.65 + 0.0133 / 3.3 + 0.0296 / 5.0) / 3)
     assert lines["cue pulses without fault at scale 0.1"].predicted.value == len(MOTIONS)
-
-
-@pytest.mark.slow
-def test_the_whole_study(tmp_path):
-    found = findings_files.reproduce(STUDY, tmp_path)
-    assert {line.target for line in found.lines} == {"", "A4", "A5"}
-    record = json.loads((tmp_path / "seed_burst" / "findings.json").read_text())
-    assert len(record["tables"][0]["rows"]) == CONSTANTS and len(
-        record["provenance"]["campaigns"]
-    ) == len(STUDY.variants)

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
-import math
-
 import numpy as np
 import pytest
 
 from studies.seed import burst
-from studies.seed.burst import EVENT_TICKS, BurstEvent, BurstRun, criteria, jump_ticks, rebound
-from studies.study import Published
+from studies.seed.burst import jump_ticks, rebound
 
 TICKS = 20_000
 ONSETS = (2000, 10_000)
@@ -62,11 +58,6 @@ def measured(series, **changed):
     return burst.run(row(**changed), series, np.zeros((TICKS, 3)))
 
 
-def met(run):
-    """Names of the tests that a run meets."""
-    return tuple(name for name, holds in RULES.tests.items() if holds(run))
-
-
 def test_both_bursts_are_measured():
     run = measured(made())
     assert [event.onset_ms for event in run.events] == list(ONSETS)
@@ -86,24 +77,6 @@ def test_a_rebound_goes_back_from_the_farthest_point_either_way(sign):
     assert degrees == pytest.approx(5.0) and ms == 100
 
 
-def test_a_stop_ends_its_burst_and_those_after_it():
-    stopped = {"response": "stopped", "response_cause": "overdrive", "response_ms": ONSETS[0] + 305}
-    run = measured(made(), **stopped)
-    assert len(run.events) == 1 and run.cause == "overdrive" and run.stop_ms == ONSETS[0] + 305
-    event = run.events[0]
-    assert (
-        event.cut and math.isnan(event.rebound_deg) and event.peak_mm == 0.5
-    )  # the peak would come at 310
-
-
-def test_a_cue_outside_the_bursts_is_false_one_inside_is_not():
-    series = made()
-    series["cue_force"][5000:5050] = 0.01
-    series["cue_force"][ONSETS[0] + EVENT_TICKS - 1] = 0.01
-    assert measured(series).false_cues == 1
-    assert not measured(series, cue0_first_ms=5000).same_cue
-
-
 def test_a_jump_is_two_long_steps_in_a_row_that_the_golden_run_does_not_make():
     golden = np.zeros((50, 3))
     tip = golden.copy()
@@ -116,31 +89,3 @@ def test_a_jump_is_two_long_steps_in_a_row_that_the_golden_run_does_not_make():
     series["position"][ONSETS[1] + 100 :, 0] += 150e-6
     series["position"][ONSETS[1] + 101 :, 0] += 150e-6
     assert [event.jumped for event in measured(series).events] == [False, True]
-
-
-GOOD = BurstEvent(0, 5.0, False, 5.0, 150.0, 0.2, 0.02, False)
-LAST = BurstEvent(0, 6.6, True, math.nan, math.nan, 0.2, 0.05, False)
-WHOLE = BurstRun("burst", 800.0, (GOOD, GOOD, GOOD, LAST), "overdrive", 32_500, 0, True)
-RULES = criteria(Published("seed"))
-
-
-def test_the_published_run_meets_every_band():
-    assert RULES.all_of_a4(WHOLE) and met(WHOLE) == tuple(RULES.tests)
-
-
-@pytest.mark.parametrize(
-    ("changed", "lost"),
-    [
-        ({"peak_mm": 7.1}, {"peaks"}),
-        ({"rebound_deg": 2.9}, {"rebounds"}),
-        ({"rebound_ms": 210.0}, {"rebound times"}),
-        ({"rebound_ms": math.nan}, {"rebound times"}),
-        ({"cue_s": math.nan}, {"cue onsets"}),
-        ({"cue_s": 0.26}, {"cue onsets"}),
-    ],
-)
-def test_one_burst_outside_a_band_loses_that_band(changed, lost):
-    run = dataclasses.replace(
-        WHOLE, events=(dataclasses.replace(GOOD, **changed), GOOD, GOOD, LAST)
-    )
-    assert set(RULES.tests) - set(met(run)) == lost

@@ -6,15 +6,12 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 import synthetic_results
 
-from ravenjax.campaign import loading
-from ravenjax.campaign.faults import design
 from ravenjax.report.data import facts as run_facts
 from studies import findings as findings_files
 from studies import uncertain_robot
@@ -30,17 +27,6 @@ def table(faults: int, **hits: list[int]) -> pd.DataFrame:
     columns = {event: np.isin(np.arange(faults), hits.get(event, [])) for event in EVENTS}
     layers = np.where(np.arange(faults) % 2, "packets", "USB in")
     return pd.DataFrame({**columns, "layer": layers, "kind": np.arange(faults)})
-
-
-def test_ends_are_compared_on_the_same_faults() -> None:
-    """Fault 2 changed a bit at the high end alone: it is left out."""
-    frame = pd.DataFrame(
-        {uncertain_robot.FAULT_NUMBER: [0, 1, 0, 1, 2], FRICTION.column: [0.5, 0.5, 2.0, 2.0, 2.0]}
-    )
-    found = table(5, unintended=[0, 1, 2, 4])
-    low, high = uncertain_robot.robots_at_ends(frame, found, FRICTION)
-    assert low.events.index.tolist() == high.events.index.tolist() == [0, 1]
-    assert (low.rate("unintended").k, high.rate("unintended").k) == (2, 1)
 
 
 def test_events_are_those_of_the_result_table() -> None:
@@ -97,22 +83,6 @@ def test_an_effect_is_a_paired_difference() -> None:
     ]
 
 
-def test_faults_of_one_kind_are_one_witness() -> None:
-    """The ten faults that an end of the parameter spares: of ten kinds, and all of one."""
-    pairs = ends(100, list(range(20)), list(range(10)))
-    low, high = pairs[FRICTION]
-    kind = np.r_[np.arange(10), np.full(10, 10), np.arange(11, 91)]
-    pooled = {
-        FRICTION: tuple(one._replace(events=one.events.assign(kind=kind)) for one in (low, high))
-    }
-    (alike,) = [
-        one for one in uncertain_robot.parameter_effects(pooled) if one.event == "unintended"
-    ]  # pyright: ignore
-    assert alike.difference.value == pytest.approx(-0.1)
-    assert alike.p == 1
-    assert alike.difference.high > -1e-9  # another draw of kinds may lack that one
-
-
 def test_thirds_find_the_parameter_that_decides() -> None:
     rng = np.random.default_rng(0)
     first, second = PARAMETERS[:2]
@@ -127,43 +97,6 @@ def test_thirds_find_the_parameter_that_decides() -> None:
     assert not told["unintended", second.path].depends
     assert told["unintended", first.path].levels[-1].rate.value == 1.0
     assert math.isnan(told["jump", first.path].p)
-
-
-def record(paths: list[str], **indices: dict[str, list[float]]) -> dict[str, Any]:
-    case = {"case": {"fault0_channel": "elbow"}, "mean": 2.0, "deviation": 0.5, "indices": indices}
-    return {"results": [case], "points": 10, "inputs": paths}
-
-
-def test_indices_of_both_searches_are_joined_by_parameter() -> None:
-    a, b = PARAMETERS[0].path, PARAMETERS[1].path
-    morris = record(
-        [b, a], mu_star={"value": [1, 2], "low": [0, 1], "high": [2, 3]}, sigma={"value": [5, 6]}
-    )
-    shares = {"value": [0.1, 0.7], "low": [0.0, 0.6], "high": [0.2, 0.8]}
-    found = uncertain_robot.indices(
-        {"morris": morris, "sobol": record([a, b], ST=shares, S1=shares)}
-    )
-    assert [(one.parameter.path, one.total[0], one.effect[0], one.spread) for one in found] == [
-        (b, 0.7, 1.0, 5.0),
-        (a, 0.1, 2.0, 6.0),
-    ]
-    assert found[0].runs == 20
-
-
-def test_one_parameter_alone_has_the_faults_of_the_known_robot() -> None:
-    inputs = [
-        "group",
-        "fault0_channel",
-        "fault0_effect",
-        "fault0_value",
-        "fault0_start_ms",
-        "fault0_duration_ms",
-    ]
-    known = design.expand(loading.load(uncertain_robot.CAMPAIGN))
-    crossed = design.expand(loading.load(uncertain_robot.CAMPAIGN, (FRICTION.crossed,)))
-    for value in (FRICTION.low, FRICTION.high):
-        mine = crossed.loc[crossed[FRICTION.column] == value, inputs].reset_index(drop=True)
-        assert mine.equals(known[inputs])
 
 
 @pytest.mark.slow

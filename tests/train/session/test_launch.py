@@ -200,7 +200,7 @@ def test_addresses_that_are_none(text):
 
 
 @pytest.mark.slow
-def test_a_second_session_begins_without_jax_trimesh_and_pandas(tmp_path):
+def test_a_second_session_begins_without_jax_and_trimesh(tmp_path):
     code = """if True:
         import sys
         from pathlib import Path
@@ -208,7 +208,7 @@ def test_a_second_session_begins_without_jax_trimesh_and_pandas(tmp_path):
         from ravenjax.train.page import process
         setting = scenario.load("first_steps", ["duration_s=5"])
         launch.headless(launch.SessionOptions(setting, Path(sys.argv[1]), 0, script="release"))
-        print([name for name in ("jax", "trimesh", "pandas") if name in sys.modules])
+        print([name for name in ("jax", "trimesh") if name in sys.modules])
     """
     # the first session traces the tick through JAX, and keeps what it traced
     for name in ("first", "second"):

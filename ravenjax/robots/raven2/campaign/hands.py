@@ -28,7 +28,7 @@ def operator_replay(config: RavenConfig, ticks: int | None = None) -> OperatorRe
         return None
     ticks, bounds = ticks or config.campaign.ticks, operator_bounds(config)
     return recorded.replay(
-        operator.file, config.campaign.arms, operator.options, ticks, operator.scale, bounds
+        operator.file, config.campaign.arms, operator.options, ticks, operator.scale, bounds=bounds
     )
 
 

@@ -1,5 +1,5 @@
-"""Does a rate depend on an input? Of rows that come in units, such as kinds of faults or robots:
-units count, not rows.
+"""Whether a rate depends on an input, over units of rows: kinds of faults, or robots. Units are
+counted, not rows.
 
 Either the input was drawn for each row, and rows of one unit resemble each other (each fault on a
 robot of its own, and faults come in kinds), or each unit has one value (robots that several faults
@@ -9,18 +9,46 @@ share).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ravenjax.stats.bootstrap.resample import quantiles
 from ravenjax.stats.bootstrap.units import FEWEST, Units
-from ravenjax.stats.inputs.association import Dependence, InputLevel, judge, thirds
 from ravenjax.stats.intervals import Estimate, Rate, rate_difference, share, wilson
+from ravenjax.stats.multiplicity import holm
 
 _DRAWS = 9999
-_MANY = 50  # units from which on the normal law stands for draws
+# With at least this many units the normal law replaces draws.
+_MANY = 50
+
+
+class InputLevel(NamedTuple):
+    """Runs of one level of an input: its name, the input's least and greatest value there."""
+
+    name: str
+    least: float
+    greatest: float
+    rate: Rate
+
+
+class Dependence(NamedTuple):
+    """Whether a rate depends on one input.
+
+    levels: the lowest, (middle) and highest third of the input. difference: rate in the last level
+    minus rate in the first. p: of independence, NaN where the input or the outcome never varies;
+    adjusted: by Holm over all inputs asked about; depends: adjusted p below 1 - confidence.
+    """
+
+    name: str
+    n: int  # runs in which the input has a value
+    p: float
+    adjusted: float
+    depends: bool
+    levels: tuple[InputLevel, ...]
+    difference: Estimate
 
 
 def dependences(
@@ -45,6 +73,16 @@ def dependences(
         for name, x in inputs.items()
     ]
     return judge(measured, confidence)
+
+
+def judge(measured: Sequence[Dependence], confidence: float) -> list[Dependence]:
+    """The same with p adjusted for all of them, the clearest first."""
+    findings = holm({one.name: one.p for one in measured}, confidence)
+    results = [
+        one._replace(adjusted=findings[one.name].adjusted, depends=findings[one.name].rejected)
+        for one in measured
+    ]
+    return sorted(results, key=lambda one: (np.isnan(one.p), one.p, -abs(one.difference.value)))
 
 
 def _measured(
@@ -86,9 +124,24 @@ def _measured(
     return Dependence(name, len(hit), p, p, False, levels, difference)
 
 
+def thirds(values: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """Level of each value [n] by its rank, int [n], and the levels' names: equal values stay
+    together, and both extremes have a level of their own."""
+    from scipy.stats import rankdata
+
+    if not len(values) or values.min() == values.max():
+        return np.zeros(len(values), int), ["constant"]
+    place = (rankdata(values) - 0.5) / len(values)
+    low, high = (
+        (place < 1 / 3) | (values == values.min()),
+        (place > 2 / 3) | (values == values.max()),
+    )
+    return np.where(low, 0, np.where(high, 2, 1)), ["lowest third", "middle third", "highest third"]
+
+
 def _rate(k: np.ndarray, n: np.ndarray, samples: np.ndarray, confidence: float) -> Rate:
-    """Of one level by unit: its resamples' quantiles; where all rows are alike, Wilson's of as
-    many trials as units.
+    """Rate of one level, with quantiles of its resamples; where all rows are alike, Wilson's
+    interval with one trial per unit.
     """
     whole, count = share(int(k.sum()), int(n.sum())), int((n > 0).sum())
     if count < FEWEST:
@@ -107,7 +160,7 @@ def _difference(
     confidence: float,
 ) -> Estimate:
     """Rate of one level (hits and rows by unit) minus that of another. Where all rows of each are
-    alike a resample can show nothing else: then that of as many trials as there are units."""
+    alike a resample can show nothing else: then the interval of one trial per unit."""
     sums = [(int(k.sum()), int(n.sum()), int((n > 0).sum())) for k, n in (one, other)]
     value = sums[0][0] / sums[0][1] - sums[1][0] / sums[1][1]
     if min(count for *_, count in sums) < FEWEST:
