@@ -20,19 +20,13 @@ lost.
 """
 
 
-def round_values(
-    low: float, high: float, most: int, *, log: bool = False, whole: bool = False
-) -> list[float]:
+def round_values(low: float, high: float, most: int, *, log: bool = False) -> list[float]:
     """At most about `most` round numbers from low to high, with one below and one above where these
     are not round themselves.
     """
     from matplotlib.ticker import LogLocator, MaxNLocator
 
-    locator = (
-        LogLocator(numticks=most)
-        if log
-        else MaxNLocator(most, steps=[1, 2, 2.5, 5, 10], integer=whole)
-    )
+    locator = LogLocator(numticks=most) if log else MaxNLocator(most, steps=[1, 2, 2.5, 5, 10])
     return [float(value) for value in locator.tick_values(low, high)]
 
 
@@ -52,8 +46,6 @@ class ChartAxis:
     line: float | None = None
     # of places 0, 1, 2 ..., the first on top; then there are no numbers
     names: tuple[str, ...] = ()
-    # counts
-    whole: bool = False
 
     def label(self, value: float) -> str:
         """A tick: 12,000; 0.05; as a share 5 %."""
@@ -166,22 +158,7 @@ class Dots:
     in_legend: bool = True
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Bars:
-    """Upright bars of bins; arrays [bins]."""
-
-    name: str
-    colour: str
-    left: np.ndarray
-    right: np.ndarray
-    bottom: np.ndarray
-    top: np.ndarray
-    tips: tuple[str, ...] = ()
-    visible: bool = True
-    in_legend: bool = True
-
-
-Mark: TypeAlias = Curve | Dots | Bars
+Mark: TypeAlias = Curve | Dots
 
 
 class Numbers(NamedTuple):
@@ -246,7 +223,6 @@ class Chart:
         tables = [
             self._curve_numbers([mark for mark in self.marks if isinstance(mark, Curve)]),
             Numbers(heads, [row for mark in self.marks for row in self._dot_rows(mark)]),
-            Numbers(heads, [row for mark in self.marks for row in self._bar_rows(mark)]),
         ]
         return [table for table in tables if table.rows]
 
@@ -281,11 +257,3 @@ class Chart:
         ):
             up = self.y.names[round(y)] if self.y.names else self.y.spread(y, y_low, y_high)
             yield name, self.x.spread(x, x_low, x_high), up
-
-    def _bar_rows(self, mark: Mark) -> Iterator[tuple[str, ...]]:
-        if isinstance(mark, Bars):
-            for left, right, bottom, top in zip(
-                mark.left, mark.right, mark.bottom, mark.top, strict=True
-            ):
-                where = f"{self.x.words(left)} to {self.x.words(right)}"
-                yield mark.name, where, self.y.words(top - bottom)

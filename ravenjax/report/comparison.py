@@ -100,35 +100,7 @@ class FolderComparison(NamedTuple):
 
     def sentences(self) -> list[str]:
         """What the comparison is of, in words."""
-        pairs = self.pairs
-        lines = [
-            f"Paired by run id: {wording.many(pairs.by_run_id, 'run')}, by fault:"
-            f" {wording.count(pairs.by_fault)}. Compared: {wording.many(pairs.compared, 'pair')}"
-            " with a fault and two valid outcomes."
-        ]
-        if pairs.compared:
-            faults = wording.many(pairs.faults, "fault")
-            lines.append(
-                f"Of {faults}; intervals, 95 %, are over these faults, all pairs of a fault"
-                " together."
-                if pairs.sampled
-                else (
-                    f"Of {faults}, not all of which were drawn: a rate of enumerated values has no"
-                    " interval."
-                )
-            )
-        if any(pairs.unpaired):
-            one, other = wording.many(pairs.unpaired[0], "run"), wording.count(pairs.unpaired[1])
-            lines.append(
-                f"Without a counterpart: {one} of {self.folders[0]}, {other} of {self.folders[1]}."
-            )
-        if self.limits_mm[0] != self.limits_mm[1]:
-            one, other = (f"{limit:g} mm" for limit in self.limits_mm)
-            lines.append(
-                f"Hazards begin at {one} in the first and at {other} in the second: they are not"
-                " the same events."
-            )
-        return lines
+        return wording.sentences("comparison.txt.j2", **self._asdict())
 
 
 def compare(first: Path, second: Path, most: int = 10) -> FolderComparison:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import pytest
 import synthetic_results as synthetic
 
@@ -31,29 +29,6 @@ def test_rates_are_of_distinct_faults():
     )
     widths = [row.half_width for row in ROWS[1:]]
     assert widths == sorted(widths, reverse=True)
-
-
-def test_repeats_sharpen_nothing():
-    import pandas as pd
-
-    again = pd.concat([FRAME, FRAME.assign(seed=8, pair=FRAME["pair"] + 900)], ignore_index=True)
-    rows = {row.group: row for row in precision.rows(Runs.of(again, synthetic.manifest(1800)))}
-    for row in ROWS:
-        assert rows[row.group].rate == row.rate and rows[row.group].runs == 2 * row.runs
-
-
-def test_of_a_group_of_which_every_run_failed_nothing_is_known():
-    failed = FRAME["failed"].where(FRAME["group"] != "encoder", "nan")
-    rows = precision.rows(
-        Runs.of(synthetic.judged(FRAME.assign(failed=failed)), synthetic.manifest(900))
-    )
-    assert (rows[-1].group, rows[-1].rate.n, rows[-1].within_3, rows[-1].within_1) == (
-        "encoder",
-        0,
-        None,
-        None,
-    )
-    assert math.isnan(rows[-1].half_width) and rows[-1].runs == (FRAME["group"] == "encoder").sum()
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.group)

@@ -5,7 +5,6 @@ import pytest
 import synthetic_results as synthetic
 from rendered_page import Page, rendered, words
 
-from ravenjax.report.sections import operator
 from ravenjax.store.motion.options import ReplayOptions
 from ravenjax.store.motion.summary import ArmSummary, MotionSummary, line
 
@@ -84,21 +83,3 @@ def test_a_page_of_a_recorded_operator_says_what_became_of_it():
 def test_a_page_of_a_generated_operator_has_no_such_section():
     page = Page(rendered(synthetic.frame(200), synthetic.manifest(200)))
     assert "operator" not in page.ids and "#operator" not in page.targets
-
-
-def test_the_figure_shows_all_of_it_and_loses_no_spike():
-    section = operator.content(summary())
-    assert section is not None
-    (drawing,) = section["drawings"]
-    assert drawing.arm == "gold" and [chart.title for chart in drawing.charts] == [
-        f"Tip of gold, {a}" for a in "xyz"
-    ]
-    for chart, column in zip(drawing.charts, PLACE.T, strict=True):
-        curves = {curve.name: curve for curve in chart.marks}
-        assert curves["recorded"].y.max() == pytest.approx(column.max() * 1e3, abs=1e-3)
-        assert curves["recorded"].y.min() == pytest.approx(column.min() * 1e3, abs=1e-3)
-        assert (curves["recorded"].x[0], curves["recorded"].x[-1]) == (0.0, 3.999)
-        assert (curves["replayed"].x[0], curves["replayed"].x[-1]) == (0.5, 2.749)
-        assert (
-            chart.y.low < curves["recorded"].y.min() and curves["recorded"].y.max() < chart.y.high
-        )

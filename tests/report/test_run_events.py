@@ -6,7 +6,7 @@ import numpy as np
 
 from ravenjax.outcomes.events import Rules
 from ravenjax.report.run import summary as run_summary
-from ravenjax.report.run.summary import MOST_CHANGES, MOST_WINDOWS, events
+from ravenjax.report.run.summary import events
 
 TICKS = 3000
 RULES = Rules(cue=0, threshold_mm=3.0, limit_mm=3.0)
@@ -179,34 +179,6 @@ def test_a_run_is_told_in_the_order_of_the_loop():
     ]
 
 
-def test_without_time_series_the_row_says_what_it_knows():
-    told = words(events(ROW, RULES))
-    assert (1230, "cue", "3 mm cue on: the reported tip is that far off the nominal model") in told
-    assert not [kind for _, kind, _ in told if kind in ("run level", "brakes")]
-    assert [ms for ms, _, _ in told] == sorted(ms for ms, _, _ in told)
-
-
-def test_a_cue_that_the_golden_run_has_too_is_no_news():
-    (cue,) = [e for e in events(ROW | {"golden_cue0_first_ms": 1000}, RULES) if e.kind == "cue"]
-    assert cue.level == "debug" and cue.text.endswith("; the golden run had one at 1,000 ms")
-
-
-def test_many_windows_and_changes_are_summed_up():
-    many = series()
-    now = np.arange(TICKS)
-    many["fault0_active"] = (now >= 1000) & (now % 100 < 10)
-    many["runlevel"] = 2 + (now // 50) % 2
-    told = words(events(ROW | {"applied0_first_ms": 1003, "applied0_last_ms": 2909}, RULES, many))
-    fault = [text for _, kind, text in told if kind == "fault"]
-    opens = "usb_out gold shoulder: the fault's window opens, for 10 ms"
-    assert [text for text in fault if "window" in text] == [
-        *[opens] * MOST_WINDOWS,
-        "usb_out gold shoulder: 17 more windows, the last at 2,900 ms",
-    ]
-    levels = [text for _, kind, text in told if kind == "run level"]
-    assert len(levels) == MOST_CHANGES + 1 and levels[-1] == "51 more changes, the last at 2,950 ms"
-
-
 def test_the_summary_has_fault_verdict_course_and_sizes():
     summary = run_summary.summary(ROW, RULES, series(), GOLDEN)
     lines = summary.lines()
@@ -229,35 +201,3 @@ def test_the_summary_has_fault_verdict_course_and_sizes():
         "  largest  cue of 0.0312 device units, on for 170 ms in all",
     ]
     assert len(summary.as_dict()["events"]) == len(summary.events) == 14
-
-
-def test_a_run_in_which_nothing_happened_says_so():
-    quiet = (
-        ROW
-        | {name: -1 for name in ROW if name.endswith("first_ms")}
-        | {"reaction_ms": -1, "applied0_last_ms": -1}
-    )
-    lines = run_summary.summary(
-        quiet | {"cue0_ms": 0, "tissue_depth_mm": 0.0, "false_report_mm": 0.1}, RULES
-    ).lines()
-    assert lines[3:] == [
-        "  nothing happened that did not happen in the golden run",
-        "  largest  true tip 12.5 mm off the nominal model",
-    ]
-
-
-def test_an_alarm_that_presses_the_estop_is_told():
-    rules = RULES._replace(stopping=((1, "slip"), (2, "quiet")))
-    row = ROW | {"detector1_threshold0_first_ms": 1210, "detector1_threshold0_alarms": 2}
-    row |= {"detector2_threshold0_first_ms": -1, "detector2_threshold0_alarms": 0}
-    told = [event for event in events(row, rules, series(), GOLDEN) if event.kind == "detector"]
-    text = "detector slip alarms, for the first of 2 times; it presses the E-stop"
-    assert [(one.ms, one.text, one.level) for one in told] == [(1210, text, "error")]
-    same = events(row, rules, series(), GOLDEN | {"detector1_threshold0_first_ms": 1210})
-    assert [event.text for event in same if event.kind == "detector"] == [
-        "detector slip alarms, for the first of 2 times, as in the golden run; it presses the"
-        " E-stop"
-    ]
-    assert [
-        event for event in events(row, RULES, series(), GOLDEN) if event.kind == "detector"
-    ] == []

@@ -8,7 +8,7 @@ same rows; the page says so.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -31,8 +31,6 @@ UNINTENDED = "sample AND faulty AND unintended"
 """Condition of the runs whose times are told: one run of each fault that made an unintended
 motion.
 """
-BATCH = 200_000
-"""Rows of a table that are looked at together, where SQL does not say what is asked."""
 TIP_ERROR = "tip_error"
 """Kind of the detector that measures how far the reported tip is from the nominal model, mm."""
 
@@ -218,14 +216,6 @@ class Runs:
             f"SELECT row, {', '.join(map(quoted, own))} FROM {FACTS} WHERE row IN ({listed})"
         )
         return raw.join(facts.set_index("row")).loc[rows].to_dict("records")  # pyright: ignore[reportReturnType]
-
-    def batches(self, names: list[str]) -> Iterator[pd.DataFrame]:
-        """Columns of `results` for all rows, in any order, some rows at a time; words are
-        categories.
-        """
-        listed = ", ".join(map(quoted, names))
-        for batch in self.table.batches(f"SELECT {listed} FROM {RESULTS}", BATCH):
-            yield batch.to_pandas(strings_to_categorical=True)
 
     def drawn(
         self, columns: str, where: str, most: int, by: str = "row", of: str = ""

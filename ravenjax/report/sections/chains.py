@@ -50,47 +50,7 @@ ROW = 16  # px of a seam
 
 def sentences(one: Propagation) -> list[str]:
     """What there is to say, a sentence an item."""
-    if not one.evading:
-        return ["No fault evades the checks: there is no silent harm to explain."]
-    verb = "evades" if one.evading == 1 else "evade"
-    lines = [f"{wording.many(one.evading, 'fault')} {verb} the checks."]
-    if not one.runs:
-        return [
-            *lines,
-            "No group that is explained whole holds one of them, so no share can be told.",
-        ]
-    if one.partial:
-        some, more = one.partial[:NAMES], len(one.partial) - NAMES
-        names = ", ".join(some) + (f" and {wording.many(more, 'group')} more" if more > 0 else "")
-        lines.append(
-            f"Here are the {wording.count(one.runs)} of groups that are explained whole; not so"
-            f" {names}."
-        )
-    return [*lines, *_visible(one)]
-
-
-def _visible(one: Propagation) -> list[str]:
-    n, visible = one.runs, one.runs - one.hidden.k
-    if not visible:
-        return [
-            "In none of them did a signal leave its normal range before harm: no check of a range"
-            " could have seen it."
-        ]
-    share = Rate(visible, n, visible / n, 1 - one.hidden.high, 1 - one.hidden.low)
-    when = "it did so" if visible == 1 else "the median of them did so"
-    lines = [
-        f"In {_of(share)} some signal left its normal range before harm, where a check of that"
-        f" range could have seen it; {when} {wording.estimate(one.lead_ms, 'ms')} before harm."
-    ]
-    first = one.first_places[:NAMES]
-    lines.append(
-        "Visible first at "
-        + "; ".join(f"{row.seam}, {row.meaning}: {_of(row.first)}" for row in first)
-        + "."
-    )
-    if one.hidden.k:
-        lines.append(f"In {_of(one.hidden)} nothing left its range in time.")
-    return lines
+    return wording.sentences("chains.txt.j2", all=one, most=NAMES)
 
 
 def table(one: Propagation) -> list[tuple[str, ...]]:
@@ -121,13 +81,6 @@ def as_dict(one: Propagation) -> dict[str, Any]:
             for row in one.carriers
         ],
     }
-
-
-def _of(rate: Rate) -> str:
-    """40 of 289 (13.8 %, 10.3–18.3 %)."""
-    bounds = wording.interval(rate)
-    inside = wording.percent(rate.value) + (f", {bounds}" if bounds else "")
-    return f"{wording.count(rate.k)} of {wording.count(rate.n)} ({inside})"
 
 
 def graph(one: Propagation) -> Chart | None:
@@ -294,6 +247,13 @@ class Propagation(NamedTuple):
     carriers: Sequence[Carrier]  # in the robot's order; those that carry a run
     hidden: Rate  # runs that no signal showed before harm
     lead_ms: Estimate  # median, from the first signal that shows to harm
+
+    @property
+    def visible(self) -> Rate:
+        """Runs that some signal showed before harm."""
+        hidden = self.hidden
+        k = hidden.n - hidden.k
+        return Rate(k, hidden.n, k / hidden.n, 1 - hidden.high, 1 - hidden.low)
 
     @property
     def first_places(self) -> list[Carrier]:

@@ -4,26 +4,20 @@ still went.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from ravenjax.document import palette
-from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots
+from ravenjax.document.chart import Chart, ChartAxis, Dots
 from ravenjax.report.data.runs import Runs
-from ravenjax.report.drawing import share_axis
 from ravenjax.report.sections import Section
 from ravenjax.report.sections.reaction import pairs
 from ravenjax.report.sections.reaction.pairs import Difference
-from ravenjax.vocabulary.reactions import ACTIONS, MEANINGS
 
 ROW = 22  # px, of a class in the chart of differences
-LEAST_MM = 0.5
-"""From here on the distances are drawn."""
 
 
 def spared(rows: Sequence[Difference]) -> Chart:
@@ -58,31 +52,6 @@ def spared(rows: Sequence[Difference]) -> Chart:
     )
 
 
-def exceedance(frame: pd.DataFrame, facts: pd.DataFrame) -> Chart:
-    """Chart of the share of faults in which the tip went farther by itself than each distance,
-    by action.
-    """
-    acting = [number for number in sorted(facts["action"].unique().tolist()) if number]
-    curves = []
-    for number in (0, *acting):
-        mine = pairs.pairs(frame, facts, number or acting[0])
-        part = mine.with_frame if number else mine.without_frame
-        values = np.sort(part[pairs.EXCURSION].to_numpy(float))
-        x = np.concatenate([[LEAST_MM], values[values > LEAST_MM]])
-        beyond = 1.0 - np.searchsorted(values, x, side="right") / max(1, len(values))
-        colour = palette.series(acting.index(number)) if number else palette.SAME
-        curve = Curve.steps(MEANINGS[ACTIONS[number]], colour, x, beyond)
-        curves.append(dataclasses.replace(curve, dashed=not number))
-    far = max(max(float(curve.x[-1]) for curve in curves), 10.0)
-    across = ChartAxis("how far the tip went by itself, mm", LEAST_MM, far, log=True, unit="mm")
-    return Chart(
-        "How far the tip went by itself",
-        across,
-        share_axis("share of faults beyond it", curves),
-        tuple(curves),
-    )
-
-
 def differences(runs: Runs) -> list[Difference]:
     """Pairs compared; none where a campaign has none."""
     if not runs.manifest.shape.reacts:
@@ -103,7 +72,7 @@ def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
         "reaction_runs": (len(both.frame), runs.rows),
     }
     if found:
-        content |= {"spared": spared(found), "exceedance": exceedance(both.frame, both.facts)}
+        content["spared"] = spared(found)
     return content
 
 
