@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from ravenjax import interruption
-from ravenjax.analyses.monitors import calibration, code, writing
+from ravenjax.analyses.monitors import calibration, code, score_folder, writing
 from ravenjax.analyses.monitors.calibration import Calibrated
 from ravenjax.analyses.monitors.monitor import WHOLE, Segments, split_scores
 from ravenjax.analyses.monitors.operations import FRESH, OperationDesign, OperationRunner
-from ravenjax.analyses.monitors.score_folder import FOLDER, Peaks, ScoreFolder, filled, read_design
+from ravenjax.analyses.monitors.score_folder import FOLDER, Peaks, read_design
 from ravenjax.analyses.monitors.scores import Score, catalogue
 from ravenjax.campaign import loading
 from ravenjax.campaign.file.config import CampaignConfig
@@ -122,19 +122,15 @@ def operate(
     on_operator: OnOperator,
 ) -> Peaks:
     """The operations of `units` operators, those that are missing in `out` computed first."""
-    folder = ScoreFolder(out / FOLDER, described(config, design, wanted, segments))
-    measured = measuring(config, wanted, segments, out / FOLDER / "detectors")
-    lazily: list[OperationRunner] = []
-
-    def compute(numbers: range) -> Any:
-        if not lazily:
-            lazily.append(OperationRunner(measured, design, engine))
-        for one in lazily[0].compute(numbers):
-            on_operator(one.operator + 1, units)
-            yield one
-
-    with interruption.held_back():
-        return filled(folder, units, compute)
+    folder = out / FOLDER
+    score_folder.open_folder(folder, described(config, design, wanted, segments))
+    measured = measuring(config, wanted, segments, folder / "detectors")
+    if missing := score_folder.list_missing(folder, units):
+        with interruption.held_back():
+            for operator in OperationRunner(measured, design, engine).compute(missing):
+                score_folder.add(folder, operator)
+                on_operator(operator.operator + 1, units)
+    return score_folder.read(folder, units)
 
 
 def chosen(robot: Robot, patterns: Sequence[str]) -> list[Score]:

@@ -6,13 +6,11 @@ The figure shows the share of faults that are seen at least so many milliseconds
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
 
 from ravenjax.analyses.monitors import code
@@ -170,21 +168,10 @@ def sentences(one: Counterfactual) -> list[str]:
     """What was found: faults, coverage, false alarms, what other sets do, what is missed, of
     what it holds.
     """
-    text = _environment().get_template("sentences.txt.j2")
-    return text.render(one=one, hours_needed=hours_needed).splitlines()
-
-
-@functools.cache
-def _environment() -> jinja2.Environment:
-    templates = jinja2.Environment(
-        loader=jinja2.PackageLoader("ravenjax.analyses.monitors.counterfactual"),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-    )
-    names = ("count", "hours", "interval", "many", "number", "percent")
-    templates.filters |= {name: getattr(wording, name) for name in names}
+    templates = wording.text_templates("ravenjax.analyses.monitors.counterfactual")
     templates.filters |= {"quantile": np.quantile, "listed": _list_names}
-    return templates
+    text = templates.get_template("sentences.txt.j2")
+    return text.render(one=one, hours_needed=hours_needed).splitlines()
 
 
 def _list_names(names: Sequence[str]) -> str:
