@@ -1,6 +1,4 @@
-"""What a chart shows: axes and marks in the units of the data. `drawing` draws it, on a page and in
-print.
-"""
+"""Charts as data: axes and marks in the units of the data. `drawing` draws them."""
 
 from __future__ import annotations
 
@@ -15,8 +13,8 @@ from numpy.typing import ArrayLike
 EMPTY = np.zeros(0)
 DASH, NARROW = "–", "\u202f"
 RESOLUTION = 1 / 400
-"""Of a step curve's height: values that differ by less may be drawn as one, so no larger step is
-lost.
+"""Share of a step curve's height. Values that differ by less may be drawn as one, so no larger
+step is lost.
 """
 
 
@@ -190,7 +188,7 @@ class Chart:
         return list(entries.values())
 
     def words(self) -> str:
-        """What it is, in one sentence, for who cannot see it."""
+        """One sentence that describes the chart to a reader who cannot see it."""
         names = [name for name, *_ in self.legend()]
         of = f", of {'; '.join(names)}" if names else ""
         return (
@@ -218,7 +216,7 @@ class Chart:
         return json.dumps(content, allow_nan=False, separators=(",", ":"))
 
     def numbers(self) -> list[Numbers]:
-        """What it shows as tables, for who cannot see it."""
+        """The chart's numbers as tables, for a reader who cannot see it."""
         heads = ("", self.x.title, self.y.title)
         tables = [
             self._curve_numbers([mark for mark in self.marks if isinstance(mark, Curve)]),

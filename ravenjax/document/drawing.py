@@ -1,4 +1,4 @@
-"""Draws a chart by matplotlib: on axes, for print, and as SVG for a page.
+"""Draws a chart with matplotlib: on axes, for print, and as SVG for a page.
 
 On a page colours are the style sheet's custom properties, so that both of its schemes hold for
 charts, and groups say of which series they are, so that the page's script can hide them.
@@ -23,7 +23,7 @@ from ravenjax.document.figure_style import INK, SOFT, STYLE
 from ravenjax.document.palette import PALETTE
 
 WIDTHS = {"wide": 520, "narrow": 330}
-"""Of the drawings for a page, px, of which the style sheet shows one."""
+"""Widths of the drawings for a page, px; the style sheet shows one of them."""
 ABOUT = 76
 """Height of titles and ticks, px."""
 BAND, FAINT, MANY = 0.16, 0.07, 3

@@ -1,5 +1,5 @@
-"""Two result folders of campaigns that share faults, run by run: what differs in configuration, in
-outcomes, in rates.
+"""Compares two result folders of campaigns that share faults, run by run: configuration, outcomes
+and rates.
 
 Runs are paired by run id. Those that are left are paired by their faults and by the varied
 parameters that both campaigns have; where one fault occurs several times, in the order of the
@@ -175,7 +175,7 @@ def _pair(table: ResultTable, folders: tuple[Path, Path]) -> ComparedPairs:
 
 
 def _keys(table: ResultTable) -> tuple[str, str]:
-    """Of either folder the columns that tell its runs apart and that the other may have too, as
+    """The columns of either folder that distinguish its runs and that the other may have too, as
     SQL.
     """
     types = [table.types(f"runs_{side}") for side in SIDES]
@@ -233,7 +233,7 @@ _JOINED = (
 
 
 def _faults(table: ResultTable) -> np.ndarray:
-    """Of each compared pair the number of its fault."""
+    """The number of the fault of each compared pair."""
     return table.frame(f"SELECT a.fault AS fault FROM {_JOINED} ORDER BY pairs.first")[
         "fault"
     ].to_numpy()

@@ -1,4 +1,4 @@
-"""One self-contained HTML page from a result folder: opens offline, asks nothing of the network."""
+"""Writes the report of a result folder as one HTML page that needs no network."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers and faults as words of the report."""
+"""Writes numbers, rates and faults as words, and fills templates of plain text."""
 
 from __future__ import annotations
 

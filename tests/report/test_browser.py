@@ -116,7 +116,6 @@ def test_the_page_opens_offline_and_fits(browser, report, width, scheme):
         "roc",
         "precision_recall",
         "tradeoff",
-        "spared",
     } <= set(charts)
     shown = ask(
         "[...document.querySelectorAll('figure.plot')].map((place) =>"
@@ -135,7 +134,6 @@ def test_the_page_opens_offline_and_fits(browser, report, width, scheme):
     assert named == linked and {
         "detectors",
         "reaction",
-        "precision",
     } <= set(named)
     colours = [
         ask(f"getComputedStyle(document.body).{name}") for name in ("color", "backgroundColor")
@@ -244,8 +242,6 @@ def test_every_table_comes_as_csv(opened):
         "detector_thresholds",
         "cues",
         "reaction_pairs",
-        "dependences",
-        "precision",
     }
     assert wanted <= set(names)
     for name in names:

@@ -9,7 +9,6 @@ import reacting_results as reacting
 
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import reaction
-from ravenjax.report.sections.reaction import pairs
 from ravenjax.stats.comparison.paired import mcnemar, rate_difference
 from ravenjax.stats.intervals import wilson
 
@@ -19,12 +18,12 @@ MANIFEST = reacting.manifest(len(FRAME))
 
 
 def drawn(frame):
-    return pairs.drawn(Runs.of(frame, MANIFEST))
+    return reaction.drawn(Runs.of(frame, MANIFEST))
 
 
 def differences(frame, sampled=True):
     part = drawn(frame)
-    return pairs.differences(part.frame, part.facts, lambda groups: sampled)
+    return reaction.compare_pairs(part.frame, part.facts, lambda groups: sampled)
 
 
 ROWS = differences(FRAME)
@@ -84,8 +83,6 @@ def test_enumerated_faults_have_no_interval_and_no_test():
             row.idle.low,
         )
         assert np.isnan([*ends, row.p]).all()
-    chart = reaction.spared(differences(FRAME, sampled=False))
-    assert all(len(mark.x) and np.isnan(mark.x_low).all() for mark in chart.marks)
 
 
 def test_interruptions_of_fault_free_motion():
@@ -93,7 +90,7 @@ def test_interruptions_of_fault_free_motion():
     acting = frame["param:reaction.action"] == 1
     frame["golden_reaction_ms"] = np.where(acting & (frame["golden_tip_path_mm"] == 0.5), 900, -1)
     part = drawn(frame)
-    found = {one.action: one for one in pairs.interruptions(part.frame, part.facts)}
+    found = {one.action: one for one in reaction.interruptions(part.frame, part.facts)}
     motions = (
         frame[acting]
         .groupby(["operator", "golden_tip_path_mm"], observed=True)["golden_reaction_ms"]

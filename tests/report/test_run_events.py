@@ -98,82 +98,32 @@ def series():
     }
 
 
-def words(found):
-    return [(event.ms, event.kind, event.text) for event in found]
-
-
 def test_a_run_is_told_in_the_order_of_the_loop():
     found = events(ROW, RULES, series(), GOLDEN)
-    shoulder = "usb_out gold shoulder"
-    assert words(found) == [
-        (
-            0,
-            "check",
-            (
-                "check packet_skip trips (operator packet after a gap, dropped), once, as in the"
-                " golden run"
-            ),
-        ),
-        (200, "brakes", "the PLC opens the brakes"),
-        (204, "run level", "run level: pedal up to pedal down"),
-        (1200, "fault", f"{shoulder}: the fault's window opens, for 16 ms"),
-        (
-            1200,
-            "fault",
-            (
-                f"the fault first changes a value: {shoulder}, overwrite 12,000 counts, 16 ms from"
-                " 1,200 ms"
-            ),
-        ),
-        (
-            1201,
-            "check",
-            (
-                "check overdrive_clip trips (overdrive detection: command clipped to its joint's"
-                " limit), 9 ms, 4 of them in the golden run, too; it limits, tells nobody"
-            ),
-        ),
-        (1201, "jump", "the reported tip jumps (rule of the published code)"),
-        (
-            1215,
-            "fault",
-            f"the fault last changes a value: {shoulder}, 16 ms in all",
-        ),
-        (
-            1228,
-            "hazard",
-            (
-                "unintended motion: the true tip is more than 3 mm from golden run, nominal model"
-                " and standing still (up to 12.3 mm)"
-            ),
-        ),
-        (
-            1230,
-            "cue",
-            "3 mm cue on for 170 ms, 0.0312 device units at most: the reported gold tip is 3.69 mm"
-            " off the nominal model",
-        ),
-        (
-            1400,
-            "check",
-            (
-                "check ik_reject trips (inverse kinematics: no valid solution), once; it tells a"
-                " person"
-            ),
-        ),
-        (
-            1500,
-            "hazard",
-            "false report: the reported tip is more than 3 mm from the true one (up to 4.5 mm)",
-        ),
-        (1500, "operator", "the operator begins to react to the cue"),
-        (
-            2000,
-            "cue",
-            "3 mm cue on for 1,000 ms, 0.01 device units at most: the reported gold tip is 6 mm off"
-            " the nominal model",
-        ),
+    assert [(event.ms, event.kind) for event in found] == [
+        (0, "check"),
+        (200, "brakes"),
+        (204, "run level"),
+        (1200, "fault"),
+        (1200, "fault"),
+        (1201, "check"),
+        (1201, "jump"),
+        (1215, "fault"),
+        (1228, "hazard"),
+        (1230, "cue"),
+        (1400, "check"),
+        (1500, "hazard"),
+        (1500, "operator"),
+        (2000, "cue"),
     ]
+    texts = "\n".join(event.text for event in found)
+    for part in (
+        "usb_out gold shoulder, overwrite 12,000 counts, 16 ms from 1,200 ms",
+        "9 ms, 4 of them in the golden run, too; it limits, tells nobody",
+        "standing still (up to 12.3 mm)",
+        "on for 170 ms, 0.0312 device units at most: the reported gold tip is 3.69 mm off",
+    ):
+        assert part in texts
     assert [event.level for event in found if event.kind in ("check", "hazard")] == [
         *("debug", "warn", "error", "warn", "error")
     ]

@@ -16,7 +16,7 @@ from ravenjax.report import page
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import cues, detectors
-from ravenjax.report.sections.reaction import pairs
+from ravenjax.report.sections import reaction as pairs
 from ravenjax.store import schema
 from ravenjax.store.folder import ResultFolder
 

@@ -1,5 +1,4 @@
-"""The code of a monitor: a Python file that a campaign takes as a detector, and C99 for a robot's
-own software.
+"""Prints a monitor as a Python file for campaigns and as C99 for a robot's own software.
 
 Both are printed from the same terms. Every number is read as a float, and one that is no number as
 0, which also keeps an engine from joining the read with the subtraction that follows. The C does

@@ -1,5 +1,5 @@
-"""Fault-free operations in bulk: each operator another motion, each of its operations another
-robot; scores alone.
+"""Computes fault-free operations in bulk and keeps only their scores. Operators differ in motion,
+operations in robot.
 
 What a detector sees of a run without a fault does not depend on the golden run beside it, which is
 the run itself. So operations are computed once, compared with nothing, and nothing of them is held
@@ -160,7 +160,7 @@ class OperationRunner:
         self._own, self._lock = threading.local(), threading.Lock()
 
     def compute(self, numbers: Sequence[int]) -> Iterator[OperatorScores]:
-        """Those operators, in order; a few are under way at a time. Close it to give up what is."""
+        """Compute these operators, in order, a few at a time. Closing the iterator cancels them."""
         threads = self._side_by_side() + 1  # one more plans while the others run
         with ThreadPoolExecutor(threads) as pool:
             coming: deque[Future[OperatorScores]] = deque()

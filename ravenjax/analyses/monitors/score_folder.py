@@ -1,4 +1,4 @@
-"""Scores of operations on disk: a Parquet file an operator, added to until there are enough.
+"""Stores scores of operations, one Parquet file an operator.
 
 Each file is written aside and renamed. After an interruption the next start keeps the finished
 operators and computes the others.
@@ -29,7 +29,7 @@ class Peaks(NamedTuple):
     peak: np.ndarray  # float32 [operations, detectors]; NaN: a number was not finite
 
     def taken_from(self, mask: np.ndarray) -> Peaks:
-        """Those operations."""
+        """The operations that `mask` marks."""
         return Peaks(*(values[mask] for values in self))
 
 

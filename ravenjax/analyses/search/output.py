@@ -1,6 +1,4 @@
-"""Writes what a search is and what it found: search.json, search.md, search.html and its
-figures.
-"""
+"""Writes a search and its result: search.json, search.md, search.html and the figure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs a search file, or finishes it: template, evaluator, the search of its kind, output."""
+"""Runs a search file, or continues an interrupted search."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ KINDS: dict[
     "morris": INDICES,
     "rare": (simulation.due, simulation.find, "rare.md.j2", simulation.draw),
 }
-"""Of each kind of search: about how many runs it takes, the search, its page, its figure."""
+"""How to estimate the runs of each kind of search, to search, to write and to draw the result."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""How numbers, names and cases of a search are written for readers."""
+"""Writes numbers, names and cases of a search for readers."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Every run of a result table and what the report says about it, asked by SQL: counts of all, rows
-of a few.
+"""Queries over all runs of a campaign: the result table beside the facts of each run.
 
 Whatever a section counts is counted over all rows. What needs the rows themselves takes at most a
 given number of them, drawn by a hash of the row's number, so that the same table always gives the
@@ -74,7 +73,7 @@ class Runs:
 
     @staticmethod
     def open(folder: Path, manifest: Manifest) -> Runs:
-        """Those of a result folder. Raises StoreError as `query.open_folder`."""
+        """Open the runs of a result folder. Raises StoreError as `query.open_folder`."""
         table = query.open_folder(folder)
         try:
             return Runs(table, manifest, fault_free.find(folder, manifest))
@@ -84,7 +83,7 @@ class Runs:
 
     @staticmethod
     def of(frame: pd.DataFrame, manifest: Manifest) -> Runs:
-        """Those of a result table in memory; a row's number is its place."""
+        """The runs of a result table in memory; a row's number is its place."""
         table = query.empty()
         run_facts.take(table, frame)
         return Runs(table, manifest)
@@ -254,7 +253,7 @@ def cue_leads(manifest: Manifest, number: int) -> bool:
 
 
 def detector_leads(manifest: Manifest, detector: DetectorRecord, threshold: float) -> bool:
-    """The same of a detector at a threshold."""
+    """Whether it is a finding that a detector at a threshold alarms before the motion."""
     return detector.kind != TIP_ERROR or threshold < manifest.limit_mm
 
 

@@ -1,5 +1,5 @@
-"""Explained runs: the worst one by one, and what carries and shows all that evade, in sentences,
-rows and charts.
+"""Section "Chains": which signals carry and show the faults that evade, and the worst explained
+runs.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ COLUMNS = (
     "median lead",
     "visible there first",
 )
-"""Of the table of a terminal."""
+"""Columns of the table in a terminal."""
 NAMES = 3
 """Groups that are named where only some are explained, and places that are named first."""
 ROW = 16  # px of a seam
@@ -68,7 +68,7 @@ def table(one: Propagation) -> list[tuple[str, ...]]:
 
 
 def as_dict(one: Propagation) -> dict[str, Any]:
-    """As JSON has it."""
+    """The summary as plain values for JSON."""
     return one._asdict() | {
         "hidden": one.hidden._asdict(),
         "lead_ms": one.lead_ms._asdict(),
@@ -178,7 +178,7 @@ def _words(value: Rate | Estimate) -> str:
 
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
-    """Of the runs that `ravenjax explain` put beside a result; None where there are none of this
+    """The runs that `ravenjax explain` put beside a result; None where there are none of this
     campaign.
     """
     try:
@@ -257,12 +257,12 @@ class Propagation(NamedTuple):
 
     @property
     def first_places(self) -> list[Carrier]:
-        """Where runs were visible first, most of them first."""
+        """Signals at which runs were visible first, the most frequent first."""
         return sorted((one for one in self.carriers if one.first.k), key=lambda one: -one.first.k)
 
 
 def propagation(runs: Runs, ticks: pd.DataFrame) -> Propagation:
-    """Of the explained runs `ticks`, as `store.access.explained` has them."""
+    """Summarise the explained runs `ticks`, as `store.access.explained` has them."""
     whole_robots = robots.drawn_whole(runs)
     among = f"hash({', '.join(map(quoted, whole_robots))})" if whole_robots else "row"
     facts = runs.table.frame(
@@ -285,7 +285,7 @@ def propagation(runs: Runs, ticks: pd.DataFrame) -> Propagation:
         return pair_intervals.rate(hit, among)
 
     def median(values: np.ndarray) -> Estimate:
-        """Of those above 0."""
+        """Median of the values above 0."""
         there = values > 0
         some, each = values[there], np.ones(int(there.sum()), bool)
         own = units.units(np.zeros(len(some), int)) if among is None else among.where(there)

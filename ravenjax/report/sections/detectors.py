@@ -1,5 +1,4 @@
-"""Detectors: which share of unintended motions they recall, how early, and how many false alarms
-they give.
+"""Section "Detectors": recall, delay and false alarms of each detector at each threshold.
 
 The robot's own checks and the haptic cue of the verdicts stand beside the campaign's detectors as
 two that have a single threshold. Rates and times are of one run of each fault; curves are of every
@@ -30,7 +29,7 @@ from ravenjax.store.manifest import DetectorRecord
 
 CHECKS, ALL_CHECKS, CUE = "built-in checks", "all checks, your own too", "haptic cue"
 GRID = np.unique(np.concatenate([np.linspace(0, 0.1, 41), np.linspace(0.1, 1, 91)]))
-"""Of curves: finer where alarms are few, which is where a detector would be used."""
+"""Places of the curves: finer where alarms are few, which is where a detector would be used."""
 DRAWS = 1_000_000
 """Runs drawn for the bands of one curve, all resamples together; between 100 and 400 resamples."""
 MOST_DRAWN = 20_000
@@ -225,7 +224,9 @@ def _what(detector: DetectorRecord) -> str:
 
 
 def _bands(runs: Runs, number: int) -> tuple[CurveBand, CurveBand] | tuple[None, None]:
-    """Of the runs drawn; none where they do not differ in it, or are all of one fault."""
+    """ROC and precision-recall curve of the runs drawn. There are none where these do not differ
+    in the outcome, or are all of one fault.
+    """
     from ravenjax.stats.alarms.roc import precision_recall_band, roc_band
 
     score = f"detector{number}_score"

@@ -1,5 +1,5 @@
-"""Maps of what was swept: where faults move the instrument unintendedly, where checks tell, where
-the cue comes, and where faults evade.
+"""Section "Maps": shares of unintended motions, alarms, cues and evading faults over the two inputs
+that decide most.
 
 A map has two inputs as its axes, those that tell most. Inputs with many values are binned. Faults
 of one site and effect have a map of their own where they are enough; all faults together have one
@@ -56,7 +56,7 @@ SLOT_INPUTS = {
 more, the first do.
 """
 COMMON = ("fault0_duration_ms", "fault0_start_ms", "fault0_every_ms")
-"""Of those, the ones that mean the same at every site."""
+"""Inputs that mean the same at every site."""
 
 
 class MapMeasure(NamedTuple):
@@ -76,11 +76,11 @@ MEASURES = (
     MapMeasure("cue", "cued", "The cue came", "had the cue"),
     MapMeasure("evaded", "evaded", "Evaded the checks", "evaded"),
 )
-"""Of runs with a fault; the first is the leading one, where it came in some runs and not in
-others.
+"""Measures of runs with a fault. The first is the leading one, where it came in some runs and not
+in others.
 """
 FREE_MEASURES = (MEASURES[1], MapMeasure("cue", "cue_ms >= 0", "The cue came", "had the cue"))
-"""Of a campaign without any fault."""
+"""Measures of a campaign without any fault."""
 
 
 class MapAxis(NamedTuple):
@@ -168,21 +168,6 @@ def all_maps(runs: Runs) -> list[dict[str, Any]]:
     items.sort(key=lambda item: [-one["rate"].value for one in item["rates"]])
     whole = [_map(swept, WHOLE, _by_block(swept), runs.sampled())] if len(names) > 1 else []
     return [*whole, *items]
-
-
-def cells(items: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Maps cell by cell, those without runs left out; one column a measure."""
-    rows: dict[tuple[str, ...], dict[str, Any]] = {}
-    names = ("faults", "across", "column", "up", "row")
-    for item in items:
-        for panel in item["panels"]:
-            for row in panel["rows"]:
-                for column, cell in zip(panel["columns"], row["cells"], strict=True):
-                    if cell is not None:
-                        place = (item["name"], panel["across"], column, panel["up"], row["label"])
-                        made = rows.setdefault(place, dict(zip(names, place, strict=True)))
-                        made[panel["name"]] = cell
-    return list(rows.values())
 
 
 def _axes(swept: Sweep, order: Sequence[str] = ()) -> list[MapAxis]:
@@ -360,7 +345,7 @@ def _panel(
 
 def _content(runs: Runs, _: Path) -> dict[str, Any]:
     maps = all_maps(runs)
-    return {"maps": maps, "map_csv": cells(maps), "map_least": MIN_RUNS, "map_most": MOST}
+    return {"maps": maps, "map_least": MIN_RUNS, "map_most": MOST}
 
 
 SECTIONS = (Section("maps", "Maps", 30, _content),)

@@ -1,4 +1,5 @@
-"""Rates on one robot, where whole robots were drawn from a file of `ravenjax calibrate`.
+"""Section "Robots": rates on one robot, where whole robots were drawn from a file of `ravenjax
+calibrate`.
 
 Such a file has the robots that a log leaves likely, and the logged one is as likely to be any of
 them. A robot is what was sampled: the interval is of the rate that one more of them would have,
@@ -19,7 +20,7 @@ from ravenjax.stats.intervals import Rate
 from ravenjax.store.access.query import RESULTS, quoted
 
 LEAST_RUNS = 20
-"""Of a rate; fewer say too little."""
+"""Fewest faults of a rate; fewer say too little."""
 _WHOLE = "together"
 """The form of a table of values that is drawn in one with others."""
 

@@ -1,4 +1,6 @@
-"""Charts of time: how soon the cue comes and a check tells, and which comes first."""
+"""Section "Time to know": how soon after the first effect the cue comes and a check raises an
+alarm.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,7 @@ from typing import Any
 from ravenjax.document.chart import Chart
 from ravenjax.document.palette import CUE, RESPONSE, SAME
 from ravenjax.report.data.runs import Runs
-from ravenjax.report.drawing import incidence_curve, log_time, points, share_axis
+from ravenjax.report.drawing import incidence_curve, log_time, share_axis
 from ravenjax.report.sections import Section, answers, tables
 from ravenjax.stats.latency import Incidence, incidence
 
@@ -47,7 +49,6 @@ def _content(runs: Runs, _: Path) -> dict[str, Any]:
     return {
         "curves": curves,
         "timing": timing,
-        "curve_csv": {name: points(timing[name]["curve"]) for name in ("cue", "told")},
     }
 
 

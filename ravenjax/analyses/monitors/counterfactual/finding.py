@@ -1,4 +1,4 @@
-"""From a campaign to what would have helped: everything in its order."""
+"""Finds the set of checks that would have detected a campaign's evading faults, and confirms it."""
 
 from __future__ import annotations
 

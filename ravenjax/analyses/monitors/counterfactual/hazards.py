@@ -1,5 +1,5 @@
-"""The campaign's runs with every candidate as a detector: when each alarmed, beside when harm
-began.
+"""Runs the campaign with every candidate as a detector: when harm began, and how long before it
+each alarm came.
 """
 
 from __future__ import annotations

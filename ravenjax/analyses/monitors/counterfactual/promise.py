@@ -1,5 +1,4 @@
-"""What a set of candidates promises: its margin, its false alarms an hour, which faults it sees in
-time.
+"""Selects a set of candidates, sets its margin, and states its coverage and false alarms.
 
 The set alarms where any of its candidates is over its scale times the set's margin. The margin is
 the least of `MARGINS` whose expected rate on one motion more is at most what is asked: conformal
@@ -56,7 +55,7 @@ def greedy(
 
 
 def _pruned(covered: np.ndarray, picks: list[int], value: np.ndarray) -> list[int]:
-    """Without those that cover nothing which the others do not, the last first."""
+    """The picks without those that the others make superfluous, the last removed first."""
     rest = list(picks)
     for one in reversed(picks):
         others = [other for other in rest if other != one]
@@ -108,7 +107,7 @@ class Grounds(NamedTuple):
     statement_half: np.ndarray
 
     def promise(self, members: Sequence[int]) -> Promise:
-        """Of a set."""
+        """What a set promises."""
         margin = self.margin(members)
         lead = self.leads(members, margin.place)
         hit = lead >= self.question.lead_ms

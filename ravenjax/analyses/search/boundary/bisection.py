@@ -26,7 +26,7 @@ from ravenjax.analyses.search.wording import series
 from ravenjax.campaign import runner
 
 FOLDER = "verified"
-"""Of the campaign of both sides of every bracket, inside the search's folder."""
+"""Folder, inside the search's, of the campaign of both sides of every bracket."""
 
 
 @dataclasses.dataclass(frozen=True)
