@@ -77,8 +77,8 @@ def check(
         "level": level,
         "units": len(first),
         "operations": len(fresh),
-        "hours": float(fresh["hours"].sum()),
-        "alarms": int((fresh[SCORE] > monitor.threshold).sum()),
+        "hours": float(fresh["hours"].to_numpy().sum()),
+        "alarms": int((fresh[SCORE].to_numpy() > monitor.threshold).sum()),
     }
     return table
 

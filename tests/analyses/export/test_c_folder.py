@@ -76,6 +76,7 @@ def test_native_code_of_one_arm_linked_as_an_object(tmp_path):
     )
 
 
+@pytest.mark.slow
 @needs_cc
 def test_both_go_on_from_where_they_stand(tmp_path):
     software, robot = rj.ControlSoftware(), rj.VirtualRobot()

@@ -136,7 +136,10 @@ def test_c_gives_the_bits_of_the_tick(folder, compiler, tmp_path, options):
     )
 
 
-@pytest.mark.parametrize("kind", ["bound", "rate", "residual"])
+@pytest.mark.parametrize(
+    "kind",
+    ["rate", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("bound", "residual"))],
+)
 def test_every_kind_of_score_gives_the_same_bits_in_c(compiler, tmp_path, kind):
     """All candidates of a kind at once, scales of all sizes."""
     scores = split_scores([score for score in catalogue(ROBOT) if score.kind == kind])

@@ -18,7 +18,7 @@ from ravenjax.analyses.monitors.counterfactual.finding import Counterfactual
 from ravenjax.analyses.monitors.counterfactual.promise import Promise, hours_to_show
 from ravenjax.campaign import writing
 from ravenjax.document import palette
-from ravenjax.document.chart import Chart, ChartAxis, Curve
+from ravenjax.document.chart import EMPTY, Chart, ChartAxis, Curve
 from ravenjax.document.figure_style import STYLE
 from ravenjax.report import downloads, wording
 from ravenjax.report.drawing import save_figure
@@ -51,10 +51,10 @@ def draw(one: Counterfactual, path: Path) -> None:
     curves = []
     for number, ((name, _), lead) in enumerate(zip(named, leads, strict=True)):
         early = (lead[:, None] >= ms).mean(axis=0)
-        band = ()
+        low = high = EMPTY
         if not number and not one.grounds.hazards.robots:
-            band = bounds(np.round(early * len(lead)), np.full(len(early), len(lead)))
-        curves.append(Curve(name, palette.series(number), ms, early, *band, dashed=number > 0))
+            low, high = bounds(np.round(early * len(lead)), np.full(len(early), len(lead)))
+        curves.append(Curve(name, palette.series(number), ms, early, low, high, dashed=number > 0))
     asked = float(one.question.lead_ms) or None
     across = ChartAxis("ms before harm, at least", 0.0, end, unit="ms", line=asked)
     up = ChartAxis("share of faults seen", 0.0, 1.0, share=True)
