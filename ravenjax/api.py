@@ -165,7 +165,7 @@ def calibrate_monitor(
     """
     from ravenjax.analyses.monitors import calibrate, writing
 
-    request = calibrate.request(
+    request = calibrate.Request(
         _config(campaign),
         signals,
         segments,

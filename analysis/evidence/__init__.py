@@ -1,3 +1,1 @@
-"""What a risk file asks of campaigns: tables and an argument whose every number leads to runs
-and checksums.
-"""
+"""Evidence for a risk file: tables and an argument whose numbers lead to runs and checksums."""

@@ -1,5 +1,5 @@
-"""The argument in the goal structuring notation: goals over strategies, down to files with
-checksums. As nodes, as JSON for programs, and as Mermaid text for eyes.
+"""Builds the argument in goal structuring notation, and writes it as JSON and as a Mermaid
+diagram.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ OVER_RESULTS = (
 OVER_TABLES = "Argue table by table: each number can be followed to the runs behind it."
 KINDS = {"G": "goal", "S": "strategy", "Sn": "solution", "C": "context"}
 SHAPES = {"goal": "rect", "strategy": "lean-r", "solution": "circle", "context": "rounded"}
-"""Of a node of Mermaid's flowcharts."""
+"""Shape of each kind of node in Mermaid's flowcharts."""
 
 
 def say_evading(source: Source) -> str:
@@ -145,7 +145,7 @@ def build_argument(
 
 
 def _number_from_the_top(nodes: Sequence[Node]) -> list[Node]:
-    """The same nodes in the order in which one reads them, numbered so."""
+    """The nodes in reading order, numbered in it."""
     by_name, names = {node.name: node for node in nodes}, dict[str, str]()
     counts = dict.fromkeys(KINDS.values(), 0)
     letters = {kind: letter for letter, kind in KINDS.items()}

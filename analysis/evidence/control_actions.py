@@ -1,4 +1,4 @@
-"""The table of unsafe control actions that a system-theoretic process analysis (STPA) asks for.
+"""Counts unsafe control actions, the table of a system-theoretic process analysis (STPA).
 
 The mapping is `KINDS`, its first line that applies decides. A control action is what passes a site
 of the robot's loop: the operator's packets at the console and network, set points in the process

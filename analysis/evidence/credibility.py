@@ -1,5 +1,5 @@
-"""What the simulator's own credibility rests on, by category of evidence, each statement with the
-files that it is of.
+"""Writes the report on the simulator's credibility: statements by category of evidence, with their
+files.
 
 Categories are those of FDA's guidance *Assessing the Credibility of Computational Modeling and
 Simulation in Medical Device Submissions* (November 2023). Who calls brings the statements; here

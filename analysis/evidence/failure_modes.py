@@ -1,5 +1,4 @@
-"""The table of a failure mode and effects analysis: what a fault does where, how it ends, who was
-told, how often.
+"""Counts failure modes, the table of a failure mode and effects analysis.
 
 A line is one way in which the distinct faults of a group, site and effect ended. Its rate is over
 all of these, so the lines of one group, site and effect add up to one. Faults are counted as in the

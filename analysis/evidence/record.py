@@ -1,5 +1,5 @@
-"""The record of evidence that was written: nodes of the argument, and a checksum for each file
-it rests on; and whether these files are still what they were.
+"""The record of written evidence: nodes of the argument with checksums of their files, and the
+check of these.
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ def write_record(folder: Path, evidence: EvidenceRecord) -> None:
 
 
 def check_record(folder: Path, evidence: EvidenceRecord) -> EvidenceRecord:
-    """The same evidence, each node as it is now. folder: where it lies."""
+    """The evidence with the present status of each node. folder: where it lies."""
     items = {node.name: node.item for node in evidence.nodes if node.item is not None}
     problems = threads.mapped(lambda item: _find_problem(folder, item), items.values(), READERS)
     nodes = judge(evidence.nodes, dict(zip(items, problems, strict=True)))

@@ -1,4 +1,4 @@
-"""The result folders that evidence rests on, open to be asked; and how their runs are told."""
+"""Opens the result folders that evidence is about."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Source(NamedTuple):
 
 @contextlib.contextmanager
 def opened(folders: Sequence[Path]) -> Iterator[list[Source]]:
-    """Those of result folders, in order. Raises UserError where one is named twice, StoreError
+    """Open result folders, in order. Raises UserError where one is named twice, StoreError
     as `Runs.open`.
     """
     seen: set[Path] = set()

@@ -1,4 +1,4 @@
-"""From each hazard to its runs, and from each run to the part of the result that holds it."""
+"""Traces each hazard to its runs, and each run to the part of the result that holds it."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""The tables as one workbook (XLSX). Its writer is an extra, imported only where somebody wants
-one.
-"""
+"""Writes the tables as one workbook (XLSX). The package that writes it is an extra."""
 
 from __future__ import annotations
 

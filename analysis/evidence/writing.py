@@ -1,4 +1,4 @@
-"""Writes evidence: tables, the argument, and the record that `--check` goes by."""
+"""Writes the folder of evidence, and checks it."""
 
 from __future__ import annotations
 

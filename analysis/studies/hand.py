@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.report.data import facts as run_facts
-from ravenjax.report.sections.reaction.pairs import Pairs
+from ravenjax.report.sections.reaction import Pairs
 from ravenjax.stages.hand import HandParams, impedance
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.bootstrap.units import Units

@@ -333,7 +333,7 @@ def compare(context: Context) -> Findings:
         every[name] = judged
         lines += _lines(name, judged, logged.log.joints)
         title = f"Following error of {ARMS[name]} on the second half of {name}"
-        printed.append(_table(tables.following(title, judged, logged.log.joints), _FOLLOWING))
+        printed.append(_table(_tabulate_following(title, judged, logged.log.joints), _FOLLOWING))
         fitted = _fitted(logged, name)
         printed.append(
             _table(tables.parameters(f"Fitted to the first half of {name}", fitted), _PARAMETERS)
@@ -484,6 +484,26 @@ def _agreement(scale: Sequence[float]) -> str:
 def _band(values: Sequence[float]) -> str:
     value, low, high = values
     return f"{value:.2f} ({low:.2f} to {high:.2f})"
+
+
+def _tabulate_following(
+    title: str, rows: Sequence[FollowingError], joints: Sequence[int]
+) -> tables.Rows:
+    """Root mean square following error of the log and of each model, with the model's share of
+    the log's.
+    """
+    log = rows[0].following
+    cells = []
+    for one in rows:
+        line = [one.model]
+        for j in joints:
+            unit = tables.PER_UNIT[j]
+            error = f"{one.following[j] * unit:.3f}"
+            share = f" ({one.following[j] / log[j]:.2f}), off {one.residual[j] * unit:.3f}"
+            line.append(error if one is rows[0] else error + share)
+        cells.append(tuple(line))
+    names = (f"{JOINTS[j].replace('_', ' ')}, {tables.UNITS[j]}" for j in joints)
+    return tables.Rows(title, ("rms (times the log's), off by", *names), cells)
 
 
 def _table(rows: tables.Rows, note: str) -> Table:

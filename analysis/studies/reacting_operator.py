@@ -21,8 +21,8 @@ from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.report import wording
 from ravenjax.report.data import draws
 from ravenjax.report.data import facts as run_facts
-from ravenjax.report.sections.reaction import pairs as reactions
-from ravenjax.report.sections.reaction.pairs import EXCURSION, Pairs
+from ravenjax.report.sections import reaction as reactions
+from ravenjax.report.sections.reaction import EXCURSION, Pairs
 from ravenjax.stats import latency
 from ravenjax.stats.alarms.false_alarms import AlarmRate, alarm_rate
 from ravenjax.stats.bootstrap import units

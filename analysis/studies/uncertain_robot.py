@@ -31,7 +31,6 @@ from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.bootstrap.units import Units
 from ravenjax.stats.comparison.clustered import exchange_p
-from ravenjax.stats.inputs.dependence import Dependence, InputLevel, judge, thirds
 from ravenjax.stats.intervals import Estimate, Rate, rate_difference, rates, share
 from ravenjax.stats.multiplicity import Finding, holm
 from ravenjax.store import folder, manifest
@@ -347,6 +346,57 @@ def holm_findings(p: Sequence[float]) -> list[Finding]:
     return list(holm({str(k): one for k, one in enumerate(p)}).values())
 
 
+class InputLevel(NamedTuple):
+    """Runs of one level of an input: its name, the input's least and greatest value there."""
+
+    name: str
+    least: float
+    greatest: float
+    rate: Rate
+
+
+class Dependence(NamedTuple):
+    """Whether a rate depends on one input.
+
+    levels: the lowest, (middle) and highest third of the input. difference: rate in the last level
+    minus rate in the first. p: of independence, NaN where the input or the outcome never varies;
+    adjusted: by Holm over all inputs asked about; depends: adjusted p below 1 - confidence.
+    """
+
+    name: str
+    n: int  # runs in which the input has a value
+    p: float
+    adjusted: float
+    depends: bool
+    levels: tuple[InputLevel, ...]
+    difference: Estimate
+
+
+def judge(measured: Sequence[Dependence], confidence: float) -> list[Dependence]:
+    """The same with p adjusted for all of them, the clearest first."""
+    findings = holm({one.name: one.p for one in measured}, confidence)
+    results = [
+        one._replace(adjusted=findings[one.name].adjusted, depends=findings[one.name].rejected)
+        for one in measured
+    ]
+    return sorted(results, key=lambda one: (np.isnan(one.p), one.p, -abs(one.difference.value)))
+
+
+def thirds(values: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """Level of each value [n] by its rank, int [n], and the levels' names: equal values stay
+    together, and both extremes have a level of their own."""
+    from scipy.stats import rankdata
+
+    if not len(values) or values.min() == values.max():
+        return np.zeros(len(values), int), ["constant"]
+    place = (rankdata(values) - 0.5) / len(values)
+    low, high = (
+        (place < 1 / 3) | (values == values.min()),
+        (place > 2 / 3) | (values == values.max()),
+    )
+    return np.where(low, 0, np.where(high, 2, 1)), ["lowest third", "middle third", "highest third"]
+
+
 def dependences_by_thirds(
     frame: pd.DataFrame, flags: pd.DataFrame, parameters: Sequence[Uncertain]
 ) -> list[tuple[str, Dependence]]:
@@ -509,11 +559,13 @@ def find(out: Path, engine: str) -> list[Index]:
     """
     records: dict[str, dict[str, Any]] = {}
     for name, search in SEARCHES.items():
-        result = runner.run(loading.from_dict(_template(search)), out / name, engine)
+        found = runner.run(loading.from_dict(_template(search)), out / name, engine).record[
+            "result"
+        ]
         records[name] = {
-            "results": result.findings.numbers["results"],
-            "points": result.findings.numbers["points"],
-            "inputs": [one["name"] for one in result.findings.numbers["inputs"]],
+            "results": found["results"],
+            "points": found["points"],
+            "inputs": [one["name"] for one in found["inputs"]],
         }
     return indices(records)
 

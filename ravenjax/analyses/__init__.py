@@ -1,1 +1,1 @@
-"""Questions asked of a campaign or of a recording; each folder answers one."""
+"""Analyses of a campaign or of a recording, one a folder."""

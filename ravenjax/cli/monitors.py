@@ -77,7 +77,7 @@ def calibrate(
     from ravenjax.campaign import loading
 
     config = loading.load(file, overrides or ())
-    request = calibration.request(
+    request = calibration.Request(
         config,
         signals or (),
         segments,

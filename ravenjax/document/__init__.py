@@ -1,3 +1,1 @@
-"""Documents that show results: charts, tables and pages, alike in a browser and in print. Needs
-no result to do so.
-"""
+"""Charts, tables and pages, the same in a browser and in print. They need no result table."""

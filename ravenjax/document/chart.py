@@ -1,6 +1,4 @@
-"""What a chart shows: axes and marks in the units of the data. `drawing` draws it, on a page and in
-print.
-"""
+"""Charts as data: axes and marks in the units of the data. `drawing` draws them."""
 
 from __future__ import annotations
 
@@ -15,24 +13,18 @@ from numpy.typing import ArrayLike
 EMPTY = np.zeros(0)
 DASH, NARROW = "–", "\u202f"
 RESOLUTION = 1 / 400
-"""Of a step curve's height: values that differ by less may be drawn as one, so no larger step is
-lost.
+"""Share of a step curve's height. Values that differ by less may be drawn as one, so no larger
+step is lost.
 """
 
 
-def round_values(
-    low: float, high: float, most: int, *, log: bool = False, whole: bool = False
-) -> list[float]:
+def round_values(low: float, high: float, most: int, *, log: bool = False) -> list[float]:
     """At most about `most` round numbers from low to high, with one below and one above where these
     are not round themselves.
     """
     from matplotlib.ticker import LogLocator, MaxNLocator
 
-    locator = (
-        LogLocator(numticks=most)
-        if log
-        else MaxNLocator(most, steps=[1, 2, 2.5, 5, 10], integer=whole)
-    )
+    locator = LogLocator(numticks=most) if log else MaxNLocator(most, steps=[1, 2, 2.5, 5, 10])
     return [float(value) for value in locator.tick_values(low, high)]
 
 
@@ -52,8 +44,6 @@ class ChartAxis:
     line: float | None = None
     # of places 0, 1, 2 ..., the first on top; then there are no numbers
     names: tuple[str, ...] = ()
-    # counts
-    whole: bool = False
 
     def label(self, value: float) -> str:
         """A tick: 12,000; 0.05; as a share 5 %."""
@@ -166,22 +156,7 @@ class Dots:
     in_legend: bool = True
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Bars:
-    """Upright bars of bins; arrays [bins]."""
-
-    name: str
-    colour: str
-    left: np.ndarray
-    right: np.ndarray
-    bottom: np.ndarray
-    top: np.ndarray
-    tips: tuple[str, ...] = ()
-    visible: bool = True
-    in_legend: bool = True
-
-
-Mark: TypeAlias = Curve | Dots | Bars
+Mark: TypeAlias = Curve | Dots
 
 
 class Numbers(NamedTuple):
@@ -213,7 +188,7 @@ class Chart:
         return list(entries.values())
 
     def words(self) -> str:
-        """What it is, in one sentence, for who cannot see it."""
+        """One sentence that describes the chart to a reader who cannot see it."""
         names = [name for name, *_ in self.legend()]
         of = f", of {'; '.join(names)}" if names else ""
         return (
@@ -241,12 +216,11 @@ class Chart:
         return json.dumps(content, allow_nan=False, separators=(",", ":"))
 
     def numbers(self) -> list[Numbers]:
-        """What it shows as tables, for who cannot see it."""
+        """The chart's numbers as tables, for a reader who cannot see it."""
         heads = ("", self.x.title, self.y.title)
         tables = [
             self._curve_numbers([mark for mark in self.marks if isinstance(mark, Curve)]),
             Numbers(heads, [row for mark in self.marks for row in self._dot_rows(mark)]),
-            Numbers(heads, [row for mark in self.marks for row in self._bar_rows(mark)]),
         ]
         return [table for table in tables if table.rows]
 
@@ -281,11 +255,3 @@ class Chart:
         ):
             up = self.y.names[round(y)] if self.y.names else self.y.spread(y, y_low, y_high)
             yield name, self.x.spread(x, x_low, x_high), up
-
-    def _bar_rows(self, mark: Mark) -> Iterator[tuple[str, ...]]:
-        if isinstance(mark, Bars):
-            for left, right, bottom, top in zip(
-                mark.left, mark.right, mark.bottom, mark.top, strict=True
-            ):
-                where = f"{self.x.words(left)} to {self.x.words(right)}"
-                yield mark.name, where, self.y.words(top - bottom)

@@ -1,4 +1,4 @@
-"""Draws a chart by matplotlib: on axes, for print, and as SVG for a page.
+"""Draws a chart with matplotlib: on axes, for print, and as SVG for a page.
 
 On a page colours are the style sheet's custom properties, so that both of its schemes hold for
 charts, and groups say of which series they are, so that the page's script can hide them.
@@ -18,12 +18,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from ravenjax.document.chart import Bars, Chart, ChartAxis, Curve, Dots, Mark
+from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots, Mark
 from ravenjax.document.figure_style import INK, SOFT, STYLE
 from ravenjax.document.palette import PALETTE
 
 WIDTHS = {"wide": 520, "narrow": 330}
-"""Of the drawings for a page, px, of which the style sheet shows one."""
+"""Widths of the drawings for a page, px; the style sheet shows one of them."""
 ABOUT = 76
 """Height of titles and ticks, px."""
 BAND, FAINT, MANY = 0.16, 0.07, 3
@@ -146,7 +146,7 @@ def draw(chart: Chart, axes: Axes, *, page: bool = False, longest: int = 1000) -
         if isinstance(mark, Curve):
             drawn = _curve(mark, axes, FAINT if bands > MANY else BAND, scale)
         else:
-            drawn = (_dots if isinstance(mark, Dots) else _bars)(mark, axes, scale)  # pyright: ignore[reportArgumentType]
+            drawn = _dots(mark, axes, scale)
         for artist in drawn if page else list(drawn)[:0]:
             artist.set_gid(
                 f"mark {series.get(mark.name, -1)} {'on' if mark.visible else 'off'} {artists}"
@@ -173,7 +173,7 @@ def _scale(axes: Axes, name: str, axis: ChartAxis, longest: int) -> None:
         own.set_minor_locator(NullLocator())
         own.set_major_formatter(lambda value, _: axis.label(value))
         if not axis.log:
-            own.get_major_locator().set_params(nbins=6 if name == "y" else 5, integer=axis.whole)
+            own.get_major_locator().set_params(nbins=6 if name == "y" else 5)
     if axis.line is not None:
         (axes.axvline if name == "x" else axes.axhline)(axis.line, color=SOFT, lw=1.2, zorder=1)
 
@@ -232,18 +232,3 @@ def _dots(mark: Dots, axes: Axes, scale: float) -> Iterator[Any]:
             beside.setdefault((float(x), float(y)), []).append(text)
     for place, texts in beside.items():
         yield axes.annotate(", ".join(texts), place, (6, 4), textcoords="offset points")
-
-
-def _bars(mark: Bars, axes: Axes, scale: float) -> Iterator[Any]:
-    bars = axes.bar(
-        mark.left,
-        mark.top - mark.bottom,
-        mark.right - mark.left,
-        mark.bottom,
-        align="edge",
-        color=_colour(mark),
-        label=_label(mark),
-    )
-    for bar, tip in zip(bars, mark.tips or [None] * len(mark.left), strict=True):
-        bar.set_url(tip)
-        yield bar

@@ -1,4 +1,4 @@
-"""How every figure looks, whoever draws it.
+"""Settings of matplotlib that all figures share. Text stays text, and no file holds a date.
 
 Printed ones by matplotlib's settings: text stays text, no file holds a date.
 """

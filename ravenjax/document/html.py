@@ -1,5 +1,4 @@
-"""What every page has in common: style, script and filters; and a page from Markdown, in one file
-that asks nothing of a network."""
+"""Style, script and filters that all pages share, and pages from Markdown that need no network."""
 
 from __future__ import annotations
 

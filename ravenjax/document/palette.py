@@ -1,5 +1,5 @@
-"""Colours of charts by what they stand for, in light and on dark paper; told apart in every
-colour blindness.
+"""Colours of charts by meaning, on light and on dark paper. They differ in every colour
+blindness.
 """
 
 from __future__ import annotations

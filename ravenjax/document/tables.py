@@ -1,4 +1,4 @@
-"""Tables of a page for readers who do not see it: every heading says what it heads."""
+"""Adds the scope of each heading to the tables of a page, for screen readers."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Two result folders of campaigns that share faults, run by run: what differs in configuration, in
-outcomes, in rates.
+"""Compares two result folders of campaigns that share faults, run by run: configuration, outcomes
+and rates.
 
 Runs are paired by run id. Those that are left are paired by their faults and by the varied
 parameters that both campaigns have; where one fault occurs several times, in the order of the
@@ -100,35 +100,7 @@ class FolderComparison(NamedTuple):
 
     def sentences(self) -> list[str]:
         """What the comparison is of, in words."""
-        pairs = self.pairs
-        lines = [
-            f"Paired by run id: {wording.many(pairs.by_run_id, 'run')}, by fault:"
-            f" {wording.count(pairs.by_fault)}. Compared: {wording.many(pairs.compared, 'pair')}"
-            " with a fault and two valid outcomes."
-        ]
-        if pairs.compared:
-            faults = wording.many(pairs.faults, "fault")
-            lines.append(
-                f"Of {faults}; intervals, 95 %, are over these faults, all pairs of a fault"
-                " together."
-                if pairs.sampled
-                else (
-                    f"Of {faults}, not all of which were drawn: a rate of enumerated values has no"
-                    " interval."
-                )
-            )
-        if any(pairs.unpaired):
-            one, other = wording.many(pairs.unpaired[0], "run"), wording.count(pairs.unpaired[1])
-            lines.append(
-                f"Without a counterpart: {one} of {self.folders[0]}, {other} of {self.folders[1]}."
-            )
-        if self.limits_mm[0] != self.limits_mm[1]:
-            one, other = (f"{limit:g} mm" for limit in self.limits_mm)
-            lines.append(
-                f"Hazards begin at {one} in the first and at {other} in the second: they are not"
-                " the same events."
-            )
-        return lines
+        return wording.sentences("comparison.txt.j2", **self._asdict())
 
 
 def compare(first: Path, second: Path, most: int = 10) -> FolderComparison:
@@ -203,7 +175,7 @@ def _pair(table: ResultTable, folders: tuple[Path, Path]) -> ComparedPairs:
 
 
 def _keys(table: ResultTable) -> tuple[str, str]:
-    """Of either folder the columns that tell its runs apart and that the other may have too, as
+    """The columns of either folder that distinguish its runs and that the other may have too, as
     SQL.
     """
     types = [table.types(f"runs_{side}") for side in SIDES]
@@ -261,7 +233,7 @@ _JOINED = (
 
 
 def _faults(table: ResultTable) -> np.ndarray:
-    """Of each compared pair the number of its fault."""
+    """The number of the fault of each compared pair."""
     return table.frame(f"SELECT a.fault AS fault FROM {_JOINED} ORDER BY pairs.first")[
         "fault"
     ].to_numpy()

@@ -1,6 +1,4 @@
-"""A table of the page as CSV: one column a number, so that a rate becomes k, n, value, low and
-high.
-"""
+"""Writes a table of the page as CSV. A rate becomes the columns k, n, value, low and high."""
 
 from __future__ import annotations
 

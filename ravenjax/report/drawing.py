@@ -1,4 +1,4 @@
-"""Curves and axes that several figures of the report share, and printed figures as files."""
+"""Curves and axes that several figures of the report share, and the writing of figures as files."""
 
 from __future__ import annotations
 
@@ -40,13 +40,6 @@ def incidence_curve(
     """
     edges = (curve.low, curve.high) if band else ()
     return Curve.steps(name, colour, curve.time, curve.fraction, *edges, start=FIRST_MS, end=end_ms)
-
-
-def points(curve: Incidence) -> list[dict[str, float]]:
-    """A curve point by point, as it is drawn, and from 0 ms."""
-    line = Curve.steps("", "", curve.time, curve.fraction, curve.low, curve.high)
-    rows = zip(*(part.tolist() for part in (line.x, line.y, line.low, line.high)), strict=True)
-    return [dict(zip(("ms", "share", "low", "high"), row, strict=True)) for row in rows]
 
 
 def log_time(end_ms: int) -> ChartAxis:

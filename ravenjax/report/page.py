@@ -1,4 +1,4 @@
-"""One self-contained HTML page from a result folder: opens offline, asks nothing of the network."""
+"""Writes the report of a result folder as one HTML page that needs no network."""
 
 from __future__ import annotations
 
@@ -74,20 +74,7 @@ def _environment() -> jinja2.Environment:
     environment = html.environment("ravenjax.report")
     beside_modules = jinja2.PackageLoader("ravenjax.report", "sections")
     environment.loader = jinja2.ChoiceLoader([beside_modules, environment.loader])  # pyright: ignore[reportArgumentType]
-    words = (
-        wording.count,
-        wording.number,
-        wording.hours,
-        wording.percent,
-        wording.interval,
-        wording.estimate,
-        wording.bounds,
-        wording.hundredths,
-        wording.points,
-        wording.signed_points,
-        wording.point_bounds,
-    )
-    environment.filters |= {word.__name__: word for word in words} | {
+    environment.filters |= wording.FILTERS | {
         "as_json": json.dumps,
         "csv": downloads.text,
         "hazard_titles": titles.of_group,

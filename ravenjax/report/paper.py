@@ -1,5 +1,5 @@
-"""The main figures of a campaign for print: verdicts by group, time to know, ROC, the cue's
-trade-off; SVG and PDF.
+"""Draws the main figures of a campaign for print, as SVG and PDF: verdicts, time to know, ROC,
+trade-off of the cue.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def how_soon(runs: Runs) -> Figure | None:
 
 
 def roc(runs: Runs) -> Figure | None:
-    """Of each detector; None without detectors."""
+    """ROC curve of each detector; None without detectors."""
     chart = detectors.roc_chart(detectors.rows(runs)) if runs.manifest.detectors else None
     return print_figure(chart, WIDTH / 2) if chart else None
 

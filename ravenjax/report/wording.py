@@ -1,10 +1,13 @@
-"""Numbers and faults as words of the report."""
+"""Writes numbers, rates and faults as words, and fills templates of plain text."""
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping
 from typing import Any
+
+import jinja2
 
 from ravenjax import robots
 from ravenjax.stats.intervals import Estimate, Rate
@@ -203,3 +206,41 @@ def _magnitude(robot: Robot, site: str, channel: str, effect: str, value: float)
     if effect == "drift":
         return f"{text} {unit or '1'}/ms"
     return f"{text} {unit}".rstrip()
+
+
+FILTERS = {
+    word.__name__: word
+    for word in (
+        count,
+        many,
+        number,
+        hours,
+        percent,
+        interval,
+        estimate,
+        bounds,
+        hundredths,
+        points,
+        signed_points,
+        point_bounds,
+    )
+}
+"""The words of this module as filters of templates."""
+
+
+@functools.cache
+def text_templates(package: str) -> jinja2.Environment:
+    """Templates of plain text in a package's folder `templates`, with FILTERS."""
+    templates = jinja2.Environment(
+        loader=jinja2.PackageLoader(package),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        keep_trailing_newline=True,
+    )
+    templates.filters |= FILTERS
+    return templates
+
+
+def sentences(template: str, **values: Any) -> list[str]:
+    """A template of the report, a sentence a line."""
+    return text_templates("ravenjax.report").get_template(template).render(values).splitlines()

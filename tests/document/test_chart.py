@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import xml.etree.ElementTree as ET
 
@@ -11,7 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from ravenjax.document import drawing, palette
-from ravenjax.document.chart import RESOLUTION, Bars, Chart, ChartAxis, Curve, Dots
+from ravenjax.document.chart import RESOLUTION, Chart, ChartAxis, Curve, Dots
 
 TIME = ChartAxis("time, ms", 1.0, 1000.0, log=True, unit="ms")
 SHARE = ChartAxis("share of faults", 0.0, 0.8, share=True)
@@ -79,14 +78,6 @@ def test_a_step_curve_has_few_points_and_loses_no_step():
     assert curve.at(5000.0)[0] - curve.at(4999.9)[0] == pytest.approx(0.01, abs=RESOLUTION)
 
 
-def test_a_reader_of_values_gets_the_curves():
-    told = json.loads(CHART.values())
-    assert told["curves"] == [
-        {"name": "cue", "step": True, "x": CURVE.x.tolist(), "y": CURVE.y.tolist()}
-    ]
-    assert told["x"]["log"] and told["y"]["share"]
-
-
 def test_its_numbers_as_a_table():
     (table,) = CHART.numbers()
     assert table.columns == ("", "time, ms: 1 ms", "10 ms", "100 ms", "1,000 ms")
@@ -96,7 +87,7 @@ def test_its_numbers_as_a_table():
     assert "How soon" in CHART.words() and "share of faults over time, ms, of cue" in CHART.words()
 
 
-def test_marks_and_bars_in_numbers():
+def test_marks_in_numbers():
     dots = Dots(
         "sets",
         "cue",
@@ -106,18 +97,8 @@ def test_marks_and_bars_in_numbers():
         np.array([396.0]),
         tips=("2 mm",),
     )
-    bars = Bars(
-        "first", "cue", np.array([-50.0]), np.array([0.0]), np.array([3.0]), np.array([10.0])
-    )
-    hourly, lead, runs = (
-        ChartAxis("per hour", 0, 400),
-        ChartAxis("lead, ms", -50, 50, unit="ms"),
-        ChartAxis("runs", 0, 10, whole=True),
-    )
-    (marks,) = Chart("Trade", hourly, SHARE, (dots,)).numbers()
+    (marks,) = Chart("Trade", ChartAxis("per hour", 0, 400), SHARE, (dots,)).numbers()
     assert marks.rows == [("2 mm", "0 (0 to 396)", "5.0\u202f%")]
-    (bins,) = Chart("Lead", lead, runs, (bars,)).numbers()
-    assert bins.rows == [("first", "−50 ms to 0 ms", "7")]
 
 
 def test_every_drawing_tells_what_it_is_and_no_name_is_markup():
@@ -126,45 +107,6 @@ def test_every_drawing_tells_what_it_is_and_no_name_is_markup():
         root, _ = drawn(chart)
         assert root.get("role") == "img" and root.get("aria-label") == chart.words()
         assert root.get("aria-describedby") == "n"
-
-
-def test_places_have_names_long_ones_are_cut_and_marks_have_tips():
-    names = ("USB out, motors", "a name that is far too long for the margin of a chart")
-    up = ChartAxis("faults", -0.5, 1.5, names=names)
-    dots = Dots(
-        "release",
-        "series0",
-        np.array([1.0, 2.0]),
-        np.array([0.0, 1.0]),
-        texts=("1 mm", "2 mm"),
-        tips=("first", 'a "second"'),
-    )
-    root, _ = drawn(Chart("Spared", ChartAxis("mm", 0, 4), up, (dots,), height=100))
-    texts = [part.text for part in root.iter("text")]
-    assert names[0] in texts and names[1] not in texts and any(text.endswith("…") for text in texts)
-    assert {"1 mm", "2 mm"} <= set(texts)
-    tips = [part.get("data-tip") for part in root.iter("g") if part.get("data-tip")]
-    assert tips == ["first", 'a "second"']
-
-
-def test_what_is_hidden_at_first_is_drawn_but_not_shown_and_not_printed():
-    hidden = Curve("other", "series1", CURVE.x, CURVE.y / 2, step=True, visible=False)
-    chart = Chart("Two", TIME, SHARE, (CURVE, hidden))
-    _, groups = drawn(chart)
-    assert {number: group[-1][0] for number, group in groups.items()} == {
-        "0": "mark on",
-        "1": "mark off",
-    }
-    axes = Figure().subplots()
-    drawing.draw(chart, axes)
-    assert len(axes.lines) == 1
-
-
-def test_colours_follow_the_scheme_and_ids_are_each_drawings_own():
-    text = str(drawing.page_drawings(CHART, "n"))
-    assert "var(--cue)" in text and palette.PALETTE["cue"].light not in text
-    ids = re.findall(r'\bid="([^"]+)"', text)
-    assert len(set(ids)) == len(ids)
 
 
 def test_colours_differ_and_every_name_has_both_schemes():

@@ -88,16 +88,6 @@ def test_numbers_sort_as_numbers_and_what_is_none_comes_last(page):
     assert page.locator("th").nth(1).get_attribute("aria-sort") is None
 
 
-def test_rows_that_belong_together_fold_and_are_found_together(page):
-    tools = page.locator(".tools").nth(1)
-    shown = names(page, 1)
-    assert len(shown) == 12 and shown[-1] == "level 3"  # whole detectors only
-    assert page.locator("table").nth(1).locator("button.sort").count() == 0
-    tools.locator("input").fill("detector 4")
-    assert names(page, 1) == ["detector 4 level 0", "level 1", "level 2", "level 3"]
-    tools.locator("input").fill("")
-
-
 @pytest.mark.slow
 def test_paper_shows_what_the_screen_shows(page):
     page.emulate_media(media="print")

@@ -18,8 +18,3 @@ def test_headings_get_their_scope():
         ' rowspan="3">x</th><td>1</td></tr></tbody><tfoot><tr><th'
         ' scope="col">f</th></tr></tfoot></table>'
     )
-
-
-def test_what_is_said_stays():
-    html = '<table><tr><th scope="row">a</th></tr></table><p>th</p>'
-    assert with_scopes(html) == html

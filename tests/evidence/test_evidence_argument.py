@@ -11,9 +11,8 @@ import shutil
 import pytest
 import synthetic_results as synthetic
 
-from evidence import argument as drawn_argument
 from evidence import record, writing
-from evidence.record import EvidenceRecord, Node
+from evidence.record import Node
 from ravenjax import cli
 from ravenjax.errors import StoreError
 from ravenjax.store import manifest as manifests
@@ -209,35 +208,3 @@ def test_a_record_that_is_none(kept, change, complaint):
 
 def node(name, kind, *below, **fields):
     return Node(name=name, kind=kind, text=f"of {name}", supported_by=below, **fields)
-
-
-def test_the_drawing_joins_nodes_and_escapes_words():
-    nodes = (
-        node("G1", "goal", "S1", in_context_of=("C1",)),
-        Node(name="C1", kind="context", text='a "b"'),
-        node("S1", "strategy", "Sn1", "Sn2"),
-        node("Sn1", "solution"),
-        node("Sn2", "solution"),
-    )
-    nodes = record.judge(nodes, {"Sn2": "is missing"})
-    evidence = EvidenceRecord(written="now", sentences=(), nodes=nodes)
-    lines = drawn_argument.write_mermaid(evidence).splitlines()
-    links = {line for line in lines if re.fullmatch(r"\w+ (-->|-\.->) \w+", line)}
-    # files that hold are left out
-    assert links == {"G1 --> S1", "G1 -.-> C1", "S1 --> Sn2"}
-    assert 'C1@{ shape: rounded, label: "C1 a #quot;b#quot;" }' in lines
-    assert 'Sn2@{ shape: circle, label: "Sn2 of Sn2 is missing" }' in lines
-
-
-def test_several_results_stand_side_by_side(kept, said, tmp_path):
-    shutil.copytree(kept / "result", tmp_path / "again")
-    code, _, err = said(kept / "result", tmp_path / "again")
-    assert code == 2 and "--out FOLDER" in err
-    code, out, _ = said(kept / "result", tmp_path / "again", "--out", tmp_path / "both", "--json")
-    plain = json.loads(out)
-    assert code == 0 and plain["record_sha256"] == sha256(tmp_path / "both" / record.FILE)
-    assert {line.split(",")[0] for line in plain["sentences"]} == {"R1", "R2"}
-    lines = (tmp_path / "both" / "failure_modes.csv").read_text(encoding="utf-8").splitlines()[1:]
-    assert {line.split(",")[0] for line in lines} == {"R1", "R2"}
-    single = (kept / "evidence" / "failure_modes.csv").read_text(encoding="utf-8").splitlines()[1:]
-    assert len(lines) == 2 * len(single)

@@ -8,13 +8,11 @@ import io
 
 import pytest
 import synthetic_results as synthetic
-from rendered_page import Page, words
 
-from evidence import argument, control_actions, trace
+from evidence import control_actions, trace
 from evidence.control_actions import count_control_actions
 from evidence.failure_modes import count_failure_modes
 from evidence.sources import Source, identify, opened
-from ravenjax.report import page
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import tables
 from ravenjax.store.folder import ResultFolder
@@ -134,28 +132,6 @@ def test_the_trace_names_every_run_and_its_part(folder, tmp_path):
         for hazard in trace.TRACED:
             assert line[hazard.replace(" ", "_")] == (mine["hazard"] == hazard).sum()
     assert {line["group"] for line in matrix} == set(synthetic.BLOCKS)
-
-
-@pytest.mark.slow
-def test_the_sentence_is_the_report_s(folder):
-    text = words(Page(page.build(folder).read_text(encoding="utf-8"))).replace("\xa0", " ")
-    with opened([folder]) as (source,):
-        sentence = argument.say_evading(source)
-        hazards = {line.split(":")[0].lower(): line for line in argument.say_hazards(source)}
-        head, complete = tables.headline(source.runs, source.record), argument.say_complete(source)
-    assert "95 % interval" in sentence and sentence in text.replace(" ,", ",").replace(" .", ".")
-    k, others = head["evaded"].k, head["unintended_told"]
-    assert (
-        f"Unintended motion: {k + others} of {head['evaded'].n} distinct faults"
-        in hazards["unintended motion"]
-    )
-    assert hazards["unintended motion"].endswith(f"nobody was told in {k}.")
-    assert hazards["loss of motion"].endswith(f"nobody was told in {head['loss'].k}.")
-    assert (
-        complete
-        == f"600 of the 600 declared runs are there, {head['failed']} of them without a valid"
-        " outcome."
-    )
 
 
 def test_identity_is_of_what_decides_outcomes():

@@ -89,18 +89,6 @@ def test_cells_are_those_of_the_tables(folder, tmp_path):
     assert not (tmp_path / workbook.FILE).exists()  # it would have been that of before
 
 
-def test_what_looks_like_a_formula_or_a_number_is_text(tmp_path):
-    pytest.importorskip("xlsxwriter")
-    (tmp_path / "some.csv").write_text(
-        "group,run_id,rate_k\n=1+1,1234567890123456,3\nhttp://a,1e10,\n"
-    )
-    workbook.write_workbook(tmp_path / "some.xlsx", [tmp_path / "some.csv"])
-    assert sheets(tmp_path / "some.xlsx")["some"][1:] == [
-        [("A", "=1+1"), ("B", "1234567890123456"), ("C", 3.0)],
-        [("A", "http://a"), ("B", "1e10")],
-    ]
-
-
 def test_without_the_extra_it_is_said_what_to_install(folder, tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "xlsxwriter", None)
     assert cli.main(["evidence", str(folder), "--out", str(tmp_path / "new"), "--xlsx"]) == 2

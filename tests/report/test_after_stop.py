@@ -61,16 +61,6 @@ def test_every_stop_and_each_cause_by_pandas():
         assert row.no_cue == wilson(int((cue < 0).sum()), len(mine))
 
 
-def test_all_kinds_occur():
-    for name in ("before", "after", "cue_before", "cue_after", "no_cue"):
-        assert 0 < getattr(ROWS[0], name).k < ROWS[0].n, name
-
-
-def test_the_limit_is_the_campaigns_own():
-    wide = after_stop.rows(Runs.of(FRAME, synthetic.manifest(RUNS, limit_mm=9.0)))
-    assert wide[0].after.k < ROWS[0].after.k and wide[0].before == ROWS[0].before
-
-
 def test_a_cue_in_the_millisecond_of_the_stop_came_too_late():
     frame = synthetic.judged(FRAME.assign(cue0_first_ms=FRAME["response_ms"]))
     first, *_ = after_stop.rows(Runs.of(frame, MANIFEST))
@@ -82,17 +72,3 @@ def test_repeats_of_a_fault_count_once():
         pair=np.arange(2 * RUNS)
     )
     assert after_stop.rows(Runs.of(twice, MANIFEST)) == ROWS
-
-
-def test_a_single_cause_is_not_told_twice():
-    frame = FRAME[
-        (FRAME["response"] != "stopped") | (FRAME["response_cause"] == "overdrive")
-    ].reset_index(drop=True)
-    assert [row.cause for row in after_stop.rows(Runs.of(frame, MANIFEST))] == [
-        "every stop: overdrive"
-    ]
-
-
-def test_no_stop_has_no_section():
-    frame = synthetic.judged(FRAME.assign(response=FRAME["response"].replace("stopped", "flagged")))
-    assert after_stop.rows(Runs.of(frame, MANIFEST)) == []

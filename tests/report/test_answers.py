@@ -93,17 +93,6 @@ def test_a_lower_cue_is_offered_where_the_cue_of_the_verdicts_is_no_warning():
     assert answers.knowledge(runs).lower is None
 
 
-def test_nobody_knows_by_a_limit():
-    limited = (FRAME["response"] == "limited").to_numpy() & MOVED
-    assert limited.sum() > 3 and (FRAME.loc[limited, "response_ms"] >= 0).all()
-    deaf = FRAME.assign(
-        cue0_first_ms=-1, **{name: -1 for name in FRAME if name.startswith("detector")}
-    )
-    runs = Runs.of(synthetic.judged(deaf), MANIFEST)
-    known = runs.table.frame(f"SELECT {SAID} AS ms FROM facts ORDER BY row")["ms"].to_numpy()
-    assert (known[limited] == -1).all() and (known == FRAME["told_ms"]).all()
-
-
 def test_time_to_know_is_of_unintended_motions_and_censored():
     found = answers.knowledge(RUNS)
     known, motion = KNOWN[MOVED], MOTION_MS[MOVED]
@@ -135,55 +124,3 @@ def test_classes_against_a_plain_count(kind, column):
         assert row.loss == wilson(int((LOST & mine).sum()), n)
         before = MOVED & mine & (TOLD >= 0) & (TOLD < MOTION_MS)
         assert (row.before.k, row.before.n) == (int(before.sum()), int((MOVED & mine).sum()))
-
-
-def test_a_class_of_which_every_run_failed_comes_last():
-    failed = FRAME["failed"].where(FRAME["group"] != "dac_after_checks", "nan")
-    rows = answers.classes(Runs.of(synthetic.judged(FRAME.assign(failed=failed)), MANIFEST))[
-        "group"
-    ]
-    assert rows[-1].name == "dac_after_checks" and rows[-1].evaded.n == 0
-    shares = [row.evaded.value for row in rows[:-1]]
-    assert shares == sorted(shares, reverse=True) and len(rows) == len(synthetic.BLOCKS)
-
-
-def test_most_evasive_classes_come_first():
-    for rows in answers.classes(RUNS).values():
-        shares = [row.evaded.value for row in rows]
-        assert shares == sorted(shares, reverse=True)
-
-
-def test_what_the_cue_announces_of_the_evading():
-    found = answers.changed(RUNS)
-    early = (
-        EVADING
-        & (FRAME["cue0_first_ms"] >= 0).to_numpy()
-        & (FRAME["cue0_first_ms"] < MOTION_MS).to_numpy()
-    )
-    assert found.pairs == [] and found.announced is not None
-    assert found.announced.cue.threshold_mm == 3 and found.announced.false == wilson(
-        0, len(naive_facts.motions(FRAME))
-    )
-    assert found.announced.lead.before == wilson(int(early.sum()), int(EVADING.sum()))
-    assert found.better is not None and found.better.false.k == 0
-    assert found.better.cue.threshold_mm < MANIFEST.limit_mm and found.lower
-
-
-def test_the_cue_of_the_verdicts_is_the_one_that_announces():
-    other = synthetic.manifest(1200, verdict_cue=3)
-    found = answers.changed(Runs.of(synthetic.judged(FRAME, 3), other))
-    assert found.announced is not None and found.announced.cue.threshold_mm == 1 and found.leads
-    assert found.announced.lead.n == EVADING.sum()
-
-
-def test_a_cue_that_disturbs_is_no_better_one():
-    frame = FRAME.assign(**{f"golden_cue{k}_first_ms": 2999 for k in range(1, len(MANIFEST.cues))})
-    assert answers.changed(Runs.of(frame, MANIFEST)).better is None
-
-
-def test_where_nothing_evades_nothing_is_announced():
-    told = FRAME.assign(response="stopped", response_ms=2900, told_ms=2900)
-    found = answers.changed(Runs.of(synthetic.judged(told), MANIFEST))
-    assert found == answers.Changed(
-        [], None, False, 4, None
-    )  # 3 mm beside 3 mm; lower cues there are

@@ -9,13 +9,11 @@ import io
 import shutil
 import xml.etree.ElementTree as ET
 
-import numpy as np
 import pytest
 import reacting_results as reacting
 
 from ravenjax.report import page
 from ravenjax.store.folder import ResultFolder
-from ravenjax.store.logs.trace import log
 
 sync_api = pytest.importorskip(
     "playwright.sync_api", reason="playwright is not installed (pip install playwright)"
@@ -44,17 +42,6 @@ def report(tmp_path_factory):
     for rows in results.missing(500):
         results.add(frame.iloc[rows.start : rows.stop])
     results.close(compile_s=1.0, run_s=1.0, rows=len(frame))
-    time = np.arange(800)
-    model = np.stack([0.01 * np.sin(time / 100), 0.01 * np.cos(time / 100), 1e-5 * time], axis=1)
-    worst = frame.loc[frame["failed"] == ""].nlargest(2, "peak_live_deviation_mm")
-    (folder / "traces").mkdir()
-    for run_id in worst["run_id"]:
-        series = {
-            "gold/model_position": model,
-            "gold/tip": model + 1e-5 * time[:, None],
-            "gold/position": model,
-        }
-        log.write(folder / "traces" / f"{run_id}.mcap", series)
     return page.build(folder)
 
 
@@ -126,13 +113,9 @@ def test_the_page_opens_offline_and_fits(browser, report, width, scheme):
     )
     assert {
         "curves",
-        "lead",
         "roc",
         "precision_recall",
         "tradeoff",
-        "spared",
-        "exceedance",
-        "path-0",
     } <= set(charts)
     shown = ask(
         "[...document.querySelectorAll('figure.plot')].map((place) =>"
@@ -151,10 +134,6 @@ def test_the_page_opens_offline_and_fits(browser, report, width, scheme):
     assert named == linked and {
         "detectors",
         "reaction",
-        "robots",
-        "risk",
-        "paths",
-        "precision",
     } <= set(named)
     colours = [
         ask(f"getComputedStyle(document.body).{name}") for name in ("color", "backgroundColor")
@@ -167,23 +146,6 @@ def test_the_page_opens_offline_and_fits(browser, report, width, scheme):
         "getComputedStyle([...document.querySelectorAll('[data-figure=curves] text')].at(-1)).fill"
     )
     assert axis == colours[0]
-    window.close()
-
-
-def test_tables_are_lists_of_cards_on_a_phone(browser, report):
-    window = Window(browser, report, 360)
-    ask = window.page.evaluate
-    cut = ask(
-        "[...document.querySelectorAll('table.cards td, table.cards th')].filter((cell) => { const"
-        " box = cell.getBoundingClientRect(); return box.width > 0 && box.right > innerWidth;"
-        " }).length"
-    )
-    assert cut == 0 and ask("document.querySelectorAll('table.cards').length") > 4
-    label = ask(
-        "getComputedStyle(document.querySelector('.groups td[data-label]'), '::before').content"
-    )
-    assert label == '"faults"'
-    assert ask("document.querySelector('.groups').getAttribute('role')") == "table"
     window.close()
 
 
@@ -271,16 +233,6 @@ def test_a_curve_is_hidden_and_shown_by_its_name(opened):
     assert button.get_attribute("aria-pressed") == "true" and mark.is_visible()
 
 
-def test_classes_are_chosen_by_a_tab(opened):
-    shown = (
-        "[...document.querySelectorAll('.tab')].filter((part) => part.offsetParent).map((part) =>"
-        " part.dataset.kind)"
-    )
-    assert opened.evaluate(shown) == ["layer"]
-    opened.click("label[for=class-group]")
-    assert opened.evaluate(shown) == ["group"]
-
-
 def test_every_table_comes_as_csv(opened):
     names = opened.evaluate(
         "[...document.querySelectorAll('[data-csv]')].map((button) => button.dataset.csv)"
@@ -290,8 +242,6 @@ def test_every_table_comes_as_csv(opened):
         "detector_thresholds",
         "cues",
         "reaction_pairs",
-        "dependences",
-        "precision",
     }
     assert wanted <= set(names)
     for name in names:
@@ -315,23 +265,3 @@ def test_a_figure_comes_as_svg(opened, name):
         "check that tells" in word or "built-in" in word for word in words
     )  # axis, legend
     assert "var(" not in text and "class=" not in text  # needs no style sheet
-
-
-def test_a_path_is_played(opened):
-    player = opened.locator("[data-path=path-0]")
-    place = (
-        "[...document.querySelectorAll('[data-views=path-0] .now[data-of=tip]')].map((mark) =>"
-        " mark.getAttribute('cx'))"
-    )
-    start = opened.evaluate(place)
-    assert len(start) == 3
-    player.locator("input").fill("150")
-    assert "ms" in player.locator("output").inner_text()
-    assert all(now != then for now, then in zip(opened.evaluate(place), start, strict=True))
-    player.locator("input").fill(
-        "0"
-    )  # the whole way is left: it does not end by itself before the second click
-    player.locator("button").click()
-    assert player.locator("button").inner_text() == "stop"
-    player.locator("button").click()
-    assert player.locator("button").inner_text() == "play"

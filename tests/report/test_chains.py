@@ -128,25 +128,6 @@ def test_shares_and_leads_by_loops():
     assert 0 < hidden < n and sum(row.first.k for row in one.carriers) == n - hidden
 
 
-def test_enumerated_faults_have_no_intervals():
-    one = propagation(FRAME, ENUMERATED, TICKS)
-    assert one.counted == "" and np.isnan(one.hidden.low) and np.isnan(one.lead_ms.low)
-    assert one.lead_ms.value == propagation(FRAME, DRAWN, TICKS).lead_ms.value
-
-
-def test_robots_that_were_drawn_whole_are_what_is_counted():
-    frame = FRAME.assign(**{"param:plant.friction_scale": (FRAME["index"] % 12) / 10 + 0.5})
-    parameters = {"plant.friction_scale": {"together": "robots.csv"}}
-    manifest = DRAWN.model_copy(update={"config": {**DRAWN.config, "parameters": parameters}})
-    one = propagation(frame, manifest, ticks_of(frame))
-    alone = propagation(frame, DRAWN, ticks_of(frame))
-    assert (
-        one.counted == "robots"
-        and one.hidden[:3] == alone.hidden[:3]
-        and one.hidden != alone.hidden
-    )
-
-
 def test_shares_are_of_groups_that_are_explained_whole():
     lost = evading(FRAME)[evading(FRAME)["group"] == "encoder"]["run_id"].iloc[0]
     one = propagation(FRAME, DRAWN, TICKS[TICKS["run_id"] != lost])
@@ -227,12 +208,6 @@ def test_the_sentences_have_the_numbers_of_the_loops(monkeypatch):
 
 
 @pytest.mark.slow
-def test_without_explained_runs_there_is_no_section():
-    page = Page(rendered(FRAME, DRAWN))
-    assert "#chains" not in page.targets and "chains" not in page.ids
-
-
-@pytest.mark.slow
 def test_a_damaged_file_is_told_of(monkeypatch, tmp_path):
     def broken(*_):
         raise StoreError("explained.parquet: damaged")
@@ -241,22 +216,6 @@ def test_a_damaged_file_is_told_of(monkeypatch, tmp_path):
     assert "Explained runs are not readable: explained.parquet: damaged" in words(
         Page(rendered(FRAME, DRAWN))
     )
-
-
-def test_the_file_adds_replaces_and_forgets_what_is_another_campaigns(tmp_path):
-    explained.add(tmp_path, TICKS.iloc[:5], DRAWN)
-    explained.add(tmp_path, TICKS.iloc[3:8].assign(harm_ms=7), DRAWN)
-    table: Any = explained.read(tmp_path, DRAWN)
-    assert table["run_id"].tolist() == TICKS["run_id"].tolist()[:8]
-    assert table["harm_ms"].tolist() == [*TICKS["harm_ms"].tolist()[:3], *[7] * 5]
-    other = DRAWN.model_copy(update={"config_hash": "another"})
-    assert explained.read(tmp_path, other) is None
-    explained.add(tmp_path, TICKS.iloc[:2], other)
-    table = explained.read(tmp_path, other)
-    assert explained.read(tmp_path, DRAWN) is None and len(table) == 2
-    (tmp_path / explained.FILE).write_bytes(b"no table")
-    with pytest.raises(StoreError, match=r"damaged .*; delete it"):
-        explained.read(tmp_path, DRAWN)
 
 
 def chain_of(run, **changes):
@@ -281,17 +240,6 @@ def test_a_chain_has_the_earliest_number_of_each_signal():
         one.first is None or one.first.leaves_ms == min(came)
     )
     assert [check.margin for check in one.checks] == [1.5] * len(synthetic.CHECKS)
-
-
-def test_the_charts_draw_every_carrier():
-    one = propagation(FRAME, DRAWN, TICKS)
-    graph: Any = chains.graph(one)
-    leads: Any = chains.leads(one)
-    assert graph.y.names == tuple(row.seam for row in one.carriers)
-    assert leads.y.names == tuple(row.seam for row in one.carriers if row.shows.k)
-    nothing = propagation(calm(), DRAWN, TICKS)
-    assert chains.graph(nothing) is None and chains.leads(nothing) is None
-    assert chains.leads(propagation(FRAME, DRAWN, never(TICKS))) is None
 
 
 def test_the_long_table_is_every_chain_below_each_other():

@@ -119,22 +119,6 @@ def test_rates_and_their_differences(found):
         )
 
 
-@pytest.mark.parametrize("word", ["response", "hazard", "cue"])
-def test_transitions_count_every_pair_once(found, word):
-    table = pairs()
-    words = [
-        (
-            np.where(table[f"cue0_first_ms{end}"] >= 0, "cue", "no cue")
-            if word == "cue"
-            else table[f"{word}{end}"].astype(str)
-        )
-        for end in ("", "_b")
-    ]
-    wanted = pd.crosstab(words[0], words[1]).stack()
-    told = {(one.first, one.second): one.runs for one in found.transitions[word]}
-    assert told == {key: n for key, n in wanted.items() if n}
-
-
 def test_the_most_changed_runs_come_first(found):
     table = pairs()
     far = (
@@ -167,26 +151,6 @@ def test_what_differs_is_named(found):
     assert pairs.faults == pairs.compared and pairs.sampled
 
 
-def test_enumerated_faults_have_no_interval(tmp_path):
-    config = {
-        "name": "synthetic",
-        "group": [{"name": name, "design": "grid"} for name in FIRST["group"].unique()],
-    }
-    places = [
-        folder(tmp_path / name, frame, config=config)
-        for name, frame in (("a", FIRST), ("b", SECOND))
-    ]
-    same = comparison.compare(*places)
-    assert not same.pairs.sampled and "not all of which were drawn" in same.sentences()[1]
-    for rate in same.rates:
-        assert np.isnan(
-            [rate.first.low, rate.second.high, rate.difference.low, rate.difference.high]
-        ).all()
-        assert rate.difference.value == pytest.approx(
-            (rate.second_only - rate.first_only) / same.pairs.compared
-        )
-
-
 @pytest.mark.slow
 def test_repeats_of_a_fault_are_one_unit(tmp_path, found):
     """Three seeds of each fault with the same outcome say no more than one."""
@@ -210,34 +174,6 @@ def test_repeats_of_a_fault_are_one_unit(tmp_path, found):
         assert many.difference.value == pytest.approx(one.difference.value)
         width, plain = (x.difference.high - x.difference.low for x in (many, one))
         assert width == pytest.approx(plain, rel=0.15)
-
-
-def test_a_folder_beside_itself_differs_in_nothing(folders):
-    same = comparison.compare(folders[0], folders[0])
-    assert same.changed == [] and same.configuration == [] and same.environment == []
-    assert all(one.first == one.second for rows in same.transitions.values() for one in rows)
-    assert all(
-        rate.difference.value == 0 and rate.difference.low < 0 < rate.difference.high
-        for rate in same.rates
-    )
-
-
-def test_copies_of_a_fault_are_paired_in_order_and_the_rest_is_counted(tmp_path):
-    few = FIRST.head(6)
-    twice = pd.concat([few, few], ignore_index=True)
-    twice = twice.assign(
-        index=np.arange(12), pair=np.arange(12), run_id=[f"{i:016x}" for i in range(12)]
-    )
-    pairs = comparison.compare(folder(tmp_path / "a", few), folder(tmp_path / "b", twice)).pairs
-    assert (pairs.by_run_id, pairs.by_fault, pairs.unpaired) == (0, 6, (0, 6))
-
-
-def test_limits_that_differ_are_told(tmp_path, folders):
-    other = folder(tmp_path / "b", FIRST, limit_mm=5.0)
-    assert (
-        "begin at 3 mm in the first and at 5 mm in the second"
-        in comparison.compare(folders[0], other).sentences()[-1]
-    )
 
 
 def test_folders_that_share_nothing_are_refused(tmp_path, folders):

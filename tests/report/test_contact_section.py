@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import synthetic_results as synthetic
 
-from ravenjax.report import page
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import contact
 from ravenjax.stats.intervals import wilson
@@ -62,20 +61,3 @@ def test_every_fault_and_each_group_by_pandas() -> None:
             )
         assert row.vessel_n == pytest.approx(mine["contact_vessel_peak_n"].max())
         assert row.instruments_n == pytest.approx(mine["contact_instruments_peak_n"].max())
-
-
-def test_one_arm_has_nothing_to_press_on_each_other() -> None:
-    frame, manifest = table(("gold",))
-    frame = frame.drop(columns=[name for name in frame if "instruments" in name])
-    rows = contact.rows(Runs.of(frame, manifest))
-    assert {(row.instruments, row.instruments_n) for row in rows} == {(None, None)}
-    assert "on each other" not in _html(rows)
-
-
-def test_without_contact_there_is_no_section() -> None:
-    plain = synthetic.manifest(RUNS)
-    assert contact.rows(Runs.of(synthetic.frame(RUNS), plain)) == []
-
-
-def _html(rows) -> str:
-    return page._environment().get_template("contact.html.j2").render(contacts=rows)

@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-import numpy as np
 import pytest
 import synthetic_results as synthetic
-from cue_results import FRAME, HAZARD, MANIFEST, ROWS, RUNS, TABLE, missed
+from cue_results import FRAME, MANIFEST, ROWS, RUNS, TABLE
 
 from ravenjax.report import page
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import cues
-from ravenjax.stats.alarms.choice import AlarmCounts
 from ravenjax.stats.sample_size.planning import hours_to_bound
 
 
@@ -57,44 +55,6 @@ def test_as_many_hours_as_it_asks_for_decide():
 
 
 @pytest.mark.slow
-def test_thresholds_that_the_faults_do_not_tell_apart_are_both_named():
-    frame, manifest = motion_for(100.0)
-    second = [k for k, cue in enumerate(MANIFEST.cues) if cue.threshold_mm == 3.0]
-    third = [k for k, cue in enumerate(MANIFEST.cues) if cue.threshold_mm == 2.0]
-    nearly = {
-        f"cue{k}_first_ms": frame[f"cue{j}_first_ms"] for k, j in zip(second, third, strict=True)
-    }
-    runs = Runs.of(frame.assign(**nearly), manifest)
-    found = cues.choices(runs, cues.rows(runs))
-    (limit,) = [one for one in found if one.rule.startswith("false cues")]
-    assert limit.row is None and math.isnan(limit.hours)
-    assert (limit.possible, limit.remainder, limit.least_mm) == ("2 or 3 mm", "2 or 3 mm", 2.0)
-    text = page.render(runs, manifest, Path("out"))
-    assert "2 or 3 mm may be best: these faults do not tell them apart" in text
-
-
-def test_the_counts_that_choices_stand_on():
-    rows = list(ROWS.values())
-    found = cues._alarm_counts(TABLE, rows)
-    plain = np.stack([missed(FRAME, row.number)[HAZARD] for row in rows], axis=1)
-    each = plain.astype(int)
-    expected = AlarmCounts(
-        each.sum(0),
-        each.T @ (1 - each),
-        len(plain),
-        np.array([row.per_hour.count for row in rows]),
-        np.array([row.per_hour.hours for row in rows]),
-    )
-    for name, mine, other in zip(AlarmCounts._fields, found, expected, strict=True):
-        assert np.array_equal(mine, other), name
-
-
-def test_the_hours_that_are_asked_for_are_those_of_the_strictest_limit():
-    found = cues.choices(TABLE, list(ROWS.values()))
-    assert cues.hours_to_offer(found) == pytest.approx(hours_to_bound(0.5))
-
-
-@pytest.mark.slow
 def test_the_page_says_that_it_cannot_be_said_and_offers_the_command():
     text = page.render(Runs.of(FRAME, MANIFEST), MANIFEST, Path("out"))
     assert "cannot be said before 7.38 h of fault-free motion" in text
@@ -102,13 +62,3 @@ def test_the_page_says_that_it_cannot_be_said_and_offers_the_command():
     assert (
         "80 fault-free motions of 3.7 min in pedal-down together, of 1 motion of the hands" in text
     )
-
-
-@pytest.mark.slow
-def test_one_threshold_alone_is_weighed_against_none_but_may_keep_a_limit():
-    alone = synthetic.manifest(RUNS, cues=MANIFEST.cues[:1])
-    runs = Runs.of(FRAME, alone)
-    found = cues.choices(runs, cues.rows(runs))
-    assert all(one.rule.startswith("false cues an hour") for one in found)
-    assert (found[0].possible, found[0].several) == ("3 mm", False)
-    assert "whether 3 mm keeps it" in page.render(runs, alone, Path("out"))

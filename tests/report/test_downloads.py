@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
-import math
-
-import numpy as np
 
 from ravenjax.report import downloads
-from ravenjax.report.sections.cues import Choice
 from ravenjax.stats.intervals import wilson
 from ravenjax.store.manifest import CueRecord
 
@@ -30,19 +26,3 @@ def test_rates_records_and_models_become_columns():
     assert row["group"] == 'a, "b"\n<c>' and (row["share_k"], row["share_n"]) == ("3", "10")
     assert float(row["share_low"]) == wilson(3, 10).low
     assert row["cue_threshold_mm"] == "3.0" and row["cue_cap"] == ""
-
-
-def test_what_is_not_known_is_empty_and_lists_are_left_out():
-    rows = [
-        {"a": math.nan, "b": None, "c": [1], "d": np.arange(3), "with_": np.float32(0.5)},
-        {"e": 1},
-    ]
-    first, second = read(downloads.text(rows))
-    assert first == {"a": "", "b": "", "with": "0.5", "e": ""} and second["e"] == "1"
-
-
-def test_named_tuples_are_rows_and_none_make_no_file():
-    (row,) = read(downloads.text([Choice("rule", None, 0, "2 or 3 mm", 7.5, "", float("nan"))]))
-    assert row["rule"] == "rule" and row["row"] == "" and row["alike"] == "0"
-    assert (row["possible"], row["hours"], row["least_mm"]) == ("2 or 3 mm", "7.5", "")
-    assert downloads.text([]) == ""

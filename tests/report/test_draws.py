@@ -27,11 +27,6 @@ def test_a_group_draws_its_faults_or_enumerates_them():
     }  # listed values, picked at random
 
 
-def test_drawn_operators_make_no_drawn_faults():
-    drawn = groups("reacting_operator.toml")  # every run has a reaction time that was drawn
-    assert "library/B24" not in drawn and {"sampled/encoder", "library/B11"} <= drawn
-
-
 @pytest.mark.parametrize(
     ("group", "drawn"),
     [

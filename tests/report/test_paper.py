@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 import reacting_results as reacting
-import synthetic_results as synthetic
 
 from ravenjax.report import paper
 from ravenjax.store.folder import ResultFolder
@@ -35,11 +34,3 @@ def test_main_figures_as_svg_and_pdf_alike_each_time(tmp_path):
     assert [path.read_bytes() for path in paths] == [path.read_bytes() for path in again]
     verdicts = paths[0].read_text()
     assert "unintended motion, cue" in verdicts and "packet_position" in verdicts
-
-
-def test_what_has_no_runs_is_left_out(tmp_path):
-    frame = synthetic.frame(200)
-    frame = frame[frame["group"] == "fault_free"].reset_index(drop=True)
-    frame = frame.assign(index=frame.index)
-    folder = folder_of(tmp_path / "results", frame, synthetic.manifest(len(frame)))
-    assert paper.write(folder, tmp_path / "figures") == []

@@ -85,23 +85,6 @@ def test_motion_beside_the_result_counts_with_its_own_length(tmp_path):
     runs.close()
 
 
-def test_a_long_motion_that_is_never_quiet_has_a_high_rate(tmp_path):
-    """A cue a second, but one motion: counted once over the whole hour it would be one an hour."""
-    beside(tmp_path, [1000], [-1], length_ms=3_600_000)
-    result = ResultFolder.open(tmp_path, MANIFEST)
-    result.add(golden(synthetic.frame(400), [-1], [0], 1))
-    runs = Runs.open(tmp_path, result.manifest)
-    rate = runs.motions().cue_rate(0)
-    assert rate is not None and rate.per_hour == pytest.approx(3600, rel=1e-3)
-    runs.close()
-
-
-def test_no_time_has_no_rate():
-    assert (
-        Runs.of(golden(synthetic.frame(50), [-1], [0], 1), MANIFEST).motions().cue_rate(0) is None
-    )
-
-
 def test_the_command_is_rounded_up_and_quoted(tmp_path):
     assert (
         motions.command(tmp_path / "my results", MANIFEST, 7.378)
@@ -114,12 +97,6 @@ def test_the_command_is_rounded_up_and_quoted(tmp_path):
         7.4,
         0.5,
     ]
-
-
-@pytest.mark.parametrize("operator", [{"motion": "still"}, {"file": "hand.csv"}])
-def test_no_command_where_no_other_motion_can_be_generated(tmp_path, operator):
-    made = synthetic.manifest(10, config=CONFIG | {"operator": operator})
-    assert motions.command(tmp_path, made, 1.0) is None
 
 
 def test_nothing_but_fault_free_motion_is_needed():

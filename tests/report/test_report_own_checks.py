@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 
 import numpy as np
 import pytest
 import synthetic_results as synthetic
-from rendered_page import Page, rendered, words
 
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import own_checks
@@ -120,30 +118,3 @@ def test_each_rate_is_that_of_the_raw_rows():
         "above 0.25",
     )
     assert (eye.name, eye.at, eye.threshold) == ("eye", "jpos", "above 2, 3 ms in a row")
-
-
-def test_false_alarms_are_first_trips_of_different_golden_runs():
-    frame, manifest = campaign()
-    gate, eye = own_checks.rows(Runs.of(frame, manifest))
-    hours = (
-        2800 + 2800 * 900 / 3000
-    ) / 3.6e6  # one motion to its end, the other until its trip at 900 of 3000 ms
-    assert eye.alarms.false.count == 1 and eye.alarms.false.per_hour == pytest.approx(1 / hours)
-    assert gate.alarms.false.count == 0 and gate.alarms.false.per_hour == 0.0
-
-
-def test_false_alarms_are_not_known_where_a_threshold_varies():
-    frame, manifest = campaign(varied=np.where(np.arange(ROWS) % 2, 0.25, 4.0))
-    assert all(row.alarms.false is None for row in own_checks.rows(Runs.of(frame, manifest)))
-    gate, _ = own_checks.rows(Runs.of(frame, manifest))
-    assert gate.threshold == "above 0.25 to 4, together"
-
-
-@pytest.mark.slow
-def test_checks_that_only_watch_do_not_act():
-    frame, manifest = campaign(own=(EYE,))
-    assert "built_in_response" not in frame
-    section = re.search(r'<section id="own_checks">.*?</section>', rendered(frame, manifest), re.S)[
-        0
-    ]
-    assert "no built-in check told anyone and in which no other" in words(Page(section))

@@ -6,7 +6,7 @@ import numpy as np
 
 from ravenjax.outcomes.events import Rules
 from ravenjax.report.run import summary as run_summary
-from ravenjax.report.run.summary import MOST_CHANGES, MOST_WINDOWS, events
+from ravenjax.report.run.summary import events
 
 TICKS = 3000
 RULES = Rules(cue=0, threshold_mm=3.0, limit_mm=3.0)
@@ -98,113 +98,35 @@ def series():
     }
 
 
-def words(found):
-    return [(event.ms, event.kind, event.text) for event in found]
-
-
 def test_a_run_is_told_in_the_order_of_the_loop():
     found = events(ROW, RULES, series(), GOLDEN)
-    shoulder = "usb_out gold shoulder"
-    assert words(found) == [
-        (
-            0,
-            "check",
-            (
-                "check packet_skip trips (operator packet after a gap, dropped), once, as in the"
-                " golden run"
-            ),
-        ),
-        (200, "brakes", "the PLC opens the brakes"),
-        (204, "run level", "run level: pedal up to pedal down"),
-        (1200, "fault", f"{shoulder}: the fault's window opens, for 16 ms"),
-        (
-            1200,
-            "fault",
-            (
-                f"the fault first changes a value: {shoulder}, overwrite 12,000 counts, 16 ms from"
-                " 1,200 ms"
-            ),
-        ),
-        (
-            1201,
-            "check",
-            (
-                "check overdrive_clip trips (overdrive detection: command clipped to its joint's"
-                " limit), 9 ms, 4 of them in the golden run, too; it limits, tells nobody"
-            ),
-        ),
-        (1201, "jump", "the reported tip jumps (rule of the published code)"),
-        (
-            1215,
-            "fault",
-            f"the fault last changes a value: {shoulder}, 16 ms in all",
-        ),
-        (
-            1228,
-            "hazard",
-            (
-                "unintended motion: the true tip is more than 3 mm from golden run, nominal model"
-                " and standing still (up to 12.3 mm)"
-            ),
-        ),
-        (
-            1230,
-            "cue",
-            "3 mm cue on for 170 ms, 0.0312 device units at most: the reported gold tip is 3.69 mm"
-            " off the nominal model",
-        ),
-        (
-            1400,
-            "check",
-            (
-                "check ik_reject trips (inverse kinematics: no valid solution), once; it tells a"
-                " person"
-            ),
-        ),
-        (
-            1500,
-            "hazard",
-            "false report: the reported tip is more than 3 mm from the true one (up to 4.5 mm)",
-        ),
-        (1500, "operator", "the operator begins to react to the cue"),
-        (
-            2000,
-            "cue",
-            "3 mm cue on for 1,000 ms, 0.01 device units at most: the reported gold tip is 6 mm off"
-            " the nominal model",
-        ),
+    assert [(event.ms, event.kind) for event in found] == [
+        (0, "check"),
+        (200, "brakes"),
+        (204, "run level"),
+        (1200, "fault"),
+        (1200, "fault"),
+        (1201, "check"),
+        (1201, "jump"),
+        (1215, "fault"),
+        (1228, "hazard"),
+        (1230, "cue"),
+        (1400, "check"),
+        (1500, "hazard"),
+        (1500, "operator"),
+        (2000, "cue"),
     ]
+    texts = "\n".join(event.text for event in found)
+    for part in (
+        "usb_out gold shoulder, overwrite 12,000 counts, 16 ms from 1,200 ms",
+        "9 ms, 4 of them in the golden run, too; it limits, tells nobody",
+        "standing still (up to 12.3 mm)",
+        "on for 170 ms, 0.0312 device units at most: the reported gold tip is 3.69 mm off",
+    ):
+        assert part in texts
     assert [event.level for event in found if event.kind in ("check", "hazard")] == [
         *("debug", "warn", "error", "warn", "error")
     ]
-
-
-def test_without_time_series_the_row_says_what_it_knows():
-    told = words(events(ROW, RULES))
-    assert (1230, "cue", "3 mm cue on: the reported tip is that far off the nominal model") in told
-    assert not [kind for _, kind, _ in told if kind in ("run level", "brakes")]
-    assert [ms for ms, _, _ in told] == sorted(ms for ms, _, _ in told)
-
-
-def test_a_cue_that_the_golden_run_has_too_is_no_news():
-    (cue,) = [e for e in events(ROW | {"golden_cue0_first_ms": 1000}, RULES) if e.kind == "cue"]
-    assert cue.level == "debug" and cue.text.endswith("; the golden run had one at 1,000 ms")
-
-
-def test_many_windows_and_changes_are_summed_up():
-    many = series()
-    now = np.arange(TICKS)
-    many["fault0_active"] = (now >= 1000) & (now % 100 < 10)
-    many["runlevel"] = 2 + (now // 50) % 2
-    told = words(events(ROW | {"applied0_first_ms": 1003, "applied0_last_ms": 2909}, RULES, many))
-    fault = [text for _, kind, text in told if kind == "fault"]
-    opens = "usb_out gold shoulder: the fault's window opens, for 10 ms"
-    assert [text for text in fault if "window" in text] == [
-        *[opens] * MOST_WINDOWS,
-        "usb_out gold shoulder: 17 more windows, the last at 2,900 ms",
-    ]
-    levels = [text for _, kind, text in told if kind == "run level"]
-    assert len(levels) == MOST_CHANGES + 1 and levels[-1] == "51 more changes, the last at 2,950 ms"
 
 
 def test_the_summary_has_fault_verdict_course_and_sizes():
@@ -229,35 +151,3 @@ def test_the_summary_has_fault_verdict_course_and_sizes():
         "  largest  cue of 0.0312 device units, on for 170 ms in all",
     ]
     assert len(summary.as_dict()["events"]) == len(summary.events) == 14
-
-
-def test_a_run_in_which_nothing_happened_says_so():
-    quiet = (
-        ROW
-        | {name: -1 for name in ROW if name.endswith("first_ms")}
-        | {"reaction_ms": -1, "applied0_last_ms": -1}
-    )
-    lines = run_summary.summary(
-        quiet | {"cue0_ms": 0, "tissue_depth_mm": 0.0, "false_report_mm": 0.1}, RULES
-    ).lines()
-    assert lines[3:] == [
-        "  nothing happened that did not happen in the golden run",
-        "  largest  true tip 12.5 mm off the nominal model",
-    ]
-
-
-def test_an_alarm_that_presses_the_estop_is_told():
-    rules = RULES._replace(stopping=((1, "slip"), (2, "quiet")))
-    row = ROW | {"detector1_threshold0_first_ms": 1210, "detector1_threshold0_alarms": 2}
-    row |= {"detector2_threshold0_first_ms": -1, "detector2_threshold0_alarms": 0}
-    told = [event for event in events(row, rules, series(), GOLDEN) if event.kind == "detector"]
-    text = "detector slip alarms, for the first of 2 times; it presses the E-stop"
-    assert [(one.ms, one.text, one.level) for one in told] == [(1210, text, "error")]
-    same = events(row, rules, series(), GOLDEN | {"detector1_threshold0_first_ms": 1210})
-    assert [event.text for event in same if event.kind == "detector"] == [
-        "detector slip alarms, for the first of 2 times, as in the golden run; it presses the"
-        " E-stop"
-    ]
-    assert [
-        event for event in events(row, RULES, series(), GOLDEN) if event.kind == "detector"
-    ] == []

@@ -7,7 +7,6 @@ from __future__ import annotations
 import re
 
 import naive_facts
-import numpy as np
 import pandas as pd
 import pytest
 import reacting_results as reacting
@@ -15,9 +14,9 @@ import synthetic_results as synthetic
 
 from ravenjax.report import page
 from ravenjax.report.data import facts as run_facts
-from ravenjax.report.data.runs import FaultCounts, Runs
-from ravenjax.report.sections import cues, detectors, risk, robots
-from ravenjax.report.sections.reaction import pairs
+from ravenjax.report.data.runs import Runs
+from ravenjax.report.sections import cues, detectors
+from ravenjax.report.sections import reaction as pairs
 from ravenjax.store import schema
 from ravenjax.store.folder import ResultFolder
 
@@ -52,20 +51,6 @@ def test_drawn_rows_are_the_same_each_time_about_as_many_as_asked_and_fair():
     assert moved["run_id"].tolist() == FACTS.loc[FACTS["unintended"], "run_id"].tolist()
 
 
-def test_pairs_are_drawn_as_a_whole(monkeypatch):
-    frame = reacting.frame(400)
-    runs = Runs.of(frame, reacting.manifest(len(frame)))
-    monkeypatch.setattr(pairs, "MOST", 300)
-    drawn = pairs.drawn(runs)
-    assert 150 < len(drawn.frame) < 450 and set(drawn.frame.groupby("pair").size()) == {3}
-    rows = [
-        row
-        for row in pairs.differences(drawn.frame, drawn.facts, runs.sampled)
-        if row.among == "all faults"
-    ]
-    assert len(rows) == 2 and all(row.n < len(drawn.frame) / 3 for row in rows)
-
-
 def test_distinct_faults_however_often_they_were_run():
     twice = pd.concat([FRAME, FRAME.assign(seed=8, pair=FRAME["pair"] + 3000)], ignore_index=True)
     again = Runs.of(twice, MANIFEST)
@@ -93,34 +78,6 @@ def test_faults_by_class_against_a_plain_count(by):
         assert (one.evaded, one.unintended, one.loss, one.alarms) == told
 
 
-def test_runs_with_a_reaction_and_failed_ones_are_runs_of_a_fault_and_no_further_faults():
-    frame = reacting.frame(90)
-    (found,) = Runs.of(frame, reacting.manifest(len(frame))).faults()
-    faulty = frame[frame["fault0_site"] != ""]
-    nobody = faulty[faulty["param:reaction.action"] == 0]
-    assert (found.runs, found.faults) == (len(faulty), (nobody["failed"] == "").sum())
-    assert (
-        found.unintended == ((nobody["failed"] == "") & (nobody["unintended_first_ms"] >= 0)).sum()
-    )
-
-
-def test_a_campaign_without_a_fault_has_none():
-    free = FRAME[FRAME["fault0_site"] == ""].reset_index(drop=True)
-    assert Runs.of(free, MANIFEST).faults() == [FaultCounts("", 0, 0, 0, 0, 0, 0)]
-    assert Runs.of(free, MANIFEST).faults("group") == []
-
-
-def test_severities_do_not_depend_on_the_batches(monkeypatch):
-    frame = FRAME.assign(
-        group=np.where(FRAME["group"] == "encoder", "C09 encoder", "B24,B25 others")
-    )
-    monkeypatch.setattr("ravenjax.report.data.runs.BATCH", 130)
-    found, whole = risk.counted(Runs.of(frame, MANIFEST)), risk.counts(frame)
-    assert {name: number.tolist() for name, number in found.items()} == {
-        name: number.tolist() for name, number in whole.items()
-    }
-
-
 @pytest.mark.slow
 def test_a_page_of_a_sample_says_so_and_counts_all(tmp_path, monkeypatch):
     frame = reacting.frame(1500)
@@ -128,11 +85,10 @@ def test_a_page_of_a_sample_says_so_and_counts_all(tmp_path, monkeypatch):
     whole = words(page.render(Runs.of(frame, manifest), manifest, tmp_path))
     assert "drawn by a fixed rule" not in whole
     monkeypatch.setattr(pairs, "MOST", 900)
-    monkeypatch.setattr(robots, "MOST", 500)
     monkeypatch.setattr(detectors, "MOST_DRAWN", 400)
     monkeypatch.setattr(cues, "MOST", 300)
     some = words(page.render(Runs.of(frame, manifest), manifest, tmp_path))
-    assert len(re.findall(r"Of about [\d,]+ of [\d,]+ runs, drawn by a fixed rule", some)) == 4
+    assert len(re.findall(r"Of about [\d,]+ of [\d,]+ runs, drawn by a fixed rule", some)) == 3
     counts = re.findall(r"Of [\d,]+ distinct faults.*?\)", whole) + re.findall(
         r"[\d,]+ faults with an unint[^.;]*", whole
     )

@@ -6,7 +6,6 @@ import re
 
 import numpy as np
 import pytest
-import reacting_results as reacting
 import synthetic_results as synthetic
 from rendered_page import Page, rendered, words
 
@@ -41,15 +40,6 @@ def test_losses_and_wrong_reports_that_no_check_told_of(text):
     assert f"In {wrong.sum()} ({share(wrong)}) only the robot's report of its tip" in text
 
 
-def test_the_site_of_the_largest_share(text):
-    shares = (MOVED & UNTOLD).groupby(VALID["fault0_site"]).agg(["mean", "sum", "size"])
-    worst = shares.sort_values("mean").iloc[-1]
-    quiet = int((shares["sum"] == 0).sum())
-    begins = f"At {quiet} of the {len(shares)} sites none evades; the" if quiet else "The"
-    told = f"{int(worst['sum'])} of {int(worst['size'])} faults"
-    assert f"{begins} largest share evades at {worst.name}, {told}" in text
-
-
 def test_which_came_first(text):
     both = VALID[(VALID["cue0_first_ms"] >= 0) & (VALID["told_ms"] >= 0)]
     lead = both["told_ms"] - both["cue0_first_ms"]
@@ -60,32 +50,6 @@ def test_which_came_first(text):
     assert f"at the median it came {abs(lead.median()):g} ms {when} the check" in text
 
 
-def test_stops(text):
-    stopped = VALID[VALID["response"] == "stopped"]
-    took = (stopped["response_ms"] - stopped["first_active_ms"]).median()
-    said = f"A check stopped the robot in {len(stopped)} faults, half of them within {took:.3g} ms"
-    assert said in text
-    cue = stopped["cue0_first_ms"]
-    before = (cue >= 0) & (cue < stopped["response_ms"])
-    assert f"The cue came before the stop in {before.sum()} ({share(before)})." in text
-
-
-def test_failures(text):
-    assert f"{(FRAME['failed'] != '').sum()} of 1,200 runs gave no valid outcome." in text
-
-
-@pytest.mark.slow
-def test_pairs_of_runs_with_and_without_the_reaction():
-    frame = reacting.frame(300)
-    valid = frame[(frame["failed"] == "") & (frame["fault0_site"] != "")]
-    moved = valid.assign(moved=valid["hazard"] == "unintended motion")
-    by_action = moved.pivot_table("moved", "pair", "param:reaction.action", "max").dropna()
-    text = text_of(frame, reacting.manifest(len(frame)))
-    idle, acting = (int(by_action[action].sum()) for action in (0, 1))
-    n = f"{len(by_action):,}"
-    assert f"an unintended motion in {acting} of {n} pairs instead of {idle}," in text
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("cue", "threshold", "limit"), [(0, 3, 3.0), (6, 5, 3.0), (0, 3, 2.0)])
 def test_a_cue_at_the_limit_or_beyond_is_no_warning(cue, threshold, limit):
@@ -94,13 +58,6 @@ def test_a_cue_at_the_limit_or_beyond_is_no_warning(cue, threshold, limit):
     assert f"A cue at {threshold} mm is no warning of a motion of {limit:g} mm" in text
     assert f"the {threshold} mm cue, at no smaller a distance, is no warning of it." in text
     assert f"The {threshold} mm cue comes before the motion" not in text
-
-
-@pytest.mark.slow
-def test_a_lower_cue_is_a_finding():
-    text = text_of(synthetic.judged(FRAME, 2), synthetic.manifest(RUNS, verdict_cue=2))
-    assert "The 1 mm cue comes before the motion reaches 3 mm in" in text
-    assert "is no warning" not in text.partition("Verdicts")[0]
 
 
 @pytest.mark.slow

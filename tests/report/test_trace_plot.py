@@ -49,53 +49,6 @@ EVENTS = {"cue": 1275, "stopped: overdrive": 1700, "never": -1}
 LIMITS = {"shoulder": 18000, "elbow": 18000, "insertion": 10000}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("arms", [("gold",), ("gold", "green")])
-def test_everything_is_drawn(tmp_path, arms):
-    path = trace_plot(
-        series(arms),
-        tmp_path / "run.svg",
-        title="run 0123456789abcdef",
-        dac_limits=LIMITS,
-        events=EVENTS,
-    )
-    text = path.read_text()
-    for words in (
-        "run 0123456789abcdef",
-        "cue at 3 mm",
-        "cue 1275 ms",
-        "stopped: overdrive 1700 ms",
-        "shoulder",
-        "fault",
-    ):
-        assert words in text
-    assert "never" not in text and all(f"{arm} DAC" in text for arm in arms)
-    again = trace_plot(
-        series(arms),
-        tmp_path / "again.svg",
-        title="run 0123456789abcdef",
-        dac_limits=LIMITS,
-        events=EVENTS,
-    )
-    assert again.read_bytes() == path.read_bytes()
-
-
-def test_the_fault_is_named_once(tmp_path):
-    text = trace_plot(series(), tmp_path / "run.svg", events={"fault": 1200}).read_text()
-    assert text.count(">fault") == 1 and "fault 1200 ms" in text
-
-
-def test_no_force_is_said_so(tmp_path):
-    quiet = {name: 0 * values if "force" in name else values for name, values in series().items()}
-    assert ">none<" in trace_plot(quiet, tmp_path / "run.svg").read_text()
-    assert ">none<" not in trace_plot(series(), tmp_path / "felt.svg").read_text()
-
-
-def test_named_joints_only(tmp_path):
-    text = trace_plot(series(), tmp_path / "run.svg", joints=["wrist"]).read_text()
-    assert "wrist" in text and "shoulder" not in text
-
-
 @pytest.fixture
 def figures(monkeypatch):
     """The figures that are drawn."""
@@ -147,8 +100,3 @@ def test_values_events_and_windows_stand_where_they_belong(tmp_path, figures, su
     assert next(line.get_ydata()[0] for line in error.lines if len(line.get_ydata()) == 2) == 3.0, (
         "the cue, mm"
     )
-
-
-def test_what_is_absent_is_left_out(tmp_path):
-    bare = {"gold/position": np.zeros((50, 3)), "gold/model_position": np.zeros((50, 3))}
-    assert trace_plot(bare, tmp_path / "run.png").exists()

@@ -5,11 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 import synthetic_results as synthetic
 
-from ravenjax.report import downloads
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import worst
 
@@ -57,32 +55,3 @@ def test_a_row_says_what_responded_when_and_how_to_see_it_again():
     assert row["response_ms"] == run["response_ms"] - run["first_active_ms"]
     assert row["cue_ms"] == run["cue0_first_ms"] - run["first_active_ms"]
     assert row["verdict"] == run["verdict"] and row["depth_mm"] == run["tissue_depth_mm"]
-
-
-def test_a_cue_that_the_golden_run_had_is_none():
-    frame = synthetic.judged(FRAME.assign(golden_cue0_first_ms=0))
-    found = worst.rows(Runs.of(frame, MANIFEST), Path("out"))
-    assert all(row["cue_ms"] is None for kind in found for row in kind["rows"])
-    assert next(kind for kind in found if kind["name"] == "phantom")["n"] == 0
-
-
-def test_repeats_of_a_fault_are_one_row():
-    twice = pd.concat([FRAME, FRAME.assign(seed=8)], ignore_index=True).assign(
-        pair=np.arange(2 * RUNS)
-    )
-    found = worst.rows(Runs.of(twice, MANIFEST), Path("my out"))
-    assert [kind["n"] for kind in found] == [kind["n"] for kind in FOUND.values()]
-    assert [row["run_id"] for row in found[0]["rows"]] == [
-        row["run_id"] for row in FOUND["evaded"]["rows"]
-    ]
-
-
-def test_a_campaign_without_a_cue_has_no_kind_of_it():
-    found = worst.rows(Runs.of(FRAME, MANIFEST.model_copy(update={"cues": ()})), Path("out"))
-    assert "phantom" not in {kind["name"] for kind in found}
-
-
-def test_the_file_has_every_run_with_its_kind():
-    text = downloads.text(worst.flat(list(FOUND.values())))
-    assert len(text.splitlines()) == 1 + sum(len(kind["rows"]) for kind in FOUND.values())
-    assert text.startswith("kind,measured,run_id,group,fault,far,")

@@ -11,7 +11,6 @@ import synthetic_results as synthetic
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import robots
 from ravenjax.stats import one_unit
-from ravenjax.store import schema
 from ravenjax.store.manifest import Manifest
 
 RUNS, ROBOTS = 1500, 40
@@ -50,8 +49,3 @@ def test_rates_are_those_of_a_plain_count_by_robot(frame) -> None:
         np.testing.assert_allclose(rates[name].rate, expected.rate, rtol=1e-6)
     motion = rates["makes an unintended motion"]
     assert motion.rate.low < 0.05 and motion.rate.high > 0.95  # all or none, by the robot
-
-
-def test_columns_of_a_schema_are_those_that_are_asked() -> None:
-    names = {column.name for column in schema.columns(manifest().shape)}
-    assert {f"param:{FRICTION}", f"param:{OFFSET}"} <= names

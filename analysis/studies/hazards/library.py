@@ -13,12 +13,11 @@ import pandas as pd
 from ravenjax.hazards import expansion, library
 from ravenjax.hazards.library import Hazard
 from ravenjax.report import wording
-from ravenjax.report.sections import risk
-from ravenjax.report.sections.risk import Pool, PoolRisk
 from ravenjax.stats.bootstrap.units import FEW, FEWEST
 from ravenjax.stats.intervals import Estimate
 from ravenjax.store import folder
-from studies.hazards import maude, safecomp45
+from studies.hazards import maude, risk, safecomp45
+from studies.hazards.risk import Pool, PoolRisk
 from studies.hazards.safecomp45 import NOT_SIMULATED, HazardOutcome, normal
 from studies.study import (
     Context,

@@ -1,6 +1,4 @@
-"""The whole of it: a log in, the parameters out, judged on the part of the log kept back for
-that.
-"""
+"""Fits a robot's parameters to the first half of a log, and judges them on the second half."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Pictures of a calibration: following errors of log and calibrated robot, and what is known of
-each parameter.
-"""
+"""Draws a calibration: following errors of log and robot, and the intervals of the parameters."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Parameters from a log: Gauss-Newton on whole stretches of closed loop, and what is then known of
-them.
+"""Fits parameters to a log by Gauss-Newton on whole stretches of closed loop, with their
+covariance.
 
 The residual is measured minus replayed, joint by joint, in units of what no step takes away of it.
 That is correlated in time: every joint's squares count only for as many independent samples as it

@@ -41,9 +41,9 @@ from ravenjax.store.logs.topics import ARM_TOPICS
 
 ENDINGS = {"": 1.0, "_deg": np.pi / 180.0, "_deg_s": np.pi / 180.0}
 LONGEST_S = 6 * 3600.0
-"""Of a log: it is held in memory, a row a millisecond."""
+"""Longest log: it is held in memory, a row a millisecond."""
 SLOTS = np.array([0, 1, 2, 4, 5, 6, 7])
-"""Of the eight numbers that raven_state has of an arm, those of joints; the fourth is of none."""
+"""Places of the joints among the eight numbers of an arm in raven_state; the fourth is unused."""
 PER_STATE = np.pi / 180.0
 """rad and m per unit of raven_state."""
 

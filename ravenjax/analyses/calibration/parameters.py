@@ -1,5 +1,5 @@
-"""What a log may tell of a robot: numbers of `LoopParams`, each with what is believed of it
-before.
+"""The parameters that a log is asked for: numbers of `LoopParams` with their prior
+distributions.
 """
 
 from __future__ import annotations

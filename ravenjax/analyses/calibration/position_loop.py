@@ -21,7 +21,7 @@ from ravenjax.robots.raven2.stages.estimator import LOW_PASS_INPUT, LOW_PASS_OUT
 
 JOINTS = 7
 READINGS = 3
-"""Of the past, that the filter takes."""
+"""Past readings that the filter takes."""
 
 
 class Controller(NamedTuple):
@@ -81,7 +81,7 @@ class Cycle(NamedTuple):
 
 
 def params(plant: robot.PlantParams) -> LoopParams:
-    """Without a delay, with whole cables."""
+    """Parameters of a loop without a delay and with whole cables."""
     return LoopParams(plant, 0.0, 0.0, 1.0)
 
 
@@ -100,7 +100,7 @@ def start(
     plant: robot.PlantState,
     whole: bool = True,
 ) -> LoopState:
-    """Of a robot that stands still and whose controller has integrated nothing."""
+    """State of a robot that stands still and whose controller has integrated nothing."""
     zero = Vec(jnp.asarray(0.0, setup.precision.real) for _ in range(JOINTS))
     past = (readings(setup, arm, plant, whole),) * READINGS
     return LoopState(

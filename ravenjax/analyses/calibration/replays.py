@@ -52,7 +52,7 @@ class ReplaySetup(RavenSetup):
 
 @record
 class ReplayParams:
-    """Of one replay."""
+    """Parameters of one replay."""
 
     loop: LoopParams
     first: Vec  # joints where the log begins, rad and m
@@ -99,7 +99,7 @@ def series_length(setup: ReplaySetup) -> int:
 
 
 def outcomes(setup: ReplaySetup, params: ReplayParams, state: LoopState) -> dict[str, Any]:
-    """None but that it has run."""
+    """The number of ticks that ran."""
     return {"ticks": state.plant.tick}
 
 

@@ -1,6 +1,4 @@
-"""A calibrated robot as a file: what a campaign draws its robots from by `[parameters] from =
-"my_robot.toml"`.
-"""
+"""Writes calibrated robots as TOML, for `[parameters] from` of a campaign."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""A calibration in tables: how well the robots predict the log, and what it tells of each
-parameter.
+"""Tables of a calibration: following errors of the robots, and the parameters before and after the
+log.
 """
 
 from __future__ import annotations
@@ -27,28 +27,10 @@ class Rows(NamedTuple):
     cells: list[tuple[str, ...]]
 
 
-def following(title: str, rows: Sequence[FollowingError], joints: Sequence[int]) -> Rows:
-    """Root mean square following error of the log and of each model, with the model's share of
-    the log's.
-    """
-    log = rows[0].following
-    cells = []
-    for one in rows:
-        line = [one.model]
-        for j in joints:
-            error = f"{one.following[j] * PER_UNIT[j]:.3f}"
-            share = f" ({one.following[j] / log[j]:.2f}), off {one.residual[j] * PER_UNIT[j]:.3f}"
-            line.append(error if one is rows[0] else error + share)
-        cells.append(tuple(line))
-    columns = (
-        "rms (times the log's), off by",
-        *(f"{JOINTS[j].replace('_', ' ')}, {UNITS[j]}" for j in joints),
-    )
-    return Rows(title, columns, cells)
-
-
 def by_joint(title: str, rows: Sequence[FollowingError], joints: Sequence[int]) -> Rows:
-    """The same, a row a joint, for a narrow screen."""
+    """Root mean square following error of the log and of each model, a row a joint, with the
+    model's share of the log's.
+    """
     log, *models = rows
     cells = [
         (

@@ -1,5 +1,4 @@
-"""The robot and its surroundings for a page that draws them itself: shapes, and the bodies that
-carry them.
+"""Shapes of the robot and its surroundings as JSON, for a page that draws them.
 
 A page turns joint positions into places of bodies by the
 tree of the model.

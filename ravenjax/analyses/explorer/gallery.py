@@ -1,6 +1,4 @@
-"""Pages of several campaigns in one folder, with an index page of cards: ready for any static
-host.
-"""
+"""Writes pages of several campaigns into one folder, with an index page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One self-contained page of a campaign: anybody asks its robot in a browser, without a network."""
+"""Writes one HTML page on which a browser computes a campaign's robot, without a network."""
 
 from __future__ import annotations
 

@@ -1,13 +1,11 @@
-"""A campaign's tick as WebAssembly, and all that a page needs to know to ask it questions: one JSON
-object.
+"""A campaign's tick as WebAssembly with all that a page needs to run it, as one JSON object.
 
 `description` makes it. Numbers are single precision or 32-bit integers, binaries and motion base64
 of little-endian words. `static/engine.js` reads it:
 
     {
-      "campaign": "quick", "robot": "raven2", "title": "Raven-II", "arms": ["gold"], "joints": ["shoulder", ..],
+      "arms": ["gold"],
       "ticks": 3000,                 ms of a run, a tick each
-      "limit_mm": 3.0,               distance of a hazard
       "cue": 0,                      the haptic set that the verdict counts
       "parameters": [                what a question may change, in the order of a run's inputs
         {"path": "operator.scale", "value": 0.1, "type": "float32", "unit": "", "low": 0, "high": 1, "whole": false,
@@ -15,10 +13,8 @@ of little-endian words. `static/engine.js` reads it:
       "observe_ms": null,            observation after the last fault ends, or null: to the end of the run
       "slots": 1,                    faults that a run may have, at most
       "channels": [                  where faults strike; a fault's code is the channel's place in this list, from 1
-        {"site": "usb_out", "layer": "USB out, motors", "arm": "gold", "channel": "shoulder", "kind": "int16",
-         "unit": "counts", "low": -32768, "high": 32767, "bits": 16, "effects": ["overwrite", "latch_offset"],
-         "values": {"overwrite": [-19990.0, 19870.0], ..}}, ..],      what the campaign's own faults have there
-      "effects": {"overwrite": {"code": 0, "value": "number", "meaning": "x becomes the value"}, ..},
+        {"site": "usb_out", "arm": "gold", "channel": "shoulder", "effects": ["overwrite", "latch_offset"]}, ..],
+      "effects": {"overwrite": {"code": 0}, ..},
                                      "channel", "plain", "constant" where an effect of the network stands for another
       "triggers": {"time": 0}, "fields": {"code": "int32", .., "key": "uint32"}, "forever": 1073741824,
       "motion": "suture",            the campaign's own among `motions`; "" where it is a recording
@@ -26,12 +22,10 @@ of little-endian words. `static/engine.js` reads it:
       "programs": {"outcomes": PROGRAM, "replay": PROGRAM},
       "verdict": {                   the words of outcomes, and what each check counts as
         "responses": [..], "told": [..], "untold": [..], "hazards": [..], "cues": [..], "halt_ms": 200,
-        "checks": [{"name": "overdrive_instant", "cause": "overdrive", "response": "stopped", "unit": "DAC counts",
-                    "meaning": ".."}, ..],
+        "checks": [{"name": "overdrive_instant", "cause": "overdrive", "response": "stopped", "watches": false}, ..],
         "failures": ["", "tip not finite", ..], "may_be_infinite": [..], "cables": ["", "gold shoulder", ..],
         "kept_of_golden": [..]},
-      "thresholds_mm": [3, 2, 4, 5],  of the haptic sets: value of parameter haptics.cues.K.threshold_m in mm
-      "examples": [{"group": "dac_unchecked", "site": .., "value": .., "start_ms": .., "duration_ms": ..}, ..],
+      "examples": [{"site": .., "channel": .., "effect": .., "start_ms": ..}, ..],      the first fault of each group
       "worker": ".."                 text of static/worker.js: a page starts it from a Blob
     }
 
@@ -172,20 +166,14 @@ def _asked(path: str) -> bool:
 def description(config: CampaignConfig) -> dict[str, Any]:
     """The JSON object of a campaign, as above. Raises UserError."""
     ready = question_plan(config)
-    program, robot = ready.program, config.robot
+    program = ready.program
     printable = traced.printable(program)
     tick = traced.trace(printable, Block(*ready.lanes([0], 1), None), ready.columns)
     shared = len(program.varied)
     return {
-        "campaign": config.campaign.name,
-        "robot": robot.name,
-        "title": robot.title,
         "arms": list(program.setup.arms),
-        "joints": list(robot.joints),
         "ticks": program.ticks,
-        "limit_mm": config.outcomes.limit_mm,
         "cue": config.outcomes.cue,
-        "thresholds_mm": [cue.threshold_m * 1e3 for cue in config.haptics.cues()],
         "parameters": [_parameter(ready, path) for path in program.varied],
         "observe_ms": config.campaign.observe_ms,
         "slots": program.setup.injection.slots,
@@ -287,90 +275,39 @@ def _parameter(ready: Plan, path: str) -> dict[str, Any]:
 
 
 def _channels(ready: Plan) -> list[dict[str, Any]]:
-    injection, robot = ready.program.setup.injection, ready.config.robot
+    injection = ready.program.setup.injection
     effects = {use.site: use.effects for use in injection.sites}
-    values = _values(ready)
     rows = []
-    for place, (site, arm, name) in enumerate(table.targets(injection)):
-        channel = robot.sites[site].channel(name)
-        low, high = channel.extent
+    for site, arm, name in table.targets(injection):
         of_channel = [
             effect
             for effect, stands in NETWORK_EFFECTS.items()
             if site == "network" and stands[0] == name
         ]
-        rows.append(
-            {
-                "site": site,
-                "layer": robot.layer(site),
-                "arm": arm,
-                "channel": name,
-                "kind": channel.kind,
-                "unit": channel.unit,
-                "low": low,
-                "high": high,
-                "bits": channel.bits,
-                "effects": of_channel or list(effects[site]),
-                "values": _of_network(values.get(place + 1, {}), of_channel),
-            }
-        )
+        offered = of_channel or list(effects[site])
+        rows.append({"site": site, "arm": arm, "channel": name, "effects": offered})
     return rows
-
-
-def _of_network(values: dict[str, list[float]], effects: list[str]) -> dict[str, list[float]]:
-    """The same by the effect of the network that a page knows."""
-    return {effects[0]: next(iter(values.values()))} if effects and values else values
-
-
-def _values(ready: Plan) -> dict[int, dict[str, list[float]]]:
-    """Code of a channel -> effect -> least and greatest value that the campaign's own faults
-    have there.
-    """
-    names = {number: name for name, number in EFFECT_CODES.items()}
-    extents: dict[int, dict[str, list[float]]] = {}
-    columns = (ready.faults[name].reshape(-1).tolist() for name in ("code", "effect", "value"))
-    for channel, effect, value in zip(*columns, strict=True):
-        if channel:
-            low, high = extents.setdefault(channel, {}).get(names[effect], [value, value])
-            extents[channel][names[effect]] = [min(low, value), max(high, value)]
-    return extents
 
 
 def _effects() -> dict[str, dict[str, Any]]:
     out: dict[str, dict[str, Any]] = {}
     for name, effect in EFFECTS.items():
-        row: dict[str, Any] = {
-            "code": EFFECT_CODES[name],
-            "value": effect.value,
-            "meaning": effect.meaning,
-        }
+        out[name] = {"code": EFFECT_CODES[name]}
         if effect.network is not None:
             channel, plain, constant = effect.network
-            row |= {"code": EFFECT_CODES[plain], "channel": channel, "constant": constant}
-        out[name] = row
+            out[name] = {"code": EFFECT_CODES[plain], "channel": channel, "constant": constant}
     return out
 
 
 def _examples(ready: Plan) -> list[dict[str, Any]]:
-    """The first faulty run of each group: what its group is called, and its first fault."""
-    rows: dict[str, dict[str, Any]] = {}
-    words = {name: ready.rows.words(f"fault0_{name}").tolist() for name in table.WORDS}
-    numbers = {
-        name: ready.rows.numbers(f"fault0_{name}").tolist()
-        for name in ("value", "start_ms", "duration_ms")
-    }
+    """The first fault of each group."""
+    columns = {name: ready.rows.words(f"fault0_{name}").tolist() for name in table.WORDS}
+    columns["start_ms"] = ready.rows.numbers("fault0_start_ms").tolist()
+    first: dict[str, int] = {}
     for row, group in enumerate(ready.rows.words("group").tolist()):
-        if group in rows or not words["site"][row]:
-            continue
-        value = numbers["value"][row]
-        rows[group] = {
-            "group": group,
-            **{name: of_row[row] for name, of_row in words.items()},
-            "value": None if np.isnan(value) else value,
-            "start_ms": numbers["start_ms"][row],
-            "duration_ms": numbers["duration_ms"][row],
-        }
-    return list(rows.values())
+        if columns["site"][row]:
+            first.setdefault(group, row)
+    return [{name: column[row] for name, column in columns.items()} for row in first.values()]
 
 
 def _verdict(config: CampaignConfig, tick: TracedTick) -> dict[str, Any]:
@@ -389,9 +326,6 @@ def _verdict(config: CampaignConfig, tick: TracedTick) -> dict[str, Any]:
                 "cause": check.named_cause,
                 "response": check.response,
                 "watches": check.action == "watch",
-                "unit": check.unit,
-                "meaning": check.meaning,
-                "does": check.does,
             }
             for check in rules
         ],

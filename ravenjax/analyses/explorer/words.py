@@ -1,5 +1,5 @@
-"""What a page says of a campaign: sites in plain words, ranges of values, checks, and the file
-that a command needs.
+"""The words of a page as JSON: sites, effects and checks, ranges of values, the campaign's file,
+and a result table.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Control software and virtual robot in other people's hands: files for C programs."""
+"""Exports control software and virtual robot for C programs."""

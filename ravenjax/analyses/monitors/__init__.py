@@ -1,1 +1,3 @@
-"""Monitors: checks that a robot does not have yet, as data, and what they would have done."""
+"""Monitors: candidate checks as data, their calibration, and which of them would have detected
+faults.
+"""

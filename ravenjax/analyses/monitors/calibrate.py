@@ -1,5 +1,5 @@
-"""`ravenjax monitor calibrate`: from a campaign to a folder with a monitor, as data, as a part,
-and as C.
+"""`ravenjax monitor calibrate`: computes fault-free operations and writes the folder of a
+monitor.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from ravenjax import interruption
-from ravenjax.analyses.monitors import calibration, code, writing
+from ravenjax.analyses.monitors import calibration, code, score_folder, writing
 from ravenjax.analyses.monitors.calibration import Calibrated
 from ravenjax.analyses.monitors.monitor import WHOLE, Segments, split_scores
 from ravenjax.analyses.monitors.operations import FRESH, OperationDesign, OperationRunner
-from ravenjax.analyses.monitors.score_folder import FOLDER, Peaks, ScoreFolder, filled, read_design
+from ravenjax.analyses.monitors.score_folder import FOLDER, Peaks, read_design
 from ravenjax.analyses.monitors.scores import Score, catalogue
 from ravenjax.campaign import loading
 from ravenjax.campaign.file.config import CampaignConfig
@@ -27,59 +27,44 @@ from ravenjax.vocabulary.robot import Robot
 SIGNALS = ("tip_error_bound", "boards_cmd_rate*")
 PER_HOUR, CONFIDENCE = 1.0, 0.95
 LENGTH_S, ROBOTS = 300.0, 16
-TARGET = FalseAlarmTarget(PER_HOUR, CONFIDENCE, LENGTH_S / 3600)
 OnOperator = Callable[[int, int], None]
-"""Told how many operators are there, and how many there are to be."""
+"""Called with the operators that are computed, and with all that are wanted."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass
 class Request:
-    """What somebody wants of a monitor."""
+    """What somebody wants of a monitor, checked. Raises UserError."""
 
     config: CampaignConfig
-    signals: tuple[str, ...] = SIGNALS  # names of the catalogue, * for any letters
-    segments: Segments = WHOLE
-    target: FalseAlarmTarget = TARGET
+    signals: Sequence[str] = ()  # names of the catalogue, * for any letters; (): SIGNALS
+    segments: str = ""  # as `Segments.parsed`
+    per_hour: float = PER_HOUR
+    confidence: float = CONFIDENCE
+    length_s: float = LENGTH_S
     robots: int = ROBOTS
-    motions: tuple[str, ...] = ()  # (): every generated one of the robot
+    motions: Sequence[str] = ()  # (): every generated one of the robot
     seed: int = 0
 
-
-def request(
-    config: CampaignConfig,
-    signals: Sequence[str] = (),
-    segments: str = "",
-    per_hour: float = PER_HOUR,
-    confidence: float = CONFIDENCE,
-    length_s: float = LENGTH_S,
-    robots: int = ROBOTS,
-    motions: Sequence[str] = (),
-    seed: int = 0,
-) -> Request:
-    """What somebody wrote, checked; empty ones are the defaults. Raises UserError."""
-    if not 1 <= length_s <= 3600:
-        raise UserError(f"an operation of {length_s:g} s: expected 1 to 3600 s")
-    if robots < 1:
-        raise UserError(f"{robots} robots an operator: expected a number from 1 on")
-    if seed < 0:
-        raise UserError(f"seed {seed}: expected a number from 0 on")
-    target = FalseAlarmTarget(per_hour, confidence, length_s / 3600)
-    try:
-        _ = target.fewest_units
-        stretches = Segments.parsed(segments) if segments else WHOLE
-    except ValueError as error:
-        raise UserError(str(error)) from None
-    rest = {
-        path: axis
-        for path, axis in config.parameters.items()
-        if not path.startswith("detectors.own.")
-    }
-    config = config.model_copy(
-        update={"parameters": rest}
-    )  # detectors of its own are left out, and so are theirs
-    return Request(
-        config, tuple(signals) or SIGNALS, stretches, target, robots, tuple(motions), seed
-    )
+    def __post_init__(self) -> None:
+        if not 1 <= self.length_s <= 3600:
+            raise UserError(f"an operation of {self.length_s:g} s: expected 1 to 3600 s")
+        if self.robots < 1:
+            raise UserError(f"{self.robots} robots an operator: expected a number from 1 on")
+        if self.seed < 0:
+            raise UserError(f"seed {self.seed}: expected a number from 0 on")
+        self.target = FalseAlarmTarget(self.per_hour, self.confidence, self.length_s / 3600)
+        try:
+            _ = self.target.fewest_units
+            self.stretches = Segments.parsed(self.segments) if self.segments else WHOLE
+        except ValueError as error:
+            raise UserError(str(error)) from None
+        # the campaign's own detectors are left out, and so are their parameters
+        rest = {
+            path: axis
+            for path, axis in self.config.parameters.items()
+            if not path.startswith("detectors.own.")
+        }
+        self.config = self.config.model_copy(update={"parameters": rest})
 
 
 def calibrate(
@@ -95,18 +80,18 @@ def calibrate(
     hours: of operation, all operators and robots together; None: what the target needs. Raises
     UserError and StoreError; finished operators stay, and the same call goes on.
     """
-    wanted = split_scores(chosen(request.config.robot, request.signals))
+    wanted = split_scores(chosen(request.config.robot, request.signals or SIGNALS))
     units = calibration.units_within(request.target, request.robots, hours)
     design = OperationDesign(
-        request.motions or motions(request.config),
+        tuple(request.motions) or motions(request.config),
         request.robots,
         request.target.length_h * 3600,
         request.seed,
     )
     peaks = operate(
-        request.config, design, wanted, request.segments, out, units, engine, on_operator
+        request.config, design, wanted, request.stretches, out, units, engine, on_operator
     )
-    result = calibration.calibrate(peaks, wanted, request.segments, request.target, request.robots)
+    result = calibration.calibrate(peaks, wanted, request.stretches, request.target, request.robots)
     writing.write(out, request.config, design, result)
     return result
 
@@ -122,19 +107,15 @@ def operate(
     on_operator: OnOperator,
 ) -> Peaks:
     """The operations of `units` operators, those that are missing in `out` computed first."""
-    folder = ScoreFolder(out / FOLDER, described(config, design, wanted, segments))
-    measured = measuring(config, wanted, segments, out / FOLDER / "detectors")
-    lazily: list[OperationRunner] = []
-
-    def compute(numbers: range) -> Any:
-        if not lazily:
-            lazily.append(OperationRunner(measured, design, engine))
-        for one in lazily[0].compute(numbers):
-            on_operator(one.operator + 1, units)
-            yield one
-
-    with interruption.held_back():
-        return filled(folder, units, compute)
+    folder = out / FOLDER
+    score_folder.open_folder(folder, described(config, design, wanted, segments))
+    measured = measuring(config, wanted, segments, folder / "detectors")
+    if missing := score_folder.list_missing(folder, units):
+        with interruption.held_back():
+            for operator in OperationRunner(measured, design, engine).compute(missing):
+                score_folder.add(folder, operator)
+                on_operator(operator.operator + 1, units)
+    return score_folder.read(folder, units)
 
 
 def chosen(robot: Robot, patterns: Sequence[str]) -> list[Score]:

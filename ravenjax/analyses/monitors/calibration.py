@@ -1,5 +1,5 @@
-"""From scores of fault-free operations to a monitor with a promise: scales on some, the threshold
-on others, a test.
+"""Calibrates a monitor on scores of operations: some give the scales, some the threshold, some test
+it.
 
 Operators are dealt to three uses by their number, whatever their scores, so that more of them
 change no earlier one's.

@@ -1,4 +1,4 @@
-"""Whether fresh fault-free operations are still like those that a monitor was calibrated on.
+"""Tests whether fresh fault-free operations still resemble those of a monitor's calibration.
 
 Of each operator, result folder or log one operation counts, the first: whatever else there is of it
 shares its hands, or its robot. Every term is tested, and the joint score; together they keep the
@@ -11,7 +11,7 @@ import csv
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -26,17 +26,6 @@ from ravenjax.store.access import query
 
 SCORE = "score"
 MS_PER_HOUR = 3.6e6
-
-
-class FreshOperations(NamedTuple):
-    """Fresh operations, one entry each; the first of each unit is tested."""
-
-    origin: (
-        str  # of its units: what two sources that share operators, a result or a log have in common
-    )
-    unit: np.ndarray  # int
-    hours: np.ndarray
-    scores: dict[str, np.ndarray]  # SCORE, and what else there is of `writing.measured_names`
 
 
 def check(
@@ -57,14 +46,15 @@ def check(
     if not sources:
         raise UserError("of which operations? Give folders of results, or logs")
     monitor, record = writing.read(folder)
-    reference = _reference(folder / writing.REFERENCE)
+    reference = pd.read_csv(folder / writing.REFERENCE).astype(np.float32)
     some = [_fresh(source, folder, monitor, record) for source in sources]
     _require_different(sources, some)
-    fresh = _joined(some)
-    _, first = np.unique(fresh.unit, return_index=True)
+    # units of different sources are different, and scores are those that all sources have
+    fresh = pd.concat(some, keys=range(len(some)), names=["source"], join="inner")
+    first = fresh.groupby(["source", "unit"]).head(1)
     results = {}
-    for name, values in fresh.scores.items():
-        before, after = _largest_if_none(reference[name]), _largest_if_none(values[first])
+    for name in fresh.columns.drop(["unit", "hours"]):
+        before, after = (_largest_if_none(one[name].to_numpy()) for one in (reference, first))
         both = np.concatenate([before, after])
         if (both != both[0]).any():  # the same always: nothing to compare
             results[name] = shift.shift(before, after, seed)
@@ -86,9 +76,9 @@ def check(
     table.attrs |= {
         "level": level,
         "units": len(first),
-        "operations": len(fresh.unit),
-        "hours": float(fresh.hours.sum()),
-        "alarms": int((fresh.scores[SCORE] > monitor.threshold).sum()),
+        "operations": len(fresh),
+        "hours": float(fresh["hours"].to_numpy().sum()),
+        "alarms": int((fresh[SCORE].to_numpy() > monitor.threshold).sum()),
     }
     return table
 
@@ -125,7 +115,11 @@ def series_scores(monitor: Monitor, live: np.ndarray, inputs: dict[str, np.ndarr
     return out.ravel()
 
 
-def _fresh(source: Path, folder: Path, monitor: Monitor, record: dict[str, Any]) -> FreshOperations:
+def _fresh(source: Path, folder: Path, monitor: Monitor, record: dict[str, Any]) -> pd.DataFrame:
+    """Fresh operations, a row each: unit, hours, SCORE, and what else there is of
+    `writing.measured_names`. attrs: origin, what two sources that share operators have in common.
+    The first operation of each unit is tested.
+    """
     if (source / score_folder.FOLDER / score_folder.DESIGN).is_file():
         return _of_operations(source, folder, monitor, record)
     if (source / manifest.FILE).is_file():
@@ -140,7 +134,7 @@ def _fresh(source: Path, folder: Path, monitor: Monitor, record: dict[str, Any])
 
 def _of_operations(
     source: Path, folder: Path, monitor: Monitor, record: dict[str, Any]
-) -> FreshOperations:
+) -> pd.DataFrame:
     """Of a folder with operations of their own operators, which are no others' of the
     calibration.
     """
@@ -157,13 +151,11 @@ def _of_operations(
             f"{source}: its operators are those of the calibration: nothing of it is fresh"
         )
     peaks = score_folder.read(place)
-    columns = dict(zip(writing.measured_names(monitor), peaks.peak.T, strict=True))
-    score = _joint(monitor, peaks.peak)
     origin = f"operators of seed {design['design']['seed']}, stream {design['design']['stream']}"
-    return FreshOperations(origin, peaks.unit, peaks.hours, {SCORE: score, **columns})
+    return _table(monitor, peaks.unit, peaks.hours, peaks.peak, origin)
 
 
-def _of_result(source: Path, monitor: Monitor, record: dict[str, Any]) -> FreshOperations:
+def _of_result(source: Path, monitor: Monitor, record: dict[str, Any]) -> pd.DataFrame:
     """Of a campaign's runs without a fault that had the monitor as a detector: one operator, so
     one unit.
     """
@@ -205,14 +197,15 @@ def _of_result(source: Path, monitor: Monitor, record: dict[str, Any]) -> FreshO
         )
     if not rows:
         raise UserError(f"{source}: has no run without a fault")
-    score, pedal_ms = np.array(rows, float).T
-    origin = f"operator {json.dumps(own.config.get('operator', {}), sort_keys=True)}"
-    scores = {SCORE: score.astype(np.float32)}
-    return FreshOperations(origin, np.zeros(len(rows), int), pedal_ms / MS_PER_HOUR, scores)
+    table = pd.DataFrame(rows, columns=[SCORE, "hours"]).assign(unit=0)
+    table = table.astype({SCORE: np.float32}).assign(hours=table["hours"] / MS_PER_HOUR)
+    operator = json.dumps(own.config.get("operator", {}), sort_keys=True)
+    table.attrs["origin"] = f"operator {operator}"
+    return table
 
 
-def _of_log(source: Path, monitor: Monitor, record: dict[str, Any]) -> FreshOperations:
-    """Of one operation, cut to the length of the calibration's."""
+def _of_log(source: Path, monitor: Monitor, record: dict[str, Any]) -> pd.DataFrame:
+    """The operation of a log, cut to the length of the calibration's."""
     arms = record["monitor"].get("arms", ())
     if len(arms) > 1:
         raise UserError(
@@ -245,19 +238,20 @@ def _of_log(source: Path, monitor: Monitor, record: dict[str, Any]) -> FreshOper
     live = table[:length, 0] != 0
     inputs = {name: table[:length, k + 1].astype(np.float32) for k, name in enumerate(names[1:])}
     peak = series_scores(monitor, live, inputs)[None]
-    columns = dict(zip(writing.measured_names(monitor), peak.T, strict=True))
-    scores = {SCORE: _joint(monitor, peak), **columns}
-    return FreshOperations(
-        f"log {files.sha256(source)}",
-        np.zeros(1, int),
-        np.array([live.sum() / MS_PER_HOUR]),
-        scores,
-    )
+    hours = np.array([live.sum() / MS_PER_HOUR])
+    return _table(monitor, np.zeros(1, int), hours, peak, f"log {files.sha256(source)}")
 
 
-def _joint(monitor: Monitor, peak: np.ndarray) -> np.ndarray:
+def _table(
+    monitor: Monitor, unit: np.ndarray, hours: np.ndarray, peak: np.ndarray, origin: str
+) -> pd.DataFrame:
+    """The table that `_fresh` describes. peak: what each term reached in each segment."""
     scale = np.array(monitor.scales, np.float32)
-    return _largest_if_none(threshold.joint(peak.reshape(len(peak), *scale.shape), scale))
+    score = _largest_if_none(threshold.joint(peak.reshape(len(peak), *scale.shape), scale))
+    columns = dict(zip(writing.measured_names(monitor), peak.T, strict=True))
+    table = pd.DataFrame({"unit": unit, "hours": hours, SCORE: score, **columns})
+    table.attrs["origin"] = origin
+    return table
 
 
 def _largest_if_none(scores: np.ndarray) -> np.ndarray:
@@ -267,35 +261,20 @@ def _largest_if_none(scores: np.ndarray) -> np.ndarray:
     return np.where(np.isnan(scores), np.float32(np.inf), scores)
 
 
-def _require_different(sources: Sequence[Path], some: Sequence[FreshOperations]) -> None:
+def _require_different(sources: Sequence[Path], some: Sequence[pd.DataFrame]) -> None:
     """UserError where two sources have the same operators: units would count twice, or all but
     one source for none.
     """
     first: dict[str, Path] = {}
     for source, one in zip(sources, some, strict=True):
-        if one.origin in first:
+        origin = one.attrs["origin"]
+        if origin in first:
             raise UserError(
                 f"{source}: its operations are of the same operators as those of"
-                f" {first[one.origin]} ({one.origin}), and of each operator one operation counts:"
+                f" {first[origin]} ({origin}), and of each operator one operation counts:"
                 " check each by itself"
             )
-        first[one.origin] = source
-
-
-def _joined(some: list[FreshOperations]) -> FreshOperations:
-    """All of them, each source's units apart; the scores that all have."""
-    units, last = [], 0
-    for one in some:
-        _, own = np.unique(one.unit, return_inverse=True)
-        units.append(own + last)
-        last += int(own.max()) + 1
-    names = [name for name in some[0].scores if all(name in one.scores for one in some)]
-    return FreshOperations(
-        " and ".join(one.origin for one in some),
-        np.concatenate(units),
-        np.concatenate([one.hours for one in some]),
-        {name: np.concatenate([one.scores[name] for one in some]) for name in names},
-    )
+        first[origin] = source
 
 
 def _require_length(source: Path, seconds: float, record: dict[str, Any]) -> None:
@@ -310,8 +289,3 @@ def _require_length(source: Path, seconds: float, record: dict[str, Any]) -> Non
 
 def _is_part(path: Path, digest: str) -> bool:
     return path.is_file() and files.sha256(path) == digest
-
-
-def _reference(path: Path) -> dict[str, np.ndarray]:
-    table = pd.read_csv(path).drop(columns="operator")
-    return {str(name): values.to_numpy(np.float32) for name, values in table.items()}

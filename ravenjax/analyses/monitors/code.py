@@ -1,5 +1,4 @@
-"""The code of a monitor: a Python file that a campaign takes as a detector, and C99 for a robot's
-own software.
+"""Prints a monitor as a Python file for campaigns and as C99 for a robot's own software.
 
 Both are printed from the same terms. Every number is read as a float, and one that is no number as
 0, which also keeps an engine from joining the read with the subtraction that follows. The C does
@@ -18,6 +17,7 @@ import jinja2
 
 from ravenjax.analyses.monitors.monitor import WHOLE, Monitor, Segments, list_reads, name_read
 from ravenjax.analyses.monitors.scores import Score
+from ravenjax.report import wording
 
 PART, HEADER, SOURCE, TEST = "monitor.py", "monitor.h", "monitor.c", "monitor_test.c"
 """Files of a monitor; each has a template of its name."""
@@ -90,12 +90,7 @@ def _fill(name: str, **values: object) -> str:
 
 @functools.cache
 def _environment() -> jinja2.Environment:
-    templates = jinja2.Environment(
-        loader=jinja2.PackageLoader("ravenjax.analyses.monitors"),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        keep_trailing_newline=True,
-    )
+    templates = wording.text_templates("ravenjax.analyses.monitors")
     templates.filters["c"] = _write_float
     return templates
 

@@ -1,6 +1,4 @@
-"""A calibrated monitor, as data: terms in their scales, a threshold, and what its promise rests
-on.
-"""
+"""A calibrated monitor as data: terms with their scales, and a threshold."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Fault-free operations in bulk: each operator another motion, each of its operations another
-robot; scores alone.
+"""Computes fault-free operations in bulk and keeps only their scores. Operators differ in motion,
+operations in robot.
 
 What a detector sees of a run without a fault does not depend on the golden run beside it, which is
 the run itself. So operations are computed once, compared with nothing, and nothing of them is held
@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
@@ -159,10 +159,8 @@ class OperationRunner:
         self.detectors = tuple(name for name, *_ in config.detectors)
         self._own, self._lock = threading.local(), threading.Lock()
 
-    def compute(
-        self, numbers: Sequence[int], on_ticks: Callable[[int], None] | None = None
-    ) -> Iterator[OperatorScores]:
-        """Those operators, in order; a few are under way at a time. Close it to give up what is."""
+    def compute(self, numbers: Sequence[int]) -> Iterator[OperatorScores]:
+        """Compute these operators, in order, a few at a time. Closing the iterator cancels them."""
         threads = self._side_by_side() + 1  # one more plans while the others run
         with ThreadPoolExecutor(threads) as pool:
             coming: deque[Future[OperatorScores]] = deque()
@@ -170,7 +168,7 @@ class OperationRunner:
             try:
                 while True:
                     while len(coming) < 2 * threads and (number := next(rest, None)) is not None:
-                        coming.append(pool.submit(self._operator, number, on_ticks))
+                        coming.append(pool.submit(self._operator, number))
                     if not coming:
                         return
                     yield interruption.result(coming.popleft())
@@ -185,28 +183,26 @@ class OperationRunner:
         lanes = self._kernel(self._first).branches
         return max(self._engine.threads, min(MOST_AT_A_TIME, -(-lanes // self.design.robots)))
 
-    def _operator(self, number: int, on_ticks: Callable[[int], None] | None) -> OperatorScores:
+    def _operator(self, number: int) -> OperatorScores:
         ready = plan.make_plan(of_operator(self.config, self.design, number))
         assert ready.runs == self.design.robots, (
             f"{ready.runs} operations of {self.design.robots} robots"
         )
         kernel = self._kernel(ready)
         parts = [
-            self._block(
-                ready, kernel, np.arange(first, min(first + kernel.lanes, ready.runs)), on_ticks
-            )
+            self._block(ready, kernel, np.arange(first, min(first + kernel.lanes, ready.runs)))
             for first in range(0, ready.runs, kernel.lanes)
         ]
         score, hours = (np.concatenate(column) for column in zip(*parts, strict=True))
         return OperatorScores(number, *self.design.operator(number), score, hours)
 
     def _block(
-        self, ready: Plan, kernel: Kernel, rows: np.ndarray, on_ticks: Callable[[int], None] | None
+        self, ready: Plan, kernel: Kernel, rows: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Scores and hours of these rows."""
         program, lanes = ready.program, kernel.size(len(rows))
         block = Block(*ready.lanes(rows, lanes, harmless=True), NO_REFERENCE)
-        own = kernel.run(block, ready.columns, on_ticks).outcomes
+        own = kernel.run(block, ready.columns).outcomes
         columns = [own[f"detector{d}_score"][: len(rows)] for d in range(len(self.detectors))]
         score = np.stack(columns, axis=1).astype(np.float32)
         score[own["failed_ms"][: len(rows)] >= 0] = np.nan

@@ -1,29 +1,24 @@
-"""Scores of operations on disk: Parquet parts of some operators each, added to until there are
-enough.
+"""Stores scores of operations, one Parquet file an operator.
 
-Each part is written aside and renamed, so whatever ends a start, finished parts stay and the next
-one goes on.
+Each file is written aside and renamed. After an interruption the next start keeps the finished
+operators and computes the others.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
+import pandas as pd
 
 from ravenjax.analyses.monitors.operations import OperatorScores
 from ravenjax.errors import StoreError, UserError
 from ravenjax.store import files
 
 FOLDER, DESIGN, PARTS = "operations", "design.json", "parts"
-OPERATORS = 32
-"""Of a part."""
 
 
 class Peaks(NamedTuple):
@@ -34,72 +29,59 @@ class Peaks(NamedTuple):
     peak: np.ndarray  # float32 [operations, detectors]; NaN: a number was not finite
 
     def taken_from(self, mask: np.ndarray) -> Peaks:
-        """Those operations."""
+        """The operations that `mask` marks."""
         return Peaks(*(values[mask] for values in self))
 
 
-class ScoreFolder:
-    """The operations of one design."""
-
-    def __init__(self, folder: Path, design: dict[str, Any]) -> None:
-        """Begin, or go on with, `folder`. design: as JSON; UserError where its operations are of
-        another.
-        """
-        self.path = folder
-        files.require_writable(folder)
-        self._record(design)
-        (folder / PARTS).mkdir(exist_ok=True)
-
-    def _record(self, design: dict[str, Any]) -> None:
-        path, text = self.path / DESIGN, json.dumps(design, indent=1) + "\n"
-        if path.exists():
-            before = read_design(self.path)
-            if other := sorted(
-                key for key in {*before, *design} if before.get(key) != json.loads(text).get(key)
-            ):
-                raise UserError(
-                    f"{self.path} holds operations of another {' and '.join(other)}: give another"
-                    " folder, or the same campaign, signals and options to go on"
-                )
-        else:
-            files.write_aside(path, lambda aside: aside.write_text(text, encoding="utf-8"))
-
-    def missing(self, units: int) -> Iterator[range]:
-        """Operators below `units` of which no part is there, a part at a time."""
-        for first in range(0, units, OPERATORS):
-            wanted = range(first, min(first + OPERATORS, units))
-            if self._part(first).exists():
-                wanted = range(first + _operators(self._part(first)), wanted.stop)
-            if wanted:
-                yield wanted
-
-    def put(self, some: Sequence[OperatorScores]) -> None:
-        """Add operators, all of one part, in order; not those that another process has added
-        meanwhile.
-        """
-        path = self._part(some[0].operator // OPERATORS * OPERATORS)
-        before = [pq.read_table(path)] if path.exists() else []
-        there = {number for table in before for number in table.column("operator").to_pylist()}
-        table = pa.concat_tables(
-            [*before, *(_table(one) for one in some if one.operator not in there)]
+def open_folder(folder: Path, design: dict[str, Any]) -> None:
+    """Begin, or go on with, a folder of operations. UserError where it holds operations of another
+    design (as JSON has it).
+    """
+    (folder / PARTS).mkdir(parents=True, exist_ok=True)
+    files.require_writable(folder)
+    path, text = folder / DESIGN, json.dumps(design, indent=1) + "\n"
+    if not path.exists():
+        files.write_aside(path, lambda aside: aside.write_text(text, encoding="utf-8"))
+    before, after = read_design(folder), json.loads(text)
+    if other := sorted(key for key in {*before, *after} if before.get(key) != after.get(key)):
+        raise UserError(
+            f"{folder} holds operations of another {' and '.join(other)}: give another"
+            " folder, or the same campaign, signals and options to go on"
         )
-        files.write_aside(path, lambda aside: pq.write_table(table, aside, compression="zstd"))
-
-    def read(self, units: int) -> Peaks:
-        """The operations of operators below `units`."""
-        return read(self.path, units)
-
-    def _part(self, first: int) -> Path:
-        return self.path / PARTS / f"operators-{first:07d}.parquet"
 
 
-def filled(
-    folder: ScoreFolder, units: int, compute: Callable[[range], Iterator[OperatorScores]]
-) -> Peaks:
-    """The operations of operators below `units`, those that are missing computed first."""
-    for wanted in folder.missing(units):
-        folder.put(list(compute(wanted)))
-    return folder.read(units)
+def list_missing(folder: Path, units: int) -> list[int]:
+    """Operators below `units` that are not in the folder."""
+    return [number for number in range(units) if not _file(folder, number).exists()]
+
+
+def add(folder: Path, operator: OperatorScores) -> None:
+    """Store the operations of an operator."""
+    columns = {"hours": operator.hours} | {
+        f"score{number}": scores for number, scores in enumerate(operator.score.T)
+    }
+    table = pd.DataFrame(columns).assign(
+        operator=operator.operator, motion=operator.motion, seed=operator.seed
+    )
+    files.write_aside(
+        _file(folder, operator.operator), lambda path: table.to_parquet(path, index=False)
+    )
+
+
+def read(folder: Path, units: int | None = None) -> Peaks:
+    """The operations in a folder, of operators below `units` if given. Raises StoreError where a
+    file is unreadable.
+    """
+    paths = _list_files(folder)
+    if not paths:
+        raise StoreError(f"{folder}: holds no operations yet")
+    try:
+        table = pd.concat([files.read_table(path) for path in paths], ignore_index=True)
+    except UserError as error:
+        raise StoreError(f"{error}; remove it, and the same command goes on") from None
+    peak = table.filter(regex=r"^score\d+$").to_numpy(np.float32)
+    peaks = Peaks(table["operator"].to_numpy(), table["hours"].to_numpy(), peak)
+    return peaks if units is None else peaks.taken_from(peaks.unit < units)
 
 
 def read_design(folder: Path) -> dict[str, Any]:
@@ -113,48 +95,15 @@ def read_design(folder: Path) -> dict[str, Any]:
     return content
 
 
-def read(folder: Path, units: int | None = None) -> Peaks:
-    """The operations in a folder, of operators below `units` if given. Raises StoreError where a
-    part is unreadable.
-    """
-    paths = sorted((folder / PARTS).glob("operators-*.parquet"))
-    if not paths:
-        raise StoreError(f"{folder}: holds no operations yet")
-    try:
-        table = pa.concat_tables([pq.read_table(path) for path in paths])
-    except (OSError, pa.ArrowException) as error:
-        raise StoreError(
-            f"{folder}: a part cannot be read ({error}); remove it, and the same command goes on"
-        ) from None
-    peak = table.column("score").combine_chunks().flatten().to_numpy(zero_copy_only=False)
-    out = Peaks(
-        table.column("operator").to_numpy(),
-        table.column("hours").to_numpy(),
-        peak.reshape(table.num_rows, -1),
-    )
-    return out if units is None else out.taken_from(out.unit < units)
-
-
 def digest(folder: Path) -> str:
-    """sha256 over the parts in order."""
-    whole = hashlib.sha256()
-    for path in sorted((folder / PARTS).glob("operators-*.parquet")):
-        whole.update(bytes.fromhex(files.sha256(path)))
-    return whole.hexdigest()
+    """sha256 over the operators in order."""
+    sums = (bytes.fromhex(files.sha256(path)) for path in _list_files(folder))
+    return hashlib.sha256(b"".join(sums)).hexdigest()
 
 
-def _operators(path: Path) -> int:
-    return len(np.unique(pq.read_table(path, columns=["operator"]).column(0).to_numpy()))
+def _file(folder: Path, operator: int) -> Path:
+    return folder / PARTS / f"operator-{operator:07d}.parquet"
 
 
-def _table(one: OperatorScores) -> pa.Table:
-    rows, detectors = one.score.shape
-    score = pa.FixedSizeListArray.from_arrays(pa.array(one.score.ravel(), pa.float32()), detectors)
-    columns = {
-        "operator": pa.array(np.full(rows, one.operator, np.int64)),
-        "motion": pa.array([one.motion] * rows).dictionary_encode(),
-        "seed": pa.array(np.full(rows, one.seed, np.int64)),
-        "hours": pa.array(one.hours, pa.float64()),
-        "score": score,
-    }
-    return pa.table(columns)
+def _list_files(folder: Path) -> list[Path]:
+    return sorted((folder / PARTS).glob("operator-*.parquet"))

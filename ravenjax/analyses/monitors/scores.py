@@ -1,5 +1,5 @@
-"""Scores of candidate checks, as data: which number of the robot's view, how it is looked at, in
-what it is measured.
+"""Scores of candidate checks as data: a field of the robot's view, how it is evaluated, and its
+scale.
 
 - `bound`: |x| over its scale.
 - `rate`: |x - x a millisecond ago| over its scale; 0 in the first millisecond.

@@ -1,5 +1,5 @@
-"""Inputs of a monitor and what it says of them, millisecond by millisecond, taken from the tick
-as it runs.
+"""Records a monitor's inputs and scores millisecond by millisecond, as a test vector for its C
+code.
 """
 
 from __future__ import annotations

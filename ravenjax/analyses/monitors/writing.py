@@ -1,4 +1,4 @@
-"""The folder of a monitor: its files, and their checksums."""
+"""Writes and reads the folder of a monitor."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ RECORD, VECTOR, REFERENCE = "monitor.toml", "test_vector.csv", "reference.csv"
 DETECTOR = "detector.toml"
 """The part as a campaign names it: a detector alarms above 1 unless it is given its threshold."""
 ENGINE = "simd"
-"""Of the test vector: a CPU's, whose operations are C's, whatever computed the operations."""
+"""Engine of the test vector: a CPU's, because its arithmetic is that of C."""
 
 
 def write(out: Path, config: CampaignConfig, design: OperationDesign, result: Calibrated) -> None:
@@ -179,7 +179,7 @@ def _reference(peaks: score_folder.Peaks, monitor: Monitor, result: Calibrated) 
 
 
 def measured_names(monitor: Monitor) -> list[str]:
-    """Of each term in each segment, in the order of the operations' columns."""
+    """Name of each term in each segment, in the order of the operations' columns."""
     if monitor.segments.count == 1:
         return [term.name for term in monitor.terms]
     return [

@@ -1,3 +1,3 @@
-"""Finding what matters: the smallest fault that does harm, the parameters that decide, how rare
-a rare outcome is.
+"""Searches: the smallest harmful fault, the inputs that decide an outcome, the probability of a
+rare event.
 """

@@ -1,5 +1,4 @@
-"""Runs of a template as a function of their inputs: planned once, compiled once, then batch after
-batch.
+"""Computes outcomes of a search's points. The template is planned and compiled once.
 
 The same point is the same run: its id hashes its content, as that of any campaign's run, so what a
 run draws (effect "random", noise) is drawn in a campaign with that row, too, and a point that comes

@@ -1,5 +1,5 @@
-"""The runs of a search on disk as they come, so that the same command goes on wherever the last one
-ended.
+"""Stores the runs of a search as they finish, so that the same command continues after an
+interruption.
 
 A search is made of batches, each of which follows from the outcomes of those before. What is kept
 is runs alone: the next start takes the same way again, finds the runs of finished batches here, and

@@ -1,12 +1,10 @@
-"""Writes what a search is and what it found: search.json, search.md, search.html and its
-figures.
-"""
+"""Writes a search and its result: search.json, search.md, search.html and the figure."""
 
 from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +12,7 @@ import jinja2
 import numpy as np
 
 from ravenjax.analyses.search import style
-from ravenjax.analyses.search.findings import (
-    SearchFindings,
+from ravenjax.analyses.search.wording import (
     laws,
     number,
     plain,
@@ -25,16 +22,10 @@ from ravenjax.analyses.search.findings import (
 )
 from ravenjax.document import html
 from ravenjax.errors import UserError, listed
+from ravenjax.report import wording
 from ravenjax.store import files, manifest
 
 NUMBERS, TEXT, PAGE = "search.json", "search.md", "search.html"
-TEMPLATES = {
-    "boundary": "boundary.md.j2",
-    "sobol": "indices.md.j2",
-    "morris": "indices.md.j2",
-    "rare": "rare.md.j2",
-}
-"""Kind of search -> what its page is made from."""
 
 
 def open_folder(out: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
@@ -65,19 +56,25 @@ def open_folder(out: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
     return earlier
 
 
-def write(out: Path, record: dict[str, Any], findings: SearchFindings) -> list[str]:
+def write(
+    out: Path, record: dict[str, Any], template: str, draw: Callable[[dict[str, Any]], Any]
+) -> list[str]:
     """Write all files of a search, each whole or not at all; the sentences of its page. Raises
     StoreError where the disk refuses.
+
+    draw: makes the figure of the result.
     """
-    figures = {name: f"{name}.svg" for name in findings.figures}
-    for name, draw in findings.figures.items():
-        style.save(draw(), out / figures[name])
-    template = _environment().get_template(TEMPLATES[record["kind"]])
-    text = template.render(record=record, numbers=findings.numbers, figures=figures)
-    drawings = {file: (out / file).read_text(encoding="utf-8") for file in figures.values()}
+    figure = f"{record['kind']}.svg"
+    style.save(draw(record["result"]), out / figure)
+    text = (
+        _environment()
+        .get_template(template)
+        .render(record=record, numbers=record["result"], figure=figure)
+    )
     _text(out / TEXT, text)
-    _text(out / PAGE, html.from_markdown(text, drawings))
-    _json(out / NUMBERS, record | {"result": findings.numbers})
+    drawing = (out / figure).read_text(encoding="utf-8")
+    _text(out / PAGE, html.from_markdown(text, {figure: drawing}))
+    _json(out / NUMBERS, record)
     return [line[2:] for line in text.splitlines() if line.startswith("- ")]
 
 
@@ -91,11 +88,7 @@ def _text(path: Path, text: str) -> None:
 
 @functools.cache
 def _environment() -> jinja2.Environment:
-    templates = jinja2.Environment(
-        loader=jinja2.PackageLoader("ravenjax.analyses.search"),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-    )
+    templates = wording.text_templates("ravenjax.analyses.search")
     templates.filters |= {
         "cell": lambda value: str(value).replace("|", r"\|"),
         "general": "{:g}".format,

@@ -1,26 +1,39 @@
-"""Runs a search file, or finishes it: template, evaluator, the search of its kind, output."""
+"""Runs a search file, or continues an interrupted search."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from ravenjax.analyses.search import output
 from ravenjax.analyses.search.boundary import bisection
+from ravenjax.analyses.search.boundary import figure as boundary_figure
 from ravenjax.analyses.search.evaluator import Evaluator
 from ravenjax.analyses.search.file import loading
 from ravenjax.analyses.search.file import outcome as outcomes
-from ravenjax.analyses.search.file.config import Boundary, Rare, SearchConfig
+from ravenjax.analyses.search.file.config import Rare, SearchConfig
 from ravenjax.analyses.search.file.template import Template
-from ravenjax.analyses.search.findings import SearchFindings, plain
 from ravenjax.analyses.search.indices import analysis
+from ravenjax.analyses.search.indices import figure as indices_figure
 from ravenjax.analyses.search.journal import Journal
 from ravenjax.analyses.search.rare import simulation
+from ravenjax.analyses.search.wording import plain
 from ravenjax.campaign.progress import OnProgress, ProgressFile
 from ravenjax.store import files, manifest
 from ravenjax.store.access import lock
+
+INDICES = analysis.due, analysis.find, "indices.md.j2", indices_figure.draw
+KINDS: dict[
+    str, tuple[Callable[..., int], Callable[..., dict[str, Any]], str, Callable[..., Any]]
+] = {
+    "boundary": (bisection.due, bisection.find, "boundary.md.j2", boundary_figure.draw),
+    "sobol": INDICES,
+    "morris": INDICES,
+    "rare": (simulation.due, simulation.find, "rare.md.j2", simulation.draw),
+}
+"""How to estimate the runs of each kind of search, to search, to write and to draw the result."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,8 +41,7 @@ class SearchResult:
     """A search that has run."""
 
     out: Path  # its folder
-    findings: SearchFindings
-    record: dict[str, Any]  # what search.json says beside the findings
+    record: dict[str, Any]  # what search.json says; its result is the numbers that were found
     sentences: list[str]  # the answer in short
 
 
@@ -64,32 +76,21 @@ def _into(
     search, identity = config.search, _identity(config, evaluator)
     earlier = output.open_folder(folder, identity)
     journal = Journal(folder, manifest.config_hash(identity), earlier.get("rows_sha256"))
-    estimates = {Boundary: bisection.due, Rare: simulation.due}
-    due = estimates.get(type(search), analysis.due)(evaluator.template, search)  # pyright: ignore[reportArgumentType]
+    estimate, find, template, draw = KINDS[search.kind]
+    due = estimate(evaluator.template, search)
     evaluator.keep_in(journal, due, ProgressFile(folder, on_progress))
     try:
         with journal:
-            findings = _find(config, evaluator, folder)
+            result = find(evaluator.template, search, evaluator, folder)
     except BaseException:
         evaluator.progress.tell("stopped")
         raise
-    record = (
-        identity | _record(config, evaluator) | {"rows_sha256": journal.conclude(evaluator.rows())}
-    )
-    sentences = output.write(folder, record, findings)
+    rows = {"rows_sha256": journal.conclude(evaluator.rows())}
+    record = identity | _record(config, evaluator) | rows | {"result": result}
+    sentences = output.write(folder, record, template, draw)
     journal.forget()
     evaluator.progress.tell("done")
-    return SearchResult(folder, findings, record, sentences)
-
-
-def _find(config: SearchConfig, evaluator: Evaluator, folder: Path) -> SearchFindings:
-    """The search of its kind."""
-    search, template = config.search, evaluator.template
-    if isinstance(search, Boundary):
-        return bisection.find(template, search, evaluator, folder)
-    if isinstance(search, Rare):
-        return simulation.find(template, search, evaluator)
-    return analysis.find(template, search, evaluator)
+    return SearchResult(folder, record, sentences)
 
 
 def _identity(config: SearchConfig, evaluator: Evaluator) -> dict[str, Any]:

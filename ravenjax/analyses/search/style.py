@@ -1,4 +1,4 @@
-"""Look of a search's figures: that of every figure, with titles at the left."""
+"""Style of a search's figures."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ravenjax.document import figure_style
 from ravenjax.report.drawing import save_figure
 
 COLOURS = ("#0072b2", "#d9571b", "#8b2a6b", "#009e73", "#7a6a00", "#56b4e9", "#555555")
-"""Told apart by colour-blind readers."""
+"""Colours that colour-blind readers can distinguish."""
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 STYLE: dict[Any, Any] = figure_style.STYLE | {
@@ -21,7 +21,7 @@ STYLE: dict[Any, Any] = figure_style.STYLE | {
 
 
 def save(figure: Any, path: Path) -> None:
-    """As SVG without a date, whole or not at all."""
+    """Write a figure as SVG without a date, whole or not at all."""
     import matplotlib
 
     with matplotlib.rc_context(STYLE):

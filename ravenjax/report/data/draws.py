@@ -1,4 +1,4 @@
-"""Which groups of a campaign draw their faults, by the record of the campaign.
+"""Finds the groups of a campaign that draw their faults.
 
 The others enumerate fixed values: nothing is sampled there, and a rate has no sampling interval.
 """

@@ -1,5 +1,5 @@
-"""What the report says about each run, derived once from the result table: SQL, so that a table may
-exceed memory.
+"""Derives the facts of each run that the report counts from the result table, in SQL, so that a
+table may exceed memory.
 
 `define` makes the table `facts` beside a result table, `derive` the same of a DataFrame.
 """
@@ -53,7 +53,7 @@ class Choices(NamedTuple):
 
 
 def choices(manifest: Manifest) -> Choices:
-    """Those of the campaign that a manifest describes."""
+    """What the campaign of a manifest chose."""
     reaction = manifest.config.get("reaction") or {}
     return Choices(
         manifest.rules,
@@ -68,7 +68,7 @@ def of(frame: pd.DataFrame, manifest: Manifest) -> pd.DataFrame:
 
 
 USUAL = Choices()
-"""Of a campaign that chose nothing."""
+"""The choices of a campaign that chose nothing."""
 
 
 def derive(frame: pd.DataFrame, chosen: Choices = USUAL) -> pd.DataFrame:
@@ -316,7 +316,7 @@ def _listed(columns: Mapping[str, str]) -> str:
 
 
 def warned(frame: pd.DataFrame, cue: int) -> np.ndarray:
-    """As `warned_sql`, of a result table in memory: [rows]."""
+    """The same as `warned_sql` for a result table in memory: [rows]."""
     return verdict.beyond_golden(frame[f"cue{cue}_first_ms"], frame[f"golden_cue{cue}_first_ms"])
 
 

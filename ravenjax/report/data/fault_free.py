@@ -1,5 +1,5 @@
-"""Fault-free motion, in which every cue and alarm is a false one: the golden runs of a campaign,
-and what lies beside.
+"""Fault-free motion, in which every cue and alarm is a false one: golden runs of a campaign, and
+runs in its folder fault_free.
 
 A rate is of first alarms: a motion counts once, and its time until then. So it is the same for many
 short motions and for one long one, and does not rise where a cue that has come flickers.

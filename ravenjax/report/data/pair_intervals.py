@@ -1,5 +1,5 @@
-"""Intervals over pairs of runs: of faults that were drawn, all pairs of one fault together; none
-of enumerated ones.
+"""Intervals over pairs of runs: all pairs of one drawn fault count together; enumerated faults have
+no interval.
 """
 
 from __future__ import annotations

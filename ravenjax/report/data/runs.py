@@ -1,5 +1,4 @@
-"""Every run of a result table and what the report says about it, asked by SQL: counts of all, rows
-of a few.
+"""Queries over all runs of a campaign: the result table beside the facts of each run.
 
 Whatever a section counts is counted over all rows. What needs the rows themselves takes at most a
 given number of them, drawn by a hash of the row's number, so that the same table always gives the
@@ -8,7 +7,7 @@ same rows; the page says so.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -31,8 +30,6 @@ UNINTENDED = "sample AND faulty AND unintended"
 """Condition of the runs whose times are told: one run of each fault that made an unintended
 motion.
 """
-BATCH = 200_000
-"""Rows of a table that are looked at together, where SQL does not say what is asked."""
 TIP_ERROR = "tip_error"
 """Kind of the detector that measures how far the reported tip is from the nominal model, mm."""
 
@@ -76,7 +73,7 @@ class Runs:
 
     @staticmethod
     def open(folder: Path, manifest: Manifest) -> Runs:
-        """Those of a result folder. Raises StoreError as `query.open_folder`."""
+        """Open the runs of a result folder. Raises StoreError as `query.open_folder`."""
         table = query.open_folder(folder)
         try:
             return Runs(table, manifest, fault_free.find(folder, manifest))
@@ -86,7 +83,7 @@ class Runs:
 
     @staticmethod
     def of(frame: pd.DataFrame, manifest: Manifest) -> Runs:
-        """Those of a result table in memory; a row's number is its place."""
+        """The runs of a result table in memory; a row's number is its place."""
         table = query.empty()
         run_facts.take(table, frame)
         return Runs(table, manifest)
@@ -219,14 +216,6 @@ class Runs:
         )
         return raw.join(facts.set_index("row")).loc[rows].to_dict("records")  # pyright: ignore[reportReturnType]
 
-    def batches(self, names: list[str]) -> Iterator[pd.DataFrame]:
-        """Columns of `results` for all rows, in any order, some rows at a time; words are
-        categories.
-        """
-        listed = ", ".join(map(quoted, names))
-        for batch in self.table.batches(f"SELECT {listed} FROM {RESULTS}", BATCH):
-            yield batch.to_pandas(strings_to_categorical=True)
-
     def drawn(
         self, columns: str, where: str, most: int, by: str = "row", of: str = ""
     ) -> pd.DataFrame:
@@ -264,7 +253,7 @@ def cue_leads(manifest: Manifest, number: int) -> bool:
 
 
 def detector_leads(manifest: Manifest, detector: DetectorRecord, threshold: float) -> bool:
-    """The same of a detector at a threshold."""
+    """Whether it is a finding that a detector at a threshold alarms before the motion."""
     return detector.kind != TIP_ERROR or threshold < manifest.limit_mm
 
 

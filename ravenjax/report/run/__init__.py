@@ -1,1 +1,1 @@
-"""Single runs: what happened in one, in words and as a figure, and which runs are the worst."""
+"""Reports about single runs: events in words, figures, and the worst runs."""

@@ -1,5 +1,5 @@
-"""The chain of one run, from fault to error to failure: where it differs from its golden run,
-signal by signal.
+"""The chain of one run from fault to failure: when each signal differs from the golden run and
+leaves its normal range.
 
 Signals are the seams of the robot's tick, each of an arm; their times are the earliest of their
 numbers'. A signal is *visible* from the tick in which it leaves its normal range: a check of that
@@ -100,7 +100,7 @@ class Chain(NamedTuple):
 
     @property
     def in_time(self) -> ChainLink | None:
-        """The same where it was before harm."""
+        """The first visible signal, if it was visible before harm."""
         first = self.first
         return first if first is not None and (first.left_ms or 0) > 0 else None
 

@@ -42,34 +42,8 @@ def title(one: Chain) -> str:
 
 
 def sentences(one: Chain) -> list[str]:
-    """What the chain says, a sentence a line."""
-    lines = [f"{one.group}: {one.fault}."]
-    if one.fault_ms < 0:
-        return [*lines, "The fault never changed a value: nothing differs from the golden run."]
-    lines.append(
-        f"The fault first changed a value at {_ms(one.fault_ms)};"
-        f" {_named(one.hazard, one.harm_ms)}."
-    )
-    check = "No check told anyone"
-    if one.told_ms >= 0:
-        check = f"A check told a person, or stopped the robot, at {_ms(one.told_ms)}"
-    cue = f"the cue came at {_ms(one.cue_ms)}" if one.cue_ms >= 0 else "no cue came"
-    lines.append(f"{check}; {cue}.")
-    return [*lines, visible(one)]
-
-
-def visible(one: Chain) -> str:
-    """Where a check could have seen it, in a sentence."""
-    first = one.first
-    if first is None:
-        return "No signal ever left its normal range: no check of a range could have seen it."
-    where = f"{first.signal} ({first.leaves_in}), {first.meaning}"
-    text = f"First visible at {_ms(first.leaves_ms)}: {where}, left its normal range"
-    if first.left_ms is None:
-        return f"{text}."
-    if first.left_ms > 0:
-        return f"{text} {wording.count(first.left_ms)} ms before harm."
-    return f"{text}, not before harm."
+    """What the chain says, a sentence a line; the last says where a check could have seen it."""
+    return wording.sentences("chain.txt.j2", chain=one)
 
 
 def link_rows(one: Chain) -> list[tuple[str, ...]]:
@@ -109,7 +83,7 @@ def check_rows(one: Chain) -> list[tuple[str, ...]]:
 
 
 def as_dict(one: Chain) -> dict[str, Any]:
-    """As JSON has it."""
+    """The chain as plain values for JSON."""
     first = one.first
     return {
         **{name: value for name, value in one._asdict().items() if name not in ("links", "checks")},
@@ -197,7 +171,8 @@ def figure(one: Chain) -> Figure | None:
     axes.set_xlabel(chart.x.title)
     axes.tick_params("y", labelsize=7.5)
     drawing.suptitle(chart.title, x=0.01, ha="left", fontsize=10, fontweight="bold")
-    lines = [textwrap.fill(text, LETTERS) for text in (sentences(one)[0], visible(one))]
+    first, *_, last = sentences(one)
+    lines = [textwrap.fill(text, LETTERS) for text in (first, last)]
     axes.set_title("\n".join(lines), loc="left", x=0.0, fontsize=8, color="#3a424c")
     drawing.legend(loc="outside lower left", ncols=3, fontsize=8)
     return drawing
@@ -215,14 +190,6 @@ def _names(one: Chain) -> Iterator[str]:
     for link in one.links:
         yield link.signal if link.layer == layer else f"{link.layer} · {link.signal}"
         layer = link.layer
-
-
-def _named(hazard: str, ms: int) -> str:
-    if ms >= 0:
-        return f"{hazard} began at {_ms(ms)}"
-    return (
-        "no hazard came of it" if hazard == "none" else f"{hazard}: the robot was not live too long"
-    )
 
 
 def _left(link: ChainLink) -> str:

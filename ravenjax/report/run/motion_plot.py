@@ -1,6 +1,4 @@
-"""A recorded operator before and after, as a picture: the whole recording, and the part that is
-replayed.
-"""
+"""Draws a recorded operator: the whole recording, and the part that is replayed."""
 
 from __future__ import annotations
 

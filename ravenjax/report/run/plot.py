@@ -1,5 +1,4 @@
-"""One run as a figure for a paper or a report: how far the tip went, what the hand felt, what the
-motors were told.
+"""Draws one run: distance of the tip, haptic force, motor commands and states over time.
 
 Two tips are drawn: the true one, where the links of the virtual robot are, and the one that the
 robot reports, on which the cue acts.

@@ -1,4 +1,4 @@
-"""Which runs of a result table were worst, by what one asks."""
+"""Finds the worst runs of a result table."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""One run in words: which fault, what happened when, how far the tip went. Lines for a terminal,
-parts for a page.
+"""One run in words: its fault, its verdict, its events in order, and its largest distances and
+forces.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class RunSummary(NamedTuple):
     peaks: Sequence[str]  # largest distances, depths and forces, with units
 
     def lines(self) -> list[str]:
-        """As a terminal shows it; events of level "debug" are left out."""
+        """Lines for a terminal; events of level "debug" are left out."""
         visible = [event for event in self.events if event.level != "debug"]
         course = [f"{wording.count(event.ms):>9} ms  {event.text}" for event in visible]
         return [
@@ -41,7 +41,7 @@ class RunSummary(NamedTuple):
         ]
 
     def as_dict(self) -> dict[str, Any]:
-        """As JSON has it."""
+        """Plain values for JSON."""
         return {
             "title": self.title,
             "fault": self.fault,
@@ -170,7 +170,7 @@ class RunEvent(NamedTuple):
     level: str = "info"  # debug (as in the golden run), info, warn or error
 
     def as_dict(self) -> dict[str, Any]:
-        """As the log of a trace takes it."""
+        """Plain values for the log of a trace."""
         return {"tick": self.ms, "kind": self.kind, "level": self.level, "text": self.text}
 
 
@@ -256,7 +256,7 @@ def _checks(
 def _alarms(
     row: Mapping[str, Any], rules: Rules, golden: Mapping[str, Any] | None
 ) -> Iterator[RunEvent]:
-    """Of detectors that press the E-stop."""
+    """Alarms of detectors that press the E-stop."""
     for number, name in rules.stopping:
         first, alarms = (
             int(row[f"detector{number}_threshold0_{what}"]) for what in ("first_ms", "alarms")

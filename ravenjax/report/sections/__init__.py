@@ -1,5 +1,5 @@
-"""Sections of the report: a module or folder here each, with its query, its figures and words, and
-its template beside the modules, named after the section.
+"""Sections of the report. Each is a module here with its query and figures, and a template of its
+name beside it.
 
 A module that has sections lists them as SECTIONS; nothing else needs to know of them.
 """

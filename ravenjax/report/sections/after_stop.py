@@ -1,5 +1,5 @@
-"""What happens after a stop: how long a check took, how far the tip still went, and whether the
-cue came before.
+"""Section "After a stop": how long each check took to stop the robot, and how far the tip still
+went.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ ALL = "every stop"
 
 
 class StopQuantiles(NamedTuple):
-    """Of some runs, in one unit."""
+    """Quantiles over some runs, in one unit."""
 
     median: float
     most: float  # 95 % of the runs have at most so much

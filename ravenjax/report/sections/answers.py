@@ -1,4 +1,4 @@
-"""The first page: which faults evade, how long before anyone can know, what the cue would
+"""First page of the report: which faults evade, how soon anyone can know, and what the cue would
 change.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 from ravenjax.report.data.facts import first_sql
 from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset, cue_leads
 from ravenjax.report.sections import Section, detectors, reaction, robots, tables
-from ravenjax.report.sections.reaction.pairs import Difference
+from ravenjax.report.sections.reaction import Difference
 from ravenjax.stats import latency
 from ravenjax.stats.alarms.false_alarms import AlarmRate
 from ravenjax.stats.intervals import Estimate, Rate
@@ -77,7 +77,7 @@ class Knowledge(NamedTuple):
 
 
 class Announced(NamedTuple):
-    """Of evading faults, what a cue announces before the motion exceeds the limit."""
+    """What a cue announces of evading faults before the motion exceeds the limit."""
 
     cue: CueRecord
     lead: Lead
@@ -100,7 +100,7 @@ class Changed(NamedTuple):
 
 
 def knowledge(runs: Runs) -> Knowledge:
-    """Of the runs of a campaign."""
+    """How soon anyone could know of the unintended motions of a campaign."""
     delay = runs.delays(detectors.known(runs), "active_ms", runs.end, UNINTENDED)[""]
     lag = runs.delays(detectors.before_motion(runs), "unintended_ms", runs.end, UNINTENDED)[""]
     delays, lead = latency.incidence(delay), latency.lead(lag)

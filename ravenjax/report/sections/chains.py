@@ -1,5 +1,5 @@
-"""Explained runs: the worst one by one, and what carries and shows all that evade, in sentences,
-rows and charts.
+"""Section "Chains": which signals carry and show the faults that evade, and the worst explained
+runs.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ COLUMNS = (
     "median lead",
     "visible there first",
 )
-"""Of the table of a terminal."""
+"""Columns of the table in a terminal."""
 NAMES = 3
 """Groups that are named where only some are explained, and places that are named first."""
 ROW = 16  # px of a seam
@@ -50,47 +50,7 @@ ROW = 16  # px of a seam
 
 def sentences(one: Propagation) -> list[str]:
     """What there is to say, a sentence an item."""
-    if not one.evading:
-        return ["No fault evades the checks: there is no silent harm to explain."]
-    verb = "evades" if one.evading == 1 else "evade"
-    lines = [f"{wording.many(one.evading, 'fault')} {verb} the checks."]
-    if not one.runs:
-        return [
-            *lines,
-            "No group that is explained whole holds one of them, so no share can be told.",
-        ]
-    if one.partial:
-        some, more = one.partial[:NAMES], len(one.partial) - NAMES
-        names = ", ".join(some) + (f" and {wording.many(more, 'group')} more" if more > 0 else "")
-        lines.append(
-            f"Here are the {wording.count(one.runs)} of groups that are explained whole; not so"
-            f" {names}."
-        )
-    return [*lines, *_visible(one)]
-
-
-def _visible(one: Propagation) -> list[str]:
-    n, visible = one.runs, one.runs - one.hidden.k
-    if not visible:
-        return [
-            "In none of them did a signal leave its normal range before harm: no check of a range"
-            " could have seen it."
-        ]
-    share = Rate(visible, n, visible / n, 1 - one.hidden.high, 1 - one.hidden.low)
-    when = "it did so" if visible == 1 else "the median of them did so"
-    lines = [
-        f"In {_of(share)} some signal left its normal range before harm, where a check of that"
-        f" range could have seen it; {when} {wording.estimate(one.lead_ms, 'ms')} before harm."
-    ]
-    first = one.first_places[:NAMES]
-    lines.append(
-        "Visible first at "
-        + "; ".join(f"{row.seam}, {row.meaning}: {_of(row.first)}" for row in first)
-        + "."
-    )
-    if one.hidden.k:
-        lines.append(f"In {_of(one.hidden)} nothing left its range in time.")
-    return lines
+    return wording.sentences("chains.txt.j2", all=one, most=NAMES)
 
 
 def table(one: Propagation) -> list[tuple[str, ...]]:
@@ -108,7 +68,7 @@ def table(one: Propagation) -> list[tuple[str, ...]]:
 
 
 def as_dict(one: Propagation) -> dict[str, Any]:
-    """As JSON has it."""
+    """The summary as plain values for JSON."""
     return one._asdict() | {
         "hidden": one.hidden._asdict(),
         "lead_ms": one.lead_ms._asdict(),
@@ -121,13 +81,6 @@ def as_dict(one: Propagation) -> dict[str, Any]:
             for row in one.carriers
         ],
     }
-
-
-def _of(rate: Rate) -> str:
-    """40 of 289 (13.8 %, 10.3–18.3 %)."""
-    bounds = wording.interval(rate)
-    inside = wording.percent(rate.value) + (f", {bounds}" if bounds else "")
-    return f"{wording.count(rate.k)} of {wording.count(rate.n)} ({inside})"
 
 
 def graph(one: Propagation) -> Chart | None:
@@ -225,7 +178,7 @@ def _words(value: Rate | Estimate) -> str:
 
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
-    """Of the runs that `ravenjax explain` put beside a result; None where there are none of this
+    """The runs that `ravenjax explain` put beside a result; None where there are none of this
     campaign.
     """
     try:
@@ -296,13 +249,20 @@ class Propagation(NamedTuple):
     lead_ms: Estimate  # median, from the first signal that shows to harm
 
     @property
+    def visible(self) -> Rate:
+        """Runs that some signal showed before harm."""
+        hidden = self.hidden
+        k = hidden.n - hidden.k
+        return Rate(k, hidden.n, k / hidden.n, 1 - hidden.high, 1 - hidden.low)
+
+    @property
     def first_places(self) -> list[Carrier]:
-        """Where runs were visible first, most of them first."""
+        """Signals at which runs were visible first, the most frequent first."""
         return sorted((one for one in self.carriers if one.first.k), key=lambda one: -one.first.k)
 
 
 def propagation(runs: Runs, ticks: pd.DataFrame) -> Propagation:
-    """Of the explained runs `ticks`, as `store.access.explained` has them."""
+    """Summarise the explained runs `ticks`, as `store.access.explained` has them."""
     whole_robots = robots.drawn_whole(runs)
     among = f"hash({', '.join(map(quoted, whole_robots))})" if whole_robots else "row"
     facts = runs.table.frame(
@@ -325,7 +285,7 @@ def propagation(runs: Runs, ticks: pd.DataFrame) -> Propagation:
         return pair_intervals.rate(hit, among)
 
     def median(values: np.ndarray) -> Estimate:
-        """Of those above 0."""
+        """Median of the values above 0."""
         there = values > 0
         some, each = values[there], np.ones(int(there.sum()), bool)
         own = units.units(np.zeros(len(some), int)) if among is None else among.where(there)

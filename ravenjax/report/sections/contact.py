@@ -1,6 +1,4 @@
-"""How hard faults pressed the instruments on tissue, vessel and each other, beside their golden
-runs.
-"""
+"""Section "Contact": how hard faults pressed the instruments on tissue, vessel and each other."""
 
 from __future__ import annotations
 
@@ -18,7 +16,7 @@ QUANTILES = (0.5, 0.95, 1.0)
 
 
 class ContactQuantiles(NamedTuple):
-    """Of some faults, in one unit."""
+    """Quantiles over some faults, in one unit."""
 
     median: float
     most: float  # 95 % of the faults have at most so much

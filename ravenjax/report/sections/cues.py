@@ -1,5 +1,5 @@
-"""Every haptic threshold and gain on the same runs: hazards that it misses against cues for
-nothing; and which threshold the data would choose.
+"""Section "Haptic sweep": missed hazards and false cues of every haptic set, and the threshold that
+the data choose.
 
 A hazard, an unintended motion, is missed where its run had no cue, or one that the golden run had
 by then, too: such a cue tells of the motion and not of the fault. A false cue is the first one of a

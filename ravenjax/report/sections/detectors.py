@@ -1,5 +1,4 @@
-"""Detectors: which share of unintended motions they recall, how early, and how many false alarms
-they give.
+"""Section "Detectors": recall, delay and false alarms of each detector at each threshold.
 
 The robot's own checks and the haptic cue of the verdicts stand beside the campaign's detectors as
 two that have a single threshold. Rates and times are of one run of each fault; curves are of every
@@ -21,17 +20,15 @@ from ravenjax.document import palette
 from ravenjax.document.chart import EMPTY, Chart, ChartAxis, Curve, Dots, Mark
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data.runs import Runs, after_onset, detector_leads
-from ravenjax.report.drawing import incidence_curve, log_time
 from ravenjax.report.sections import Section, tables
 from ravenjax.stats.alarms.false_alarms import AlarmRate
 from ravenjax.stats.alarms.roc import CurveBand
 from ravenjax.stats.intervals import Estimate, Rate
-from ravenjax.stats.latency import Incidence, Lead
 from ravenjax.store.manifest import DetectorRecord
 
 CHECKS, ALL_CHECKS, CUE = "built-in checks", "all checks, your own too", "haptic cue"
 GRID = np.unique(np.concatenate([np.linspace(0, 0.1, 41), np.linspace(0.1, 1, 91)]))
-"""Of curves: finer where alarms are few, which is where a detector would be used."""
+"""Places of the curves: finer where alarms are few, which is where a detector would be used."""
 DRAWS = 1_000_000
 """Runs drawn for the bands of one curve, all resamples together; between 100 and 400 resamples."""
 MOST_DRAWN = 20_000
@@ -44,10 +41,6 @@ MOST_THRESHOLDS = 12
 HEIGHT = 340  # px, of a chart
 DRAWN = 6
 """Curves shown at first, the largest areas; others wait in the legend."""
-OTHERS = 2
-"""Built-in checks and cue, which stand beside the campaign's detectors."""
-NEAR_MS = 500.0
-"""About the unintended motion, what the chart of leads shows."""
 CAUGHT, DISTURBED = "share of unintended motions with an alarm", "share of other runs with an alarm"
 TELLING = "share of alarms with an unintended motion"
 
@@ -97,18 +90,6 @@ class DetectorRow(NamedTuple):
     )  # None for a check or a cue, and where runs do not differ in it or are all of one fault
     recall: CurveBand | None
     auc: Estimate | None
-
-
-class Curves(NamedTuple):
-    """How early one detector speaks at its quiet threshold (else its highest), over runs with an
-    unintended motion.
-    """
-
-    name: str
-    threshold: float
-    delay: Incidence  # from the fault's first effect
-    lead: Lead
-    leads: bool  # as of DetectorThreshold
 
 
 def alarms(runs: Runs) -> list[ThresholdAlarms]:
@@ -223,16 +204,6 @@ def curve_runs(runs: Runs) -> tuple[int, int]:
     return min(n, MOST_DRAWN), n
 
 
-def curves(runs: Runs) -> list[Curves]:
-    """How early each detector speaks, in the order of `alarms`."""
-    found, result = runs.once(alarms), []
-    for name in dict.fromkeys(one.name for one in found):
-        own = [one for one in found if one.name == name]
-        one = next((threshold for threshold in own if threshold.quiet), own[-1])
-        result.append(Curves(name, one.threshold, *tables.times(runs, one.column), one.leads))
-    return result
-
-
 def _shown(own: list[ThresholdAlarms]) -> list[ThresholdAlarms]:
     places = (
         np.unique(np.linspace(0, len(own) - 1, MOST_THRESHOLDS).round())
@@ -252,7 +223,9 @@ def _what(detector: DetectorRecord) -> str:
 
 
 def _bands(runs: Runs, number: int) -> tuple[CurveBand, CurveBand] | tuple[None, None]:
-    """Of the runs drawn; none where they do not differ in it, or are all of one fault."""
+    """ROC and precision-recall curve of the runs drawn. There are none where these do not differ
+    in the outcome, or are all of one fault.
+    """
     from ravenjax.stats.alarms.roc import precision_recall_band, roc_band
 
     score = f"detector{number}_score"
@@ -283,46 +256,8 @@ def precision_recall_chart(rows: Sequence[DetectorRow]) -> Chart | None:
     return _chart("Precision and recall", rows, "recall", CAUGHT, TELLING)
 
 
-def delay_chart(curves: Sequence[Curves], end_ms: int) -> Chart:
-    """Chart of the time from the first effect to the alarm, over unintended motions."""
-    marks = [
-        incidence_curve(one.delay, _label(one.name, one.threshold), palette.series(number), end_ms)
-        for number, one in enumerate(curves)
-    ]
-    title = "How soon after the first effect"
-    return Chart(title, log_time(end_ms), _share(CAUGHT), _without_bands(marks), HEIGHT)
-
-
-def lead_chart(curves: Sequence[Curves]) -> Chart:
-    """Chart of the time between alarm and unintended motion; left of 0 there is time to act. What
-    fires at the motion's own distance from the model or beyond is left out."""
-    starts, ends = ([float(one.lead.lag.time[end]) for one in curves] for end in (0, -1))
-    marks = []
-    for number, one in enumerate(curves):
-        if one.leads:
-            lag = one.lead.lag
-            name, colour = _label(one.name, one.threshold), palette.series(number)
-            marks.append(Curve.steps(name, colour, lag.time, lag.fraction, end=max(ends)))
-    low, high = max(-NEAR_MS, min(starts) - 10.0), min(NEAR_MS, max(ends) + 10.0)
-    title = "alarm minus unintended motion, ms"
-    time = ChartAxis(title, low, max(high, low + 20.0), unit="ms", line=0.0)
-    shown = _without_bands(marks)
-    return Chart("How long before the motion", time, _share(CAUGHT), shown, HEIGHT)
-
-
 def _label(name: str, threshold: float) -> str:
     return name if np.isnan(threshold) else f"{name} at {threshold:g}"
-
-
-def _without_bands(curves: Sequence[Curve]) -> tuple[Curve, ...]:
-    """Of many side by side: shown are the first ones, and the built-in checks and the cue."""
-    last = len(curves) - OTHERS
-    return tuple(
-        dataclasses.replace(
-            one, low=EMPTY, high=EMPTY, visible=number < 2 * DRAWN or number >= last
-        )
-        for number, one in enumerate(curves)
-    )
 
 
 def _share(title: str) -> ChartAxis:
@@ -372,14 +307,12 @@ def _chart(
 def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
     if not runs.manifest.detectors:
         return None
-    detectors, times = rows(runs), curves(runs)
+    detectors = rows(runs)
     return {
         "detectors": detectors,
         "curve_runs": curve_runs(runs),
         "roc": roc_chart(detectors),
         "precision_recall": precision_recall_chart(detectors),
-        "alarm_delays": delay_chart(times, runs.manifest.duration_ms),
-        "alarm_leads": lead_chart(times),
     }
 
 

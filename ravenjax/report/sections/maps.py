@@ -1,5 +1,5 @@
-"""Maps of what was swept: where faults move the instrument unintendedly, where checks tell, where
-the cue comes, and where faults evade.
+"""Section "Maps": shares of unintended motions, alarms, cues and evading faults over the two inputs
+that decide most.
 
 A map has two inputs as its axes, those that tell most. Inputs with many values are binned. Faults
 of one site and effect have a map of their own where they are enough; all faults together have one
@@ -27,8 +27,6 @@ from ravenjax.store.access.query import RESULTS, quoted
 
 MIN_RUNS = 12
 """Fewer runs of one site and effect are in the map of all faults alone."""
-MORE_PAIRS = 2
-"""Further pairs of inputs, of which the leading measure is drawn."""
 MOST = 1_000_000
 """Faults that are looked at; of more, about so many are drawn."""
 RUNS_PER_CELL, RUNS_PER_BIN = 3, 8
@@ -36,8 +34,6 @@ RUNS_PER_CELL, RUNS_PER_BIN = 3, 8
 MIN_BINS, MAX_BINS = 2, 8
 MOST_VALUES = 12
 """Values of an input that have a bin each."""
-MOST_INPUTS = 6
-"""Inputs of which every pair is tried; of more, those that tell most alone."""
 MOST_ROWS = 24
 """Sites and effects in the map of all faults; the others share a row."""
 WHOLE, PLACE, NO_FAULT = "all faults", "site and effect", "no fault"
@@ -60,7 +56,7 @@ SLOT_INPUTS = {
 more, the first do.
 """
 COMMON = ("fault0_duration_ms", "fault0_start_ms", "fault0_every_ms")
-"""Of those, the ones that mean the same at every site."""
+"""Inputs that mean the same at every site."""
 
 
 class MapMeasure(NamedTuple):
@@ -80,11 +76,11 @@ MEASURES = (
     MapMeasure("cue", "cued", "The cue came", "had the cue"),
     MapMeasure("evaded", "evaded", "Evaded the checks", "evaded"),
 )
-"""Of runs with a fault; the first is the leading one, where it came in some runs and not in
-others.
+"""Measures of runs with a fault. The first is the leading one, where it came in some runs and not
+in others.
 """
 FREE_MEASURES = (MEASURES[1], MapMeasure("cue", "cue_ms >= 0", "The cue came", "had the cue"))
-"""Of a campaign without any fault."""
+"""Measures of a campaign without any fault."""
 
 
 class MapAxis(NamedTuple):
@@ -155,39 +151,23 @@ def all_maps(runs: Runs) -> list[dict[str, Any]]:
     """The map of all faults, where they are of several sites and effects, then those of each, the
     most unintended motion first. One run of each fault counts.
 
-    Each item: name, n, unit, rates (of each measure: title, words, rate), panels, more (panels of
-    further pairs of inputs, of the leading measure). A panel is one measure over two inputs: name,
-    title, words, rate, across and up (titles of the axes), columns (labels), rows (label and cells,
-    highest first); a cell is a Rate, or None where no run fell. Only what came in some runs and not
-    in others has panels.
+    Each item: name, n, unit, rates (of each measure: title, words, rate), panels. A panel is one
+    measure over two inputs: name, title, words, rate, across and up (titles of the axes), columns
+    (labels), rows (label and cells, highest first); a cell is a Rate, or None where no run fell.
+    Only what came in some runs and not in others has panels.
     """
     swept = sweep(runs)
     groups = runs.groups_by("block") if "block" in runs.facts else {}
-    names, counts = np.unique(swept.block, return_counts=True)
+    names, sizes = np.unique(swept.block, return_counts=True)
     items = []
-    for name in names[counts >= MIN_RUNS]:
+    for name in names[sizes >= MIN_RUNS]:
         mine = swept.block == name
         part = swept._replace(faults=swept.faults.loc[mine], block=swept.block[mine])
-        pairs = _best_pairs(part, _axes(part, runs.robot.joints))
-        items += _items(part, str(name), pairs, runs.sampled(groups.get(str(name))))
+        if counts := _best_pair(part, _axes(part, runs.robot.joints)):
+            items.append(_map(part, str(name), counts, runs.sampled(groups.get(str(name)))))
     items.sort(key=lambda item: [-one["rate"].value for one in item["rates"]])
-    whole = _items(swept, WHOLE, _by_block(swept), runs.sampled()) if len(names) > 1 else []
+    whole = [_map(swept, WHOLE, _by_block(swept), runs.sampled())] if len(names) > 1 else []
     return [*whole, *items]
-
-
-def cells(items: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Maps cell by cell, those without runs left out; one column a measure."""
-    rows: dict[tuple[str, ...], dict[str, Any]] = {}
-    names = ("faults", "across", "column", "up", "row")
-    for item in items:
-        for panel in (*item["panels"], *item["more"]):
-            for row in panel["rows"]:
-                for column, cell in zip(panel["columns"], row["cells"], strict=True):
-                    if cell is not None:
-                        place = (item["name"], panel["across"], column, panel["up"], row["label"])
-                        made = rows.setdefault(place, dict(zip(names, place, strict=True)))
-                        made[panel["name"]] = cell
-    return list(rows.values())
 
 
 def _axes(swept: Sweep, order: Sequence[str] = ()) -> list[MapAxis]:
@@ -267,9 +247,9 @@ def compact(value: float) -> str:
     return f"{value:.3g}".replace("-", "−")
 
 
-def _by_block(swept: Sweep) -> list[PairCounts]:
-    """Counts of all faults by site and effect and each input that means the same at all of them,
-    those that tell most first.
+def _by_block(swept: Sweep) -> PairCounts:
+    """Counts of all faults by site and effect and the input that tells most, among those that mean
+    the same at all sites.
     """
     hit = swept.faults[swept.measures[0].name].to_numpy(float)
     shares = {str(name): float(hit[swept.block == name].mean()) for name in np.unique(swept.block)}
@@ -284,22 +264,15 @@ def _by_block(swept: Sweep) -> list[PairCounts]:
         if name in COMMON or name.startswith("param:")
     }
     axes = _axes(swept._replace(titles=common))
-    return _ranked([_counts(swept, across, up) for across in axes] or [_counts(swept, up, None)])
+    return max(
+        [_counts(swept, across, up) for across in axes] or [_counts(swept, up, None)], key=gain
+    )
 
 
-def _best_pairs(swept: Sweep, axes: Sequence[MapAxis]) -> list[PairCounts]:
-    """Counts by each pair of inputs, those that tell most first."""
-    if len(axes) > MOST_INPUTS:
-        gains = [-gain(_counts(swept, axis, None)) for axis in axes]
-        best = sorted(range(len(axes)), key=gains.__getitem__)[:MOST_INPUTS]
-        axes = [axis for place, axis in enumerate(axes) if place in best]
+def _best_pair(swept: Sweep, axes: Sequence[MapAxis]) -> PairCounts | None:
+    """Counts by the two inputs that tell most; None where nothing varies."""
     pairs = list(itertools.combinations(axes, 2)) or [(axis, None) for axis in axes]
-    return _ranked([_counts(swept, *pair) for pair in pairs])
-
-
-def _ranked(pairs: Sequence[PairCounts]) -> list[PairCounts]:
-    """Those that tell most first; where none tells anything, in the order of the inputs."""
-    return sorted(pairs, key=lambda counts: -max(0.0, gain(counts)))
+    return max((_counts(swept, *pair) for pair in pairs), key=gain, default=None)
 
 
 def _counts(swept: Sweep, across: MapAxis, up: MapAxis | None) -> PairCounts:
@@ -331,48 +304,34 @@ def gain(counts: PairCounts) -> float:
             mean = k.sum() / total
             tell = rel_entr(k, n * mean) + rel_entr(n - k, n * (1 - mean))
             sum_of_gains += 2 * float(tell.sum()) - (cells - 1) * math.log(total)
-    return sum_of_gains
+    # where nothing tells anything, the first inputs are taken
+    return max(0.0, sum_of_gains)
 
 
-def _items(
-    swept: Sweep, name: str, pairs: Sequence[PairCounts], sampled: bool
-) -> list[dict[str, Any]]:
-    """The map of some faults; none where nothing varies. sampled: whether they were drawn."""
-    if not pairs:
-        return []
+def _map(swept: Sweep, name: str, counts: PairCounts, sampled: bool) -> dict[str, Any]:
+    """The map of some faults. sampled: whether they were drawn."""
     rate_in: Callable[[int, int], Rate] = tables.rate_of if sampled else share
-    first, n = pairs[0], len(swept.faults)
-    hits = [int(k.sum()) for k in first.k]
-    able = [place for place, k in enumerate(hits) if 0 < k < n]
-    more = [one for one in pairs[1 : 1 + MORE_PAIRS] if gain(one) > 0]
+    n, hits = len(swept.faults), [int(k.sum()) for k in counts.k]
     rates = [
         one._asdict() | {"rate": rate_in(k, n)} for one, k in zip(swept.measures, hits, strict=True)
     ]
-    item = {
-        "name": name,
-        "n": n,
-        "unit": swept.unit,
-        "rates": rates,
-        "panels": [_panel(rates[place], first, place, rate_in) for place in able],
-        "more": [_panel(rates[able[0]], one, able[0], rate_in) for one in more if able],
-    }
-    return [item]
+    panels = [
+        _panel(rate, counts, k, rate_in)
+        for rate, k in zip(rates, counts.k, strict=True)
+        if 0 < k.sum() < n
+    ]
+    return {"name": name, "n": n, "unit": swept.unit, "rates": rates, "panels": panels}
 
 
 def _panel(
-    measure: Mapping[str, Any], counts: PairCounts, place: int, rate_in: Callable[[int, int], Rate]
+    measure: Mapping[str, Any], counts: PairCounts, k: np.ndarray, rate_in: Callable[..., Rate]
 ) -> dict[str, Any]:
+    """k: faults of each cell in which the measure came."""
     rows = [
-        {
-            "label": label,
-            "cells": [
-                rate_in(hits, runs) if runs else None
-                for hits, runs in zip(
-                    counts.k[place, i].tolist(), counts.n[i].tolist(), strict=True
-                )
-            ],
-        }
-        for i, label in enumerate(counts.up.labels)
+        {"label": label, "cells": [rate_in(*cell) if cell[1] else None for cell in cells]}
+        for label, cells in zip(
+            counts.up.labels, np.stack([k, counts.n], axis=2).tolist(), strict=True
+        )
     ]
     return {
         **measure,
@@ -386,7 +345,7 @@ def _panel(
 
 def _content(runs: Runs, _: Path) -> dict[str, Any]:
     maps = all_maps(runs)
-    return {"maps": maps, "map_csv": cells(maps), "map_least": MIN_RUNS, "map_most": MOST}
+    return {"maps": maps, "map_least": MIN_RUNS, "map_most": MOST}
 
 
 SECTIONS = (Section("maps", "Maps", 30, _content),)

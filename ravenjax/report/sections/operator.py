@@ -1,15 +1,11 @@
-"""The recorded operator: what became of the recording."""
+"""Section "Operator": what a recorded operator's file holds, and what is replayed of it."""
 
 from __future__ import annotations
 
-import dataclasses
-import shlex
 from pathlib import Path
 from typing import Any
 
 from ravenjax.report.sections import Section
-from ravenjax.store.motion.options import ReplayOptions
-from ravenjax.store.motion.resampling import TICK_S
 from ravenjax.store.motion.summary import MotionSummary, changes, table_rows
 
 
@@ -24,22 +20,7 @@ def content(summary: MotionSummary | None) -> dict[str, Any] | None:
         "rows": rows,
         "cells": [{"what": what, "how it is": how} for what, how in rows],
         "changes": changes(summary),
-        "redraw": _command(summary),  # draws it in full
     }
 
 
 SECTIONS = (Section("operator", "Operator", 170, lambda runs, _: content(runs.manifest.operator)),)
-
-
-def _command(summary: MotionSummary) -> str:
-    begin, end = summary.window_s
-    keys = {
-        name: f"{value}"
-        for name, value in dataclasses.asdict(summary.options).items()
-        if value != getattr(ReplayOptions(), name)
-    }
-    keys["window_s"] = f"[{begin:.3f},{end + TICK_S:.3f}]"
-    arms = " ".join(one.arm for one in summary.arms)
-    return f"ravenjax motion {shlex.quote(summary.file)} --arms {arms} --set " + " ".join(
-        shlex.quote(f"operator.{name}={value}") for name, value in keys.items()
-    )

@@ -1,5 +1,5 @@
-"""Checks of one's own: what each saw, how early, what it cost without a fault, and what only it
-knew of.
+"""Section "Your checks": what each check of the campaign's own detected, how early, and its false
+alarms.
 
 Rates are of one run of each fault, times over faults with an unintended motion, as of detectors. A
 check trips where it does so more often than in the golden run, or sooner; what it does in

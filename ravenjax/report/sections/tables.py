@@ -1,5 +1,6 @@
-"""The report's numbers: every rate with its n, and Wilson's interval where faults were drawn;
-failed runs are counted and never dropped."""
+"""Sections with tables of rates: verdicts, groups, built-in checks and failures. A rate has an
+interval only where faults were drawn.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +44,7 @@ def of_faults(runs: Runs, k: int, n: int, groups: Collection[str] | None = None)
 
 
 def known(runs: Runs, value: _Interval) -> _Interval:
-    """Without its interval where the campaign's faults were not drawn."""
+    """The value, without its interval where the campaign's faults were not drawn."""
     return value if runs.sampled() else without_interval(value)
 
 
@@ -129,7 +130,7 @@ def verdict_matrix(runs: Runs) -> list[dict[str, Any]]:
 
 
 def _matrix(cube: pd.DataFrame, sampled: bool) -> list[dict[str, Any]]:
-    """Of valid runs; sampled: whether their faults were drawn."""
+    """The verdict matrix of valid runs; sampled: whether their faults were drawn."""
     rate_in = rate_of if sampled else share
     cube = cube.loc[~cube["failed"]]
     total = int(cube["runs"].to_numpy().sum())

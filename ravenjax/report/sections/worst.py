@@ -1,4 +1,4 @@
-"""The worst runs of each outcome, and the commands that replay them."""
+"""Section "Worst runs": the worst runs of each outcome, and the commands that replay them."""
 
 from __future__ import annotations
 

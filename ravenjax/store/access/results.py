@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import pyarrow as pa
 
-from ravenjax.store import folder, parts, schema
+from ravenjax.store import folder, schema
 from ravenjax.store.folder import Measured
 
 if TYPE_CHECKING:

@@ -7,10 +7,9 @@ import pytest
 import virtual_log
 from scipy.stats import binom
 
-from ravenjax.analyses.calibration import drawing, parameters, position_loop
+from ravenjax.analyses.calibration import parameters, position_loop
 from ravenjax.analyses.calibration.calibrate import NORMAL_90, ROTOR, Calibration
 from ravenjax.analyses.calibration.fit import Fit
-from ravenjax.analyses.calibration.joint_log import JointLog
 from ravenjax.analyses.calibration.parameters import Unknown
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.plant import robot
@@ -73,17 +72,3 @@ def test_intervals_are_of_the_belief_after() -> None:
         np.exp(calibrated.draws(20_000)) * calibrated.before < high
     )
     np.testing.assert_allclose(inside.mean(axis=0), 0.9, atol=0.01)
-
-
-def test_what_a_log_tells_only_together_is_named() -> None:
-    covariance = np.array([[0.04, 0.0, -0.09], [0.0, 0.01, 0.01], [-0.09, 0.01, 0.25]])
-    (pair,) = fitted(covariance, np.zeros(3)).confounded
-    assert pair == ("motor_friction.shoulder", "motor_friction.tool_roll", pytest.approx(-0.9))
-
-
-def test_pictures_are_written(tmp_path) -> None:
-    drawing.intervals(tmp_path / "a.svg", fitted(np.diag([0.01, 0.04, 1.0]), np.zeros(3)))
-    log = JointLog(np.zeros(7), np.zeros((2000, 7)), np.full((400, 7), 0.01), np.arange(4, 2000, 5))
-    drawing.errors(tmp_path / "b.svg", log, np.full((400, 7), 0.02), 1000)
-    for name in ("a.svg", "b.svg"):
-        assert (tmp_path / name).read_text().rstrip().endswith("</svg>")

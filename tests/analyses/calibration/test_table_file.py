@@ -120,30 +120,3 @@ def test_what_is_no_table_is_refused(tmp_path, name, content) -> None:
     path.write_bytes(content)
     with pytest.raises(UserError, match=f"{name}: no .(csv|parquet) table that can be read"):
         read(path)
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"jpos_elbow": ["a"] * 5}, "column jpos_elbow holds other things than numbers"),
-        (
-            {"jpos_elbow": [0.1, np.inf, 0.1, 0.1, 0.1]},
-            "row 1, column jpos_elbow: got inf, expected a finite number",
-        ),
-        ({"time_s": ["a"] * 5}, "column time_s holds other things than numbers"),
-        ({"time_s": np.arange(5) * 1e9}, "lasts 4e[+]09 s, expected seconds of motion"),
-        ({"time_s": np.arange(5) * 1e-9}, "lasts 4e-09 s, expected seconds of motion"),
-        ({"time_s": [0.0, np.nan, 0.2, 0.3, 0.4]}, "time does not increase at row 1"),
-    ],
-)
-def test_columns_that_hold_no_numbers_or_no_times_are_refused(tmp_path, change, words) -> None:
-    values = joints()
-    columns = {
-        f"{name}_{word}": values[:, j]
-        for name in ("jpos", "jpos_d")
-        for j, word in enumerate(JOINTS)
-    }
-    with pytest.raises(UserError, match=words):
-        read(
-            write(tmp_path, **({"time_s": np.arange(5) * 1e-3} | columns | change)), period_ms=None
-        )

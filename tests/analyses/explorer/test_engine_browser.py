@@ -235,21 +235,6 @@ def test_two_arms_with_two_faults_that_repeat_are_those_of_the_native_engine(pag
     same_rows(rows, ours)
 
 
-def test_another_motion_in_the_same_page_is_that_of_a_campaign_with_it(page):
-    """Asked for in turns: what a worker keeps of one motion is not taken for the other's."""
-    config = rj.load_campaign("quick", ["campaign.limit=60", "operator.motion='circle'"])
-    ready = program.question_plan(config)
-    own = program.question_plan(rj.load_campaign("quick", ["campaign.limit=60"]))
-    ours = table(config, ready, Unfused())
-    for _ in range(2):
-        same_rows(answers(page, ready, {"motion": "circle"}), ours)
-        same_rows(answers(page, own, {}), table(own.config, own, Unfused()))
-    told = page.evaluate(
-        "() => engine.outcomes({ motion: 'dance' }, []).catch((error) => error.message)"
-    )
-    assert told == "no motion dance in this page"
-
-
 def test_a_replay_is_the_trace_of_the_run(page, config, ready, description):
     row = ready.rows.words("fault0_site").tolist().index("usb_out")
     kernel = SimdKernel(traced.printable(ready.program), 1, signals=True, host=unfused())
@@ -294,20 +279,6 @@ def test_a_replay_is_the_trace_of_the_run(page, config, ready, description):
     assert max(apart) > 0.1
 
 
-def test_a_replay_of_a_run_that_ends_early_has_the_outcome_of_the_map(page, ready):
-    row = ready.rows.words("fault0_site").tolist().index("usb_out")
-    told = page.evaluate(
-        """async (fault) => {
-          const question = { ...engine.question(), observe_ms: 40 };
-          const [one] = await engine.outcomes(question, [fault]);
-          return [one, (await engine.replay(question, fault)).outcome].map(({ observed_ms, ...row }) =>
-            JSON.stringify(row, (_, v) => (typeof v === "number" && !Number.isFinite(v) ? `${v}` : v)));
-        }""",  # noqa: E501
-        faults_of(ready)[row],
-    )
-    assert told[0] == told[1]
-
-
 def test_what_is_cancelled_is_given_up_and_the_rest_goes_on(page, ready):
     many = [fault for fault in faults_of(ready) if fault][:200]
     told = page.evaluate(
@@ -321,30 +292,3 @@ def test_what_is_cancelled_is_given_up_and_the_rest_goes_on(page, ready):
         many,
     )
     assert told == ["AbortError", 3, "silent/none/no cue"]
-
-
-@pytest.mark.parametrize(
-    ("fault", "words"),
-    [
-        ({"site": "nowhere", "effect": "offset"}, "site nowhere has no channel"),
-        (
-            {"site": "hand", "channel": "x", "effect": "stuck"},
-            "hand takes offset in this campaign, not stuck",
-        ),
-        ({"site": "hand", "channel": "x", "effect": "melt"}, "effect melt is unknown"),
-    ],
-)
-def test_what_the_program_cannot_do_is_refused_in_words(page, fault, words):
-    told = page.evaluate(
-        "fault => engine.outcomes(engine.question(), [{ start_ms: 1, ...fault }]).catch((error) =>"
-        " error.message)",
-        fault,
-    )
-    assert words in told
-
-
-def test_a_question_of_an_unknown_parameter_is_refused(page):
-    told = page.evaluate(
-        "() => engine.outcomes({ 'plant.mass': 2 }, []).catch((error) => error.message)"
-    )
-    assert told == "no parameter plant.mass in this program"

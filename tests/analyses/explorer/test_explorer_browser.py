@@ -33,10 +33,6 @@ SAID = """() => {
   const said = document.getElementById("said").textContent;
   return said.includes("moves the tip") && said;
 }"""
-DRAGGED = """() => {
-  const from = Number(new URLSearchParams(location.hash.slice(1)).get("from"));
-  return from > 880 && from;
-}"""
 VIEW = "#at=usb_out&arm=gold&on=shoulder&does=overwrite&size=20000&from=700&for=64&map=value~start_ms&ms=800"  # noqa: E501
 FILE = """
 [campaign]
@@ -177,35 +173,6 @@ def test_a_page_that_cannot_compute_says_so(browser, place):
     shown.close()
 
 
-def test_an_address_of_another_campaign_opens_what_this_one_has(window, place):
-    window.goto(place.as_uri() + "#at=brake&does=stuck&size=x&from=y&for=z&set.nothing=3&map=a~b")
-    window.reload()
-    filled(window)
-    assert window.input_value("#site") == "usb_out"
-    assert "nothing" not in window.evaluate("location.hash")
-
-
-def test_the_fault_dragged_in_time_begins_elsewhere_and_a_kept_run_stays_beside(window, place):
-    window.goto(place.as_uri() + VIEW)
-    window.reload()
-    window.wait_for_selector("#run:not([hidden])")
-    window.click("#pin")
-    told = window.inner_text("#told")
-    assert told in window.inner_text("#pinned")
-    bar = window.locator(".track .fault")
-    bar.scroll_into_view_if_needed()
-    box = bar.bounding_box()
-    track = window.locator("[data-lane=Fault]").bounding_box()["width"]
-    window.mouse.move(box["x"] + 4, box["y"] + 4)
-    window.mouse.down()
-    window.mouse.move(box["x"] + 4 + track / 6, box["y"] + 4, steps=5)
-    window.mouse.up()
-    first = int(_when(window, DRAGGED))
-    assert first == pytest.approx(700 + 1200 / 6, abs=3)
-    assert window.wait_for_function(f"({CELLS})().first_active_ms === '{first}'")
-    assert window.locator("#signals .kept").count() > 0
-
-
 def test_another_threshold_of_the_cue_has_another_answer_and_says_where_the_cue_comes_anyway(
     window, tmp_path
 ):
@@ -249,28 +216,6 @@ def test_another_motion_of_the_hands_has_another_answer_that_is_the_native_one(w
     assert float(shown["unintended_mm"]) == pytest.approx(
         native["unintended_mm"], rel=1e-3, abs=1e-3
     )
-
-
-def test_what_happened_stands_in_words_beside_the_lanes(window, place):
-    """Marks on lanes say nothing to a screen reader, nor to a finger."""
-    window.goto(place.as_uri() + VIEW)
-    window.reload()
-    window.wait_for_selector("#run:not([hidden])")
-    first = window.locator("#events li").first.inner_text()
-    assert first.startswith("700 ms") and "the fault begins" in first
-    assert window.locator("#events li").count() == window.locator("#lanes .track i").count()
-    assert window.locator("#after-stop").is_visible() == window.evaluate(
-        "document.body.dataset.verdict.startsWith('stopped')"
-    )
-
-
-@pytest.mark.parametrize("width", [360, 1366, 2560])
-def test_nothing_is_wider_than_the_window(window, width):
-    window.set_viewport_size({"width": width, "height": 900})
-    filled(window)
-    window.locator("#field").press("Enter")
-    window.wait_for_selector("#run:not([hidden])")
-    assert window.evaluate("document.documentElement.scrollWidth") <= width
 
 
 def _cue_at(window, threshold_mm):

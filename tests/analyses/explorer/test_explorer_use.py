@@ -101,33 +101,6 @@ def test_the_map_is_saved_as_drawing_picture_and_table(opened):
     assert {"site", "value", "duration_ms", "verdict", "unintended_mm", "class"} <= set(rows[0])
 
 
-def test_signals_and_the_robot_are_saved(opened):
-    shown = opened(RUN, viewport={"width": 1366, "height": 900})
-    name, content = saved(shown, "signals-svg")
-    assert name == "small_usb_out_overwrite_signals.svg"
-    drawing = ElementTree.fromstring(content)
-    curves = [path.get("class") for path in drawing.iter(f"{SVG}path")]
-    signals = shown.locator("#signals figure").count()
-    assert signals >= 4
-    assert curves.count("own") == curves.count("golden") == signals
-    assert all(path.get("d", "").startswith("M") for path in drawing.iter(f"{SVG}path"))
-    _, content = saved(shown, "signals-png")
-    size, pixels = picture(content)
-    assert size == (2 * int(drawing.attrib["width"]), 2 * int(drawing.attrib["height"]))
-    assert len(np.unique(pixels, axis=0)) > 10
-    _, content = saved(shown, "signals-csv")
-    rows = list(csv.DictReader(io.StringIO(content.decode())))
-    assert [int(row["ms"]) for row in rows] == list(range(800))
-    assert (
-        float(rows[420]["gold/dac_cnt[0]"]) == 20000 != float(rows[420]["golden/gold/dac_cnt[0]"])
-    )
-    name, content = saved(shown, "figure")
-    size, pixels = picture(content)
-    assert name == "small_usb_out_overwrite_430ms.png"
-    assert size == tuple(shown.evaluate("[figure.clientWidth, figure.clientHeight]"))
-    assert len(np.unique(pixels, axis=0)) > 50
-
-
 def test_keys_alone_choose_a_run_scrub_it_and_lead_back(opened):
     shown = opened(viewport={"width": 1366, "height": 900})
     shown.keyboard.press("Tab")

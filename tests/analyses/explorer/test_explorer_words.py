@@ -8,7 +8,6 @@ import math
 import tomllib
 
 import pytest
-import tomlkit
 
 from ravenjax.analyses.explorer import program, words
 from ravenjax.campaign import loading
@@ -63,31 +62,6 @@ def test_a_motion_may_be_exchanged_where_hands_are_neither_recorded_nor_own(tmp_
     (tmp_path / "hand.csv").write_text("x,y,z\n" + "0,0,0\n" * 3000)
     recorded = {"operator": {"file": str(tmp_path / "hand.csv"), "rate_hz": 1000.0}}
     assert program.motion_name(validated(raw | recorded)) is None
-
-
-def test_a_long_operation_leaves_other_motions_out_of_its_page(monkeypatch):
-    config = validated(
-        {
-            "campaign": {"name": "some", "duration_s": 0.1},
-            "group": [{"name": "own", "fault": [STUCK]}],
-        }
-    )
-    ready = program.question_plan(config)
-    assert {"suture", "circle", "still"} <= set(program.motions(ready)["motions"])
-    monkeypatch.setattr(program, "MOTION_BYTES", 100)
-    assert set(program.motions(ready)["motions"]) == {"suture"}
-
-
-def test_files_are_named_as_they_lie_beside_the_campaign(tmp_path):
-    (tmp_path / "hand.csv").write_text("x,y,z\n" + "0,0,0\n" * 3000)
-    raw = {
-        "campaign": {"name": "some", "duration_s": 2.0},
-        "operator": {"file": "hand.csv", "rate_hz": 1000.0},
-        "group": [{"name": "own", "fault": [STUCK]}],
-    }
-    (tmp_path / "some.toml").write_text(tomlkit.dumps(raw))
-    told = words.campaign(loading.load(tmp_path / "some.toml"))
-    assert tomllib.loads(told["toml"])["operator"]["file"] == "hand.csv"
 
 
 def test_a_table_has_the_runs_that_a_page_can_ask_for(tmp_path):

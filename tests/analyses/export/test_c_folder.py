@@ -4,7 +4,6 @@ without a compiler.
 
 from __future__ import annotations
 
-import json
 import shutil
 import subprocess
 
@@ -18,20 +17,6 @@ from ravenjax.cli import main
 from ravenjax.errors import UserError
 
 needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
-MATHEMATICS = {
-    "acos",
-    "atan2",
-    "cos",
-    "floorf",
-    "rint",
-    "sin",
-    "sqrt",
-    "sqrtf",
-    "trunc",
-    "floor",
-    "cosf",
-    "sinf",
-}
 
 
 @pytest.fixture(scope="module")
@@ -91,6 +76,7 @@ def test_native_code_of_one_arm_linked_as_an_object(tmp_path):
     )
 
 
+@pytest.mark.slow
 @needs_cc
 def test_both_go_on_from_where_they_stand(tmp_path):
     software, robot = rj.ControlSoftware(), rj.VirtualRobot()
@@ -101,52 +87,6 @@ def test_both_go_on_from_where_they_stand(tmp_path):
     text = written.example.read_text().replace("ms = 0; ms < 3000", "ms = 150; ms < 450")
     written.example.write_text(text)
     assert lines(written, "ravenjax_raven2.o") == rest
-
-
-@needs_cc
-def test_it_leans_on_mathematics_alone(written):
-    """So nothing can be allocated, locked or printed in a call."""
-    table = subprocess.run(
-        ["nm", "-u", written.object], check=True, capture_output=True, text=True
-    ).stdout
-    assert {line.split()[-1] for line in table.splitlines() if line.strip()} <= MATHEMATICS
-
-
-@needs_cc
-def test_cpp_reads_the_header(written):
-    words = [
-        "c++",
-        "-std=c++11",
-        "-Wall",
-        "-Wextra",
-        "-Werror",
-        "-fsyntax-only",
-        "-x",
-        "c++",
-        written.header,
-    ]
-    subprocess.run(words, check=True)
-
-
-def test_without_a_compiler_there_is_the_object(tmp_path, monkeypatch, capsys):
-    (tmp_path / "libravenjax_raven2.so").write_bytes(b"of an earlier object")
-    monkeypatch.setattr(c_folder.shutil, "which", lambda name: None)
-    assert main(["export", str(tmp_path)]) == 0
-    told = capsys.readouterr()
-    assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "example.c",
-        "ravenjax_raven2.h",
-        "ravenjax_raven2.o",
-    ]
-    assert "no C compiler" in told.err and "ravenjax_raven2.o" in told.err
-
-
-@pytest.mark.slow
-@needs_cc
-def test_json_names_the_files(tmp_path, capsys):
-    assert main(["export", str(tmp_path), "--arms", "gold", "--json"]) == 0
-    files = json.loads(capsys.readouterr().out)
-    assert set(files) == {"header", "object", "shared", "example"}
 
 
 @pytest.mark.slow

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -12,7 +10,6 @@ from hypothesis import strategies as st
 from ravenjax import robots
 from ravenjax.analyses.monitors import code, scores
 from ravenjax.analyses.monitors.scores import Score
-from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec
 from ravenjax.parts import part
 from ravenjax.robots.raven2.loop.user_files import View
@@ -49,11 +46,6 @@ def test_candidates_have_names_of_their_own_and_cover_every_kind():
         "jvel (insertion)",
     ]
     assert sum(len(score.singles) for score in every) == sum(len(score.scales) for score in every)
-
-
-def test_a_robot_without_signals_has_no_candidates():
-    with pytest.raises(UserError, match="declares no signals"):
-        scores.catalogue(dataclasses.replace(RAVEN, signals=()))
 
 
 VIEW = {"mvel": 7, "jpos": 7, "jpos_d": 7, "tip_error": 0}

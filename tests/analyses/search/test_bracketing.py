@@ -8,7 +8,6 @@ import pytest
 from ravenjax.analyses.search.boundary.brackets import (
     ALWAYS,
     CROSSING,
-    INVALID,
     NEVER,
     SearchRange,
     bracket,
@@ -40,14 +39,6 @@ def test_known_thresholds_are_enclosed_to_the_tolerance(within, sections):
     assert (found.low < at).all() and (at <= found.high).all()
     widest = 0.01 * found.low if within.log else 0.001 * 10.0
     assert (found.high - found.low <= widest).all()
-
-
-def test_all_cells_share_each_batch():
-    """As many batches as the hardest cell needs, and in each step one number a cell."""
-    asked = thresholds(np.geomspace(2.0, 9000.0, 40))
-    found = bracket(asked, LOG, np.zeros(40, bool), scan=17)
-    assert asked.batches == 1 + found.steps
-    assert asked.numbers <= 40 * (17 + found.steps)
 
 
 def test_whole_numbers_are_found_exactly():
@@ -89,12 +80,3 @@ def test_a_window_of_harm_is_not_taken_for_a_threshold():
     assert (found.low < 10).all() and (found.high >= 10).all() and (found.high < 10.2).all()
     low, high = found.changes[0][1]
     assert low < 100 <= high
-
-
-def test_a_cell_with_an_invalid_answer_has_no_boundary():
-    def asked(cell, number):
-        return np.where((cell == 0) & (number > 5000), np.nan, number >= 100.0)
-
-    found = bracket(asked, LOG, np.zeros(2, bool), scan=9)
-    assert found.state.tolist() == [INVALID, CROSSING]
-    assert np.isnan(found.low[0]) and np.isnan(found.high[0])

@@ -14,7 +14,6 @@ from ravenjax.analyses.search.file.template import Template
 from ravenjax.campaign import loading as campaigns
 from ravenjax.campaign import plan, runner
 from ravenjax.campaign.faults import sampling
-from ravenjax.errors import UserError
 
 RAW = {
     "campaign": {"name": "points", "duration_s": 0.6, "seed": 5, "noise": True},
@@ -142,11 +141,3 @@ def test_unit_points_become_the_values_that_a_sampled_design_draws():
         template.campaign(np.zeros(32, int), template.values(np.zeros(32, int), unit))
     ).table
     assert rows["run_id"].tolist() == table["run_id"].tolist()
-
-
-def test_an_unknown_outcome_or_parameter_is_refused(template):
-    with pytest.raises(UserError, match="Did you mean 'peak_model_deviation_mm'"):
-        Evaluator(template, [outcome.parse("peak_model_deviation")])
-    wrong = RAW | {"parameters": {"plant.frictoin_scale": {"uniform": [0.7, 1.4]}}}
-    with pytest.raises(UserError, match=r"plant\.friction_scale"):
-        Evaluator(Template(loading.from_dict(wrong).campaign), [outcome.parse(WANTED[0])])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -90,39 +89,6 @@ def test_the_next_start_computes_nothing_again_and_has_the_same_table(kept):
     assert content(again.rows()) == content(rows)
 
 
-@pytest.mark.slow
-def test_small_batches_share_a_part_which_an_error_does_not_lose(tmp_path, monkeypatch):
-    monkeypatch.setattr(journal, "EVERY_S", 3600.0)
-    with pytest.raises(KeyboardInterrupt), searching(tmp_path) as made:
-        found = ask(made)
-        assert not parts.files(tmp_path / folder.PARTS)
-        raise KeyboardInterrupt
-    assert [parts.row_range(path) for path in parts.files(tmp_path / folder.PARTS)] == [(0, 29)]
-    with searching(tmp_path) as again:
-        np.testing.assert_array_equal(ask(again), found)
-    assert again.progress.stored == 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "damage",
-    [lambda path: path.write_bytes(path.read_bytes()[:-9]), Path.unlink],
-    ids=["truncated", "missing"],
-)
-def test_a_part_that_is_lost_is_computed_again_and_no_other(kept, damage):
-    out, found, rows = kept
-    damage(parts.files(out / folder.PARTS)[1])
-    with searching(out) as again:
-        assert again.held == 28
-        np.testing.assert_array_equal(ask(again), found)
-    assert again.progress.stored == 2 and content(again.rows()) == content(rows)
-    assert [parts.row_range(path) for path in parts.files(out / folder.PARTS)] == [
-        (0, 9),
-        (12, 29),
-        (30, 31),
-    ]
-
-
 def test_a_damaged_part_is_set_aside_and_named(kept):
     out, _, _ = kept
     last = parts.files(out / folder.PARTS)[2]
@@ -149,14 +115,6 @@ def test_what_is_done_is_one_file_and_taken_over_too(kept):
     (out / journal.ROWS).write_bytes(b"changed")
     spoiled = Journal(out, "same", checksum)
     assert not spoiled.tables and "its content was changed" in spoiled.notes[0]
-
-
-def test_runs_in_both_the_file_and_a_part_count_once(kept):
-    """As a kill between the last two steps of a search leaves them."""
-    out, found, rows = kept
-    with searching(out, Journal(out, "same").conclude(rows)) as made:
-        assert made.held == 30
-        np.testing.assert_array_equal(ask(made), found)
 
 
 def test_a_disk_that_refuses_is_told_of(tmp_path, monkeypatch):

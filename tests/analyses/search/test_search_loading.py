@@ -73,12 +73,6 @@ def test_a_file_loads_and_overrides_reach_both_parts(tmp_path):
         ),
         ('kind = "boundary"', "", "search.kind: missing"),
         ("signs = [1, -1]", "sings = [1]", "search.sings: unknown key"),
-        (
-            "signs = [1, -1]",
-            "scan = 1",
-            ":12: search.scan: got 1, expected greater than or equal to 2",
-        ),
-        ("signs = [1, -1]", "signs = [1, 1]", "expected each sign once"),
         ('harm = "peak_golden_deviation_mm >= 1"', "", "search.harm: missing: event, such as"),
         (
             "_mm >= 1",
@@ -86,12 +80,6 @@ def test_a_file_loads_and_overrides_reach_both_parts(tmp_path):
             ":11: search.harm: got 'peak_golden_deviation_mm', a number; expected an event",
         ),
         ("loguniform = [100, 30000]", "normal = [0, 300]", "needs one uniform or loguniform"),
-        ("{ loguniform = [100, 30000] }", "500", "got none"),
-        (
-            "start_ms = 300",
-            "start_ms = { uniform = [300, 400] }",
-            "got fault0_value, fault0_start_ms",
-        ),
         (
             "loguniform = [100,",
             "uniform = [-100,",
@@ -113,20 +101,10 @@ def test_a_file_loads_and_overrides_reach_both_parts(tmp_path):
             ":5: campaign.limit: a search decides how many runs",
         ),
         ("[[group]]", '[[group]]\nname = "free"\n[[group]]', "got 2 groups, expected one"),
-        (
-            "[search]",
-            "[cross]\nplant.friction_scale = [1, 2]\n[search]",
-            "cross: a search crosses nothing",
-        ),
     ],
 )
 def test_errors_name_line_key_and_what_was_expected(tmp_path, old, new, told):
     assert told in refused(written(tmp_path, old, new))
-
-
-def test_an_override_is_named_as_such(tmp_path):
-    assert "--set: search.scan: got 1" in refused(written(tmp_path), "search.scan=1")
-    assert "--set search: expected key.path=value" in refused(written(tmp_path), "search")
 
 
 @pytest.mark.parametrize(

@@ -12,10 +12,9 @@ import pytest
 from ravenjax.analyses.search import journal, output, runner
 from ravenjax.analyses.search.boundary import bisection
 from ravenjax.analyses.search.file import loading
-from ravenjax.analyses.search.findings import plain
-from ravenjax.errors import StoreError, UserError
+from ravenjax.analyses.search.wording import plain
+from ravenjax.errors import UserError
 from ravenjax.store import folder
-from ravenjax.store.access import lock
 
 BASE = {
     "campaign": {"name": "small", "duration_s": 0.5, "seed": 3},
@@ -87,23 +86,11 @@ def test_a_boundary_is_verified_by_a_campaign_of_its_two_sides(bounded):
     assert "run again as an ordinary campaign" in text
 
 
-@pytest.mark.slow
-def test_what_never_harms_is_censored(tmp_path):
-    config = search(
-        {"value": {"uniform": [0, 40]}, "duration_ms": 1}, kind="boundary", harm="jump_text", scan=3
-    )
-    found = runner.run(config, tmp_path).findings.numbers["cells"]
-    assert [(cell["state"], cell["harmless"]) for cell in found] == [("never", 40.0)]
-    record, _, text = files(tmp_path)
-    assert record["result"]["cells"][0]["harmful"] is None and "harmless up to 40" in text
-    assert not (tmp_path / bisection.FOLDER).exists()
-
-
 def test_the_same_search_may_come_again_and_another_not(bounded):
     out, before = bounded
     rows = (out / journal.ROWS).read_bytes()
     again = runner.run(search(**BOUNDARY), out)
-    assert plain(again.findings.numbers) == plain(before.findings.numbers)
+    assert plain(again.record["result"]) == plain(before.record["result"])
     assert (out / journal.ROWS).read_bytes() == rows
     assert (
         again.record["computed"] == 0
@@ -131,7 +118,7 @@ def test_a_search_that_was_ended_goes_on(bounded, tmp_path):
             runner.run(search(**BOUNDARY), tmp_path, on_progress=end)
         assert json.loads((tmp_path / "progress.json").read_text())["phase"] == "stopped"
     found = runner.run(search(**BOUNDARY), tmp_path)
-    assert plain(found.findings.numbers) == plain(whole.findings.numbers)
+    assert plain(found.record["result"]) == plain(whole.record["result"])
     assert (tmp_path / journal.ROWS).read_bytes() == (out / journal.ROWS).read_bytes()
     assert 0 < found.record["computed"] < found.record["runs"] == whole.record["runs"]
     assert found.record["batches"] == whole.record["batches"]
@@ -140,18 +127,13 @@ def test_a_search_that_was_ended_goes_on(bounded, tmp_path):
     )
 
 
-def test_two_searches_in_one_folder_are_one_too_many(bounded):
-    with lock.held(bounded[0]), pytest.raises(StoreError, match="is being written by process"):
-        runner.run(search(**BOUNDARY), bounded[0])
-
-
 @pytest.mark.slow
 def test_a_searched_parameter_has_the_golden_run_of_its_own_value(tmp_path):
     """Of a fault-free change of the robot nothing is harm that its golden run shares."""
     fault = {"value": 0, "duration_ms": 1}
     weak = {"plant.friction_scale": {"uniform": [0.5, 2.0]}}
     config = search(fault, weak, kind="boundary", harm="peak_golden_deviation_mm >= 0.001", scan=5)
-    (cell,) = runner.run(config, tmp_path).findings.numbers["cells"]
+    (cell,) = runner.run(config, tmp_path).record["result"]["cells"]
     assert cell["state"] == "never"
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ravenjax.report.sections.reaction.pairs import EXCURSION
+from ravenjax.report.sections.reaction import EXCURSION
 from ravenjax.vocabulary.reactions import RELEASE
 from studies import findings as findings_files
 from studies import reacting_operator

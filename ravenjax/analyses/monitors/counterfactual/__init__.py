@@ -1,5 +1,5 @@
-"""What would have helped: which few checks would have seen the faults that evade a robot's own, and
-at what price.
+"""Which few checks would have detected the faults that evade a robot's checks, and with how many
+false alarms.
 
 1. `motions`: fault-free motion, of other operators, in three shares. From one come the *scales* of
    candidates, with one the set's margin is *calibrated*, of one its false alarms are *stated*.

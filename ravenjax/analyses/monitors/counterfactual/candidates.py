@@ -1,6 +1,4 @@
-"""What is asked: how many false alarms, how early; and candidates as detectors of a campaign: a
-score, and how long it must be above its threshold.
-"""
+"""The question of a counterfactual, and its candidates as detectors of a campaign."""
 
 from __future__ import annotations
 
@@ -60,7 +58,7 @@ class Question(NamedTuple):
 SMALLEST_SCALE = 1e-9
 """Scale of a channel that never moves in fault-free motion, in its unit: any change is over it."""
 _PREFIX = "what_if_"
-"""Of names of detectors, so that a campaign may have detectors of its own of any name."""
+"""Prefix of the detectors' names, so that the campaign's own detectors may have any name."""
 
 
 class Candidate(NamedTuple):

@@ -1,10 +1,10 @@
-"""From a campaign to what would have helped: everything in its order."""
+"""Finds the set of checks that would have detected a campaign's evading faults, and confirms it."""
 
 from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -90,10 +90,7 @@ class Counterfactual(NamedTuple):
         first.
         """
         rows = self.grounds.statement_half
-        hit = (
-            self.grounds.leads(self.promise.members, self.promise.margin.place)[rows]
-            >= self.question.lead_ms
-        )
+        hit = self.grounds.covered(self.promise.members)[rows]
         group = self.grounds.hazards.group[rows]
         out = [
             (str(name), int((~hit[group == name]).sum()), int((group == name).sum()))
@@ -214,21 +211,8 @@ class Confirmation(NamedTuple):
     @property
     def sentence(self) -> str:
         """In words."""
-        start = (
-            f"Run as detectors of their own with seed {self.seed}, the checks see {self.every.k} of"
-            f" {self.every.n} faults in time ({wording.percent(self.every.value)})"
-        )
-        if not self.anew.n and self.draws:
-            return f"{start}; none of these is of a group that draws its faults."
-        if not self.anew.n:
-            return f"{start}; no fault of this campaign is drawn, so they are the same faults."
-        among = (
-            f"of those drawn anew {self.anew.k} of {self.anew.n}, of those drawn before that state "
-            f"{self.promised.k} of {self.promised.n}"
-        )
-        words = wording.point_bounds(self.difference)
-        verdict = f" ({words} points): {self.verdict} promised" if self.verdict else ""
-        return f"{start}; {among}{verdict}."
+        template = wording.text_templates(__package__).get_template("confirmation.txt.j2")
+        return template.render(one=self).strip()
 
 
 def confirm(
@@ -244,39 +228,27 @@ def confirm(
     config = loading.load(file, [f"campaign.seed={seed}"])
     table = runner.run_campaign(config, None, engine, on_progress=on_progress).frame()
     rules = hazards.choices(config)
-    rows = hazards.evading(table, rules, one.question.groups)
-    hit = detected(
-        table.loc[rows], hazards.harm_of(table, rules)[rows], config, len(one.promise.members)
-    )
-    in_time = hit >= one.question.lead_ms
+    rows, harm = hazards.evading(table, rules, one.question.groups)
+    in_time = detected(table.loc[rows], harm, config, one) >= one.question.lead_ms
     sampled = list(draws.groups(config.model_dump(mode="json")) or ())
     new = table.loc[rows, "group"].astype(str).isin(sampled).to_numpy()
-    anew, promised = _rate(in_time[new]), _rate(_promised(one))
+    drawn = one.grounds.statement_half & one.grounds.hazards.sampled
+    promised = _rate(one.grounds.covered(one.promise.members)[drawn])
+    anew = _rate(in_time[new])
     gap = rate_difference(anew.k, anew.n, promised.k, promised.n)
     if one.grounds.hazards.robots:
         gap = Estimate(gap.value, math.nan, math.nan)
     return Confirmation(seed, _rate(in_time), anew, promised, bool(sampled), gap)
 
 
-def _promised(one: Counterfactual) -> np.ndarray:
-    """Which of the statement's faults that were drawn the set covers."""
-    rows = one.grounds.statement_half & one.grounds.hazards.sampled
-    return (
-        one.grounds.leads(one.promise.members, one.promise.margin.place)[rows]
-        >= one.question.lead_ms
-    )
-
-
 def detected(
-    table: pd.DataFrame, harm: np.ndarray, config: CampaignConfig, members: int
+    table: pd.DataFrame, harm: np.ndarray, config: CampaignConfig, one: Counterfactual
 ) -> np.ndarray:
-    """Harm minus the first alarm of the last `members` detectors of a campaign, ms [runs]."""
-    first = len(config.detectors) - members
-    each: Sequence[np.ndarray] = [
-        hazards.leads(table, f"detector{first + place}_", config.detectors[first + place][2], harm)[
-            :, 0
-        ]
-        for place in range(members)
+    """Harm minus the first alarm of the set, ms [runs]; it is the last detectors of a campaign."""
+    numbers = range(len(config.detectors) - len(one.promise.members), len(config.detectors))
+    each = [
+        hazards.leads(table, f"detector{number}_", config.detectors[number][2], harm)[:, 0]
+        for number in numbers
     ]
     return np.max(each, axis=0)
 

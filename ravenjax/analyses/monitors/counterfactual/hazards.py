@@ -1,5 +1,5 @@
-"""The campaign's runs with every candidate as a detector: when each alarmed, beside when harm
-began.
+"""Runs the campaign with every candidate as a detector: when harm began, and how long before it
+each alarm came.
 """
 
 from __future__ import annotations
@@ -44,19 +44,6 @@ class Hazards(NamedTuple):
         """How many."""
         return len(self.harm_ms)
 
-    def covered(self, lead_ms: int) -> np.ndarray:
-        """Which alarms come early enough: bool [runs, candidates, margins]."""
-        return self.lead_ms >= lead_ms
-
-    def of(self, rows: np.ndarray) -> Hazards:
-        """Some of them."""
-        arrays = {
-            name: part[rows]
-            for name, part in self._asdict().items()
-            if isinstance(part, np.ndarray)
-        }
-        return self._replace(**arrays)
-
     def halves(self, seed: int) -> tuple[np.ndarray, np.ndarray]:
         """(selection, statement): rows, bool each. Units are halved at random, of each group
         where they are faults.
@@ -75,13 +62,13 @@ class Hazards(NamedTuple):
             odd = (odd + len(among)) % 2  # groups of odd numbers do not all favour one half
         return mine, ~mine
 
-    def rate(self, hit: np.ndarray) -> Rate:
-        """Share of the runs: Wilson's where each is a fault of its own, else by resampling
+    def rate(self, hit: np.ndarray, rows: np.ndarray) -> Rate:
+        """Share of some rows: Wilson's where each is a fault of its own, else by resampling
         robots.
         """
         if not self.robots:
-            return wilson(int(hit.sum()), len(hit))
-        return units.rate(hit, units.units(self.unit))
+            return wilson(int(hit[rows].sum()), int(rows.sum()))
+        return units.rate(hit[rows], units.units(self.unit[rows]))
 
 
 NEVER = -(2**30)
@@ -107,7 +94,7 @@ def run(
     table = results.frame(
         [name for name in names if name in needed | {*facts.needed(names, rules)}]
     )
-    rows = evading(table, rules, groups)
+    rows, harm = evading(table, rules, groups)
     if not rows.any():
         among = f" of {', '.join(groups)}" if groups else ""
         raise UserError(
@@ -115,7 +102,7 @@ def run(
             f" {config.outcomes.limit_mm:g} mm: there is nothing that a further check would have"
             " to see"
         )
-    some, harm = table.loc[rows], harm_of(table, rules)[rows]
+    some = table.loc[rows]
     lead = np.stack([leads(some, prefix, margins, harm) for prefix in prefixes], axis=1)
     group = some["group"].astype(str).to_numpy()
     robots = [name for name in drawn_robots.columns(raw) if name in some]
@@ -138,18 +125,17 @@ def leads(
     return out
 
 
-def evading(table: pd.DataFrame, rules: facts.Choices, groups: Sequence[str] = ()) -> np.ndarray:
-    """Which rows are a fault that evades the checks, one of each fault: bool."""
+def evading(
+    table: pd.DataFrame, rules: facts.Choices, groups: Sequence[str] = ()
+) -> tuple[np.ndarray, np.ndarray]:
+    """Which rows are a fault that evades the checks, one of each fault (bool), and when the
+    unintended motion of each of these began, ms.
+    """
     runs = facts.derive(table, rules)
     rows = runs["sample"] & runs["faulty"] & runs["evaded"] & (runs["unintended_ms"] >= 0)
     if groups:
         rows &= table["group"].astype(str).isin(list(groups))
-    return rows.to_numpy(bool)
-
-
-def harm_of(table: pd.DataFrame, rules: facts.Choices) -> np.ndarray:
-    """When the unintended motion of each run began, ms; -1: never."""
-    return facts.derive(table, rules)["unintended_ms"].to_numpy(np.int64)
+    return rows.to_numpy(bool), runs.loc[rows, "unintended_ms"].to_numpy(np.int64)
 
 
 def choices(config: CampaignConfig) -> facts.Choices:

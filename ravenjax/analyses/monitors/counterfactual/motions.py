@@ -1,6 +1,4 @@
-"""Fault-free motion, computed with candidates as detectors: what each candidate reached in each
-motion.
-"""
+"""Runs fault-free motion with every candidate as a detector, and keeps the largest scores."""
 
 from __future__ import annotations
 

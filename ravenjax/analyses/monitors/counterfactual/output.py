@@ -1,18 +1,15 @@
-"""What a counterfactual leaves: the table of candidates, the figure, and the set as a campaign
-of its own.
+"""Writes a counterfactual: the table of candidates, the figure, and the set as a campaign.
 
 The figure shows the share of faults that are seen at least so many milliseconds before harm.
 """
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
 
 from ravenjax.analyses.monitors import code
@@ -21,12 +18,14 @@ from ravenjax.analyses.monitors.counterfactual.finding import Counterfactual
 from ravenjax.analyses.monitors.counterfactual.promise import Promise, hours_to_show
 from ravenjax.campaign import writing
 from ravenjax.document import palette
-from ravenjax.document.figure_style import INK, STYLE
+from ravenjax.document.chart import EMPTY, Chart, ChartAxis, Curve
+from ravenjax.document.figure_style import STYLE
 from ravenjax.report import downloads, wording
 from ravenjax.report.drawing import save_figure
 from ravenjax.stats.intervals import bounds
 from ravenjax.store.files import require_writable, write_aside
 
+WIDTH = 6.4  # in
 SHOWN = 0.95
 """Share of the alarms' leads that the axis shows."""
 
@@ -34,7 +33,8 @@ SHOWN = 0.95
 def draw(one: Counterfactual, path: Path) -> None:
     """Write the figure as SVG."""
     import matplotlib
-    from matplotlib.figure import Figure
+
+    from ravenjax.document.drawing import print_figure
 
     named: list[tuple[str, Promise]] = [
         (wording.many(len(one.promise.members), "check"), one.promise),
@@ -43,53 +43,28 @@ def draw(one: Counterfactual, path: Path) -> None:
     ]
     if one.tip_error is not None:
         named.insert(2, ("built-in tip-error detector", one.tip_error))
-    own = _leads(one, one.promise)
-    end = max(
-        float(np.quantile(own[own > 0], SHOWN)) if (own > 0).any() else 1.0,
-        2.0 * one.question.lead_ms,
-        10.0,
-    )
+    leads = [_leads(one, promise) for _, promise in named]
+    positive = leads[0][leads[0] > 0]
+    shown = float(np.quantile(positive, SHOWN)) if len(positive) else 1.0
+    end = max(shown, 2.0 * one.question.lead_ms, 10.0)
     ms = np.linspace(0.0, end, 200)
+    curves = []
+    for number, ((name, _), lead) in enumerate(zip(named, leads, strict=True)):
+        early = (lead[:, None] >= ms).mean(axis=0)
+        low = high = EMPTY
+        if not number and not one.grounds.hazards.robots:
+            low, high = bounds(np.round(early * len(lead)), np.full(len(early), len(lead)))
+        curves.append(Curve(name, palette.series(number), ms, early, low, high, dashed=number > 0))
+    asked = float(one.question.lead_ms) or None
+    across = ChartAxis("ms before harm, at least", 0.0, end, unit="ms", line=asked)
+    up = ChartAxis("share of faults seen", 0.0, 1.0, share=True)
     with matplotlib.rc_context(STYLE):
-        drawing = Figure(figsize=(6.4, 3.6), layout="constrained")
-        axes = drawing.subplots()
-        for number, (name, promise) in enumerate(named):
-            colour = palette.PALETTE[palette.series(number)].light
-            early = (_leads(one, promise)[:, None] >= ms).mean(axis=0)
-            axes.plot(
-                ms,
-                early,
-                color=colour,
-                lw=2 if not number else 1.3,
-                ls="-" if not number else "--",
-                label=name,
-            )
-            if not number and not one.grounds.hazards.robots:
-                axes.fill_between(ms, *_band(early, len(own)), color=colour, alpha=0.16, lw=0)
-        if one.question.lead_ms:
-            axes.axvline(one.question.lead_ms, color=INK, lw=0.8, ls=":")
-        axes.set(
-            xlabel="ms before harm, at least",
-            ylabel="share of faults seen",
-            ylim=(0, 1),
-            xlim=(0, end),
-        )
-        axes.yaxis.set_major_formatter(_percent)
-        axes.legend(loc="upper right", fontsize=8)
-        save_figure(drawing, path)
+        save_figure(print_figure(Chart("", across, up, tuple(curves)), WIDTH), path)
 
 
 def _leads(one: Counterfactual, promise: Promise) -> np.ndarray:
-    """Of the statement half, ms."""
+    """Leads of a set over the statement half, ms."""
     return one.grounds.leads(promise.members, promise.margin.place)[one.grounds.statement_half]
-
-
-def _band(share: np.ndarray, faults: int) -> tuple[np.ndarray, np.ndarray]:
-    return bounds(np.round(share * faults), np.full(len(share), faults))
-
-
-def _percent(value: float, _: Any) -> str:
-    return f"{100 * value:.0f} %"
 
 
 TABLE, FIGURE, FOLDER, CAMPAIGN = (
@@ -163,28 +138,17 @@ def _write(path: Path, text: str) -> None:
 
 
 COLUMNS = ("check", "sees", "adds", "lead ms", "false alarms")
-"""Of the table of the set; each check at the margin of the set."""
+"""Columns of the table of the set; each check at the margin of the set."""
 
 
 def sentences(one: Counterfactual) -> list[str]:
     """What was found: faults, coverage, false alarms, what other sets do, what is missed, of
     what it holds.
     """
-    text = _environment().get_template("sentences.txt.j2")
-    return text.render(one=one, hours_needed=hours_needed).splitlines()
-
-
-@functools.cache
-def _environment() -> jinja2.Environment:
-    templates = jinja2.Environment(
-        loader=jinja2.PackageLoader("ravenjax.analyses.monitors.counterfactual"),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-    )
-    names = ("count", "hours", "interval", "many", "number", "percent")
-    templates.filters |= {name: getattr(wording, name) for name in names}
+    templates = wording.text_templates("ravenjax.analyses.monitors.counterfactual")
     templates.filters |= {"quantile": np.quantile, "listed": _list_names}
-    return templates
+    text = templates.get_template("sentences.txt.j2")
+    return text.render(one=one, hours_needed=hours_needed).splitlines()
 
 
 def _list_names(names: Sequence[str]) -> str:
@@ -203,7 +167,7 @@ def hours_needed(per_hour: float, runs: int = 1) -> float:
 
 
 def rows(one: Counterfactual) -> list[tuple[str, ...]]:
-    """Of the table of the set, in the order of selection."""
+    """Rows of the table of the set, in the order of selection."""
     return [
         (
             one.parts[member.place].name,

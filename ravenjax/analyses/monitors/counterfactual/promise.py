@@ -1,5 +1,4 @@
-"""What a set of candidates promises: its margin, its false alarms an hour, which faults it sees in
-time.
+"""Selects a set of candidates, sets its margin, and states its coverage and false alarms.
 
 The set alarms where any of its candidates is over its scale times the set's margin. The margin is
 the least of `MARGINS` whose expected rate on one motion more is at most what is asked: conformal
@@ -56,7 +55,7 @@ def greedy(
 
 
 def _pruned(covered: np.ndarray, picks: list[int], value: np.ndarray) -> list[int]:
-    """Without those that cover nothing which the others do not, the last first."""
+    """The picks without those that the others make superfluous, the last removed first."""
     rest = list(picks)
     for one in reversed(picks):
         others = [other for other in rest if other != one]
@@ -108,24 +107,31 @@ class Grounds(NamedTuple):
     statement_half: np.ndarray
 
     def promise(self, members: Sequence[int]) -> Promise:
-        """Of a set."""
-        margin = calibrated(joint(self.calibration, members), self.question.false_alarms_per_hour)
+        """What a set promises."""
+        margin = self.margin(members)
         lead = self.leads(members, margin.place)
         hit = lead >= self.question.lead_ms
-        mine, others = self.selection_half, self.statement_half
-        among = hit & others
+        among = hit & self.statement_half
         return Promise(
             tuple(members),
             margin,
             stated(joint(self.statement, members), margin.value),
-            self.hazards.of(mine).rate(hit[mine]),
-            self.hazards.of(others).rate(hit[others]),
+            self.hazards.rate(hit, self.selection_half),
+            self.hazards.rate(hit, self.statement_half),
             float(np.median(lead[among])) if among.any() else float("nan"),
         )
+
+    def margin(self, members: Sequence[int]) -> Margin:
+        """The margin that a set needs."""
+        return calibrated(joint(self.calibration, members), self.question.false_alarms_per_hour)
 
     def leads(self, members: Sequence[int], place: int) -> np.ndarray:
         """Harm minus the set's first alarm at a margin, ms [runs]."""
         return self.hazards.lead_ms[:, list(members), place].max(axis=1)
+
+    def covered(self, members: Sequence[int]) -> np.ndarray:
+        """Which faults a set sees in time at the margin that it needs, bool [runs]."""
+        return self.leads(members, self.margin(members).place) >= self.question.lead_ms
 
     def selected(self, without: str | None = None) -> list[int]:
         """The greedy set, of the faults of the selection half alone, or of those outside of one
@@ -136,7 +142,7 @@ class Grounds(NamedTuple):
             if without is None
             else self.selection_half & (self.hazards.group != without)
         )
-        covered = self.hazards.of(rows).covered(self.question.lead_ms)[:, :, PROPOSED]
+        covered = self.hazards.lead_ms[rows, :, PROPOSED] >= self.question.lead_ms
         return greedy(covered, self.question.most, least=LEAST_GAIN)
 
     def of_strangers(self) -> Rate | None:
@@ -148,18 +154,14 @@ class Grounds(NamedTuple):
             return None
         for name in names:
             if members := self.selected(without=str(name)):
-                margin = calibrated(
-                    joint(self.calibration, members), self.question.false_alarms_per_hour
-                )
-                hit |= (group == name) & (
-                    self.leads(members, margin.place) >= self.question.lead_ms
-                )
+                hit |= (group == name) & self.covered(members)
         return units.rate(hit[self.statement_half], units.units(group[self.statement_half]))
 
     def best_single(self) -> int:
         """The candidate that covers most of the selection half at its own margin."""
         candidates = range(self.hazards.lead_ms.shape[1])
-        return max(candidates, key=lambda one: (self._hits([one], self.selection_half), -one))
+        hits = [self.covered([one])[self.selection_half].mean() for one in candidates]
+        return int(np.argmax(hits))
 
     def at_random(self, size: int) -> np.ndarray:
         """Share of the statement half that sets at random cover, each at its own margin:
@@ -168,26 +170,15 @@ class Grounds(NamedTuple):
         rng = np.random.default_rng([self.question.seed, 2])
         among = self.hazards.lead_ms.shape[1]
         sets = [rng.choice(among, size, replace=False) for _ in range(RANDOM_SETS)]
-        return np.array([self._hits(list(one), self.statement_half) for one in sets])
-
-    def _hits(self, members: Sequence[int], rows: np.ndarray) -> float:
-        margin = calibrated(joint(self.calibration, members), self.question.false_alarms_per_hour)
-        return float((self.leads(members, margin.place)[rows] >= self.question.lead_ms).mean())
+        return np.array([self.covered(one.tolist())[self.statement_half].mean() for one in sets])
 
 
-class JointScore(NamedTuple):
-    """The largest of a set's candidates, over its scales, in each run of each motion."""
-
-    peaks: np.ndarray  # [motions, runs]
-    hours: np.ndarray  # [motions, runs]
+def joint(motions: FreeMotion, members: Sequence[int]) -> FreeMotion:
+    """The same motions with one score, the largest of a set: peaks [motions, runs]."""
+    return motions._replace(peaks=motions.peaks[:, :, list(members)].max(axis=2))
 
 
-def joint(motions: FreeMotion, members: Sequence[int]) -> JointScore:
-    """The maximum statistic of a set."""
-    return JointScore(motions.peaks[:, :, list(members)].max(axis=2), motions.hours)
-
-
-def calibrated(motions: JointScore, per_hour: float) -> Margin:
+def calibrated(motions: FreeMotion, per_hour: float) -> Margin:
     """The least margin whose expected rate is at most `per_hour`; where none is, the least with the
     least rate.
 
@@ -205,7 +196,7 @@ def calibrated(motions: JointScore, per_hour: float) -> Margin:
     return Margin(place, alarms[place], bounds[place])
 
 
-def stated(motions: JointScore, margin: float) -> AlarmRate:
+def stated(motions: FreeMotion, margin: float) -> AlarmRate:
     """False alarms at a margin with the exact interval of a Poisson rate; a run counts once.
 
     Where a motion has several runs, motions were sampled: the upper end is of motions with an

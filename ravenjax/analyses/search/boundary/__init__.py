@@ -1,3 +1,1 @@
-"""The smallest fault that does harm: a scan, then bisection of every bracket; its figure and its
-words.
-"""
+"""The smallest harmful fault: a scan, then bisection of every bracket."""

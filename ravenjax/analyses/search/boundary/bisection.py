@@ -8,7 +8,6 @@ a step. Both ends of every bracket are run again as an ordinary campaign, which 
 from __future__ import annotations
 
 import dataclasses
-import functools
 import itertools
 import math
 from pathlib import Path
@@ -23,11 +22,11 @@ from ravenjax.analyses.search.evaluator import Evaluator
 from ravenjax.analyses.search.file import outcome
 from ravenjax.analyses.search.file.config import Boundary
 from ravenjax.analyses.search.file.template import Template
-from ravenjax.analyses.search.findings import SearchFindings, series
+from ravenjax.analyses.search.wording import series
 from ravenjax.campaign import runner
 
 FOLDER = "verified"
-"""Of the campaign of both sides of every bracket, inside the search's folder."""
+"""Folder, inside the search's, of the campaign of both sides of every bracket."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,8 +65,8 @@ def due(template: Template, search: Boundary) -> int:
     )
 
 
-def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) -> SearchFindings:
-    """Search, verify in folder `out`/verified, and put into words."""
+def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) -> dict[str, Any]:
+    """The numbers of search.json, both sides of every boundary verified in `out`/verified."""
     axis, grid = template.axis(0), cells(template, search)
     low, high = (float(value) for value in axis.values)
     within = SearchRange(low, high, axis.kind == "loguniform", search.tolerance)
@@ -79,7 +78,7 @@ def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) 
     bounds = brackets.bracket(harm, within, whole, search.scan, search.sections)
     sides = _verified(template, search, evaluator, grid, bounds, out)
     records = [_record(grid, bounds, sides, cell) for cell in range(len(grid.case))]
-    numbers = {
+    return {
         "harm": search.harm,
         "searched": {
             "name": template.labels[0],
@@ -100,7 +99,6 @@ def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) 
             "folder": FOLDER,
         },
     }
-    return SearchFindings(numbers, {"boundary": functools.partial(_draw, numbers)})
 
 
 def _along(told: tuple[dict[str, Any], ...]) -> str | None:
@@ -186,9 +184,3 @@ def _exponents(records: list[dict[str, Any]], along: str | None) -> list[dict[st
             )
             exponents.append({"cell": dict(others), "from_ms": x0, "to_ms": x1, "exponent": slope})
     return exponents
-
-
-def _draw(numbers: dict[str, Any]) -> Any:
-    from ravenjax.analyses.search.boundary import figure
-
-    return figure.draw(numbers)

@@ -1,5 +1,4 @@
-"""Where along one number a yes begins, for many cells side by side: a coarse scan, then brackets
-cut step by step.
+"""Brackets the smallest number at which a condition holds, for many cells side by side.
 
 Knows nothing of robots. The scan is what makes it honest: a cell without a yes, or with nothing
 else, is censored, and one whose answer changes more than once is reported as such instead of being
@@ -47,7 +46,7 @@ class SearchRange:
 
 @dataclasses.dataclass(frozen=True)
 class Brackets:
-    """Of each cell, where the yes begins."""
+    """Where the yes begins, of each cell."""
 
     state: (
         np.ndarray

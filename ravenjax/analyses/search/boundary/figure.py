@@ -1,5 +1,5 @@
-"""Figure of a boundary: the smallest harmful value over one list of the file, a line for each
-case of the rest.
+"""Draws a boundary: the smallest harmful value over one list of the file, a line for each other
+case.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ravenjax.analyses.search.boundary.brackets import ALWAYS, CROSSING, INVALID, NEVER
-from ravenjax.analyses.search.findings import short, words
 from ravenjax.analyses.search.style import COLOURS, MARKERS, STYLE
+from ravenjax.analyses.search.wording import short, words
 from ravenjax.document.figure_style import INK, SOFT
 
 if TYPE_CHECKING:
@@ -55,8 +55,6 @@ def draw(numbers: dict[str, Any]) -> Figure:
             _scales(axes, along, searched, part)
             if value is not None:
                 axes.set_title(f"{short(panel or '').partition(',')[0]} {value}")
-        if along and along.endswith("duration_ms") and searched["scale"] == "log":
-            _impulse(panes, cells, along)
         unit = f", {searched['unit']}" if searched["unit"] else ""
         panes[0].set_ylabel(f"smallest harmful {short(searched['name']).partition(',')[0]}{unit}")
         _explain(panes[0], cells)
@@ -129,30 +127,4 @@ def _scales(axes: Any, along: str | None, searched: dict[str, Any], shown: list[
     if len(values) > 2 and values[0] > 0 and values[-1] / values[0] >= 10:
         axes.set_xscale("log")
         axes.set_xticks(values, [f"{value:g}" for value in values], fontsize=8)
-        axes.xaxis.set_minor_locator(_none())
-
-
-def _none() -> Any:
-    from matplotlib.ticker import NullLocator
-
-    return NullLocator()
-
-
-def _impulse(drawn: Any, cells: list[Record], along: str) -> None:
-    """A line value x duration = constant through the smallest boundary at the shortest duration."""
-    crossed = [record for record in cells if record["state"] == CROSSING]
-    if not crossed:
-        return
-    shortest = min(record["cell"][along] for record in crossed)
-    height = min(abs(record["harmful"]) for record in crossed if record["cell"][along] == shortest)
-    x = np.array([shortest, max(record["cell"][along] for record in crossed)], float)
-    for axes in drawn:
-        axes.plot(
-            x,
-            height * shortest / x,
-            color=SOFT,
-            lw=1.0,
-            ls=(0, (4, 2)),
-            zorder=1,
-            label="value × duration constant" if axes is drawn[0] else None,
-        )
+        axes.minorticks_off()

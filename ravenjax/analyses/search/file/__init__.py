@@ -1,3 +1,1 @@
-"""The search file: its section [search], its one group as a template of runs, the outcome that
-it asks for.
-"""
+"""Search files: section [search], the group as a template of runs, and outcomes."""

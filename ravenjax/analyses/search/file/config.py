@@ -1,4 +1,4 @@
-"""The section [search] of a search file: what is asked of the runs of its one group."""
+"""Models of the section [search] of a search file, one for each kind of search."""
 
 from __future__ import annotations
 

@@ -56,18 +56,14 @@ def from_dict(
     raw, replaced = overriding.all_applied(raw, own)
     where = location.Where(source, location.lines(text), replaced)
     messages: list[str] = []
-    campaign = search = None
+    campaign = None
     try:
         campaign = loading.from_dict(
             {k: v for k, v in raw.items() if k != SECTION}, source, text, left
         )
     except UserError as error:
         messages.append(str(error))
-    complaints: list[Complaint] = []
-    try:
-        search = _section(raw)
-    except _Wrong as error:
-        complaints += error.complaints
+    search, complaints = _section(raw)
     if campaign is not None:
         complaints += template.complaints(campaign, search)
     if complaints:
@@ -77,29 +73,21 @@ def from_dict(
     return SearchConfig(campaign, search)
 
 
-class _Wrong(Exception):
-    def __init__(self, *complaints: Complaint) -> None:
-        self.complaints = complaints
-
-
-def _section(raw: dict[str, Any]) -> Search:
+def _section(raw: dict[str, Any]) -> tuple[Search | None, list[Complaint]]:
+    """The section [search], or what is wrong with it."""
     table = raw.get(SECTION)
     kinds = ", ".join(KINDS)
     if not isinstance(table, dict):
         got = "missing" if table is None else f"got {shown(table)}"
-        raise _Wrong(((SECTION,), f"{got}: write a section [search] with kind, one of {kinds}"))
+        return None, [((SECTION,), f"{got}: write a section [search] with kind, one of {kinds}")]
     kind = table.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
         got = "missing" if kind is None else f"got {shown(kind)}"
-        raise _Wrong(
-            ((SECTION, "kind"), f"{got}, expected one of {kinds}{suggestion(kind, KINDS)}")
-        )
+        expected = f"expected one of {kinds}{suggestion(kind, KINDS)}"
+        return None, [((SECTION, "kind"), f"{got}, {expected}")]
     try:
-        return KINDS[kind].model_validate(table)
+        return KINDS[kind].model_validate(table), []
     except ValidationError as error:
-        raise _Wrong(
-            *(
-                ((SECTION, *one["loc"]), location.message(one, KINDS[kind]))
-                for one in error.errors()
-            )
-        ) from None
+        return None, [
+            ((SECTION, *one["loc"]), location.message(one, KINDS[kind])) for one in error.errors()
+        ]

@@ -1,4 +1,4 @@
-"""What a search asks of a run: a number of the result table, or whether an event happened.
+"""Outcomes that a search asks for: a number of the result table, or whether an event happened.
 
 peak_model_deviation_mm            the number evades                             an event of
 `ravenjax.outcomes.events`, under the rules of the search's campaign jump_code
@@ -51,7 +51,7 @@ class Outcome:
 
     @property
     def unit(self) -> str:
-        """Of the column."""
+        """Unit of the column."""
         return (
             self.column.rpartition("_")[2]
             if self.column.endswith(("_mm", "_ms")) and not self.relation

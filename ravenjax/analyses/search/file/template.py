@@ -174,7 +174,7 @@ class Template:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Of the inputs."""
+        """Names of the inputs."""
         return tuple(map(label, self.inputs))
 
     def axis(self, number: int) -> Axis:

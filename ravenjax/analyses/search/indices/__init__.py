@@ -1,1 +1,1 @@
-"""Which inputs decide an outcome: Sobol's and Morris's indices, and their figures."""
+"""Sensitivity of an outcome to its inputs: Sobol's and Morris's indices."""

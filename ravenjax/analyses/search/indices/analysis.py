@@ -4,9 +4,9 @@ group's lists.
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,6 @@ from ravenjax.analyses.search.evaluator import Evaluator
 from ravenjax.analyses.search.file import outcome
 from ravenjax.analyses.search.file.config import Morris, Sobol
 from ravenjax.analyses.search.file.template import Template
-from ravenjax.analyses.search.findings import SearchFindings
 from ravenjax.stats.inputs import sensitivity
 
 CONFIDENCE = 0.95
@@ -38,7 +37,9 @@ def due(template: Template, search: Sobol | Morris) -> int:
     return template.cases * points
 
 
-def find(template: Template, search: Sobol | Morris, evaluator: Evaluator) -> SearchFindings:
+def find(
+    template: Template, search: Sobol | Morris, evaluator: Evaluator, _: Path
+) -> dict[str, Any]:
     """Sample the unit cube, run every point in every case, analyse every outcome."""
     unit, analyse = _design(search, len(template.inputs), template.config.campaign.seed)
     points = len(unit)
@@ -53,7 +54,7 @@ def find(template: Template, search: Sobol | Morris, evaluator: Evaluator) -> Se
                 {"case": template.case(c), "outcome": str(one), "unit": one.unit}
                 | _of(values, analyse)
             )
-    numbers = {
+    return {
         "method": search.kind,
         "inputs": template.drawn(),
         "points": points,
@@ -61,7 +62,6 @@ def find(template: Template, search: Sobol | Morris, evaluator: Evaluator) -> Se
         "resamples": RESAMPLES,
         "results": records,
     }
-    return SearchFindings(numbers, {search.kind: functools.partial(_draw, numbers)})
 
 
 def _of(values: np.ndarray, analyse: Analyse) -> dict[str, Any]:
@@ -111,9 +111,3 @@ def _bounded(found: Any) -> dict[str, np.ndarray]:
         "low": np.asarray(found.low),
         "high": np.asarray(found.high),
     }
-
-
-def _draw(numbers: dict[str, Any]) -> Any:
-    from ravenjax.analyses.search.indices import figure
-
-    return figure.draw(numbers)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ravenjax.analyses.search.findings import short, words
 from ravenjax.analyses.search.style import COLOURS, MARKERS, STYLE
+from ravenjax.analyses.search.wording import short, words
 from ravenjax.document.figure_style import INK, SOFT
 
 if TYPE_CHECKING:

@@ -1,1 +1,1 @@
-"""How likely a rare event is: subset simulation and plain Monte Carlo, and their figure."""
+"""Probability of a rare event: subset simulation beside plain Monte Carlo."""

@@ -9,7 +9,7 @@ The figure shows how likely each distance to the event is, by both methods.
 
 from __future__ import annotations
 
-import functools
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,8 +18,8 @@ from ravenjax.analyses.search.evaluator import Evaluator
 from ravenjax.analyses.search.file import outcome
 from ravenjax.analyses.search.file.config import Rare
 from ravenjax.analyses.search.file.template import Template
-from ravenjax.analyses.search.findings import SearchFindings, words
 from ravenjax.analyses.search.style import COLOURS, STYLE
+from ravenjax.analyses.search.wording import words
 from ravenjax.document.figure_style import INK
 from ravenjax.stats.intervals import clopper_pearson
 from ravenjax.stats.rare import LimitState, RareEvent, monte_carlo, subset
@@ -93,7 +93,7 @@ def due(template: Template, search: Rare) -> int:
     return template.cases * (search.check + 4 * search.runs)
 
 
-def find(template: Template, search: Rare, evaluator: Evaluator) -> SearchFindings:
+def find(template: Template, search: Rare, evaluator: Evaluator, _: Path) -> dict[str, Any]:
     """Both estimates of every case."""
     seed, inputs = template.config.campaign.seed, len(template.inputs)
     records = []
@@ -121,7 +121,7 @@ def find(template: Template, search: Rare, evaluator: Evaluator) -> SearchFindin
             }
         )
     one = outcome.parse(search.event)
-    numbers = {
+    return {
         "event": search.event,
         "column": one.column,
         "relation": one.relation,
@@ -131,7 +131,6 @@ def find(template: Template, search: Rare, evaluator: Evaluator) -> SearchFindin
         "share": 1.0 / search.steps,
         "results": records,
     }
-    return SearchFindings(numbers, {"rare": functools.partial(draw, numbers)})
 
 
 def _limit_state(

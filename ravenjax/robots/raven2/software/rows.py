@@ -71,10 +71,8 @@ def row_kind(setup: RavenSetup) -> RecordKind:
     usb = UsbIn(tuple(Vec.full(7, np.int32(0)) for _ in slots), flags)
     record = RecordKind.of(Inputs(silence(setup), usb, flags)).record
     types = tuple(map(str, tree.leaves(record)))
-<<<<<<< HEAD
-    return RecordKind(record, BufferLayout(types, tuple(tree.leaves(offsets)), row.itemsize))
-=======
-    return RecordKind(record, RowLayout(types, tuple(map(int, tree.leaves(offsets))), row.itemsize))
+    places = tuple(map(int, tree.leaves(offsets)))
+    return RecordKind(record, BufferLayout(types, places, row.itemsize))
 
 
 def _places(dtype: np.dtype, start: int = 0) -> Any:
@@ -84,7 +82,6 @@ def _places(dtype: np.dtype, start: int = 0) -> Any:
     return start + dtype.base.itemsize * np.arange(np.prod(dtype.shape, dtype=int)).reshape(
         dtype.shape
     )
->>>>>>> physics
 
 
 class InputRows:

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
 import tiny_campaign
 
-import ravenjax as rj
 from ravenjax import robots
 from ravenjax.analyses.monitors import scores
 from ravenjax.analyses.monitors.counterfactual import output
 from ravenjax.analyses.monitors.counterfactual.candidates import (
     MARGINS,
-    SMALLEST_SCALE,
     Candidate,
     Question,
 )
@@ -82,39 +78,6 @@ def test_shares_are_those_of_the_half_that_states():
     assert f"Not seen in time: a ({lost} of {among})." in said(one)
 
 
-@pytest.mark.parametrize(
-    ("question", "hours", "peaks", "words"),
-    [
-        (
-            Question(false_alarms_per_hour=1.0),
-            100.0,
-            0.5,
-            "At most 1 an hour were asked for: this is shown.",
-        ),
-        (
-            Question(false_alarms_per_hour=1.0),
-            2.0,
-            0.5,
-            "at the mean over calibrations; that it is so here is not shown",
-        ),
-        (
-            Question(false_alarms_per_hour=0.1),
-            2.0,
-            0.5,
-            "too few for 2 h of calibration, which estimate up to",
-        ),
-        (Question(false_alarms_per_hour=0.1), 100.0, 9.0, "too few for"),
-    ],
-)
-def test_what_hours_can_say_of_the_rate_is_said(question, hours, peaks, words):
-    text = said(counterfactual(question, hours, peaks))
-    assert words in text
-    if "--hours" in text:
-        (enough,) = map(float, re.findall(r"--hours ([\d.]+)", text))
-        later = counterfactual(question, enough / 2, 0.5)  # half of all motion states
-        assert "this is shown" in said(later) or peaks > MARGINS[-1]
-
-
 def test_sets_chosen_without_a_group_are_tried_on_it():
     one = counterfactual(Question())
     grounds = one.grounds
@@ -122,19 +85,3 @@ def test_sets_chosen_without_a_group_are_tried_on_it():
     assert grounds.selected() == [0, 1] and grounds.selected(without="b") == [0]
     assert one.promise.covered.k > 0 and one.strangers.k == 0
     assert "tried on, sets see 0.0 %." in said(one)
-
-
-def test_a_channel_that_never_moved_alarms_at_any_change():
-    part = Candidate(PARTS[0].score.scaled([2.0, SMALLEST_SCALE, 4.0]), 1)
-    assert output.levels(part, 1.5) == "x 3 um, y any, z 6 um"
-
-
-def test_detectors_of_the_set_have_names_that_the_campaign_has_not():
-    one = counterfactual(Question())
-    first, second = (PARTS[place].name for place in (0, 1))
-    own = rj.load_campaign(
-        tiny_campaign.tables() | {"detector": [{"name": first, "kind": "tip_error"}]}
-    )
-    assert output.names(one) == [first, second]
-    assert output.names(one._replace(config=own)) == [f"{first}_2", second]
-    assert f'file = "{first}_2.py"' in output.campaign(one._replace(config=own))

@@ -1,5 +1,5 @@
-"""What the operator's reaction to the cue changes: the same fault under the same random numbers,
-with it and without.
+"""Section "Reaction": the same faults under the same random numbers, with the operator's reaction
+to the cue and without.
 
 A pair is two runs that differ in the crossed parameters alone, of which one has an operator who
 does not react. Of a fault that was run several times the first pair counts; where something else is
@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterator
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -19,7 +20,7 @@ from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data import pair_intervals as intervals
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import Runs
-from ravenjax.report.sections import tables
+from ravenjax.report.sections import Section, tables
 from ravenjax.stats.alarms.false_alarms import AlarmRate, alarm_rate
 from ravenjax.stats.bootstrap.units import Units
 from ravenjax.stats.intervals import Estimate, Rate
@@ -51,7 +52,7 @@ class Pairs(NamedTuple):
     without_frame: pd.DataFrame
 
     def where(self, chosen: np.ndarray) -> Pairs:
-        """Those of `chosen` (bool [pairs])."""
+        """The pairs that `chosen` marks (bool [pairs])."""
         return Pairs(*(part.loc[chosen] for part in self))
 
 
@@ -95,7 +96,7 @@ class PairSample(NamedTuple):
 
     @property
     def crossed(self) -> bool:
-        """As `crossed`."""
+        """Whether there are pairs."""
         return crossed(self.frame, self.facts)
 
 
@@ -140,7 +141,7 @@ def pairs(frame: pd.DataFrame, facts: pd.DataFrame, action: int, faulty: bool = 
     return Pairs(facts.loc[mine], facts.loc[other], frame.loc[mine], frame.loc[other])
 
 
-def differences(frame: pd.DataFrame, facts: pd.DataFrame, sampled: Sampled) -> list[Difference]:
+def compare_pairs(frame: pd.DataFrame, facts: pd.DataFrame, sampled: Sampled) -> list[Difference]:
     """For each action: all pairs, then by layer, then by each value of other crossed parameters."""
     return [
         _difference(action, among, part, sampled(part.with_facts["group"].unique().tolist()))
@@ -235,3 +236,27 @@ def _difference(action: str, among: str, mine: Pairs, sampled: bool) -> Differen
 def _mean(mine: Pairs, column: str, faults: Units | None) -> Estimate:
     after, before = (part[column].to_numpy(float) for part in (mine.with_frame, mine.without_frame))
     return intervals.mean_difference(after, before, faults)
+
+
+def differences(runs: Runs) -> list[Difference]:
+    """Pairs compared; none where a campaign has none."""
+    if not runs.manifest.shape.reacts:
+        return []
+    both = runs.once(drawn)
+    return compare_pairs(both.frame, both.facts, runs.sampled) if both.crossed else []
+
+
+def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
+    if not runs.manifest.shape.reacts:
+        return None
+    both, found = runs.once(drawn), runs.once(differences)
+    return {
+        "differences": found,
+        "whole": [row for row in found if row.among == "all faults"],
+        "leads": runs.cue_leads,
+        "interruptions": interruptions(both.frame, both.facts),
+        "reaction_runs": (len(both.frame), runs.rows),
+    }
+
+
+SECTIONS = (Section("reaction", "Reaction", 70, _content),)

@@ -1,23 +1,11 @@
-"""What a search found: numbers and figures; and how numbers and names are written for readers."""
+"""Writes numbers, names and cases of a search for readers."""
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-
-@dataclasses.dataclass(frozen=True)
-class SearchFindings:
-    """Of one search."""
-
-    numbers: dict[str, Any]  # of search.json; its page is made from them, too
-    figures: Mapping[str, Callable[[], Figure]]  # name of the file without suffix -> draws it
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 
 def number(value: float, digits: int = 4) -> str:

@@ -11,33 +11,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from ravenjax.hazards import naming, severity
 from ravenjax.outcomes.verdict import LIMIT_MM
-from ravenjax.report.data.runs import Runs
-from ravenjax.report.sections import Section
 from ravenjax.stats.bootstrap import units
-from ravenjax.stats.intervals import Estimate, Rate, share
+from ravenjax.stats.intervals import Estimate
 
 Counts = Mapping[str, np.ndarray]
 """Hazard id -> valid runs of each severity, int [6]."""
-
-
-@dataclass(frozen=True)
-class HazardRisk:
-    """How bad the runs of one hazard were."""
-
-    hazard: str  # its id
-    counts: tuple[int, ...]  # valid runs of severity 0 .. 5
-    # probability times severity, summed; severities are ordinal, so it ranks and does not measure
-    mean: float
-    injury: Rate  # injury-capable motion
-    silent: Rate  # the same without any alarm
 
 
 @dataclass(frozen=True)
@@ -76,36 +60,6 @@ def counts(
         for name in naming.hazards_of(str(group)):
             result[name] = result.get(name, 0) + number
     return result
-
-
-def counted(runs: Runs) -> dict[str, np.ndarray]:
-    """`counts` of every run of a table, a batch of rows at a time."""
-    manifest = runs.manifest
-    cue = manifest.verdict_cue if manifest.cues else None
-    alarms = [] if cue is None else [f"cue{cue}_first_ms", f"golden_cue{cue}_first_ms"]
-    slots = [name for name in runs.names if name.startswith("fault")]
-    needed = dict.fromkeys([*severity.COLUMNS, "group", *alarms, *slots])
-    result: dict[str, np.ndarray] = {}
-    for frame in runs.batches(list(needed)):
-        for name, number in counts(frame, cue, manifest.limit_mm).items():
-            result[name] = result.get(name, 0) + number
-    return result
-
-
-def by_hazard(found: Counts) -> list[HazardRisk]:
-    """One row a hazard with runs, the worst first: by mean severity, then by id."""
-    rows = [
-        HazardRisk(
-            name,
-            tuple(int(n) for n in number),
-            _mean(number),
-            share(int(number[severity.INJURY :].sum()), int(number.sum())),
-            share(int(number[-1]), int(number.sum())),
-        )
-        for name, number in found.items()
-        if number.sum()
-    ]
-    return sorted(rows, key=lambda row: (-row.mean, row.hazard))
 
 
 def by_pool(found: Counts, pool: Pool) -> PoolRisk:
@@ -150,25 +104,3 @@ def mean_over(shares: np.ndarray, hazard: Sequence[str], weight: np.ndarray) -> 
 
 def _mean(number: np.ndarray) -> float:
     return float(number @ np.arange(len(number)) / number.sum())
-
-
-def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
-    if not any(naming.hazards_of(group) for group in runs.groups()):
-        return None
-    risks = by_hazard(counted(runs))
-    if not risks:
-        return None
-    grades = [{f"severity_{grade}": n for grade, n in enumerate(one.counts)} for one in risks]
-    return {
-        "risks": risks,
-        "risk_rows": [
-            {"hazard": one.hazard, "mean": one.mean, "injury": one.injury, "silent": one.silent}
-            | grade
-            for one, grade in zip(risks, grades, strict=True)
-        ],
-        "severities": severity.SCALE,
-        "depth_mm": severity.DEPTH_MM,
-    }
-
-
-SECTIONS = (Section("risk", "Risk", 90, _content),)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import result_rows
 
-from ravenjax.report.sections import risk
-from ravenjax.report.sections.risk import Pool
+from studies.hazards import risk
+from studies.hazards.risk import Pool
 
 JUMPS = {"jump_tip": True}
 TOLD = {"response": "stopped"}
@@ -43,19 +43,6 @@ def test_the_limit_is_the_campaigns() -> None:
     )
     assert risk.counts(table)["B24"].tolist() == [3, 0, 0, 0, 0, 0]
     assert risk.counts(table, limit_mm=2.0)["B24"].tolist() == [1, 0, 0, 0, 0, 2]
-
-
-def test_hazards_come_worst_first() -> None:
-    table = result_rows.frame(
-        {"group": "g/C06"},
-        {"group": "g/B24", **JUMPS},
-        {"group": "g/B24"},
-        {"group": "g/K01", **TOLD},
-    )
-    rows = risk.by_hazard(risk.counts(table))
-    assert [row.hazard for row in rows] == ["B24", "K01", "C06"]
-    assert rows[0].mean == pytest.approx(2.5)  # 5 and 0
-    assert (rows[0].injury.k, rows[0].injury.n, rows[0].silent.k) == (1, 2, 1)
 
 
 def test_hazards_of_a_pool_count_alike_however_many_runs_they_have() -> None:
@@ -95,6 +82,5 @@ def test_pools_weigh_against_each_other_and_leave_out_what_was_not_run() -> None
 
 
 def test_without_runs_there_is_no_risk() -> None:
-    assert risk.by_hazard({}) == []
     row = risk.by_pool({}, Pool("a", "", ("B24",)))
     assert row.injury is None and math.isnan(row.mean)
