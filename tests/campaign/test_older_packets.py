@@ -183,7 +183,7 @@ def test_what_sends_no_older_packet_has_no_history():
         planned({"name": "free"}, packets="measured"),
     ):
         assert ready.program.setup.packet_history == 0
-        assert run.init(ready.program.setup, ready.program.params).history is None
+        assert "history" not in run.init(ready.program.setup, ready.program.params).stages
 
 
 def age_ms(*faults: dict, **more) -> float:
