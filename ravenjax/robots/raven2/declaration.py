@@ -21,6 +21,7 @@ _NAMES = {
     "quaternion": ("qx", "qy", "qz", "qw"),
     "matrix": tuple(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)),
 }
+_DEFAULTS: dict[str, Any] = {"per_arm": True}
 _FIELDS = {name: Field(**field) for name, field in _TABLES["fields"].items()}
 
 
@@ -48,7 +49,7 @@ def _site(name: str, table: dict[str, Any]) -> Site:
     channels = tuple(
         channel for group in table.pop("channels") for channel in _site_channels(group)
     )
-    return Site(name, channels=channels, **{"per_arm": True} | table)
+    return Site(name, channels=channels, **_DEFAULTS | table)
 
 
 def _seam(name: str, table: dict[str, Any]) -> Seam:
@@ -57,7 +58,7 @@ def _seam(name: str, table: dict[str, Any]) -> Seam:
         for group in table.pop("channels")
         for channel, unit, path in _channels(group)
     )
-    return Seam(name, channels=channels, **{"per_arm": True} | table)
+    return Seam(name, channels=channels, **_DEFAULTS | table)
 
 
 def _signal(name: str, table: dict[str, Any]) -> Signal:

@@ -182,9 +182,12 @@ def crossing(setup: RavenSetup, signals: TickSignals) -> list[tuple[Scalar, Scal
     for place in listing(setup):
         number: Any = rotations | vars(signals)
         for step in place.channel.path:
-            key = setup.arms.index(place.arm) if step == ARM else step  # type: ignore[arg-type]
-            named = isinstance(key, str) and not isinstance(number, dict)
-            number = getattr(number, key) if named else number[key]
+            if step == ARM:
+                number = number[setup.arms.index(place.arm)]  # type: ignore[arg-type]
+            elif isinstance(step, str) and not isinstance(number, dict):
+                number = getattr(number, step)
+            else:
+                number = number[step]
         of_packet = place.seam.name in ("packet_header", "packet")
         numbers.append((number, packet.received != 0 if of_packet else True))
     return numbers
