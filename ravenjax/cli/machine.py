@@ -73,7 +73,7 @@ def doctor(
         bool, Parameter(negative="", help="measure how well a session keeps time instead")
     ] = False,
     seconds: Annotated[
-        float, Parameter(help="of each of the five loops that --realtime measures")
+        float, Parameter(help="of each of the two loops that --realtime measures")
     ] = 60.0,
     as_json: AsJson = False,
 ) -> int:
@@ -107,9 +107,8 @@ def _keeps_time(seconds: float, as_json: bool) -> int:
     from ravenjax.train import timing
 
     measured = timing.measure(seconds, lambda what: console.err.print(what, highlight=False))
-    loops = Listing(
-        "loops", "One tick a millisecond", timing.COLUMNS, [one.row() for one in measured]
-    )
+    rows = [timing.row(*loop) for loop in measured.items()]
+    loops = Listing("loops", "One tick a millisecond", timing.COLUMNS, rows)
     states = timing.verdict(measured)
     if as_json:
         console.emit([loops, Listing("verdict", "", ("state", "sentence"), list(states))], as_json)

@@ -23,10 +23,6 @@ LEAD_NS = PERIOD_NS if _CPUS >= 4 else 300_000 if _CPUS > 1 else 0
 """Awake so long before a tick is due: what a sleep leaves behind, a late interrupt, a slow clock
 and caches that others have filled, is over when the tick begins. With four CPUs one has nothing
 else to do and never sleeps; where there is one only, others need it more."""
-MEANWHILE_NS = 110_000
-"""What is done while the clock waits begins so long before a tick is due: a tick's time and some
-more.
-"""
 MOST_BEHIND = 100
 """Ticks that are made up for; further behind (a suspended machine), the schedule moves on
 instead.
@@ -34,12 +30,8 @@ instead.
 LATE_US = 1000
 """A tick that begins a whole period late has overrun."""
 _SET_TIMER_SLACK = 29  # linux/prctl.h, PR_SET_TIMERSLACK, ns
-_CURRENT, _FUTURE, _ON_FAULT = (
-    1,
-    2,
-    4,
-)  # linux/mman.h, MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT (kernels since 4.4)
-_CAP_IPC_LOCK = 14  # linux/capability.h
+# linux/mman.h, MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT
+_CURRENT, _FUTURE, _ON_FAULT = 1, 2, 4
 BINS = 20_000
 """Of a histogram, one microsecond each; what is longer is in the last."""
 
@@ -79,19 +71,12 @@ class Clock:
         self._began = time.monotonic_ns()
         self._due = self._began // PERIOD_NS * PERIOD_NS + PHASE_NS
 
-    def wait(self, meanwhile: Callable[[], None] | None = None) -> None:
-        """Sleep until shortly before the next tick is due, then look at the clock until it is; do
-        `meanwhile` between, as late as possible, if there is time left."""
+    def wait(self) -> None:
+        """Sleep until shortly before the next tick is due, then look at the clock until it is."""
         self._due += PERIOD_NS
         due, now = self._due, time.monotonic_ns()
         if now < due - LEAD_NS:
             time.sleep((due - LEAD_NS - now) * 1e-9)
-            now = time.monotonic_ns()
-        if meanwhile is not None and now < due - MEANWHILE_NS // 2:
-            while now < due - MEANWHILE_NS:
-                now = time.monotonic_ns()
-            meanwhile()
-            now = time.monotonic_ns()
         while now < due:
             now = time.monotonic_ns()
         self.lateness_us, self._began = float((now - due) // 1000), now
@@ -131,7 +116,7 @@ def realtime(choose: Callable[[set[int]], int] = max) -> Iterator[str]:
     libc = ctypes.CDLL(None)
     cpus, policy, priority = os.sched_getaffinity(0), os.sched_getscheduler(0), os.sched_getparam(0)
     granted = ["timer slack 1 ns"] if libc.prctl(_SET_TIMER_SLACK, 1, 0, 0, 0) == 0 else []
-    if _may_lock_memory() and _lock_memory(libc):
+    if _lock_memory(libc):
         granted.append("memory locked")
     if len(cpus) > 1:
         os.sched_setaffinity(0, {choose(cpus)})
@@ -156,31 +141,16 @@ def realtime(choose: Callable[[set[int]], int] = max) -> Iterator[str]:
 
 
 def _lock_memory(libc: ctypes.CDLL) -> bool:
-    """Keep in place what is in memory now and what is asked for later; whether the system lets us.
+    """Keep all memory in place, because a first touch takes as long as a tick. Returns whether.
 
-    What is mapped but was never touched, most of every library, stays out: to lock it would read it
-    in. What is asked for later is filled when it is asked for, as the heap of a loop grows.
-    """
-    libc.malloc_trim(0)
-    if libc.mlockall(_CURRENT | _ON_FAULT) != 0:
-        return libc.mlockall(_CURRENT | _FUTURE) == 0
-    return libc.mlockall(_FUTURE) == 0
-
-
-def _may_lock_memory() -> bool:
-    """Whether all memory, also what is asked for later, may be kept in place: a first touch takes
-    as long as a tick.
-
-    Under a limit what is asked for later would be refused, so then nothing is locked.
+    Under a limit the system would refuse memory that is asked for later, so nothing is locked.
     """
     import resource
 
-    soft, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
-    if soft == resource.RLIM_INFINITY:
-        return True
-    with open("/proc/self/status", encoding="ascii") as status:
-        capabilities = next(line for line in status if line.startswith("CapEff:"))
-    return bool(int(capabilities.split()[1], 16) >> _CAP_IPC_LOCK & 1)
+    if resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] != resource.RLIM_INFINITY:
+        return False
+    # Pages that nobody has touched yet, most of every library, are not read in now.
+    return libc.mlockall(_CURRENT | _ON_FAULT) == 0 and libc.mlockall(_FUTURE) == 0
 
 
 def other_cpus() -> set[int]:

@@ -10,26 +10,30 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from functools import cache
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
+from ravenjax.store.logs.ros_types import (
+    JOINT_STATE,
+    POSE,
+    TWIST,
+    WRENCH,
+    MessageTypes,
+    Ros,
+)
 from ravenjax.train.robot import ArmName
 
-Ros = Literal["ros1", "ros2"]
-
-JOINT_STATE = "sensor_msgs/msg/JointState"
 JOY = "sensor_msgs/msg/Joy"
-POSE = "geometry_msgs/msg/PoseStamped"
-TWIST = "geometry_msgs/msg/TwistStamped"
-WRENCH = "geometry_msgs/msg/WrenchStamped"
 OPERATING_STATE = "crtk_msgs/msg/OperatingState"
 STRING = "crtk_msgs/msg/StringStamped"
 RAVEN_STATE = "raven_2/msg/raven_state"
 
-DEFINITIONS = {
+CRTK_DEFINITIONS = {
     OPERATING_STATE: "std_msgs/Header header\nstring state\nbool is_homed\nbool is_busy\n",
     STRING: "std_msgs/Header header\nstring string\n",
+}
+DEFINITIONS = CRTK_DEFINITIONS | {
     RAVEN_STATE: """std_msgs/Header hdr
 int32 runlevel
 int32 sublevel
@@ -120,71 +124,10 @@ def _of_arms(arms: Sequence[ArmName], words: Sequence[str] | Mapping[str, str]) 
     return [f"{ARM_NAMES[arm]}/{word}" for arm in arms for word in words]
 
 
-class MessageTypes:
-    """The types of one ROS: makes messages, and bytes of them."""
-
-    def __init__(self, ros: Ros, definitions: Mapping[str, str] | None = None) -> None:
-        """definitions: in place of those above, with those of their parts as ROS 1 sends them."""
-        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-        self.ros: Ros = ros
-        self.store = get_typestore(Stores.ROS1_NOETIC if ros == "ros1" else Stores.ROS2_HUMBLE)
-        for kind, text in (DEFINITIONS | dict(definitions or {})).items():
-            if kind != RAVEN_STATE or ros == "ros1":
-                types = get_types_from_msg(text, kind)
-                known = self.store.types
-                self.store.register({k: v for k, v in types.items() if k not in known})
-
-    def encode(self, message: Any) -> bytes:
-        """The bytes of a message: CDR with its head, or ROS 1's own."""
-        store = self.store
-        write = store.serialize_ros1 if self.ros == "ros1" else store.serialize_cdr
-        return bytes(write(message, message.__msgtype__))
-
-    def decode(self, content: bytes, kind: str) -> Any:
-        """The message; ValueError where the bytes are none."""
-        store = self.store
-        read = store.deserialize_ros1 if self.ros == "ros1" else store.deserialize_cdr
-        try:
-            return read(content, kind)
-        except Exception as error:  # whatever the library stumbles over
-            raise ValueError(f"no {kind}: {error}") from None
-
-    def header(self, stamp_ns: int, frame: str = "") -> tuple[Any, ...]:
-        """Fields of a header; stamp_ns: since 1970."""
-        stamp = divmod(stamp_ns, 10**9)
-        return (0, stamp, frame) if self.ros == "ros1" else (stamp, frame)
-
-    def message(self, kind: str, *values: Any) -> Any:
-        """A message of these fields, in their order; a field that has fields is a sequence."""
-        from rosbags.interfaces import Nodetype
-
-        fields = []
-        node: Any
-        for (_, node), value in zip(self.store.fielddefs[kind][1], values, strict=True):
-            nodetype, content = node
-            if nodetype == Nodetype.NAME:
-                value = self.message(content, *map(_plain, value))
-            elif nodetype != Nodetype.BASE and (element := content[0][1][0]) != "string":
-                value = np.asarray(value, element)
-            fields.append(value)
-        return self.store.types[kind](*fields)
-
-    def joint_state(
-        self, header: Any, names: Sequence[str], position: Any, velocity: Any = ()
-    ) -> Any:
-        """Joints: rad, insertion m, and their rates."""
-        return self.message(JOINT_STATE, header, list(names), position, velocity, ())
-
-
-def _plain(value: Any) -> Any:
-    return float(value) if isinstance(value, np.floating) else value
-
-
 @cache
 def types(ros: Ros) -> MessageTypes:
-    """Of this ROS; read once."""
-    return MessageTypes(ros)
+    """The message types of this ROS, with those of CRTK and raven2."""
+    return MessageTypes(ros, DEFINITIONS if ros == "ros1" else CRTK_DEFINITIONS)
 
 
 def pose_of(message: Any) -> tuple[np.ndarray, np.ndarray] | None:
