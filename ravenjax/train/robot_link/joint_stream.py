@@ -27,12 +27,13 @@ of `protocol.frame`.
 from __future__ import annotations
 
 import collections
-import dataclasses
+import contextlib
 import hmac
 import ipaddress
 import json
 import socket
-from typing import Annotated, Any
+from collections.abc import Iterator
+from typing import Annotated, Any, NamedTuple
 
 from pydantic import BaseModel, Field
 from pydantic_core import to_json
@@ -43,10 +44,10 @@ from ravenjax.train.robot import ArmName
 
 JOINT_PORT = 36002
 """Beside the console's UDP port 36000; 36001 is that of raven2's packet generator."""
-MOST_CLIENTS = 8
 BUFFER_BYTES = 1 << 17
 """For one listener, here and again in the kernel: a tenth of a second."""
-LONGEST_LINE = 1024
+READ_BYTES = 1 << 16
+LONGEST_ORDER = 1024
 _NOT_ALLOWED = "not from this machine: start the robot with a token and give the same one here"
 _FLAGS = ("surgeon_mode", "soft_estopped", "brakes", "fault_active")
 _COMMON = ("runlevel", "plc_runlevel", *_FLAGS)
@@ -116,21 +117,59 @@ def encode_line(content: dict[str, Any]) -> bytes:
     return to_json(content) + b"\n"
 
 
-@dataclasses.dataclass(eq=False)
-class Listener:
-    """Who listens, and what waits for it."""
+class LineConnection:
+    """A TCP connection that carries lines, and on which nobody waits."""
 
-    socket: socket.socket
-    local: bool  # on this machine
-    waiting: bytearray = dataclasses.field(default_factory=bytearray)
-    heard: bytearray = dataclasses.field(default_factory=bytearray)
+    def __init__(self, connection: socket.socket, local: bool = True) -> None:
+        """local: the other end is on this machine."""
+        connection.setblocking(False)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
+        self.local, self.is_closed = local, False
+        self._socket = connection
+        self._waiting, self._heard = bytearray(), b""
+
+    def send(self, line: bytes = b"") -> bool:
+        """Append a whole line where there is room, and send what the kernel takes."""
+        fits = len(self._waiting) + len(line) <= BUFFER_BYTES
+        if fits:
+            self._waiting += line
+        try:
+            if self._waiting and not self.is_closed:
+                del self._waiting[: self._socket.send(self._waiting)]
+        except BlockingIOError:
+            pass
+        except OSError:
+            self.close()
+        return fits
+
+    def read(self, longest: int = BUFFER_BYTES) -> list[bytes]:
+        """The whole lines that have come. ValueError: one is longer than `longest` bytes."""
+        if self.is_closed:
+            return []
+        try:
+            content = self._socket.recv(READ_BYTES)
+        except BlockingIOError:
+            return []
+        except OSError:
+            content = b""
+        *lines, self._heard = (self._heard + content).split(b"\n")
+        if not content:
+            self.close()
+        if max(map(len, (*lines, self._heard))) > longest:
+            raise ValueError(f"a line has more than {longest} bytes")
+        return lines
+
+    def close(self) -> None:
+        """End the connection."""
+        self.is_closed = True
+        self._socket.close()
 
 
-@dataclasses.dataclass(frozen=True)
-class ListenerOrder:
-    """What a listener asks for; it may."""
+class ListenerOrder(NamedTuple):
+    """An order of a listener that may give it."""
 
-    listener: Listener
+    listener: LineConnection
     content: dict[str, Any]
 
 
@@ -145,14 +184,14 @@ class JointServer:
         """
         self._greeting, self._token = encode_line(greeting), token
         try:
-            self._socket = socket.create_server((host, port), backlog=MOST_CLIENTS)
+            self._socket = socket.create_server((host, port))
         except (OSError, OverflowError) as error:
             raise UserError(
                 f"TCP {host}:{port} cannot be opened for the joint stream ({error}); another robot"
                 " may hold it. Give another port, or 0 for any free one"
             ) from None
         self._socket.setblocking(False)
-        self.listeners: list[Listener] = []
+        self.listeners: list[LineConnection] = []
         self.counts: collections.Counter[str] = collections.Counter()
 
     @property
@@ -161,107 +200,56 @@ class JointServer:
         return self._socket.getsockname()[:2]
 
     def poll(self) -> list[ListenerOrder]:
-        """Let in who knocks, and hear the orders that have arrived."""
-        self._accept()
-        return [order for listener in list(self.listeners) for order in self._orders(listener)]
+        """Accept new listeners, and return the orders that have arrived."""
+        with contextlib.suppress(OSError):  # nobody knocks, or is gone again
+            connection, address = self._socket.accept()
+            listener = LineConnection(connection, ipaddress.ip_address(address[0]).is_loopback)
+            self.listeners.append(listener)
+            self.counts["listeners"] += 1
+            listener.send(self._greeting)
+        orders = [order for listener in self.listeners for order in self._read_orders(listener)]
+        self.listeners = [listener for listener in self.listeners if not listener.is_closed]
+        return orders
 
     def publish(self, line: bytes) -> None:
         """Send a line to every listener; one that has no room left loses it."""
-        for listener in list(self.listeners):
-            sent = self._push(listener, line)
+        for listener in self.listeners:
+            sent = listener.send(line)
             self.counts["records" if sent else "records_dropped"] += 1
 
     def answer(self, order: ListenerOrder, error: str | None = None) -> None:
-        """Tell who gave an order that it was carried out, or why not."""
+        """Tell the listener that its order was carried out, or why not."""
         kind = order.content.get("order")
         reply = {"answer": kind if isinstance(kind, str) else None, "ok": error is None}
-        self._push(
-            order.listener, encode_line(reply if error is None else reply | {"error": error})
-        )
+        order.listener.send(encode_line(reply if error is None else reply | {"error": error}))
 
     def close(self) -> None:
         """End all connections and give the port back."""
-        for listener in list(self.listeners):
-            self._drop(listener)
+        for listener in self.listeners:
+            listener.close()
         self._socket.close()
 
-    def _accept(self) -> None:
-        try:
-            connection, address = self._socket.accept()
-        except OSError:  # nobody knocks, or is gone again
-            return
-        if len(self.listeners) >= MOST_CLIENTS:
-            self.counts["turned_away"] += 1
-            connection.close()
-            return
-        connection.setblocking(False)
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
-        listener = Listener(connection, ipaddress.ip_address(address[0]).is_loopback)
-        self.listeners.append(listener)
-        self.counts["listeners"] += 1
-        self._push(listener, self._greeting)
-
-    def _push(self, listener: Listener, line: bytes) -> bool:
-        """Append a whole line where there is room, and send what the kernel takes."""
-        fits = len(listener.waiting) + len(line) <= BUFFER_BYTES
-        if fits:
-            listener.waiting += line
-        try:
-            del listener.waiting[: listener.socket.send(listener.waiting)]
-        except BlockingIOError:
-            pass
-        except OSError:
-            self._drop(listener)
-        return fits
-
-    def _orders(self, listener: Listener) -> list[ListenerOrder]:
+    def _read_orders(self, listener: LineConnection) -> Iterator[ListenerOrder]:
         """The orders of a listener that may give them."""
         try:
-            heard = listener.socket.recv(4 * LONGEST_LINE)
-        except BlockingIOError:
-            return []
-        except OSError:
-            heard = b""
-        if not heard:
-            self._drop(listener)
-            return []
-        *lines, listener.heard = (listener.heard + heard).split(b"\n")
-        orders: list[ListenerOrder] = []
-        for line in lines:
-            content = _json_object(line)
-            if content is None:
-                break
+            contents = [json.loads(line) for line in listener.read(LONGEST_ORDER)]
+            if not all(isinstance(content, dict) for content in contents):
+                raise ValueError("an order is no JSON object")
+        except (ValueError, RecursionError):
+            self.counts["garbled"] += 1
+            listener.close()
+            return
+        for content in contents:
             order = ListenerOrder(listener, content)
             if self._may(listener, content):
                 self.counts["orders"] += 1
-                orders.append(order)
+                yield order
             else:
                 self.counts["orders_refused"] += 1
                 self.answer(order, _NOT_ALLOWED)
-        else:
-            if len(listener.heard) <= LONGEST_LINE:
-                return orders
-        self.counts["garbled"] += 1
-        self._drop(listener)
-        return orders
 
-    def _may(self, listener: Listener, order: dict[str, Any]) -> bool:
+    def _may(self, listener: LineConnection, order: dict[str, Any]) -> bool:
         token = order.get("token")
         if listener.local or self._token is None or not isinstance(token, str):
             return listener.local
         return hmac.compare_digest(self._token.encode(), token.encode(errors="replace"))
-
-    def _drop(self, listener: Listener) -> None:
-        if listener in self.listeners:
-            self.listeners.remove(listener)
-            listener.socket.close()
-
-
-def _json_object(line: bytes | bytearray) -> dict[str, Any] | None:
-    """The object in a line; None where there is none, or the line is too long."""
-    try:
-        content = json.loads(line) if len(line) <= LONGEST_LINE else None
-    except (ValueError, RecursionError):
-        return None
-    return content if isinstance(content, dict) else None

@@ -12,7 +12,7 @@ from ravenjax.train.judge.detectors import Trips
 from ravenjax.train.protocol.frame import PHASES
 from ravenjax.train.robot_link.distant import DistantRobot
 from ravenjax.train.robot_link.joint_stream import JointReport, encode_report
-from ravenjax.train.robot_link.packet_filter import Increments
+from ravenjax.train.robot_link.packet_filter import increments_of, packet_of
 from ravenjax.train.session import advance, blueprint
 from ravenjax.train.session.advance import Session
 from ravenjax.train.session.simulation import PacketRobot, SimulatedRobot
@@ -214,8 +214,9 @@ def test_the_model_begins_where_the_robot_stands():
     for pedal, ticks, um in ((0, 20, 0), (1, 300, 0), (1, 300, 60), (0, 300, 0)):
         for _ in range(ticks):
             number += 1
-            increments = Increments(0, pedal, ((um, 0, 0),), ((0.0, 0.0, 0.0, 1.0),), (0,))
-            robot.tick(increments.packet(number))
+            moved = {"gold": ((um, 0, 0), (0.0, 0.0, 0.0, 1.0), 0)}
+            command = increments_of(pedal, moved, "itp")
+            robot.tick(packet_of(command, ("gold",), number))
     session = Session(chosen, 0, robot=lambda made: DistantRobot(made, Wire(robot)))
     start = session.blueprint.plan.motion.start_jpos[0]
     for _ in range(100):

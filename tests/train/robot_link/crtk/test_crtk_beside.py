@@ -20,12 +20,10 @@ from ravenjax.train.robot_link.crtk import messages
 from ravenjax.train.robot_link.crtk.bridge import CrtkConsole
 from ravenjax.train.robot_link.crtk.interpreter import Interpreter, RobotRow
 from ravenjax.train.robot_link.crtk.ros_robot import RosRobot
-from ravenjax.train.robot_link.packet_filter import Increments
+from ravenjax.train.robot_link.packet_filter import increments_of
 from ravenjax.train.robot_link.process import Station
 from ravenjax.train.session import pedal
 from ravenjax.train.session.advance import Session
-
-QUIET = ((0.0, 0.0, 0.0, 1.0),)
 
 
 class Machine:
@@ -52,12 +50,13 @@ class Itp:
     """A console of ITP: what it sends in the next tick, and what it feels."""
 
     gate = SimpleNamespace(news=list)
+    last_sequence = 7
 
     def __init__(self):
         self.next, self.felt = None, []
 
-    def receive(self):
-        return self.next
+    def poll(self):
+        return [] if self.next is None else [self.next]
 
     def send_force(self, forces, runlevel, stopped, pedal, drives):
         self.felt.append((dict(forces), drives))
@@ -96,7 +95,7 @@ def asks(pedal, x=0):
 
 
 def packets(pedal, x):
-    return Increments(7, int(pedal), ((x, 0, 0),), QUIET, (0,))
+    return increments_of(pedal, {"gold": ((x, 0, 0), (0.0, 0.0, 0.0, 1.0), 0)}, "itp")
 
 
 def test_in_a_station_one_pedal_at_a_time_counts():
