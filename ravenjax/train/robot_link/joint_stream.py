@@ -12,16 +12,15 @@ connection: it is no console's, but perhaps a web page's that knocks on local po
 
 A report is
 
-
-    {"tick": 7, "last_seq": 9, "runlevel": 3, "surgeon_mode": 1, "soft_estopped": 0, "brakes": 0,
-     "fault_active": 0, "plc_runlevel": 3, "checks": {"joint_limit": [13308, 5]},
-     "arms": {"gold": {"jpos": [..], "jpos_d": [..], "mpos": [..], "mvel": [..],
-                       "position": [..], "dac": [..]}}}
+    {"tick": 7, "last_seq": 9, "checks": {"joint_limit": [13308, 5]},
+     "channels": {"runlevel": [3], "plc_runlevel": [3], "surgeon_mode": [1], "soft_estopped": [0],
+                  "brakes": [0], "fault_active": [0], "gold/jpos": [..], "gold/jpos_d": [..],
+                  "gold/mpos": [..], "gold/mvel": [..], "gold/position": [..], "gold/dac": [..]}}
 
 `tick` counts ms since the robot's process began, `last_seq` is the number of the console's packet
 that the robot took last (111 before the first one), and `checks` says of each check that has
-tripped how often it has, and in which tick it first did. The other names and their units are those
-of `protocol.frame`.
+tripped how often it has, and in which tick it first did. Channels and their units are those of
+`protocol.frame`.
 """
 
 from __future__ import annotations
@@ -33,14 +32,13 @@ import ipaddress
 import json
 import socket
 from collections.abc import Iterator
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, field_validator
 from pydantic_core import to_json
 
 from ravenjax.errors import UserError
-from ravenjax.train.protocol.frame import Frame
-from ravenjax.train.robot import ArmName
+from ravenjax.train.protocol.frame import SIMULATED, SIMULATED_ARM, Frame
 
 JOINT_PORT = 36002
 """Beside the console's UDP port 36000; 36001 is that of raven2's packet generator."""
@@ -49,67 +47,58 @@ BUFFER_BYTES = 1 << 17
 READ_BYTES = 1 << 16
 LONGEST_ORDER = 1024
 _NOT_ALLOWED = "not from this machine: start the robot with a token and give the same one here"
-_FLAGS = ("surgeon_mode", "soft_estopped", "brakes", "fault_active")
-_COMMON = ("runlevel", "plc_runlevel", *_FLAGS)
+_COMMON = ("runlevel", "plc_runlevel", "surgeon_mode", "soft_estopped", "brakes", "fault_active")
 _OF_ARM = ("jpos", "jpos_d", "mpos", "mvel", "position", "dac")
-_Seven = Annotated[list[float], Field(min_length=7, max_length=7)]
-_Three = Annotated[list[float], Field(min_length=3, max_length=3)]
-_Flag = Annotated[int, Field(ge=0, le=1)]
-_RunLevel = Annotated[int, Field(ge=0, le=3)]
-
-
-class ArmReport(BaseModel):
-    """Of one arm."""
-
-    jpos: _Seven
-    jpos_d: _Seven
-    mpos: _Seven
-    mvel: _Seven
-    position: _Three
-    dac: _Seven
+_SIZES = {name: (SIMULATED | SIMULATED_ARM)[name] for name in (*_COMMON, *_OF_ARM)}
 
 
 class JointReport(BaseModel):
-    """Of one robot."""
+    """What one robot reports of one tick."""
 
     tick: int
     last_seq: int
-    runlevel: _RunLevel
-    surgeon_mode: int
-    soft_estopped: _Flag = 0
-    brakes: _Flag = 0
-    fault_active: _Flag = 0
-    plc_runlevel: _RunLevel = 0
     checks: dict[str, tuple[int, int]] = {}
-    arms: dict[ArmName, ArmReport]
+    channels: dict[str, list[float]]
+
+    @field_validator("channels")
+    @classmethod
+    def _require_sizes(cls, channels: dict[str, list[float]]) -> dict[str, list[float]]:
+        for name, numbers in channels.items():
+            size = _SIZES.get(name.rpartition("/")[2])
+            if len(numbers) != size:
+                raise ValueError(f"channel {name} has {len(numbers)} numbers, expected {size}")
+        if channels.get("runlevel", [-1])[0] not in range(4):
+            raise ValueError("runlevel is missing or not 0 to 3")
+        return channels
+
+    @property
+    def runlevel(self) -> int:
+        """Run level of the robot's control software."""
+        return int(self.channels["runlevel"][0])
 
     def fill(self, frame: Frame) -> None:
-        """Write what is reported into the channels of `frame`; arms that it lacks are left out.
+        """Write what is reported into `frame`; arms that the frame lacks are left out.
 
         Where links and tip truly are is not reported: they count as where they were measured.
         """
         frame["tick"], frame["last_seq"] = self.tick, self.last_seq
-        for name in _COMMON:
-            frame[name] = getattr(self, name)
-        for arm, report in self.arms.items():
-            if arm in frame.layout.arms:
-                for name in _OF_ARM:
-                    frame[f"{arm}/{name}"] = getattr(report, name)
-                frame[f"{arm}/link_jpos"], frame[f"{arm}/tip"] = report.jpos, report.position
+        truth = {"jpos": "link_jpos", "position": "tip"}
+        for name, numbers in self.channels.items():
+            arm, _, quantity = name.rpartition("/")
+            if not arm or arm in frame.layout.arms:
+                frame[name] = numbers
+                if quantity in truth:
+                    frame[f"{arm}/{truth[quantity]}"] = numbers
 
 
 def encode_report(
     frame: Frame, tick: int, last_seq: int, checks: dict[str, tuple[int, int]]
 ) -> bytes:
-    """The line of a frame; the others as above."""
+    """The line of a frame; the other arguments as in the module's description."""
     numbers, places = frame.row.tolist(), frame.layout.places
-    report: dict[str, Any] = {"tick": tick, "last_seq": last_seq, "checks": checks}
-    report |= {name: int(numbers[places[name].start]) for name in _COMMON}
-    report["arms"] = {
-        arm: {name: numbers[places[f"{arm}/{name}"]] for name in _OF_ARM}
-        for arm in frame.layout.arms
-    }
-    return encode_line(report)
+    names = (*_COMMON, *(f"{arm}/{name}" for arm in frame.layout.arms for name in _OF_ARM))
+    channels = {name: numbers[places[name]] for name in names}
+    return encode_line({"tick": tick, "last_seq": last_seq, "checks": checks, "channels": channels})
 
 
 def encode_line(content: dict[str, Any]) -> bytes:

@@ -166,7 +166,7 @@ def test_a_console_drives(rig):
         rig.tick()
     assert rig.machine.um.tolist() == [[50, -100, 150], [5, 10, 15]]
     report = rig.report()
-    assert report["arms"]["gold"]["position"] == pytest.approx([50e-6, -100e-6, 150e-6])
+    assert report["channels"]["gold/position"] == pytest.approx([50e-6, -100e-6, 150e-6])
     assert report["last_seq"] == 5
     assert rig.console.force()["last_sequence"] == 1
 
