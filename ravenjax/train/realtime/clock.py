@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import dataclasses
 import gc
 import os
@@ -29,9 +28,6 @@ instead.
 """
 LATE_US = 1000
 """A tick that begins a whole period late has overrun."""
-_SET_TIMER_SLACK = 29  # linux/prctl.h, PR_SET_TIMERSLACK, ns
-# linux/mman.h, MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT
-_CURRENT, _FUTURE, _ON_FAULT = 1, 2, 4
 BINS = 20_000
 """Of a histogram, one microsecond each; what is longer is in the last."""
 
@@ -103,28 +99,23 @@ class Clock:
 
 @contextlib.contextmanager
 def realtime(choose: Callable[[set[int]], int] = max) -> Iterator[str]:
-    """Punctual wake-ups, one CPU and, where the system lets us, memory that stays and a realtime
-    priority; says what was granted.
+    """Give this process one CPU and, where the system allows it, a realtime priority.
 
-    choose: which of the CPUs; a robot in a process of its own takes another than the session that
-    drives it. The process is as before afterwards. Processes that it has spawned should be sent
-    elsewhere: `other_cpus`.
+    Yields what was granted. choose: which of the CPUs; a robot in a process of its own takes
+    another than the session that drives it. The process is as before afterwards. Send processes
+    that it has spawned elsewhere: `other_cpus`.
     """
     if sys.platform != "linux":
         yield "as the system schedules"
         return
-    libc = ctypes.CDLL(None)
     cpus, policy, priority = os.sched_getaffinity(0), os.sched_getscheduler(0), os.sched_getparam(0)
-    granted = ["timer slack 1 ns"] if libc.prctl(_SET_TIMER_SLACK, 1, 0, 0, 0) == 0 else []
-    if _lock_memory(libc):
-        granted.append("memory locked")
+    granted = []
     if len(cpus) > 1:
         os.sched_setaffinity(0, {choose(cpus)})
         granted.append(f"CPU {choose(cpus)}")
     if LEAD_NS >= PERIOD_NS:
-        granted.append(
-            "always awake"
-        )  # with a realtime priority it would be stopped for 50 ms in every second
+        # With a realtime priority it would be stopped for 50 ms in every second.
+        granted.append("always awake")
     else:
         try:
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
@@ -136,21 +127,6 @@ def realtime(choose: Callable[[set[int]], int] = max) -> Iterator[str]:
     finally:
         os.sched_setscheduler(0, policy, priority)
         os.sched_setaffinity(0, cpus)
-        libc.munlockall()
-        libc.prctl(_SET_TIMER_SLACK, 0, 0, 0, 0)  # 0: the system's own
-
-
-def _lock_memory(libc: ctypes.CDLL) -> bool:
-    """Keep all memory in place, because a first touch takes as long as a tick. Returns whether.
-
-    Under a limit the system would refuse memory that is asked for later, so nothing is locked.
-    """
-    import resource
-
-    if resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] != resource.RLIM_INFINITY:
-        return False
-    # Pages that nobody has touched yet, most of every library, are not read in now.
-    return libc.mlockall(_CURRENT | _ON_FAULT) == 0 and libc.mlockall(_FUTURE) == 0
 
 
 def other_cpus() -> set[int]:

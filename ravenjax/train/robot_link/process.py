@@ -261,8 +261,6 @@ def run(
             say(f"hazard {one.number}: {one.title} ({one.hazard})")
         lasting = {one.number: one.lasts_ms for one in armables}
         with realtime(min) as granted:
-            # Locking the memory can take seconds: the ports are told after it, and who reads them
-            # is served at once.
             say(f"realtime: {granted}")
             for warning in exposed(host, token, console_host):
                 say(warning)

@@ -102,20 +102,6 @@ def until(server, done):
     return orders
 
 
-def test_listeners_come_and_go(server, listen):
-    server.publish(line(0))
-    first = listen(server)
-    server.publish(line(1))
-    second = listen(server)
-    server.publish(line(2))
-    assert first.heard(3) == [GREETING, 1, 2]
-    assert second.heard(2) == [GREETING, 2]
-    first.socket.close()
-    until(server, lambda: len(server.listeners) == 1)
-    server.publish(line(0))
-    assert second.heard(1) == [0]
-
-
 def test_a_slow_listener_loses_whole_lines_and_holds_up_nobody(server, listen):
     slow, quick = listen(server, SO_RCVBUF=4096), listen(server)
     count, ticks = 1000, quick.heard(1)[1:]

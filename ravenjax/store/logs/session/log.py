@@ -53,8 +53,6 @@ _TIPS = {
 }
 """Of a channel: the series of its place and of its orientation as `topics.standard` names them, and
 the joints at which the orientation is taken."""
-_PLAIN = ("scenario", "seed", "robot", "engine", "code_hash", "started")
-"""What of the header is in the metadata under its own name, too."""
 
 
 class SessionWriter:
@@ -83,7 +81,7 @@ class SessionWriter:
         # Imports what it needs, too: a recording that began must not wait for it.
         standard = [topic for topic, _ in self._standard(np.zeros((1, len(names))))]
         self._flat = topics.signals([topics.field(name) for name in names], single=True)
-        self._metadata = _metadata(names, header)
+        self._metadata = {"header": json.dumps(header), "channels": json.dumps(list(names))}
         self._log = topics.LogWriter(self._file, [self._flat, *standard], self._metadata)
         self._next = 0
         self._file.flush()
@@ -185,22 +183,6 @@ def read(path: Path) -> SessionLog:
         content.complete,
         content.lost_bytes,
     )
-
-
-def _metadata(names: Sequence[str], header: Mapping[str, Any]) -> dict[str, str]:
-    """The header as JSON, the channels, and what tells sessions apart as plain text."""
-    plain = {name: header[name] for name in _PLAIN if name in header}
-    if isinstance(scenario := plain.get("scenario"), Mapping):
-        plain["scenario"] = scenario.get("name", "")
-    plain["session"] = header.get("name", "")
-    plain["version"] = (header.get("versions") or {}).get("ravenjax", "")
-    plain["hazards"] = json.dumps(
-        [hazard.get("title", "") for hazard in header.get("hazards") or ()]
-    )
-    return {name: str(value) for name, value in plain.items()} | {
-        "header": json.dumps(header),
-        "channels": json.dumps(list(names)),
-    }
 
 
 def _start_ns(header: Mapping[str, Any]) -> int:
