@@ -1,4 +1,4 @@
-"""A millisecond after another by the monotonic clock, and how well that was kept."""
+"""Begins a tick each millisecond by the monotonic clock, and measures how late ticks begin."""
 
 from __future__ import annotations
 

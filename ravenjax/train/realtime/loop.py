@@ -1,6 +1,4 @@
-"""The realtime loop: one thread, one tick a millisecond, nothing that it ever waits for but the
-clock.
-"""
+"""Runs a session in real time: one thread, one tick a millisecond. It waits for the clock only."""
 
 from __future__ import annotations
 

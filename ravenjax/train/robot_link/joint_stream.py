@@ -1,5 +1,4 @@
-"""The robot's joint state over TCP, and orders back: one server, several listeners, and nobody is
-waited for.
+"""Sends the robot's joint state over TCP to several listeners, and receives their orders.
 
 To a listener: one JSON object a line, which greet it, report once a millisecond
 and answer its orders. One that reads too slowly loses whole lines, never parts of one. From a

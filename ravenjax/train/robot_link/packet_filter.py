@@ -1,4 +1,4 @@
-"""The gate: what a console's datagram must pass before anything moves.
+"""Checks each datagram of a console before anything moves.
 
 In this order, and each refusal is counted under its cause:
 
@@ -204,7 +204,7 @@ class Gate:
         return "skip", True
 
 
-def increments_of(pedal: bool, tables: Mapping[str, Sequence[Any]], source: str) -> Increments:
+def increments_of(pedal: bool, tables: Mapping[ArmName, Sequence[Any]], source: str) -> Increments:
     """The command; tables: displacement, turn and jaw increment of each arm."""
     return {
         "type": "increments",

@@ -112,9 +112,7 @@ class Station:
         return frame
 
     def news(self) -> list[str]:
-        """What a user should be told since the last call: of the console's packets, and of its
-        pedal.
-        """
+        """New messages for the terminal: about the console's packets and its pedal."""
         return [*self.itp.gate.news(), *self._pedals.news()]
 
     def _choose(self) -> Increments | None:
@@ -322,7 +320,7 @@ def due(strikes: Sequence[Strike], lasting: dict[int, int]) -> list[tuple[int, d
 
 
 def exposed(host: str, token: str | None, console: str | None) -> list[str]:
-    """What the user should know who listens on more than this machine."""
+    """Warnings where other machines can reach the robot."""
     if host == "localhost" or host.startswith("127."):
         return []
     warnings = []
@@ -336,7 +334,5 @@ def exposed(host: str, token: str | None, console: str | None) -> list[str]:
 
 
 def digest(hazards: Sequence[Armable]) -> str:
-    """Of a session's list of hazards: alike where scenario, seed and version are, so that
-    numbers mean the same.
-    """
+    """Hash of a list of hazards. Two lists with the same hash have the same numbers."""
     return hashlib.sha256(" ".join(one.run_id for one in hazards).encode()).hexdigest()[:16]

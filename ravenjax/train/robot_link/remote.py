@@ -1,5 +1,4 @@
-"""A robot elsewhere, as a session holds it: its packets out by ITP, what it reports in. It never
-waits.
+"""Connects a session to a robot elsewhere: sends ITP packets, receives reports, never waits.
 
 The other end of `RemoteRobot` is `ravenjax robot`, or a real Raven with a program beside it that
 sends its reports (`joint_stream`) over TCP.
