@@ -54,7 +54,7 @@ def doctor(*, realtime: Switch = False, seconds: float = 60.0, as_json: AsJson =
     realtime
         measure how well a session keeps time instead
     seconds
-        of each of the five loops that --realtime measures
+        of each of the two loops that --realtime measures
     """
     from ravenjax.cli import terminal
 
@@ -83,9 +83,8 @@ def _keeps_time(seconds: float, as_json: bool) -> int:
     from ravenjax.train import timing
 
     measured = timing.measure(seconds, lambda what: console.err.print(what, highlight=False))
-    loops = Listing(
-        "loops", "One tick a millisecond", timing.COLUMNS, [one.row() for one in measured]
-    )
+    rows = [timing.row(*loop) for loop in measured.items()]
+    loops = Listing("loops", "One tick a millisecond", timing.COLUMNS, rows)
     states = timing.verdict(measured)
     if as_json:
         console.emit([loops, Listing("verdict", "", ("state", "sentence"), list(states))], as_json)

@@ -1,4 +1,4 @@
-"""Who drives a session beside the page: a script, or a console over the network."""
+"""Consoles that drive a session beside the page: a script, or ITP over the network."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Scripted:
 
 
 class Refusals:
-    """Says where the packet filter takes nothing of what comes."""
+    """Reports when the packet filter refuses all packets of a console."""
 
     def __init__(self, gate: Gate) -> None:
         self._gate, self._counts = gate, dict(gate.counts)
@@ -73,7 +73,7 @@ class Refusals:
 
 
 class PedalWords:
-    """Says at the terminal why the pedal of a console over the network does not count."""
+    """Prints why the pedal of a console over the network does not count."""
 
     def __init__(self, session: Session, say: Callable[[str], None]) -> None:
         self._session, self._say = session, say

@@ -11,8 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import shutil
-import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -20,6 +19,7 @@ import numpy as np
 
 from ravenjax.errors import StoreError, UserError
 from ravenjax.robots.raven2.arms import JOINTS
+from ravenjax.store.logs.ros_types import HEADER
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -29,7 +29,7 @@ Ros = Literal[1, 2]
 SUFFIXES = (".bag", ".mcap", ".db3")
 RECORDING = "session.mcap"
 """Name of a recording in the folder of a session."""
-HEADER, ONLY_ROS2 = "std_msgs/msg/Header", "rcl_interfaces/msg/Log"
+ONLY_ROS2 = "rcl_interfaces/msg/Log"
 LATER_NS = 1_000_000_000
 """By so much a recording that begins at time 0 is later in a bag of ROS 1."""
 VERSION = 8
@@ -105,54 +105,23 @@ def read_topic(path: Path, reader: AnyReader, topic: str) -> TopicMessages:
 
 @contextlib.contextmanager
 def open_bag(path: Path) -> Iterator[AnyReader]:
-    """The file, its definitions read; whatever is wrong with it is a UserError."""
+    """Open a bag or MCAP file and read its definitions. Any damage is a UserError."""
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
-    # of files of ROS 2 that hold no definitions: enough for CRTK
+    # Files of ROS 2 may hold no definitions: these are enough for CRTK.
     usual = get_typestore(Stores.LATEST)
     try:
-        with contextlib.ExitStack() as stack:
-            try:
-                reader = stack.enter_context(AnyReader([path], default_typestore=usual))
-            except (
-                TypeError,
-                AttributeError,
-            ) as error:  # metadata.yaml has other things than the library expects
-                raise UserError(
-                    f"{path}: no bag that can be read, its metadata are damaged: {error}"
-                ) from None
+        with AnyReader([path], default_typestore=usual) as reader:
             yield reader
-    except UserError:
+    except (UserError, StoreError):
         raise
-    except _damage() as error:
+    # The library raises many kinds of errors on damaged files.
+    except Exception as error:
         raise UserError(
             f"{path}: no bag or MCAP file that can be read, perhaps truncated:"
             f" {error or type(error).__name__}. Copy or record it again"
         ) from None
-
-
-def _damage() -> tuple[type[Exception], ...]:
-    """What a file that is cut, damaged or of another kind makes the library raise."""
-    import apsw
-    from rosbags.highlevel import AnyReaderError
-    from rosbags.rosbag1 import ReaderError as Ros1Error
-    from rosbags.rosbag2 import ReaderError as Ros2Error
-    from rosbags.serde import SerdeError
-    from rosbags.typesys.base import TypesysError
-
-    plain = (
-        OSError,
-        ValueError,
-        LookupError,
-        AssertionError,
-        RuntimeError,
-        EOFError,
-        OverflowError,
-        MemoryError,
-    )
-    library = AnyReaderError, Ros1Error, Ros2Error, SerdeError, TypesysError
-    return *library, apsw.Error, struct.error, *plain
 
 
 class WrittenBag(NamedTuple):
@@ -176,15 +145,10 @@ def write_bag(source: Path, ros: Ros, out: Path | None = None) -> WrittenBag:
     disk refuses.
     """
     recording = source / RECORDING if source.is_dir() else source
-    if not recording.is_file():
+    if not recording.is_file() or recording.suffix != ".mcap":
         raise UserError(
-            f"{recording}: no such file; expected the {RECORDING} of a session or the .mcap of a"
-            " traced run"
-        )
-    if recording.suffix != ".mcap":
-        raise UserError(
-            f"{recording}: expected a recording in MCAP: {RECORDING} of a session, or the .mcap of"
-            " a traced run"
+            f"{recording}: expected a recording in MCAP that is there: {RECORDING} of a session, or"
+            " the .mcap of a traced run"
         )
     target = out or recording.with_name(recording.stem + (".bag" if ros == 1 else "_ros2"))
     if ros == 1 and target.suffix != ".bag":
@@ -200,107 +164,68 @@ def write_bag(source: Path, ros: Ros, out: Path | None = None) -> WrittenBag:
         raise UserError(
             f"{target}: is there already, and is not overwritten; name another with --out"
         )
-    with _readable(recording) as reader, _removed_on_failure(target):
-        return (_ros1 if ros == 1 else _ros2)(reader, target)
-
-
-@contextlib.contextmanager
-def _readable(recording: Path) -> Iterator[AnyReader]:
-    """The recording, opened; one that was cut short is told how it is made whole."""
-    with contextlib.ExitStack() as stack:
-        try:
-            reader = stack.enter_context(open_bag(recording))
-        except UserError as error:
-            raise UserError(
-                f"{error}. Where it was cut short, first: ravenjax log recover {recording}"
-            ) from None
-        if not reader.is2 or not reader.message_count:
-            raise UserError(
-                f"{recording}: holds no messages of ROS 2; expected a recording of ravenjax"
-            )
-        yield reader
-
-
-@contextlib.contextmanager
-def _removed_on_failure(target: Path) -> Iterator[None]:
-    """No half a bag is left; what the disk refuses is a StoreError."""
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        yield
+        with open_bag(recording) as reader:
+            if not reader.is2 or not reader.message_count:
+                raise UserError(f"{recording}: holds no messages of ROS 2")
+            try:
+                target.parent.mkdir(parents=True, exist_ok=True)
+                return _write(reader, ros, target)
+            except OSError as error:
+                raise StoreError(
+                    f"{target}: cannot be written ({error.strerror or error})"
+                ) from error
     except BaseException as error:
+        # No half a bag is left.
         if target.is_dir():
             shutil.rmtree(target, ignore_errors=True)
         else:
             target.unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            raise StoreError(f"{target}: cannot be written ({error.strerror or error})") from error
+        if isinstance(error, UserError):
+            raise UserError(
+                f"{error}. Where it was cut short, first: ravenjax log recover {recording}"
+            ) from None
         raise
 
 
-def _ros2(reader: AnyReader, target: Path) -> WrittenBag:
-    from rosbags.rosbag2 import Writer
+def _write(reader: AnyReader, ros: Ros, target: Path) -> WrittenBag:
+    from rosbags import rosbag1, rosbag2
+    from rosbags.typesys import Stores, get_typestore
 
-    with Writer(target, version=VERSION) as writer:
-        channels = {
-            one.id: writer.add_connection(one.topic, one.msgtype, typestore=reader.typestore)
-            for one in reader.connections
-        }
-        for one, time_ns, data in reader.messages():
-            writer.write(channels[one.id], time_ns, data)
-    return _written(reader, target, len(channels), reader.message_count)
-
-
-def _ros1(reader: AnyReader, target: Path) -> WrittenBag:
-    from rosbags.rosbag1 import Writer
-
-    store = _ros1_types(reader)
-    later = 0 if reader.start_time else LATER_NS
-    connections = [one for one in reader.connections if one.msgtype != ONLY_ROS2]
-    encode = {
-        kind: _encoder(reader, store, kind, later) for kind in {one.msgtype for one in connections}
-    }
+    store, later = reader.typestore, 0
+    writer: Any
+    if ros == 1:
+        # The recording's types with the header of ROS 1.
+        header = get_typestore(Stores.ROS1_NOETIC).fielddefs[HEADER]
+        store = get_typestore(Stores.EMPTY)
+        store.register({**reader.typestore.fielddefs, HEADER: header})
+        later = 0 if reader.start_time else LATER_NS
+        writer = rosbag1.Writer(target)
+    else:
+        writer = rosbag2.Writer(target, version=VERSION)
+    connections = [one for one in reader.connections if ros == 2 or one.msgtype != ONLY_ROS2]
     messages = 0
-    with Writer(target) as writer:
+    with writer:
         channels = {
             one.id: writer.add_connection(one.topic, one.msgtype, typestore=store)
             for one in connections
         }
         for one, time_ns, data in reader.messages(connections=connections):
-            writer.write(channels[one.id], time_ns + later, encode[one.msgtype](data))
+            if later:
+                data = _shift(reader.typestore, data, one.msgtype, later)
+            if ros == 1:
+                data = reader.typestore.cdr_to_ros1(data, one.msgtype)
+            writer.write(channels[one.id], time_ns + later, data)
             messages += 1
-    return _written(reader, target, len(connections), messages)
+    seconds = (reader.end_time - 1 - reader.start_time) * 1e-9
+    return WrittenBag(target, len(connections), messages, seconds)
 
 
-def _ros1_types(reader: AnyReader) -> Typestore:
-    """The recording's types with the header of ROS 1."""
-    from rosbags.typesys import Stores, get_typestore
-
-    header = get_typestore(Stores.ROS1_NOETIC).fielddefs[HEADER]
-    store = get_typestore(Stores.EMPTY)
-    store.register({**reader.typestore.fielddefs, HEADER: header})
-    return store
-
-
-def _encoder(reader: AnyReader, store: Typestore, kind: str, later: int) -> Callable[[bytes], Any]:
-    """What makes a message of ROS 1 of one of ROS 2."""
-    if not later:  # the numbers are the same bytes
-        return lambda data: reader.typestore.cdr_to_ros1(data, kind)
-
-    def shifted(data: bytes) -> Any:
-        message: Any = reader.typestore.deserialize_cdr(data, kind)
-        for stamp in _stamps(message):
+def _shift(store: Typestore, data: bytes, kind: str, later: int) -> Any:
+    """The message with all stamps later: its own, and those of its transforms."""
+    message: Any = store.deserialize_cdr(data, kind)
+    for part in (message, *getattr(message, "transforms", ())):
+        if hasattr(part, "header"):
+            stamp = part.header.stamp
             stamp.sec, stamp.nanosec = divmod(stamp.sec * 10**9 + stamp.nanosec + later, 10**9)
-        return reader.typestore.cdr_to_ros1(reader.typestore.serialize_cdr(message, kind), kind)
-
-    return shifted
-
-
-def _stamps(message: Any) -> Iterator[Any]:
-    """The stamps of its headers: its own, and those of its transforms."""
-    for one in (message, *getattr(message, "transforms", ())):
-        if hasattr(one, "header"):
-            yield one.header.stamp
-
-
-def _written(reader: AnyReader, target: Path, topics: int, messages: int) -> WrittenBag:
-    return WrittenBag(target, topics, messages, (reader.end_time - 1 - reader.start_time) * 1e-9)
+    return store.serialize_cdr(message, kind)

@@ -14,17 +14,14 @@ from __future__ import annotations
 import io
 import mmap
 import re
-import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
 from mcap.data_stream import RecordBuilder
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import (
-    Attachment,
     Channel,
     Chunk,
     Footer,
@@ -55,7 +52,6 @@ class Scan:
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
     metadata: list[Metadata] = field(default_factory=list)
-    attachments: list[Attachment] = field(default_factory=list)
     places: list[int] = field(default_factory=list)  # where chunks, and messages beside them, begin
     complete: bool = False  # the footer and the closing magic are there
     lost_bytes: int = 0  # of no whole record: of damaged ones, and behind the last
@@ -91,7 +87,8 @@ def scan(path: Path) -> Scan:
     while place < end:
         try:
             records, after = _read_record(data, place)
-        except _damage():
+        # The library and its decompressors raise many kinds of errors on damaged bytes.
+        except Exception:
             chunk = _CHUNK.search(data, place + 1)
             resumed = chunk.start() if chunk else end
             if chunk is None and scanned.complete and place < summary < end:
@@ -110,8 +107,6 @@ def scan(path: Path) -> Scan:
                 scanned.channels[record.id] = record
             elif isinstance(record, Metadata):
                 scanned.metadata.append(record)
-            elif isinstance(record, Attachment):
-                scanned.attachments.append(record)
         place = end if isinstance(records[0], Footer) else after
     return scanned
 
@@ -119,8 +114,8 @@ def scan(path: Path) -> Scan:
 def _read_record(data: mmap.mmap, place: int) -> tuple[list[McapRecord], int]:
     """The record that begins at `place`, or those of the chunk that does, and where it ends.
 
-    Raises what `_damage` lists where its bytes do not hold together: a record that is written again
-    has the same length.
+    Raises any exception where its bytes do not hold together: a record that is written again has
+    the same length.
     """
     end = place + _HEAD + int.from_bytes(data[place + 1 : place + _HEAD], "little")
     content = io.BytesIO(data[place:end])
@@ -130,13 +125,6 @@ def _read_record(data: mmap.mmap, place: int) -> tuple[list[McapRecord], int]:
     if len(again.end()) != end - place:
         raise ValueError("the record has another length than it says")
     return breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record], end
-
-
-def _damage() -> tuple[type[Exception], ...]:
-    """What damage makes the library and its decompressors raise; RuntimeError is lz4's."""
-    import zstandard
-
-    return McapError, ValueError, RuntimeError, struct.error, zstandard.ZstdError
 
 
 class Recovered(NamedTuple):
@@ -214,10 +202,6 @@ def recover(path: Path, out: Path | None = None) -> Recovered:
                         message.sequence,
                     )
                     times.append(message.log_time)
-            for one in scanned.attachments:
-                writer.add_attachment(
-                    one.create_time, one.log_time, one.name, one.media_type, one.data
-                )
             writer.finish()
 
     write_aside(out, fill)

@@ -16,18 +16,17 @@ import re
 import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 from mcap.writer import Writer
 
+from ravenjax.store.logs.ros_types import HEADER, JOINT_STATE, POINT, POSE, WRENCH, MessageTypes
 from ravenjax.vocabulary.robot import Robot
-
-if TYPE_CHECKING:
-    from rosbags.typesys.store import Typestore
 
 ARM_TOPICS = {"gold": "arm1", "green": "arm2"}
 """CRTK's names of the arms of a Raven-II; an arm of another robot keeps its own."""
+METADATA = "ravenjax"
 SIGNALS = "/ravenjax/signals"
 """The flat message: every scalar under a name of its own."""
 EVENTS = "/ravenjax/events"
@@ -39,17 +38,9 @@ WORLD = "world"
 LEVELS = {"debug": 10, "info": 20, "warn": 30, "error": 40, "fatal": 50}
 """Severities of rcl_interfaces/Log."""
 
-HEADER, POSE, POINT = (
-    "std_msgs/msg/Header",
-    "geometry_msgs/msg/PoseStamped",
-    "geometry_msgs/msg/PointStamped",
-)
-JOINT_STATE, TRANSFORMS = "sensor_msgs/msg/JointState", "tf2_msgs/msg/TFMessage"
-_SIGNALS_TYPE, _TEXT, _LOG_ENTRY = (
-    "ravenjax_msgs/msg/Signals",
-    "std_msgs/msg/String",
-    "rcl_interfaces/msg/Log",
-)
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+SIGNALS_TYPE = "ravenjax_msgs/msg/Signals"
+TEXT, LOG_ENTRY = "std_msgs/msg/String", "rcl_interfaces/msg/Log"
 _SECOND_NS = 1_000_000_000
 _STAMP_MARK, _FIRST_MARK = 0x5A5A5A5A, 1e6
 """In a template: seconds and nanoseconds of a time, and the first number; the next is one more."""
@@ -133,51 +124,38 @@ def joint_state(
     velocity: bool = False,
     effort: bool = False,
 ) -> Topic:
-    """sensor_msgs/JointState of the joints: those of position, velocity, effort that there are,
-    in this order.
-    """
+    """JointState: those of position, velocity and effort that are present, in this order."""
     marks = np.split(_marks(3 * len(joints)), 3)
-    filled = [marks.pop(0) if there else np.zeros(0) for there in (position, velocity, effort)]
-    message = _message(JOINT_STATE, _header(base(arm)), list(joints), *filled)
-    return _topic(f"/{arm_name(arm)}/{name}", message)
+    filled = [marks.pop(0) if present else () for present in (position, velocity, effort)]
+    return _topic(arm, name, JOINT_STATE, list(joints), *filled)
 
 
 @functools.cache
 def pose(arm: str, name: str) -> Topic:
-    """geometry_msgs/PoseStamped: x, y, z in m and a quaternion x, y, z, w."""
-    place, turn = _place("Point"), _message("geometry_msgs/msg/Quaternion", *_marks(4, 3))
-    inner = _message("geometry_msgs/msg/Pose", place, turn)
-    return _topic(f"/{arm_name(arm)}/{name}", _message(POSE, _header(base(arm)), inner))
+    """PoseStamped: x, y, z in m and a quaternion x, y, z, w."""
+    return _topic(arm, name, POSE, (_marks(3), _marks(4, 3)))
 
 
 @functools.cache
 def point(arm: str, name: str) -> Topic:
-    """geometry_msgs/PointStamped: x, y, z in m, of a tip whose orientation is not known."""
-    message = _message(POINT, _header(base(arm)), _place("Point"))
-    return _topic(f"/{arm_name(arm)}/{name}", message)
+    """PointStamped: x, y, z in m of a tip whose orientation is not known."""
+    return _topic(arm, name, POINT, _marks(3))
 
 
 @functools.cache
 def wrench(arm: str, name: str) -> Topic:
-    """geometry_msgs/WrenchStamped: three of force, three of torque."""
-    inner = _message("geometry_msgs/msg/Wrench", _place("Vector3"), _place("Vector3", 3))
-    message = _message("geometry_msgs/msg/WrenchStamped", _header(base(arm)), inner)
-    return _topic(f"/{arm_name(arm)}/{name}", message)
+    """WrenchStamped: three numbers of force, three of torque."""
+    return _topic(arm, name, WRENCH, (_marks(3), _marks(3, 3)))
 
 
 @functools.cache
 def frames(pairs: tuple[tuple[str, str], ...]) -> Topic:
-    """tf2_msgs/TFMessage: of each (parent, child) the place x, y, z in m and the quaternion x,
-    y, z, w.
-    """
-    transforms = []
-    for i, (parent, child) in enumerate(pairs):
-        place = _place("Vector3", 7 * i)
-        turn = _message("geometry_msgs/msg/Quaternion", *_marks(4, 7 * i + 3))
-        transform = _message("geometry_msgs/msg/Transform", place, turn)
-        kind = "geometry_msgs/msg/TransformStamped"
-        transforms.append(_message(kind, _header(parent), child, transform))
-    return _topic(FRAMES, _message(TRANSFORMS, transforms))
+    """TFMessage: of each (parent, child) x, y, z in m and a quaternion x, y, z, w."""
+    transforms = [
+        (_header(parent), child, (_marks(3, 7 * i), _marks(4, 7 * i + 3)))
+        for i, (parent, child) in enumerate(pairs)
+    ]
+    return _template(FRAMES, types().message(TRANSFORMS, transforms))
 
 
 def standard(
@@ -227,45 +205,74 @@ def signals(names: Sequence[str], single: bool = False) -> Topic:
     kind, size = ("float32", 4) if single else ("float64", 8)
     fields = "".join(f"{kind} {name}\n" for name in names)
     needed = f"{'=' * 80}\nMSG: std_msgs/Header\n{_definition(HEADER)}"
-    # A header and numbers behind it; rosbags would compile an encoder of some hundred fields.
-    head = _encoded(_header(""))
+    # A header and numbers behind it: rosbags would compile an encoder of some hundred fields.
+    head = types().encode(types().message(HEADER, *_header("")))
     head += bytes(-(len(head) - 4) % size)
     template, spans = head + bytes(size * len(names)), ((len(head), len(names)),)
     definition = f"std_msgs/Header header\n{fields}{needed}"
-    return Topic(SIGNALS, _SIGNALS_TYPE, definition, template, (4,), spans, size)
+    return Topic(SIGNALS, SIGNALS_TYPE, definition, template, (4,), spans, size)
 
 
-def events() -> tuple[Topic, Topic]:
-    """std_msgs/String and rcl_interfaces/Log; their messages are `encoded_event`'s."""
-    return Topic(EVENTS, _TEXT, _definition(_TEXT)), Topic(LOG, _LOG_ENTRY, _definition(_LOG_ENTRY))
+class LogWriter:
+    """Writes an MCAP file in the profile ros2: messages of topics, and events."""
 
+    def __init__(
+        self,
+        file: IO[bytes],
+        topics: Iterable[Topic],
+        metadata: Mapping[str, str],
+        chunk_bytes: int = 1 << 20,
+    ) -> None:
+        """metadata: the file's record `METADATA`. chunk_bytes: a kill loses at most one chunk."""
+        self._writer = Writer(file, chunk_size=chunk_bytes)
+        self._writer.start(profile="ros2", library="ravenjax")
+        self._writer.add_metadata(METADATA, dict(metadata))
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+        for topic in topics:
+            self._register(topic)
 
-def encoded_event(
-    event: Mapping[str, Any], text: str, level: str, stamp_ns: int
-) -> tuple[bytes, bytes]:
-    """An event as messages of the two topics of `events`. `level` is one of LEVELS."""
-    time = _message("builtin_interfaces/msg/Time", *divmod(stamp_ns, _SECOND_NS))
-    entry = _message(_LOG_ENTRY, time, LEVELS[level], str(event["kind"]), text, "", "", 0)
-    return _encoded(_message(_TEXT, json.dumps(event))), _encoded(entry)
+    def add(
+        self, topic: Topic, stamps_ns: np.ndarray, numbers: np.ndarray, values: np.ndarray
+    ) -> None:
+        """Write one message per row of `values` [n, k], with its time and its number."""
+        for row, data in topic.encode(stamps_ns, values).items():
+            self._add(topic.name, int(stamps_ns[row]), data, int(numbers[row]))
 
+    def add_event(
+        self, event: Mapping[str, Any], text: str, level: str, stamp_ns: int, number: int = 0
+    ) -> None:
+        """Write an event as JSON on EVENTS and in words on LOG. level: one of LEVELS."""
+        stamp, kind = divmod(stamp_ns, _SECOND_NS), str(event["kind"])
+        for topic, schema, fields in (
+            (EVENTS, TEXT, (json.dumps(event),)),
+            (LOG, LOG_ENTRY, (stamp, LEVELS[level], kind, text, "", "", 0)),
+        ):
+            if topic not in self._channels:
+                self._register(Topic(topic, schema, _definition(schema)))
+            self._add(topic, stamp_ns, types().encode(types().message(schema, *fields)), number)
 
-def event_of(message: bytes) -> dict[str, Any]:
-    """The event of a message on EVENTS."""
-    text: Any = _typestore().deserialize_cdr(message, _TEXT)
-    return json.loads(text.data)
+    def flush(self) -> None:
+        """End the chunk and hand it to the operating system."""
+        self._writer.flush()
 
+    def finish(self, metadata: Mapping[str, str] | None = None) -> None:
+        """Write the index; metadata: written once more at the end of the file."""
+        if metadata:
+            self._writer.add_metadata(METADATA, dict(metadata))
+        self._writer.finish()
 
-def register(writer: Writer, topics: Iterable[Topic]) -> list[int]:
-    """Tell the writer of the topics; the channel number of each."""
-    schemas: dict[str, int] = {}
-    channels = []
-    for topic in topics:
-        if topic.schema not in schemas:
-            schemas[topic.schema] = writer.register_schema(
+    def _add(self, topic: str, stamp_ns: int, data: bytes, number: int) -> None:
+        channel = self._channels[topic]
+        self._writer.add_message(channel, stamp_ns, data, stamp_ns, number)
+
+    def _register(self, topic: Topic) -> None:
+        if topic.schema not in self._schemas:
+            self._schemas[topic.schema] = self._writer.register_schema(
                 topic.schema, "ros2msg", topic.definition.encode()
             )
-        channels.append(writer.register_channel(topic.name, "cdr", schemas[topic.schema]))
-    return channels
+        schema = self._schemas[topic.schema]
+        self._channels[topic.name] = self._writer.register_channel(topic.name, "cdr", schema)
 
 
 def field(name: str) -> str:
@@ -300,41 +307,32 @@ def quaternions(rotation: np.ndarray) -> np.ndarray:
 
 
 @functools.cache
-def _typestore() -> Typestore:
-    from rosbags.typesys import Stores, get_typestore
-
-    return get_typestore(Stores.ROS2_HUMBLE)
+def types() -> MessageTypes:
+    """The types of ROS 2."""
+    return MessageTypes("ros2")
 
 
 @functools.cache
 def _definition(schema: str) -> str:
-    return _typestore().generate_msgdef(schema, ros_version=2)[0]
+    return types().store.generate_msgdef(schema, ros_version=2)[0]
 
 
-def _message(schema: str, *fields: Any) -> Any:
-    return _typestore().types[schema](*fields)
-
-
-def _encoded(message: Any) -> bytes:
-    return bytes(_typestore().serialize_cdr(message, message.__msgtype__))
-
-
-def _header(frame: str) -> Any:
-    time = _message("builtin_interfaces/msg/Time", _STAMP_MARK, _STAMP_MARK)
-    return _message(HEADER, time, frame)
+def _header(frame: str) -> tuple[Any, ...]:
+    return (_STAMP_MARK, _STAMP_MARK), frame
 
 
 def _marks(count: int, first: int = 0) -> np.ndarray:
     return _FIRST_MARK + first + np.arange(count)
 
 
-def _place(kind: str, first: int = 0) -> Any:
-    return _message(f"geometry_msgs/msg/{kind}", *_marks(3, first))
+def _topic(arm: str, name: str, schema: str, *fields: Any) -> Topic:
+    message = types().message(schema, _header(base(arm)), *fields)
+    return _template(f"/{arm_name(arm)}/{name}", message)
 
 
-def _topic(name: str, message: Any) -> Topic:
+def _template(name: str, message: Any) -> Topic:
     """The topic of messages like this one, whose times and numbers are marks."""
-    template, spans = _encoded(message), []
+    template, spans = types().encode(message), []
     count = 0
     while (mark := struct.pack("<d", _FIRST_MARK + count)) in template:
         start = template.index(mark)
@@ -344,6 +342,6 @@ def _topic(name: str, message: Any) -> Topic:
             spans.append((start, 1))
         count += 1
     stamp = struct.pack("<II", _STAMP_MARK, _STAMP_MARK)
-    stamps = tuple(found.start() for found in re.finditer(re.escape(stamp), template))
+    stamps = tuple(match.start() for match in re.finditer(re.escape(stamp), template))
     schema = message.__msgtype__
     return Topic(name, schema, _definition(schema), template, stamps, tuple(spans))

@@ -1,9 +1,8 @@
-"""A millisecond after another by the monotonic clock, and how well that was kept."""
+"""Begins a tick each millisecond by the monotonic clock, and measures how late ticks begin."""
 
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import dataclasses
 import gc
 import os
@@ -23,23 +22,12 @@ LEAD_NS = PERIOD_NS if _CPUS >= 4 else 300_000 if _CPUS > 1 else 0
 """Awake so long before a tick is due: what a sleep leaves behind, a late interrupt, a slow clock
 and caches that others have filled, is over when the tick begins. With four CPUs one has nothing
 else to do and never sleeps; where there is one only, others need it more."""
-MEANWHILE_NS = 110_000
-"""What is done while the clock waits begins so long before a tick is due: a tick's time and some
-more.
-"""
 MOST_BEHIND = 100
 """Ticks that are made up for; further behind (a suspended machine), the schedule moves on
 instead.
 """
 LATE_US = 1000
 """A tick that begins a whole period late has overrun."""
-_SET_TIMER_SLACK = 29  # linux/prctl.h, PR_SET_TIMERSLACK, ns
-_CURRENT, _FUTURE, _ON_FAULT = (
-    1,
-    2,
-    4,
-)  # linux/mman.h, MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT (kernels since 4.4)
-_CAP_IPC_LOCK = 14  # linux/capability.h
 BINS = 20_000
 """Of a histogram, one microsecond each; what is longer is in the last."""
 
@@ -79,19 +67,12 @@ class Clock:
         self._began = time.monotonic_ns()
         self._due = self._began // PERIOD_NS * PERIOD_NS + PHASE_NS
 
-    def wait(self, meanwhile: Callable[[], None] | None = None) -> None:
-        """Sleep until shortly before the next tick is due, then look at the clock until it is; do
-        `meanwhile` between, as late as possible, if there is time left."""
+    def wait(self) -> None:
+        """Sleep until shortly before the next tick is due, then look at the clock until it is."""
         self._due += PERIOD_NS
         due, now = self._due, time.monotonic_ns()
         if now < due - LEAD_NS:
             time.sleep((due - LEAD_NS - now) * 1e-9)
-            now = time.monotonic_ns()
-        if meanwhile is not None and now < due - MEANWHILE_NS // 2:
-            while now < due - MEANWHILE_NS:
-                now = time.monotonic_ns()
-            meanwhile()
-            now = time.monotonic_ns()
         while now < due:
             now = time.monotonic_ns()
         self.lateness_us, self._began = float((now - due) // 1000), now
@@ -118,28 +99,23 @@ class Clock:
 
 @contextlib.contextmanager
 def realtime(choose: Callable[[set[int]], int] = max) -> Iterator[str]:
-    """Punctual wake-ups, one CPU and, where the system lets us, memory that stays and a realtime
-    priority; says what was granted.
+    """Give this process one CPU and, where the system allows it, a realtime priority.
 
-    choose: which of the CPUs; a robot in a process of its own takes another than the session that
-    drives it. The process is as before afterwards. Processes that it has spawned should be sent
-    elsewhere: `other_cpus`.
+    Yields what was granted. choose: which of the CPUs; a robot in a process of its own takes
+    another than the session that drives it. The process is as before afterwards. Send processes
+    that it has spawned elsewhere: `other_cpus`.
     """
     if sys.platform != "linux":
         yield "as the system schedules"
         return
-    libc = ctypes.CDLL(None)
     cpus, policy, priority = os.sched_getaffinity(0), os.sched_getscheduler(0), os.sched_getparam(0)
-    granted = ["timer slack 1 ns"] if libc.prctl(_SET_TIMER_SLACK, 1, 0, 0, 0) == 0 else []
-    if _may_lock_memory() and _lock_memory(libc):
-        granted.append("memory locked")
+    granted = []
     if len(cpus) > 1:
         os.sched_setaffinity(0, {choose(cpus)})
         granted.append(f"CPU {choose(cpus)}")
     if LEAD_NS >= PERIOD_NS:
-        granted.append(
-            "always awake"
-        )  # with a realtime priority it would be stopped for 50 ms in every second
+        # With a realtime priority it would be stopped for 50 ms in every second.
+        granted.append("always awake")
     else:
         try:
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
@@ -151,36 +127,6 @@ def realtime(choose: Callable[[set[int]], int] = max) -> Iterator[str]:
     finally:
         os.sched_setscheduler(0, policy, priority)
         os.sched_setaffinity(0, cpus)
-        libc.munlockall()
-        libc.prctl(_SET_TIMER_SLACK, 0, 0, 0, 0)  # 0: the system's own
-
-
-def _lock_memory(libc: ctypes.CDLL) -> bool:
-    """Keep in place what is in memory now and what is asked for later; whether the system lets us.
-
-    What is mapped but was never touched, most of every library, stays out: to lock it would read it
-    in. What is asked for later is filled when it is asked for, as the heap of a loop grows.
-    """
-    libc.malloc_trim(0)
-    if libc.mlockall(_CURRENT | _ON_FAULT) != 0:
-        return libc.mlockall(_CURRENT | _FUTURE) == 0
-    return libc.mlockall(_FUTURE) == 0
-
-
-def _may_lock_memory() -> bool:
-    """Whether all memory, also what is asked for later, may be kept in place: a first touch takes
-    as long as a tick.
-
-    Under a limit what is asked for later would be refused, so then nothing is locked.
-    """
-    import resource
-
-    soft, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
-    if soft == resource.RLIM_INFINITY:
-        return True
-    with open("/proc/self/status", encoding="ascii") as status:
-        capabilities = next(line for line in status if line.startswith("CapEff:"))
-    return bool(int(capabilities.split()[1], 16) >> _CAP_IPC_LOCK & 1)
 
 
 def other_cpus() -> set[int]:

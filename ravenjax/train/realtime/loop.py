@@ -1,6 +1,4 @@
-"""The realtime loop: one thread, one tick a millisecond, nothing that it ever waits for but the
-clock.
-"""
+"""Runs a session in real time: one thread, one tick a millisecond. It waits for the clock only."""
 
 from __future__ import annotations
 
@@ -13,8 +11,7 @@ from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.realtime import clock
 from ravenjax.train.realtime.clock import Clock, LoopTiming
 from ravenjax.train.realtime.ring import Ring, put_json, read_json
-from ravenjax.train.session.advance import PAUSED, Session
-from ravenjax.train.session.console_arbiter import console_of
+from ravenjax.train.session.advance import Session
 
 MOST_COMMANDS = 16
 """Commands taken in a tick; what is more waits for the next."""
@@ -69,7 +66,6 @@ def run(
 
     trouble: asked once a second for what goes wrong elsewhere; its first answer is told.
     """
-    understudy = _Understudy(session)
     frame, places = session.frame, session.layout.places
     row, timing = (
         frame.row.view(np.uint8),
@@ -80,7 +76,7 @@ def run(
     with clock.no_collection():
         paced = Clock()
         while left < AFTER_END_MS:
-            paced.wait(understudy.tick)
+            paced.wait()
             commands = [command for console in consoles for command in console.poll()]
             if not session.over and stopped():
                 commands.append({"type": "instructor", "do": "end", "by": "terminal"})
@@ -91,7 +87,6 @@ def run(
                 console.tell(frame)
             paced.done()
             notes = session.conclude()
-            understudy.hear(commands)
             if paced.timing.late > reported and session.ticks % 100 == 0:
                 reported = paced.timing.late
                 notes.append({"tick": session.ticks, "kind": "overrun", "late_ticks": reported})
@@ -103,34 +98,3 @@ def run(
             left += session.over
             paced.rest()
     return paced.timing
-
-
-class _Understudy:
-    """Keeps the way of a tick warm: after most of a millisecond's sleep the same tick takes three
-    times as long.
-
-    A second session of the same blueprint hears what the hands said last and is ticked while the
-    clock waits. Nobody sees it, and nothing of it is in the session.
-    """
-
-    def __init__(self, session: Session) -> None:
-        self._seen = session
-        self._session = Session(session.scenario, session.seed, ready=session.blueprint)
-        self._commands: list[dict[str, Any]] = []
-
-    def hear(self, commands: list[dict[str, Any]]) -> None:
-        """What was said to the session in this tick; the last word of the hands is repeated
-        until there is another.
-        """
-        if commands:
-            hands = [one for one in commands if one.get("type") in ("input", "increments")]
-            driving = [one for one in hands if console_of(one) == self._seen.arbiter.owner]
-            self._commands = [{**one, "console": "script"} for one in driving or hands[:1]]
-
-    def tick(self) -> None:
-        """What the session did, once more; while that is paused this waits too, so that both
-        last as long.
-        """
-        if not self._session.over and self._seen.phase != PAUSED:
-            self._session.tick(self._commands)
-            self._session.command_log.clear()

@@ -1,5 +1,4 @@
-"""A robot elsewhere, `ravenjax robot` or a real Raven: driven over ITP, compared with the nominal
-model here.
+"""Drives a robot elsewhere over ITP, and compares its reports with the nominal model here.
 
 The console's half of the tick runs here, compiled as the whole is: packets of the operator's
 motion, the nominal model on that clean input, the cue from what the robot reports of itself. A

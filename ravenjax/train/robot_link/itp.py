@@ -18,6 +18,7 @@ never sends; what the sources leave open about it is settled here:
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import struct
 import time
@@ -28,11 +29,8 @@ from ravenjax.errors import UserError
 from ravenjax.train.protocol.messages import STALE_MS
 from ravenjax.train.robot import ARMS, ITP_AXES, UDP_PORT, V_STRUCT, ArmName, ConsoleProfile
 from ravenjax.train.robot_link.packet_filter import (
-    DEFAULT,
     SIZE,
     Gate,
-    Increments,
-    PacketLimits,
     merge,
 )
 
@@ -50,7 +48,6 @@ PEDAL, ALIVE, SOFT_ESTOPPED, DRIVES = 1 << 2, 1 << 3, 1 << 4, 1 << 5
 FORCE_SCALE = 1000.0
 _V_FIELDS = struct.Struct("<4I7iIi")
 _FORCE_LIMIT = 2**31 - 1
-_SO_MEMINFO, _DROPS = 55, 8  # Linux: linux/sock_diag.h, SK_MEMINFO_DROPS
 assert _V_FIELDS.size == V_STRUCT.itemsize
 
 
@@ -72,15 +69,15 @@ class ItpServer:
         arms: Sequence[ArmName],
         host: str = LOOPBACK,
         port: int = UDP_PORT,
-        limits: PacketLimits = DEFAULT,
         clock: Callable[[], int] = time.monotonic_ns,
         profiles: Sequence[ConsoleProfile] = (),
+        only_host: str | None = None,
     ) -> None:
-        """port 0: any free one. profiles: as of `Gate`. UserError where the address cannot be
-        had.
+        """port 0: any free one. profiles, only_host: as of `Gate`. UserError where the address
+        cannot be had.
         """
         self.arms = tuple(arms)
-        self.gate = Gate(arms, limits, profiles)
+        self.gate = Gate(arms, profiles, only_host)
         self._clock = clock
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
@@ -93,10 +90,10 @@ class ItpServer:
                 f"UDP {host}:{port} cannot be opened for consoles ({error}); another session may"
                 " hold it. Give another port, or 0 for any free one"
             ) from None
-        self._last: Increments | None = None
+        self.last_sequence = 0  # of the console's packet that was accepted last
+        self._pedal = False
         self._taken_ms = float("-inf")
         self._sent = 0
-        self.unsent = 0  # force packets that the kernel did not take
         self._present = sum(1 << ARMS.index(arm) for arm in arms)
 
     @property
@@ -104,8 +101,8 @@ class ItpServer:
         """Host and port it listens on."""
         return self._socket.getsockname()[:2]
 
-    def receive(self) -> Increments | None:
-        """What the console asks for since the last call, as one; None: nothing was accepted.
+    def poll(self) -> list[dict[str, Any]]:
+        """One command "increments": what the console asks for since the last call; or none.
 
         Of a burst at most `SentStream.per_tick` packets count, which bounds the displacement of one
         tick. The others wait in the kernel, in their order, for the next ones.
@@ -113,30 +110,25 @@ class ItpServer:
         now_ms = self._clock() * 1e-6
         profile = self.gate.profile
         most = USUAL_PER_TICK if profile is None else profile.stream.per_tick
-        increments: list[Increments] = []
+        accepted: list[dict[str, Any]] = []
         for _ in range(max(PER_TICK, most)):
             try:
-                datagram, source = self._socket.recvfrom(
-                    SIZE + 1
-                )  # one byte more tells a longer one
+                datagram, source = self._socket.recvfrom(SIZE)
             except BlockingIOError:
                 break
             except OSError:  # a former console's host answered that nobody listens there
                 continue
-            admitted = self.gate.admit(datagram, source, now_ms)
-            if admitted is not None:
-                increments.append(admitted)
-                if len(increments) == most:
+            increments = self.gate.admit(datagram, source, now_ms)
+            if increments is not None:
+                accepted.append(increments)
+                self.last_sequence = int.from_bytes(datagram[:4], "little")
+                if len(accepted) == most:
                     break
-        total = merge(increments)
-        if total is not None:
-            self._last, self._taken_ms = total, now_ms
-        return total
-
-    def poll(self) -> list[dict[str, Any]]:
-        """The same as commands of `messages`: one "increments", or none."""
-        increments = self.receive()
-        return [] if increments is None else [increments.message(self.arms)]
+        total = merge(accepted)
+        if total is None:
+            return []
+        self._pedal, self._taken_ms = total["pedal"], now_ms
+        return [total]
 
     def send_force(
         self,
@@ -151,7 +143,7 @@ class ItpServer:
 
         pedal: False where a pedal that the console holds down does not count. drives: False where
         another does. A console that is stale gets zero force and pedal up, until
-        `PacketLimits.release_ms`, when it counts as gone. Returns whether a packet went out.
+        `RELEASE_MS`, when it counts as gone. Returns whether a packet went out.
         """
         now_ms = self._clock() * 1e-6
         peer = self.gate.peer(now_ms)
@@ -160,44 +152,34 @@ class ItpServer:
         alive = now_ms - self._taken_ms <= STALE_MS
         flags = self._present | (SOFT_ESTOPPED if soft_estopped else 0) | (DRIVES if drives else 0)
         components = [0] * 6
-        if alive and self._last is not None:
-            flags |= ALIVE | (PEDAL if pedal and self._last.pedal else 0)
+        if alive:
+            flags |= ALIVE | (PEDAL if pedal and self._pedal else 0)
             for arm, force in forces.items():
                 slot = ARMS.index(arm)  # type: ignore[arg-type]
                 pull = [_whole(float(force[axis]) * scale) for axis, scale in _AXES[slot]]
                 components[slot::2] = pull
                 flags |= (1 << 8 + slot) if any(pull) else 0
-        last = 0 if self._last is None else self._last.sequence
         self._sent += 1
         total = sum(components) + int(runlevel) + self._sent
         checksum = (total + 2**31) % 2**32 - 2**31
         datagram = _V_FIELDS.pack(
-            self._sent % 2**32, last, 0, 0, *components, int(runlevel), flags, checksum
+            self._sent % 2**32,
+            self.last_sequence,
+            0,
+            0,
+            *components,
+            int(runlevel),
+            flags,
+            checksum,
         )
-        try:
+        # No room, or no way to that host: the next tick has a newer force.
+        with contextlib.suppress(OSError):
             self._socket.sendto(datagram, peer)
-        except OSError:  # no room, or no way to that host: the next tick has a newer force
-            self.unsent += 1
-            return False
         return True
 
     def counters(self) -> dict[str, int]:
-        """Datagrams by what became of them (`gate.CAUSES`), and what the kernel dropped before
-        anybody saw it, for want of room; 0 where the system does not say.
-        """
-        size = 4 * (_DROPS + 1)
-        try:
-            words = self._socket.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, size)
-        except OSError:
-            words = b""
-        dropped = struct.unpack_from("=I", words, 4 * _DROPS)[0] if len(words) >= size else 0
-        return {
-            **self.gate.counts,
-            "cut": self.gate.cut,
-            "kernel_dropped": dropped,
-            "force_sent": self._sent - self.unsent,
-            "force_unsent": self.unsent,
-        }
+        """Datagrams by what became of them (`packet_filter.CAUSES`), and force packets."""
+        return {**self.gate.counts, "force_sent": self._sent}
 
     def close(self) -> None:
         """Give the port back."""

@@ -1,5 +1,4 @@
-"""The robot's joint state over TCP, and orders back: one server, several listeners, and nobody is
-waited for.
+"""Sends the robot's joint state over TCP to several listeners, and receives their orders.
 
 To a listener: one JSON object a line, which greet it, report once a millisecond
 and answer its orders. One that reads too slowly loses whole lines, never parts of one. From a
@@ -12,103 +11,93 @@ connection: it is no console's, but perhaps a web page's that knocks on local po
 
 A report is
 
-
-    {"tick": 7, "last_seq": 9, "runlevel": 3, "surgeon_mode": 1, "soft_estopped": 0, "brakes": 0,
-     "fault_active": 0, "plc_runlevel": 3, "checks": {"joint_limit": [13308, 5]},
-     "arms": {"gold": {"jpos": [..], "jpos_d": [..], "mpos": [..], "mvel": [..],
-                       "position": [..], "dac": [..]}}}
+    {"tick": 7, "last_seq": 9, "checks": {"joint_limit": [13308, 5]},
+     "channels": {"runlevel": [3], "plc_runlevel": [3], "surgeon_mode": [1], "soft_estopped": [0],
+                  "brakes": [0], "fault_active": [0], "gold/jpos": [..], "gold/jpos_d": [..],
+                  "gold/mpos": [..], "gold/mvel": [..], "gold/position": [..], "gold/dac": [..]}}
 
 `tick` counts ms since the robot's process began, `last_seq` is the number of the console's packet
 that the robot took last (111 before the first one), and `checks` says of each check that has
-tripped how often it has, and in which tick it first did. The other names and their units are those
-of `protocol.frame`.
+tripped how often it has, and in which tick it first did. Channels and their units are those of
+`protocol.frame`.
 """
 
 from __future__ import annotations
 
 import collections
-import dataclasses
+import contextlib
 import hmac
 import ipaddress
 import json
 import socket
-from typing import Annotated, Any
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, field_validator
 from pydantic_core import to_json
 
 from ravenjax.errors import UserError
-from ravenjax.train.protocol.frame import Frame
-from ravenjax.train.robot import ArmName
+from ravenjax.train.protocol.frame import SIMULATED, SIMULATED_ARM, Frame
 
 JOINT_PORT = 36002
 """Beside the console's UDP port 36000; 36001 is that of raven2's packet generator."""
-MOST_CLIENTS = 8
 BUFFER_BYTES = 1 << 17
 """For one listener, here and again in the kernel: a tenth of a second."""
-LONGEST_LINE = 1024
+READ_BYTES = 1 << 16
+LONGEST_ORDER = 1024
 _NOT_ALLOWED = "not from this machine: start the robot with a token and give the same one here"
-_FLAGS = ("surgeon_mode", "soft_estopped", "brakes", "fault_active")
-_COMMON = ("runlevel", "plc_runlevel", *_FLAGS)
+_COMMON = ("runlevel", "plc_runlevel", "surgeon_mode", "soft_estopped", "brakes", "fault_active")
 _OF_ARM = ("jpos", "jpos_d", "mpos", "mvel", "position", "dac")
-_Seven = Annotated[list[float], Field(min_length=7, max_length=7)]
-_Three = Annotated[list[float], Field(min_length=3, max_length=3)]
-_Flag = Annotated[int, Field(ge=0, le=1)]
-_RunLevel = Annotated[int, Field(ge=0, le=3)]
-
-
-class ArmReport(BaseModel):
-    """Of one arm."""
-
-    jpos: _Seven
-    jpos_d: _Seven
-    mpos: _Seven
-    mvel: _Seven
-    position: _Three
-    dac: _Seven
+_SIZES = {name: (SIMULATED | SIMULATED_ARM)[name] for name in (*_COMMON, *_OF_ARM)}
 
 
 class JointReport(BaseModel):
-    """Of one robot."""
+    """What one robot reports of one tick."""
 
     tick: int
     last_seq: int
-    runlevel: _RunLevel
-    surgeon_mode: int
-    soft_estopped: _Flag = 0
-    brakes: _Flag = 0
-    fault_active: _Flag = 0
-    plc_runlevel: _RunLevel = 0
     checks: dict[str, tuple[int, int]] = {}
-    arms: dict[ArmName, ArmReport]
+    channels: dict[str, list[float]]
+
+    @field_validator("channels")
+    @classmethod
+    def _require_sizes(cls, channels: dict[str, list[float]]) -> dict[str, list[float]]:
+        for name, numbers in channels.items():
+            size = _SIZES.get(name.rpartition("/")[2])
+            if len(numbers) != size:
+                raise ValueError(f"channel {name} has {len(numbers)} numbers, expected {size}")
+        if channels.get("runlevel", [-1])[0] not in range(4):
+            raise ValueError("runlevel is missing or not 0 to 3")
+        return channels
+
+    @property
+    def runlevel(self) -> int:
+        """Run level of the robot's control software."""
+        return int(self.channels["runlevel"][0])
 
     def fill(self, frame: Frame) -> None:
-        """Write what is reported into the channels of `frame`; arms that it lacks are left out.
+        """Write what is reported into `frame`; arms that the frame lacks are left out.
 
         Where links and tip truly are is not reported: they count as where they were measured.
         """
         frame["tick"], frame["last_seq"] = self.tick, self.last_seq
-        for name in _COMMON:
-            frame[name] = getattr(self, name)
-        for arm, report in self.arms.items():
-            if arm in frame.layout.arms:
-                for name in _OF_ARM:
-                    frame[f"{arm}/{name}"] = getattr(report, name)
-                frame[f"{arm}/link_jpos"], frame[f"{arm}/tip"] = report.jpos, report.position
+        truth = {"jpos": "link_jpos", "position": "tip"}
+        for name, numbers in self.channels.items():
+            arm, _, quantity = name.rpartition("/")
+            if not arm or arm in frame.layout.arms:
+                frame[name] = numbers
+                if quantity in truth:
+                    frame[f"{arm}/{truth[quantity]}"] = numbers
 
 
 def encode_report(
     frame: Frame, tick: int, last_seq: int, checks: dict[str, tuple[int, int]]
 ) -> bytes:
-    """The line of a frame; the others as above."""
+    """The line of a frame; the other arguments as in the module's description."""
     numbers, places = frame.row.tolist(), frame.layout.places
-    report: dict[str, Any] = {"tick": tick, "last_seq": last_seq, "checks": checks}
-    report |= {name: int(numbers[places[name].start]) for name in _COMMON}
-    report["arms"] = {
-        arm: {name: numbers[places[f"{arm}/{name}"]] for name in _OF_ARM}
-        for arm in frame.layout.arms
-    }
-    return encode_line(report)
+    names = (*_COMMON, *(f"{arm}/{name}" for arm in frame.layout.arms for name in _OF_ARM))
+    channels = {name: numbers[places[name]] for name in names}
+    return encode_line({"tick": tick, "last_seq": last_seq, "checks": checks, "channels": channels})
 
 
 def encode_line(content: dict[str, Any]) -> bytes:
@@ -116,21 +105,59 @@ def encode_line(content: dict[str, Any]) -> bytes:
     return to_json(content) + b"\n"
 
 
-@dataclasses.dataclass(eq=False)
-class Listener:
-    """Who listens, and what waits for it."""
+class LineConnection:
+    """A TCP connection that carries lines, and on which nobody waits."""
 
-    socket: socket.socket
-    local: bool  # on this machine
-    waiting: bytearray = dataclasses.field(default_factory=bytearray)
-    heard: bytearray = dataclasses.field(default_factory=bytearray)
+    def __init__(self, connection: socket.socket, local: bool = True) -> None:
+        """local: the other end is on this machine."""
+        connection.setblocking(False)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
+        self.local, self.is_closed = local, False
+        self._socket = connection
+        self._waiting, self._heard = bytearray(), b""
+
+    def send(self, line: bytes = b"") -> bool:
+        """Append a whole line where there is room, and send what the kernel takes."""
+        fits = len(self._waiting) + len(line) <= BUFFER_BYTES
+        if fits:
+            self._waiting += line
+        try:
+            if self._waiting and not self.is_closed:
+                del self._waiting[: self._socket.send(self._waiting)]
+        except BlockingIOError:
+            pass
+        except OSError:
+            self.close()
+        return fits
+
+    def read(self, longest: int = BUFFER_BYTES) -> list[bytes]:
+        """The whole lines that have come. ValueError: one is longer than `longest` bytes."""
+        if self.is_closed:
+            return []
+        try:
+            content = self._socket.recv(READ_BYTES)
+        except BlockingIOError:
+            return []
+        except OSError:
+            content = b""
+        *lines, self._heard = (self._heard + content).split(b"\n")
+        if not content:
+            self.close()
+        if max(map(len, (*lines, self._heard))) > longest:
+            raise ValueError(f"a line has more than {longest} bytes")
+        return lines
+
+    def close(self) -> None:
+        """End the connection."""
+        self.is_closed = True
+        self._socket.close()
 
 
-@dataclasses.dataclass(frozen=True)
-class ListenerOrder:
-    """What a listener asks for; it may."""
+class ListenerOrder(NamedTuple):
+    """An order of a listener that may give it."""
 
-    listener: Listener
+    listener: LineConnection
     content: dict[str, Any]
 
 
@@ -145,14 +172,14 @@ class JointServer:
         """
         self._greeting, self._token = encode_line(greeting), token
         try:
-            self._socket = socket.create_server((host, port), backlog=MOST_CLIENTS)
+            self._socket = socket.create_server((host, port))
         except (OSError, OverflowError) as error:
             raise UserError(
                 f"TCP {host}:{port} cannot be opened for the joint stream ({error}); another robot"
                 " may hold it. Give another port, or 0 for any free one"
             ) from None
         self._socket.setblocking(False)
-        self.listeners: list[Listener] = []
+        self.listeners: list[LineConnection] = []
         self.counts: collections.Counter[str] = collections.Counter()
 
     @property
@@ -161,107 +188,56 @@ class JointServer:
         return self._socket.getsockname()[:2]
 
     def poll(self) -> list[ListenerOrder]:
-        """Let in who knocks, and hear the orders that have arrived."""
-        self._accept()
-        return [order for listener in list(self.listeners) for order in self._orders(listener)]
+        """Accept new listeners, and return the orders that have arrived."""
+        with contextlib.suppress(OSError):  # nobody knocks, or is gone again
+            connection, address = self._socket.accept()
+            listener = LineConnection(connection, ipaddress.ip_address(address[0]).is_loopback)
+            self.listeners.append(listener)
+            self.counts["listeners"] += 1
+            listener.send(self._greeting)
+        orders = [order for listener in self.listeners for order in self._read_orders(listener)]
+        self.listeners = [listener for listener in self.listeners if not listener.is_closed]
+        return orders
 
     def publish(self, line: bytes) -> None:
         """Send a line to every listener; one that has no room left loses it."""
-        for listener in list(self.listeners):
-            sent = self._push(listener, line)
+        for listener in self.listeners:
+            sent = listener.send(line)
             self.counts["records" if sent else "records_dropped"] += 1
 
     def answer(self, order: ListenerOrder, error: str | None = None) -> None:
-        """Tell who gave an order that it was carried out, or why not."""
+        """Tell the listener that its order was carried out, or why not."""
         kind = order.content.get("order")
         reply = {"answer": kind if isinstance(kind, str) else None, "ok": error is None}
-        self._push(
-            order.listener, encode_line(reply if error is None else reply | {"error": error})
-        )
+        order.listener.send(encode_line(reply if error is None else reply | {"error": error}))
 
     def close(self) -> None:
         """End all connections and give the port back."""
-        for listener in list(self.listeners):
-            self._drop(listener)
+        for listener in self.listeners:
+            listener.close()
         self._socket.close()
 
-    def _accept(self) -> None:
-        try:
-            connection, address = self._socket.accept()
-        except OSError:  # nobody knocks, or is gone again
-            return
-        if len(self.listeners) >= MOST_CLIENTS:
-            self.counts["turned_away"] += 1
-            connection.close()
-            return
-        connection.setblocking(False)
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
-        listener = Listener(connection, ipaddress.ip_address(address[0]).is_loopback)
-        self.listeners.append(listener)
-        self.counts["listeners"] += 1
-        self._push(listener, self._greeting)
-
-    def _push(self, listener: Listener, line: bytes) -> bool:
-        """Append a whole line where there is room, and send what the kernel takes."""
-        fits = len(listener.waiting) + len(line) <= BUFFER_BYTES
-        if fits:
-            listener.waiting += line
-        try:
-            del listener.waiting[: listener.socket.send(listener.waiting)]
-        except BlockingIOError:
-            pass
-        except OSError:
-            self._drop(listener)
-        return fits
-
-    def _orders(self, listener: Listener) -> list[ListenerOrder]:
+    def _read_orders(self, listener: LineConnection) -> Iterator[ListenerOrder]:
         """The orders of a listener that may give them."""
         try:
-            heard = listener.socket.recv(4 * LONGEST_LINE)
-        except BlockingIOError:
-            return []
-        except OSError:
-            heard = b""
-        if not heard:
-            self._drop(listener)
-            return []
-        *lines, listener.heard = (listener.heard + heard).split(b"\n")
-        orders: list[ListenerOrder] = []
-        for line in lines:
-            content = _json_object(line)
-            if content is None:
-                break
+            contents = [json.loads(line) for line in listener.read(LONGEST_ORDER)]
+            if not all(isinstance(content, dict) for content in contents):
+                raise ValueError("an order is no JSON object")
+        except (ValueError, RecursionError):
+            self.counts["garbled"] += 1
+            listener.close()
+            return
+        for content in contents:
             order = ListenerOrder(listener, content)
             if self._may(listener, content):
                 self.counts["orders"] += 1
-                orders.append(order)
+                yield order
             else:
                 self.counts["orders_refused"] += 1
                 self.answer(order, _NOT_ALLOWED)
-        else:
-            if len(listener.heard) <= LONGEST_LINE:
-                return orders
-        self.counts["garbled"] += 1
-        self._drop(listener)
-        return orders
 
-    def _may(self, listener: Listener, order: dict[str, Any]) -> bool:
+    def _may(self, listener: LineConnection, order: dict[str, Any]) -> bool:
         token = order.get("token")
         if listener.local or self._token is None or not isinstance(token, str):
             return listener.local
         return hmac.compare_digest(self._token.encode(), token.encode(errors="replace"))
-
-    def _drop(self, listener: Listener) -> None:
-        if listener in self.listeners:
-            self.listeners.remove(listener)
-            listener.socket.close()
-
-
-def _json_object(line: bytes | bytearray) -> dict[str, Any] | None:
-    """The object in a line; None where there is none, or the line is too long."""
-    try:
-        content = json.loads(line) if len(line) <= LONGEST_LINE else None
-    except (ValueError, RecursionError):
-        return None
-    return content if isinstance(content, dict) else None

@@ -1,39 +1,38 @@
-"""The gate: what a console's datagram must pass before anything moves.
+"""Checks each datagram of a console before anything moves.
 
 In this order, and each refusal is counted under its cause:
 
 1. size: shorter than 124 bytes is dropped, longer is cut, as the robot does (raven2: network_layer.cpp);
-2. one console at a time: whose stream is followed, until it has been silent for `PacketLimits.release_ms`;
+2. one console at a time: whose stream is followed, until it has been silent for `RELEASE_MS`;
 3. content, as the console's profile has it: pedal 0 or 1, the checksum right, orientations finite and of their form,
    increments within the profile's largest after conversion. The robot itself checks none of that. What is refused so
    far is as if it had never arrived;
 4. sequence: the robot's own rules (`raven2.stages.network`): the number after the last is taken, a gap loses the
    packet after it too, 0 and repeated numbers are dropped, and a stream begins at 1, or loses its first packet. But
    stricter, for the robot would follow a replayed stream: going back means a restart only at number 1, only from a
-   console that has been quiet for `PacketLimits.quiet_ms`, and the packet that restarts is lost; a leap further than
-   `PacketLimits.gap` ahead is dropped. After `release_ms` of silence any stream may begin.
+   console that has been quiet for `QUIET_MS`, and the packet that restarts is lost; a leap further than
+   `RESET_GAP` ahead is dropped. After `RELEASE_MS` of silence any stream may begin.
 
 Where the profile is to be found (`store.consoles`, "auto"), packets that profiles read differently
 are "undecided" until one profile is left: the stream goes on over them, and nothing moves.
 
 No protocol without a secret can tell a recorded stream from a console that starts: bind loopback or
-name the console's address (`PacketLimits.console`) where others share the network.
+name the console's address (`only_host`) where others share the network.
 """  # noqa: E501
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.console.choice import UNDECIDED, ProfileChoice, fitting
 from ravenjax.robots.raven2.console.reading import FIELDS, MODE, Misfit
 from ravenjax.robots.raven2.stages.network import RESET_GAP
 from ravenjax.store.consoles import loading as consoles
-from ravenjax.train.robot import U_STRUCT, ArmName, ConsoleProfile, Packet, Quat, turn_by
+from ravenjax.train.robot import U_STRUCT, ArmName, ConsoleProfile, Packet, turn_by
 from ravenjax.vocabulary.packets import QUIET_MS, RELEASE_MS
 
 SIZE = FIELDS.size
@@ -62,19 +61,10 @@ CAUSES = (
 """What becomes of a datagram: each is counted under exactly one of these."""
 
 
-@dataclasses.dataclass(frozen=True)
-class PacketLimits:
-    """Bounds of the stream; those of one packet are the profile's (`LargestSteps`)."""
-
-    gap: int = RESET_GAP  # numbers that may be missing
-    quiet_ms: float = float(
-        QUIET_MS
-    )  # silence after which number 1 restarts the stream: the console was dead
-    release_ms: float = float(RELEASE_MS)  # silence after which another console may take over
-    console: str | None = None  # the only host that may send; None: any
-
-
-DEFAULT = PacketLimits()
+Increments = dict[str, Any]
+"""A command "increments" of `protocol.messages`: the pedal, and in the ITP frame, of each arm,
+`delta_um`, `quat` (x, y, z, w) and `grasp_mrad` (positive closes).
+"""
 
 KEPT_MISFITS, MISFIT_SHARE = 32, 0.02
 """After so many packets that break the profile's rules the gate says which other one they fit.
@@ -87,17 +77,16 @@ class Gate:
     def __init__(
         self,
         arms: Sequence[ArmName],
-        limits: PacketLimits = DEFAULT,
         profiles: Sequence[ConsoleProfile] = (),
+        only_host: str | None = None,
     ) -> None:
         """arms: those whose fields are read; an arm that is not there may have any.
 
         profiles: that of the console, or several of which it has one; none: the robot's own
-        protocol.
+        protocol. only_host: the only address that may send; None: any.
         """
-        self.limits = limits
+        self._only_host = only_host
         self.counts: dict[str, int] = dict.fromkeys(CAUSES, 0)
-        self.cut = 0  # datagrams longer than 124 bytes; they count under their cause too
         self._arms = tuple(arms)
         self._choice = ProfileChoice(profiles or (consoles.load("raven"),), arms)
         self._open = len(self._choice.readers) > 1  # packets have yet to decide
@@ -115,7 +104,7 @@ class Gate:
 
     def peer(self, now_ms: float) -> tuple | None:
         """Source address of the console that is followed; None: none."""
-        if self._peer is not None and now_ms - self._heard_ms > self.limits.release_ms:
+        if self._peer is not None and now_ms - self._heard_ms > RELEASE_MS:
             self._peer, self._last = None, 0
             self._choice.begin()
         return self._peer
@@ -146,9 +135,8 @@ class Gate:
     ) -> tuple[Increments | None, str]:
         if len(datagram) < SIZE:
             return None, "short"
-        self.cut += len(datagram) > SIZE
         peer = self.peer(now_ms)
-        named = self.limits.console
+        named = self._only_host
         if (peer is not None and source != peer) or (named is not None and source[0] != named):
             return None, "stranger"
         fields = FIELDS.unpack_from(datagram)
@@ -170,7 +158,8 @@ class Gate:
                 )
         if cause != TAKEN or isinstance(reading, Misfit):
             return None, cause
-        return Increments(number, fields[MODE], *reading), TAKEN
+        tables = dict(zip(self._arms, zip(*reading, strict=True), strict=True))
+        return increments_of(bool(fields[MODE]), tables, "itp"), TAKEN
 
     def _note(self, fields: Sequence, misfit: Misfit) -> None:
         """Say once that the profile is not the console's, and which one is, when it shows."""
@@ -208,81 +197,55 @@ class Gate:
         if number == last:
             return "duplicate", False
         if number < last:
-            restarts = number == 1 and now_ms - self._heard_ms > self.limits.quiet_ms
+            restarts = number == 1 and now_ms - self._heard_ms > QUIET_MS
             return ("restart", True) if restarts else ("behind", False)
-        if last and number - last > self.limits.gap:
+        if last and number - last > RESET_GAP:
             return "far_ahead", False
         return "skip", True
 
 
-class Increments(NamedTuple):
-    """What a console asks of the robot in one datagram, or in several that arrived together: in the
-    ITP frame, one entry an arm.
-    """
-
-    sequence: int  # of the last datagram, unsigned
-    pedal: int  # 1: down; of the last datagram
-    delta_um: tuple[tuple[int, int, int], ...]  # um
-    quat: tuple[Quat, ...]  # x, y, z, w
-    grasp_mrad: tuple[int, ...]  # mrad, positive closes
-
-    @staticmethod
-    def of(message: Mapping[str, Any], arms: Sequence[str]) -> Increments:
-        """Of a command "increments"."""
-        tables = [message["arms"][arm] for arm in arms]
-        return Increments(
-            0,
-            int(message["pedal"]),
-            tuple(tuple(table["delta_um"]) for table in tables),
-            tuple(tuple(table["quat"]) for table in tables),
-            tuple(table["grasp_mrad"] for table in tables),
-        )
-
-    @staticmethod
-    def still(arms: int) -> Increments:
-        """The pedal is up, and nothing moves."""
-        level = ((0.0, 0.0, 0.0, 1.0),) * arms
-        return Increments(0, 0, ((0, 0, 0),) * arms, level, (0,) * arms)
-
-    def message(self, arms: Sequence[str]) -> dict[str, Any]:
-        """The command "increments" of `messages` for these arms."""
-        each = zip(arms, self.delta_um, self.quat, self.grasp_mrad, strict=True)
-        return {
-            "type": "increments",
-            "source": "itp",
-            "pedal": bool(self.pedal),
-            "arms": {
-                arm: {"delta_um": list(delta), "quat": list(quat), "grasp_mrad": grasp}
-                for arm, delta, quat, grasp in each
-            },
-        }
-
-    def packet(self, sequence: int) -> Packet:
-        """What the network hands to the robot, under another number."""
-        return Packet(
-            received=1,
-            size=U_STRUCT.itemsize,
-            sequence=sequence,
-            delta=tuple(map(Vec, self.delta_um)),
-            quat=tuple(map(Vec, self.quat)),
-            grasp=self.grasp_mrad,
-            surgeon_mode=self.pedal,
-        )
+def increments_of(pedal: bool, tables: Mapping[ArmName, Sequence[Any]], source: str) -> Increments:
+    """The command; tables: displacement, turn and jaw increment of each arm."""
+    return {
+        "type": "increments",
+        "source": source,
+        "pedal": pedal,
+        "arms": {
+            arm: {"delta_um": list(delta), "quat": list(quat), "grasp_mrad": grasp}
+            for arm, (delta, quat, grasp) in tables.items()
+        },
+    }
 
 
-def merge(increments: Sequence[Increments]) -> Increments | None:
-    """All of them, in their order, as one: displacements add up, turns follow each other."""
+def merge(commands: Sequence[Increments]) -> Increments | None:
+    """All commands, in their order, as one: displacements add up, turns follow each other."""
     total = None
-    for then in increments:
+    for command in commands:
         if total is None:
-            total = then
+            total = command
             continue
-        deltas = zip(total.delta_um, then.delta_um, strict=True)
-        total = Increments(
-            then.sequence,
-            then.pedal,
-            tuple((a[0] + b[0], a[1] + b[1], a[2] + b[2]) for a, b in deltas),
-            tuple(map(turn_by, total.quat, then.quat)),
-            tuple(a + b for a, b in zip(total.grasp_mrad, then.grasp_mrad, strict=True)),
-        )
+        arms = {}
+        for arm, then in command["arms"].items():
+            before = total["arms"][arm]
+            deltas = zip(before["delta_um"], then["delta_um"], strict=True)
+            arms[arm] = {
+                "delta_um": [a + b for a, b in deltas],
+                "quat": list(turn_by(before["quat"], then["quat"])),
+                "grasp_mrad": before["grasp_mrad"] + then["grasp_mrad"],
+            }
+        total = {**command, "arms": arms}
     return total
+
+
+def packet_of(command: Increments, arms: Sequence[str], sequence: int) -> Packet:
+    """What the network hands to the robot, under another number."""
+    tables = [command["arms"][arm] for arm in arms]
+    return Packet(
+        received=1,
+        size=U_STRUCT.itemsize,
+        sequence=sequence,
+        delta=tuple(Vec(table["delta_um"]) for table in tables),
+        quat=tuple(Vec(table["quat"]) for table in tables),
+        grasp=tuple(table["grasp_mrad"] for table in tables),
+        surgeon_mode=int(command["pedal"]),
+    )

@@ -36,7 +36,12 @@ from ravenjax.train.robot import UDP_PORT, ConsoleProfile
 from ravenjax.train.robot_link.crtk.messages import ARM_NAMES, Ros
 from ravenjax.train.robot_link.itp import LOOPBACK, ItpServer
 from ravenjax.train.robot_link.joint_stream import JOINT_PORT, JointServer, encode_report
-from ravenjax.train.robot_link.packet_filter import Increments, PacketLimits, merge
+from ravenjax.train.robot_link.packet_filter import (
+    Increments,
+    increments_of,
+    merge,
+    packet_of,
+)
 from ravenjax.train.scenario import Armable, Scenario
 from ravenjax.train.session.console_arbiter import ConsoleArbiter
 from ravenjax.train.session.pedal import NETWORK, PedalReasons
@@ -83,15 +88,15 @@ class Station:
                 self.joints.answer(order, str(error))
             else:
                 self.joints.answer(order)
-        console, increments = self._choose()
+        command = self._choose()
         packet = None
-        if increments is not None:
+        if command is not None:
             self._number += 1
-            packet = increments.packet(self._number)
+            packet = packet_of(command, self.machine.arms, self._number)
         frame = self.machine.tick(packet)
-        took_it = frame.number("last_seq") == float(np.float32(self._number))
-        if increments is not None and took_it and console == ITP:
-            self._last_seq = increments.sequence
+        was_taken = frame.number("last_seq") == float(np.float32(self._number))
+        if command is not None and was_taken and command["console"] == ITP:
+            self._last_seq = self.itp.last_sequence
         self._look(frame)
         self.joints.publish(encode_report(frame, self.ticks, self._last_seq, self._checks))
         drives = self._arbiter.owner != CRTK
@@ -107,37 +112,34 @@ class Station:
         return frame
 
     def news(self) -> list[str]:
-        """What a user should be told since the last call: of the console's packets, and of its
-        pedal.
-        """
+        """New messages for the terminal: about the console's packets and its pedal."""
         return [*self.itp.gate.news(), *self._pedals.news()]
 
-    def _choose(self) -> tuple[str, Increments | None]:
-        """Which console is heard in this tick, and what it asks for."""
-        requests = {ITP: self.itp.receive()}
+    def _choose(self) -> Increments | None:
+        """What counts in this tick of that which the consoles ask for."""
+        commands = [{**command, "console": ITP} for command in self.itp.poll()]
         if self.crtk is not None:
-            requests[CRTK] = self._poll_crtk(self.crtk)
-        chosen: tuple[str, Increments | None] = ITP, None
+            commands += self._poll_crtk(self.crtk)
+        chosen: Increments | None = None
         if self._arbiter.vacate(self.ticks) == CRTK:
             # Its process is gone: nobody holds the pedal.
-            chosen = CRTK, Increments.still(len(self.machine.arms))
-        for console, request in requests.items():
-            if request is None:
-                continue
+            still = dict.fromkeys(self.machine.arms, ((0, 0, 0), (0.0, 0.0, 0.0, 1.0), 0))
+            chosen = {**increments_of(False, still, CRTK), "console": CRTK}
 
-            def take(counted: Mapping[str, Any], request: Increments = request) -> bool:
-                nonlocal chosen
-                if chosen[1] is None or counted["pedal"]:
-                    chosen = counted["console"], request._replace(pedal=int(counted["pedal"]))
-                return True
+        def take(counted: Mapping[str, Any]) -> bool:
+            nonlocal chosen
+            if chosen is None or counted["pedal"]:
+                chosen = dict(counted)
+            return True
 
-            self._arbiter.hear({"console": console, "pedal": bool(request.pedal)}, take, self.ticks)
+        for command in commands:
+            self._arbiter.hear(command, take, self.ticks)
         self._arbiter.events()
         self._pedals.look({name: self._arbiter.why_not(name, self.ticks) for name in NETWORK})
         return chosen
 
-    def _poll_crtk(self, console: Console) -> Increments | None:
-        """What CRTK asks for: orders are obeyed at once."""
+    def _poll_crtk(self, console: Console) -> list[Increments]:
+        """What CRTK asks for, as one command or none; its orders are obeyed at once."""
         requests: list[Increments] = []
         for command in console.poll():
             if command["type"] == "unheard":
@@ -145,8 +147,9 @@ class Station:
             elif command["type"] == "operator":
                 self.obey({"order": {"estop": "estop", "restart": "reset"}[command["do"]]})
             else:
-                requests.append(Increments.of(command, self.machine.arms))
-        return merge(requests)
+                requests.append({**command, "console": CRTK})
+        total = merge(requests)
+        return [] if total is None else [total]
 
     def _look(self, frame: Frame) -> None:
         """How often each check of the robot has tripped so far, and when it first did."""
@@ -241,8 +244,7 @@ def run(
         "hazards": digest(armables),
     }
     with contextlib.ExitStack() as stack:
-        limits = PacketLimits(console=console_host)
-        itp = ItpServer(robot.arms, host, itp_port, limits, profiles=profiles)
+        itp = ItpServer(robot.arms, host, itp_port, profiles=profiles, only_host=console_host)
         stack.callback(itp.close)
         joints = JointServer(greeting, host, joint_port, token)
         stack.callback(joints.close)
@@ -257,8 +259,6 @@ def run(
             say(f"hazard {one.number}: {one.title} ({one.hazard})")
         lasting = {one.number: one.lasts_ms for one in armables}
         with realtime(min) as granted:
-            # Locking the memory can take seconds: the ports are told after it, and who reads them
-            # is served at once.
             say(f"realtime: {granted}")
             for warning in exposed(host, token, console_host):
                 say(warning)
@@ -320,7 +320,7 @@ def due(strikes: Sequence[Strike], lasting: dict[int, int]) -> list[tuple[int, d
 
 
 def exposed(host: str, token: str | None, console: str | None) -> list[str]:
-    """What the user should know who listens on more than this machine."""
+    """Warnings where other machines can reach the robot."""
     if host == "localhost" or host.startswith("127."):
         return []
     warnings = []
@@ -334,7 +334,5 @@ def exposed(host: str, token: str | None, console: str | None) -> list[str]:
 
 
 def digest(hazards: Sequence[Armable]) -> str:
-    """Of a session's list of hazards: alike where scenario, seed and version are, so that
-    numbers mean the same.
-    """
+    """Hash of a list of hazards. Two lists with the same hash have the same numbers."""
     return hashlib.sha256(" ".join(one.run_id for one in hazards).encode()).hexdigest()[:16]

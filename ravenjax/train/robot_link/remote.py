@@ -1,5 +1,4 @@
-"""A robot elsewhere, as a session holds it: its packets out by ITP, what it reports in. It never
-waits.
+"""Connects a session to a robot elsewhere: sends ITP packets, receives reports, never waits.
 
 The other end of `RemoteRobot` is `ravenjax robot`, or a real Raven with a program beside it that
 sends its reports (`joint_stream`) over TCP.
@@ -18,13 +17,17 @@ from typing import Any
 from ravenjax.errors import UserError
 from ravenjax.train.protocol.messages import STALE_MS
 from ravenjax.train.robot import UDP_PORT, ArmName
-from ravenjax.train.robot_link.joint_stream import JOINT_PORT, JointReport, encode_line
+from ravenjax.train.robot_link.joint_stream import (
+    JOINT_PORT,
+    JointReport,
+    LineConnection,
+    encode_line,
+)
 
 PATIENCE_S = 10.0
 """Longest that a robot may take to let a session in: a busy machine may leave it alone for
 seconds.
 """
-READ_BYTES = 1 << 16
 
 
 class RobotLink(abc.ABC):
@@ -100,11 +103,10 @@ class RemoteRobot(RobotLink):
         """
         super().__init__(host, itp_port, clock)
         self._token = token
-        self._heard, self._orders = bytearray(), bytearray()
         self._resets = 0  # that were not answered yet
-        self._stream: socket.socket | None = None
+        self._stream: LineConnection | None = None
         try:
-            self._connect(host, joint_port)
+            self._stream = _connect(host, joint_port)
             # The robot's first words: its arms, scenario, seed and hazards.
             self.greeting: dict[str, Any] = {}
             self._await_greeting(f"{host}:{joint_port}")
@@ -127,40 +129,25 @@ class RemoteRobot(RobotLink):
             self._resets += 1
             self.report = None
         request = content if self._token is None else content | {"token": self._token}
-        self._orders += encode_line(request)
-        self._write_orders()
+        if self._stream is not None:
+            self._stream.send(encode_line(request))
 
     def close(self) -> None:
         super().close()
         if self._stream is not None:
             self._stream.close()
 
-    def _connect(self, host: str, port: int) -> None:
-        try:
-            self._stream = socket.create_connection((host, port), PATIENCE_S)
-        except (OSError, OverflowError) as error:
-            raise UserError(
-                f"no robot answers at {host}:{port} ({error}): start one there with `ravenjax"
-                " robot`, and give the port of its joint stream"
-            ) from None
-        self._stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._stream.setblocking(False)
-
     def _read(self) -> None:
         assert self._stream is not None
         try:
-            content = self._stream.recv(READ_BYTES)
-            self.lost = not content
-            *lines, self._heard = (self._heard + content).split(b"\n")
-            for line in lines:
+            for line in self._stream.read():
                 self._take(line)
-        except BlockingIOError:
-            pass
-        except (OSError, ValueError):
+        except ValueError:
             self.lost = True
-        self._write_orders()
+        self._stream.send()
+        self.lost = self.lost or self._stream.is_closed
 
-    def _take(self, line: bytearray) -> None:
+    def _take(self, line: bytes) -> None:
         """A line that is whole. ValueError where it is none of a robot's."""
         if line.startswith(b'{"tick"'):
             if not self._resets:
@@ -172,15 +159,6 @@ class RemoteRobot(RobotLink):
         self._resets -= content.get("answer") == "reset"
         if content.get("robot") == "ravenjax":
             self.greeting = content
-
-    def _write_orders(self) -> None:
-        if self._orders and self._stream is not None and not self.lost:
-            try:
-                del self._orders[: self._stream.send(self._orders)]
-            except BlockingIOError:
-                pass
-            except OSError:
-                self.lost = True
 
     def _await_greeting(self, address: str) -> None:
         """Wait for the robot's first words. UserError where none come."""
@@ -194,3 +172,13 @@ class RemoteRobot(RobotLink):
                 f"{address} takes connections but is no ravenjax robot, or a busy one (it {heard}):"
                 " start one there with `ravenjax robot`"
             )
+
+
+def _connect(host: str, port: int) -> LineConnection:
+    try:
+        return LineConnection(socket.create_connection((host, port), PATIENCE_S))
+    except (OSError, OverflowError) as error:
+        raise UserError(
+            f"no robot answers at {host}:{port} ({error}): start one there with `ravenjax robot`,"
+            " and give the port of its joint stream"
+        ) from None

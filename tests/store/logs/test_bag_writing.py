@@ -185,7 +185,7 @@ def test_what_cannot_be_written_is_one_sentence(session, trace, tmp_path, capsys
     there = tmp_path / "there.bag"
     there.write_bytes(b"")
     for words, source, ros, out in (
-        ("no such file", tmp_path / "none.mcap", 1, None),
+        ("expected a recording in MCAP", tmp_path / "none.mcap", 1, None),
         ("expected a recording in MCAP", there, 1, None),
         ("is there already", trace, 1, there),
         (r"ends in \.bag", trace, 1, tmp_path / "a"),

@@ -90,18 +90,6 @@ def test_a_file_without_a_whole_chunk_is_refused(whole, tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_damaged_chunk_is_left_out_and_counted(whole, tmp_path):
-    data, _, ends = whole
-    path = tmp_path / session_log.FILE
-    at = ends[4] - 40  # within the fifth chunk's compressed records
-    path.write_bytes(data[:at] + bytes(byte ^ 0xFF for byte in data[at : at + 8]) + data[at + 8 :])
-    told = mcap_records.recover(path)
-    assert told.path == tmp_path / "session.recovered.mcap"
-    missing = set(range(4 * BLOCK, 5 * BLOCK))
-    assert set(seeking(told.path)) == set(range(BLOCKS * BLOCK)) - missing
-    assert told.complete and told.lost_bytes > 100 and "recovered" in str(told)
-
-
 def test_the_index_names_the_channels_where_the_first_chunk_is_damaged(whole, tmp_path):
     data, _, ends = whole
     at = ends[0] - 40
@@ -143,12 +131,11 @@ def test_damage_anywhere_costs_at_most_the_chunks_that_it_touches(whole, tmp_pat
         assert len(hit) <= 2 and log.lost_bytes <= lost + 2 * size + 600
 
 
-@pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.LZ4])
 @pytest.mark.parametrize("chunked", [True, False])
-def test_any_mcap_file_is_recovered(tmp_path, compression, chunked):
+def test_any_mcap_file_is_recovered(tmp_path, chunked):
     path = tmp_path / "other.mcap"
     with open(path, "wb") as file:
-        writer = Writer(file, chunk_size=200, compression=compression, use_chunking=chunked)
+        writer = Writer(file, chunk_size=200, compression=CompressionType.LZ4, use_chunking=chunked)
         writer.start("", "other")
         channel = writer.register_channel("/text", "json", 0, {"unit": "none"})
         for i in range(50):

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import tracemalloc
-
 import numpy as np
 import pytest
 import ros2_log
-from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
 from ravenjax.errors import StoreError
@@ -119,26 +116,6 @@ def test_other_tools_find_standard_messages(log, rows, i, arm):
     np.testing.assert_array_equal(forces, rows[EVERY, LAYOUT.places[f"{arm}/force"]])
 
 
-def test_frames_hang_on_the_bases_that_are_known(log):
-    frames = log.topics["/tf"][0].value.transforms
-    tips = [
-        (f"arm{i}_base", f"arm{i}_tip_{which}")
-        for i in (1, 2)
-        for which in ("measured", "true", "model")
-    ]
-    pairs = [(one.header.frame_id, one.child_frame_id) for one in frames]
-    assert pairs == [*tips[:3], ("world", "arm2_base"), *tips[3:]]
-    base, tip = frames[3].transform, frames[4].transform
-    assert [base.translation.x, base.translation.y, base.translation.z, base.rotation.z] == [
-        0.1,
-        0.2,
-        0.3,
-        1.0,
-    ]
-    pose = log.topics["/arm2/measured_cp"][0].value.pose
-    assert (tip.translation.x, tip.rotation.w) == (pose.position.x, pose.orientation.w)
-
-
 def test_a_recorded_session_is_a_motion_for_campaigns(written, rows):
     track = bag_file.read_track(written, ("gold", "green"), None)
     gold, green = track.arms["gold"], track.arms["green"]
@@ -170,24 +147,8 @@ def test_session_json_is_merged_and_its_damage_named(tmp_path):
     with pytest.raises(StoreError, match="not the folder of a session"):
         description.read(tmp_path / "elsewhere")
     (tmp_path / description.FILE).write_text('{"version": 99}')
-    with pytest.raises(StoreError, match="version 99, expected 1 or less"):
+    with pytest.raises(StoreError, match="version: got 99, expected less than or equal to 1"):
         description.read(tmp_path)
     (tmp_path / description.FILE).write_text('{"version": ')
     with pytest.raises(StoreError, match="is not valid JSON"):
         description.read(tmp_path)
-
-
-def test_a_recording_that_goes_on_takes_no_more_memory(rows, tmp_path) -> None:
-    writer = session_log.SessionWriter(tmp_path / session_log.FILE, LAYOUT.names(), HEADER)
-    tracemalloc.start()
-    for i in range(600):
-        if i == 100:
-            before, _ = tracemalloc.get_traced_memory()
-        writer.add(i, rows[i % len(rows) : i % len(rows) + 1])
-    after, _ = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    writer.close()
-    assert after - before < 500 * 100  # of a chunk its index alone takes a kilobyte
-    with open(tmp_path / session_log.FILE, "rb") as file:
-        summary = make_reader(file).get_summary()
-    assert len(summary.chunk_indexes) == summary.statistics.chunk_count == 600

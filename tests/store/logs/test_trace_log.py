@@ -78,45 +78,6 @@ def log(path):
     return ros2_log.read(path)
 
 
-@pytest.mark.slow
-def test_joint_states_are_exact(log, series):
-    first = log.topics["/arm1/measured_js"][0].value
-    assert (
-        first.name == list(JOINTS)
-        and first.header.frame_id == "arm1_base"
-        and len(first.effort) == 0
-    )
-    for topic, field, name in (
-        ("/arm1/measured_js", "position", "gold/jpos"),
-        ("/arm1/measured_js", "velocity", "gold/jvel"),
-        ("/arm1/setpoint_js", "position", "gold/jpos_d"),
-        ("/arm1/setpoint_js", "effort", "gold/tau_d"),
-        ("/arm1/true_js", "position", "gold/link_jpos"),
-        ("/arm2/measured_js", "position", "green/jpos"),
-    ):
-        np.testing.assert_array_equal(log.column(topic, field), series[name], err_msg=topic)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("topic", "place", "rotation"),
-    [
-        ("measured_cp", "position", "rotation"),
-        ("setpoint_cp", "position_d", "rotation_d"),
-        ("model_cp", "model_position", "model_rotation"),
-    ],
-)
-def test_poses_have_their_place_and_a_unit_quaternion(log, series, topic, place, rotation):
-    np.testing.assert_array_equal(
-        log.column(f"/arm1/{topic}", "pose", "position"), series[f"gold/{place}"]
-    )
-    quaternion = log.column(f"/arm1/{topic}", "pose", "orientation")
-    np.testing.assert_allclose(np.linalg.norm(quaternion, axis=1), 1.0, atol=1e-12)
-    wanted = series[f"gold/{rotation}"].reshape(-1, 3, 3)
-    np.testing.assert_allclose(Rotation.from_quat(quaternion).as_matrix(), wanted, atol=1e-6)
-    assert np.abs(np.diff(quaternion, axis=0)).max() < 0.01  # one sign from tick to tick
-
-
 def test_a_tip_without_orientation_is_a_point(log, series):
     np.testing.assert_array_equal(
         log.column("/arm1/golden_tip", "point"), series["gold/golden_tip"]

@@ -4,7 +4,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from mcap.writer import Writer
 from recorded_hands import HOME_MM, circle, play, refused, tip_mm
 
 from ravenjax.store.logs import topics
@@ -18,16 +17,13 @@ def write(path, poses):
     are those of no file.
     """
     with open(path, "wb") as file:
-        writer = Writer(file)
-        writer.start(profile="ros2", library="test")
+        writer = topics.LogWriter(file, [topics.pose(arm, name) for arm, name in poses], {})
         for (arm, name), (log, header, place) in poses.items():
             topic = topics.pose(arm, name)
-            (channel,) = topics.register(writer, [topic])
             values = np.concatenate([place, np.zeros((len(place), 4))], axis=1)
             every_tick = dataclasses.replace(topic, schema="")
             for tick, data in every_tick.encode(header, values).items():
-                stamp = int(log[tick])
-                writer.add_message(channel, stamp, data, stamp)
+                writer._add(topic.name, int(log[tick]), data, tick)
         writer.finish()
     return path
 

@@ -1,6 +1,4 @@
-"""The realtime loop: commands from a ring, frames and events into rings, and an understudy that
-changes nothing.
-"""
+"""The realtime loop: commands from a ring, frames and events into rings."""
 
 import pytest
 

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from itp_client import STILL, Console
+from itp_client import Console
 
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.geometry import kinematics, mapping
 from ravenjax.train import scenario
-from ravenjax.train.protocol.messages import STALE_MS
 from ravenjax.train.robot_link.itp import ItpServer
 from ravenjax.train.session.advance import Session
 
@@ -51,20 +50,6 @@ def driven():
     made = Driven()
     yield made
     made.close()
-
-
-@pytest.mark.slow
-def test_a_console_that_dies_lets_go_of_the_pedal(driven):
-    driven.pedal_down()
-    driven.tick(STALE_MS - 5)
-    assert driven.session.frame.number("pedal") == 1
-    frame = driven.tick(10)
-    assert (frame.number("pedal"), frame.number("console_alive")) == (0, 0)
-    driven.console.drain()
-    driven.tick()
-    told = driven.console.force()
-    assert (told["gold"], told["jointflags"] & 0b100) == (STILL, 0)
-    assert driven.tick(20).number("runlevel") == 2, "the robot has its pedal up"
 
 
 @pytest.mark.slow

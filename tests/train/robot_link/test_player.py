@@ -13,9 +13,9 @@ from itp_client import datagram
 
 from ravenjax.cli import USER_ERROR, main
 from ravenjax.store.consoles import loading
-from ravenjax.train.robot_link import player
+from ravenjax.train.robot_link import packet_filter, player
 from ravenjax.train.robot_link.itp import ItpServer
-from ravenjax.train.robot_link.packet_filter import TAKEN, Gate, PacketLimits
+from ravenjax.train.robot_link.packet_filter import TAKEN, Gate
 
 BOTH = ("gold", "green")
 
@@ -43,8 +43,9 @@ def test_ahead_goes_what_moves_nothing_with_the_pedal_up(first):
     ]
     assert gate.counts[TAKEN] == len(asked) - 1, "only the first of all is lost, as of any stream"
     ahead, own = asked[1:-3], asked[-3:]
-    assert all(one.pedal == 0 and one.delta_um == ((0, 0, 0),) * 2 for one in ahead)
-    assert [one.pedal for one in own] == [1] * 3 and own[0].delta_um == ((3, 0, -1), (0, 2, 0))
+    still = {"delta_um": [0, 0, 0], "quat": [0.0, 0.0, 0.0, 1.0], "grasp_mrad": 0}
+    assert all(one["pedal"] == 0 and one["arms"]["gold"] == still for one in ahead)
+    assert all(one["pedal"] for one in own) and own[0]["arms"]["green"]["delta_um"] == [0, 2, 0]
 
 
 def test_what_was_recorded_arrives_in_its_order_and_takes_its_time(ear, monkeypatch):
@@ -57,20 +58,16 @@ def test_what_was_recorded_arrives_in_its_order_and_takes_its_time(ear, monkeypa
     assert "does a robot listen there?" in str(told)
 
 
-def test_a_second_play_waits_until_the_first_is_let_go():
+def test_a_second_play_waits_until_the_first_is_let_go(monkeypatch):
     """Where nobody follows the first packets, the pedal would never be seen up: the recording
     has it down.
     """
-    server, stop, counted = (
-        ItpServer(BOTH, port=0, limits=PacketLimits(release_ms=400.0)),
-        threading.Event(),
-        [],
-    )
+    monkeypatch.setattr(packet_filter, "RELEASE_MS", 400)
+    server, stop, counted = ItpServer(BOTH, port=0), threading.Event(), []
 
     def robot():
         while not stop.wait(1e-3):
-            increments = server.receive()
-            counted.extend([] if increments is None else [increments.pedal])
+            counted.extend(command["pedal"] for command in server.poll())
             server.send_force({})
 
     thread = threading.Thread(target=robot)

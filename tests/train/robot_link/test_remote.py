@@ -125,14 +125,6 @@ def test_after_a_reset_only_reports_of_the_reset_robot_count(robot, session):
     assert session.report.tick == 4
 
 
-def test_the_token_goes_along(robot):
-    session = RemoteRobot("127.0.0.1", *robot.ports, token="secret")
-    session.order({"order": "estop"})
-    until(lambda: robot.orders)
-    assert robot.orders == [{"order": "estop", "token": "secret"}]
-    session.close()
-
-
 def test_a_robot_that_ends(session, robot):
     robot.close()
     until(lambda: session.lost, lambda: session.exchange(datagram(1)))

@@ -8,7 +8,6 @@ import pytest
 import waiting
 from itp_client import Console, datagram
 
-from ravenjax.errors import UserError
 from ravenjax.train.protocol.frame import Frame, FrameLayout
 from ravenjax.train.robot_link import process
 from ravenjax.train.robot_link.itp import ItpServer
@@ -160,17 +159,6 @@ def test_why_a_pedal_does_not_count_is_told_once(rig):
     assert told(0) == [] and told(1) == []
 
 
-def test_a_console_drives(rig):
-    for _ in range(5):
-        rig.console.send(gold=(10, -20, 30), green=(1, 2, 3))
-        rig.tick()
-    assert rig.machine.um.tolist() == [[50, -100, 150], [5, 10, 15]]
-    report = rig.report()
-    assert report["arms"]["gold"]["position"] == pytest.approx([50e-6, -100e-6, 150e-6])
-    assert report["last_seq"] == 5
-    assert rig.console.force()["last_sequence"] == 1
-
-
 def test_the_robot_sees_a_stream_without_gaps_and_reports_the_consoles_numbers(rig):
     for number in (1, 2, 5, 6, 7):  # 5 comes after a gap and is lost
         rig.console.send_bytes(datagram(number, gold=(1, 0, 0)))
@@ -224,18 +212,3 @@ def test_hazards_by_schedule(rig):
         (20, "arm", 2),
     ], "hazard 0 gave way to hazard 1"
     assert timing.ticks == rig.station.ticks == 40
-
-
-def test_strikes_as_words():
-    assert Strike.parse("3@5000") == Strike(3, 5000)
-    for wrong in ("3", "3@", "@5", "a@b", "-1@5", "1@-5", "1@2@3"):
-        with pytest.raises(UserError, match="expected NUMBER@MS"):
-            Strike.parse(wrong)
-
-
-def test_who_listens_to_the_world_is_told():
-    assert (
-        process.exposed("127.0.0.1", None, None) == process.exposed("localhost", None, None) == []
-    )
-    assert len(process.exposed("0.0.0.0", None, None)) == 2
-    assert process.exposed("0.0.0.0", "secret", "10.0.0.7") == []

@@ -100,8 +100,8 @@ def test_its_recording_is_a_log_for_other_tools(headless):
     words = [message.value.msg for message in log.topics["/ravenjax/log"]]
     assert "hazard 0 strikes" in words and "session ends: time" in words
     header = json.loads((headless.folder / "session.json").read_text())
-    told = log.metadata["ravenjax"]
-    assert (told["scenario"], told["seed"], told["code_hash"]) == ("tiny", "3", header["code_hash"])
+    told = json.loads(log.metadata["ravenjax"]["header"])
+    assert (told["seed"], told["code_hash"]) == (3, header["code_hash"])
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ravenjax.errors import StoreError, shown
 from ravenjax.store.files import parsed, require_writable, write_aside
@@ -51,6 +51,7 @@ class ScenarioOfSession(HeaderTable):
 class SessionHeader(HeaderTable):
     """The whole file."""
 
+    version: int = Field(le=VERSION)
     name: str | None = None
     scenario: ScenarioOfSession | str | None = None
     participant: str | None = None
@@ -85,6 +86,7 @@ def read(folder: Path) -> dict[str, Any]:
     path = Path(folder) / FILE
     try:
         header = parsed(path.read_text(encoding="utf-8"))
+        SessionHeader.model_validate(header)
     except FileNotFoundError as error:
         raise StoreError(
             f"{folder}: is not the folder of a session, it holds no {FILE}. Give a folder that"
@@ -92,38 +94,19 @@ def read(folder: Path) -> dict[str, Any]:
         ) from error
     except OSError as error:
         raise StoreError(f"{path}: cannot be read ({error.strerror or error})") from error
-    except ValueError as error:
-        raise StoreError(
-            f"{path}: is not valid JSON ({error}); the recording beside it holds a copy"
-        ) from error
-    if not isinstance(header, dict):
-        raise StoreError(
-            f"{path}: holds {type(header).__name__}, expected a table of keys such as scenario and"
-            " seed"
-        )
-    version = header.get("version")
-    if not isinstance(version, int) or version > VERSION:
-        raise StoreError(
-            f"{path}: version {version!r}, expected {VERSION} or less; read it with a newer"
-            " ravenjax"
-        )
-    _require_shape(path, header)
-    return header
-
-
-def _require_shape(path: Path, header: dict[str, Any]) -> None:
-    try:
-        SessionHeader.model_validate(header)
     except ValidationError as error:
         first = error.errors()[0]
-        key, expected = (
-            ".".join(map(str, first["loc"])),
-            str(first["msg"]).removeprefix("Input should be "),
-        )
+        key = ".".join(map(str, first["loc"])) or "the file"
+        expected = first["msg"].removeprefix("Input should be ")
         raise StoreError(
             f"{path}: {key}: got {shown(first['input'])}, expected {expected}; the recording beside"
             " it holds a copy"
         ) from None
+    except ValueError as error:
+        raise StoreError(
+            f"{path}: is not valid JSON ({error}); the recording beside it holds a copy"
+        ) from error
+    return header
 
 
 def update(folder: Path, changes: Mapping[str, Any]) -> dict[str, Any]:

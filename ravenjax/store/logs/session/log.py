@@ -23,26 +23,24 @@ affair.
 from __future__ import annotations
 
 import json
-import struct
-import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+import jinja2
 import numpy as np
-from mcap.data_stream import RecordBuilder
-from mcap.writer import Writer as McapWriter
 
 from ravenjax.errors import StoreError
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.geometry.arrays import jaw_rotation
 from ravenjax.store.logs import mcap_records, topics
-from ravenjax.store.logs.topics import ARM_TOPICS, EVENTS, SIGNALS, Base, Topic
+from ravenjax.store.logs.topics import ARM_TOPICS, EVENTS, METADATA, SIGNALS, Base, Topic
 
 FILE = "session.mcap"
-METADATA = "ravenjax"
 TICK_NS = 1_000_000
 STANDARD_HZ = 100
 _EVERY = 1000 // STANDARD_HZ
@@ -55,8 +53,6 @@ _TIPS = {
 }
 """Of a channel: the series of its place and of its orientation as `topics.standard` names them, and
 the joints at which the orientation is taken."""
-_PLAIN = ("scenario", "seed", "robot", "engine", "code_hash", "started")
-"""What of the header is in the metadata under its own name, too."""
 
 
 class SessionWriter:
@@ -85,15 +81,8 @@ class SessionWriter:
         # Imports what it needs, too: a recording that began must not wait for it.
         standard = [topic for topic, _ in self._standard(np.zeros((1, len(names))))]
         self._flat = topics.signals([topics.field(name) for name in names], single=True)
-        self._writer = McapWriter(self._file)
-        _spill_index(self._writer)
-        self._writer.start(profile="ros2", library="ravenjax")
-        self._metadata = _metadata(names, header)
-        self._writer.add_metadata(METADATA, self._metadata)
-        self._signals, *channels = topics.register(
-            self._writer, [self._flat, *topics.events(), *standard]
-        )
-        self._events, self._channels = channels[:2], channels[2:]
+        self._metadata = {"header": json.dumps(header), "channels": json.dumps(list(names))}
+        self._log = topics.LogWriter(self._file, [self._flat, *standard], self._metadata)
         self._next = 0
         self._file.flush()
 
@@ -106,19 +95,17 @@ class SessionWriter:
         """
         self._next = first + len(rows)
         numbers = np.arange(first, self._next)
-        self._put(self._signals, self._flat, numbers, rows)
+        stamps = self._start_ns + numbers * TICK_NS
+        self._log.add(self._flat, stamps, numbers, rows)
         due = numbers % _EVERY == 0
         if due.any():
-            filled = zip(self._channels, self._standard(rows[due]), strict=True)
-            for channel, (topic, values) in filled:
-                self._put(channel, topic, numbers[due], values)
-        stamp = self._stamp(max(0, self._next - 1))
+            for topic, values in self._standard(rows[due]):
+                self._log.add(topic, stamps[due], numbers[due], values)
+        stamp = self._start_ns + max(0, self._next - 1) * TICK_NS
         for event in events:
-            encoded = topics.encoded_event(event, event_text(event), event_level(event), stamp)
-            for channel, data in zip(self._events, encoded, strict=True):
-                self._writer.add_message(channel, stamp, data, stamp)
+            self._log.add_event(event, event_text(event), event_level(event), stamp)
         try:
-            self._writer.flush()
+            self._log.flush()
         except OSError as error:
             raise StoreError(
                 f"{self.path}: cannot be written ({error.strerror or error}); "
@@ -128,16 +115,8 @@ class SessionWriter:
     def close(self) -> None:
         """Write the index; the seeking readers of other tools open the file from then on. What the
         session was stands at both ends of the file, since without it no row can be read."""
-        self._writer.add_metadata(METADATA, self._metadata)
-        self._writer.finish()
+        self._log.finish(self._metadata)
         self._file.close()
-
-    def _put(self, channel: int, topic: Topic, numbers: np.ndarray, values: np.ndarray) -> None:
-        stamps = self._start_ns + numbers * TICK_NS
-        add = self._writer.add_message
-        for row, data in topic.encode(stamps, values).items():
-            stamp = int(stamps[row])
-            add(channel, stamp, data, stamp, int(numbers[row]))
 
     def _standard(self, rows: np.ndarray) -> Iterator[tuple[Topic, np.ndarray]]:
         """The standard topics that the channels allow, and what rows [n, names] fill them with."""
@@ -156,9 +135,6 @@ class SessionWriter:
             if "force" in own:
                 series[f"{arm}/haptic_force"] = own["force"]
         return topics.standard(ROBOT, series, self._bases)
-
-    def _stamp(self, number: int) -> int:
-        return self._start_ns + number * TICK_NS
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,7 +172,7 @@ def read(path: Path) -> SessionLog:
             numbers.append(message.sequence)
             data.append(message.data[-width:])
         elif channel is not None and channel.topic == EVENTS:
-            events.append(topics.event_of(message.data))
+            events.append(json.loads(topics.types().decode(message.data, topics.TEXT).data))
     rows = np.frombuffer(b"".join(data), "<f4").reshape(-1, len(names))
     return SessionLog(
         header,
@@ -209,133 +185,35 @@ def read(path: Path) -> SessionLog:
     )
 
 
-def _metadata(names: Sequence[str], header: Mapping[str, Any]) -> dict[str, str]:
-    """The header as JSON, the channels, and what tells sessions apart as plain text."""
-    plain = {name: header[name] for name in _PLAIN if name in header}
-    if isinstance(scenario := plain.get("scenario"), Mapping):
-        plain["scenario"] = scenario.get("name", "")
-    plain["session"] = header.get("name", "")
-    plain["version"] = (header.get("versions") or {}).get("ravenjax", "")
-    plain["hazards"] = json.dumps(
-        [hazard.get("title", "") for hazard in header.get("hazards") or ()]
-    )
-    return {name: str(value) for name, value in plain.items()} | {
-        "header": json.dumps(header),
-        "channels": json.dumps(list(names)),
-    }
-
-
 def _start_ns(header: Mapping[str, Any]) -> int:
     """ns since 1970 at which the session began; 0 where the header does not say."""
     started = header.get("started")
     return round(datetime.fromisoformat(started).timestamp() * 1e3) * 1_000_000 if started else 0
 
 
-# Events in words. Kinds: `ravenjax.train.protocol.messages`.
+@cache
+def _event_texts() -> tuple[dict[str, jinja2.Template], dict[str, str]]:
+    """The sentence of each kind of event, and the severity of those that are no mere information.
 
-Event = Mapping[str, Any]
-
-_TEXTS: dict[str, Callable[[Event], str]] = {
-    "phase": lambda e: f"session: {e['phase']}",
-    "view": lambda e: f"view: {e['view']}",
-    "console": lambda e: "console answers" if e["alive"] else "console is silent",
-    "pedal": lambda e: f"pedal {'down' if e['down'] else 'up'}",
-    "runlevel": lambda e: f"run level: {ROBOT.run_level(e['runlevel'])}",
-    "alarm": lambda e: f"check {e['check']} trips",
-    "hazard_armed": lambda e: f"hazard {e['number']} is armed",
-    "hazard_struck": lambda e: f"hazard {e['number']} strikes",
-    "knowable": lambda e: f"hazard {e['number']} can be known from now on, by {e['by']}",
-    "cue": lambda e: (
-        f"haptic cue on the {e['arm']} arm" + (" without a hazard" if e["number"] < 0 else "")
-    ),
-    "stray": lambda e: f"true tip of the {e['arm']} arm {e['mm']:g} mm off",
-    "response": lambda e: (
-        f"operator responds: {e['what']}" + ("" if e["ok"] else ", not the right response")
-    ),
-    "hazard_over": lambda e: f"hazard {e['number']} is over: {e['outcome']}",
-    "hazard_row": lambda _: "the row of that hazard in hazards.csv",
-    "target": lambda e: f"next target: {e['target']}",
-    "level": lambda e: (
-        f"level {e['level']} of {e['of']}, {e['in_a_row']} of {e['needs']} rounds in a row"
-    ),
-    "task_done": lambda _: "task done",
-    "note": lambda e: f"note: {e['text']}",
-    "overrun": lambda e: f"{e['late_ticks']} late ticks",
-    "trouble": lambda e: str(e["text"]),
-    "lost_rows": lambda e: f"{e['rows']} rows were lost",
-    "lost_events": lambda e: f"{e['events']} events were lost",
-    "end": lambda e: f"session ends: {e['reason']}",
-}
-_LEVELS = {
-    "alarm": "warn",
-    "cue": "warn",
-    "hazard_struck": "error",
-    "lost_events": "warn",
-    "lost_rows": "warn",
-    "overrun": "warn",
-    "stray": "error",
-    "trouble": "warn",
-}
+    The kinds are those of `ravenjax.train.protocol.messages`.
+    """
+    kinds = tomllib.loads(Path(__file__).with_name("events.toml").read_text("utf-8"))
+    environment = jinja2.Environment(undefined=jinja2.StrictUndefined)
+    texts = {kind: environment.from_string(entry["text"]) for kind, entry in kinds.items()}
+    return texts, {kind: entry["level"] for kind, entry in kinds.items() if "level" in entry}
 
 
-def event_text(event: Event) -> str:
-    """A sentence; of an event of another kind, or that lacks a word, its words as they are."""
+def event_text(event: Mapping[str, Any]) -> str:
+    """A sentence; the keys as they are where the kind is unknown or a key is missing."""
     try:
-        return _TEXTS[event["kind"]](event)
-    except (KeyError, TypeError, ValueError):
+        return _event_texts()[0][event["kind"]].render(event, robot=ROBOT)
+    except (KeyError, TypeError, ValueError, jinja2.UndefinedError):
         words = ", ".join(
             f"{name} {value}" for name, value in event.items() if name not in ("kind", "tick")
         )
         return f"{event['kind']}: {words}" if words else str(event["kind"])
 
 
-def event_level(event: Event) -> str:
+def event_level(event: Mapping[str, Any]) -> str:
     """Severity, one of `topics.LEVELS`."""
-    return _LEVELS.get(event["kind"], "info")
-
-
-# The index of a recording while it is written, on disk.
-
-_KEPT = "_Writer__chunk_indices"
-"""Where MCAP's writer keeps a kilobyte of memory for each chunk: 300 MB an hour of a session."""
-
-
-class _Record:
-    """An entry as it stands in the file."""
-
-    def __init__(self, content: bytes) -> None:
-        self._content = content
-
-    def write(self, stream: RecordBuilder) -> None:
-        """Put it into the summary."""
-        stream.write(self._content)
-
-
-class _SpilledIndex:
-    """What stands in for the writer's list of its chunks: entries go to an unnamed file, which
-    ends with the writer.
-    """
-
-    def __init__(self) -> None:
-        self._file = tempfile.TemporaryFile()  # noqa: SIM115  as long as the recording
-
-    def append(self, entry: Any) -> None:
-        """One more chunk."""
-        builder = RecordBuilder()
-        entry.write(builder)
-        content = builder.end()
-        self._file.write(struct.pack("<I", len(content)) + content)
-
-    def __iter__(self) -> Iterator[_Record]:
-        """Every entry, in order."""
-        self._file.seek(0)
-        while head := self._file.read(4):
-            yield _Record(self._file.read(struct.unpack("<I", head)[0]))
-
-
-def _spill_index(writer: McapWriter) -> None:
-    """Let `writer` keep its index on disk; where a later version of it keeps none under this
-    name, nothing changes.
-    """
-    if getattr(writer, _KEPT, None) == []:
-        setattr(writer, _KEPT, _SpilledIndex())
+    return _event_texts()[1].get(event["kind"], "info")

@@ -26,7 +26,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.writer import Writer
 
 from ravenjax import robots
 from ravenjax.store.files import write_aside
@@ -34,11 +33,10 @@ from ravenjax.store.logs import time_series, topics
 from ravenjax.store.logs.topics import Base, Topic
 from ravenjax.vocabulary.robot import Robot
 
-CHUNK_BYTES = (
-    64 * 1024
-)  # a kill loses at most one chunk, a few ticks; the library's default of 1 MiB nearly a second
-TICK_NS = 1_000_000  # ns, one control tick
-METADATA = "ravenjax"
+CHUNK_BYTES = 64 * 1024
+"""A few ticks: a kill loses at most one chunk."""
+TICK_NS = 1_000_000  # one control tick
+BLOCK = 64  # ticks that are written together
 _ALSO_SIGNALS = {"tip", "golden_tip"}
 
 
@@ -54,49 +52,33 @@ def write(
     """Write the time series of one run, one message per topic and millisecond, first tick at time
     0.
 
-    `metadata` (run id, fault, ...) becomes the file's metadata record "ravenjax". bases: of each
+    metadata: run id, fault, ... bases: of each
     arm; without one its base is the root of its frames. events: each has "tick" (ms), "kind",
     "text" and "level" of topics.LEVELS. Raises StoreError where the series do not have the same
     number of ticks or the disk refuses.
     """
     arrays = {name: np.asarray(values) for name, values in series.items()}
     ticks = time_series.check(arrays, str(path))
-    time_ns = np.arange(ticks, dtype=np.int64) * TICK_NS
     filled = [*topics.standard(robot, arrays, bases or {}), *_signals(robot, arrays)]
-    messages = [topic.encode(time_ns, values) for topic, values in filled]
+    events_of: dict[int, list[Mapping[str, Any]]] = {}
+    for event in events:
+        events_of.setdefault(max(0, int(event["tick"])), []).append(event)
 
     def fill(target: Path) -> None:
         with open(target, "wb") as file:
-            writer = Writer(file, chunk_size=CHUNK_BYTES)
-            writer.start(profile="ros2", library="ravenjax")
-            writer.add_metadata(METADATA, dict(metadata or {}))
-            channels = topics.register(writer, [topic for topic, _ in filled])
-            tell = _EventWriter(writer, events)
-            for tick, stamp in enumerate(time_ns.tolist()):
-                for channel, encoded in zip(channels, messages, strict=True):
-                    if tick in encoded:
-                        writer.add_message(channel, stamp, encoded[tick], stamp, tick)
-                tell.until(tick)
-            writer.finish()
+            log = topics.LogWriter(
+                file, [topic for topic, _ in filled], metadata or {}, CHUNK_BYTES
+            )
+            for first in range(0, ticks, BLOCK):
+                numbers = np.arange(first, min(first + BLOCK, ticks))
+                for topic, values in filled:
+                    log.add(topic, numbers * TICK_NS, numbers, values[numbers])
+                for tick in numbers.tolist():
+                    for event in events_of.get(tick, ()):
+                        log.add_event(event, event["text"], event["level"], tick * TICK_NS, tick)
+            log.finish()
 
     write_aside(path, fill)
-
-
-class _EventWriter:
-    """Writes the events between the ticks, in their order."""
-
-    def __init__(self, writer: Writer, events: Sequence[Mapping[str, Any]]) -> None:
-        self._writer = writer
-        self._left = sorted(events, key=lambda event: event["tick"])[::-1]
-        self._channels = topics.register(writer, topics.events()) if events else []
-
-    def until(self, tick: int) -> None:
-        while self._left and self._left[-1]["tick"] <= tick:
-            event = self._left.pop()
-            stamp = max(0, int(event["tick"])) * TICK_NS
-            encoded = topics.encoded_event(event, event["text"], event["level"], stamp)
-            for channel, data in zip(self._channels, encoded, strict=True):
-                self._writer.add_message(channel, stamp, data, stamp, tick)
 
 
 def _signals(robot: Robot, arrays: Mapping[str, np.ndarray]) -> Iterator[tuple[Topic, np.ndarray]]:

@@ -54,7 +54,7 @@ class DdsTransport:
         for name in subscribed:
             data = _data_type(messages.kind_of(name))
             topic = Topic(self._participant, f"rt/{name}", data)
-            reliable = not name.endswith(tuple(messages.SERVO))
+            reliable = not name.endswith(messages.SERVO)
             # A reader that wants the last message does not match a writer that keeps none.
             for latched in {False, messages.is_latched(name)}:
                 quality = _quality(reliable=reliable, latched=latched)

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ravenjax.store.logs import ros_types
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.protocol.messages import STALE_MS
 from ravenjax.train.robot import (
@@ -41,6 +42,10 @@ from ravenjax.train.session import pedal
 Message = tuple[str, Any]
 RAVEN_STATE_PLACES = np.array([0, 1, 2, 4, 5, 6, 7])
 """Of an arm's joints among its 8 in ravenstate; number 3 is not connected."""
+RAVEN_STATE_SIZES = dict.fromkeys(
+    ("dac_val", "mpos", "jpos", "mvel", "jvel", "mpos_d", "jpos_d"), 8
+) | {"pos": 3, "pos_d": 3, "ori": 9, "ori_d": 9, "grasp_d": 1, "jac_vel": 6, "jac_f": 6}
+"""Numbers of each arm in the arrays of ravenstate that are known."""
 ELSEWHERE = "the robot went elsewhere: at a joint limit, or out of reach"
 
 
@@ -66,30 +71,6 @@ class _Arm:
         self.jpos_d = np.zeros(7)  # as the software wants it
         self.goal: np.ndarray | None = None  # last one in joint space, for relative ones
         self.move: Trajectory | None = None
-
-
-class ArmReading(NamedTuple):
-    """What an arm does, in frame 0."""
-
-    jpos: np.ndarray  # [7] rad, insertion m
-    jpos_d: np.ndarray  # as the software wants it
-    jvel: np.ndarray
-    position: np.ndarray  # [3] m, as measured
-    rotation: np.ndarray  # [3, 3]
-    position_d: np.ndarray
-    rotation_d: np.ndarray
-    linear: np.ndarray  # [3] m/s, of the jaw axis
-    angular: np.ndarray  # [3] rad/s, of the jaws' frame
-
-    @staticmethod
-    def of(frame: Frame, arm: ArmName, tool: str) -> ArmReading:
-        """Read from a frame."""
-        jpos, jpos_d, mvel = (
-            frame[f"{arm}/{name}"].astype(float) for name in ("jpos", "jpos_d", "mvel")
-        )
-        jvel = joints_of_motors(arm, tool, mvel)
-        poses = (*tip_pose(arm, jpos), *tip_pose(arm, jpos_d))
-        return ArmReading(jpos, jpos_d, jvel, *poses, *tip_twist(arm, jpos, jvel))
 
 
 class Interpreter:
@@ -272,80 +253,77 @@ class Interpreter:
         """Everything measured and wanted, and ravenstate over ROS 1."""
         types, frame = self._types, row.frame
         told: list[Message] = []
-        read: list[tuple[_Arm, ArmReading]] = []
+        state: dict[str, Any] = {
+            name: np.zeros(2 * size) for name, size in RAVEN_STATE_SIZES.items()
+        }
         for name, arm in self._arms.items():
-            one = ArmReading.of(frame, arm.name, arm.tool)
-            read.append((arm, one))
+            jpos, jpos_d, mpos, mvel, force, contact = (
+                frame[f"{arm.name}/{channel}"].astype(float)
+                for channel in ("jpos", "jpos_d", "mpos", "mvel", "force", "contact")
+            )
+            jvel = joints_of_motors(arm.name, arm.tool, mvel)
+            position, rotation = tip_pose(arm.name, jpos)
+            position_d, rotation_d = tip_pose(arm.name, jpos_d)
+            linear, angular = tip_twist(arm.name, jpos, jvel)
             header, base = types.header(row.stamp_ns, f"{name}_base"), BASE[arm.name]
-            force = frame[f"{arm.name}/force"].astype(float) if self.state.drives else np.zeros(3)
-            twist = base @ one.linear, base @ one.angular
-            grasp, rate, grasp_d = (sum(q[5:7]) for q in (one.jpos, one.jvel, one.jpos_d))
+            cue = force if self.state.drives else np.zeros(3)
+            grasp, rate, grasp_d = (sum(joints[5:7]) for joints in (jpos, jvel, jpos_d))
+            pose, pose_d = (
+                types.message(ros_types.POSE, header, to_base(arm.name, *place))
+                for place in ((position, rotation), (position_d, rotation_d))
+            )
+            twist = base @ linear, base @ angular
             words = {
-                "measured_js": types.joint_state(header, JOINTS, one.jpos, one.jvel),
-                "setpoint_js": types.joint_state(header, JOINTS, one.jpos_d),
+                "measured_js": types.joint_state(header, JOINTS, jpos, jvel),
+                "setpoint_js": types.joint_state(header, JOINTS, jpos_d),
                 "jaw/measured_js": types.joint_state(header, ("jaw",), (grasp,), (rate,)),
                 "jaw/setpoint_js": types.joint_state(header, ("jaw",), (grasp_d,)),
-                "measured_cv": types.message(messages.TWIST, header, twist),
-                "cue_cf": _wrench(types, header, base @ force),
+                "measured_cp": pose,
+                "setpoint_cp": pose_d,
+                "measured_cv": types.message(ros_types.TWIST, header, twist),
+                "cue_cf": types.message(ros_types.WRENCH, header, (base @ cue, np.zeros(3))),
             }
-            poses = (one.position, one.rotation), (one.position_d, one.rotation_d)
-            for word, pose in zip(("measured_cp", "setpoint_cp"), poses, strict=True):
-                words[word] = types.message(messages.POSE, header, to_base(arm.name, *pose))
             if self._contact:
                 # CRTK's `servo_cf` is a force of the robot on its environment, and so is this: it
-                # acts against the force that the instrument feels.
-                touch = -frame[f"{arm.name}/contact"].astype(float) + 0.0  # no -0
-                words["measured_cf"] = _wrench(types, header, base @ touch)
+                # acts against the force that the instrument feels. Adding zero avoids -0.
+                wrench = base @ (0.0 - contact), np.zeros(3)
+                words["measured_cf"] = types.message(ros_types.WRENCH, header, wrench)
             told += [(f"{name}/{word}", message) for word, message in words.items()]
+            degrees = {
+                "mpos": mpos,
+                "mvel": mvel,
+                "mpos_d": motors_of_joints(arm.name, arm.tool, jpos_d),
+                "jpos": jpos,
+                "jvel": jvel,
+                "jpos_d": jpos_d,
+            }
+            slot = ARMS.index(arm.name)
+            for quantity, joints in degrees.items():
+                state[quantity][8 * slot + RAVEN_STATE_PLACES] = np.degrees(joints)
+            state["dac_val"][8 * slot + RAVEN_STATE_PLACES] = frame[f"{arm.name}/dac"]
+            whole = {
+                "pos": np.rint(position * 1e6),
+                "pos_d": np.rint(position_d * 1e6),
+                "ori": rotation.ravel(),
+                "ori_d": rotation_d.ravel(),
+                "grasp_d": grasp_d,
+                "jac_vel": (*linear, *angular),
+                "jac_f": (*linear, *angular),
+            }
+            for quantity, numbers in whole.items():
+                size = RAVEN_STATE_SIZES[quantity]
+                state[quantity][size * slot :][:size] = numbers
         if types.ros == "ros1":
-            told.append(("ravenstate", _raven_state(types, row, read)))
+            state |= {
+                "type": np.array([0, 1]),
+                "dt": (0, 1_000_000),
+                "hdr": types.header(row.stamp_ns, "0"),
+            }
+            # The sublevel is that of the initialisation: done.
+            state |= {"runlevel": int(frame.number("runlevel")), "sublevel": 3}
+            state |= {"last_seq": int(frame.number("last_seq"))}
+            names = [name for name, _ in types.store.fielddefs[messages.RAVEN_STATE][1]]
+            # What the virtual robot does not know is zero.
+            values = [state.get(name, np.zeros(16)) for name in names]
+            told.append(("ravenstate", types.message(messages.RAVEN_STATE, *values)))
         return told
-
-
-def _wrench(types: MessageTypes, header: Any, force: np.ndarray) -> Any:
-    return types.message(messages.WRENCH, header, (force, np.zeros(3)))
-
-
-def _raven_state(
-    types: MessageTypes, row: RobotRow, read: Sequence[tuple[_Arm, ArmReading]]
-) -> Any:
-    """All of raven2's message; what the virtual robot does not know is zero."""
-    frame = row.frame
-    sizes = dict.fromkeys(("dac_val", "mpos", "jpos", "mvel", "jvel", "mpos_d", "jpos_d"), 8)
-    sizes |= {"pos": 3, "pos_d": 3, "ori": 9, "ori_d": 9, "grasp_d": 1, "jac_vel": 6}
-    values = {name: np.zeros(2 * size) for name, size in sizes.items()}
-    for arm, one in read:
-        slot = ARMS.index(arm.name)
-        degrees = {
-            "mpos": frame[f"{arm.name}/mpos"],
-            "mvel": frame[f"{arm.name}/mvel"],
-            "mpos_d": motors_of_joints(arm.name, arm.tool, one.jpos_d),
-            "jpos": one.jpos,
-            "jvel": one.jvel,
-            "jpos_d": one.jpos_d,
-        }
-        for name, joints in degrees.items():
-            values[name][8 * slot + RAVEN_STATE_PLACES] = np.degrees(joints)
-        values["dac_val"][8 * slot + RAVEN_STATE_PLACES] = frame[f"{arm.name}/dac"]
-        whole = {
-            "pos": np.rint(one.position * 1e6),
-            "pos_d": np.rint(one.position_d * 1e6),
-            "ori": one.rotation.ravel(),
-            "ori_d": one.rotation_d.ravel(),
-            "grasp_d": one.jpos_d[5] + one.jpos_d[6],
-            "jac_vel": (*one.linear, *one.angular),
-        }
-        for name, numbers in whole.items():
-            values[name][sizes[name] * slot :][: sizes[name]] = numbers
-    runlevel, last_seq = int(frame.number("runlevel")), int(frame.number("last_seq"))
-    values |= {"type": np.array([0, 1]), "dt": (0, 1_000_000), "jac_f": values["jac_vel"]}
-    unknown = np.zeros(16)
-    names = [name for name, _ in types.store.fielddefs[messages.RAVEN_STATE][1][4:]]
-    return types.message(
-        messages.RAVEN_STATE,
-        types.header(row.stamp_ns, "0"),
-        runlevel,
-        3,  # of the initialisation: done
-        last_seq,
-        *(values.get(name, unknown) for name in names),
-    )

@@ -1,91 +1,37 @@
 """Topics and messages of CRTK and of raven2, as ROS 1 and ROS 2 write them.
 
-The common messages (`sensor_msgs/JointState` and so on) are those of the distributions, by
-`rosbags`; those of CRTK and raven2 are defined here. Both ROS have the same fields, but for the
-number in the header of ROS 1.
+topics.toml lists the topics and defines the messages of CRTK and raven2. The rosbags library
+defines the others. Both ROS have the same fields, except that headers of ROS 1 have a number.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+import tomllib
+from collections.abc import Sequence
 from functools import cache
-from typing import Any, Literal
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from ravenjax.store.logs.ros_types import (
+    MessageTypes,
+    Ros,
+)
 from ravenjax.train.robot import ArmName
 
-Ros = Literal["ros1", "ros2"]
-
-JOINT_STATE = "sensor_msgs/msg/JointState"
-JOY = "sensor_msgs/msg/Joy"
-POSE = "geometry_msgs/msg/PoseStamped"
-TWIST = "geometry_msgs/msg/TwistStamped"
-WRENCH = "geometry_msgs/msg/WrenchStamped"
+JOY = "sensor_msgs/msg/Joy"  # foot pedals
 OPERATING_STATE = "crtk_msgs/msg/OperatingState"
 STRING = "crtk_msgs/msg/StringStamped"
 RAVEN_STATE = "raven_2/msg/raven_state"
 
-DEFINITIONS = {
-    OPERATING_STATE: "std_msgs/Header header\nstring state\nbool is_homed\nbool is_busy\n",
-    STRING: "std_msgs/Header header\nstring string\n",
-    RAVEN_STATE: """std_msgs/Header hdr
-int32 runlevel
-int32 sublevel
-int32 last_seq
-int32[2] type
-int32[6] pos
-float32[18] ori
-float32[18] ori_d
-int32[6] pos_d
-duration dt
-int32[16] encVals
-int32[16] dac_val
-float32[16] tau
-float32[16] mpos
-float32[16] jpos
-float32[16] mvel
-float32[16] jvel
-float32[16] mpos_d
-float32[16] jpos_d
-float32[2] grasp_d
-float32[16] encoffsets
-float32[12] jac_vel
-float32[12] jac_f
-""",
-}
-"""Sources: crtk_msgs; raven2 `msg/raven_state.msg`."""
-
 ARM_NAMES: dict[ArmName, str] = {"gold": "arm1", "green": "arm2"}
 """As raven2's own CRTK interface has them."""
-_MEASURED = {
-    "measured_js": JOINT_STATE,
-    "setpoint_js": JOINT_STATE,
-    "jaw/measured_js": JOINT_STATE,
-    "jaw/setpoint_js": JOINT_STATE,
-    "measured_cp": POSE,
-    "setpoint_cp": POSE,
-    "measured_cv": TWIST,
-    "cue_cf": WRENCH,
-}
-SERVO = {
-    "servo_cp": POSE,
-    "servo_jp": JOINT_STATE,
-    "servo_jr": JOINT_STATE,
-    "jaw/servo_jp": JOINT_STATE,
-}
-"""Commands that are sent again and again, and are outdated soon."""
-_COMMANDS = {"state_command": STRING, **SERVO, "move_jp": JOINT_STATE}
-_PEDALS = ("console/operator_present", "console/clutch")
-_KINDS = {
-    **_MEASURED,
-    **_COMMANDS,
-    **dict.fromkeys(_PEDALS, JOY),
-    "measured_cf": WRENCH,
-    "operating_state": OPERATING_STATE,
-    "ravenstate": RAVEN_STATE,
-}
+_TOPICS = tomllib.loads(Path(__file__).with_name("topics.toml").read_text(encoding="utf-8"))
+_DEFINITIONS = _TOPICS.pop("definitions")
+_KINDS = {name: kind for topics in _TOPICS.values() for name, kind in topics.items()}
+SERVO = tuple(_TOPICS["servo"])
 
 
 def kind_of(topic: str) -> str:
@@ -100,14 +46,15 @@ def is_latched(topic: str) -> bool:
 
 def published(arms: Sequence[ArmName], ros: Ros, contact: bool = False) -> list[str]:
     """Topics of a robot with these arms. contact: it knows its force on what it touches."""
-    words = ["operating_state", *_MEASURED, *(["measured_cf"] if contact else [])]
-    own = ["ravenstate"] if ros == "ros1" else []
-    return ["operating_state", *_of_arms(arms, words), *own]
+    words = [*_TOPICS["state"], *_TOPICS["measured"], *(_TOPICS["contact"] if contact else ())]
+    of_robot = [*_TOPICS["state"], *(_TOPICS["ros1"] if ros == "ros1" else ())]
+    return [*of_robot, *_of_arms(arms, words)]
 
 
 def subscribed(arms: Sequence[ArmName]) -> list[str]:
     """Topics that command a robot with these arms."""
-    return ["state_command", *_PEDALS, *_of_arms(arms, _COMMANDS)]
+    words = [*_TOPICS["command"], *_TOPICS["servo"]]
+    return ["state_command", *_TOPICS["pedal"], *_of_arms(arms, words)]
 
 
 def reported(arms: Sequence[ArmName], ros: Ros) -> list[str]:
@@ -116,75 +63,15 @@ def reported(arms: Sequence[ArmName], ros: Ros) -> list[str]:
     return ["ravenstate"] if ros == "ros1" else _of_arms(arms, words)
 
 
-def _of_arms(arms: Sequence[ArmName], words: Sequence[str] | Mapping[str, str]) -> list[str]:
+def _of_arms(arms: Sequence[ArmName], words: Sequence[str]) -> list[str]:
     return [f"{ARM_NAMES[arm]}/{word}" for arm in arms for word in words]
-
-
-class MessageTypes:
-    """The types of one ROS: makes messages, and bytes of them."""
-
-    def __init__(self, ros: Ros, definitions: Mapping[str, str] | None = None) -> None:
-        """definitions: in place of those above, with those of their parts as ROS 1 sends them."""
-        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-        self.ros: Ros = ros
-        self.store = get_typestore(Stores.ROS1_NOETIC if ros == "ros1" else Stores.ROS2_HUMBLE)
-        for kind, text in (DEFINITIONS | dict(definitions or {})).items():
-            if kind != RAVEN_STATE or ros == "ros1":
-                types = get_types_from_msg(text, kind)
-                known = self.store.types
-                self.store.register({k: v for k, v in types.items() if k not in known})
-
-    def encode(self, message: Any) -> bytes:
-        """The bytes of a message: CDR with its head, or ROS 1's own."""
-        store = self.store
-        write = store.serialize_ros1 if self.ros == "ros1" else store.serialize_cdr
-        return bytes(write(message, message.__msgtype__))
-
-    def decode(self, content: bytes, kind: str) -> Any:
-        """The message; ValueError where the bytes are none."""
-        store = self.store
-        read = store.deserialize_ros1 if self.ros == "ros1" else store.deserialize_cdr
-        try:
-            return read(content, kind)
-        except Exception as error:  # whatever the library stumbles over
-            raise ValueError(f"no {kind}: {error}") from None
-
-    def header(self, stamp_ns: int, frame: str = "") -> tuple[Any, ...]:
-        """Fields of a header; stamp_ns: since 1970."""
-        stamp = divmod(stamp_ns, 10**9)
-        return (0, stamp, frame) if self.ros == "ros1" else (stamp, frame)
-
-    def message(self, kind: str, *values: Any) -> Any:
-        """A message of these fields, in their order; a field that has fields is a sequence."""
-        from rosbags.interfaces import Nodetype
-
-        fields = []
-        node: Any
-        for (_, node), value in zip(self.store.fielddefs[kind][1], values, strict=True):
-            nodetype, content = node
-            if nodetype == Nodetype.NAME:
-                value = self.message(content, *map(_plain, value))
-            elif nodetype != Nodetype.BASE and (element := content[0][1][0]) != "string":
-                value = np.asarray(value, element)
-            fields.append(value)
-        return self.store.types[kind](*fields)
-
-    def joint_state(
-        self, header: Any, names: Sequence[str], position: Any, velocity: Any = ()
-    ) -> Any:
-        """Joints: rad, insertion m, and their rates."""
-        return self.message(JOINT_STATE, header, list(names), position, velocity, ())
-
-
-def _plain(value: Any) -> Any:
-    return float(value) if isinstance(value, np.floating) else value
 
 
 @cache
 def types(ros: Ros) -> MessageTypes:
-    """Of this ROS; read once."""
-    return MessageTypes(ros)
+    """The message types of this ROS, with those of CRTK and raven2."""
+    beside = _DEFINITIONS["ros1"] if ros == "ros1" else {}
+    return MessageTypes(ros, _DEFINITIONS["ros2"] | beside)
 
 
 def pose_of(message: Any) -> tuple[np.ndarray, np.ndarray] | None:

@@ -28,7 +28,7 @@ from ravenjax.train.robot import (
 from ravenjax.train.robot_link.crtk import messages
 from ravenjax.train.robot_link.crtk.bridge import Transport
 from ravenjax.train.robot_link.crtk.interpreter import RAVEN_STATE_PLACES
-from ravenjax.train.robot_link.joint_stream import ArmReport, JointReport
+from ravenjax.train.robot_link.joint_stream import JointReport
 from ravenjax.train.robot_link.remote import RobotLink
 
 _COMMANDS = {"estop": "disable", "reset": "home"}
@@ -54,9 +54,10 @@ class RosRobot(RobotLink):
         super().__init__(host, itp_port, clock)
         self._transport, self._say = transport, say
         self._arms: dict[str, ArmName] = {messages.ARM_NAMES[arm]: arm for arm in arms}
-        zeros = dict.fromkeys(("jpos", "jpos_d", "mpos", "mvel", "dac"), [0.0] * 7)
-        self._joints: dict[ArmName, ArmReport] = {
-            arm: ArmReport(position=[0.0] * 3, **zeros) for arm in arms
+        self._channels = {
+            f"{arm}/{name}": [0.0] * (3 if name == "position" else 7)
+            for arm in arms
+            for name in ("jpos", "jpos_d", "mpos", "mvel", "position", "dac")
         }
         self._motor_rates = {  # of joint rates, [7, 7]: the cables couple them
             arm: np.array([motors_of_joints(arm, tool, row) for row in np.eye(7)]).T
@@ -97,24 +98,22 @@ class RosRobot(RobotLink):
                 self._take(name, message)
 
     def _take_raven_state(self, message: Any) -> None:
-        for arm, joints in self._joints.items():
+        # Versions of the message name the counts differently, or lack them.
+        counts = getattr(message, "dac_val", getattr(message, "current_cmd", np.zeros(16)))
+        for arm in self._arms.values():
             slot = ARMS.index(arm)
             places = 8 * slot + RAVEN_STATE_PLACES
             for name in ("jpos", "jpos_d", "mpos", "mvel"):
-                setattr(
-                    joints, name, np.radians(np.asarray(getattr(message, name))[places]).tolist()
-                )
+                degrees = np.asarray(getattr(message, name))[places]
+                self._channels[f"{arm}/{name}"] = np.radians(degrees).tolist()
             position_um = np.asarray(message.pos)[3 * slot : 3 * slot + 3]
-            joints.position = (1e-6 * position_um).tolist()
-            # Versions of the message name the counts differently, or lack them.
-            counts = getattr(message, "dac_val", getattr(message, "current_cmd", np.zeros(16)))
-            joints.dac = np.asarray(counts)[places].tolist()
+            self._channels[f"{arm}/position"] = (1e-6 * position_um).tolist()
+            self._channels[f"{arm}/dac"] = np.asarray(counts)[places].tolist()
         self._complete(message.hdr, int(message.runlevel), int(message.last_seq))
 
     def _take(self, name: str, message: Any) -> None:
         alias, _, word = name.partition("/")
         arm = self._arms[alias]
-        joints = self._joints[arm]
         if word == "operating_state":
             self._levels[arm] = _runlevel(message)
         else:
@@ -122,12 +121,15 @@ class RosRobot(RobotLink):
             if jpos is None:
                 return
             if word == "setpoint_js":
-                joints.jpos_d = jpos.tolist()
+                self._channels[f"{arm}/jpos_d"] = jpos.tolist()
             else:
                 rates, jvel = self._motor_rates[arm], messages.numbers_of(message.velocity, 7)
-                joints.jpos, joints.mpos = jpos.tolist(), (rates @ jpos).tolist()
-                joints.mvel = [0.0] * 7 if jvel is None else (rates @ jvel).tolist()
-                joints.position = tip_pose(arm, jpos)[0].tolist()
+                self._channels |= {
+                    f"{arm}/jpos": jpos.tolist(),
+                    f"{arm}/mpos": (rates @ jpos).tolist(),
+                    f"{arm}/mvel": [0.0] * 7 if jvel is None else (rates @ jvel).tolist(),
+                    f"{arm}/position": tip_pose(arm, jpos)[0].tolist(),
+                }
         was_missing = name in self._missing
         self._missing.discard(name)
         is_last = word == "measured_js" and alias == list(self._arms)[-1]
@@ -138,12 +140,11 @@ class RosRobot(RobotLink):
         """The record is whole."""
         stamp_ns = messages.stamp_ns(header)
         self._began_ns = self._began_ns or stamp_ns
+        state = {"runlevel": [runlevel & 3], "surgeon_mode": [int(runlevel == PEDAL_DOWN)]}
         report = JointReport.model_construct(
             tick=max(stamp_ns - self._began_ns, 0) // 10**6,
             last_seq=last_seq,
-            runlevel=runlevel & 3,
-            surgeon_mode=int(runlevel == PEDAL_DOWN),
-            arms={arm: joints.model_copy() for arm, joints in self._joints.items()},
+            channels=state | self._channels,
         )
         self._arrived(report)
 

@@ -189,7 +189,7 @@ def reports(robot):
         with contextlib.suppress(OSError):
             for line in stream.makefile("rb"):
                 report = json.loads(line)
-                levels.extend([report["runlevel"]] if "runlevel" in report else [])
+                levels.extend(report["channels"]["runlevel"] if "channels" in report else [])
 
     listener = threading.Thread(target=listen, daemon=True)
     listener.start()
