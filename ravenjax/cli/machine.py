@@ -73,7 +73,7 @@ def doctor(
         bool, Parameter(negative="", help="measure how well a session keeps time instead")
     ] = False,
     seconds: Annotated[
-        float, Parameter(help="of each of the five loops that --realtime measures")
+        float, Parameter(help="of each of the four loops that --realtime measures")
     ] = 60.0,
     as_json: AsJson = False,
 ) -> int:

@@ -46,8 +46,8 @@ from ravenjax.train.robot_link.joint_stream import JOINT_PORT
 from ravenjax.train.robot_link.process import digest, in_words
 from ravenjax.train.robot_link.remote import RemoteRobot
 from ravenjax.train.scenario import Scenario
-from ravenjax.train.session import command_log, scripts
-from ravenjax.train.session.advance import Driven, Session
+from ravenjax.train.session import scripts
+from ravenjax.train.session.advance import Session
 from ravenjax.train.session.blueprint import Blueprint
 from ravenjax.train.session.simulation import SimulatedRobot
 
@@ -172,7 +172,7 @@ def realtime(
         consoles.append(PedalWords(session, say))
         if script is not None:
             consoles.append(script)
-        processes.wait_for(recording, options.folder / session_log.FILE)
+        helpers.recorder.answer()
         helpers.keep_away()
         stop = stack.enter_context(interruption.until_interrupted())
         interruption.point()  # what was held back until now
@@ -354,14 +354,14 @@ def _header(options: SessionOptions, session: Session) -> dict[str, Any]:
 
 def _robot(
     stack: contextlib.ExitStack, options: SessionOptions, say: Say
-) -> Callable[[Blueprint], Driven]:
+) -> Callable[[Blueprint], SimulatedRobot | DistantRobot]:
     """What makes the robot that is driven: the virtual one, or a connection to one elsewhere."""
     if options.robot is None:
         return SimulatedRobot
     host, ports = address(options.robot)
     itp_port, stream = ports
 
-    def connected(made: Blueprint) -> Driven:
+    def connected(made: Blueprint) -> DistantRobot:
         armables = scenario.armable(options.scenario, made.plan.rows)
         if not isinstance(stream, int):
             if armables:
@@ -439,7 +439,7 @@ def _open_page(
         instructor_token=options.instructor_token,
     )
     serving.begin(page_options)
-    port = serving.answer("the page's process")
+    port = serving.answer()
     if options.port not in (0, port):
         say(f"port {options.port} is taken: the page is at port {port}")
     ask = f"&token={options.token}" if options.token else ""
@@ -475,21 +475,15 @@ def _conclude(
     # jinja and scipy take a while to import.
     from ravenjax.train.debrief import page as debrief
 
-    rows = session.judge.rows(
-        session=options.folder.name,
-        participant=options.participant,
-        group=options.group,
-        seed=options.seed,
-        blinded=options.is_blinded,
-    )
+    rows = session.judge.rows(**table.identity(description.read(options.folder)))
     text = table.as_csv(judge.COLUMNS, rows)
     (options.folder / table.FILE).write_text(text, encoding="utf-8", newline="")
-    command_log.write_commands(options.folder / COMMANDS, session.command_log)
+    session.command_log.write(options.folder / COMMANDS)
     summary: dict[str, Any] = {
         "ended": session.ended,
         "task": session.task.result(),
         "ticks": session.ticks,
-        "hazards": session.judge.result(),
+        "hazards": table.summarize([table.HazardRow(**row) for row in rows]),
     }
     if timing is not None:
         summary["timing"] = facts(timing)

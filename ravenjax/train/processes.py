@@ -7,15 +7,12 @@ import dataclasses
 import multiprocessing
 import os
 import signal
-import time
 from collections.abc import Callable
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
-from pathlib import Path
 from typing import Any
 
-from ravenjax import interruption
 from ravenjax.errors import UserError
 from ravenjax.train import page, recording
 from ravenjax.train.realtime import clock
@@ -41,25 +38,23 @@ class Helper:
         try:
             self.answers.send(options)
         except OSError:
-            self.process.join(STARTING_S)
-            raise UserError(
-                f"a process of the session ended with code {self.process.exitcode}; its message"
-                " stands above"
-            ) from None
+            raise self._ended() from None
 
-    def answer(self, name: str) -> Any:
-        """What it answers. UserError, in which it is named, where it ends or takes longer than
-        STARTING_S.
-        """
+    def answer(self) -> Any:
+        """What it answers. UserError where it ends or takes longer than STARTING_S."""
         if not self.answers.poll(STARTING_S):
-            raise UserError(f"{name} did not start within {STARTING_S:g} s")
+            raise UserError(f"a process of the session did not start within {STARTING_S:g} s")
         try:
             return self.answers.recv()
         except (EOFError, ConnectionResetError):
-            self.process.join(STARTING_S)
-            raise UserError(
-                f"{name} ended with code {self.process.exitcode}; its message stands above"
-            ) from None
+            raise self._ended() from None
+
+    def _ended(self) -> UserError:
+        self.process.join(STARTING_S)
+        return UserError(
+            f"a process of the session ended with code {self.process.exitcode}; its message"
+            " stands above"
+        )
 
     def keep_away(self) -> None:
         """From now on leave the CPU of the realtime loop to that."""
@@ -115,20 +110,6 @@ def spawn(stack: contextlib.ExitStack, target: Callable[[Any], None], given: Any
 
     stack.callback(end)
     return process
-
-
-def wait_for(recording: BaseProcess, path: Path) -> None:
-    """Until the recorder has made its file. UserError where it ends or takes longer than
-    STARTING_S.
-    """
-    end = time.monotonic() + STARTING_S
-    while not path.exists():
-        if not recording.is_alive() or time.monotonic() > end:
-            raise UserError(
-                f"{path.parent}: the recorder did not start (exit code {recording.exitcode})"
-            )
-        interruption.point()
-        time.sleep(0.02)
 
 
 def ended(recording: BaseProcess) -> str | None:

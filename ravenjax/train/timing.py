@@ -1,18 +1,13 @@
-"""How well this machine keeps time: an empty loop, the compiled tick alone, a session without
-and with its page.
-"""
+"""How well this machine keeps time: an empty loop, the compiled tick alone, and a session."""
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 
-from ravenjax.train import launch, processes, scenario
-from ravenjax.train.page import visitor
+from ravenjax.train import launch, scenario
 from ravenjax.train.realtime import clock
 from ravenjax.train.realtime.clock import Clock, LoopTiming
 from ravenjax.train.session import blueprint
@@ -57,7 +52,7 @@ class Measured:
 
 def measure(seconds: float, say: Callable[[str], None] = lambda _: None) -> list[Measured]:
     """The empty loop first and last; between them the compiled tick of the robot with nothing
-    around it, and a session with all that is around it, without and with a visitor on its page.
+    around it, and a session with its page and its recorder.
 
     The session is driven by commands that were recorded before, as many as a page sends.
     """
@@ -72,10 +67,11 @@ def measure(seconds: float, say: Callable[[str], None] = lambda _: None) -> list
             scenario=setting, folder=Path(place) / "driven", seed=0, script="none"
         )
         commands = launch.headless(driven).folder / launch.COMMANDS
-        for name, visited in (("session, page closed", False), ("session, page open", True)):
-            say(f"{name}: {seconds:g} s")
-            options = dataclasses.replace(driven, folder=Path(place) / name, script=str(commands))
-            results.append(Measured(name, _session(options, visited)))
+        say(f"session: {seconds:g} s")
+        driven = dataclasses.replace(driven, folder=Path(place) / "timed", script=str(commands))
+        finished = launch.realtime(driven, linger_s=0.0, say=lambda _: None)
+        assert finished.timing is not None
+        results.append(Measured("session", finished.timing))
     return [*results, Measured("empty again", _paced(seconds, lambda: None))]
 
 
@@ -108,17 +104,3 @@ def _paced(seconds: float, work: Callable[[], None]) -> LoopTiming:
             work()
             paced.done()
     return paced.timing
-
-
-def _session(options: launch.SessionOptions, visited: bool) -> LoopTiming:
-    """With somebody who looks at the page: a process that takes everything the page sends."""
-    with contextlib.ExitStack() as stack:
-
-        def say(text: str) -> None:
-            if visited and text.startswith("operator: "):
-                processes.spawn(stack, visitor.look, text.removeprefix("operator: "))
-                time.sleep(2.0)
-
-        finished = launch.realtime(options, with_page=visited, linger_s=0.0, say=say)
-        assert finished.timing is not None
-        return finished.timing

@@ -68,10 +68,6 @@ def data(
     }
 
 
-def _mark(number: int, at: list[float]) -> dict[str, Any]:
-    return {"number": number, "at": at}
-
-
 def _arm(
     course: Course, arm: str, base: dict[str, Any], rows: np.ndarray, blinded: bool
 ) -> dict[str, Any]:

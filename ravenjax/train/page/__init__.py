@@ -14,7 +14,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from ravenjax.errors import UserError
-from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.train.robot import ArmName
 
 
 @dataclasses.dataclass(frozen=True)

@@ -133,4 +133,4 @@ class _Understudy:
         """
         if not self._session.over and self._seen.phase != PAUSED:
             self._session.tick(self._commands)
-            self._session.command_log.clear()
+            self._session.command_log.lines.clear()

@@ -27,8 +27,8 @@ from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.hazards import expansion, library
 from ravenjax.robots.raven2 import ROBOT
-from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.sites import SITES
+from ravenjax.train.robot import ArmName
 from ravenjax.train.scenario import hazard
 from ravenjax.train.scenario.config import INSTRUCTOR, Entry, Levels, Scenario
 from ravenjax.train.scenario.hazard import FAULT, Armable

@@ -96,6 +96,11 @@ class GroupComparison(NamedTuple):
     clear: bool = False
 
     @property
+    def people(self) -> int:
+        """How many participants are compared."""
+        return len(self.first.means) + (0 if self.paired else len(self.second.means))
+
+    @property
     def sign(self) -> int:
         """1 where the group did better than the reference, -1 where worse."""
         return 1 if self.difference.value * self.outcome.better > 0 else -1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 from made_frames import TIPS, made, put, running
 
@@ -11,7 +10,7 @@ from ravenjax.train import scenario, tasks
 from ravenjax.train.protocol.frame import PHASES
 from ravenjax.train.session.command_log import read_commands
 from ravenjax.train.session.hands import Hands
-from ravenjax.train.session.scripts import INPUT_EVERY_MS, Follower, Recorded
+from ravenjax.train.session.scripts import INPUT_EVERY_MS, Follower
 
 
 def follower(reaction="release"):
@@ -70,22 +69,6 @@ def test_it_reacts_to_the_onset_of_what_it_feels_after_its_delay(cue_on, alive, 
         assert len(changes) == 2
 
 
-def test_it_may_do_nothing_slow_down_or_press_the_button():
-    frame = running()
-    spoken = {}
-    for reaction in ("none", "slow", "stop"):
-        operator, _ = follower(reaction)
-        frame["gold/force"] = 0
-        said(operator, frame, 0, 500)
-        frame["gold/force"] = 1
-        spoken[reaction] = said(operator, frame, 500, 900)
-    assert pedals(spoken["none"])[0][1] and len(pedals(spoken["none"])) == 1
-    before, after = (np.linalg.norm(spoken["slow"][k][1]["arms"]["gold"]["move"]) for k in (0, -1))
-    assert after == pytest.approx(before / 10) and len(pedals(spoken["slow"])) == 1
-    assert (750, {"type": "operator", "do": "estop"}) in spoken["stop"]
-    assert pedals(spoken["stop"])[-1] == (750, False)
-
-
 def test_it_restarts_a_stopped_robot_and_steps_on_again():
     operator, _ = follower()
     frame = running()
@@ -97,14 +80,6 @@ def test_it_restarts_a_stopped_robot_and_steps_on_again():
     assert len(lifted) == 1 and 900 <= lifted[0] < 900 + INPUT_EVERY_MS
     frame["phase"], frame["pedal"] = PHASES.index("ready"), 0
     assert [down for _, down in pedals(said(operator, frame, 2001, 3500))] == [False, True]
-
-
-def test_a_recorded_operator_says_what_was_missed_at_once_and_in_order():
-    operator = Recorded([(5, {"do": "b"}), (1, {"do": "a"}), (9, {"do": "c"})])
-    assert [m["do"] for m in operator.messages(6, running())] == ["a", "b"]
-    assert operator.messages(7, running()) == [] and operator.messages(9, running()) == [
-        {"do": "c"}
-    ]
 
 
 @pytest.mark.parametrize(
