@@ -54,7 +54,7 @@ from ravenjax.train.session.simulation import SimulatedRobot
 KEPT_FRAMES, KEPT_EVENTS, KEPT_COMMANDS = 4096, 1024, 256
 """Rows of the rings: four seconds of frames, more events and commands than come in that time."""
 COMMANDS = "commands.jsonl"
-"""What was said to the session: a script that makes it again."""
+"""The commands of the session: a script that repeats it."""
 Say = Callable[[str], None]
 
 
@@ -90,7 +90,7 @@ class SessionOptions:
 
 @dataclasses.dataclass(frozen=True)
 class FinishedSession:
-    """What a session left."""
+    """What a session left behind."""
 
     folder: Path
     hazards: list[dict[str, Any]]
@@ -230,8 +230,8 @@ def following(options: SessionOptions, last: FinishedSession) -> SessionOptions:
 
 
 def _wish(said: loop.PageCommands, say: Say) -> dict[str, Any] | None:
-    """The next session that was asked for since the last look; a scenario that is none is told
-    of.
+    """The next session that was asked for since the last look. A scenario that does not exist is
+    reported.
     """
     for command in said.poll():
         if (command["type"], command.get("do")) == ("instructor", "next"):
@@ -451,7 +451,7 @@ def _open_page(
 
 
 def _require_address(host: str, port: int) -> None:
-    """Told before a process is started for it: viser would wait forever."""
+    """UserError where the page cannot listen. Without this check viser would wait for ever."""
     try:
         addresses = socket.getaddrinfo(
             host or None, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE

@@ -1,4 +1,4 @@
-"""Processes beside the realtime loop: how one is started, awaited, and told to have ended."""
+"""The processes beside the realtime loop: starts them, waits for them, and reports their end."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Helper:
         )
 
     def keep_away(self) -> None:
-        """From now on leave the CPU of the realtime loop to that."""
+        """Move the process off the CPU of the realtime loop."""
         cpus = clock.other_cpus()
         if not cpus or self.process.pid is None:
             return
@@ -80,7 +80,7 @@ class SessionHelpers:
         return SessionHelpers(Helper(stack, recording.run_when_told), serving)
 
     def keep_away(self) -> None:
-        """Leave the CPU of the realtime loop to that."""
+        """Move both processes off the CPU of the realtime loop."""
         for helper in (self.recorder, self.page):
             if helper is not None:
                 helper.keep_away()
@@ -113,7 +113,7 @@ def spawn(stack: contextlib.ExitStack, target: Callable[[Any], None], given: Any
 
 
 def ended(recording: BaseProcess) -> str | None:
-    """What to tell where the recorder has ended before the session."""
+    """The message where the recorder has ended before the session; None while it runs."""
     if recording.is_alive() or recording.exitcode == 0:
         return None
     return (

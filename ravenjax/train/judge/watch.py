@@ -7,10 +7,10 @@ quarter of their speed, for a second (`detectors`); `restart`: the operator rest
 robot that does not follow; `stop`: the E-stop button; `convert`: a note that says "convert" (the
 page's button sends one).
 
-A check that tells a person or stops the robot is an event "alarm", for everybody, and while it
-keeps tripping a count ("alarm_count"). The first check of each kind of response to the hazard at
-work is an event of that name ("stopped", "flagged", "limited"), for the instructor's log: of
-"limited" nobody else is told.
+A check that raises an alarm or stops the robot is an event "alarm", for everybody. While it keeps
+tripping, events "alarm_count" follow. The first check of each kind of response to the hazard at
+work is an event of that name ("stopped", "flagged", "limited"), for the instructor's log: only
+the instructor sees "limited".
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.scenario import Armable, Scenario
 
 CUE_QUIET_MS = 250
-"""A force that comes and goes around its threshold is one cue until it was away for so long."""
+"""A force that comes and goes around its threshold is one cue until it was absent for this time."""
 COUNT_EVERY_MS = 1000
-"""At most so often it is told how many times a check has tripped that keeps tripping."""
+"""The shortest time between two events "alarm_count" of one check."""
 _OF_MOTION = ("release", "slow")
 """Responses to a robot that moves: once it has halted by itself they avoid nothing and do not
 count.
@@ -93,7 +93,7 @@ class Judge:
     # --- what the session reports ---
 
     def armed(self, number: int, tick: int) -> None:
-        """A hazard is let loose before this tick."""
+        """A hazard is armed before this tick."""
         self.disarmed(tick)
         self._episode = Episode(self.hazards[number], self.scenario.harm, tick, self.cue_on)
         row = self._episode.row()
@@ -137,13 +137,13 @@ class Judge:
             self.interrupted(tick, why)
 
     def walked_away(self) -> None:
-        """The operator gives the seat away or leaves: a pedal that was down is released, and that
-        nobody is heard of until it is down again cuts nothing off. Else who does not know what to
-        do would do that."""
+        """The operator gives the seat away or leaves. A pedal that was down counts as released, and
+        the silence until the next pedal-down interrupts no hazard: otherwise leaving would be a way
+        to avoid a score."""
         self._walked = True
 
     def stood_by(self) -> None:
-        """A robot that waited, at rest and without a hazard, begins its waiting anew."""
+        """A robot that waits at rest and without a hazard was restarted."""
         self._trips.reset()
 
     def command(self, message: Mapping[str, Any], tick: int) -> None:
@@ -217,8 +217,8 @@ class Judge:
         """What the robot's checks did since the last look.
 
         outcomes, golden: columns of a campaign, of robot and golden run until the last tick. golden
-        None: there is none. Call it before a hazard is taken back, because the golden run begins
-        anew then.
+        None: there is none. Call it before a hazard is taken back, because the golden run restarts
+        then.
         """
         tick, robot_tick = self._ticks
         episode = None if self._pressed else self._struck_episode()
@@ -237,7 +237,7 @@ class Judge:
                     self._know(tick, ms, check.name, episode)
 
     def _tell_alarm(self, tick: int, trip: Trip, is_new: bool) -> None:
-        """A check that keeps tripping is told once, and then how often, at most once a second."""
+        """A check that keeps tripping is one alarm, and then a count at most once a second."""
         name = trip.check.name
         if is_new or tick - self._counted_at.get(name, 0) >= COUNT_EVERY_MS:
             self._counted_at[name] = tick
@@ -351,6 +351,6 @@ class _Arm:
         self.reset()
 
     def reset(self) -> None:
-        """The robot begins anew."""
+        """The robot was restarted."""
         self.last_force = -CUE_QUIET_MS - 1
         self.depth_at_strike = 0.0

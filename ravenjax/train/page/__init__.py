@@ -19,7 +19,7 @@ from ravenjax.train.robot import ArmName
 
 @dataclasses.dataclass(frozen=True)
 class PageOptions:
-    """What the page's process is told when it is spawned, by pickling."""
+    """The options that the page's process receives, pickled."""
 
     frames: str  # name of the ring of frames
     events: str  # name of the ring of events

@@ -41,7 +41,7 @@ _MESSAGE: TypeAdapter[Input | Command] = TypeAdapter(
     Annotated[Input | Command, Field(discriminator="type")]
 )
 _COMMANDS: dict[str, dict[str, dict[str, list[str]]]] = tomllib.loads(
-    resources.files(__package__).joinpath("commands.toml").read_text(encoding="utf-8")
+    resources.files("ravenjax.train.page").joinpath("commands.toml").read_text(encoding="utf-8")
 )
 
 

@@ -1,4 +1,4 @@
-"""The page's process: polls the rings, draws, and tells the windows."""
+"""The page's process: polls the rings, draws, and informs the windows."""
 
 from __future__ import annotations
 

@@ -46,8 +46,8 @@ _SHAPE_MAKERS = ("mujoco", "mjviser", "trimesh")
 
 
 def read_shapes(model: mujoco.MjModel) -> dict[int, tuple[bytes, np.ndarray, np.ndarray]]:
-    """Of each body its coloured GLB file, and the vertices [n, 3], m, and faces [m, 3] of its
-    plain mesh.
+    """By body: its coloured GLB file, and the vertices [n, 3], m, and faces [m, 3] of its plain
+    mesh.
 
     Kept on disk: making them takes seconds, and libraries that nothing else here needs.
     """

@@ -7,8 +7,8 @@ are in the arm's frame 0.
 
 *Live*, *unintended motion*, *loss of motion*, *false report* and *golden run* mean what
 `ravenjax.outcomes` says; the distances are those of `ravenjax.stages.monitor`, and the largest of a
-run is the result table's column of that name. The golden run begins anew whenever a hazard is
-armed, where the robot then is.
+run is the result table's column of that name. The golden run restarts from the robot's
+state whenever a hazard is armed.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ import numpy as np
 from ravenjax.train.robot import ArmName
 
 _CHANNELS: dict[str, dict[str, int]] = tomllib.loads(
-    resources.files(__package__).joinpath("channels.toml").read_text(encoding="utf-8")
+    resources.files("ravenjax.train.protocol").joinpath("channels.toml").read_text(encoding="utf-8")
 )
 GOLDEN = ("golden_halted_ms", "golden_cue")
-"""Those that tell of the golden run; neighbours."""
+"""Channels of the golden run; they are neighbours in a row."""
 
 
 PHASES = ("ready", "running", "paused", "stopped", "over", "lost")

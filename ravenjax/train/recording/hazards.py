@@ -1,5 +1,5 @@
-"""The hazards of a session: hazards.csv, or the rows that its recording tells of where it was
-killed before it could write the table.
+"""The hazards of a session: hazards.csv, or the rows of its recording where it was killed
+before it could write the table.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ def read_table(folder: Path) -> list[HazardRow]:
 def from_recording(recording: Recording, header: Mapping[str, Any]) -> list[HazardRow]:
     """A row for each hazard that was armed, in order of arming.
 
-    Of a hazard that was at work when the recording broke off, the row says when it was armed and
-    struck, and its outcome is empty.
+    If the recording breaks off while a hazard is active, its row has the times of arming and
+    activation, and no outcome.
     """
     rows: list[dict[str, Any]] = []
     for event in recording.events:
@@ -68,7 +68,7 @@ def from_recording(recording: Recording, header: Mapping[str, Any]) -> list[Haza
             rows[-1]["struck_ms"] = event["tick"]
         elif event["kind"] == "hazard_row" and rows:
             rows[-1] |= event["row"]
-    return [HazardRow(**identity(header), **row) for row in rows]
+    return [HazardRow(**(identity(header) | row)) for row in rows]
 
 
 def identity(header: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,8 +1,8 @@
 """The recorder: a process of its own that takes what a session writes into its rings and puts it
 into files.
 
-Nobody waits for it. Where it could not keep up, rows that were overwritten before it came are
-counted, told in the recording (event "lost_rows") and leave a gap. It ends at the event "end", at
+Nobody waits for it. If it cannot keep up, rows are overwritten before it reads
+them: the event "lost_rows" counts them, and they leave a gap. It ends at the event "end", at
 SIGTERM, or when its parent is gone, and always closes the file, unless it is killed: then all but
 the last `POLL_S` and a block are there (`store.recover`).
 """

@@ -39,13 +39,13 @@ _TOLD = (
     ("pedal", "down"),
     ("runlevel", "runlevel"),
 )
-"""Events that tell of each change of a state, and their word for it."""
+"""Events for each change of a state, and the key that holds its new value."""
 _STANDS = {PAUSED: pedal.PAUSED, STOPPED: pedal.STOPPED, LOST: pedal.LOST}
 """Phases in which no pedal counts."""
 OUTCOMES_EVERY = 10
 """Ticks between two looks at the robot's checks, at least."""
 STAND_BY_MS = 30_000
-"""How long a robot waits for the session's time to begin before its motion begins anew, see
+"""How long a robot waits for the session's time to begin before its motion restarts, see
 `Session._stand_by`: the table of the motion is as long as the session and `blueprint.SPARE_MS`."""
 
 
@@ -327,7 +327,7 @@ class Session:
         self.view = REAL
 
     def _stand_by(self) -> bool:
-        """Nobody has driven yet: whether the robot goes on, its waiting begun anew.
+        """Restart the wait of a robot that nobody has driven yet; whether the robot goes on.
 
         The robot here does not where it is stopped: it holds its brakes until somebody restarts it
         or the time begins.
@@ -419,8 +419,8 @@ class Session:
         return self.robot.outcomes(), self.robot.golden_outcomes()
 
     def _look(self) -> None:
-        """Let the judge see what the checks did until now: robot or golden run are about to
-        begin anew.
+        """Let the judge see what the checks did until now, because robot or golden run are about to
+        restart.
         """
         if checked := self._checked():
             self.judge.look(*checked)

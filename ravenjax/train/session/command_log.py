@@ -40,7 +40,7 @@ class CommandLog:
 
 
 def read_commands(path: str | Path) -> list[tuple[int, dict[str, Any]]]:
-    """Tick and command of each line of such a file. UserError where one is none."""
+    """Tick and command of each line of such a file. UserError where a line is not one."""
     try:
         text = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:

@@ -70,7 +70,7 @@ class ComparedGroup(NamedTuple):
 
     @property
     def median(self) -> float:
-        """Of the hazards; infinite where half had no response."""
+        """The median of the hazards; infinite where half had no response."""
         ordered = np.sort(self.values)
         return float(ordered[(len(ordered) - 1) // 2]) if len(ordered) else math.nan
 

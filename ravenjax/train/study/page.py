@@ -21,7 +21,7 @@ from ravenjax.train.study.sessions import TrainingStudy
 
 PAGE, TABLE, TEXT = "study.html", "study.csv", "study.txt"
 _HIDDEN = ("group", "cue", "cue_ms", "session")
-"""Columns that would tell a blinded reader who had the cue; a session's folder may be named
+"""Columns that would reveal the cue in a blinded study; a session's folder may be named
 after it.
 """
 _HEIGHT = 110
@@ -98,7 +98,7 @@ def _table(study: TrainingStudy) -> str:
 
 
 def _charts(comparisons: Sequence[GroupComparison]) -> list[Chart]:
-    """Of each outcome the mean of every participant, a row for each group."""
+    """A chart of each outcome: the mean of every participant, a row for each group."""
     groups: dict[str, dict[str, ComparedGroup]] = {}
     for comparison in comparisons:
         for group in (comparison.first, comparison.second):

@@ -90,7 +90,6 @@ def test_a_hazard_that_is_felt_and_answered():
     row = play.over()
     assert list(row) == list(COLUMNS)
     expected = {
-        "scenario": "made",
         "struck_ms": 1000,
         "knowable_ms": 1020,
         "knowable_by": "tip",

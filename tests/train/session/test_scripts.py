@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from made_frames import TIPS, made, put, running
+from made_frames import TIPS, made, running
 
 from ravenjax.errors import UserError
-from ravenjax.train import scenario, tasks
+from ravenjax.train import tasks
 from ravenjax.train.protocol.frame import PHASES
 from ravenjax.train.session.command_log import read_commands
-from ravenjax.train.session.hands import Hands
 from ravenjax.train.session.scripts import INPUT_EVERY_MS, Follower
 
 
@@ -31,23 +30,6 @@ def pedals(messages):
     return [
         now for before, now in zip([(0, None), *found], found, strict=False) if now[1] != before[1]
     ]
-
-
-def test_it_goes_for_the_target_and_steps_on_the_pedal():
-    operator, task = follower()
-    frame = running()
-    x, y, z = task.targets[0][1]
-    put(frame, "gold", (x - 0.002, y, z + 0.001))  # to the right and down
-    messages = said(operator, frame, 0, 300)
-    assert [tick for tick, _ in messages] == list(range(0, 300, INPUT_EVERY_MS))
-    assert pedals(messages) == [(0, False), (208, True)]
-    right, up, toward = messages[-1][1]["arms"]["gold"]["move"]
-    assert (
-        right > 0
-        and up == pytest.approx(-right / 2, rel=1e-3)
-        and toward == pytest.approx(0, abs=1e-6)
-    )
-    assert all(Hands(("gold",), 0.1, scenario.Speeds()).take(message, 0) for _, message in messages)
 
 
 @pytest.mark.parametrize(("cue_on", "alive", "expected"), [(1, 1, 750), (0, 1, None), (1, 0, None)])
