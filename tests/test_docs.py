@@ -30,7 +30,7 @@ from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.inspection import json_schema as campaigns
 from ravenjax.campaign.loading import tables_of
 from ravenjax.robots.raven2 import ROBOT
-from ravenjax.train.scenario import json_schema as scenarios
+from ravenjax.train.scenario import loading as scenarios
 
 DOCS = snippets.ROOT / "docs"
 GENERATED = DOCS / "reference"
@@ -110,7 +110,7 @@ def test_files_are_valid(page, snippet, tmp_path, monkeypatch):
         schema, load = (
             (campaigns.schema(ROBOT), loading.from_dict)
             if "campaign" in raw
-            else (scenarios.schema(), scenario.from_dict)
+            else (scenarios.json_schema(), scenario.from_dict)
         )
     jsonschema.Draft202012Validator(schema).validate(raw)
     load(raw)

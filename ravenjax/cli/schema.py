@@ -33,9 +33,9 @@ def schema(kind: Kind = "campaign", *, out: Path | None = None) -> None:
 
         content = searches.json_schema_of(ROBOT)
     elif kind == "scenario":
-        from ravenjax.train.scenario import json_schema
+        from ravenjax.train.scenario import loading
 
-        content = json_schema.schema()
+        content = loading.json_schema()
     else:
         from ravenjax.campaign.inspection import json_schema
 

@@ -16,9 +16,9 @@ from ravenjax.train.session.advance import Session
 from ravenjax.train.session.command_log import read_commands
 
 SOME_PACKETS = 10
-"""Refused ones in `STALE_MS`, without one that is taken, are told."""
+"""After this number of refused packets in `STALE_MS`, and none accepted, the user is informed."""
 UNATTENDED_MS = 60_000
-"""A script that has not driven by then never will: the session's time begins, so that it ends."""
+"""If a script has not driven by then, the session's time begins all the same, so that it ends."""
 
 
 class Scripted:
@@ -34,7 +34,7 @@ class Scripted:
             self._operator = scripts.Recorded(read_commands(script))
 
     def poll(self) -> list[dict[str, Any]]:
-        """What it says before this tick."""
+        """The commands before this tick."""
         session = self._session
         commands = self._operator.messages(session.ticks, session.frame)
         if session.ticks == UNATTENDED_MS and session.started is None:
@@ -42,7 +42,7 @@ class Scripted:
         return commands
 
     def tell(self, frame: Frame) -> None:
-        """It sees the frame when it is asked."""
+        """A script reads the frame in `poll`."""
 
 
 class Refusals:
@@ -53,7 +53,7 @@ class Refusals:
         self._polls, self._published = 0, ""
 
     def poll(self) -> list[dict[str, Any]]:
-        """Once a ms: a command "unheard" where it has changed whether packets are taken."""
+        """Once a ms: a command "unheard" when packets begin or cease to be accepted."""
         self._polls += 1
         if self._polls % STALE_MS:
             return []
@@ -79,11 +79,11 @@ class PedalWords:
         self._session, self._say = session, say
 
     def poll(self) -> list[dict[str, Any]]:
-        """It asks for nothing."""
+        """This console never sends commands."""
         return []
 
     def tell(self, frame: Frame) -> None:
-        """What the last tick found."""
+        """Print what the last tick found."""
         for line in self._session.pedals.news():
             self._say(line)
 

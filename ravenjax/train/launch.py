@@ -46,15 +46,15 @@ from ravenjax.train.robot_link.joint_stream import JOINT_PORT
 from ravenjax.train.robot_link.process import digest, in_words
 from ravenjax.train.robot_link.remote import RemoteRobot
 from ravenjax.train.scenario import Scenario
-from ravenjax.train.session import command_log, scripts
-from ravenjax.train.session.advance import Driven, Session
+from ravenjax.train.session import scripts
+from ravenjax.train.session.advance import Session
 from ravenjax.train.session.blueprint import Blueprint
 from ravenjax.train.session.simulation import SimulatedRobot
 
 KEPT_FRAMES, KEPT_EVENTS, KEPT_COMMANDS = 4096, 1024, 256
 """Rows of the rings: four seconds of frames, more events and commands than come in that time."""
 COMMANDS = "commands.jsonl"
-"""What was said to the session: a script that makes it again."""
+"""The commands of the session: a script that repeats it."""
 Say = Callable[[str], None]
 
 
@@ -90,7 +90,7 @@ class SessionOptions:
 
 @dataclasses.dataclass(frozen=True)
 class FinishedSession:
-    """What a session left."""
+    """What a session left behind."""
 
     folder: Path
     hazards: list[dict[str, Any]]
@@ -172,7 +172,7 @@ def realtime(
         consoles.append(PedalWords(session, say))
         if script is not None:
             consoles.append(script)
-        processes.wait_for(recording, options.folder / session_log.FILE)
+        helpers.recorder.answer()
         helpers.keep_away()
         stop = stack.enter_context(interruption.until_interrupted())
         interruption.point()  # what was held back until now
@@ -230,8 +230,8 @@ def following(options: SessionOptions, last: FinishedSession) -> SessionOptions:
 
 
 def _wish(said: loop.PageCommands, say: Say) -> dict[str, Any] | None:
-    """The next session that was asked for since the last look; a scenario that is none is told
-    of.
+    """The next session that was asked for since the last look. A scenario that does not exist is
+    reported.
     """
     for command in said.poll():
         if (command["type"], command.get("do")) == ("instructor", "next"):
@@ -354,14 +354,14 @@ def _header(options: SessionOptions, session: Session) -> dict[str, Any]:
 
 def _robot(
     stack: contextlib.ExitStack, options: SessionOptions, say: Say
-) -> Callable[[Blueprint], Driven]:
+) -> Callable[[Blueprint], SimulatedRobot | DistantRobot]:
     """What makes the robot that is driven: the virtual one, or a connection to one elsewhere."""
     if options.robot is None:
         return SimulatedRobot
     host, ports = address(options.robot)
     itp_port, stream = ports
 
-    def connected(made: Blueprint) -> Driven:
+    def connected(made: Blueprint) -> DistantRobot:
         armables = scenario.armable(options.scenario, made.plan.rows)
         if not isinstance(stream, int):
             if armables:
@@ -439,7 +439,7 @@ def _open_page(
         instructor_token=options.instructor_token,
     )
     serving.begin(page_options)
-    port = serving.answer("the page's process")
+    port = serving.answer()
     if options.port not in (0, port):
         say(f"port {options.port} is taken: the page is at port {port}")
     ask = f"&token={options.token}" if options.token else ""
@@ -451,7 +451,7 @@ def _open_page(
 
 
 def _require_address(host: str, port: int) -> None:
-    """Told before a process is started for it: viser would wait forever."""
+    """UserError where the page cannot listen. Without this check viser would wait for ever."""
     try:
         addresses = socket.getaddrinfo(
             host or None, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
@@ -475,21 +475,15 @@ def _conclude(
     # jinja and scipy take a while to import.
     from ravenjax.train.debrief import page as debrief
 
-    rows = session.judge.rows(
-        session=options.folder.name,
-        participant=options.participant,
-        group=options.group,
-        seed=options.seed,
-        blinded=options.is_blinded,
-    )
+    rows = session.judge.rows(**table.identity(description.read(options.folder)))
     text = table.as_csv(judge.COLUMNS, rows)
     (options.folder / table.FILE).write_text(text, encoding="utf-8", newline="")
-    command_log.write_commands(options.folder / COMMANDS, session.command_log)
+    session.command_log.write(options.folder / COMMANDS)
     summary: dict[str, Any] = {
         "ended": session.ended,
         "task": session.task.result(),
         "ticks": session.ticks,
-        "hazards": session.judge.result(),
+        "hazards": table.summarize([table.HazardRow(**row) for row in rows]),
     }
     if timing is not None:
         summary["timing"] = facts(timing)

@@ -1,4 +1,4 @@
-"""Processes beside the realtime loop: how one is started, awaited, and told to have ended."""
+"""The processes beside the realtime loop: starts them, waits for them, and reports their end."""
 
 from __future__ import annotations
 
@@ -7,15 +7,12 @@ import dataclasses
 import multiprocessing
 import os
 import signal
-import time
 from collections.abc import Callable
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
-from pathlib import Path
 from typing import Any
 
-from ravenjax import interruption
 from ravenjax.errors import UserError
 from ravenjax.train import page, recording
 from ravenjax.train.realtime import clock
@@ -41,28 +38,26 @@ class Helper:
         try:
             self.answers.send(options)
         except OSError:
-            self.process.join(STARTING_S)
-            raise UserError(
-                f"a process of the session ended with code {self.process.exitcode}; its message"
-                " stands above"
-            ) from None
+            raise self._ended() from None
 
-    def answer(self, name: str) -> Any:
-        """What it answers. UserError, in which it is named, where it ends or takes longer than
-        STARTING_S.
-        """
+    def answer(self) -> Any:
+        """What it answers. UserError where it ends or takes longer than STARTING_S."""
         if not self.answers.poll(STARTING_S):
-            raise UserError(f"{name} did not start within {STARTING_S:g} s")
+            raise UserError(f"a process of the session did not start within {STARTING_S:g} s")
         try:
             return self.answers.recv()
         except (EOFError, ConnectionResetError):
-            self.process.join(STARTING_S)
-            raise UserError(
-                f"{name} ended with code {self.process.exitcode}; its message stands above"
-            ) from None
+            raise self._ended() from None
+
+    def _ended(self) -> UserError:
+        self.process.join(STARTING_S)
+        return UserError(
+            f"a process of the session ended with code {self.process.exitcode}; its message"
+            " stands above"
+        )
 
     def keep_away(self) -> None:
-        """From now on leave the CPU of the realtime loop to that."""
+        """Move the process off the CPU of the realtime loop."""
         cpus = clock.other_cpus()
         if not cpus or self.process.pid is None:
             return
@@ -85,7 +80,7 @@ class SessionHelpers:
         return SessionHelpers(Helper(stack, recording.run_when_told), serving)
 
     def keep_away(self) -> None:
-        """Leave the CPU of the realtime loop to that."""
+        """Move both processes off the CPU of the realtime loop."""
         for helper in (self.recorder, self.page):
             if helper is not None:
                 helper.keep_away()
@@ -117,22 +112,8 @@ def spawn(stack: contextlib.ExitStack, target: Callable[[Any], None], given: Any
     return process
 
 
-def wait_for(recording: BaseProcess, path: Path) -> None:
-    """Until the recorder has made its file. UserError where it ends or takes longer than
-    STARTING_S.
-    """
-    end = time.monotonic() + STARTING_S
-    while not path.exists():
-        if not recording.is_alive() or time.monotonic() > end:
-            raise UserError(
-                f"{path.parent}: the recorder did not start (exit code {recording.exitcode})"
-            )
-        interruption.point()
-        time.sleep(0.02)
-
-
 def ended(recording: BaseProcess) -> str | None:
-    """What to tell where the recorder has ended before the session."""
+    """The message where the recorder has ended before the session; None while it runs."""
     if recording.is_alive() or recording.exitcode == 0:
         return None
     return (

@@ -1,16 +1,13 @@
-"""Measures how well this machine keeps time: an empty loop, and a session whose page is open."""
+"""Measures how well this machine keeps time: an empty loop, and a session."""
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 
-from ravenjax.train import launch, processes, scenario
-from ravenjax.train.page import visitor
+from ravenjax.train import launch, scenario
 from ravenjax.train.realtime import clock
 from ravenjax.train.realtime.clock import Clock, LoopTiming
 
@@ -25,11 +22,11 @@ COLUMNS = (
 LONGEST_TICK_US = 300
 """What 99.9 % of the ticks should take at most: a slower machine then keeps up, too."""
 SCENARIO = "first_steps"
-EMPTY, SESSION = "empty", "session, page open"
+EMPTY, SESSION = "empty", "session"
 
 
 def measure(seconds: float, say: Callable[[str], None] = lambda _: None) -> dict[str, LoopTiming]:
-    """Time an empty loop, then a session with its recorder and a visitor on its page.
+    """Time an empty loop, then a session with its recorder and its page.
 
     The session is driven by commands that were recorded before, as many as a page sends.
     """
@@ -43,7 +40,9 @@ def measure(seconds: float, say: Callable[[str], None] = lambda _: None) -> dict
         commands = launch.headless(driven).folder / launch.COMMANDS
         say(f"{SESSION}: {seconds:g} s")
         options = dataclasses.replace(driven, folder=Path(place) / "timed", script=str(commands))
-        measured[SESSION] = _time_session(options)
+        finished = launch.realtime(options, linger_s=0.0, say=lambda _: None)
+        assert finished.timing is not None
+        measured[SESSION] = finished.timing
     return measured
 
 
@@ -84,17 +83,3 @@ def _time_empty_loop(seconds: float) -> LoopTiming:
             paced.wait()
             paced.done()
     return paced.timing
-
-
-def _time_session(options: launch.SessionOptions) -> LoopTiming:
-    """Time a session while another process takes everything that its page sends."""
-    with contextlib.ExitStack() as stack:
-
-        def say(text: str) -> None:
-            if text.startswith("operator: "):
-                processes.spawn(stack, visitor.look, text.removeprefix("operator: "))
-                time.sleep(2.0)
-
-        finished = launch.realtime(options, linger_s=0.0, say=say)
-        assert finished.timing is not None
-        return finished.timing

@@ -4,15 +4,15 @@ answers or not.
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 
 import numpy as np
 
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
-from ravenjax.train.judge.row import HazardRow
+from ravenjax.train.judge.row import COLUMNS, HazardRow
 from ravenjax.train.protocol.frame import Frame, FrameLayout
+from ravenjax.train.recording.hazards import as_csv
 
 LIMIT_MM = 8.0
 """[harm] excursion_mm of these sessions."""
@@ -186,8 +186,5 @@ def write(folder, table, seconds=8.0, arms=("gold", "green"), recorded=True, **h
 
 
 def write_hazards(folder, hazards):
-    names = [one.name for one in dataclasses.fields(HazardRow)]
-    with open(folder / "hazards.csv", "w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, names)
-        writer.writeheader()
-        writer.writerows(dataclasses.asdict(one) for one in hazards)
+    text = as_csv(COLUMNS, map(dataclasses.asdict, hazards))
+    (folder / "hazards.csv").write_text(text, encoding="utf-8")

@@ -137,8 +137,8 @@ def _own_checks(config: CampaignConfig, plan: Plan) -> Iterator[dict[str, Any]]:
     """
     if not config.check:
         return
-    leaves = paths.leaves(plan.program.params.checks, plan.program.setup, "checks")
-    numbers = {path: f"{float(value):g}" for path, value in leaves}
+    leaves = paths.leaves(plan.program.params, plan.program.setup)
+    numbers = {path: f"{float(value):g}" for path, value in leaves if path.startswith("checks.")}
     for path, values in table.parameters(plan.rows).items():
         # NaN stands for the file's own number
         least, most = f"{np.nanmin(values):g}", f"{np.nanmax(values):g}"

@@ -1,8 +1,8 @@
 """Measures of how somebody moved: path, economy, smoothness, idle time, use of both hands.
 
-Of the true tips, resampled at `RATE_HZ` and low-passed at `CUTOFF_HZ`, while the pedal is down and
-the session runs. A *stretch* is such a time without a gap, a *movement* the part of it between two
-targets (all of it without targets).
+They use the true tips, resampled at `RATE_HZ` and low-passed at `CUTOFF_HZ`, while the pedal is
+down and the session runs. A *stretch* is such a time without a gap, a *movement* the part of it
+between two targets (all of it without targets).
 
 - Path length and economy of motion (straight ways over the way gone): Oropesa et al., EVA:
   laparoscopic instrument tracking based on endoscopic video analysis for psychomotor skills
@@ -40,7 +40,7 @@ RATE_HZ, CUTOFF_HZ = 100.0, 10.0
 IDLE_MM_S = 1.0
 """A tip that is slower is still."""
 SHORTEST_S = 0.5
-"""Of a movement whose smoothness is measured."""
+"""Shorter movements have no smoothness."""
 # Balasubramanian et al. 2015: cut-off, amplitude, zero-padding.
 _SPARC_HZ, _SPARC_LEAST, _SPARC_PADS = 10.0, 0.05, 4
 
@@ -98,8 +98,8 @@ def read_attempts(folder: Path) -> list[dict[str, Any]]:
     """The measured sessions of the same person and scenario beside `folder`, up to its own; none
     where the person is not named.
 
-    Of each its name, score, median reaction, path of all tips and mean smoothness; None where it
-    left no such number.
+    Each has name, score, median reaction, path of all tips and mean smoothness; None where a
+    number is missing.
     """
     sessions = folders.beside(folder.parent)
     present = next((session for session in sessions if session.path.name == folder.name), None)

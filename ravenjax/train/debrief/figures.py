@@ -89,7 +89,7 @@ def learning(attempts: Sequence[Mapping[str, Any]]) -> list[Chart]:
             tips = tuple(attempts[place]["name"] for place in known)
             dots = Dots(measure, colour, x, y, tips=tips, in_legend=False)
             low, high = min(0.0, float(y.min())), max(0.0, float(y.max()))
-            axis = ChartAxis("session", 0.5, len(attempts) + 0.5, whole=True)
+            axis = ChartAxis("session", 0.5, len(attempts) + 0.5)
             line = Curve(measure, colour, x, y, in_legend=False)
             level = ChartAxis(measure, low, high if high > low else low + 1.0)
             charts.append(Chart(measure, axis, level, (line, dots), SMALL_HEIGHT))

@@ -4,8 +4,7 @@ the recording.
 
 from __future__ import annotations
 
-import statistics
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -64,7 +63,7 @@ def _render(
     # jinja takes a while to import.
     from ravenjax.document import html
 
-    summary, blinded = header.get("summary") or {}, bool(header.get("blinded"))
+    blinded = bool(header.get("blinded"))
     content = header.get("scenario") or {}
     scenario = content if isinstance(content, dict) else {"name": content}
     harm = scenario.get("harm") or {}
@@ -85,58 +84,19 @@ def _render(
             contact = dexterity.measure_contact(course)
     attempts = dexterity.read_attempts(folder.absolute())
     environment = html.environment("ravenjax.train")
-    environment.filters |= {"milliseconds": format_ms, "moment": format_moment}
     page = environment.get_template("debrief.html.j2").render(
         header=header,
         scenario={"name": header.get("name") or "session"} | scenario,
-        summary=summary,
-        numbers=_summary(hazards),
+        numbers=hazard_table.summarize(hazards),
         hazards=hazards,
-        outcomes=hazard_table.OUTCOMES,
         moments=figures.MOMENTS,
         blinded=blinded,
         has_table=has_table,
         recording=recording,
         trouble=trouble,
-        limit_mm=harm.get("excursion_mm"),
-        threshold_mm=header.get("cue_threshold_mm"),
         charts=charts,
         learning=figures.learning(attempts),
         replay=shown,
         contact=contact,
-        timing=(summary.get("recording") or {}) | (summary.get("timing") or {}),
-        task=summary.get("task") or {},
-        dexterity=summary.get(dexterity.KEY),
     )
     return html.with_scopes(page)
-
-
-def _summary(hazards: Sequence[HazardRow]) -> dict[str, Any]:
-    """The session's numbers, over all hazards that struck; None where there is none."""
-    struck = [row for row in hazards if row.struck_ms is not None]
-
-    def over(function: Any, values: Iterable[float | None]) -> float | None:
-        known = [value for value in values if value is not None]
-        return function(known) if known else None
-
-    return {
-        "strikes": len(struck),
-        "right": sum(row.response_ok for row in struck),
-        "reaction_ms": over(
-            statistics.median, (row.reaction_ms for row in struck if row.response_ok)
-        ),
-        "farthest_mm": over(max, (row.farthest_mm for row in struck)),
-        "deepest_mm": over(max, (row.deepest_mm for row in struck)),
-        "score": over(statistics.fmean, (row.score for row in struck)),
-    }
-
-
-def format_ms(value: float) -> str:
-    """84 -> 84 ms, 1840 -> 1.84 s."""
-    return f"{value:.0f} ms" if abs(value) < 1000 else f"{value / 1000:.2f} s"
-
-
-def format_moment(value: float) -> str:
-    """12400 -> 12.4 s into the session, as minutes from the second on."""
-    minutes, seconds = divmod(value / 1000, 60)
-    return f"{minutes:.0f} min {seconds:.1f} s" if minutes else f"{seconds:.1f} s"

@@ -48,7 +48,6 @@ def data(
                 marks.append({"ms": row.response_ms, "kind": "response", "text": row.response})
     rows = np.unique(np.searchsorted(course.ms, np.concatenate(times)))
     rows = rows[rows < len(course.ms)]
-    task = header.get("task") or {}
     return {
         "ms": course.ms[rows].astype(int).tolist(),
         "pedal": course.channel("pedal")[rows].astype(int).tolist(),
@@ -56,20 +55,10 @@ def data(
         "arms": {
             arm: _arm(course, arm, bases[arm], rows, bool(header.get("blinded"))) for arm in arms
         },
-        "task": {
-            "targets": [
-                {"number": one["number"], "at": one["at"]} for one in task.get("targets", ())
-            ],
-            "pegs": [{"number": one["number"], "at": one["top"]} for one in task.get("pegs", ())],
-            "path": (task.get("path") or {}).get("points", []),
-        },
+        "task": header.get("task") or {},
         "tissue": {"top": scene.TISSUE_TOP, "sag": scene.TISSUE_SAG, "half": scene.TISSUE_HALF},
         "marks": marks,
     }
-
-
-def _mark(number: int, at: list[float]) -> dict[str, Any]:
-    return {"number": number, "at": at}
 
 
 def _arm(

@@ -16,7 +16,7 @@ from ravenjax.vocabulary import checks
 from ravenjax.vocabulary.checks import Check
 
 SLOW_SHARE = 0.25
-"""Of the usual speed before the hazard struck; `stages.reaction` has operators slow down to it."""
+"""Share of the usual speed before the hazard; `stages.reaction` has operators slow down to it."""
 SLOW_FOR_MS = 1000
 """As long, without a break, before it counts."""
 MOVING_MM_S = 2.0
@@ -75,7 +75,7 @@ class Trips:
         return sorted(trips, key=lambda trip: trip.ms)
 
     def reset(self) -> None:
-        """The robot begins anew, and its counts with it."""
+        """The robot was restarted, and its counts with it."""
         for name, count in self._counts.items():
             self._earlier[name] = self._earlier.get(name, 0) + count
         self._counts = {}

@@ -17,7 +17,7 @@ which begins where the robot is when the hazard is armed:
 **First possible knowledge** (`knowable_ms`): the first tick in which a person at the console could
 have known. Seen: the tip, as reported or as it truly is, is `SEEN_MM` or more from where it would
 be without the fault ("tip"), or the robot left pedal-down by itself ("runlevel"); told: a check
-told a person (its name). Micrometres that only a computer could tell apart are not knowledge. Felt
+told a person (its name). Micrometres that only a computer can measure are not knowledge. Felt
 is the cue, from its onset: at its published threshold it begins with a quarter of its largest
 force. Reaction times count from the earliest of knowledge, cue and alarm.
 
@@ -173,7 +173,7 @@ class Episode:
         return False
 
     def drive(self, tick: int, mm: float) -> None:
-        """The fault has driven the tip so much deeper into the tissue than it was at the strike."""
+        """The fault has driven the tip this much deeper into the tissue than at the strike."""
         self._do(tick, 1, mm)
 
     def halt(self, halted_ms: int, golden_halted_ms: int) -> bool:
@@ -186,8 +186,8 @@ class Episode:
         return self._is_lost and not was_lost
 
     def respond(self, tick: int, what: str) -> bool:
-        """Take a response; False where it is none: before anything could be known, or not the
-        first of its kind.
+        """Take a response; False where it does not count: before anything could be known, or not
+        the first of its kind.
         """
         known = self.origin_ms is not None and tick >= self.origin_ms
         if self.interrupted or not known or what in self.responses:
@@ -220,7 +220,7 @@ class Episode:
         return what in self.hazard.right_response and self.reaction_ms(what) <= self._within_ms
 
     def reaction_ms(self, what: str) -> int:
-        """Of a response that was taken."""
+        """Time from the origin to a response that was taken."""
         return self.responses[what] - (self.origin_ms or 0)
 
     def answer(self) -> tuple[str, bool]:

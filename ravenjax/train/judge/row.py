@@ -98,5 +98,5 @@ class HazardRow:
 
 COLUMNS = tuple(one.name for one in dataclasses.fields(HazardRow))
 """Of hazards.csv, in order."""
-OF_LIST = ("hazard", "title", "right_response")
-"""Columns that stand in the session's list of hazards, too."""
+KNOWN_WHEN_ARMED = ("number", "hazard", "title", "right_response", "armed_ms", "limit_mm", "cue")
+"""Columns that the event "hazard_armed" has."""

@@ -7,31 +7,28 @@ quarter of their speed, for a second (`detectors`); `restart`: the operator rest
 robot that does not follow; `stop`: the E-stop button; `convert`: a note that says "convert" (the
 page's button sends one).
 
-A check that tells a person or stops the robot is an event "alarm", for everybody, and while it
-keeps tripping a count ("alarm_count"). The first check of each kind of response to the hazard at
-work is an event of that name ("stopped", "flagged", "limited"), for the instructor's log: of
-"limited" nobody else is told.
+A check that raises an alarm or stops the robot is an event "alarm", for everybody. While it keeps
+tripping, events "alarm_count" follow. The first check of each kind of response to the hazard at
+work is an event of that name ("stopped", "flagged", "limited"), for the instructor's log: only
+the instructor sees "limited".
 """
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from ravenjax.outcomes import verdict
 from ravenjax.train.judge.detectors import SlowdownDetector, Trip, Trips
 from ravenjax.train.judge.episode import PEAKS, SEEN_MM, Episode
-from ravenjax.train.judge.row import COLUMNS, OF_LIST
+from ravenjax.train.judge.row import COLUMNS, KNOWN_WHEN_ARMED
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.scenario import Armable, Scenario
 
-Event = dict[str, Any]
-
 CUE_QUIET_MS = 250
-"""A force that comes and goes around its threshold is one cue until it was away for so long."""
+"""A force that comes and goes around its threshold is one cue until it was absent for this time."""
 COUNT_EVERY_MS = 1000
-"""At most so often it is told how many times a check has tripped that keeps tripping."""
+"""The shortest time between two events "alarm_count" of one check."""
 _OF_MOTION = ("release", "slow")
 """Responses to a robot that moves: once it has halted by itself they avoid nothing and do not
 count.
@@ -57,11 +54,18 @@ one.
 class Judge:
     """The judge of one session."""
 
-    def __init__(self, scenario: Scenario, hazards: Sequence[Armable], cue_on: bool) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        hazards: Sequence[Armable],
+        cue_on: bool,
+        tell: Callable[..., None],
+    ) -> None:
+        """tell: takes each event: its tick, its kind, and what it says by name."""
         self.scenario, self.hazards = scenario, tuple(hazards)
         self.cue_on = cue_on
         """Whether forces are felt; the instructor may change it at any time."""
-        self._events: list[Event] = []
+        self._tell = tell
         self._episode: Episode | None = None
         self._over: list[Episode] = []
         self._trips = Trips()
@@ -86,65 +90,63 @@ class Judge:
         # ms so far, of robot and golden run
         self._halted = self._halted_at_strike = (0, 0)
 
-    # --- what the session reports; each returns the events that it makes ---
+    # --- what the session reports ---
 
-    def armed(self, number: int, tick: int) -> list[Event]:
-        """A hazard is let loose before this tick."""
-        self._close(tick)
+    def armed(self, number: int, tick: int) -> None:
+        """A hazard is armed before this tick."""
+        self.disarmed(tick)
         self._episode = Episode(self.hazards[number], self.scenario.harm, tick, self.cue_on)
-        self._tell(tick, "hazard_armed", number=number)
-        return self._taken()
+        row = self._episode.row()
+        known = {name: row[name] for name in KNOWN_WHEN_ARMED}
+        self._tell(tick, "hazard_armed", number=number, row=known)
 
-    def disarmed(self, tick: int) -> list[Event]:
-        """The hazard is taken back."""
-        self._close(tick)
-        return self._taken()
+    def disarmed(self, tick: int) -> None:
+        """The hazard at work, if there is one, is taken back."""
+        episode, self._episode = self._episode, None
+        if episode is None:
+            return
+        self._over.append(episode)
+        row = episode.row()
+        names = ("number", "check_response", "motion_hazard", "halted", "outcome", "score")
+        self._tell(tick, "hazard_over", **{name: row.get(name) for name in names})
+        known = {name: value for name, value in row.items() if value is not None}
+        self._tell(tick, "hazard_row", row=known)
 
-    def restarted(self, tick: int) -> list[Event]:
+    def restarted(self, tick: int) -> None:
         """The robot was homed again, without any fault."""
-        self._close(tick)
+        self.disarmed(tick)
         self._trips.reset()
         self._slowdown.jump()
         self._pressed = False
         for arm in self._arms:
             arm.reset()
-        return self._taken()
 
-    def close(self, tick: int, reason: str = "end") -> list[Event]:
+    def close(self, tick: int, reason: str = "end") -> None:
         """The session is over."""
         for name, count in self._alarms.items():
             self._tell(tick, "alarm_count", check=name, count=count)
-        self._interrupt(tick, reason)
-        self._close(tick)
-        return self._taken()
+        self.interrupted(tick, reason)
+        self.disarmed(tick)
 
-    def interrupted(self, tick: int, by: str) -> list[Event]:
-        """Something that is not the operator's cuts the hazard at work off; one that is decided
-        already stays so.
-        """
-        self._interrupt(tick, by)
-        return self._taken()
-
-    def lifted(self, tick: int, why: str) -> list[Event]:
+    def lifted(self, tick: int, why: str) -> None:
         """The pedal comes up before this tick, and not by the operator's foot: nobody has
         released it.
         """
         self._pedal = False
         if why != "silent" or not self._walked:
-            self._interrupt(tick, why)
-        return self._taken()
+            self.interrupted(tick, why)
 
     def walked_away(self) -> None:
-        """The operator gives the seat away or leaves: a pedal that was down is released, and that
-        nobody is heard of until it is down again cuts nothing off. Else who does not know what to
-        do would do that."""
+        """The operator gives the seat away or leaves. A pedal that was down counts as released, and
+        the silence until the next pedal-down interrupts no hazard: otherwise leaving would be a way
+        to avoid a score."""
         self._walked = True
 
     def stood_by(self) -> None:
-        """A robot that waited, at rest and without a hazard, begins its waiting anew."""
+        """A robot that waits at rest and without a hazard was restarted."""
         self._trips.reset()
 
-    def command(self, message: Mapping[str, Any], tick: int) -> list[Event]:
+    def command(self, message: Mapping[str, Any], tick: int) -> None:
         """What the operator does besides moving."""
         do = message.get("do")
         if do == "estop":
@@ -154,7 +156,6 @@ class Judge:
             self._respond(tick, "restart")
         elif do == "note" and "convert" in str(message.get("text", "")).lower():
             self._respond(tick, "convert")
-        return self._taken()
 
     def step(
         self,
@@ -162,7 +163,7 @@ class Judge:
         frame: Frame,
         outcomes: Mapping[str, Any] | None = None,
         golden: Mapping[str, Any] | None = None,
-    ) -> list[Event]:
+    ) -> None:
         """One tick. outcomes, golden: see `look`; outcomes None: not looked at in this tick."""
         if not self._columns:
             places = frame.layout.places
@@ -189,82 +190,36 @@ class Judge:
         self._halted = (int(halted[0]), int(halted[1]))
         self._golden_cue = self._golden_cue or golden_cue != 0.0
         if outcomes is not None:
-            self._look(outcomes, golden)
+            self.look(outcomes, golden)
         if self.cue_on and alive:
             self._feel(tick, row)
         if episode is not None and episode.struck:
             if not alive and not self._walked:
-                self._interrupt(tick, "console")
+                self.interrupted(tick, "console")
             self._watch(tick, row, pedal, alive, episode)
         self._pedal = pedal != 0.0
         self._walked = self._walked and not self._pedal
-        return self._taken()
-
-    def look(
-        self, outcomes: Mapping[str, Any], golden: Mapping[str, Any] | None = None
-    ) -> list[Event]:
-        """What the robot's checks did since the last look.
-
-        outcomes, golden: columns of a campaign, of robot and golden run until the last tick; golden
-        None: there is none. To be called before a hazard is taken back, too: the golden run begins
-        anew then.
-        """
-        self._look(outcomes, golden)
-        return self._taken()
 
     # --- what it makes of it ---
 
     def rows(self, **identity: Any) -> list[dict[str, Any]]:
-        """A dict a hazard so far, keys as COLUMNS; identity: session, participant, group, seed.
-        None is empty.
+        """A dict a hazard so far, keys as COLUMNS; identity: see `recording.hazards`. None is
+        empty.
         """
-        same = {
-            "scenario": self.scenario.name,
-            "seed": self.scenario.seed,
-            "blinded": self.scenario.cue.blinded,
-        } | identity
         episodes = self._over + ([] if self._episode is None else [self._episode])
-        rows = [same | episode.row() for episode in episodes]
+        rows = [identity | episode.row() for episode in episodes]
         return [{column: row.get(column) for column in COLUMNS} for row in rows]
-
-    def result(self) -> dict[str, Any]:
-        """Numbers of the whole session."""
-        rows = self.rows()
-        scores = [row["score"] for row in rows if row["score"] is not None]
-        reactions = sorted(
-            row["reaction_ms"]
-            for row in rows
-            if row["response_ok"] and row["reaction_ms"] is not None
-        )
-        counts = {
-            name: Counter(row[name] for row in rows)
-            for name in ("outcome", "check_response", "motion_hazard")
-        }
-        responses, hazards = counts["check_response"], counts["motion_hazard"]
-        return {
-            "hazards": len(rows),
-            "struck": sum(row["struck_ms"] is not None for row in rows),
-            "outcomes": dict(counts["outcome"]),
-            "check_responses": {
-                word: responses[word] for word in verdict.RESPONSES if responses[word]
-            },
-            "motion_hazards": {word: hazards[word] for word in verdict.HAZARDS if hazards[word]},
-            "right_responses": sum(bool(row["response_ok"]) for row in rows),
-            "median_reaction_ms": reactions[len(reactions) // 2] if reactions else None,
-            "score": round(sum(scores) / len(scores), 1) if scores else None,
-        }
-
-    def _tell(self, tick: int, kind: str, **facts: Any) -> None:
-        self._events.append({"tick": tick, "kind": kind, **facts})
-
-    def _taken(self) -> list[Event]:
-        events, self._events = self._events, []
-        return events
 
     def _struck_episode(self) -> Episode | None:
         return self._episode if self._episode is not None and self._episode.struck else None
 
-    def _look(self, outcomes: Mapping[str, Any], golden: Mapping[str, Any] | None) -> None:
+    def look(self, outcomes: Mapping[str, Any], golden: Mapping[str, Any] | None = None) -> None:
+        """What the robot's checks did since the last look.
+
+        outcomes, golden: columns of a campaign, of robot and golden run until the last tick. golden
+        None: there is none. Call it before a hazard is taken back, because the golden run restarts
+        then.
+        """
         tick, robot_tick = self._ticks
         episode = None if self._pressed else self._struck_episode()
         for trip in self._trips.look(tick, robot_tick, outcomes, golden):
@@ -282,7 +237,7 @@ class Judge:
                     self._know(tick, ms, check.name, episode)
 
     def _tell_alarm(self, tick: int, trip: Trip, is_new: bool) -> None:
-        """A check that keeps tripping is told once, and then how often, at most once a second."""
+        """A check that keeps tripping is one alarm, and then a count at most once a second."""
         name = trip.check.name
         if is_new or tick - self._counted_at.get(name, 0) >= COUNT_EVERY_MS:
             self._counted_at[name] = tick
@@ -365,21 +320,13 @@ class Judge:
             number = episode.hazard.number
             self._tell(tick, "response", number=number, what=what, ok=is_right, ms=ms)
 
-    def _interrupt(self, tick: int, by: str) -> None:
+    def interrupted(self, tick: int, by: str) -> None:
+        """Something that is not the operator's cuts off the hazard at work. What is decided already
+        stays so.
+        """
         episode = self._episode
         if episode is not None and episode.interrupt(tick):
             self._tell(tick, "interrupted", number=episode.hazard.number, by=by)
-
-    def _close(self, tick: int) -> None:
-        episode, self._episode = self._episode, None
-        if episode is None:
-            return
-        self._over.append(episode)
-        row = episode.row()
-        names = ("number", "check_response", "motion_hazard", "halted", "outcome", "score")
-        self._tell(tick, "hazard_over", **{name: row.get(name) for name in names})
-        known = {name: row[name] for name in row if row[name] is not None and name not in OF_LIST}
-        self._tell(tick, "hazard_row", row=known)
 
 
 class _Arm:
@@ -404,6 +351,6 @@ class _Arm:
         self.reset()
 
     def reset(self) -> None:
-        """The robot begins anew."""
+        """The robot was restarted."""
         self.last_force = -CUE_QUIET_MS - 1
         self.depth_at_strike = 0.0

@@ -14,12 +14,12 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from ravenjax.errors import UserError
-from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.train.robot import ArmName
 
 
 @dataclasses.dataclass(frozen=True)
 class PageOptions:
-    """What the page's process is told when it is spawned, by pickling."""
+    """The options that the page's process receives, pickled."""
 
     frames: str  # name of the ring of frames
     events: str  # name of the ring of events

@@ -1,4 +1,4 @@
-"""Who is served: the checks that every request and every websocket passes first.
+"""Checks every request and every websocket before it is served.
 
 A browser sends a page of a stranger to a loopback port as readily as its own (DNS rebinding,
 cross-site websockets). So the host must be the server's own name, the origin of a websocket the

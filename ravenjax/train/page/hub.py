@@ -1,5 +1,5 @@
-"""The windows that are open: who drives, who instructs, who looks on; what they say and what they
-are told.
+"""The open windows: their roles (operator, instructor, watcher), their commands, and what is sent
+to them.
 
 Everything here runs in the server's event loop. A window that takes frames slowly gets the newest,
 never a backlog.

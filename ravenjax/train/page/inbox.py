@@ -3,44 +3,22 @@
 from __future__ import annotations
 
 import json
+import tomllib
+from importlib import resources
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
+
+from ravenjax.train.protocol.messages import Input, Message
 
 LARGEST = 2048
 """Bytes of one message at most."""
 NOTE = 700
 """Bytes of a note as JSON at most: it must fit in an event."""
 
-Speed = Annotated[float, Field(ge=-1.0, le=1.0, allow_inf_nan=False)]
-Axes = Annotated[list[Speed], Field(min_length=3, max_length=3)]
-
 
 class RefusedMessage(ValueError):
     """The message is dropped; says why."""
-
-
-class Message(BaseModel):
-    """What a browser sends."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
-
-
-class Hand(Message):
-    """Speeds of one hand, shares of the greatest."""
-
-    move: Axes = [0.0, 0.0, 0.0]
-    turn: Axes = [0.0, 0.0, 0.0]
-    grasp: Speed = 0.0
-
-
-class Input(Message):
-    """The operator's hands and pedal."""
-
-    type: Literal["input"]
-    source: Literal["keyboard", "mouse", "gamepad"]
-    pedal: bool
-    arms: dict[Literal["gold", "green"], Hand]
 
 
 class Command(Message):
@@ -62,31 +40,9 @@ class Command(Message):
 _MESSAGE: TypeAdapter[Input | Command] = TypeAdapter(
     Annotated[Input | Command, Field(discriminator="type")]
 )
-_EVERYBODY = "operator watcher instructor"
-# Who may send a command, the keys that it must have, and others that it may have. An E-stop is the
-# safe direction, open to whoever looks.
-_COMMANDS = {
-    **dict.fromkeys(
-        ["operator restart", "operator rehearse", "operator reengage", "operator discard"],
-        ("operator", "", ""),
-    ),
-    "operator estop": (_EVERYBODY, "", ""),
-    "operator note": ("operator instructor", "text", ""),
-    "seat take": ("operator", "", ""),
-    "seat give": ("operator instructor", "to", ""),
-    **{
-        f"instructor {do}": ("instructor", "", "")
-        for do in ("start", "disarm", "pause", "resume", "reset", "end")
-    },
-    "instructor arm": ("instructor", "hazard", ""),
-    "instructor cue": ("instructor", "on", ""),
-    "instructor next": ("instructor", "", "participant scenario seed"),
-    "page camera": (_EVERYBODY, "name", ""),
-    "page shadows": (_EVERYBODY, "on", ""),
-    "page ping": (_EVERYBODY, "", "stamp"),
-    "page take": ("watcher", "", ""),
-    "page instruct": ("watcher", "", ""),
-}
+_COMMANDS: dict[str, dict[str, dict[str, list[str]]]] = tomllib.loads(
+    resources.files("ravenjax.train.page").joinpath("commands.toml").read_text(encoding="utf-8")
+)
 
 
 class Inbox:
@@ -105,19 +61,18 @@ class Inbox:
         except ValidationError as error:
             first = error.errors(include_url=False, include_input=False, include_context=False)[0]
             raise RefusedMessage(f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from None
-        name = f"{content['type']} {content.get('do', '')}".rstrip()
-        keys = content.keys() - {"type", "do"}
-        if name == "input":
-            roles, required, optional = "operator", " ".join(keys), ""
-        elif name in _COMMANDS:
-            roles, required, optional = _COMMANDS[name]
-        else:
-            raise RefusedMessage(f"got {name}, expected one of {', '.join(_COMMANDS)}")
-        if role not in roles.split():
+        kind, do = content["type"], content.get("do", "")
+        name, keys = f"{kind} {do}".rstrip(), content.keys() - {"type", "do"}
+        rule = {"by": ["operator"], "needs": [*keys]}
+        if kind != "input" and (rule := _COMMANDS[kind].get(do, {})) == {}:
+            raise RefusedMessage(f"got {name}, expected one of {', '.join(_COMMANDS[kind])}")
+        if role not in rule["by"]:
             raise RefusedMessage(f"a {role} may not send {name}")
-        if not set(required.split()) <= keys <= set(f"{required} {optional}".split()):
-            expected = f"{required} {optional}".strip() or "nothing"
-            raise RefusedMessage(f"{name}: got {' '.join(keys) or 'nothing'}, expected {expected}")
+        needs = rule.get("needs", [])
+        known = {*needs, *rule.get("may", [])}
+        if not set(needs) <= keys <= known:
+            got, expected = " ".join(keys) or "nothing", " ".join(known) or "nothing"
+            raise RefusedMessage(f"{name}: got {got}, expected {expected}")
         self._require_sense(name, content)
         return content
 

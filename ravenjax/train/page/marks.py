@@ -1,4 +1,4 @@
-"""What is drawn beside the robot: trails, lines down to the tissue, and the task.
+"""What is drawn beside the robot: lines down to the tissue, and the task.
 
 Of targets the goal is drawn, small the next and, grey, the last that were reached: all at once
 would hide the tip. The goal has a colour that neither arm nor model has, and a ring around it that
@@ -7,30 +7,25 @@ shrinks as the tip comes nearer.
 
 from __future__ import annotations
 
-from collections import deque
 from typing import Any
 
 import numpy as np
 import viser
 
-from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import scene
 from ravenjax.train.protocol.world import surface
+from ravenjax.train.robot import ArmName
 
 Rgb = tuple[int, int, int]
 
 # Each differs from the others for whoever lacks one kind of cone, too, and never stands alone: a
 # letter, a shape or dashes say the same. `static/plots.js`, `static/page.css` and the debrief's
 # `replay.js` have them as #rrggbb.
-GOLD, GREEN = (255, 196, 64), (31, 174, 132)
 MODEL = (154, 220, 255)
 GOAL = (245, 61, 240)
 DONE = (118, 135, 154)
-ARM_COLOURS = {"gold": GOLD, "green": GREEN}
-DASHED_ARM = "green"
 LETTERS = {"gold": "L", "green": "R"}
 
-TRAIL_POINTS, TRAIL_STEP_MS, TRAIL_STEP_M = 90, 40, 1e-5
 PLUMB, SPOT = (235, 240, 245), (20, 16, 16)
 # Radius and height of the spot below the tip, and place of the letter above it, m.
 SPOT_M, LETTER_M = (0.0022, 0.0006), np.array([0.0, 0.0, 0.009])
@@ -42,31 +37,6 @@ RING_M = (0.004, 0.03)
 _ANGLES = np.linspace(0, 2 * np.pi, 49)
 _RING = np.stack([np.cos(_ANGLES), np.sin(_ANGLES), np.zeros(49)], axis=1)
 _FLAT: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
-
-
-class Trail:
-    """The last places of a tip, as a line."""
-
-    def __init__(self, server: viser.ViserServer, name: str, colour: Rgb, thickness: float) -> None:
-        self._line = add_line_segments(server, f"/trails/{name}", colour, thickness)
-        self._is_dashed = name.startswith(DASHED_ARM)
-        self._places: deque[np.ndarray] = deque(maxlen=TRAIL_POINTS)
-        self._next_ms = 0
-
-    def add(self, place: np.ndarray, ms: int) -> None:
-        """The tip's place in the world, m, at a time of the session."""
-        if ms + TRAIL_STEP_MS < self._next_ms:
-            # The session began anew.
-            self._places.clear()
-        elif ms < self._next_ms:
-            return
-        if self._places and np.abs(self._places[-1] - place).max() < TRAIL_STEP_M:
-            return
-        self._next_ms = ms + TRAIL_STEP_MS
-        self._places.append(place)
-        if len(self._places) > 1:
-            segments = segments_of_path(np.stack(self._places).astype(np.float32))
-            self._line.points = segments[::2] if self._is_dashed else segments
 
 
 class DepthLine:

@@ -1,7 +1,4 @@
-"""The page's process: polls the rings, draws, and tells the windows."""
-
-# MuJoCo's compiled module carries no types.
-# pyright: reportAttributeAccessIssue=false
+"""The page's process: polls the rings, draws, and informs the windows."""
 
 from __future__ import annotations
 
@@ -14,46 +11,24 @@ import threading
 import time
 from multiprocessing.connection import Connection
 
-import mujoco
 import numpy as np
 
-from ravenjax.robots.raven2.arms import ArmName
-from ravenjax.robots.raven2.dynamics import arm_model
 from ravenjax.train.page import PageOptions
 from ravenjax.train.page.auth import Auth
 from ravenjax.train.page.cameras import Windows
 from ravenjax.train.page.hub import Hub
-from ravenjax.train.page.scene import Scene, describe_place, frame0_in_world
+from ravenjax.train.page.scene import Scene, describe_place
 from ravenjax.train.page.server import PageServer
 from ravenjax.train.protocol.frame import Frame, FrameLayout
 from ravenjax.train.protocol.jaws import closing_point, with_tips
 from ravenjax.train.realtime.ring import Ring, read_json
+from ravenjax.train.robot import tip_pose
 
 # Between frames while the answer to a key is awaited, and for how long it is.
 PROMPT_S, ANSWER_S = 0.004, 0.06
 PARENT_S = 1.0
 PERIOD_S = 1 / 60
 """Between frames."""
-
-
-class Aim:
-    """Where the control software wants the jaws of one arm to close, before the robot gets there:
-    forward kinematics by the model's own tip site.
-    """
-
-    def __init__(self, arm: ArmName) -> None:
-        self._model = arm_model.one_arm(arm)
-        self._data = mujoco.MjData(self._model)
-        self._arm: ArmName = arm
-        self._site = self._model.site(f"{arm}_tip").id
-        self._origin, self._turn = frame0_in_world(self._model, arm)
-
-    def tip(self, jpos: np.ndarray) -> np.ndarray:
-        """[3] m, in the arm's frame 0, of joints [7] in rad and m."""
-        self._data.qpos[:] = jpos
-        mujoco.mj_kinematics(self._model, self._data)
-        axis = (self._data.site_xpos[self._site] - self._origin) @ self._turn
-        return np.array(closing_point(self._arm, axis.tolist(), jpos.tolist()))
 
 
 def run(options: PageOptions, port_taken: Connection) -> None:
@@ -79,7 +54,6 @@ class Page:
         self._frames_seen = 0
         self._answer_until = 0.0
         self._changed = threading.Event()
-        self._aims = {arm: Aim(arm) for arm in options.arms}
         windows = Windows()
         self._hub = Hub(
             options, describe_place(options.arms), commands, windows.obey, self._await_answer
@@ -149,7 +123,8 @@ class Page:
             )
             out[i, 0] = error.max()
             out[i, 1] = np.linalg.norm(force, axis=1).max()
-            out[i, 2:] = self._aims[arm].tip(wanted[-1])
+            joints = wanted[-1].tolist()
+            out[i, 2:] = closing_point(arm, tip_pose(arm, joints)[0].tolist(), joints)
         return out
 
     def _draw(self) -> None:

@@ -1,7 +1,7 @@
-"""The scene in three dimensions: both arms, their ghosts, trails, forces, the task; from frames to
+"""The scene in three dimensions: both arms, their ghosts, forces, the task; from frames to
 viser's nodes.
 
-The roots of the node tree are /robot, /ghost, /virtual, /trails, /force, /task and /plumb. Viser
+The roots of the node tree are /robot, /ghost, /virtual, /force, /task and /plumb. Viser
 itself sends only what changes.
 """
 
@@ -21,20 +21,13 @@ import viser
 
 from ravenjax.campaign import compile_cache
 from ravenjax.engines import trace_key
-from ravenjax.robots.raven2.arms import ARMS, ArmName
 from ravenjax.robots.raven2.dynamics import arm_model, body_shapes
 from ravenjax.robots.raven2.geometry import scene
-from ravenjax.train.page.marks import (
-    ARM_COLOURS,
-    MODEL,
-    DepthLine,
-    Rgb,
-    TaskShapes,
-    Trail,
-)
+from ravenjax.train.page.marks import MODEL, DepthLine, Rgb, TaskShapes
 from ravenjax.train.protocol.frame import VIEWS, Frame
 from ravenjax.train.protocol.jaws import jaw_tips
-from ravenjax.train.protocol.world import surface
+from ravenjax.train.protocol.world import frame0, surface
+from ravenjax.train.robot import ARMS, ArmName
 
 _LOOKS = {"ghost": (MODEL, 0.36), "virtual": ((120, 226, 170), 0.75)}
 """Colour and opacity of the figures that are not the robot."""
@@ -53,8 +46,8 @@ _SHAPE_MAKERS = ("mujoco", "mjviser", "trimesh")
 
 
 def read_shapes(model: mujoco.MjModel) -> dict[int, tuple[bytes, np.ndarray, np.ndarray]]:
-    """Of each body its coloured GLB file, and the vertices [n, 3], m, and faces [m, 3] of its
-    plain mesh.
+    """By body: its coloured GLB file, and the vertices [n, 3], m, and faces [m, 3] of its plain
+    mesh.
 
     Kept on disk: making them takes seconds, and libraries that nothing else here needs.
     """
@@ -141,12 +134,10 @@ class Scene:
         task: dict[str, Any] | None,
         blinded: bool,
     ) -> None:
-        """blinded: neither ghost nor model's trail nor force is drawn, for they show what is not
-        to be known.
-        """
+        """blinded: neither ghost nor force is drawn, because they show what must stay hidden."""
         model = arm_model.scene()
         self._server, self._arms = server, arms
-        self._frames = {arm: frame0_in_world(model, arm) for arm in arms}
+        self._frames = {arm: tuple(map(np.array, frame0(arm))) for arm in arms}
         shapes = read_shapes(model)
         shown = () if blinded else arms
         with server.atomic():
@@ -166,8 +157,6 @@ class Scene:
                 arm: RobotFigure(server, "ghost", model, (arm,), shapes) for arm in shown
             }
             self._has_ghost = dict.fromkeys(shown, False)
-            self._trails = {arm: Trail(server, f"{arm}/tip", ARM_COLOURS[arm], 3.5) for arm in arms}
-            self._model_trails = {arm: Trail(server, f"{arm}/model", MODEL, 1.5) for arm in shown}
             self._forces = {arm: _add_arrow(server, arm, FORCE) for arm in shown}
             self._contacts = {arm: _add_arrow(server, f"contact_{arm}", CONTACT) for arm in arms}
             self._depth_lines = {arm: DepthLine(server, arm) for arm in arms}
@@ -184,13 +173,11 @@ class Scene:
             self._virtual.set_visible(is_virtual)
             if is_virtual:
                 self._virtual.show(frame, "virtual_jpos")
-            ms, is_felt = int(frame.number("session_tick")), frame.number("cue_on") != 0
+            is_felt = frame.number("cue_on") != 0
             for arm in self._arms:
                 origin, turn = self._frames[arm]
                 tip = tips[arm] = origin + turn @ frame[f"{arm}/tip"]
-                self._trails[arm].add(tip, ms)
                 if arm in self._ghosts:
-                    self._model_trails[arm].add(origin + turn @ frame[f"{arm}/model_tip"], ms)
                     _point(self._forces[arm], tip, FORCE_M * turn @ frame[f"{arm}/force"] * is_felt)
                     least_mm = GHOST_MM[not self._has_ghost[arm]]
                     self._has_ghost[arm] = bool(frame.number(f"{arm}/error_mm") > least_mm)
@@ -222,22 +209,10 @@ def describe_place(arms: tuple[ArmName, ...]) -> dict[str, Any]:
     """Where the arms and the tissue stand, for a window that draws tips itself: JSON, m, the
     world's axes.
     """
-    bases = {arm: frame0_in_world(arm_model.scene(), arm) for arm in arms}
     return {
-        "bases": {
-            arm: {"origin": origin.tolist(), "turn": turn.tolist()}
-            for arm, (origin, turn) in bases.items()
-        },
+        "bases": {arm: dict(zip(("origin", "turn"), frame0(arm), strict=True)) for arm in arms},
         "tissue": {"top": scene.TISSUE_TOP, "sag": scene.TISSUE_SAG, "half": scene.TISSUE_HALF},
     }
-
-
-def frame0_in_world(model: mujoco.MjModel, arm: ArmName) -> tuple[np.ndarray, np.ndarray]:
-    """Origin (m) and rotation [3, 3] of the arm's frame 0 in the world."""
-    body = model.body(arm_model.base(arm))
-    turn = np.zeros(9)
-    mujoco.mju_quat2Mat(turn, body.quat)
-    return body.pos.copy(), turn.reshape(3, 3)
 
 
 def _add_arrow(server: viser.ViserServer, name: str, colour: Rgb) -> Any:

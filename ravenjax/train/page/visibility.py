@@ -1,8 +1,8 @@
-"""What each role sees of frames, events and header: the operator no hazard, nobody what blinding
-hides.
+"""Hides parts of frames, events and header: hazards from the operator, and what blinding hides
+from everybody.
 
-Of the robot's checks an operator learns of those that tell a person or stop the robot (event
-"alarm"), as at a console.
+As at a console, an operator learns only of checks that raise an alarm or stop the robot (event
+"alarm").
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _OPERATORS_EVENTS = {
     "end",
 }
 _FELT_EVENTS = {"cue", "response"}
-"""What the operator's own hand knows; in a blinded session it would tell the group."""
+"""What the operator's own hand feels; in a blinded session it would reveal the group."""
 # Channels that would tell an operator of a hazard, and the same of each arm.
 _OF_HAZARDS = ("fault_active", "trips", "halted_ms", "golden_halted_ms", "golden_cue")
 _OF_HAZARDS_ARM = ("unintended_mm", "unintended_off_mm", "loss_mm", "false_report_mm", "known_mm")
@@ -35,7 +35,7 @@ class Visibility:
         self._is_instructor = role == "instructor"
 
     def shows_event(self, event: dict[str, Any]) -> bool:
-        """Whether an event is told."""
+        """Whether the role sees an event."""
         kind = event.get("kind", "")
         if self._is_instructor:
             return kind != "hazard_row" and not (self._blinded and kind == "cue")
@@ -53,8 +53,8 @@ class Visibility:
     def frame(self, row: np.ndarray, extras: np.ndarray) -> bytes:
         """Message of a frame, float32: extras [arms, 5], then the row, masked.
 
-        Of each arm: greatest error_mm and force since the last frame; the tip that the software
-        wants, m, frame 0.
+        extras of an arm: greatest error_mm and force since the last frame; the tip that the
+        software wants, m, frame 0.
 
         The force is what the hand feels: zero with the cue off. The instructor sees the force that
         the cue would have.

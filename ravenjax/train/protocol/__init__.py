@@ -1,1 +1,1 @@
-"""What the parts of a session tell each other: frames, messages, and the scene in plain numbers."""
+"""What the parts of a session send each other: frames, messages, and the scene in plain numbers."""

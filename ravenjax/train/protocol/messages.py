@@ -8,7 +8,7 @@ that a session depends on.
     {"type": "input", "source": "keyboard", "pedal": true,
      "arms": {"gold": {"move": [x, y, z], "turn": [x, y, z], "grasp": g}}}
         the operator's hands now; it holds until the next one, and is stale after `STALE_MS` without any. `move` and
-        `turn` are speeds between -1 and 1 along and about the axes of the *view* (`VIEW`); `grasp` -1 opens, 1 closes.
+        `turn` are speeds along and about the axes of the *view* (`VIEW`), cut to length 1; `grasp` -1 opens, 1 closes.
         An arm that is left out stays still.
     {"type": "increments", "source": "itp", "pedal": true,
      "arms": {"gold": {"delta_um": [x, y, z], "quat": [x, y, z, w], "grasp_mrad": g}}}
@@ -40,15 +40,14 @@ Events of a session have "tick" (ms since the session began, pauses left out) an
     rearm (why): the pedal must be seen up before it drives again
     started (by): the session's time runs from now on, "pedal" or "instructor"
     alarm (check, count): a check told a person or stopped the robot; alarm_count (check, count): it goes on doing so
-    hazard_armed (number), hazard_struck (number), knowable (number, by, ms), cue (number or -1, arm),
+    hazard_armed (number, row: the columns of hazards.csv that are known by then), hazard_struck (number), knowable (number, by, ms), cue (number or -1, arm),
     stopped, flagged, limited (number, check, ms): first check of this kind of response to the hazard
     unintended_motion, loss_of_motion, false_report (number, arm, mm): over the scenario's limit for the first time;
         loss_of_motion (number, halted_ms): out of pedal-down for too long
     response (number, what, ok, ms): of the operator
     interrupted (number, by): the hazard was cut off by what is not the operator's, and is not scored
     hazard_over (number, check_response, motion_hazard, halted, outcome, score)
-    hazard_row (row): what the hazard's row of hazards.csv says beyond the session's list, for a recording that is
-        cut short
+    hazard_row (row): the hazard's row of hazards.csv, for a recording that is cut short
     level (level, of, title, within_s, in_a_row, needs, took_ms, within): which level the operator is at, from 1, what
         it asks, and how long the round before took, null before the first of all
     target (target), object (held, at), task_done, note (text), overrun (late_ticks), trouble (text),
@@ -61,6 +60,11 @@ where no hazard is at work or the golden run has had the cue, too. Words of chec
 
 from __future__ import annotations
 
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from ravenjax.train.robot import ArmName, unit
 from ravenjax.vocabulary.packets import QUIET_MS
 
 STALE_MS = QUIET_MS
@@ -72,3 +76,47 @@ operator.
 OPERATOR = ("estop", "restart", "rehearse", "reengage", "discard", "note")
 INSTRUCTOR = ("start", "arm", "disarm", "pause", "resume", "reset", "end", "cue")
 SEAT = ("take", "give", "left")
+
+# 1e9 keeps whole numbers exact and squares finite.
+Number = Annotated[float, Field(ge=-1e9, le=1e9, allow_inf_nan=False)]
+Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
+Turn = Annotated[list[Number], Field(min_length=4, max_length=4), AfterValidator(unit)]
+
+
+class Message(BaseModel):
+    """A message, or a table in it: keys that are unknown are an error."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class Hand(Message):
+    """Speeds of one hand, shares of the greatest."""
+
+    move: Vector = [0.0, 0.0, 0.0]
+    turn: Vector = [0.0, 0.0, 0.0]
+    grasp: Number = 0.0
+
+
+class Increment(Message):
+    """What a console has moved one hand by."""
+
+    delta_um: Vector
+    quat: Turn | None = None
+    grasp_mrad: Number = 0.0
+
+
+class Input(Message, extra="ignore"):
+    """The operator's hands and pedal."""
+
+    type: Literal["input"]
+    source: Annotated[str, Field(max_length=16)] = ""
+    pedal: bool
+    arms: dict[ArmName, Hand]
+
+
+class Increments(Message, extra="ignore"):
+    """Increments of a console."""
+
+    type: Literal["increments"]
+    pedal: bool
+    arms: dict[ArmName, Increment]

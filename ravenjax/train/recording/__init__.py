@@ -7,7 +7,9 @@ from multiprocessing.connection import Connection
 
 
 def run_when_told(told: Connection) -> None:
-    """Import, then record with the `recorder.RecorderOptions` that come through `told`."""
+    """Import, then record with the `recorder.RecorderOptions` that come through `told`;
+    it answers there once the file is made.
+    """
     import numpy as np
 
     from ravenjax.store.logs.topics import quaternions
@@ -15,4 +17,4 @@ def run_when_told(told: Connection) -> None:
 
     quaternions(np.eye(3)[None])  # imports what it needs
     with contextlib.suppress(EOFError):  # the session ended before it began
-        recorder.run(told.recv())
+        recorder.run(told.recv(), lambda: told.send(None))

@@ -27,7 +27,7 @@ class SessionFolder:
 
     @property
     def participant(self) -> str:
-        """Who drove; "": not named."""
+        """The participant; "": not named."""
         return str(self.header.get("participant") or "")
 
     @property

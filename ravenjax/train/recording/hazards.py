@@ -1,32 +1,24 @@
-"""The hazards of a session: hazards.csv, or the rows that its recording tells of where it was
-killed before it could write the table.
+"""The hazards of a session: hazards.csv, or the rows of its recording where it was killed
+before it could write the table.
 """
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Mapping, Sequence
+import statistics
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
 from ravenjax.errors import StoreError
-from ravenjax.train.judge.row import COLUMNS, OF_LIST, HazardRow
+from ravenjax.train.judge.row import COLUMNS, HazardRow
 from ravenjax.train.recording.reader import Recording
 
 FILE = "hazards.csv"
-OUTCOMES = {
-    "avoided": "no harm was done",
-    "harm": "harm was done",
-    "unavoidable": "harm was done before anyone could have acted",
-    "halted": "the robot halted by itself",
-    "unaffected": "the instrument was hardly affected",
-    "missed": "it passed without the right response",
-    "interrupted": "it was cut off, and not by the operator: it is not scored",
-}
-"""How a hazard may end, in words."""
 
 
 def read_table(folder: Path) -> list[HazardRow]:
@@ -65,28 +57,54 @@ def read_table(folder: Path) -> list[HazardRow]:
 def from_recording(recording: Recording, header: Mapping[str, Any]) -> list[HazardRow]:
     """A row for each hazard that was armed, in order of arming.
 
-    Of a hazard that was at work when the recording broke off, the row says when it was armed and
-    struck, and its outcome is empty.
+    If the recording breaks off while a hazard is active, its row has the times of arming and
+    activation, and no outcome.
     """
-    scenario = header.get("scenario")
-    table: dict[str, Any] = scenario if isinstance(scenario, dict) else {"name": scenario or ""}
-    listed = {hazard.get("number"): hazard for hazard in header.get("hazards") or []}
-    same = {name: header.get(name) for name in ("participant", "group", "seed", "blinded")}
-    same |= {"session": header.get("name"), "scenario": table.get("name")}
-    same |= {"cue": "on" if header.get("cue") else "off"}
-    same |= {"limit_mm": (table.get("harm") or {}).get("excursion_mm")}
     rows: list[dict[str, Any]] = []
     for event in recording.events:
         if event["kind"] == "hazard_armed":
-            hazard = listed.get(event["number"], {})
-            known = {name: hazard.get(name) for name in OF_LIST}
-            known["right_response"] = " ".join(hazard.get("right_response", []))
-            rows.append(same | known | {"number": event["number"], "armed_ms": event["tick"]})
+            rows.append({**event["row"]})
         elif event["kind"] == "hazard_struck" and rows:
             rows[-1]["struck_ms"] = event["tick"]
         elif event["kind"] == "hazard_row" and rows:
             rows[-1] |= event["row"]
-    return [HazardRow(**row) for row in rows]
+    return [HazardRow(**(identity(header) | row)) for row in rows]
+
+
+def identity(header: Mapping[str, Any]) -> dict[str, Any]:
+    """The columns that are the same for all hazards of a session, from its session.json."""
+    same = {name: header.get(name) for name in ("participant", "group", "seed", "blinded")}
+    scenario = header.get("scenario")
+    name = scenario.get("name") if isinstance(scenario, dict) else scenario
+    return same | {"session": header.get("name"), "scenario": name}
+
+
+def summarize(rows: Sequence[HazardRow]) -> dict[str, Any]:
+    """Numbers of a whole session; None where nothing was measured."""
+    struck = [row for row in rows if row.struck_ms is not None]
+    counts = {
+        name: dict(Counter(word for row in rows if (word := getattr(row, name))))
+        for name in ("outcome", "check_response", "motion_hazard")
+    }
+
+    def over(function: Callable[[list[float]], float], values: Iterable[float | None]) -> Any:
+        known = [value for value in values if value is not None]
+        return round(function(known), 1) if known else None
+
+    return {
+        "hazards": len(rows),
+        "struck": len(struck),
+        "outcomes": counts["outcome"],
+        "check_responses": counts["check_response"],
+        "motion_hazards": counts["motion_hazard"],
+        "right_responses": sum(row.response_ok for row in struck),
+        "median_reaction_ms": over(
+            statistics.median, (row.reaction_ms for row in struck if row.response_ok)
+        ),
+        "score": over(statistics.fmean, (row.score for row in struck)),
+        "farthest_mm": over(max, (row.farthest_mm for row in struck)),
+        "deepest_mm": over(max, (row.deepest_mm for row in struck)),
+    }
 
 
 def as_csv(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from ravenjax.errors import StoreError
-from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.store.logs import mcap_records
 from ravenjax.store.logs.session import log as session_log
 from ravenjax.train.protocol.frame import FrameLayout
+from ravenjax.train.robot import ArmName
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,8 +1,8 @@
 """The recorder: a process of its own that takes what a session writes into its rings and puts it
 into files.
 
-Nobody waits for it. Where it could not keep up, rows that were overwritten before it came are
-counted, told in the recording (event "lost_rows") and leave a gap. It ends at the event "end", at
+Nobody waits for it. If it cannot keep up, rows are overwritten before it reads
+them: the event "lost_rows" counts them, and they leave a gap. It ends at the event "end", at
 SIGTERM, or when its parent is gone, and always closes the file, unless it is killed: then all but
 the last `POLL_S` and a block are there (`store.recover`).
 """
@@ -13,7 +13,7 @@ import contextlib
 import multiprocessing
 import signal
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -46,9 +46,8 @@ class RecorderOptions:
     header: Mapping[str, Any]  # session.json without "version", "started", "ended"
 
 
-def run(options: RecorderOptions) -> None:
-    """Record until the session ends. The target of a spawned process; session.mcap is there once it
-    listens.
+def run(options: RecorderOptions, listening: Callable[[], None] = lambda: None) -> None:
+    """Record until the session ends. listening: called once session.mcap is there.
 
     Raises StoreError where the folder cannot be written, ValueError where the ring's rows have
     another length.
@@ -67,6 +66,7 @@ def run(options: RecorderOptions) -> None:
             )
         log = session_log.SessionWriter(options.folder / session_log.FILE, options.names, header)
         stack.callback(log.close)
+        listening()
         summary = _record(frames, events, log, options.names.index("late_ticks"), stop)
     description.update(options.folder, {"ended": now(), "summary": {"recording": summary}})
 

@@ -37,7 +37,7 @@ from pydantic import BaseModel, field_validator
 from pydantic_core import to_json
 
 from ravenjax.errors import UserError
-from ravenjax.train.protocol.frame import SIMULATED, SIMULATED_ARM, Frame
+from ravenjax.train.protocol.frame import CHANNELS, Frame
 
 JOINT_PORT = 36002
 """Beside the console's UDP port 36000; 36001 is that of raven2's packet generator."""
@@ -48,7 +48,9 @@ LONGEST_ORDER = 1024
 _NOT_ALLOWED = "not from this machine: start the robot with a token and give the same one here"
 _COMMON = ("runlevel", "plc_runlevel", "surgeon_mode", "soft_estopped", "brakes", "fault_active")
 _OF_ARM = ("jpos", "jpos_d", "mpos", "mvel", "position", "dac")
-_SIZES = {name: (SIMULATED | SIMULATED_ARM)[name] for name in (*_COMMON, *_OF_ARM)}
+_SIZES = {
+    name: (CHANNELS["simulated"] | CHANNELS["simulated_arm"])[name] for name in (*_COMMON, *_OF_ARM)
+}
 
 
 class JointReport(BaseModel):

@@ -2,8 +2,8 @@
 button the last.
 
 A hazard of the library stands for many rows: a case for each way of running it, and in a case every
-value, start and duration that was published. Of each case a session takes one row, drawn by the
-session's seed, the case's name and nothing else; with `times = N` N different ones. So the table of
+value, start and duration that was published. A session takes one row of each case, drawn by
+the session's seed and the case's name alone; with `times = N` N different ones. So the table of
 `hazards = "all"` has about a hundred rows.
 
 In the table every hazard starts at 0 and what waits for the pedal in a campaign counts time
@@ -27,8 +27,8 @@ from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.hazards import expansion, library
 from ravenjax.robots.raven2 import ROBOT
-from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.declaration import SITES
+from ravenjax.train.robot import ArmName
 from ravenjax.train.scenario import hazard
 from ravenjax.train.scenario.config import INSTRUCTOR, Entry, Levels, Scenario
 from ravenjax.train.scenario.hazard import FAULT, Armable
@@ -61,7 +61,7 @@ _UNBOUNDED_S = 3600.0
 
 
 def campaign(scenario: Scenario, seed: int) -> CampaignConfig:
-    """The campaign of a session. Raises ValueError for what `complaints` tells of."""
+    """The campaign of a session. Raises ValueError for what `complaints` reports."""
     groups, numbers = _groups(scenario, seed)
     rows = design.rows(_config(scenario, seed, groups, _UNBOUNDED_S)).records() if groups else []
     fixed: list[dict[str, Any]] = []

@@ -1,8 +1,7 @@
 """Reads a scenario file: TOML, then overrides, then `Scenario`, then the words of its hazards.
 Nothing is compiled.
 
-All that is wrong is told at once, each complaint with file, line, key, what was got and what was
-expected.
+All errors are reported at once, each with file, line, key, what was got and what was expected.
 """
 
 from __future__ import annotations
@@ -15,8 +14,10 @@ from pydantic import BaseModel, ValidationError
 
 from ravenjax.bundled import resources
 from ravenjax.campaign.file import location, overriding
+from ravenjax.campaign.inspection.json_schema import of_model
 from ravenjax.campaign.loading import models_in
 from ravenjax.errors import UserError, shown, suggestion
+from ravenjax.robots.raven2 import ROBOT
 from ravenjax.train.scenario.campaign import complaints
 from ravenjax.train.scenario.config import TASKS, Scenario
 
@@ -58,6 +59,16 @@ def from_dict(
     if errors := list(complaints(scenario)):
         raise where.error(errors)
     return scenario
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON Schema of a scenario file."""
+    whole = of_model(ROBOT, Scenario, "ravenjax scenario")
+    fault, entry = whole["$defs"]["Fault"], whole["$defs"]["Entry"]
+    # A fault is active from its hazard's start, so it needs no start_ms.
+    fault["required"].remove("start_ms")
+    entry["oneOf"] = [{"required": ["hazards"]}, {"required": ["fault"]}]
+    return whole
 
 
 def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:

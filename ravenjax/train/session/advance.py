@@ -12,7 +12,7 @@ given to the robot, row by row, for as long as the pedal is held.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -39,33 +39,14 @@ _TOLD = (
     ("pedal", "down"),
     ("runlevel", "runlevel"),
 )
-"""Events that tell of each change of a state, and their word for it."""
+"""Events for each change of a state, and the key that holds its new value."""
 _STANDS = {PAUSED: pedal.PAUSED, STOPPED: pedal.STOPPED, LOST: pedal.LOST}
 """Phases in which no pedal counts."""
 OUTCOMES_EVERY = 10
 """Ticks between two looks at the robot's checks, at least."""
 STAND_BY_MS = 30_000
-"""How long a robot waits for the session's time to begin before its motion begins anew, see
+"""How long a robot waits for the session's time to begin before its motion restarts, see
 `Session._stand_by`: the table of the motion is as long as the session and `blueprint.SPARE_MS`."""
-
-
-class Driven(Protocol):
-    """The robot of a session, here or elsewhere; as `simulation.SimulatedRobot`."""
-
-    motion: np.ndarray
-    now: int
-    row: np.ndarray
-
-    @property
-    def heard(self) -> bool: ...
-    def step(self) -> None: ...
-    def outcomes(self) -> dict[str, Any]: ...
-    def golden_outcomes(self) -> dict[str, Any] | None: ...
-    def reset(self) -> None: ...
-    def arm(self, row: int) -> None: ...
-    def disarm(self) -> None: ...
-    def press(self, row: int, ticks: int = 100) -> None: ...
-    def stand_by(self) -> None: ...
 
 
 class Session:
@@ -78,10 +59,11 @@ class Session:
         *,
         cue: bool | None = None,
         ready: Blueprint | None = None,
-        robot: Callable[[Blueprint], Driven] = SimulatedRobot,
+        robot: Callable[[Blueprint], Any] = SimulatedRobot,
     ) -> None:
         """cue: whether the force is felt, the scenario's own if None. ready: compiled before, for
-        the same scenario and seed. robot: what makes the robot that is driven."""
+        the same scenario and seed. robot: makes the robot that is driven,
+        which has the methods of `SimulatedRobot`."""
         self.scenario, self.seed = chosen, seed
         if ready is None:
             ready = blueprint.make(
@@ -98,7 +80,7 @@ class Session:
         self.estop_row = self.blueprint.plan.runs - 1
         self.task = tasks.make(chosen, self._tips(), seed)
         self.director = director.Director(chosen, self.hazards, seed)
-        self.judge = judge.Judge(chosen, self.hazards, cue_on=self.cue_on)
+        self.judge = judge.Judge(chosen, self.hazards, self.cue_on, self._record)
         self.phase, self.view = READY, REAL
         self.ticks = 0  # ms of the session, without pauses
         self.started: int | None = None  # tick in which its time began
@@ -232,10 +214,10 @@ class Session:
     def _operator(self, command: dict[str, Any]) -> None:
         do, by = command["do"], command.get("by", "operator")
         if by == "operator":
-            self._events += self.judge.command(command, self.ticks)
+            self.judge.command(command, self.ticks)
         if do == "estop":
             if by != "operator":
-                self._events += self.judge.interrupted(self.ticks, f"estop by {by}")
+                self.judge.interrupted(self.ticks, f"estop by {by}")
             self.robot.press(self.estop_row)
         elif do == "restart" and (
             self.phase == STOPPED or self.frame.number("runlevel") != PEDAL_DOWN
@@ -254,18 +236,18 @@ class Session:
         do = command["do"]
         if do in ("arm", "disarm"):
             if do == "disarm":
-                self._events += self.judge.interrupted(self.ticks, "instructor")
+                self.judge.interrupted(self.ticks, "instructor")
             self.director.command(command)
         elif do == "start" and self.phase != OVER:
             self._start("instructor")
         elif do == "pause" and self.phase in (READY, RUNNING, STOPPED, LOST):
-            self._events += self.judge.interrupted(self.ticks, "instructor")
+            self.judge.interrupted(self.ticks, "instructor")
             self._resume_to, self.phase = self.phase, PAUSED
         elif do == "resume" and self.phase == PAUSED:
             self._let_go("resume")  # what was held may be gone
             self.phase = self._resume_to
         elif do == "reset" and self.phase != OVER:
-            self._events += self.judge.interrupted(self.ticks, "instructor")
+            self.judge.interrupted(self.ticks, "instructor")
             self._restart("reset")
         elif do == "end":
             self._end("interrupted" if command.get("by") == "terminal" else "instructor")
@@ -284,7 +266,7 @@ class Session:
         if own:
             self.judge.walked_away()
         else:
-            self._events += self.judge.lifted(self.ticks, why)
+            self.judge.lifted(self.ticks, why)
 
     def _start(self, by: str) -> None:
         if self.started is None:
@@ -294,11 +276,11 @@ class Session:
     def _order(self, order: Any) -> None:
         if order.kind == "arm":
             self.robot.arm(order.number)
-            self._events += self.judge.armed(order.number, self.ticks)
+            self.judge.armed(order.number, self.ticks)
         else:
             self._look()
             self.robot.disarm()
-            self._events += self.judge.disarmed(self.ticks)
+            self.judge.disarmed(self.ticks)
 
     # --- the three robots ---
 
@@ -345,7 +327,7 @@ class Session:
         self.view = REAL
 
     def _stand_by(self) -> bool:
-        """Nobody has driven yet: whether the robot goes on, its waiting begun anew.
+        """Restart the wait of a robot that nobody has driven yet; whether the robot goes on.
 
         The robot here does not where it is stopped: it holds its brakes until somebody restarts it
         or the time begins.
@@ -364,7 +346,7 @@ class Session:
         self.robot.reset()
         self._hands = self._new_hands()
         self.director.reset(self.ticks)
-        self._events += self.judge.restarted(self.ticks)
+        self.judge.restarted(self.ticks)
         self.task.restart()
         self.phase, self.view = READY, REAL
 
@@ -405,7 +387,7 @@ class Session:
         self._events += self.task.step(frame, self.ticks)
         due = self.ticks - self._looked >= OUTCOMES_EVERY  # looking costs as much as a tick
         checked = self._checked() if due else ()
-        self._events += self.judge.step(self.ticks, frame, *checked)
+        self.judge.step(self.ticks, frame, *checked)
         runlevel = frame.numbers[self._runlevel]
         if self.phase == READY and runlevel == PEDAL_DOWN:
             self._start("pedal")
@@ -437,21 +419,24 @@ class Session:
         return self.robot.outcomes(), self.robot.golden_outcomes()
 
     def _look(self) -> None:
-        """Let the judge see what the checks did until now: robot or golden run are about to
-        begin anew.
+        """Let the judge see what the checks did until now, because robot or golden run are about to
+        restart.
         """
         if checked := self._checked():
-            self._events += self.judge.look(*checked)
+            self.judge.look(*checked)
 
     def _end(self, reason: str) -> None:
         if self.phase != OVER:
             self._look()
-            self._events += self.judge.close(self.ticks, reason)
+            self.judge.close(self.ticks, reason)
             self.phase, self.ended = OVER, reason
             self._tell("end", reason=reason)
 
     def _tell(self, kind: str, **what: Any) -> None:
-        self._events.append({"tick": self.ticks, "kind": kind, **what})
+        self._record(self.ticks, kind, **what)
+
+    def _record(self, tick: int, kind: str, **what: Any) -> None:
+        self._events.append({"tick": tick, "kind": kind, **what})
 
     def _new_hands(self) -> hands.Hands:
         return hands.Hands(self.arms, self.scenario.scale, self.scenario.speeds)

@@ -125,7 +125,7 @@ def _frame(
     out: tick.TickSignals,
     signal: tick.Input,
 ) -> list[Scalar]:
-    """The numbers of `frame.SIMULATED`, then of `frame.SIMULATED_ARM` for each arm."""
+    """The numbers of [simulated] in `channels.toml`, then of [simulated_arm] for each arm."""
     active_fault = jnp.bool_(False)
     for active in out.fault_active:
         active_fault = active_fault | active

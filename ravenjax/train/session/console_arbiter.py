@@ -1,9 +1,9 @@
-"""Who drives: one console has the seat, the others watch; and whether the foot on its pedal counts.
+"""Decides which console drives, and whether its pedal counts. One has the seat, the others watch.
 
 Nobody has the seat at first: it goes to the console that first steps on its pedal, and stays there.
-A console that has left, or that nothing was heard of for `GONE_MS`, loses it. Everything else is an
-act, told as event "owner": an operator takes it while the pedal of the other console is up, whoever
-has it gives it away, the instructor gives it to anyone.
+A console that has left, or that was silent for `GONE_MS`, loses it. Every other change is a
+deliberate act and an event "owner": an operator takes it while the pedal of the other console is
+up, its owner gives it away, the instructor gives it to anyone.
 
 A pedal counts as down only after it was seen up: at the beginning, and again after each of these,
 which a foot that never moved would not notice: the console was silent for `STALE_MS` or has left,
@@ -28,7 +28,7 @@ NOBODY, SCRIPT = "nobody", "script"
 
 
 class ConsoleArbiter:
-    """Of one session."""
+    """The arbiter of one session."""
 
     def __init__(self) -> None:
         self.owner = NOBODY
@@ -43,7 +43,7 @@ class ConsoleArbiter:
 
     @property
     def number(self) -> int:
-        """Of the owner in `CONSOLES`."""
+        """The number of the owner in `CONSOLES`."""
         return CONSOLES.index(self.owner)
 
     def hear(

@@ -1,5 +1,5 @@
-"""When hazards strike: at times that the scenario draws, or when the instructor says so. One at a
-time.
+"""Decides when hazards become active: at times that the scenario draws, or at the instructor's
+command. One at a time.
 
 Planned times count from the beginning of the session's time, the first pedal-down or the
 instructor's start.
@@ -8,7 +8,7 @@ A hazard that is due, or that the instructor has armed, waits until it can teach
 session runs, the real robot follows the hands, the pedal has been down for `SETTLED_MS`, no other
 hazard is at work and the last one is `GAP_MS` past. It is taken back after its time
 (`Armable.lasts_ms`), so that permanent faults end too; and once the pedal has been up for
-`CLEARED_MS` where lifting it is right, as if it were mended then: who steps on again goes on.
+`CLEARED_MS` if lifting it is a right response. The next pedal-down then continues normally.
 """
 
 from __future__ import annotations
@@ -64,7 +64,6 @@ class Director:
         self._down = 0  # ms of pedal-down so far
         self._up = 0  # ms since the pedal came up
         self._stop = False  # the instructor takes it back
-        self._columns: tuple[int, ...] = ()
 
     def command(self, message: Mapping[str, Any]) -> None:
         """The instructor's "arm" or "disarm". While a hazard is at work no other can be armed."""
@@ -79,19 +78,14 @@ class Director:
 
         clock: ms since the session's time began; the tick if None.
         """
-        if not self._columns:
-            places = frame.layout.places
-            names = ("phase", "view", "pedal", "console_alive", "runlevel", "soft_estopped")
-            self._columns = tuple(places[name].start for name in names)
-        numbers = frame.numbers
-        phase, view, pedal, alive, runlevel, stopped = [numbers[i] for i in self._columns]
+        number, pedal = frame.number, frame.number("pedal")
         ready = (
-            phase == _RUNNING
-            and view == _REAL
+            number("phase") == _RUNNING
+            and number("view") == _REAL
             and pedal
-            and alive
-            and runlevel == PEDAL_DOWN
-            and not stopped
+            and number("console_alive")
+            and number("runlevel") == PEDAL_DOWN
+            and not number("soft_estopped")
         )
         self._down = self._down + 1 if ready else 0
         self._up = 0 if pedal else self._up + 1

@@ -73,7 +73,7 @@ class Hands:
 
     def take(self, message: Mapping[str, Any], tick: int) -> bool:
         """A message "input" or "increments" that came before this tick, valid as
-        `protocol.messages` has it; False where it would lead farther than the robot can be told.
+        `protocol.messages` has it; False where the position would be out of range.
         """
         tables = message["arms"]
         if message["type"] == "increments":
@@ -175,13 +175,13 @@ class _Hand:
             self._quat = turn_by(self._quat, turn)
 
     def has_room(self, increment: Mapping[str, Any]) -> bool:
-        """Whether the robot can be told where it leads."""
+        """Whether the position after it is in range."""
         x = [a + d for a, d in zip(self._x, increment["delta_um"], strict=True)]
         x.append(self._grasped + increment.get("grasp_mrad", 0.0))
         return max(map(abs, x)) <= FARTHEST_UM
 
     def add(self, increment: Mapping[str, Any]) -> None:
-        """Move by what a console has told the robot."""
+        """Move by a console's increment."""
         for i, d in enumerate(increment["delta_um"]):
             self._x[i] += d
         self._grasped += increment.get("grasp_mrad", 0.0)

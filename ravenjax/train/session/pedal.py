@@ -1,5 +1,5 @@
-"""Why a pedal that a console over the network holds down does not count: the reasons in words, each
-told once.
+"""Explains why a pedal that a console over the network holds down does not count; each reason is
+reported once.
 
 The page shows its own pedal by itself; a foot at a console elsewhere sees nothing of a session but
 its force. So each change of the reason is an event "refused" (console, why), which the page and the
@@ -12,10 +12,9 @@ from collections.abc import Mapping
 from typing import Any
 
 NETWORK = ("itp", "crtk")
-"""Consoles whose user is told, of `CONSOLES`."""
+"""The consoles of `CONSOLES` whose user sees the reasons."""
 HOLDS_MS = 50
-"""A reason is told that has held for so long: not one that is over before a person could do
-anything.
+"""Only a reason that lasts longer is reported: a person cannot react to a shorter one.
 """
 
 LIFT = "the pedal is down, and counts once it was seen up: lift it first"
@@ -83,7 +82,7 @@ def packets(cause: str) -> str:
 
 
 class PedalReasons:
-    """The reason of each console, as it was told last."""
+    """The reason that was last reported for each console."""
 
     def __init__(self) -> None:
         self._published: dict[str, str] = dict.fromkeys(NETWORK, "")
@@ -92,10 +91,10 @@ class PedalReasons:
         self._lines: list[str] = []
 
     def look(self, why: Mapping[str, str]) -> list[dict[str, Any]]:
-        """Once a ms, also in a pause: the reason of each console, "" for none; what is to be told
-        of it now.
+        """Once a ms, also in a pause: the reason of each console, "" for none. Returns the
+        events for it.
 
-        A reason that is gone is told with an empty "why".
+        A reason that no longer holds gives an event with an empty "why".
         """
         events = []
         for console, reason in why.items():
@@ -110,12 +109,12 @@ class PedalReasons:
         return events
 
     def once(self, console: str, why: str) -> dict[str, Any]:
-        """What is told of something that has happened and does not last."""
+        """The content of an event for something that does not last."""
         line = f"{console}: {why}" if why else ""
         self._lines += [line] if line else []
         return {"console": console, "why": line}
 
     def news(self) -> list[str]:
-        """What a user should be told since the last call."""
+        """The new lines for the user since the last call."""
         lines, self._lines = self._lines, []
         return lines

@@ -91,7 +91,7 @@ class SimulatedRobot:
         self.reset()
 
     def reset(self) -> None:
-        """Back to its beginning: homed, at rest, pedal up, no fault armed."""
+        """Back to the start: homed, at rest, pedal up, no fault armed."""
         self.disarm()
         for robot in (self._own, self._beside):
             robot.begin()
@@ -125,7 +125,7 @@ class SimulatedRobot:
     # --- faults ---
 
     def arm(self, row: int) -> None:
-        """Let the fault of this row of the fault table strike from the next tick on.
+        """Activate the fault of this row of the fault table from the next tick on.
 
         Several slots of a row keep their distances in time; what waits for the pedal in a campaign
         does not wait here.
@@ -158,7 +158,7 @@ class SimulatedRobot:
         self._part(False)
 
     def press(self, row: int, ticks: int = 100) -> None:
-        """Hold the button that this row of the fault table strikes for so many ticks."""
+        """Hold the button of this row of the fault table for this number of ticks."""
         if not self._apart:
             self._beside.restore(self._own.snapshot())
             self._part(True)
@@ -224,7 +224,7 @@ class PacketRobot(SimulatedRobot):
     """A robot whose packets come from a console outside: `tick(packet)` once a millisecond."""
 
     def __init__(self, config: CampaignConfig) -> None:
-        """UserError where a hazard of `config` strikes the console's side of the network."""
+        """UserError where a hazard of `config` is on the console's side of the network."""
         super().__init__(blueprint.make(config, packets=True))
         self.arms = self.blueprint.setup.arms
         self.frame = Frame(self.blueprint.layout)

@@ -70,7 +70,7 @@ class ComparedGroup(NamedTuple):
 
     @property
     def median(self) -> float:
-        """Of the hazards; infinite where half had no response."""
+        """The median of the hazards; infinite where half had no response."""
         ordered = np.sort(self.values)
         return float(ordered[(len(ordered) - 1) // 2]) if len(ordered) else math.nan
 
@@ -94,6 +94,11 @@ class GroupComparison(NamedTuple):
     adjusted: float = math.nan
     # Whether that is below 1 - confidence.
     clear: bool = False
+
+    @property
+    def people(self) -> int:
+        """How many participants are compared."""
+        return len(self.first.means) + (0 if self.paired else len(self.second.means))
 
     @property
     def sign(self) -> int:

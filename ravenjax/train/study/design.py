@@ -1,5 +1,5 @@
-"""Before any data are taken: who gets which condition, how small a p a study of so many people can
-reach, and how many it needs.
+"""Plans a study: assigns participants to groups, and computes the smallest p that a number of
+participants can reach and how many are needed.
 
 `comparison` exchanges conditions within or between participants. So few people can be exchanged in
 so few ways that even the largest effect has no small p: the smallest is two of all ways, since both
@@ -21,7 +21,7 @@ from ravenjax.stats.comparison.clustered import DRAWS
 from ravenjax.stats.intervals import alpha_of
 
 MOST = 10_000
-"""Participants; who needs more is told so."""
+"""The largest number of participants that a plan looks for."""
 
 
 class Assignment(NamedTuple):

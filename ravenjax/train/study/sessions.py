@@ -43,12 +43,12 @@ class StudySession(SessionFolder):
 
     @property
     def name(self) -> str:
-        """Of its folder's header."""
+        """The name in its header."""
         return str(self.header.get("name") or self.path.name)
 
     @property
     def person(self) -> str:
-        """Who drove it; a session without a name is a participant of its own."""
+        """The participant; a session without a name counts as a separate one."""
         return self.participant or f"(session {self.name})"
 
     def groups(self, by: str) -> dict[str, list[HazardRow]]:
@@ -235,7 +235,7 @@ def _versions(session: StudySession) -> dict[str, Any]:
 
 
 def _letters(groups: Sequence[str], sessions: Sequence[StudySession]) -> dict[str, str]:
-    """Letters in an order that tells nothing: drawn from the sessions' own names, the same each
+    """Letters in an order that reveals nothing: drawn from the sessions' own names, the same each
     time.
     """
     names = "\n".join(sorted(session.name for session in sessions))

@@ -1,4 +1,4 @@
-"""What all tasks have in common: goals, progress and what they tell."""
+"""What all tasks have in common: goals, progress and events."""
 
 from __future__ import annotations
 

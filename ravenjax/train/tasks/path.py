@@ -12,7 +12,7 @@ from ravenjax.train.scenario.config import Path
 from ravenjax.train.tasks.base import Event, Field, Task, Tips, Wish, rounded
 
 POINTS = 200
-"""Of the line. Half a millimetre apart on the largest."""
+"""Points of the line, half a millimetre apart on the largest."""
 AHEAD = 8
 """Points that the tip may pass in one tick; a hand does not pass more, a short cut does."""
 LOOK_AHEAD_M = 0.003

@@ -19,7 +19,7 @@
     const [low, high] = [Array(3).fill(Infinity), Array(3).fill(-Infinity)];
     const take = (at) => at.forEach((c, k) => ([low[k], high[k]] = [Math.min(low[k], c), Math.max(high[k], c)]));
     for (const arm of arms) for (const at of told.arms[arm].tip) take(at);
-    for (const { at } of told.task.targets) take(at.map((c) => PER_M * c));
+    for (const { at } of told.task.targets ?? []) take(at.map((c) => PER_M * c));
     return { middle: low.map((c, k) => (c + high[k]) / 2), half: Math.max(150, ...low.map((c, k) => (high[k] - c) / 2)) + 60 };
   }
 
@@ -107,7 +107,9 @@
   }
 
   function goals(line, ring, target) {
-    const { targets, pegs, path } = told.task;
+    const { targets = [] } = told.task;
+    const pegs = (told.task.pegs ?? []).map(({ number, top }) => ({ number, at: top }));
+    const path = told.task.path?.points ?? [];
     const placed = (at) => at.map((c) => PER_M * c);
     if (path.length) line(path.map(placed), COLOURS.done, 1.5);
     for (const { number, at } of [...targets, ...pegs]) {

@@ -16,7 +16,7 @@ from ravenjax.bundled import resources
 from ravenjax.campaign.inspection import json_schema as campaigns
 from ravenjax.cli import main
 from ravenjax.robots.raven2 import ROBOT
-from ravenjax.train.scenario import json_schema as scenarios
+from ravenjax.train.scenario import loading as scenarios
 
 FOLDERS = {
     "campaign": "campaigns",
@@ -26,7 +26,7 @@ FOLDERS = {
 SCHEMAS = {
     "campaign": campaigns.schema(ROBOT),
     "search": searches.json_schema_of(ROBOT),
-    "scenario": scenarios.schema(),
+    "scenario": scenarios.json_schema(),
 }
 FILES = [
     (kind, path) for kind, folder in FOLDERS.items() for path in resources.bundled(folder, "*.toml")

@@ -112,14 +112,6 @@ def test_what_is_done_with_the_pedal_up_counts_for_nothing():
     assert none["driven_s"] == 0 and none["idle"] is None and none["arms"]["gold"]["sparc"] is None
 
 
-def test_speeds_that_rise_and_fall_together_are_correlated():
-    t = np.arange(0, 6, 0.01)
-    one = 1 + np.sin(t)
-    assert dexterity.correlation(one, 3 * one + 2) == pytest.approx(1.0)
-    assert dexterity.correlation(one, 1 - np.sin(t)) == pytest.approx(-1.0)
-    assert dexterity.correlation(one, 0 * one) is None
-
-
 def attempt(base, name, day, **header):
     folder = synthetic.write(
         base / name, [], recorded=False, started=f"2026-01-{day:02}T00:00:00.000+00:00", **header

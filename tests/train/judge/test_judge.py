@@ -4,8 +4,6 @@ tick.
 
 from __future__ import annotations
 
-import math
-
 import pytest
 from made_frames import kinds, made, running
 
@@ -28,13 +26,16 @@ class Play:
         chosen, hazards = made(
             arms=list(arms), hazard=[keys], scale=scale, cue={"blinded": blinded}, harm=harm
         )
-        self.judge = Judge(chosen, hazards, cue_on)
+        self.judge = Judge(chosen, hazards, cue_on, self.record)
         self.frame, self.tick = running(arms), 0
         self.frame["cue_on"] = cue_on
         self.events = []
         self.outcomes, self.golden = {}, {}
         self.speed = 0.0  # um of the hand in a ms
         self.off_mm = dict.fromkeys(arms, 0.0)
+
+    def record(self, tick, kind, **facts):
+        self.events.append({"tick": tick, "kind": kind, **facts})
 
     def run(self, ticks=1, **channels):
         """ARM__off_mm: unintended motion of the tip, in the channel of a live robot or in that
@@ -54,20 +55,20 @@ class Play:
             self.frame["tick"] = self.tick + 5000  # the robot was on before the session began
             self.frame["gold/hand"] = self.frame["gold/hand"] + (self.speed, 0, 0)
             outcomes = self.outcomes if self.tick % 10 == 0 and self.outcomes else None
-            self.events += self.judge.step(self.tick, self.frame, outcomes, self.golden or None)
+            self.judge.step(self.tick, self.frame, outcomes, self.golden or None)
             self.tick += 1
         return self
 
     def strike(self, **channels):
-        self.events += self.judge.armed(0, self.tick)
+        self.judge.armed(0, self.tick)
         return self.run(1, fault_active=1, **channels)
 
     def say(self, **message):
-        self.events += self.judge.command({"type": "operator", **message}, self.tick)
+        self.judge.command({"type": "operator", **message}, self.tick)
         return self
 
     def over(self):
-        self.events += self.judge.disarmed(self.tick)
+        self.judge.disarmed(self.tick)
         return self.judge.rows(session="s", participant="p", group="g", seed=9)[-1]
 
     def of(self, kind):
@@ -88,53 +89,25 @@ def test_a_hazard_that_is_felt_and_answered():
     play.run(600, pedal=0, runlevel=2, gold__off_mm=3.9, gold__force=(0.0, 0.0, 0.0))
     row = play.over()
     assert list(row) == list(COLUMNS)
-    assert row | {"title": ""} == {
-        "session": "s",
-        "participant": "p",
-        "group": "g",
-        "scenario": "made",
-        "seed": 9,
-        "cue": "on",
-        "blinded": False,
-        "number": 0,
-        "hazard": "fault",
-        "title": "",
-        "arm": "gold",
-        "armed_ms": 1000,
+    expected = {
         "struck_ms": 1000,
         "knowable_ms": 1020,
         "knowable_by": "tip",
         "cue_ms": 1100,
-        "alarm_ms": None,
-        "alarm": None,
-        "limited_ms": None,
-        "limited": None,
         "check_response": "silent",
-        "check_cause": None,
-        "motion_hazard": "none",  # of 10 mm
-        "limit_mm": 10.0,
+        "motion_hazard": "none",  # the limit is 10 mm
         "unintended_mm": pytest.approx(4.0),
-        "unintended_first_ms": None,
         "unintended_off_mm": pytest.approx(3.9),
-        "loss_mm": 0.0,
-        "loss_first_ms": None,
-        "halted_ms": 0,
-        "golden_halted_ms": 0,
-        "false_report_mm": 0.0,
-        "false_report_first_ms": None,
         "peak_error_mm": pytest.approx(4.5),
         "deepest_mm": pytest.approx(-3.0),
         "response": "release",
-        "response_ms": 1300,
         "reaction_ms": 280,  # from the first possible knowledge
-        "right_response": "release",
         "response_ok": True,
-        "halted": False,
         "outcome": "avoided",
-        "score": round(
-            50 * (1 - 0.5 * 30 / 750) + 50, 1
-        ),  # 4 mm were gone before anyone could have acted
+        # 4 mm were gone before anyone could have acted
+        "score": round(50 * (1 - 0.5 * 30 / 750) + 50, 1),
     }
+    assert {name: row[name] for name in expected} == expected
     assert kinds(play.events) == [
         "hazard_armed",
         "hazard_struck",
@@ -144,25 +117,8 @@ def test_a_hazard_that_is_felt_and_answered():
         "hazard_over",
         "hazard_row",
     ]
-    assert play.of("response")[0] == {
-        "tick": 1300,
-        "kind": "response",
-        "number": 0,
-        "what": "release",
-        "ok": True,
-        "ms": 280,
-    }
-    assert play.of("cue")[0]["number"] == 0
-    assert play.of("hazard_over")[0] | {"score": 0} == {
-        "tick": 1900,
-        "kind": "hazard_over",
-        "number": 0,
-        "check_response": "silent",
-        "motion_hazard": "none",
-        "halted": False,
-        "outcome": "avoided",
-        "score": 0,
-    }
+    (response,) = play.of("response")
+    assert (response["tick"], response["what"], response["ok"]) == (1300, "release", True)
 
 
 @pytest.mark.parametrize("channel", ["gold__known_mm", "gold__off_mm", "gold__loss_mm"])
@@ -193,22 +149,6 @@ def test_what_comes_after_a_person_could_have_acted_counts_on_what_was_left():
     assert (row["outcome"], row["score"]) == ("avoided", 75.0)
 
 
-def test_without_the_cue_nothing_is_felt_and_the_reaction_has_the_same_origin():
-    rows = []
-    for cue_on in (True, False):
-        play = Play(cue_on=cue_on)
-        play.run(10).strike(gold__known_mm=1.0).run(100, gold__force=(0.1, 0, 0), gold__off_mm=5.0)
-        rows.append(play.run(100, pedal=0, runlevel=2).over())
-        assert (
-            bool(play.of("cue")) is cue_on
-        )  # a cue that nobody feels is not told either: it would tell of the group
-    assert [row["cue"] for row in rows] == ["on", "off"] and [row["cue_ms"] for row in rows] == [
-        11,
-        None,
-    ]
-    assert rows[0]["reaction_ms"] == rows[1]["reaction_ms"] == 101
-
-
 def test_a_dead_console_is_no_response_and_feels_nothing():
     play = Play()
     play.run(10).strike(gold__known_mm=1.0, gold__off_mm=2.0)
@@ -230,31 +170,10 @@ def test_what_was_answered_before_it_was_cut_off_counts():
         .run(20, gold__known_mm=2.0, gold__off_mm=2.0)
         .run(300, pedal=0, runlevel=2)
     )
-    play.events += play.judge.interrupted(play.tick, "instructor")
+    play.judge.interrupted(play.tick, "instructor")
     row = play.over()
     assert (row["response"], row["outcome"]) == ("release", "avoided") and row["score"] > 80
     assert not play.of("interrupted")
-
-
-def test_a_response_before_anything_can_be_known_is_none():
-    play = Play()
-    play.run(10).strike().run(10, pedal=0, runlevel=2).run(10, pedal=1, runlevel=3)
-    assert not play.of("response")
-    assert play.run(5, gold__known_mm=1.0).run(5, pedal=0, runlevel=2).over()["response_ms"] == 36
-
-
-def test_a_right_response_that_comes_too_late_is_not_ok():
-    play = Play(within_s=0.5)
-    play.run(10).strike(gold__known_mm=1.0, gold__off_mm=2.0).run(510).run(10, pedal=0, runlevel=2)
-    row = play.over()
-    assert (row["response"], row["response_ok"], row["outcome"]) == ("release", False, "missed")
-    assert play.of("response")[0]["ok"] is False and row["score"] == 50.0
-
-
-def test_a_report_that_cannot_be_judged_has_no_distance():
-    play = Play()
-    row = play.run(10).strike(gold__false_report_mm=math.nan).run(50).over()
-    assert row["false_report_mm"] is None and row["loss_mm"] == 0.0
 
 
 @pytest.mark.parametrize(
@@ -283,36 +202,12 @@ def test_harm_is_what_the_fault_did(channels, outcome, score):
     assert row["score"] == {50.0: 50.0, 60.0: 60.0, 80.0: 80.0}[score]
 
 
-def test_depth_counts_while_the_robot_is_live_alone():
-    play = Play()
-    play.run(10).strike(gold__known_mm=1.0, gold__depth_mm=-5.0)
-    play.run(10, runlevel=2, pedal=0, gold__depth_mm=9.0, gold__off_mm=8.0)
-    row = play.over()
-    assert row["deepest_mm"] == -5.0 and row["outcome"] == "avoided"
-
-
 def test_a_robot_that_halts_by_itself_is_halted_and_a_late_foot_is_no_response():
     play = Play()
     play.run(10).strike(gold__known_mm=1.0, gold__off_mm=2.0).run(50)
     play.run(300, runlevel=0, soft_estopped=1).run(100, pedal=0)
     row = play.over()
     assert row["halted"] and row["outcome"] == "halted" and row["response"] is None
-
-
-def test_going_on_is_no_answer_to_a_robot_that_halted():
-    play = Play(right_response=["continue"])
-    row = play.run(10).strike(gold__known_mm=1.0).run(50).run(10, runlevel=0).over()
-    assert row["outcome"] == "halted" and not row["response_ok"]
-
-
-def test_the_time_after_the_operators_e_stop_is_no_loss_of_motion():
-    play = Play(right_response=["stop", "convert"])
-    play.run(10).strike(gold__known_mm=1.0, gold__off_mm=2.0).run(100).say(do="estop").run(
-        500, runlevel=0
-    )
-    row = play.run(1, halted_ms=499).over()
-    assert (row["response"], row["response_ms"], row["response_ok"]) == ("stop", 111, True)
-    assert not row["halted"] and row["outcome"] == "avoided" and row["motion_hazard"] == "none"
 
 
 def test_a_note_that_says_convert_is_a_conversion():
@@ -328,7 +223,7 @@ def test_a_restart_counts_once_the_robot_no_longer_follows_and_ends_the_hazard()
     play.run(10).strike(gold__known_mm=1.0).say(do="restart")
     assert not play.of("response")
     play.run(100, runlevel=2).say(do="restart")
-    play.events += play.judge.restarted(play.tick)
+    play.judge.restarted(play.tick)
     (row,) = play.judge.rows()
     assert (row["response"], row["outcome"]) == ("restart", "avoided") and row["halted"]
     assert kinds(play.events)[-3:] == ["response", "hazard_over", "hazard_row"]
@@ -365,25 +260,6 @@ def test_slowing_down_counts_from_its_beginning_if_it_lasts():
     assert slowed(SLOW_FOR_MS + 300, 0.1, ["release"])["response"] is None  # not asked for
 
 
-def test_alarms_are_those_that_tripped_since_and_the_first_trip_is_exact():
-    play = Play()
-    play.outcomes = {
-        "check_ik_reject_count": 3,
-        "check_ik_reject_first_ms": 4000,
-        "check_estop_count": 0,
-    }
-    play.outcomes["check_estop_first_ms"] = -1
-    play.run(100).strike().run(20)
-    assert [event["check"] for event in play.of("alarm")] == ["ik_reject"]  # before the hazard
-    play.outcomes = play.outcomes | {"check_estop_count": 1, "check_estop_first_ms": 5000 + 123}
-    row = play.run(20).over()
-    assert (row["alarm"], row["alarm_ms"], row["check_response"]) == ("estop", 123, "stopped")
-    assert (row["knowable_by"], row["knowable_ms"]) == ("estop", 123)
-    assert play.of("stopped") == [
-        {"tick": 130, "kind": "stopped", "number": 0, "check": "estop", "ms": 123}
-    ]
-
-
 def test_a_limit_is_told_to_nobody_and_kept_as_such():
     play = Play()
     play.outcomes = {"check_overdrive_clip_count": 0, "check_overdrive_clip_first_ms": -1}
@@ -404,19 +280,12 @@ def test_a_limit_is_told_to_nobody_and_kept_as_such():
     ]
 
 
-def test_a_cue_that_the_golden_run_has_too_is_not_of_the_hazard():
-    play = Play()
-    play.run(1000).strike(gold__known_mm=0.1).run(50, golden_cue=1).run(50, golden_cue=0)
-    row = play.run(10, gold__force=(0.1, 0, 0)).over()
-    assert row["cue_ms"] is None and [event["number"] for event in play.of("cue")] == [-1]
-
-
 def test_a_check_that_keeps_tripping_is_told_once_with_its_count():
     play = Play().run(10)
     for count in range(1, 13309, 7):
         play.outcomes = {"check_joint_limit_count": count, "check_joint_limit_first_ms": 5010}
         play.run(10)
-    play.events += play.judge.close(play.tick)
+    play.judge.close(play.tick)
     alarms, counts = play.of("alarm"), [event["count"] for event in play.of("alarm_count")]
     assert [alarm["check"] for alarm in alarms] == ["joint_limit"]
     assert (
@@ -424,43 +293,3 @@ def test_a_check_that_keeps_tripping_is_told_once_with_its_count():
         and counts == sorted(counts)
         and len(counts) <= 1 + play.tick / 1000
     )
-
-
-def test_a_hazard_that_never_struck_has_a_row():
-    play = Play()
-    play.events += play.judge.armed(0, 0)
-    row = play.run(10).over()
-    assert row["armed_ms"] == 0 and row["struck_ms"] is None and row["unintended_mm"] is None
-    assert (
-        row["outcome"] == "unaffected"
-        and row["deepest_mm"] is None
-        and row["motion_hazard"] is None
-    )
-
-
-def test_the_arm_of_a_fault_on_no_arm_is_the_one_that_moves():
-    fault = [{"site": "console", "channel": "scale", "effect": "scale", "value": 2}]
-    play = Play(arms=("gold", "green"), fault=fault)
-    row = play.run(5).strike(green__off_mm=1.5, gold__off_mm=0.2, gold__known_mm=0.1).over()
-    assert row["arm"] == "green" and row["unintended_mm"] == 1.5
-
-
-def test_the_summary_counts_what_became_of_all():
-    play = Play()
-    play.run(10).strike(gold__known_mm=1.0, gold__off_mm=4.0).run(99).run(
-        10, pedal=0, runlevel=2
-    ).over()
-    play.run(100, pedal=1, runlevel=3, fault_active=0, gold__known_mm=0.0, gold__off_mm=0.0)
-    play.strike(gold__known_mm=1.0, gold__off_mm=20.0).run(10)
-    play.events += play.judge.close(play.tick)
-    summary = play.judge.result()
-    assert summary == {
-        "hazards": 2,
-        "struck": 2,
-        "outcomes": {"avoided": 1, "interrupted": 1},
-        "check_responses": {"silent": 2},
-        "motion_hazards": {"unintended motion": 1, "none": 1},
-        "right_responses": 1,
-        "median_reaction_ms": 100,
-        "score": 100.0,
-    }

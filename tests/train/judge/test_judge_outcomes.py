@@ -56,12 +56,13 @@ def scenario_of(limit_mm):
 def judged(data, limit_mm):
     """The judge's row, its events, and the rows of the frames as a recording has them."""
     chosen, hazards = scenario_of(limit_mm)
-    judge, frame = Judge(chosen, hazards, cue_on=True), running()
+    events, rows, frame = [], [], running()
+    tell = lambda tick, kind, **facts: events.append({"tick": tick, "kind": kind, **facts})  # noqa: E731
+    judge = Judge(chosen, hazards, True, tell)
     names = [name.removeprefix("check_") for name in data if name.startswith("check_")]
-    events, rows = [], []
     for tick in range(TICKS):
         if tick == STRIKE:
-            events += judge.armed(0, tick)
+            judge.armed(0, tick)
         for name, values in data.items():
             if not name.startswith("check_") and name.removeprefix("golden_") not in names:
                 frame[name if name in frame.layout.places else f"gold/{name}"] = values[tick]
@@ -75,7 +76,7 @@ def judged(data, limit_mm):
                 for name in names
             }
             golden = {f"check_{name}_count": data[f"golden_{name}"][tick] for name in names}
-        events += judge.step(tick, frame, outcomes, golden)
+        judge.step(tick, frame, outcomes, golden)
         rows.append(frame.row.copy())
     (row,) = judge.rows()
     return row, events, frame.layout, np.array(rows)

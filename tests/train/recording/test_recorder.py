@@ -112,18 +112,6 @@ def test_a_session_is_recorded_to_the_last_row(session):
     }
 
 
-def test_sigterm_ends_a_recording_cleanly(session):
-    session.start()
-    session.write(100)
-    session.process.terminate()
-    session.process.join(waiting.DEADLINE_S)
-    assert session.process.exitcode == 0
-    found = reader.read(session.folder)
-    assert found.complete and len(found.rows) == 100
-    with open(session.folder / session_log.FILE, "rb") as file:
-        assert make_reader(file).get_summary().statistics.chunk_count >= 1
-
-
 def test_rows_that_came_too_fast_are_told_and_leave_a_gap(tmp_path):
     session = Session(tmp_path / "session", capacity=64)
     try:

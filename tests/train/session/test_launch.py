@@ -17,12 +17,11 @@ import urllib.request
 
 import numpy as np
 import pytest
-import ros2_log
 import waiting
 from websockets.sync.client import connect
 
 from ravenjax.errors import UserError
-from ravenjax.train import launch, page, processes, scenario
+from ravenjax.train import launch, scenario
 from ravenjax.train.launch import SessionOptions
 from ravenjax.train.recording import reader
 
@@ -86,25 +85,6 @@ def test_a_session_leaves_a_folder_that_says_everything(headless):
 
 
 @pytest.mark.slow
-def test_its_recording_is_a_log_for_other_tools(headless):
-    log = ros2_log.read(headless.folder / "session.mcap")
-    frames = log.topics["/tf"]
-    assert (
-        len(frames) == -(-len(reader.read(headless.folder).rows) // 10)
-        and frames[0].value.transforms[0].header.frame_id == "world"
-    )
-    assert {one.child_frame_id for one in frames[0].value.transforms} >= {
-        "arm1_base",
-        "arm1_tip_true",
-    }
-    words = [message.value.msg for message in log.topics["/ravenjax/log"]]
-    assert "hazard 0 strikes" in words and "session ends: time" in words
-    header = json.loads((headless.folder / "session.json").read_text())
-    told = json.loads(log.metadata["ravenjax"]["header"])
-    assert (told["seed"], told["code_hash"]) == (3, header["code_hash"])
-
-
-@pytest.mark.slow
 def test_the_same_commands_again_have_the_same_bits(headless, tmp_path):
     script = str(headless.folder / "commands.jsonl")
     again = launch.headless(dataclasses.replace(options(tmp_path / "one"), script=script))
@@ -165,32 +145,6 @@ def test_an_address_where_no_page_can_be_is_refused_at_once(tmp_path, wrong, tol
     with pytest.raises(UserError, match=told):
         launch.realtime(options(tmp_path / "x", **wrong))
     assert not (tmp_path / "x").exists()
-
-
-def leave(_):
-    """In place of a page."""
-    sys.exit(3)
-
-
-@pytest.mark.slow
-def test_a_page_that_ends_at_its_start_is_told_of_at_once(tmp_path, monkeypatch):
-    monkeypatch.setattr(page, "run_when_told", leave)
-    monkeypatch.setattr(processes, "STARTING_S", 600.0)
-    with pytest.raises(UserError, match="the page's process ended with code 3"):
-        launch.realtime(options(tmp_path / "x"))
-
-
-@pytest.mark.parametrize(
-    ("text", "meant"),
-    [
-        ("host", ("host", (36000, 36002))),
-        ("h:1", ("h", (1, 36002))),
-        ("127.0.0.1:1:2", ("127.0.0.1", (1, 2))),
-        ("raven:36000:ros1", ("raven", (36000, "ros1"))),
-    ],
-)
-def test_addresses_of_robots(text, meant):
-    assert launch.address(text) == meant
 
 
 @pytest.mark.parametrize("text", ["", ":1", "h:x", "h:1:2:3", "h:70000", "h:1:ros3", "h:ros1"])

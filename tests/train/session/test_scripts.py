@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
-from made_frames import TIPS, made, put, running
+from made_frames import TIPS, made, running
 
 from ravenjax.errors import UserError
-from ravenjax.train import scenario, tasks
+from ravenjax.train import tasks
 from ravenjax.train.protocol.frame import PHASES
 from ravenjax.train.session.command_log import read_commands
-from ravenjax.train.session.hands import Hands
-from ravenjax.train.session.scripts import INPUT_EVERY_MS, Follower, Recorded
+from ravenjax.train.session.scripts import INPUT_EVERY_MS, Follower
 
 
 def follower(reaction="release"):
@@ -34,23 +32,6 @@ def pedals(messages):
     ]
 
 
-def test_it_goes_for_the_target_and_steps_on_the_pedal():
-    operator, task = follower()
-    frame = running()
-    x, y, z = task.targets[0][1]
-    put(frame, "gold", (x - 0.002, y, z + 0.001))  # to the right and down
-    messages = said(operator, frame, 0, 300)
-    assert [tick for tick, _ in messages] == list(range(0, 300, INPUT_EVERY_MS))
-    assert pedals(messages) == [(0, False), (208, True)]
-    right, up, toward = messages[-1][1]["arms"]["gold"]["move"]
-    assert (
-        right > 0
-        and up == pytest.approx(-right / 2, rel=1e-3)
-        and toward == pytest.approx(0, abs=1e-6)
-    )
-    assert all(Hands(("gold",), 0.1, scenario.Speeds()).take(message, 0) for _, message in messages)
-
-
 @pytest.mark.parametrize(("cue_on", "alive", "expected"), [(1, 1, 750), (0, 1, None), (1, 0, None)])
 def test_it_reacts_to_the_onset_of_what_it_feels_after_its_delay(cue_on, alive, expected):
     operator, _ = follower()
@@ -70,22 +51,6 @@ def test_it_reacts_to_the_onset_of_what_it_feels_after_its_delay(cue_on, alive, 
         assert len(changes) == 2
 
 
-def test_it_may_do_nothing_slow_down_or_press_the_button():
-    frame = running()
-    spoken = {}
-    for reaction in ("none", "slow", "stop"):
-        operator, _ = follower(reaction)
-        frame["gold/force"] = 0
-        said(operator, frame, 0, 500)
-        frame["gold/force"] = 1
-        spoken[reaction] = said(operator, frame, 500, 900)
-    assert pedals(spoken["none"])[0][1] and len(pedals(spoken["none"])) == 1
-    before, after = (np.linalg.norm(spoken["slow"][k][1]["arms"]["gold"]["move"]) for k in (0, -1))
-    assert after == pytest.approx(before / 10) and len(pedals(spoken["slow"])) == 1
-    assert (750, {"type": "operator", "do": "estop"}) in spoken["stop"]
-    assert pedals(spoken["stop"])[-1] == (750, False)
-
-
 def test_it_restarts_a_stopped_robot_and_steps_on_again():
     operator, _ = follower()
     frame = running()
@@ -97,14 +62,6 @@ def test_it_restarts_a_stopped_robot_and_steps_on_again():
     assert len(lifted) == 1 and 900 <= lifted[0] < 900 + INPUT_EVERY_MS
     frame["phase"], frame["pedal"] = PHASES.index("ready"), 0
     assert [down for _, down in pedals(said(operator, frame, 2001, 3500))] == [False, True]
-
-
-def test_a_recorded_operator_says_what_was_missed_at_once_and_in_order():
-    operator = Recorded([(5, {"do": "b"}), (1, {"do": "a"}), (9, {"do": "c"})])
-    assert [m["do"] for m in operator.messages(6, running())] == ["a", "b"]
-    assert operator.messages(7, running()) == [] and operator.messages(9, running()) == [
-        {"do": "c"}
-    ]
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 from ravenjax.train import scenario
 from ravenjax.train.session import advance, scripts
 from ravenjax.train.session.advance import Session
-from ravenjax.train.session.simulation import SimulatedRobot
+from ravenjax.train.session.command_log import read_commands
 
 BURST = {"site": "usb_out", "effect": "overwrite", "start_ms": 0}
 CHOSEN = scenario.from_dict(
@@ -86,10 +86,11 @@ def follower(session, **settings):
     return scripts.Follower(session.task, session.arms, CHOSEN.speeds, **settings)
 
 
-def test_a_session_comes_again_to_the_bit_from_what_was_said(made):
+def test_a_session_comes_again_to_the_bit_from_what_was_said(made, tmp_path):
     first = Session(CHOSEN, 5, ready=made)
     rows, events, hazards = whole(first, follower(first))
-    again = scripts.Recorded(first.command_log)
+    first.command_log.write(tmp_path / "commands.jsonl")
+    again = scripts.Recorded(read_commands(tmp_path / "commands.jsonl"))
     other, told, table = whole(Session(CHOSEN, 5, ready=made), again)
     np.testing.assert_array_equal(rows, other)
     assert (events, hazards) == (told, table)
@@ -273,14 +274,6 @@ def test_who_walks_away_has_lifted_the_pedal_and_voids_nothing(session, act, ped
     assert not [event for event in events if event["kind"] == "interrupted"]
 
 
-def test_an_instructors_note_converts_nobody(session):
-    struck(session)
-    session.tick([{"type": "operator", "do": "note", "text": "convert?", "by": "instructor"}])
-    assert session.judge.rows()[0]["response"] is None
-    session.tick([{"type": "operator", "do": "note", "text": "convert"}])
-    assert session.judge.rows()[0]["response"] == "convert"
-
-
 def test_what_is_tried_on_the_virtual_robot_the_robot_then_does(session):
     started(session)
     say = lambda do: {"type": "operator", "do": do}  # noqa: E731
@@ -306,14 +299,6 @@ def test_what_is_tried_on_the_virtual_robot_the_robot_then_does(session):
     )  # the hand goes on from there without a jump
 
 
-def test_an_end_at_the_terminal_is_nobodys_act(session):
-    started(session)
-    drive(session, 100)
-    _, events = drive(session, 2, also=[{"type": "instructor", "do": "end", "by": "terminal"}])
-    assert session.over and session.ended == "interrupted"
-    assert [e["reason"] for e in events if e["kind"] == "end"] == ["interrupted"]
-
-
 def test_the_instructor_arms_switches_the_cue_and_ends(session):
     started(session)
     arm = {"type": "instructor", "do": "arm", "hazard": 1}
@@ -324,41 +309,3 @@ def test_the_instructor_arms_switches_the_cue_and_ends(session):
     _, events = drive(session, 2, also=[{"type": "instructor", "do": "end"}])
     assert session.over and session.ended == "instructor"
     assert [e["reason"] for e in events if e["kind"] == "end"] == ["instructor"]
-
-
-class Tripping(SimulatedRobot):
-    """A robot one of whose checks trips in its tick `at`, without the fault it would not; until
-    it is disarmed.
-    """
-
-    at = 10**9
-
-    def step(self):
-        super().step()
-        self.row[self.blueprint.layout.places["trips"]] += self.now > self.at
-
-    def outcomes(self):
-        tripped = self.now > self.at
-        return super().outcomes() | {
-            "check_ik_reject_count": int(tripped),
-            "check_ik_reject_first_ms": self.at,
-        }
-
-    def golden_outcomes(self):
-        return self.outcomes() | ({"check_ik_reject_count": 0} if self._apart else {})
-
-
-@pytest.mark.parametrize("end", ["disarm", "reset", "end"])
-def test_a_check_that_trips_in_the_last_tick_of_a_hazard_is_of_that_hazard(made, end):
-    session = started(Session(CHOSEN, 5, ready=made, robot=Tripping))
-    drive(session, 205, also=[{"type": "instructor", "do": "arm", "hazard": 1}])
-    session.robot.at, at_ms = session.robot.now, session.ticks
-    session._looked = (
-        session.ticks
-    )  # the checks were looked at just now, and not again for some ticks
-    drive(session, 1)
-    (row,) = session.judge.rows()
-    assert row["struck_ms"] is not None and row["alarm"] is None
-    drive(session, 1, also=[{"type": "instructor", "do": end}])
-    (row,) = session.judge.rows()
-    assert (row["alarm"], row["alarm_ms"], row["check_response"]) == ("ik_reject", at_ms, "flagged")

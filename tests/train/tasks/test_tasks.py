@@ -2,17 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
-import json
-import math
-
 import numpy as np
 import pytest
-from made_frames import AXES, TIPS, from_world, kinds, made, put, running
+from made_frames import TIPS, kinds, made, put, running
 
-import ravenjax
-from ravenjax.robots.raven2.geometry import kinematics, limits
-from ravenjax.robots.raven2.geometry.instrument import JAW_LENGTH
 from ravenjax.train import tasks
 from ravenjax.train.protocol.world import surface
 
@@ -77,57 +70,6 @@ def test_arms_take_turns_and_only_the_one_whose_turn_it_is_counts():
     put(frame, "gold", one.targets[0][1])
     hold(one, frame, 1)
     assert one.target == 1 and one.wish("green", (0, 0, 0)).point == one.targets[1][1]
-
-
-def test_targets_follow_the_seed_and_lie_apart_over_the_tissue():
-    drawn = [task(seed=seed, kind="reach", targets=200)[0].targets for seed in (3, 3, 4)]
-    assert drawn[0] == drawn[1] != drawn[2]
-    points = [at for _, at in drawn[0]]
-    assert min(math.dist(a, b) for a, b in itertools.pairwise(points)) > 0.005
-    heights = [z - surface(x, y) for x, y, z in points]
-    assert 0.003 <= min(heights) < 0.004 and 0.017 < max(heights) <= 0.018
-
-
-LARGEST = (
-    {"kind": "reach", "extent_mm": 20.0, "height_mm": [-5, 25], "targets": 150},
-    {"kind": "peg_transfer", "pegs": 8, "spacing_mm": 12.0},
-    {"kind": "path", "shape": "eight", "radius_mm": 20.0, "height_mm": -5},
-)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("arm", BOTH)
-def test_every_goal_is_within_reach_of_every_arm_held_as_at_home(arm):
-    every = [task(arms, **settings)[0] for arms in ((arm,), BOTH) for settings in LARGEST]
-    goals = [at for one in every if one.kind == "reach" for _, at in one.targets]
-    goals += [
-        (x, y, z + up)
-        for one in every
-        if one.kind == "peg_transfer"
-        for x, y, z in one.pegs
-        for up in (0, 0.01)
-    ]
-    goals += [at for one in every if one.kind == "path" for at in one.points[::5]]
-    home = np.array(limits.HOME_JPOS, float)
-    _, rotation = ravenjax.forward_kinematics(home, arm)
-    points = (
-        np.array([from_world(arm, goal) for goal in goals])
-        - JAW_LENGTH * np.asarray(rotation)[:, 0]
-    )
-    allowed = limits.soft_limits("r_grasper")
-    jpos = np.tile(home, (len(goals), 1))
-    for share in np.linspace(
-        0, 1, 16
-    ):  # the software refuses what is far from where the joints are
-        way = np.array(AXES[arm]) + share * (points - np.array(AXES[arm]))
-        jpos, status = map(
-            np.asarray,
-            ravenjax.inverse_kinematics(way, np.asarray(rotation), math.pi / 2, jpos, arm),
-        )
-        assert np.all(status == kinematics.OK), share
-        assert np.all(jpos[:, :5] > allowed.lower[:5]) and np.all(
-            jpos[:, :5] < allowed.upper[:5]
-        ), share
 
 
 # --- peg transfer ---
@@ -220,18 +162,3 @@ def test_a_short_cut_and_a_tip_off_the_line_do_not_advance():
 
 
 # --- all ---
-
-
-@pytest.mark.parametrize("kind", ["reach", "peg_transfer", "path", "free"])
-def test_what_the_page_and_the_debrief_get_is_json_of_one_shape(kind):
-    one, frame = task(BOTH, kind=kind)
-    hold(one, frame, 3)
-    geometry = json.loads(json.dumps(one.geometry()))
-    names = "kind targets pegs object path turns"
-    assert geometry["kind"] == kind and set(geometry) == set(names.split())
-    # Of targets each names its arm.
-    assert (geometry["turns"] is not None) == (kind in ("peg_transfer", "path"))
-    result = json.loads(json.dumps(one.result(), allow_nan=False))
-    assert result["kind"] == kind and 0 <= result["score"] <= 100
-    one.restart()
-    assert not one.done

@@ -151,7 +151,7 @@ def spawn(
     )
     helper = processes.Helper(stack, run)
     helper.begin(options)
-    if trouble := helper.answer("the process that speaks CRTK"):
+    if trouble := helper.answer():
         raise UserError(trouble)
     console.process_says = helper.answers
     return console
