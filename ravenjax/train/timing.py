@@ -19,7 +19,7 @@ COLUMNS = (
     "late ticks",
     "of",
 )
-LONGEST_TICK_US = 300
+LONGEST_TICK_US = 100
 """What 99.9 % of the ticks should take at most: a slower machine then keeps up, too."""
 SCENARIO = "first_steps"
 EMPTY, SESSION = "empty", "session"

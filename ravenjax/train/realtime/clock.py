@@ -22,6 +22,9 @@ LEAD_NS = PERIOD_NS if _CPUS >= 4 else 300_000 if _CPUS > 1 else 0
 """Awake so long before a tick is due: what a sleep leaves behind, a late interrupt, a slow clock
 and caches that others have filled, is over when the tick begins. With four CPUs one has nothing
 else to do and never sleeps; where there is one only, others need it more."""
+WARM_UP_NS = 110_000
+"""Work that keeps the caches warm begins so long before a tick is due: the time of a tick and a
+margin."""
 MOST_BEHIND = 100
 """Ticks that are made up for; further behind (a suspended machine), the schedule moves on
 instead.
@@ -67,12 +70,21 @@ class Clock:
         self._began = time.monotonic_ns()
         self._due = self._began // PERIOD_NS * PERIOD_NS + PHASE_NS
 
-    def wait(self) -> None:
-        """Sleep until shortly before the next tick is due, then look at the clock until it is."""
+    def wait(self, warm_up: Callable[[], None] | None = None) -> None:
+        """Sleep until shortly before the next tick is due, then look at the clock until it is.
+
+        warm_up: called as late as possible before the tick, if there is time for it.
+        """
         self._due += PERIOD_NS
         due, now = self._due, time.monotonic_ns()
         if now < due - LEAD_NS:
             time.sleep((due - LEAD_NS - now) * 1e-9)
+            now = time.monotonic_ns()
+        if warm_up is not None and now < due - WARM_UP_NS // 2:
+            while now < due - WARM_UP_NS:
+                now = time.monotonic_ns()
+            warm_up()
+            now = time.monotonic_ns()
         while now < due:
             now = time.monotonic_ns()
         self.lateness_us, self._began = float((now - due) // 1000), now
