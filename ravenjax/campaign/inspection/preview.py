@@ -5,7 +5,6 @@ and nothing computed.
 from __future__ import annotations
 
 import os
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -66,7 +65,7 @@ def preview(
     width = 16 if "AVX-512" in backend.device else 8 if "AVX2" in backend.device else 4
     cost = estimate(work, Machine(backend.name, len(os.sched_getaffinity(0)), width))
     cost, basis, content = _of_folder(folder, config, backend.name, cost, due)
-    struck = rows[[f"fault{slot}_site" for slot in range(config.slots)]].astype(str)
+    sites_of_runs = rows[[f"fault{slot}_site" for slot in range(config.slots)]]
     phases = Moments(config).phases if (names := list(moments.uses(config))) else {}
     view = {
         "campaign": config.campaign.name,
@@ -82,7 +81,7 @@ def preview(
             }
             for name in names
         ],
-        "fault_free_runs": int((struck.to_numpy() == "").all(axis=1).sum()),
+        "fault_free_runs": int((sites_of_runs == "").to_numpy().all(axis=1).sum()),
         "golden_runs": golden_runs,
         "copies": _count_copies(config, rows),
         "duration_ms": config.campaign.ticks,
@@ -160,17 +159,20 @@ def _fault_rows(config: CampaignConfig, rows: pd.DataFrame) -> Iterator[dict[str
     """Number of runs with a fault by site and effect, in the robot's order of sites. A run with
     two such faults counts once.
     """
-    names = ("index", "fault{}_site", "fault{}_effect")
-    struck = {
-        hit
+    slots = [
+        rows[["index", f"fault{slot}_site", f"fault{slot}_effect"]].set_axis(
+            ["index", "site", "effect"], axis=1
+        )
         for slot in range(config.slots)
-        for hit in zip(*(rows[name.format(slot)] for name in names), strict=True)
-    }
-    runs = Counter((site, effect) for _, site, effect in struck if site)
-    sites = list(config.robot.sites)
-    for site, effect in sorted(runs, key=lambda pair: (sites.index(pair[0]), pair[1])):
-        layer = config.robot.sites[site].layer
-        yield {"site": site, "layer": layer, "effect": effect, "runs": runs[site, effect]}
+    ]
+    if not slots:
+        return
+    faults = slots[0] if len(slots) == 1 else pd.concat(slots).drop_duplicates()
+    runs = faults.groupby(["site", "effect"], observed=True).size().to_dict()
+    for site, declared in config.robot.sites.items():
+        for effect in sorted(effect for where, effect in runs if where == site):
+            number = runs[site, effect]
+            yield {"site": site, "layer": declared.layer, "effect": effect, "runs": number}
 
 
 def _count_copies(config: CampaignConfig, rows: pd.DataFrame) -> int:
