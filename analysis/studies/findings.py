@@ -7,6 +7,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import shlex
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path, PurePath
 from typing import Any
@@ -59,9 +60,10 @@ def reproduce(
             phase=phase,
             total=total,
             progress=1.0 if phase == "compare" else share,
+            failures=sum((Counter(part.failures) for part in parts), Counter()),
             **{
-                name: sum(getattr(one, name) for one in parts)
-                for name in ("done", "compile_s", "run_s", "failed")
+                name: sum(getattr(part, name) for part in parts)
+                for name in ("done", "compile_s", "run_s")
             },
         )
         on_progress(together)

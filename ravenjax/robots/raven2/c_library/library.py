@@ -103,7 +103,7 @@ def library(software: ControlSoftware, robot: VirtualRobot) -> CLibrary:
 def _code(software: ControlSoftware, robot: VirtualRobot) -> str:
     own = software.code.transitions | robot.code.transitions
     text = transition.print_module(
-        {name: own[which] for name, which in _FUNCTIONS.items()}, frozenset()
+        {f"{name}_steps": own[which] for name, which in _FUNCTIONS.items()}, frozenset()
     )
     for name in _FUNCTIONS:
         text = text.replace(f"define void @{name}_steps(", f"define internal void @{name}_steps(")
