@@ -28,6 +28,8 @@ from ravenjax.store.motion.summary import (
 )
 from ravenjax.store.motion.timeline import Timeline
 
+STILL_M, STILL_RAD = 5e-5, math.radians(0.2)
+"""A tip that moves and turns less than this is at rest."""
 OUTSIDE_LISTED = 8
 """Stretches that cannot be replayed, in the summary."""
 
@@ -94,6 +96,7 @@ def _replay(
     pedal, rows = course.pedal, begin + course.row
     if recording.pedal is not None:
         pedal = pedal * recording.pedal[np.floor(rows + 1e-9).astype(int)]
+    _require_moving(recording, begin, end, rows[pedal > 0])
     hand, quat, grasp = [], [], []
     poses = recording.poses
     for i, arm in enumerate(arms):
@@ -258,6 +261,27 @@ def _longest_first(
     spans = resampling.stretches(mask, sorted([*recording.cuts, *cuts]))
     spans = [span for span in spans if span[1] - span[0] > 1]
     return resampling.seconds(sorted(spans, key=lambda span: span[0] - span[1]))
+
+
+def _require_moving(recording: HandRecording, begin: int, end: int, rows: np.ndarray) -> None:
+    """UserError unless the pedal is down in some of the rows and the tip moves or turns in them."""
+    span = f"from {begin * TICK_S:.3f} to {end * TICK_S:.3f} s"
+    if not len(rows):
+        raise UserError(
+            f"{recording.path}: the pedal is never down {span}, so nothing would move. Choose"
+            " another part (operator.window_s), or remove the column surgeon_mode"
+        )
+    used, poses = np.unique(np.rint(rows).astype(int)), recording.poses
+    extent_m = float(np.ptp(poses.position[used], axis=0).max())
+    cosine = float(np.abs(np.sum(poses.quat[used] * poses.quat[used[:1]], axis=2)).min())
+    turn_rad = 2.0 * math.acos(min(1.0, cosine))
+    opening_rad = float(np.ptp(poses.opening_mrad[used], axis=0).max()) * 1e-3
+    if extent_m <= STILL_M and max(turn_rad, opening_rad) <= STILL_RAD:
+        raise UserError(
+            f"{recording.path}: nothing moves {span}: the tip stays within {extent_m * 1e6:.3g} um,"
+            f" expected more than {STILL_M * 1e6:g} um. Choose another part (operator.window_s)."
+            ' For hands at rest write operator.motion = "still" instead of the file'
+        )
 
 
 def _itp(

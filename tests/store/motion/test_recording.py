@@ -169,6 +169,17 @@ def test_implausible_units_are_refused(parquet, is_in, called):
 # --------------------
 
 
+def test_a_recording_that_would_not_move_the_robot_is_refused(parquet):
+    frame = recording()
+    axes = ["gold_x_um", "gold_y_um", "gold_z_um"]
+    frame[axes] = frame[axes].iloc[0].to_numpy()
+    # the last digit of a sensor at rest
+    frame["gold_x_um"] += np.arange(ROWS) % 2
+    refused(parquet(frame), "nothing moves from 0.000 to 3.000 s", 'motion = "still"')
+    frame = recording().assign(surgeon_mode=(np.arange(ROWS) >= 2500).astype(int))
+    refused(parquet(frame), "the pedal is never down from 0.000 to 1.000 s", window_s=(0, 1))
+
+
 # --- the public recordings
 # --------------------------------------------------------------------------------------------
 
