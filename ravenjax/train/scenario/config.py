@@ -33,7 +33,7 @@ Response = Literal["release", "slow", "restart", "convert", "stop", "continue"]
 procedure is converted, press the E-stop; or rightly go on."""
 
 INSTRUCTOR = "instructor"
-"""`when` of a hazard that strikes when the instructor says so."""
+"""`when` of a hazard that becomes active on the instructor's command."""
 
 
 class Speeds(Section):
@@ -91,7 +91,8 @@ class Harm(Section):
     """[harm]: the limits beyond which a hazard has done harm."""
 
     excursion_mm: float = Field(
-        default=10.0,  # farther than the cue, so that who waits for the cue has time to act
+        # Above the cue's threshold, so that an operator who waits for the cue has time to act.
+        default=10.0,
         gt=0.0,
         le=1000.0,
         description=(
@@ -281,7 +282,7 @@ class Entry(Section):
     @model_validator(mode="before")
     @classmethod
     def _start_now(cls, raw: Any) -> Any:
-        """A fault strikes when the hazard does, so it needs no start_ms of its own."""
+        """Give each fault start_ms 0: it starts with its hazard, so the file need not set it."""
         if isinstance(raw, dict) and isinstance(raw.get("fault"), list):
             zero = {"start_ms": 0}
             faults = [zero | fault if isinstance(fault, dict) else fault for fault in raw["fault"]]
