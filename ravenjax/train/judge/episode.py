@@ -4,9 +4,9 @@ score.
 **Effect on the robot**, in the terms of `ravenjax.outcomes`. It is measured against the golden run,
 which starts at the robot's state when the hazard is armed:
 
-- `check_response`: stopped, flagged, limited or silent. `check_cause` is the first check that did so.
-  `alarm` is the first check that alerted a person or stopped the robot. `limited` is the first that
-  changed a command or dropped a packet without alerting anybody.
+- `check_response`: stopped, flagged, limited or silent. `check_cause` is the first check that did
+  so. `alarm` is the first check that alerted a person or stopped the robot. `limited` is the first
+  that changed a command or dropped a packet without alerting anybody.
 - `motion_hazard`: unintended motion, loss of motion, false report or none, whichever is gravest.
   The limit is the scenario's `[harm] excursion_mm`, column `limit_mm`.
 - The columns `unintended_mm` to `false_report_first_ms` equal the result table's columns of these

@@ -52,9 +52,7 @@ class HazardRow:
     # First check that changed a command or dropped a packet without alerting anybody.
     limited_ms: Number = None
     limited: Text = ""
-    check_response: Text = (
-        ""  # one of outcomes.verdict.RESPONSES; "" if the hazard never became active
-    )
+    check_response: Text = ""  # one of outcomes.verdict.RESPONSES; "" if never active
     check_cause: Text = ""  # first check with that response
     motion_hazard: Text = ""  # one of outcomes.verdict.HAZARDS
     limit_mm: Number = None  # the scenario's limit of hazards and harm

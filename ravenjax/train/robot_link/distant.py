@@ -113,9 +113,8 @@ class DistantRobot:
 
     def stand_by(self) -> None:
         """Continue the motion at the beginning of its table, without effect on robot and model."""
-        self.motion[:, 0] = self.motion[
-            :, self.now - 1
-        ]  # the next packet's increments count from this row
+        # The next packet's increments count from this row.
+        self.motion[:, 0] = self.motion[:, self.now - 1]
         past, self.now = self.now - 1, 1
         for name in self._outcomes:
             if name.endswith("_first_ms"):

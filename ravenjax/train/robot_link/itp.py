@@ -7,13 +7,16 @@ server defines it:
     sequence        number of the force packet, from 1
     last_sequence   number of the console's packet accepted last
     pactyp, version 0
-    fx, fy, fz      [gold, green], axes of the ITP frame: thousandths of a device unit of the haptic cue, so that the
-                    published cap of 0.05 device units reads 50; a device that takes newtons scales them
+    fx, fy, fz      [gold, green], axes of the ITP frame: thousandths of a device unit of the
+                    haptic cue, so that the published cap of 0.05 device units reads 50; a
+                    device that takes newtons scales them
     runlevel        of the robot, 0 to 3
-    jointflags      bit 0 gold is present, bit 1 green is present, bit 2 the pedal counts as down, bit 3 the console
-                    counts as alive, bit 4 the robot's software holds its E-stop, bit 5 this console drives (0: it
-                    watches), bit 8 the gold cue pulls, bit 9 the green cue pulls
-    checksum        sum of forces, run level and number, wrapped to 32 bits, as in the console's packet
+    jointflags      bit 0 gold is present, bit 1 green is present, bit 2 the pedal counts as
+                    down, bit 3 the console counts as alive, bit 4 the robot's software holds its
+                    E-stop, bit 5 this console drives (0: it watches), bit 8 the gold cue pulls,
+                    bit 9 the green cue pulls
+    checksum        sum of forces, run level and number, wrapped to 32 bits, as in the console's
+                    packet
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ _SLOT_COLUMNS = (
 """Columns of each fault in a row."""
 
 _CLUTCHED = {"nominal.resync": 1.0}
-"""The model follows the robot at each pedal-up. Without this setting, each clutching would leave
+"""The model follows the robot while the pedal is up. Without this setting, each clutching would leave
 the model some tenths of a millimetre away from the robot.
 """
 

@@ -125,8 +125,9 @@ class Session:
 
     @property
     def clock(self) -> int:
-        """ms since the session's time began, at the first pedal-down or when the instructor said
-        so; 0 before.
+        """ms since the session's time began; 0 before.
+
+        The time begins at the first pedal-down, or when the instructor starts it.
         """
         return 0 if self.started is None else self.ticks - self.started
 
@@ -137,7 +138,7 @@ class Session:
 
     @property
     def over(self) -> bool:
-        """Whether it has ended."""
+        """Whether the session has ended."""
         return self.phase == OVER
 
     def tick(self, commands: list[dict[str, Any]]) -> list[Event]:
@@ -402,9 +403,8 @@ class Session:
         frame = self.frame
         self._hear_of_robot()
         self._events += self.task.step(frame, self.ticks)
-        due = (
-            self.ticks - self._looked >= OUTCOMES_EVERY
-        )  # reading the checks takes as long as a tick
+        # Reading the checks takes as long as a tick.
+        due = self.ticks - self._looked >= OUTCOMES_EVERY
         checked = self._checked() if due else ()
         self.judge.step(self.ticks, frame, *checked)
         runlevel = frame.numbers[self._runlevel]

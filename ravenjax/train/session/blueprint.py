@@ -43,7 +43,7 @@ SOURCE = Path(__file__).read_bytes()
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Blueprint:
-    """A compiled session; robots are made from it."""
+    """A compiled session, from which robots are made."""
 
     plan: Plan
     layout: FrameLayout
@@ -54,7 +54,7 @@ class Blueprint:
 
     @property
     def setup(self) -> RavenSetup:
-        """What picks code."""
+        """The settings that select code."""
         return self.plan.program.setup
 
 
@@ -78,9 +78,8 @@ def make(config: CampaignConfig, packets: bool = False, limit_mm: float = LIMIT_
     program = dataclasses.replace(ready.program, setup=setup, params=params)
     ready = dataclasses.replace(ready, program=program)
     layout = FrameLayout.of(setup.arms)
-    own = [
-        values[-1] for values in ready.varied.values()
-    ]  # of the last row, the button's, which is no hazard
+    # Of the last row, the button's, which is no hazard.
+    own = [values[-1] for values in ready.varied.values()]
     inputs = own, Faults(tuple(_empty() for _ in range(slots + 1)))
     entering = (
         [np.float32(0.0)] * run.series_length(setup),
@@ -140,11 +139,12 @@ def _frame(
     for one in run.checks(setup, state).values():
         trips = trips + one.count
     numbers += [software.last_seq, as_int(active_fault), trips, out.tip_distance * 1e3]
+    # `simulation` overwrites the last two with those of the golden run.
     numbers += [
         observer.halted,
         observer.halted,
         as_int(pulls),
-    ]  # `simulation` overwrites the last two with those of the golden run
+    ]
     positions = connections.measured(setup, software)
     golden = observers.reference(
         setup, observers.Golden(signal.reference, signal.apart), out.tip, positions

@@ -44,7 +44,7 @@ class ConsoleArbiter:
 
     @property
     def number(self) -> int:
-        """The number of the owner in `CONSOLES`."""
+        """The index of the owner in `CONSOLES`."""
         return CONSOLES.index(self.owner)
 
     def hear(

@@ -150,9 +150,8 @@ class _Hand:
         if not self._moving:
             return
         v, change = self._v, self._change
-        for i, aim in enumerate(
-            self._aim
-        ):  # exact solution of a critically damped second-order system
+        # Exact solution of a critically damped second-order system.
+        for i, aim in enumerate(self._aim):
             off = v[i] - aim
             if off or change[i]:
                 slope = change[i] + _RATE * off

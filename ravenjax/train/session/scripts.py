@@ -100,9 +100,8 @@ class Follower:
         right, up, toward = view_from_world(way)
         gain = slow * self._gain
         opening = row[5] + row[6]
-        aim = (
-            0.6 if wish.closed else 1.4
-        )  # rad, well past the opening at which the pegs' jaws grip or release
+        # rad, well past the opening at which the pegs' jaws grip or release.
+        aim = 0.6 if wish.closed else 1.4
         grasp = min(max((opening - aim) * GRASP_PER_RAD, -1.0), 1.0)
         return {
             "move": [gain * right, gain * up, gain * toward],

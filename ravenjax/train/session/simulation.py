@@ -42,13 +42,11 @@ class SimulatedRobot:
         self._shown = np.zeros((2, code.outputs), np.float32)
         self._addresses = [self._shown.ctypes.data + i * self._shown.strides[0] for i in (0, 1)]
         self.row = self._shown[0, : blueprint.layout.simulated]
-        self.motion = self._own.flat.reshape(
-            len(code.tables), -1
-        )  # [columns, ticks], filled row by row
+        # [columns, ticks], filled row by row.
+        self.motion = self._own.flat.reshape(len(code.tables), -1)
         first, last = (blueprint.layout.places[name] for name in (GOLDEN[0], GOLDEN[-1]))
-        self._golden = self._shown[
-            :, first.start : last.stop
-        ]  # channels of the golden run in the row
+        # Channels of the golden run in the row.
+        self._golden = self._shown[:, first.start : last.stop]
         self.now = 0  # the next tick
         series = run.series_length(blueprint.setup)
         self._series = self._shown[1, -series:]
@@ -59,9 +57,8 @@ class SimulatedRobot:
         """Where a packet from outside enters the robot and its golden run."""
         self._fresh = self._own.snapshot()
         places = tree.filled(code.state.record, list(range(len(code.state.layout.types))))
-        self._slots = [
-            tree.leaves(slot) for slot in places.faults.slots
-        ]  # leaves of each slot in the state
+        # Leaves of each slot in the state.
+        self._slots = [tree.leaves(slot) for slot in places.faults.slots]
         self._fault_inputs = len(code.inputs.layout.types) - len(_FIELDS) * (
             blueprint.fault_slots + 1
         )
