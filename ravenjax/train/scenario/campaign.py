@@ -47,8 +47,8 @@ _SLOT_COLUMNS = (
 """Columns of each fault in a row."""
 
 _CLUTCHED = {"nominal.resync": 1.0}
-"""The model follows the robot while the pedal is up. Without this setting, each clutching would leave
-the model some tenths of a millimetre away from the robot.
+"""The model follows the robot while the pedal is up. Without this setting, each clutching would
+leave the model some tenths of a millimetre away from the robot.
 """
 
 _OWN_KEYS = {

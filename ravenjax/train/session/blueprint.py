@@ -78,7 +78,7 @@ def make(config: CampaignConfig, packets: bool = False, limit_mm: float = LIMIT_
     program = dataclasses.replace(ready.program, setup=setup, params=params)
     ready = dataclasses.replace(ready, program=program)
     layout = FrameLayout.of(setup.arms)
-    # Of the last row, the button's, which is no hazard.
+    # Values of the last row, the button's: they belong to no hazard.
     own = [values[-1] for values in ready.varied.values()]
     inputs = own, Faults(tuple(_empty() for _ in range(slots + 1)))
     entering = (
