@@ -40,7 +40,7 @@ CONTACT_M = 0.03
 FORCE_M = 0.9
 """m of arrow per device unit; the published cue ends at 0.05."""
 SHADOW = 0.3
-"""Darkness of the shadows, 0 to 1."""
+"""Darkness of the shadows that shapes receive."""
 _SHAPE_MAKERS = ("mujoco", "mjviser", "trimesh")
 
 

@@ -55,8 +55,8 @@ Events of a session have "tick" (ms since the session began, without pauses) and
     hazard_row (row): the hazard's row of hazards.csv, for a recording that is cut short
     level (level, of, title, within_s, in_a_row, needs, took_ms, within): the operator's level, from
         1, its requirements, and the time of the last round, null before the first
-    target (target), object (held, at), task_done, note (text), overrun (late_ticks), trouble (text),
-    end (reason): "time", "task", "instructor", "interrupted" (at the terminal)
+    target (target), object (held, at), task_done, note (text), overrun (late_ticks),
+    trouble (text), end (reason): "time", "task", "instructor", "interrupted" (at the terminal)
 
 `number` counts the hazards of the session's list (`session.json`, "hazards"). In "cue" it is -1 if
 no hazard is active or the golden run has had the cue, too. `ravenjax.outcomes` defines the terms

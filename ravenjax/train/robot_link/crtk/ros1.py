@@ -34,9 +34,8 @@ class Ros1Transport:
         self.types = messages.types("ros1")
         self._published, self._subscribed = list(published), list(subscribed)
         self._connected, self._is_ready = 0, False
-        self._defined: dict[
-            int, messages.MessageTypes
-        ] = {}  # types as their publishers define them
+        # Types as their publishers define them.
+        self._defined: dict[int, messages.MessageTypes] = {}
         ours, theirs = socket.socketpair()
         with ours, theirs:
             self._node = subprocess.Popen(
