@@ -24,7 +24,7 @@ class Course:
         return values[:, 0] if values.shape[1] == 1 else values
 
     def worst(self, name: str, arms: Sequence[str]) -> np.ndarray:
-        """Return the greatest of the arms' values. Of a vector, the value is its length."""
+        """Return the greatest of the arms' values. The value of a vector is its length."""
         channels = [self.channel(f"{arm}/{name}") for arm in arms]
         sizes = [np.linalg.norm(one, axis=1) if one.ndim > 1 else one for one in channels]
         return np.max(sizes, axis=0)

@@ -79,7 +79,7 @@ def measure(course: Course) -> dict[str, Any]:
 def measure_contact(course: Course) -> dict[str, dict[str, float]]:
     """Return by arm the largest contact force and impulse, in N and N s.
 
-    Of the vessel and of the other instrument, it returns the largest force.
+    It also returns the largest force of the vessel and of the other instrument.
     """
     measures = {}
     for arm in course.layout.arms:

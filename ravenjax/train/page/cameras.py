@@ -47,8 +47,7 @@ class Windows:
             if inset in VIEWS:
                 _look_from(client, inset)
             if inset == FAR:
-                # A node of this client alone, at the same place as the scene's, hides the nodes
-                # below it.
+                # This client's node is the parent of the scene's nodes /plumb/... and hides them.
                 client.scene.add_frame("/plumb", show_axes=False, visible=False)
 
         @server.on_client_disconnect

@@ -34,9 +34,8 @@ class Ring:
         """Create a ring. Other processes attach by its `name`."""
         size = _HEADER + capacity * row_bytes
         memory = shared_memory.SharedMemory(create=True, size=size)
-        np.ndarray((size,), np.uint8, memory.buf)[:] = (
-            0  # touch every page of memory before the first tick needs it
-        )
+        # This touches every page of memory before the first tick needs it.
+        np.ndarray((size,), np.uint8, memory.buf)[:] = 0
         np.ndarray((3,), np.int64, memory.buf)[:] = 0, capacity, row_bytes
         return Ring(memory, owner=True)
 

@@ -97,9 +97,8 @@ class Session:
         self.command_log = CommandLog()
         self._hands = self._new_hands()
         self._resume_to = READY
-        self._rest: np.ndarray | None = (
-            None  # row of the resting robot while the operator drives the virtual robot
-        )
+        # Row of the resting robot while the operator drives the virtual robot.
+        self._rest: np.ndarray | None = None
         self._tried = (0, 0)  # first and last tick of the motion tried on the virtual robot
         self._replayed = 0  # how many of those ticks the robot has repeated
         self._pedal, self._alive = 0.0, False

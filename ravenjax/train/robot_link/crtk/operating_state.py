@@ -44,16 +44,14 @@ class OperatingState:
         self._stopped = self._lost = False
         self._disabled = True  # nobody has enabled the robot
         self._disabling = False  # a stop was ordered but has not happened yet
-        self._restarting = (
-            False  # a restart was ordered; the pedal goes down once the robot is ready
-        )
+        # A restart was ordered; the pedal goes down once the robot is ready.
+        self._restarting = False
         self._present = self._clutch = False  # feet on the two pedals
         self._clutched = False  # the pedal was down when the clutch was pressed
         self._streams = False  # servo commands came since pedal-down
         self._servo_ms = self._word_ms = self._down_ms = self._up_ms = float("-inf")
-        self.other_drives = (
-            False  # another console holds the pedal: nothing is to be had before it lets go
-        )
+        # Another console holds the pedal: CRTK cannot drive until it lets go.
+        self.other_drives = False
 
     @property
     def state(self) -> State:
