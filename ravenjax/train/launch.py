@@ -103,7 +103,7 @@ class FinishedSession:
     ended: str
     # The session that the instructor wants next: the command "next" of `messages`.
     wish: dict[str, Any] | None = None
-    port: int = 0  # of the page
+    port: int = 0  # port of the page
 
 
 def realtime(
@@ -118,7 +118,7 @@ def realtime(
 
     linger_s: how long the page stays open after the session; None: until Ctrl-C. One Ctrl-C ends
     both the session and the page. helpers: processes that were started in advance, with a page
-    exactly if `with_page`; None: they are started now.
+    if `with_page` is true; None: they are started now.
     """
     began = time.monotonic()
     if with_page:
@@ -180,7 +180,8 @@ def realtime(
         helpers.recorder.answer()
         helpers.keep_away()
         stop = stack.enter_context(interruption.until_interrupted())
-        interruption.point()  # act on a Ctrl-C that was held back until now
+        # Act on a Ctrl-C that was held back until now.
+        interruption.point()
         with clock.realtime() as granted:
             say(f"realtime: {granted}")
             timing = loop.run(

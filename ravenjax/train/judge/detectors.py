@@ -36,8 +36,10 @@ class Trip(NamedTuple):
     """A trip of a check since the last reading."""
 
     check: Check
-    ms: int  # of the session; exact for a check's first trip, otherwise the reading's
-    beyond_golden: bool  # more trips so far than in the golden run
+    # Of the session; exact for a check's first trip, otherwise the reading's.
+    ms: int
+    # More trips so far than in the golden run.
+    beyond_golden: bool
     announced: bool  # the first trip after `QUIET_MS` without one
     count: int  # in the session so far
 

@@ -16,7 +16,7 @@ which starts at the robot's state when the hazard is armed:
 
 **First possible knowledge** (`knowable_ms`): the first tick at which a person at the console could
 know of the hazard. Seen: the tip, reported or true, is `SEEN_MM` or more from where it would be
-without the fault ("tip"), or the robot left pedal-down unasked ("runlevel"). Announced: a check
+without the fault ("tip"), or the robot left pedal-down on its own ("runlevel"). Announced: a check
 alerted a person (the check's name). A difference of micrometres, which only a computer can measure,
 is not knowledge. The cue is felt from its onset: at its published threshold it begins with a
 quarter of its largest force. Reaction times count from their *origin*: the earliest of knowledge,
@@ -44,7 +44,7 @@ is given, or the time for one is up.
 - `harm`: the true tip made an unintended motion of more than `[harm] excursion_mm`, live or not, or
   the fault drove it more than `[harm] depth_mm` deeper into the tissue.
 - `avoided`: a right response in time.
-- `halted`: the robot left pedal-down unasked, because a check stopped it or for another reason.
+- `halted`: the robot left pedal-down on its own, because a check stopped it or for another reason.
 - `unaffected`: no distance of `AFFECTED_MM`, no hazard, no cue.
 - `missed`: none of these.
 

@@ -47,7 +47,8 @@ class HazardRow:
     knowable_ms: Number = None
     knowable_by: Text = ""
     cue_ms: Number = None
-    alarm_ms: Number = None  # first check that alerted a person or stopped the robot
+    # First check that alerted a person or stopped the robot.
+    alarm_ms: Number = None
     alarm: Text = ""
     # First check that changed a command or dropped a packet without alerting anybody.
     limited_ms: Number = None
@@ -65,14 +66,15 @@ class HazardRow:
     golden_halted_ms: Number = None
     false_report_mm: Number = None
     false_report_first_ms: Number = None
-    peak_error_mm: Number = None  # of the reported tip from the model, which drives the cue
+    # Of the reported tip from the model, which drives the cue.
+    peak_error_mm: Number = None
     deepest_mm: Number = None
     response: Text = ""  # the operator's
     response_ms: Number = None
     reaction_ms: Number = None
     right_response: Text = ""
     response_ok: Flag = False
-    halted: Flag = False  # the robot left pedal-down unasked
+    halted: Flag = False  # the robot left pedal-down on its own
     outcome: Text = ""
     score: Number = None
 

@@ -34,7 +34,7 @@ around its threshold is then one cue.
 COUNT_EVERY_MS = 1000
 """The shortest time between two events "alarm_count" of one check."""
 _OF_MOTION = ("release", "slow")
-"""Responses to a robot that moves. Once the robot has halted unasked they avoid nothing and do not
+"""Responses to a robot that moves. Once the robot has halted on its own they avoid nothing and do not
 count.
 """
 _COMMON = (
@@ -96,7 +96,7 @@ class Judge:
         # ms so far, of robot and golden run.
         self._halted = self._halted_at_strike = (0, 0)
 
-    # --- what the session reports ---
+    # --- calls of the session ---
 
     def armed(self, number: int, tick: int) -> None:
         """Begin an episode: a hazard is armed before this tick."""
@@ -208,7 +208,7 @@ class Judge:
         self._pedal = pedal != 0.0
         self._walked = self._walked and not self._pedal
 
-    # --- what it makes of it ---
+    # --- rows and events ---
 
     def rows(self, **identity: Any) -> list[dict[str, Any]]:
         """Return a dict for each hazard so far, with the keys COLUMNS; missing values are None.

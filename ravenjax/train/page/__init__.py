@@ -22,7 +22,8 @@ class PageOptions:
 
     frames: str  # name of the ring of frames
     events: str  # name of the ring of events
-    commands: str  # name of the ring of commands, which the page writes
+    # Name of the ring of commands, which the page writes.
+    commands: str
     arms: tuple[ArmName, ...]
     # As in session.json: name, hazards, task, blinded; also cue_threshold_mm.
     header: dict[str, Any]

@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-_HEADER = 64  # bytes: rows written so far, capacity, bytes of a row
+# Bytes: rows written so far, capacity, bytes of a row.
+_HEADER = 64
 
 
 class Ring:

@@ -20,7 +20,8 @@ class Recording:
     """The recording of a session."""
 
     layout: FrameLayout
-    numbers: np.ndarray  # int64 [T], number of each row, with gaps where rows were lost
+    # Int64 [T], number of each row, with gaps where rows were lost.
+    numbers: np.ndarray
     rows: np.ndarray  # float32 [T, layout.size]
     events: list[dict[str, Any]]
     header: dict[str, Any]  # at the session's beginning

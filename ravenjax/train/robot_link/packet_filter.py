@@ -103,7 +103,8 @@ class Gate:
         self._misfit_count, self._advised = 0, False
         self._news: list[str] = []
         self._peer: tuple | None = None
-        self._last = 0  # number of the stream's last packet; 0: none yet
+        # Number of the stream's last packet; 0: none yet.
+        self._last = 0
         self._heard_ms = -math.inf  # when the stream last went on
 
     @property

@@ -42,9 +42,11 @@ class Played(NamedTuple):
     packets: int  # packets of the recording that were sent
     of: int
     seconds: float
-    latest_s: float  # the largest delay of a packet after its time
+    # The largest delay of a packet after its time.
+    latest_s: float
     forces: int  # force packets received
-    driving: int  # force packets that say that this console's pedal counts
+    # Force packets that say that this console's pedal counts.
+    driving: int
 
     def __str__(self) -> str:
         """Return the summary in words, for the command line."""

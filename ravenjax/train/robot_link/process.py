@@ -76,7 +76,8 @@ class Station:
         self._number = 0  # number of the robot's newest packet
         self._arbiter, self._pedals = ConsoleArbiter(), PedalReasons()
         self._checks: dict[str, tuple[int, int]] = {}  # as in the joint reports
-        self._trips, self._looked = 0.0, 0  # the checks' trips at the last reading, and its tick
+        # The checks' trips at the last reading, and its tick.
+        self._trips, self._looked = 0.0, 0
         self._last_seq = NO_PACKET_SEQUENCE  # of the console's packet taken last
 
     def tick(self) -> Frame:

@@ -99,8 +99,10 @@ class Session:
         self._resume_to = READY
         # Row of the resting robot while the operator drives the virtual robot.
         self._rest: np.ndarray | None = None
-        self._tried = (0, 0)  # first and last tick of the motion tried on the virtual robot
-        self._replayed = 0  # how many of those ticks the robot has repeated
+        # First and last tick of the motion tried on the virtual robot.
+        self._tried = (0, 0)
+        # How many of those ticks the robot has repeated.
+        self._replayed = 0
         self._pedal, self._alive = 0.0, False
         self._told: tuple[Any, ...] = (None,) * len(_TOLD)
         places = self.layout.places
@@ -253,7 +255,8 @@ class Session:
             self.judge.interrupted(self.ticks, "instructor")
             self._resume_to, self.phase = self.phase, PAUSED
         elif do == "resume" and self.phase == PAUSED:
-            self._let_go("resume")  # a hand or foot may have moved during the pause
+            # A hand or foot may have moved during the pause.
+            self._let_go("resume")
             self.phase = self._resume_to
         elif do == "reset" and self.phase != OVER:
             self.judge.interrupted(self.ticks, "instructor")
@@ -365,7 +368,7 @@ class Session:
         self.task.restart()
         self.phase, self.view = READY, REAL
 
-    # --- what is shown and told ---
+    # --- frames and events ---
 
     def _publish(self, hand: hands.HandsRow | None = None) -> None:
         """Fill the frame. Without a hand, the channels of the robot and the hand keep

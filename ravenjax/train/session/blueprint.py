@@ -48,9 +48,12 @@ class Blueprint:
     plan: Plan
     layout: FrameLayout
     code: StepCode
-    inputs: Any  # varied parameters and faults at the start: no fault
-    fault_slots: int  # slots of a row; the button's slot follows them
-    packets: bool  # whether packets come from an outside console, not from the motion
+    # Varied parameters and faults at the start: no fault.
+    inputs: Any
+    # Slots of a row; the button's slot follows them.
+    fault_slots: int
+    # Whether packets come from an outside console, not from the motion.
+    packets: bool
 
     @property
     def setup(self) -> RavenSetup:

@@ -93,9 +93,7 @@ class ConsoleArbiter:
         return "" if console in self._armed else words.lift(self._since.get(console, ""))
 
     def obey(self, command: Mapping[str, Any], tick: int) -> bool:
-        """Carry out a command "seat". Return whether another console now has the seat or its pedal
-        was raised.
-        """
+        """Carry out a command "seat". Return whether the seat has changed hands."""
         console, do, by = console_of(command), command.get("do"), command.get("by", "operator")
         target, refusal = (command.get("to") if do == "give" else console), ""
         if do == "left":

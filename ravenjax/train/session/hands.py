@@ -37,8 +37,10 @@ value is ours.
 _RATE = 3.8897 / SMOOTHING_MS
 """1/ms. A critically damped step, 1 - (1 + s) exp(-s), is 0.9 at s = 3.8897."""
 _DECAY = math.exp(-_RATE)
-_AT_REST = 1e-6  # share of full speed below which a hand counts as at rest
-_SETTLED = 1e-12  # differences from the aim below this are set to zero
+# Share of full speed below which a hand counts as at rest.
+_AT_REST = 1e-6
+# Differences from the aim below this are set to zero.
+_SETTLED = 1e-12
 
 GRASP_MRAD = (-400.0, 1500.0)
 """How far speeds open and close the jaws from their start (about 90 degrees open). Increments are
@@ -69,7 +71,8 @@ class Hands:
         self._scale = float(np.float32(scale))
         self._hands = {arm: _Hand(arm, speeds) for arm in self.arms}
         self._pedal = False
-        self._heard = -1  # tick of the last accepted message; -1: none yet
+        # Tick of the last accepted message; -1: none yet.
+        self._heard = -1
         self._columns = np.zeros(len(self.arms) * len(ARM_COLUMNS) + 1, np.float32)
 
     def take(self, message: Mapping[str, Any], tick: int) -> bool:

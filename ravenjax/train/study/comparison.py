@@ -109,7 +109,7 @@ class GroupComparison(NamedTuple):
 
     @property
     def has_few(self) -> bool:
-        """Whether a group has less than two participants."""
+        """Whether a group has fewer than two participants."""
         return min(len(self.first.means), len(self.second.means)) < 2
 
 

@@ -31,7 +31,8 @@ class PathTask(Task):
         self.points = [_point(settings, field.middle, k / POINTS) for k in range(POINTS)]
         self.target = 0
         self._tolerance_m = settings.tolerance_mm / 1e3
-        self._at = 0  # points passed so far; the next is this one, modulo POINTS
+        # Points passed so far; the next is this one, modulo POINTS.
+        self._at = 0
         self._on = False  # whether the tip has come to the line
         self._ticks, self._within = 0, 0
         spacing = math.dist(self.points[0], self.points[1])

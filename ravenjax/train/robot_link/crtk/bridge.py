@@ -35,7 +35,8 @@ PERIOD_S = 0.002
 READINGS_HZ = 100.0
 """The default rate of the dVRK's consoles."""
 _PARENT_S = 1.0
-_TAIL = struct.Struct("<qqq")  # wall clock ns, monotonic ns, number of the last command
+# Wall clock ns, monotonic ns, number of the last command.
+_TAIL = struct.Struct("<qqq")
 _KEPT_ROWS, _KEPT_COMMANDS, _COMMANDS_PER_TICK = 64, 1024, 16
 _LOOK_EVERY = 256
 """Calls of `poll` between two checks that the process is alive. Each check is a system call."""
@@ -122,7 +123,8 @@ class BridgeOptions:
     ros: Ros
     arms: tuple[ArmName, ...]
     tools: tuple[str, ...]
-    grasp_gain: int  # mrad that the jaws close per mrad of an increment
+    # mrad that the jaws close per mrad of an increment.
+    grasp_gain: int
     contact: bool  # whether the contact force is known
 
 

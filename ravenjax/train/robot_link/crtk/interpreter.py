@@ -56,7 +56,8 @@ class RobotRow(NamedTuple):
     frame: Frame
     stamp_ns: int  # ns since 1970
     clock_ns: int  # monotonic
-    last_command: int  # number of the last command that the loop took before this tick
+    # Number of the last command that the loop took before this tick.
+    last_command: int
     number: int = 0  # number of the row, from 0
 
 
@@ -70,7 +71,8 @@ class _Arm:
         limits = soft_limits(tool)
         self.lower, self.upper = (np.array(side[:5], float) for side in limits[:2])
         self.jpos_d = np.zeros(7)  # joints that the software wants
-        self.goal: np.ndarray | None = None  # last goal in joint space, the base of relative goals
+        # Last goal in joint space, the base of relative goals.
+        self.goal: np.ndarray | None = None
         self.move: Trajectory | None = None
 
 
@@ -98,7 +100,8 @@ class Interpreter:
             for arm, tool in zip(arms, tools, strict=True)
         }
         self._published: tuple[str, bool, bool] | None = None  # the state published last
-        self._answer = False  # whether a state command came: the state is published again
+        # Whether a state command came: the state is published again.
+        self._answer = False
         self._orders: list[dict[str, Any]] = []
         self._stepped_ms: float | None = None
         self._drove = self._present = False
@@ -106,7 +109,7 @@ class Interpreter:
         self._sent = 0  # number of the last command with an increment
         self._taken: int | None = None  # row before which the robot took that command
 
-    # --- what is heard ---
+    # --- messages from ROS ---
 
     def hear(self, name: str, message: Any, now_ms: float) -> None:
         """Process a message on a topic of `messages.subscribed`."""
@@ -182,7 +185,7 @@ class Interpreter:
         if self.counts[why] == 1:
             self._refused(why)
 
-    # --- what the robot does ---
+    # --- rows from the robot, commands to it ---
 
     def observe(self, row: RobotRow, connected: bool, now_ms: float) -> None:
         """Take the robot's newest row."""
@@ -234,7 +237,7 @@ class Interpreter:
         if self._moves:
             self._sent, self._taken = number, None
 
-    # --- what is told ---
+    # --- messages to ROS ---
 
     def states(self, stamp_ns: int) -> list[Message]:
         """Return the operating state, if it has changed or a command came."""

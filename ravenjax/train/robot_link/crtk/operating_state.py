@@ -43,11 +43,13 @@ class OperatingState:
         self.why = ""  # why the pedal came up last
         self._stopped = self._lost = False
         self._disabled = True  # nobody has enabled the robot
-        self._disabling = False  # a stop was ordered but has not happened yet
+        # A stop was ordered but has not happened yet.
+        self._disabling = False
         # A restart was ordered; the pedal goes down once the robot is ready.
         self._restarting = False
         self._present = self._clutch = False  # feet on the two pedals
-        self._clutched = False  # the pedal was down when the clutch was pressed
+        # The pedal was down when the clutch was pressed.
+        self._clutched = False
         self._streams = False  # servo commands came since pedal-down
         self._servo_ms = self._word_ms = self._down_ms = self._up_ms = float("-inf")
         # Another console holds the pedal: CRTK cannot drive until it lets go.
@@ -160,7 +162,8 @@ class OperatingState:
         """
         was_stopped = self._stopped or self.runlevel == E_STOP
         if lost and not self._lost:
-            self._release("lost")  # a robot that was enabled need not be enabled again afterwards
+            # A robot that was enabled need not be enabled again afterwards.
+            self._release("lost")
         self.runlevel, self._stopped, self._lost = runlevel, stopped, lost
         is_stopped = stopped or runlevel == E_STOP
         if is_stopped and not was_stopped:

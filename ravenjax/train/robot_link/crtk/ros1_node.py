@@ -74,7 +74,8 @@ def main():
                 last = connected
                 tell("connected", connected)
             time.sleep(PERIOD_S)
-        os._exit(1)  # another node took the name, or the master shut this one down
+        # Another node took the name, or the master shut this one down.
+        os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
     while True:
