@@ -36,11 +36,11 @@ class Trip(NamedTuple):
     """A trip of a check since the last reading."""
 
     check: Check
-    # Of the session; exact for a check's first trip, otherwise the reading's.
+    # ms of the session: exact for a check's first trip, otherwise the time of the reading.
     ms: int
-    # More trips so far than in the golden run.
+    # Whether it has tripped more often so far than in the golden run.
     beyond_golden: bool
-    announced: bool  # the first trip after `QUIET_MS` without one
+    announced: bool  # the first after `QUIET_MS` without one
     count: int  # in the session so far
 
 

@@ -66,7 +66,7 @@ class HazardRow:
     golden_halted_ms: Number = None
     false_report_mm: Number = None
     false_report_first_ms: Number = None
-    # Of the reported tip from the model, which drives the cue.
+    # Distance of the reported tip from the model, which drives the cue.
     peak_error_mm: Number = None
     deepest_mm: Number = None
     response: Text = ""  # the operator's

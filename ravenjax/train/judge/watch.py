@@ -34,8 +34,8 @@ around its threshold is then one cue.
 COUNT_EVERY_MS = 1000
 """The shortest time between two events "alarm_count" of one check."""
 _OF_MOTION = ("release", "slow")
-"""Responses to a robot that moves. Once the robot has halted on its own they avoid nothing and do not
-count.
+"""Responses to a robot that moves. Once the robot has halted on its own, they avoid nothing and do
+not count.
 """
 _COMMON = (
     *("tick", "live", "fault_active", "pedal", "console_alive"),

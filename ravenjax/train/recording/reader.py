@@ -20,7 +20,7 @@ class Recording:
     """The recording of a session."""
 
     layout: FrameLayout
-    # Int64 [T], number of each row, with gaps where rows were lost.
+    # int64 [T], number of each row, with gaps where rows were lost.
     numbers: np.ndarray
     rows: np.ndarray  # float32 [T, layout.size]
     events: list[dict[str, Any]]
