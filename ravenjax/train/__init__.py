@@ -1,1 +1,1 @@
-"""The training session: the campaigns' tick, once a millisecond, for a person."""
+"""Training sessions: run the campaigns' tick once a millisecond, driven by a person."""

@@ -1,4 +1,4 @@
-"""Consoles that drive a session beside the page: a script, or ITP over the network."""
+"""Connects the consoles other than the page to a session: a script, or ITP over the network."""
 
 from __future__ import annotations
 
@@ -16,13 +16,15 @@ from ravenjax.train.session.advance import Session
 from ravenjax.train.session.command_log import read_commands
 
 SOME_PACKETS = 10
-"""After this number of refused packets in `STALE_MS`, and none accepted, the user is informed."""
+"""The number of packets refused within `STALE_MS`, with none accepted, that triggers a message."""
 UNATTENDED_MS = 60_000
-"""If a script has not driven by then, the session's time begins all the same, so that it ends."""
+"""The tick at which the session's time begins even if a script has not driven, so that the session
+ends.
+"""
 
 
 class Scripted:
-    """A scripted or recorded operator as a console."""
+    """Presents a scripted or recorded operator to the realtime loop as a console."""
 
     def __init__(self, script: str, session: Session) -> None:
         self._session = session
@@ -34,7 +36,7 @@ class Scripted:
             self._operator = scripts.Recorded(read_commands(script))
 
     def poll(self) -> list[dict[str, Any]]:
-        """The commands before this tick."""
+        """Return the commands to carry out before this tick."""
         session = self._session
         commands = self._operator.messages(session.ticks, session.frame)
         if session.ticks == UNATTENDED_MS and session.started is None:
@@ -42,7 +44,7 @@ class Scripted:
         return commands
 
     def tell(self, frame: Frame) -> None:
-        """A script reads the frame in `poll`."""
+        """Do nothing: a script reads the frame in `poll`."""
 
 
 class Refusals:
@@ -53,7 +55,10 @@ class Refusals:
         self._polls, self._published = 0, ""
 
     def poll(self) -> list[dict[str, Any]]:
-        """Once a ms: a command "unheard" when packets begin or cease to be accepted."""
+        """Return the command "unheard" when the filter starts or stops refusing all packets.
+
+        Call it once a millisecond. Otherwise the list is empty.
+        """
         self._polls += 1
         if self._polls % STALE_MS:
             return []
@@ -79,22 +84,22 @@ class PedalWords:
         self._session, self._say = session, say
 
     def poll(self) -> list[dict[str, Any]]:
-        """This console never sends commands."""
+        """Return no commands: this console never sends any."""
         return []
 
     def tell(self, frame: Frame) -> None:
-        """Print what the last tick found."""
+        """Print the new messages about pedals from the last tick."""
         for line in self._session.pedals.news():
             self._say(line)
 
 
 class ItpConsole:
-    """A console over the network: increments in, force out."""
+    """A console over the network: receives increments and sends forces."""
 
     def __init__(
         self, server: ItpServer, session: Session, say: Callable[[str], None] = print
     ) -> None:
-        """say: takes what a user should know of the console's packets."""
+        """say: prints a message about the console's packets to the user."""
         self._server, self._session, self._arms = server, session, session.arms
         self._say = say
         self._still: dict[str, Any] = dict.fromkeys(session.arms, (0.0, 0.0, 0.0))
@@ -127,11 +132,12 @@ class ItpConsole:
 def force_at_hand(
     frame: Frame, arm: ArmName, units_per_n: float, cap: float, cue: bool
 ) -> tuple[float, float, float]:
-    """Device units along the axes of frame 0; never more than `cap`, or the cue's own where that is
-    more.
+    """Return the force at the operator's hand in device units, along the axes of frame 0.
 
-    cue: whether the cue is felt. The contact's force is felt either way: it is no aid, the tissue
-    is there.
+    The force is at most `cap`, or as large as the cue alone where the cue exceeds `cap`.
+
+    cue: whether the operator feels the cue. The contact force is always included: it is the
+    tissue's resistance, not an aid.
     """
     places, numbers = frame.layout.places, frame.numbers
     first, touch = places[f"{arm}/force"].start, places[f"{arm}/contact"].start

@@ -1,10 +1,11 @@
-"""A whole session: its processes, from the scenario to the debrief.
+"""Runs a whole session with its processes, from the scenario to the debrief.
 
-    realtime   this process, one thread: consoles in, tick, rows and events into two rings
-    page       serves the browser: reads the rings, sends commands (not without a page)
-    recorder   reads the rings, writes the folder
+    realtime   this process, one thread: reads consoles, ticks, writes rows and events to two rings
+    page       serves the browser: reads the rings and sends commands (optional)
+    recorder   reads the rings and writes the session's folder
 
-Neither of the others can make the realtime loop wait, and both end when it is gone.
+The page and the recorder can never make the realtime loop wait. Both end when the realtime process
+ends.
 """
 
 from __future__ import annotations
@@ -52,33 +53,37 @@ from ravenjax.train.session.blueprint import Blueprint
 from ravenjax.train.session.simulation import SimulatedRobot
 
 KEPT_FRAMES, KEPT_EVENTS, KEPT_COMMANDS = 4096, 1024, 256
-"""Rows of the rings: four seconds of frames, more events and commands than come in that time."""
+"""Capacities of the rings in rows. Frames last four seconds; fewer events and commands than these
+arrive in that time.
+"""
 COMMANDS = "commands.jsonl"
-"""The commands of the session: a script that repeats it."""
+"""File with the commands of the session. Used as a script, it repeats the session."""
 Say = Callable[[str], None]
 
 
 @dataclasses.dataclass(frozen=True)
 class SessionOptions:
-    """What a session is started with."""
+    """The options with which a session starts."""
 
     scenario: Scenario
     folder: Path
     seed: int
     participant: str = ""
     group: str = ""
-    cue: bool | None = None  # None: the scenario's own
+    cue: bool | None = None  # None: as the scenario sets it
     blinded: bool | None = None
     host: str = "127.0.0.1"
     port: int = 0
     token: str | None = None
-    # what makes an instructor of a visitor; made up where it is left out
+    # Makes its bearer the instructor. None: a random token is generated.
     instructor_token: str | None = None
-    # who drives in place of a person: a reaction of `scripts`, or a file of commands
+    # Drives in place of a person: a reaction of `scripts`, or a file of commands.
     script: str | None = None
     itp_port: int | None = None  # None: no console over the network
-    console: str = "raven"  # its profile: a name or file of `store.consoles`, or "auto"
-    # a robot elsewhere, HOST[:ITP_PORT[:JOINT_PORT]], or ros1, ros2 in place of that port
+    # The console's profile: a name or file of `store.consoles`, or "auto".
+    console: str = "raven"
+    # A robot outside this process, HOST[:ITP_PORT[:JOINT_PORT]]; ros1 or ros2 may replace
+    # JOINT_PORT.
     robot: str | None = None
     crtk: Ros | None = None  # also speak CRTK over this ROS
 
@@ -90,15 +95,15 @@ class SessionOptions:
 
 @dataclasses.dataclass(frozen=True)
 class FinishedSession:
-    """What a session left behind."""
+    """The results of a session that has ended."""
 
     folder: Path
     hazards: list[dict[str, Any]]
     timing: LoopTiming | None
     ended: str
-    # the session that the instructor asked for: the command "next" of `messages`
+    # The session that the instructor wants next: the command "next" of `messages`.
     wish: dict[str, Any] | None = None
-    port: int = 0  # of the page
+    port: int = 0  # port of the page
 
 
 def realtime(
@@ -111,9 +116,9 @@ def realtime(
 ) -> FinishedSession:
     """Run a session against the clock.
 
-    linger_s: how long the page stays after the end, None: until Ctrl-C. One Ctrl-C ends session and
-    page. helpers: started before, with a page or without as this session; None: they are started
-    now.
+    linger_s: how long the page stays open after the session; None: until Ctrl-C. One Ctrl-C ends
+    both the session and the page. helpers: processes that were started in advance, with a page
+    if `with_page` is true; None: they are started now.
     """
     began = time.monotonic()
     if with_page:
@@ -128,7 +133,7 @@ def realtime(
         )
         interruption.point()
         say(f"robot: ready after {time.monotonic() - began:.1f} s")
-        # A script that is none is refused before anything is recorded.
+        # An invalid script is refused before anything is recorded.
         script = None if options.script is None else Scripted(options.script, session)
         header = _header(options, session)
         frames = Ring.create(KEPT_FRAMES, 4 * session.layout.size)
@@ -175,7 +180,8 @@ def realtime(
         helpers.recorder.answer()
         helpers.keep_away()
         stop = stack.enter_context(interruption.until_interrupted())
-        interruption.point()  # what was held back until now
+        # Act on a Ctrl-C that was held back until now.
+        interruption.point()
         with clock.realtime() as granted:
             say(f"realtime: {granted}")
             timing = loop.run(
@@ -202,7 +208,7 @@ def realtime(
 
 
 def with_tokens(options: SessionOptions) -> SessionOptions:
-    """The options with the tokens that are needed and were not given, made up."""
+    """Return the options with random tokens in place of those that are needed but not given."""
     token = options.token
     if token is None and not loopback(options.host):
         token = secrets.token_urlsafe(24)
@@ -211,8 +217,9 @@ def with_tokens(options: SessionOptions) -> SessionOptions:
 
 
 def following(options: SessionOptions, last: FinishedSession) -> SessionOptions:
-    """The options of the session that was asked for at the end of the last, in a folder beside
-    that.
+    """Return the options of the session that the instructor requested at the end of `last`.
+
+    Its folder is next to the folder of the last session.
     """
     wish = last.wish or {}
     name = wish.get("scenario")
@@ -230,8 +237,9 @@ def following(options: SessionOptions, last: FinishedSession) -> SessionOptions:
 
 
 def _wish(said: loop.PageCommands, say: Say) -> dict[str, Any] | None:
-    """The next session that was asked for since the last look. A scenario that does not exist is
-    reported.
+    """Return the request for the next session that has arrived since the last call, or None.
+
+    A scenario that does not exist is reported to the user.
     """
     for command in said.poll():
         if (command["type"], command.get("do")) == ("instructor", "next"):
@@ -246,10 +254,10 @@ def _wish(said: loop.PageCommands, say: Say) -> dict[str, Any] | None:
 
 
 def headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSession:
-    """Run a session as fast as it goes, without page and clock: the same folder, the same bits each
-    time.
+    """Run a session as fast as possible, without page and clock.
 
-    UserError without a script: somebody must drive.
+    The same options write the same bits each time. Raises UserError without a script, because
+    something must drive.
     """
     script = options.script
     if script is None:
@@ -258,7 +266,7 @@ def headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSess
             " commands"
         )
     session = Session(options.scenario, options.seed, cue=options.cue)
-    driver = Scripted(script, session)  # a file that is no script leaves no folder
+    driver = Scripted(script, session)  # an invalid file leaves no folder
     options = _with_new_folder(options, say)
     header = {"started": recorder.now(), **_header(options, session), "ended": None}
     description.write(options.folder, header)
@@ -284,8 +292,10 @@ def headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSess
 def fresh_folder(
     name: str, participant: str = "", seed: int = 0, base: Path = Path("results/sessions")
 ) -> Path:
-    """A folder for a session that begins now, named by scenario, who drives, time (UTC) and
-    seed; not by the group.
+    """Return a folder for a session that begins now.
+
+    Its name has the scenario, the participant, the time (UTC) and the seed, but not
+    the group.
     """
     who = re.sub(r"[^\w.-]", "-", participant)[:40]
     parts = (name, who, f"{datetime.now(UTC):%Y%m%d-%H%M%S}", f"seed{seed}")
@@ -296,8 +306,10 @@ def fresh_folder(
 
 
 def _with_new_folder(options: SessionOptions, say: Say) -> SessionOptions:
-    """The options with a folder that is made here: their own, or, where that is there already, one
-    with a number behind it, which is told. UserError where none can be made.
+    """Create the session's folder and return the options with it.
+
+    If the folder exists already, a number is appended to its name and the user is informed. Raises
+    UserError if no folder can be created.
     """
     folder, number = options.folder, 1
     try:
@@ -355,7 +367,9 @@ def _header(options: SessionOptions, session: Session) -> dict[str, Any]:
 def _robot(
     stack: contextlib.ExitStack, options: SessionOptions, say: Say
 ) -> Callable[[Blueprint], SimulatedRobot | DistantRobot]:
-    """What makes the robot that is driven: the virtual one, or a connection to one elsewhere."""
+    """Return the function that makes the robot: the virtual robot, or a connection to
+    another one.
+    """
     if options.robot is None:
         return SimulatedRobot
     host, ports = address(options.robot)
@@ -396,8 +410,10 @@ def _robot(
 
 
 def address(text: str) -> tuple[str, tuple[int, int | Ros]]:
-    """Host, and ports of ITP and of the joint stream, of HOST[:ITP_PORT[:JOINT_PORT]]; ros1 or ros2
-    may stand for the latter. UserError."""
+    """Parse HOST[:ITP_PORT[:JOINT_PORT]] into the host and the ports of ITP and the joint stream.
+
+    In place of JOINT_PORT, "ros1" or "ros2" is allowed. Raises UserError if the text is invalid.
+    """
     host, *ports = text.split(":")
     ros: Ros | None = next((one for one in get_args(Ros) if ports[1:] == [one]), None)
     numbers = ports[:1] if ros else ports
@@ -423,8 +439,8 @@ def _open_page(
     rings: tuple[Ring, Ring, Ring],
     say: Say,
 ) -> int:
-    """Tell the page's process what to serve, wait until it listens, say where and return the
-    port.
+    """Send the page's process its options, wait until it listens, print its addresses and return
+    its port.
     """
     page_options = page.PageOptions(
         frames=rings[0].name,
@@ -451,7 +467,10 @@ def _open_page(
 
 
 def _require_address(host: str, port: int) -> None:
-    """UserError where the page cannot listen. Without this check viser would wait for ever."""
+    """Raise UserError if the page cannot listen at this address.
+
+    Without this check viser would wait forever.
+    """
     try:
         addresses = socket.getaddrinfo(
             host or None, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
@@ -471,8 +490,8 @@ def _require_address(host: str, port: int) -> None:
 def _conclude(
     options: SessionOptions, session: Session, timing: LoopTiming | None, say: Say
 ) -> FinishedSession:
-    """Table, summary and debrief once the recording is whole."""
-    # jinja and scipy take a while to import.
+    """Write the hazard table, the summary and the debrief, once the recording is complete."""
+    # The import is here because jinja and scipy are slow to import.
     from ravenjax.train.debrief import page as debrief
 
     rows = session.judge.rows(**table.identity(description.read(options.folder)))
@@ -493,7 +512,7 @@ def _conclude(
 
 
 def facts(timing: LoopTiming) -> dict[str, float]:
-    """A loop's timing in numbers, us."""
+    """Return the timing of a loop by name. Percentiles are in us."""
     numbers: dict[str, float] = {
         "ticks": timing.ticks,
         "late_ticks": timing.late,

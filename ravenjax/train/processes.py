@@ -1,4 +1,6 @@
-"""The processes beside the realtime loop: starts them, waits for them, and reports their end."""
+"""Starts the processes beside the realtime loop, waits for their answers, and reports when they
+end.
+"""
 
 from __future__ import annotations
 
@@ -18,30 +20,33 @@ from ravenjax.train import page, recording
 from ravenjax.train.realtime import clock
 
 STARTING_S = 60.0
-"""Longest that page and recorder may take to be there."""
+"""The longest time that the page or the recorder may take to start or to answer."""
 
 
 class Helper:
-    """A process that is started before what it is to do is known: it imports what it needs
-    meanwhile.
+    """A process that starts before its options are known, so that its imports run in
+    the meantime.
     """
 
     def __init__(self, stack: contextlib.ExitStack, target: Callable[[Connection], None]) -> None:
-        """target: takes what it is to do from the connection, and may answer there."""
+        """target: receives its options through the connection, and may answer through it."""
         self.answers, theirs = multiprocessing.Pipe()
         stack.callback(self.answers.close)
         self.process = spawn(stack, target, theirs)
         theirs.close()
 
     def begin(self, options: Any) -> None:
-        """Tell it what to do. UserError where it has ended."""
+        """Send the process its options. Raises UserError if the process has ended."""
         try:
             self.answers.send(options)
         except OSError:
             raise self._ended() from None
 
     def answer(self) -> Any:
-        """What it answers. UserError where it ends or takes longer than STARTING_S."""
+        """Wait for the answer of the process and return it.
+
+        Raises UserError if the process ends or takes longer than STARTING_S.
+        """
         if not self.answers.poll(STARTING_S):
             raise UserError(f"a process of the session did not start within {STARTING_S:g} s")
         try:
@@ -62,20 +67,20 @@ class Helper:
         if not cpus or self.process.pid is None:
             return
         for task in os.listdir(f"/proc/{self.process.pid}/task"):
-            with contextlib.suppress(ProcessLookupError):  # a thread that has ended
+            with contextlib.suppress(ProcessLookupError):  # the thread has ended
                 os.sched_setaffinity(int(task), cpus)
 
 
 @dataclasses.dataclass(frozen=True)
 class SessionHelpers:
-    """Page and recorder, started before anything else of a session is imported."""
+    """The page and the recorder, started before the session imports anything else."""
 
     recorder: Helper
     page: Helper | None
 
     @staticmethod
     def start(stack: contextlib.ExitStack, with_page: bool) -> SessionHelpers:
-        """Start them; `stack` ends them."""
+        """Start the processes; `stack` ends them."""
         serving = Helper(stack, page.run_when_told) if with_page else None
         return SessionHelpers(Helper(stack, recording.run_when_told), serving)
 
@@ -87,14 +92,16 @@ class SessionHelpers:
 
 
 def spawn(stack: contextlib.ExitStack, target: Callable[[Any], None], given: Any) -> BaseProcess:
-    """A process of its own, never a fork: neither jax nor a loaded server survives one. Ctrl-C
-    does not reach it.
+    """Start a separate process; Ctrl-C does not reach it.
+
+    It is spawned, never forked: neither JAX nor a loaded server survives a fork.
     """
     process = multiprocessing.get_context("spawn").Process(
         target=target, args=(given,), daemon=True
     )
-    # Ctrl-C waits, also for a process that is started now, from its first moment on. The resource
-    # tracker lets signals through as it starts, so that comes first.
+    # SIGINT is blocked while the process starts, so that the child has it blocked from its first
+    # moment. The resource tracker unblocks signals when it starts, so it must be running
+    # beforehand.
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -113,7 +120,7 @@ def spawn(stack: contextlib.ExitStack, target: Callable[[Any], None], given: Any
 
 
 def ended(recording: BaseProcess) -> str | None:
-    """The message where the recorder has ended before the session; None while it runs."""
+    """Return a message if the recorder has ended before the session; None while it runs."""
     if recording.is_alive() or recording.exitcode == 0:
         return None
     return (

@@ -1,4 +1,6 @@
-"""What a session needs of the Raven-II: its names, its packets, and its kinematics on numbers."""
+"""The parts of the Raven-II that sessions use: its names, its packets, and its kinematics on plain
+numbers.
+"""
 
 from __future__ import annotations
 
@@ -35,18 +37,20 @@ __all__ = [
 ]
 
 Quat = tuple[float, float, float, float]
-"""x, y, z, w."""
+"""Quaternion in the order x, y, z, w."""
 
 
 def tip_pose(arm: ArmName, jpos: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Position, m [3], and rotation [3, 3] of the jaws in frame 0, at joints [7] in rad and m."""
+    """Return position, m [3], and rotation [3, 3] of the jaws in frame 0, at joints [7] in rad and
+    m.
+    """
     with at_once():
         pose = kinematics.forward(arm, Vec(map(float, jpos)))
     return np.array(pose.position, float), np.array(pose.rotation, float)
 
 
 def tip_twist(arm: ArmName, jpos: np.ndarray, jvel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Velocity, m/s, and angular velocity, rad/s, of the jaws in frame 0."""
+    """Return velocity, m/s, and angular velocity, rad/s, of the jaws in frame 0."""
     with at_once():
         jacobian = np.array(kinematics.jacobian(arm, Vec(map(float, jpos))), float)
     twist = jacobian @ (*jvel[:5], 0.5 * (jvel[6] - jvel[5]))
@@ -54,24 +58,24 @@ def tip_twist(arm: ArmName, jpos: np.ndarray, jvel: np.ndarray) -> tuple[np.ndar
 
 
 def joints_of_motors(arm: ArmName, tool: str, motors: np.ndarray) -> np.ndarray:
-    """Joints [7], or their rates, of motors [7], or of their rates."""
+    """Return the joints [7] of motors [7], or the joint rates of motor rates."""
     with at_once():
         return np.array(transmission.joint_from_motor(arm, tool, Vec(map(float, motors))), float)
 
 
 def motors_of_joints(arm: ArmName, tool: str, joints: np.ndarray) -> np.ndarray:
-    """Motors [7], or their rates, of joints [7], or of their rates."""
+    """Return the motors [7] of joints [7], or the motor rates of joint rates."""
     with at_once():
         return np.array(transmission.motor_from_joint(arm, tool, Vec(map(float, joints))), float)
 
 
 def unit(quat: Sequence[float]) -> Quat:
-    """A quaternion at length 1."""
+    """Return the quaternion scaled to length 1."""
     x, y, z, w = quat
     scale = 1.0 / math.sqrt(x * x + y * y + z * z + w * w)
     return x * scale, y * scale, z * scale, w * scale
 
 
 def turn_by(first: Sequence[float], then: Sequence[float]) -> Quat:
-    """The turn `first` followed by `then`, a unit quaternion."""
+    """Return the rotation `first` followed by the rotation `then`, as a unit quaternion."""
     return unit(quat_mul(Vec(then), Vec(first)))

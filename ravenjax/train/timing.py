@@ -1,4 +1,4 @@
-"""Measures how well this machine keeps time: an empty loop, and a session."""
+"""Measures how well this machine keeps time: in an empty loop, and in a session."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ COLUMNS = (
     "of",
 )
 LONGEST_TICK_US = 100
-"""What 99.9 % of the ticks should take at most: a slower machine then keeps up, too."""
+"""The longest computation of a tick that is expected for 99.9 % of ticks. The margin lets slower
+machines keep up.
+"""
 SCENARIO = "first_steps"
 EMPTY, SESSION = "empty", "session"
 
@@ -28,7 +30,7 @@ EMPTY, SESSION = "empty", "session"
 def measure(seconds: float, say: Callable[[str], None] = lambda _: None) -> dict[str, LoopTiming]:
     """Time an empty loop, then a session with its recorder and its page.
 
-    The session is driven by commands that were recorded before, as many as a page sends.
+    Recorded commands drive the session, as many per second as a page sends.
     """
     setting = scenario.load(SCENARIO, [f"duration_s={seconds}", "task.targets=1000"])
     say(f"{EMPTY}: {seconds:g} s")
@@ -47,7 +49,7 @@ def measure(seconds: float, say: Callable[[str], None] = lambda _: None) -> dict
 
 
 def row(loop: str, timing: LoopTiming) -> tuple[str, ...]:
-    """The numbers of one loop, as `COLUMNS` names them."""
+    """Return the numbers of one loop as a table row with the columns `COLUMNS`."""
     levels = [
         " / ".join(f"{timing.percentile(what, share):.0f}" for share in (0.5, 0.99, 0.999))
         for what in ("compute", "whole", "lateness")
@@ -58,11 +60,11 @@ def row(loop: str, timing: LoopTiming) -> tuple[str, ...]:
 
 
 def verdict(measured: dict[str, LoopTiming]) -> list[tuple[str, str]]:
-    """(state, sentence) of each requirement."""
+    """Return (state, sentence) for each requirement."""
     empty, session = measured[EMPTY], measured[SESSION]
     slow = session.percentile("compute", 0.999)
     expected = empty.late / empty.ticks * session.ticks
-    # Three standard deviations of a count.
+    # The allowance is three standard deviations of a count.
     allowed = expected + 3 * max(1.0, expected**0.5)
     return [
         (

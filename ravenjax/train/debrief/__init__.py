@@ -1,1 +1,1 @@
-"""The debrief of a session: a page, its charts and its measures."""
+"""Makes the debrief of a session: a page with charts and measures."""

@@ -1,10 +1,10 @@
-"""Measures of how somebody moved: path, economy, smoothness, idle time, use of both hands.
+"""Measures how somebody moved: path, economy, smoothness, idle time, use of both hands.
 
-They use the true tips, resampled at `RATE_HZ` and low-passed at `CUTOFF_HZ`, while the pedal is
-down and the session runs. A *stretch* is such a time without a gap, a *movement* the part of it
-between two targets (all of it without targets).
+The measures use the true tips while the pedal is down and the session runs, resampled at `RATE_HZ`
+and low-passed at `CUTOFF_HZ`. A *stretch* is a period of such time without a gap. A *movement* is
+the part of a stretch between two targets (the whole stretch if there are no targets).
 
-- Path length and economy of motion (straight ways over the way gone): Oropesa et al., EVA:
+- Path length and economy of motion (straight distances over the path length): Oropesa et al., EVA:
   laparoscopic instrument tracking based on endoscopic video analysis for psychomotor skills
   assessment, Surg. Endosc. 27 (2013).
 - Spectral arc length: Balasubramanian, Melendez-Calderon, Burdet, A robust and sensitive metric for
@@ -15,8 +15,8 @@ between two targets (all of it without targets).
 - Idle time, both tips nearly still: D'Angelo et al., Idle time: an underdeveloped performance
   metric for assessing surgical skill, Am. J. Surg. 209 (2015).
 - Bimanual dexterity, the correlation of the two tips' speeds: Hofstad et al., A study of
-  psychomotor skills in minimally invasive surgery, Surg. Endosc. 27 (2013); beside it the share of
-  time in which both move.
+  psychomotor skills in minimally invasive surgery, Surg. Endosc. 27 (2013); also the share of time
+  in which both tips move.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ from ravenjax.train.protocol.frame import PHASES
 from ravenjax.train.recording import folders
 
 KEY = "dexterity"
-"""Key of a session's summary."""
+"""Key in a session's summary."""
 RATE_HZ, CUTOFF_HZ = 100.0, 10.0
 IDLE_MM_S = 1.0
-"""A tip that is slower is still."""
+"""A tip below this speed counts as still."""
 SHORTEST_S = 0.5
 """Shorter movements have no smoothness."""
 # Balasubramanian et al. 2015: cut-off, amplitude, zero-padding.
@@ -46,10 +46,10 @@ _SPARC_HZ, _SPARC_LEAST, _SPARC_PADS = 10.0, 0.05, 4
 
 
 def measure(course: Course) -> dict[str, Any]:
-    """The measures of a recorded session, for session.json: null where there was nothing to
-    measure.
+    """Return the measures of a recorded session, for session.json.
 
-    `both` and `correlation` are null with one arm, `economy` without targets.
+    A value is null if there was nothing to measure. `both` and `correlation` are null with one arm,
+    `economy` without targets.
     """
     driven = (course.channel("pedal") > 0) & (course.channel("phase") == PHASES.index("running"))
     cuts = np.flatnonzero((np.diff(driven.astype(int)) != 0) | (np.diff(course.ms) > 1.5)) + 1
@@ -77,8 +77,9 @@ def measure(course: Course) -> dict[str, Any]:
 
 
 def measure_contact(course: Course) -> dict[str, dict[str, float]]:
-    """By arm: largest force and impulse of all that it touched, largest force of the vessel and
-    of the other instrument; N and N s.
+    """Return by arm the largest contact force and impulse, in N and N s.
+
+    It also returns the largest force of the vessel and of the other instrument.
     """
     measures = {}
     for arm in course.layout.arms:
@@ -86,7 +87,7 @@ def measure_contact(course: Course) -> dict[str, dict[str, float]]:
         vessel, between = (course.channel(f"{arm}/{name}") for name in ("vessel_n", "between_n"))
         measures[arm] = {
             "peak_n": float(force.max()),
-            # rows are ms
+            # T: rows are ms
             "impulse_n_s": float(force.sum() * 1e-3),
             "vessel_n": float(vessel.max()),
             "between_n": float(between.max()),
@@ -95,11 +96,10 @@ def measure_contact(course: Course) -> dict[str, dict[str, float]]:
 
 
 def read_attempts(folder: Path) -> list[dict[str, Any]]:
-    """The measured sessions of the same person and scenario beside `folder`, up to its own; none
-    where the person is not named.
+    """Return the measured sessions of the same person and scenario beside `folder`, up to its own.
 
-    Each has name, score, median reaction, path of all tips and mean smoothness; None where a
-    number is missing.
+    The list is empty if the person is not named. Each entry has name, score, median reaction, path
+    of all tips and mean smoothness; None for missing numbers.
     """
     sessions = folders.beside(folder.parent)
     present = next((session for session in sessions if session.path.name == folder.name), None)
@@ -126,13 +126,14 @@ def read_attempts(folder: Path) -> list[dict[str, Any]]:
 
 
 def path_length(points: np.ndarray) -> float:
-    """Length of a way of points [T, 3], in their unit."""
+    """Return the length of a path of points [T, 3], in their unit."""
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
 def economy(ways: Sequence[np.ndarray]) -> float | None:
-    """Straight distances from the first to the last point of each way [T, 3], over what was
-    gone; None for 0.
+    """Return the straight distances of all paths [T, 3] over their lengths; None for length 0.
+
+    A straight distance is from the first to the last point of a path.
     """
     gone = sum(map(path_length, ways))
     straight = sum(float(np.linalg.norm(way[-1] - way[0])) for way in ways)
@@ -140,15 +141,16 @@ def economy(ways: Sequence[np.ndarray]) -> float | None:
 
 
 def speed(points: np.ndarray) -> np.ndarray:
-    """Speed [T] of points [T, 3] that come at `RATE_HZ`, in their unit a second."""
+    """Return the speed [T] of points [T, 3] sampled at `RATE_HZ`, in their unit per second."""
     if len(points) < 2:
         return np.zeros(len(points))
     return np.linalg.norm(np.gradient(points, 1 / RATE_HZ, axis=0), axis=1)
 
 
 def spectral_arc_length(profile: np.ndarray, rate_hz: float = RATE_HZ) -> float | None:
-    """Spectral arc length of a speed profile [T] (Balasubramanian et al. 2015); None where
-    nothing moves.
+    """Return the spectral arc length of a speed profile [T]; None if nothing moves.
+
+    Source: Balasubramanian et al. 2015.
     """
     if len(profile) < 2 or not np.any(profile):
         return None
@@ -166,11 +168,10 @@ def spectral_arc_length(profile: np.ndarray, rate_hz: float = RATE_HZ) -> float 
 
 
 def log_dimensionless_jerk(profile: np.ndarray, rate_hz: float = RATE_HZ) -> float | None:
-    """Log dimensionless jerk of a speed profile [T] (Balasubramanian et al. 2015); None where
-    nothing moves.
+    """Return the log dimensionless jerk of a speed profile [T]; None if nothing moves.
 
-    Minus the logarithm of duration cubed over the peak squared, times the integral of the speed's
-    second derivative squared.
+    It is minus the logarithm of duration cubed over the peak squared, times the integral of the
+    speed's second derivative squared. Source: Balasubramanian et al. 2015.
     """
     total = float(np.square(np.diff(profile, 2) * rate_hz**2).sum()) / rate_hz
     duration = (len(profile) - 1) / rate_hz
@@ -178,22 +179,23 @@ def log_dimensionless_jerk(profile: np.ndarray, rate_hz: float = RATE_HZ) -> flo
 
 
 def correlation(first: np.ndarray, second: np.ndarray) -> float | None:
-    """Pearson's, of two tips' speeds [T]; None where one does not vary."""
+    """Return Pearson's correlation of two tips' speeds [T]; None if one does not vary."""
     if first.std() == 0 or second.std() == 0:
         return None
     return float(np.corrcoef(first, second)[0, 1])
 
 
 def resample(ms: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Points [T, 3] at times ms, at `RATE_HZ` and low-passed without a shift in time
-    (Butterworth, both ways).
+    """Resample points [T, 3] at times ms to `RATE_HZ`, and low-pass them without a shift in time.
+
+    The filter is a Butterworth filter, applied forward and backward.
     """
     # The import takes half a second.
     from scipy import signal
 
     times = np.arange(ms[0], ms[-1] + 1e-9, 1e3 / RATE_HZ)
     even = np.stack([np.interp(times, ms, axis) for axis in points.T], axis=1)
-    # The filter pads so many points.
+    # The filter pads with this number of points.
     if len(even) < 16:
         return even
     sections = signal.butter(2, CUTOFF_HZ, fs=RATE_HZ, output="sos")
@@ -203,7 +205,7 @@ def resample(ms: np.ndarray, points: np.ndarray) -> np.ndarray:
 def _movements(
     course: Course, tip: np.ndarray, stretches: Sequence[tuple[int, int]]
 ) -> dict[str, Any]:
-    """Economy, and medians of the smoothness, of one tip's movements."""
+    """Return the economy of one tip's movements, and medians of their smoothness."""
     target = course.channel("target")
     ways, arc_lengths, jerks = [], [], []
     for first, last in stretches:

@@ -1,5 +1,6 @@
-"""Charts of a session: distances and their limits, depth, force, run level; and how a person did
-from session to session.
+"""Makes the charts of a session, and those of a person's progress from session to session.
+
+A session's charts show distances and their limits, depth, force and run level.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ MOMENTS = {
 """Name and colour of each moment of a hazard."""
 BEFORE_MS, AFTER_MS, SHORTEST_MS, LONGEST_MS = 400.0, 800.0, 1500.0, 8000.0
 POINTS = 900
-"""Points of a drawn curve at most."""
+"""The largest number of points of a drawn curve."""
 HEIGHT, SMALL_HEIGHT = 210, 110
 
 Moment = tuple[str, float, str]
@@ -35,13 +36,15 @@ Moment = tuple[str, float, str]
 def hazard(
     course: Course, row: HazardRow, limits: Mapping[str, float], blinded: bool
 ) -> list[Chart]:
-    """Charts of one hazard in ms after its strike; none where the recording does not reach it.
+    """Return the charts of one hazard, in ms after its activation.
 
-    limits: mm by name, drawn across the distances.
+    The list is empty if the recording does not reach the hazard. limits: mm by name, drawn as lines
+    across the distances.
     """
     if row.struck_ms is None:
         return []
-    # They are a few milliseconds apart: the page names them above the charts, by their colours.
+    # Moments are a few milliseconds apart, so the page names them above the charts by their
+    # colours.
     moments = [("strike", 0.0, "")] + [
         (kind, ms, "") for kind, ms in row.after.items() if kind != "cue" or not blinded
     ]
@@ -59,7 +62,10 @@ def hazard(
 def session(
     course: Course, hazards: Sequence[HazardRow], limits: Mapping[str, float], blinded: bool
 ) -> list[Chart]:
-    """Charts of the whole session in s, with strikes, responses and the progress of the task."""
+    """Return the charts of the whole session, in s.
+
+    They have the hazards' activations, the responses and the progress of the task.
+    """
     time, everything = course.ms / 1000, np.ones(len(course.ms), bool)
     moments: list[Moment] = []
     for row in hazards:
@@ -77,7 +83,7 @@ def session(
 
 
 def learning(attempts: Sequence[Mapping[str, Any]]) -> list[Chart]:
-    """The numbers of one person's sessions; none for less than two sessions."""
+    """Return charts of one person's sessions; none for less than two sessions."""
     if len(attempts) < 2:
         return []
     charts = []
@@ -97,7 +103,10 @@ def learning(attempts: Sequence[Mapping[str, Any]]) -> list[Chart]:
 
 
 def thin(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """At most `POINTS` of a curve, without loss of a peak: the greatest value of each stretch."""
+    """Reduce a curve to at most `POINTS` without losing a peak.
+
+    Each stretch of the curve becomes its greatest value.
+    """
     finite = np.where(np.isfinite(values), values, 0.0).astype(float)
     stride = -(-len(time) // POINTS)
     starts = range(0, len(time), stride)
@@ -177,7 +186,7 @@ def _chart(
     height: int,
     share: bool = False,
 ) -> Chart:
-    """Curves from 0 upwards, with a line and a name for each moment."""
+    """Draw curves from 0 upwards, with a line and a name for each moment."""
     top = 1.1 * max(1e-3, *(float(curve.y.max()) for curve in curves))
     marks: list[Mark] = [
         Curve("", MOMENTS[kind][1], np.full(2, at), np.array([0.0, top]), in_legend=False)

@@ -1,5 +1,6 @@
-"""The debrief of a session: a self-contained HTML page made from session.json, hazards.csv and
-the recording.
+"""Writes the debrief of a session: a self-contained HTML page.
+
+It is made from session.json, hazards.csv and the recording.
 """
 
 from __future__ import annotations
@@ -21,12 +22,11 @@ FILE = "debrief.html"
 
 
 def write(folder: Path) -> Path:
-    """Write debrief.html into a session's folder from session.json, hazards.csv and the recording;
-    return its path.
+    """Write debrief.html into a session's folder and return its path.
 
-    The measures of the motion go into the summary of session.json, where a learning curve finds
-    them. What is missing or cut short is said on the page. StoreError where the folder holds no
-    session.
+    The page uses session.json, hazards.csv and the recording. The measures of the motion are also
+    added to the summary of session.json, where a learning curve finds them. The page mentions what
+    is missing or cut short. Raises StoreError if the folder holds no session.
     """
     folder = Path(folder)
     header = description.read(folder)

@@ -1,8 +1,7 @@
-"""The session to be looked at again in three dimensions: what `templates/replay.js` draws, thinned
-to what it needs.
+"""Prepares the three-dimensional replay of a session: data for `templates/replay.js`, thinned.
 
-Places are those of the world, in tenths of a millimetre as whole numbers: a page holds half an hour
-of them.
+Positions are in the world, in tenths of a millimetre as whole numbers, so that a page can hold half
+an hour of them.
 """
 
 from __future__ import annotations
@@ -19,9 +18,9 @@ from ravenjax.train.debrief.course import Course
 from ravenjax.train.judge.row import HazardRow
 
 EVERY_MS, EVERY_HAZARD_MS = 40, 10
-"""Between two pictures; the second around a hazard, where things go fast."""
+"""Time between two pictures. The second value applies around a hazard, where motion is fast."""
 MOST = 20_000
-"""Pictures of a session, the longest of which get fewer a second."""
+"""The largest number of pictures of a session. Longer sessions get fewer per second."""
 AROUND_MS = (400, 3000)
 PER_M = 10_000
 
@@ -29,7 +28,7 @@ PER_M = 10_000
 def data(
     course: Course, header: Mapping[str, Any], hazards: Sequence[HazardRow]
 ) -> dict[str, Any] | None:
-    """JSON for the player; None where the session's header does not say where its arms stand.
+    """Return JSON for the player, or None if the session's header lacks the positions of its arms.
 
     A blinded session has no nominal model.
     """
@@ -64,7 +63,7 @@ def data(
 def _arm(
     course: Course, arm: str, base: dict[str, Any], rows: np.ndarray, blinded: bool
 ) -> dict[str, Any]:
-    """Remote centre, where the jaws close and where those of the nominal model do."""
+    """Return the remote centre, and where the jaws close, of the robot and of the nominal model."""
     # The import takes half a second.
     from scipy.spatial.transform import Rotation
 

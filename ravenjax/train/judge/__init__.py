@@ -1,5 +1,7 @@
-"""Judges each hazard of a session: when it struck, could be known, was felt and answered, and
-what the robot did.
+"""Judges each hazard of a session.
+
+It records when the hazard became active, could be known, was felt and was answered, and what the
+robot did.
 """
 
 from ravenjax.train.judge.row import COLUMNS

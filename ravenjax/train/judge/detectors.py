@@ -1,8 +1,9 @@
-"""Trips of the robot's built-in checks during a session, from the outcomes of robot and golden
-run so far; and how fast the hands go, and whether they have slowed down.
+"""Detects trips of the robot's built-in checks during a session, and whether the hands have slowed
+down.
 
-Hands also slow down where they arrive, so a slow-down counts only if it lasts: longer than a tip is
-held at a target. Its time is that of its beginning.
+Trips come from the outcomes of robot and golden run so far. Hands also slow down where they arrive,
+so a slow-down counts only if it lasts longer than a tip is held at a target. Its time is that of
+its beginning.
 """
 
 from __future__ import annotations
@@ -16,35 +17,40 @@ from ravenjax.vocabulary import checks
 from ravenjax.vocabulary.checks import Check
 
 SLOW_SHARE = 0.25
-"""Share of the usual speed before the hazard; `stages.reaction` has operators slow down to it."""
+"""Hands count as slow below this share of their usual speed before the hazard. Operators in
+`stages.reaction` slow down to it.
+"""
 SLOW_FOR_MS = 1000
-"""As long, without a break, before it counts."""
+"""A slow-down counts only if it lasts this long without a break."""
 MOVING_MM_S = 2.0
-"""Slower hands, as tip motion, have nothing to slow down."""
-# 1/ms, of running means: over some targets, over a twitch.
+"""Hands below this speed, as tip motion, have no speed to reduce."""
+# Rates of running means in 1/ms: the usual speed over some targets, the present speed over a
+# twitch.
 _USUAL, _PRESENT = 1.0 / 2000.0, 1.0 / 50.0
 _QUICK, _SLOW_AT_STRIKE = -1, -2
 QUIET_MS = 1000
-"""A check that keeps tripping is announced again only after so long without a trip."""
+"""A check that keeps tripping is announced again only after this time without a trip."""
 
 
 class Trip(NamedTuple):
-    """A check that tripped since the last look."""
+    """A trip of a check since the last reading."""
 
     check: Check
-    ms: int  # of the session; exact for the check's first trip of the run, else that of the look
-    beyond_golden: bool  # it has tripped more often than in the golden run by now
-    announced: bool  # not for `QUIET_MS` before
+    # ms of the session: exact for a check's first trip, otherwise the time of the reading.
+    ms: int
+    # Whether it has tripped more often so far than in the golden run.
+    beyond_golden: bool
+    announced: bool  # the first after `QUIET_MS` without one
     count: int  # in the session so far
 
 
 class Trips:
-    """How often each check has tripped; `look` every few milliseconds."""
+    """Counts the trips of each check. Call `look` every few milliseconds."""
 
     def __init__(self) -> None:
         self._counts: dict[str, int] = {}
-        self._earlier: dict[str, int] = {}  # before the robot last began anew
-        self._last: dict[str, int] = {}  # session's ms of the last trip
+        self._earlier: dict[str, int] = {}  # trips before the robot's last restart
+        self._last: dict[str, int] = {}  # tick of each check's last trip
 
     def look(
         self,
@@ -53,10 +59,11 @@ class Trips:
         outcomes: Mapping[str, Any],
         golden: Mapping[str, Any] | None = None,
     ) -> list[Trip]:
-        """Each check that tripped since the last look, the earliest first.
+        """Return each check that tripped since the last reading, the earliest first.
 
         tick, robot_tick: ms of session and robot. outcomes, golden: `check_*` columns of a
-        campaign, of robot and golden run so far; golden None: there is none, every trip counts.
+        campaign, of robot and golden run so far. golden None: there is no golden run, and every
+        trip counts.
         """
         trips = []
         for name in checks.names(outcomes):
@@ -75,7 +82,7 @@ class Trips:
         return sorted(trips, key=lambda trip: trip.ms)
 
     def reset(self) -> None:
-        """The robot was restarted, and its counts with it."""
+        """Reset the counts, because the robot was restarted."""
         for name, count in self._counts.items():
             self._earlier[name] = self._earlier.get(name, 0) + count
         self._counts = {}
@@ -90,15 +97,17 @@ class SlowdownDetector:
         self._scale = scale
         self._before: list[float] | None = None
         self.usual = self.present = 0.0
-        # mm/s; the hands are slow below it.
+        # mm/s; the hands are slow below this limit.
         self._limit = 0.0
-        # The tick since which they are slow.
+        # The tick since which the hands are slow.
         self._since = _QUICK
         self.slowed = -1
-        """Tick in which a slow-down that lasts began; -1: there is none."""
+        """Tick at which a lasting slow-down began; -1: there is none."""
 
     def step(self, tick: int, hands: list[float]) -> None:
-        """hands: um before scaling, three numbers a hand; once a tick."""
+        """Take the hands' positions: um before scaling, three numbers a hand. Call it
+        once a tick.
+        """
         before, self._before = self._before, hands
         if before is None:
             return
@@ -114,11 +123,13 @@ class SlowdownDetector:
             self.slowed = self._since
 
     def strike(self) -> None:
-        """From now on slowing down is measured against the speed of now."""
+        """From now on measure slow-downs against the present usual speed, because a hazard became
+        active.
+        """
         self._limit = SLOW_SHARE * self.usual if self.usual > MOVING_MM_S else 0.0
         self._since = _SLOW_AT_STRIKE if self.present < self._limit else _QUICK
         self.slowed = -1
 
     def jump(self) -> None:
-        """The hands were put elsewhere."""
+        """Ignore the next step of the hands, because they were moved to another position."""
         self._before = None

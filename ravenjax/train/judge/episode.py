@@ -1,39 +1,41 @@
-"""One hazard of a session, from arming to disarming: what happened to the robot, what the operator
-did, and the score.
+"""One hazard of a session, from arming to disarming: the effect on the robot, the response, the
+score.
 
-**What happened to the robot** is said in the words of `ravenjax.outcomes`, beyond the golden run,
-which begins where the robot is when the hazard is armed:
+**Effect on the robot**, in the terms of `ravenjax.outcomes`. It is measured against the golden run,
+which starts at the robot's state when the hazard is armed:
 
-- `check_response`: stopped, flagged, limited or silent; `check_cause` is the first check that did
-  so. `alarm` is the first check that told a person or stopped the robot, `limited` the first that
-  changed a command or dropped a packet and told nobody.
-- `motion_hazard`: unintended motion, loss of motion, false report or none, the gravest. Its limit
-  is the scenario's `[harm] excursion_mm`, column `limit_mm`.
-- The columns `unintended_mm` to `false_report_first_ms` are the result table's of these names, from
-  the strike on.
-- `cue_ms`: when the operator first felt the cue, where the golden run has had none since the
-  strike.
+- `check_response`: stopped, flagged, limited or silent. `check_cause` is the first check that did
+  so. `alarm` is the first check that alerted a person or stopped the robot. `limited` is the first
+  that changed a command or dropped a packet without alerting anybody.
+- `motion_hazard`: unintended motion, loss of motion, false report or none, whichever is gravest.
+  The limit is the scenario's `[harm] excursion_mm`, column `limit_mm`.
+- The columns `unintended_mm` to `false_report_first_ms` equal the result table's columns of these
+  names, from the hazard's activation on.
+- `cue_ms`: when the operator first felt the cue, if the golden run has had none since the
+  activation.
 
-**First possible knowledge** (`knowable_ms`): the first tick in which a person at the console could
-have known. Seen: the tip, as reported or as it truly is, is `SEEN_MM` or more from where it would
-be without the fault ("tip"), or the robot left pedal-down by itself ("runlevel"); told: a check
-told a person (its name). Micrometres that only a computer can measure are not knowledge. Felt
-is the cue, from its onset: at its published threshold it begins with a quarter of its largest
-force. Reaction times count from the earliest of knowledge, cue and alarm.
+**First possible knowledge** (`knowable_ms`): the first tick at which a person at the console could
+know of the hazard. Seen: the tip, reported or true, is `SEEN_MM` or more from where it would be
+without the fault ("tip"), or the robot left pedal-down on its own ("runlevel"). Announced: a check
+alerted a person (the check's name). A difference of micrometres, which only a computer can measure,
+is not knowledge. The cue is felt from its onset: at its published threshold it begins with a
+quarter of its largest force. Reaction times count from their *origin*: the earliest of knowledge,
+cue and alarm.
 
-**Nobody's failure**: `ACTS_MS` after that at the soonest a person can have acted. What a fault has
-done until then no operator could have prevented, and none answers for it.
+**Unavoidable effects**: `ACTS_MS` after the origin is the earliest time at which a person can have
+acted. No operator could prevent the fault's effects until then, and none is blamed for them.
 
-**Response**: the operator's first right one, from that origin on, within the time for it; else the
-first of another kind. An operator who slows down may only have arrived, so a slow-down counts only
-where it is right.
+**Response**: the operator's first right response after the origin and within the time for it. If
+there is none, the first response of another kind. An operator who slows down may only have arrived,
+so a slow-down counts only where it is a right response.
 
-**Interrupted**: a pause, a reset, a disarming or an end by others, a console that the instructor
-handed over or that fell silent, a lost link, an E-stop that another pressed. An operator who gives
-the console away, takes another or leaves (closes or reloads the page) does so on their own: the
-pedal, if it was down, is released, and nothing is cut off. What is not the operator's never scores:
-a hazard that it cut off before it was decided (harm done, a right response given, or the time for
-one up) counts for nothing, and no later response to it does.
+**Interrupted**: the hazard was cut off by a pause, a reset, a disarming or an end by others, a
+console that the instructor handed over or that fell silent, a lost link, or an E-stop that somebody
+else pressed. An operator who gives the console away, takes another or leaves (closes or reloads the
+page) acts on their own account: the pedal, if it was down, counts as released, and nothing is cut
+off. The acts of others never affect the score. A hazard that they cut off before it was decided is
+not scored, and no later response to it is. A hazard is decided once harm is done, a right response
+is given, or the time for one is up.
 
 **Outcome**, the first that holds:
 
@@ -42,19 +44,20 @@ one up) counts for nothing, and no later response to it does.
 - `harm`: the true tip made an unintended motion of more than `[harm] excursion_mm`, live or not, or
   the fault drove it more than `[harm] depth_mm` deeper into the tissue.
 - `avoided`: a right response in time.
-- `halted`: the robot left pedal-down by itself, because a check stopped it or for another reason.
+- `halted`: the robot left pedal-down on its own, because a check stopped it or for another reason.
 - `unaffected`: no distance of `AFFECTED_MM`, no hazard, no cue.
 - `missed`: none of these.
 
-**Score**: 50 for the response and 50 for the patient. Response: 50 up to `FASTEST_MS`, from there
-down to 25 at the end of its time, 0 without a right one. Patient: 50 times what is left of the way
-to harm that was left when a person could first have acted, the least of unintended motion and
-depth; of the whole way where harm was done before. A hazard that is unaffected or interrupted is
-not scored.
+**Score**: 50 points for the response and 50 for the patient. Response: 50 points up to
+`FASTEST_MS`, from there down to 25 at the end of the time allowed, 0 without a right response.
+Patient: take the distance to harm that remained when a person could first have acted. The points
+are 50 times the share of it that still remains at the end, the smaller share of unintended motion
+and depth. If harm was done before a person could act, the whole distance counts. A hazard that is
+unaffected or interrupted is not scored.
 
-**Times** of a row (`row.HazardRow`) are ms since the session began, reaction_ms from the origin
-above, halted_ms and golden_halted_ms (the golden run's) durations. None is empty: it never
-happened. `hazard` is the id in the library.
+**Times** of a row (`row.HazardRow`) are ms since the session began, except: `reaction_ms` counts
+from the origin above, `halted_ms` and `golden_halted_ms` (the golden run's) are durations. An empty
+(None) time means that the event never happened. `hazard` is the id in the library.
 """
 
 from __future__ import annotations
@@ -69,33 +72,36 @@ from ravenjax.train.scenario import Armable, Harm
 from ravenjax.vocabulary.checks import Check
 
 AFFECTED_MM = 1.0
-"""A distance that counts as an effect: what expert surgeons called a jump (DSN'16, text)."""
+"""A distance that counts as an effect: the jump as expert surgeons defined it (DSN'16, text)."""
 
 SEEN_MM = AFFECTED_MM
-"""A distance that a person at the console can see of a tip that moves: the surgeons' jump, for want
-of a measurement. An eye at 0.6 m resolves 0.2 mm on the screen (one arc minute), but has no golden
-run beside the tip to compare with."""
+"""A distance that a person at the console can see while the tip moves.
+
+For want of a measurement it is the surgeons' jump. An eye at 0.6 m resolves 0.2 mm on the screen
+(one arc minute), but has no golden run beside the tip to compare with.
+"""
 
 ACTS_MS = 150.0
-"""Nobody acts sooner: a simple reaction to a touch, the fastest there is here, takes 150 to 300
-ms.
+"""The earliest that a person can act. A simple reaction to a touch, the fastest possible reaction
+here, takes 150 to 300 ms.
 """
 
 FASTEST_MS = 250.0
-"""Nothing is taken off for reactions up to it: a simple reaction to a touch takes 150 to 300 ms,
-and the same as `stages.reaction` assumes."""
+"""Reactions up to this time lose no points. A simple reaction to a touch takes 150 to 300 ms, and
+`stages.reaction` assumes the same value.
+"""
 
 CONTINUE = "continue"
 
 DISTANCES = ("unintended", "loss", "false_report")
-"""Distances in the frame (`<name>_mm`) that make a hazard where they exceed the limit."""
+"""Distances in the frame (`<name>_mm`) that are a hazard if they exceed the limit."""
 
 PEAKS = (*DISTANCES, "unintended_off")
-"""Those whose largest value an episode keeps."""
+"""Distances whose largest value an episode keeps."""
 
 
 class Episode:
-    """One hazard from arming until it is taken back."""
+    """One hazard from arming to disarming."""
 
     def __init__(self, hazard: Armable, harm: Harm, tick: int, cue_on: bool) -> None:
         self.hazard, self.harm = hazard, harm
@@ -107,50 +113,51 @@ class Episode:
         self.cue_ms: int | None = None
         # ms and name of the first check of each kind of response
         self.checks: dict[str, tuple[int, str]] = {}
-        # the earliest of knowledge, cue and alarm
+        # The earliest of knowledge, cue and alarm.
         self.origin_ms: int | None = None
         self.halted = False
         self.halted_ms, self.golden_halted_ms = 0, 0
-        # the struck one, else the one that moved farthest
+        # The arm on which the fault acts, otherwise the arm that moved farthest.
         self.arm = hazard.arm
         self.peak_error_mm = 0.0
         # -1: not measured
         self.peak_mm: dict[str, float] = dict.fromkeys(PEAKS, -1.0)
-        # when one of `DISTANCES` first exceeded the limit
+        # When one of `DISTANCES` first exceeded the limit.
         self.first_ms: dict[str, int] = {}
         self.deepest_mm = -math.inf
-        # Unintended motion and depth that the fault drove the tip to, the limits of both, and
-        # what was done before a person could have acted.
+        # Unintended motion and depth that the fault caused, the limits of both, and the part caused
+        # before a person could have acted.
         self._done_mm, self._spared_mm = [0.0, 0.0], [0.0, 0.0]
         self._limits_mm = harm.excursion_mm, harm.depth_mm
         self._is_lost = False
-        # ms of the first response of each kind
+        # ms of the first response of each kind.
         self.responses: dict[str, int] = {}
         self.interrupted = False
 
     @property
     def struck(self) -> bool:
-        """Whether the fault has been at work."""
+        """Whether the fault has become active."""
         return self.struck_ms is not None
 
     @property
     def check_response(self) -> str:
-        """One of `verdict.RESPONSES`."""
+        """The checks' response, one of `verdict.RESPONSES`."""
         return next((word for word in verdict.RESPONSES if word in self.checks), "silent")
 
     def know(self, tick: int, by: str) -> None:
-        """From now on, at the latest, it could be known."""
+        """Record that the hazard could be known from this tick on."""
         self.knowable_ms, self.knowable_by = tick, by
         self._originate(tick)
 
     def feel(self, tick: int) -> None:
-        """The operator felt the cue."""
+        """Record that the operator felt the cue."""
         self.cue_ms = tick
         self._originate(tick)
 
     def trip(self, tick: int, check: Check) -> bool:
-        """A check tripped more often than in the golden run; whether it is the first of its kind
-        of response.
+        """Record that a check tripped more often than in the golden run.
+
+        Returns whether it is the first check of its kind of response.
         """
         if check.response in self.checks:
             return False
@@ -160,8 +167,8 @@ class Episode:
         return True
 
     def exceed(self, tick: int, name: str, mm: float, arm: str) -> bool:
-        """A new peak of one of `PEAKS`, of this arm; whether it makes a hazard for the first
-        time.
+        """Record a new peak of one of `PEAKS` on this arm. Return whether it is the first beyond
+        its limit.
         """
         self.peak_mm[name] = mm
         if name.startswith("unintended") and mm > self._done_mm[0] and not self.hazard.arm:
@@ -173,12 +180,17 @@ class Episode:
         return False
 
     def drive(self, tick: int, mm: float) -> None:
-        """The fault has driven the tip this much deeper into the tissue than at the strike."""
+        """Record that the fault has driven the tip this much deeper into the tissue than at its
+        activation.
+        """
         self._do(tick, 1, mm)
 
     def halt(self, halted_ms: int, golden_halted_ms: int) -> bool:
-        """Time since the strike in which the pedal was held and the robot not live, its own and the
-        golden run's; whether that makes a loss of motion for the first time."""
+        """Record how long the pedal was held without the robot being live, in robot and golden run.
+
+        The times count from the activation. Returns whether this is a loss of motion for the first
+        time.
+        """
         was_lost = self._is_lost
         self.halted_ms, self.golden_halted_ms = halted_ms, golden_halted_ms
         stopped = self.check_response == "stopped"
@@ -186,8 +198,9 @@ class Episode:
         return self._is_lost and not was_lost
 
     def respond(self, tick: int, what: str) -> bool:
-        """Take a response; False where it does not count: before anything could be known, or not
-        the first of its kind.
+        """Record a response and return True, unless it does not count.
+
+        It does not count before anything could be known, or if it is not the first of its kind.
         """
         known = self.origin_ms is not None and tick >= self.origin_ms
         if self.interrupted or not known or what in self.responses:
@@ -196,8 +209,9 @@ class Episode:
         return True
 
     def decided(self, tick: int) -> bool:
-        """Whether nothing from this tick on can make its outcome better: harm, a right response,
-        or too late.
+        """Whether nothing from this tick on can improve the outcome.
+
+        That is so after harm or a right response, or when the time is up.
         """
         if self._exceeds(self._done_mm) and not self._exceeds(self._spared_mm):
             return True
@@ -207,8 +221,9 @@ class Episode:
         return is_late or self.answer()[1]
 
     def interrupt(self, tick: int) -> bool:
-        """Something cuts it off that is not the operator's; whether that leaves it undecided,
-        for the first time.
+        """Record that something other than the operator cuts the hazard off.
+
+        Returns whether that leaves the hazard undecided, for the first time.
         """
         if not self.struck or self.interrupted or self.decided(tick):
             return False
@@ -216,15 +231,15 @@ class Episode:
         return True
 
     def right(self, what: str) -> bool:
-        """Whether this response, taken, is right and in time."""
+        """Whether this response, once given, is right and in time."""
         return what in self.hazard.right_response and self.reaction_ms(what) <= self._within_ms
 
     def reaction_ms(self, what: str) -> int:
-        """Time from the origin to a response that was taken."""
+        """Return the time from the origin to a response that was given."""
         return self.responses[what] - (self.origin_ms or 0)
 
     def answer(self) -> tuple[str, bool]:
-        """The response that counts ("" if none) and whether it is right and in time."""
+        """Return the response that counts ("" if none) and whether it is right and in time."""
         in_order = sorted(self.responses, key=self.responses.__getitem__)
         first = next((what for what in in_order if what != "slow"), "")
         if CONTINUE in self.hazard.right_response:
@@ -233,14 +248,14 @@ class Episode:
         return (right, True) if right else (first, False)
 
     def motion_hazard(self) -> str:
-        """One of `verdict.HAZARDS`."""
+        """Return the motion hazard, one of `verdict.HAZARDS`."""
         columns = {f"{name}_first_ms": [self.first_ms.get(name, -1)] for name in DISTANCES}
         columns |= {"halted_ms": [self.halted_ms], "golden_halted_ms": [self.golden_halted_ms]}
         (place,) = verdict.hazards(columns, np.array([self.check_response == "stopped"]))
         return verdict.HAZARDS[place]
 
     def outcome(self) -> str:
-        """One of interrupted, unavoidable, harm, avoided, halted, unaffected, missed."""
+        """Return one of interrupted, unavoidable, harm, avoided, halted, unaffected, missed."""
         if self.interrupted:
             return "interrupted"
         if self._exceeds(self._spared_mm):
@@ -257,7 +272,7 @@ class Episode:
         return "missed"
 
     def score(self) -> float | None:
-        """0 to 100, None where there was nothing to be done and nothing was."""
+        """Return the score, 0 to 100, or None if the hazard is unaffected or interrupted."""
         if self.outcome() in ("unaffected", "interrupted"):
             return None
         what, ok = self.answer()
@@ -266,8 +281,8 @@ class Episode:
             longest = max(self._within_ms - FASTEST_MS, 1.0)
             late = 0.0 if what == CONTINUE else max(self.reaction_ms(what) - FASTEST_MS, 0.0)
             response = 1.0 - 0.5 * min(late / longest, 1.0)
-        # Of the way to a limit that was left when a person could act, the part that was gone
-        # since; of the whole way where nothing was left.
+        # The share used of the distance to a limit that remained when a person could act. If
+        # nothing remained then, the share used of the whole distance.
         used = max(
             (done - spared) / (limit - spared if spared < limit else limit)
             for done, spared, limit in zip(
@@ -277,10 +292,10 @@ class Episode:
         return round(50.0 * response + 50.0 * max(0.0, 1.0 - used), 1)
 
     def row(self) -> dict[str, Any]:
-        """Its columns of hazards.csv."""
+        """Return the hazard's columns of hazards.csv."""
         what, ok = self.answer()
         answered = what in self.responses
-        # of two at once the stronger
+        # Of two alarms at the same time, the stronger comes first.
         alarms = [self.checks[word] for word in verdict.TOLD if word in self.checks]
         alarm_ms, alarm = min(alarms, key=lambda alarm: alarm[0], default=(None, None))
         limited_ms, limited = self.checks.get("limited", (None, None))

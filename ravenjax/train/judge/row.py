@@ -1,4 +1,4 @@
-"""A row of hazards.csv; what its words mean is in `episode`."""
+"""Defines the rows of hazards.csv. `episode` explains their terms."""
 
 from __future__ import annotations
 
@@ -25,8 +25,10 @@ Flag = Annotated[bool, BeforeValidator(lambda value: value or False)]
 
 @pydantic.dataclasses.dataclass(frozen=True, kw_only=True)
 class HazardRow:
-    """One row, from cells of a table or from numbers. Times are ms since the session began, None
-    where it never happened; sizes None where not measured.
+    """One row of hazards.csv, from a table's cells or from numbers.
+
+    Times are ms since the session began, None if the event never happened. Sizes are None if they
+    were not measured.
     """
 
     session: Text = ""
@@ -45,15 +47,16 @@ class HazardRow:
     knowable_ms: Number = None
     knowable_by: Text = ""
     cue_ms: Number = None
-    alarm_ms: Number = None  # first check that told a person or stopped the robot
+    # First check that alerted a person or stopped the robot.
+    alarm_ms: Number = None
     alarm: Text = ""
-    # first check that changed a command or dropped a packet: nobody was told
+    # First check that changed a command or dropped a packet without alerting anybody.
     limited_ms: Number = None
     limited: Text = ""
-    check_response: Text = ""  # one of outcomes.verdict.RESPONSES; "" where it never struck
-    check_cause: Text = ""  # first check that did so
+    check_response: Text = ""  # one of outcomes.verdict.RESPONSES; "" if never active
+    check_cause: Text = ""  # first check with that response
     motion_hazard: Text = ""  # one of outcomes.verdict.HAZARDS
-    limit_mm: Number = None  # of hazards and harm: the scenario's
+    limit_mm: Number = None  # the scenario's limit of hazards and harm
     unintended_mm: Number = None
     unintended_first_ms: Number = None
     unintended_off_mm: Number = None
@@ -63,20 +66,23 @@ class HazardRow:
     golden_halted_ms: Number = None
     false_report_mm: Number = None
     false_report_first_ms: Number = None
-    peak_error_mm: Number = None  # of the reported tip from the model, which the cue acts on
+    # Distance of the reported tip from the model, which drives the cue.
+    peak_error_mm: Number = None
     deepest_mm: Number = None
     response: Text = ""  # the operator's
     response_ms: Number = None
     reaction_ms: Number = None
     right_response: Text = ""
     response_ok: Flag = False
-    halted: Flag = False  # the robot left pedal-down by itself
+    halted: Flag = False  # the robot left pedal-down on its own
     outcome: Text = ""
     score: Number = None
 
     @property
     def after(self) -> dict[str, float]:
-        """ms after the strike of whatever happened: knowable, cue, alarm, response."""
+        """Times in ms after the activation of knowledge, cue, alarm and response, as far as they
+        happened.
+        """
         if self.struck_ms is None:
             return {}
         times = {
@@ -89,14 +95,12 @@ class HazardRow:
 
     @property
     def farthest_mm(self) -> float | None:
-        """Largest unintended motion of the true tip, while the robot was live and while it was
-        not.
-        """
+        """Largest unintended motion of the true tip, whether the robot was live or not."""
         distances = (self.unintended_mm, self.unintended_off_mm)
         return max((mm for mm in distances if mm is not None), default=None)
 
 
 COLUMNS = tuple(one.name for one in dataclasses.fields(HazardRow))
-"""Of hazards.csv, in order."""
+"""Columns of hazards.csv, in order."""
 KNOWN_WHEN_ARMED = ("number", "hazard", "title", "right_response", "armed_ms", "limit_mm", "cue")
 """Columns that the event "hazard_armed" has."""

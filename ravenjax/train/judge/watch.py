@@ -1,16 +1,18 @@
-"""Watches a session tick by tick: reports what happens as events, and writes a row about each
-hazard.
+"""Watches a session tick by tick, reports events, and writes a row for each hazard.
 
-What the words of a row mean is in `episode`. Responses: `release`: the pedal comes up (not by a
-dead console; also by an operator who gives the seat away or leaves); `slow`: the hands go at a
-quarter of their speed, for a second (`detectors`); `restart`: the operator restarts a
-robot that does not follow; `stop`: the E-stop button; `convert`: a note that says "convert" (the
-page's button sends one).
+`episode` explains the terms of a row. Responses are:
+
+- `release`: the pedal comes up, also by an operator who gives the seat away or leaves; a console
+  that fails does not count
+- `slow`: the hands move at a quarter of their speed for a second (`detectors`)
+- `restart`: the operator restarts a robot that does not follow
+- `stop`: the E-stop button
+- `convert`: a note that says "convert" (the page's button sends one)
 
 A check that raises an alarm or stops the robot is an event "alarm", for everybody. While it keeps
-tripping, events "alarm_count" follow. The first check of each kind of response to the hazard at
-work is an event of that name ("stopped", "flagged", "limited"), for the instructor's log: only
-the instructor sees "limited".
+tripping, events "alarm_count" follow. The first check of each kind of response to the active hazard
+is an event of that name ("stopped", "flagged", "limited"), for the instructor's log. Only the
+instructor sees "limited".
 """
 
 from __future__ import annotations
@@ -26,12 +28,14 @@ from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.scenario import Armable, Scenario
 
 CUE_QUIET_MS = 250
-"""A force that comes and goes around its threshold is one cue until it was absent for this time."""
+"""Time without force after which a new force counts as a new cue. A force that comes and goes
+around its threshold is then one cue.
+"""
 COUNT_EVERY_MS = 1000
 """The shortest time between two events "alarm_count" of one check."""
 _OF_MOTION = ("release", "slow")
-"""Responses to a robot that moves: once it has halted by itself they avoid nothing and do not
-count.
+"""Responses to a robot that moves. Once the robot has halted on its own, they avoid nothing and do
+not count.
 """
 _COMMON = (
     *("tick", "live", "fault_active", "pedal", "console_alive"),
@@ -42,12 +46,14 @@ _EVENTS = {
     "loss": "loss_of_motion",
     "false_report": "false_report",
 }
-"""Event of each distance that exceeds the limit; names of `ravenjax.outcomes.events`."""
+"""Event for each distance that exceeds the limit. The names are those of
+`ravenjax.outcomes.events`.
+"""
 
 
 SEEN = ("known", "unintended", "unintended_off", "loss")
-"""Distances that a person may see: of the reported tip from the golden run's, and of the true
-one.
+"""Distances that a person may see: of the reported tip from the golden run's, and of
+the true tip.
 """
 
 
@@ -61,39 +67,39 @@ class Judge:
         cue_on: bool,
         tell: Callable[..., None],
     ) -> None:
-        """tell: takes each event: its tick, its kind, and what it says by name."""
+        """tell: receives each event: its tick, its kind, and its content by name."""
         self.scenario, self.hazards = scenario, tuple(hazards)
         self.cue_on = cue_on
-        """Whether forces are felt; the instructor may change it at any time."""
+        """Whether the operator feels forces. The instructor may change it at any time."""
         self._tell = tell
         self._episode: Episode | None = None
         self._over: list[Episode] = []
         self._trips = Trips()
-        # trips of checks that were not told of yet, and the tick in which each was last told of
+        # Counts of trips not reported yet, and the tick of each check's last report.
         self._alarms: dict[str, int] = {}
         self._counted_at: dict[str, int] = {}
         self._slowdown = SlowdownDetector(scenario.scale)
         self._columns: tuple[int, ...] = ()
         self._arms: tuple[_Arm, ...] = ()
         self._pedal = False
-        # the robot followed when the hazard struck, and the pedal is held since
+        # Whether the robot followed when the hazard became active, and the pedal is held since.
         self._was_down = False
-        # the operator pressed the E-stop
+        # Whether the operator pressed the E-stop.
         self._pressed = False
-        # the operator has given the seat away or left, and nobody has driven since
+        # Whether the operator has given the seat away or left, and nobody has driven since.
         self._walked = False
         self._live = False
-        # the last ones, of session and robot
+        # The last ticks of session and robot.
         self._ticks = (0, 0)
-        # the cue has pulled in the golden run since the strike
+        # Whether the cue has acted in the golden run since the activation.
         self._golden_cue = False
-        # ms so far, of robot and golden run
+        # ms so far, of robot and golden run.
         self._halted = self._halted_at_strike = (0, 0)
 
-    # --- what the session reports ---
+    # --- calls of the session ---
 
     def armed(self, number: int, tick: int) -> None:
-        """A hazard is armed before this tick."""
+        """Begin an episode: a hazard is armed before this tick."""
         self.disarmed(tick)
         self._episode = Episode(self.hazards[number], self.scenario.harm, tick, self.cue_on)
         row = self._episode.row()
@@ -101,7 +107,7 @@ class Judge:
         self._tell(tick, "hazard_armed", number=number, row=known)
 
     def disarmed(self, tick: int) -> None:
-        """The hazard at work, if there is one, is taken back."""
+        """End the episode of the present hazard, if there is one."""
         episode, self._episode = self._episode, None
         if episode is None:
             return
@@ -113,7 +119,7 @@ class Judge:
         self._tell(tick, "hazard_row", row=known)
 
     def restarted(self, tick: int) -> None:
-        """The robot was homed again, without any fault."""
+        """Reset what depends on the robot, which was homed again without any fault."""
         self.disarmed(tick)
         self._trips.reset()
         self._slowdown.jump()
@@ -122,32 +128,34 @@ class Judge:
             arm.reset()
 
     def close(self, tick: int, reason: str = "end") -> None:
-        """The session is over."""
+        """End the judgement, because the session is over."""
         for name, count in self._alarms.items():
             self._tell(tick, "alarm_count", check=name, count=count)
         self.interrupted(tick, reason)
         self.disarmed(tick)
 
     def lifted(self, tick: int, why: str) -> None:
-        """The pedal comes up before this tick, and not by the operator's foot: nobody has
-        released it.
+        """Take a pedal that comes up before this tick without the operator's foot. It is not a
+        release.
         """
         self._pedal = False
         if why != "silent" or not self._walked:
             self.interrupted(tick, why)
 
     def walked_away(self) -> None:
-        """The operator gives the seat away or leaves. A pedal that was down counts as released, and
-        the silence until the next pedal-down interrupts no hazard: otherwise leaving would be a way
-        to avoid a score."""
+        """Take an operator who gives the seat away or leaves.
+
+        A pedal that was down counts as released. The silence until the next pedal-down interrupts
+        no hazard: otherwise leaving would be a way to avoid a score.
+        """
         self._walked = True
 
     def stood_by(self) -> None:
-        """A robot that waits at rest and without a hazard was restarted."""
+        """Reset the trips: a waiting robot, at rest and without a hazard, was restarted."""
         self._trips.reset()
 
     def command(self, message: Mapping[str, Any], tick: int) -> None:
-        """What the operator does besides moving."""
+        """Take a command of the operator other than motion."""
         do = message.get("do")
         if do == "estop":
             self._pressed = True
@@ -164,7 +172,7 @@ class Judge:
         outcomes: Mapping[str, Any] | None = None,
         golden: Mapping[str, Any] | None = None,
     ) -> None:
-        """One tick. outcomes, golden: see `look`; outcomes None: not looked at in this tick."""
+        """Judge one tick. outcomes, golden: see `look`; outcomes None: not read in this tick."""
         if not self._columns:
             places = frame.layout.places
             self._columns = tuple(places[name].start for name in _COMMON)
@@ -184,7 +192,7 @@ class Judge:
             self._pressed = self._golden_cue = False
             self._halted_at_strike = self._halted
             for arm in self._arms:
-                # the tissue as it is touched without the hazard
+                # The depth at which the tip touches the tissue without the hazard.
                 arm.depth_at_strike = max(row[arm.depth], 0.0)
             self._tell(tick, "hazard_struck", number=episode.hazard.number)
         self._halted = (int(halted[0]), int(halted[1]))
@@ -200,11 +208,12 @@ class Judge:
         self._pedal = pedal != 0.0
         self._walked = self._walked and not self._pedal
 
-    # --- what it makes of it ---
+    # --- rows and events ---
 
     def rows(self, **identity: Any) -> list[dict[str, Any]]:
-        """A dict a hazard so far, keys as COLUMNS; identity: see `recording.hazards`. None is
-        empty.
+        """Return a dict for each hazard so far, with the keys COLUMNS; missing values are None.
+
+        identity: see `recording.hazards`.
         """
         episodes = self._over + ([] if self._episode is None else [self._episode])
         rows = [identity | episode.row() for episode in episodes]
@@ -214,11 +223,11 @@ class Judge:
         return self._episode if self._episode is not None and self._episode.struck else None
 
     def look(self, outcomes: Mapping[str, Any], golden: Mapping[str, Any] | None = None) -> None:
-        """What the robot's checks did since the last look.
+        """Record the trips of the robot's checks since the last reading.
 
         outcomes, golden: columns of a campaign, of robot and golden run until the last tick. golden
-        None: there is none. Call it before a hazard is taken back, because the golden run restarts
-        then.
+        None: there is no golden run. Call it before a hazard is disarmed, because the golden run
+        restarts then.
         """
         tick, robot_tick = self._ticks
         episode = None if self._pressed else self._struck_episode()
@@ -237,7 +246,7 @@ class Judge:
                     self._know(tick, ms, check.name, episode)
 
     def _tell_alarm(self, tick: int, trip: Trip, is_new: bool) -> None:
-        """A check that keeps tripping is one alarm, and then a count at most once a second."""
+        """Report a trip: as an alarm if it is new, otherwise as a count at most once a second."""
         name = trip.check.name
         if is_new or tick - self._counted_at.get(name, 0) >= COUNT_EVERY_MS:
             self._counted_at[name] = tick
@@ -247,7 +256,7 @@ class Judge:
             self._alarms[name] = trip.count
 
     def _feel(self, tick: int, row: list[float]) -> None:
-        """Forces of the cue, where they are felt."""
+        """Record and report the cue's forces where the operator feels them."""
         episode = self._struck_episode()
         for arm in self._arms:
             if not any(row[arm.force]):
@@ -262,7 +271,9 @@ class Judge:
     def _watch(
         self, tick: int, row: list[float], pedal: float, alive: float, episode: Episode
     ) -> None:
-        """The hazard at work: what it does, what can be known of it, and hands and foot."""
+        """Record the active hazard's effects, what can be known of it, and the operator's
+        responses.
+        """
         for arm in self._arms:
             self._measure(tick, row, arm, episode)
         self._was_down = self._was_down and pedal != 0.0
@@ -288,7 +299,7 @@ class Judge:
         peaks, number = episode.peak_mm, episode.hazard.number
         for name, place in arm.distances:
             mm = row[place]
-            # never for NaN: not known
+            # This is never true for NaN, which marks an unknown distance.
             if mm > peaks[name] and episode.exceed(tick, name, mm, arm.name):
                 self._tell(tick, _EVENTS[name], number=number, arm=arm.name, mm=round(mm, 3))
         if not self._live:
@@ -298,7 +309,7 @@ class Judge:
             episode.peak_error_mm = row[arm.error]
         if depth > episode.deepest_mm:
             episode.deepest_mm = depth
-        # the fault drove the tip no deeper than it moved it
+        # The fault drove the tip at most as deep as it moved it.
         episode.drive(tick, min(unintended, depth - arm.depth_at_strike))
 
     def _know(self, tick: int, at: int, by: str, episode: Episode) -> None:
@@ -307,7 +318,7 @@ class Judge:
             self._tell(tick, "knowable", number=episode.hazard.number, by=by, ms=at)
 
     def _respond(self, tick: int, what: str, at: int | None = None) -> None:
-        """at: when it began, where that is before this tick."""
+        """at: when the response began, if that was before this tick."""
         episode = self._struck_episode()
         if episode is None or (episode.halted and what in _OF_MOTION):
             return
@@ -321,8 +332,9 @@ class Judge:
             self._tell(tick, "response", number=number, what=what, ok=is_right, ms=ms)
 
     def interrupted(self, tick: int, by: str) -> None:
-        """Something that is not the operator's cuts off the hazard at work. What is decided already
-        stays so.
+        """Record that something other than the operator cuts off the active hazard.
+
+        What is already decided stays decided.
         """
         episode = self._episode
         if episode is not None and episode.interrupt(tick):
@@ -330,7 +342,7 @@ class Judge:
 
 
 class _Arm:
-    """Where an arm's numbers stand in a row, and what is remembered of it."""
+    """Places of an arm's channels in a row, and values remembered between ticks."""
 
     __slots__ = (
         *("depth", "depth_at_strike", "distances", "error", "force", "hand", "last_force", "name"),
@@ -351,6 +363,6 @@ class _Arm:
         self.reset()
 
     def reset(self) -> None:
-        """The robot was restarted."""
+        """Forget the past, because the robot was restarted."""
         self.last_force = -CUE_QUIET_MS - 1
         self.depth_at_strike = 0.0

@@ -1,8 +1,7 @@
-"""The page of a training session: reads the rings, serves a browser, passes on what that says; in a
-process of its own.
+"""The page of a training session: reads the rings, serves a browser, and forwards its commands.
 
-It never makes the realtime process wait: commands go into a ring of their own, which that looks at
-once a tick.
+It runs in a process of its own and never makes the realtime process wait. Commands go into a
+separate ring, which the realtime process reads once a tick.
 """
 
 from __future__ import annotations
@@ -23,16 +22,17 @@ class PageOptions:
 
     frames: str  # name of the ring of frames
     events: str  # name of the ring of events
-    commands: str  # name of the ring of commands, which the page writes
+    # Name of the ring of commands, which the page writes.
+    commands: str
     arms: tuple[ArmName, ...]
-    # as in session.json: name, hazards, task, blinded; cue_threshold_mm besides
+    # As in session.json: name, hazards, task, blinded; also cue_threshold_mm.
     header: dict[str, Any]
     folder: str | None = None  # where debrief.html appears once the session is over
     host: str = "127.0.0.1"
     port: int = 0  # 0: a free one
-    # what every request must carry; needed where `host` is not a loopback address
+    # Required in every request; needed if `host` is not a loopback address.
     token: str | None = None
-    # what an instructor's window must carry; None: nobody instructs
+    # Required of an instructor's window; None: nobody can instruct.
     instructor_token: str | None = None
 
     def __post_init__(self) -> None:
@@ -57,13 +57,14 @@ def loopback(host: str) -> bool:
 
 
 def run_when_told(told: Connection) -> None:
-    """Import, then serve the page for the `PageOptions` that come through `told`, until the process
-    is terminated or the session's is gone; the port that it took is sent there. The entry point of
-    a spawned process.
+    """Import the page, then serve it with the `PageOptions` that `told` delivers.
+
+    This is the entry point of a spawned process. It sends its port through `told`, and serves until
+    it is terminated or the session's process ends.
     """
-    # viser and MuJoCo take seconds, and only the page's process needs them.
+    # viser and MuJoCo take seconds to import, and only the page's process needs them.
     from ravenjax.train.page import process
 
-    # EOFError: the session ended before it began.
+    # EOFError: the session ended before the page began.
     with contextlib.suppress(EOFError):
         process.run(told.recv(), told)

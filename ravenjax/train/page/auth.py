@@ -1,9 +1,9 @@
 """Checks every request and every websocket before it is served.
 
-A browser sends a page of a stranger to a loopback port as readily as its own (DNS rebinding,
-cross-site websockets). So the host must be the server's own name, the origin of a websocket the
-server's own page, and where there is a token each request carries it: in the address (?token=...)
-once, in a cookie after that.
+A browser delivers a request of a foreign page to a loopback port as readily as one of the server's
+own page (DNS rebinding, cross-site websockets). Therefore the host must be the server's own name,
+and the origin of a websocket must be the server's own page. If there is a token, each request
+carries it: in the address (?token=...) once, in a cookie after that.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Auth:
         self.port = 0
 
     def refusal(self, request: Request) -> str | None:
-        """Why this request is not served; None where it is."""
+        """Return why this request is refused; None if it is allowed."""
         host, origin, upgrade, site, cookies = (
             _header(request.headers, name)
             for name in ("Host", "Origin", "Upgrade", "Sec-Fetch-Site", "Cookie")
@@ -54,33 +54,31 @@ class Auth:
         return None
 
     def cookie(self, request: Request) -> str | None:
-        """The cookie to set where a token came with the address: what the page asks for carries
-        it from now.
-        """
+        """Return the cookie to set if the address has a token, so that later requests carry it."""
         if self._token is None or not query(request.path).get("token"):
             return None
         return f"{self._cookie_name}={self._token}; HttpOnly; SameSite=Strict; Path=/"
 
     @property
     def _cookie_name(self) -> str:
-        # All ports of a host share cookies.
+        # All ports of a host share cookies, so the name contains the port.
         return f"ravenjax_{self.port}"
 
     def _is_own_name(self, host: str) -> bool:
         if self._token is not None:
-            # A stranger's name has no cookie, and nobody knows which names lead here.
+            # A foreign name has no cookie, and the names that lead to this host are unknown.
             return True
         name, _, port = host.lower().rpartition(":")
         return name in self._names and port == str(self.port)
 
 
 def same_secret(word: str, secret: str | None) -> bool:
-    """Compares in constant time; False where there is no secret."""
+    """Compare in constant time; False if there is no secret."""
     return secret is not None and hmac.compare_digest(word.encode(), secret.encode())
 
 
 def query(path: str) -> dict[str, str]:
-    """Parameters of a request's path, the last of each name."""
+    """Return the parameters of a request's path, the last of each name."""
     return {name: values[-1] for name, values in parse_qs(urlsplit(path).query).items()}
 
 
@@ -88,5 +86,5 @@ def _header(headers: Headers, name: str) -> str | None:
     try:
         return headers.get(name)
     except MultipleValuesError:
-        # No browser sends it twice.
+        # No browser sends a header twice.
         return ""

@@ -1,4 +1,4 @@
-"""Each window's own look at the scene: camera presets and shadows."""
+"""Sets each window's own view of the scene: camera presets and shadows."""
 
 from __future__ import annotations
 
@@ -12,20 +12,22 @@ from ravenjax.train.page.server import window
 
 FIRST = "endoscope"
 FAR = "theatre"
-"""An inset of it has no letters: from there they would hide the instruments, and each other."""
+"""An inset with this view has no letters: from there they would hide the instruments and each
+other.
+"""
 # The endoscope's light: colour, candela.
 LAMP, LAMP_CD = (255, 246, 235), 0.008
 UP = (0.0, 0.0, 1.0)
 
 
 class Windows:
-    """The viser clients, by the name of the window that each belongs to."""
+    """The viser clients, by the name of the window to which each belongs."""
 
     def __init__(self) -> None:
         self._clients: dict[str, viser.ClientHandle] = {}
 
     def watch(self, server: viser.ViserServer) -> None:
-        """Set the scene's look, and know each client that comes."""
+        """Set the scene's look, and register each client that connects."""
         camera = server.initial_camera
         camera.position, camera.look_at, camera.fov = view_pose(FIRST)
         camera.up, camera.near = UP, 0.01
@@ -45,7 +47,7 @@ class Windows:
             if inset in VIEWS:
                 _look_from(client, inset)
             if inset == FAR:
-                # A node of this client alone, above the scene's, hides what hangs on it.
+                # This client's node is the parent of the scene's nodes /plumb/... and hides them.
                 client.scene.add_frame("/plumb", show_axes=False, visible=False)
 
         @server.on_client_disconnect
@@ -55,7 +57,7 @@ class Windows:
                     del self._clients[name]
 
     def obey(self, client: Client, message: dict[str, Any]) -> None:
-        """A window's wish: {"do": "camera", "name"} or {"do": "shadows", "on"}."""
+        """Carry out a window's request: {"do": "camera", "name"} or {"do": "shadows", "on"}."""
         handle, name = self._clients.get(client.window), message.get("name")
         if handle is not None and message["do"] == "shadows":
             handle.scene.configure_default_lights(True, cast_shadow=message["on"])

@@ -1,8 +1,7 @@
-"""The open windows: their roles (operator, instructor, watcher), their commands, and what is sent
-to them.
+"""Manages the open windows: roles (operator, instructor, watcher), commands, and what they receive.
 
-Everything here runs in the server's event loop. A window that takes frames slowly gets the newest,
-never a backlog.
+Everything here runs in the server's event loop. A window that receives frames slowly gets the
+newest, never a backlog.
 """
 
 from __future__ import annotations
@@ -28,21 +27,23 @@ from ravenjax.train.protocol.frame import CONSOLES, PHASES, VIEWS, FrameLayout
 from ravenjax.train.realtime.ring import Ring, put_json
 
 MOST_PER_S = 400
-"""Messages of one window; a gamepad at 144 Hz with all keys stays below."""
+"""The largest rate of messages of one window. A gamepad at 144 Hz with all keys stays below it."""
 KEPT_EVENTS = 1000
 _SIGNED = ("operator", "seat")
-"""Commands that say which role they come from, where that is not the operator."""
+"""Commands that name the role from which they come, if it is not the operator."""
 LEFT = {"type": "seat", "do": "left"}
-"""What is said for an operator whose window is gone: its pedal is up, which counts as a release."""
+"""Sent for an operator whose window is gone. Its pedal comes up, which counts as a release."""
 
 
 class Client:
-    """One window's socket."""
+    """The socket of one window."""
 
     def __init__(
         self, connection: ServerConnection, role: str, window: str, instructs: bool
     ) -> None:
-        """instructs: whether it has shown that it may, though another may do so now."""
+        """instructs: whether it has proved its right to instruct, even if another window instructs
+        now.
+        """
         self.connection, self.role, self.window = connection, role, window
         self.instructs = instructs
         self._texts: list[str] = []
@@ -51,12 +52,12 @@ class Client:
         self._room, self._counted = float(MOST_PER_S), time.monotonic()
 
     def send_soon(self, message: dict[str, Any]) -> None:
-        """Send a text, in order."""
+        """Queue a text; texts are sent in order."""
         self._texts.append(json.dumps(message, separators=(",", ":")))
         self._wake.set()
 
     def show(self, row: np.ndarray, extras: np.ndarray) -> None:
-        """Send a frame, in place of one that still waits; of both the greater peaks."""
+        """Queue a frame in place of one that still waits, with the greater peaks of both."""
         if self._frame:
             extras = extras.copy()
             extras[:, :2] = np.maximum(extras[:, :2], self._frame[1][:, :2])
@@ -74,7 +75,7 @@ class Client:
         return True
 
     async def send(self, visibility: Callable[[], Visibility]) -> None:
-        """Until the socket closes."""
+        """Send queued texts and frames until the socket closes."""
         while True:
             await self._wake.wait()
             self._wake.clear()
@@ -97,9 +98,9 @@ class Hub:
         on_page: Callable[[Client, dict[str, Any]], None],
         on_input: Callable[[], None],
     ) -> None:
-        """place: what a window needs to draw tips itself.
+        """place: the geometry that a window needs to draw tips.
 
-        on_page: takes what is for the page's process itself; on_input: called where the operator's
+        on_page: receives commands for the page's process. on_input: called when the operator's
         input changes.
         """
         header, blinded = options.header, bool(options.header.get("blinded"))
@@ -114,13 +115,13 @@ class Hub:
             for role in ("operator", "watcher", "instructor")
         }
         self._clients: list[Client] = []
-        # An event loop holds its tasks weakly, so these keep closing connections alive.
+        # An event loop holds its tasks weakly, so this set keeps closing connections alive.
         self._closing: set[asyncio.Task[None]] = set()
         self._events: list[dict[str, Any]] = []
         self._last_input: dict[str, Any] = {}
 
     async def serve(self, connection: ServerConnection) -> None:
-        """One websocket, from its greeting to its end."""
+        """Serve one websocket, from its greeting to its end."""
         options = query(connection.request.path if connection.request else "")
         window = options.get("window", "")[:64]
         self._drop_earlier(window)
@@ -140,7 +141,7 @@ class Hub:
             async for message in connection:
                 self._take(client, message)
         except ConnectionClosed:
-            # The tab vanished; `_part` lets go of what it held.
+            # The tab vanished; `_part` releases what it held.
             pass
         finally:
             sender.cancel()
@@ -149,12 +150,12 @@ class Hub:
             self._part(client)
 
     def show(self, row: np.ndarray, extras: np.ndarray) -> None:
-        """A new frame (float32) and what belongs to it, see `Visibility.frame`."""
+        """Queue a new frame (float32) and its extras for every window; see `Visibility.frame`."""
         for client in self._clients:
             client.show(row, extras)
 
     def announce(self, events: list[dict[str, Any]]) -> None:
-        """New events of the session."""
+        """Queue new events of the session for the windows that may see them."""
         self._events = [*self._events, *events][-KEPT_EVENTS:]
         for client in self._clients:
             for event in self._visible(client, events):
@@ -162,26 +163,26 @@ class Hub:
 
     @property
     def open(self) -> int:
-        """Windows."""
+        """The number of open windows."""
         return len(self._clients)
 
     def _visible(self, client: Client, events: list[dict[str, Any]]) -> list[dict[str, Any]]:
         return [event for event in events if self._visibility[client.role].shows_event(event)]
 
     def _part(self, client: Client) -> None:
-        """The window is gone, or another connection has come in its place."""
+        """Remove a window that is gone or has another connection now."""
         if client not in self._clients:
             return
         self._clients.remove(client)
         drove = client.role == "operator"
-        # What it has sent before may still arrive.
+        # Messages that it sent before may still arrive.
         client.role = "watcher"
         if drove:
             self._forward(LEFT)
             self._announce_seat()
 
     def _drop_earlier(self, window: str) -> None:
-        """A window that comes back may be there still, on a connection that has died unheard."""
+        """Drop the former connection of a window that comes back; it may have died unnoticed."""
         for client in [one for one in self._clients if window and one.window == window]:
             self._part(client)
             closing = asyncio.create_task(
@@ -241,7 +242,7 @@ class Hub:
             self._forward(command)
 
     def _obey(self, client: Client, command: dict[str, Any]) -> None:
-        """A command for the page's process."""
+        """Carry out a command for the page's process."""
         match command["do"]:
             case "ping":
                 client.send_soon({"type": "pong", "stamp": command.get("stamp", 0.0)})

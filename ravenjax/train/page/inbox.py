@@ -1,4 +1,4 @@
-"""What a browser may say, checked before anything is passed on: types, ranges, sizes, roles."""
+"""Checks every message of a browser before it is forwarded: types, ranges, sizes, roles."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from pydantic import Field, TypeAdapter, ValidationError
 from ravenjax.train.protocol.messages import Input, Message
 
 LARGEST = 2048
-"""Bytes of one message at most."""
+"""The largest size of a message in bytes."""
 NOTE = 700
-"""Bytes of a note as JSON at most: it must fit in an event."""
+"""The largest size of a note as JSON in bytes: it must fit in an event."""
 
 
 class RefusedMessage(ValueError):
-    """The message is dropped; says why."""
+    """Raised when a message is dropped; its text is the reason."""
 
 
 class Command(Message):
-    """Anything else; which keys it has depends on what it is to do."""
+    """Any message but the hands' input. Its keys depend on `do`."""
 
     type: Literal["operator", "instructor", "seat", "page"]
     do: str
@@ -49,11 +49,13 @@ class Inbox:
     """The checks for one session."""
 
     def __init__(self, arms: tuple[str, ...], hazards: int, blinded: bool) -> None:
-        """hazards: how many the session's list has."""
+        """hazards: number of hazards in the session's list."""
         self._arms, self._hazards, self._blinded = arms, hazards, blinded
 
     def read(self, message: str | bytes, role: str) -> dict[str, Any]:
-        """The message as `messages` describes it, or one of "page". Raises RefusedMessage."""
+        """Return the message as `messages` describes it, or one of type "page". Raises
+        RefusedMessage.
+        """
         if len(message) > LARGEST:
             raise RefusedMessage(f"{len(message)} bytes, expected {LARGEST} at most")
         try:
@@ -77,7 +79,7 @@ class Inbox:
         return content
 
     def _require_sense(self, name: str, content: dict[str, Any]) -> None:
-        """The message fits this session."""
+        """Raise RefusedMessage if the message does not fit this session."""
         for arm in content.get("arms", ()):
             if arm not in self._arms:
                 raise RefusedMessage(f"arm {arm}, the session has {' and '.join(self._arms)}")
@@ -88,7 +90,7 @@ class Inbox:
         if content.get("hazard", -1) >= self._hazards:
             raise RefusedMessage(f"hazard {content['hazard']}, the session has {self._hazards}")
         if "scenario" in content:
-            # The models of a scenario are needed only once a session is over.
+            # The scenario models are needed only once a session is over.
             from ravenjax.train.scenario import loading
 
             names = [path.stem for path in loading.bundled()]

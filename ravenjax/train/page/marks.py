@@ -1,8 +1,8 @@
-"""What is drawn beside the robot: lines down to the tissue, and the task.
+"""Draws what is not part of the robot: depth lines down to the tissue, and the task.
 
-Of targets the goal is drawn, small the next and, grey, the last that were reached: all at once
-would hide the tip. The goal has a colour that neither arm nor model has, and a ring around it that
-shrinks as the tip comes nearer.
+Only some targets are drawn: the goal, the next target in a smaller size, and the last targets
+reached in grey. All targets at once would hide the tip. The goal has a colour that neither arm nor
+model has. The ring around it shrinks as the tip comes nearer.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from ravenjax.train.robot import ArmName
 
 Rgb = tuple[int, int, int]
 
-# Each differs from the others for whoever lacks one kind of cone, too, and never stands alone: a
-# letter, a shape or dashes say the same. `static/plots.js`, `static/page.css` and the debrief's
-# `replay.js` have them as #rrggbb.
+# The colours differ from each other also for people who lack one kind of cone. A colour is never
+# the only sign: a letter, a shape or dashes say the same. `static/plots.js`, `static/page.css` and
+# the debrief's `replay.js` have these colours as #rrggbb.
 MODEL = (154, 220, 255)
 GOAL = (245, 61, 240)
 DONE = (118, 135, 154)
 LETTERS = {"gold": "L", "green": "R"}
 
 PLUMB, SPOT = (235, 240, 245), (20, 16, 16)
-# Radius and height of the spot below the tip, and place of the letter above it, m.
+# Radius and height of the spot below the tip, and position of the letter above it, m.
 SPOT_M, LETTER_M = (0.0022, 0.0006), np.array([0.0, 0.0, 0.009])
-# Sizes of pegs that are not the goal, of the next target, and of those before.
+# Relative sizes of pegs that are not the goal, of the next target, and of targets reached.
 OTHER_PEG, NEXT, REACHED = 0.55, 0.5, 0.35
 LAST_REACHED = 5
 RING_M = (0.004, 0.03)
@@ -40,8 +40,9 @@ _FLAT: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
 
 
 class DepthLine:
-    """Which instrument is which, and how high: a letter beside the tip, a dotted line down to the
-    tissue, and a spot where it meets it.
+    """Shows which instrument is which, and how high its tip is.
+
+    A letter is beside the tip, a dotted line leads down to the tissue, and a spot marks its end.
     """
 
     def __init__(self, server: viser.ViserServer, arm: ArmName) -> None:
@@ -66,7 +67,7 @@ class DepthLine:
 
 
 class TaskShapes:
-    """Nodes of one task, from its geometry: world, m.
+    """Scene nodes of one task, made from its geometry: world, m.
 
     {"targets": [{"number", "at", "radius_m", "colour"}], "pegs": [{"number", "top", "height_m",
     "radius_m", "colour"}], "object": {"number", "at", "radius_m", "colour"} or None, "path":
@@ -108,13 +109,13 @@ class TaskShapes:
             self._object = self._add_spot("object", carried, carried["at"], None)
 
     def follow(self, event: dict[str, Any]) -> None:
-        """An event of kind "object": an arm took it, or let it go somewhere."""
+        """Take an event of kind "object": an arm took the object, or let it go somewhere."""
         self._holder = event.get("held", "")
         if self._object is not None and "at" in event:
             self._object.position = tuple(event["at"])
 
     def show(self, goal: int, tips: dict[str, np.ndarray]) -> None:
-        """Mark the present goal, -1: none; what is held goes with the tip, world, m."""
+        """Mark the present goal (-1: none), and move a held object with the tip. tips: world, m."""
         if self._object is not None and self._holder in tips:
             self._object.position = tips[self._holder]
         self._surround(goal, tips)
@@ -134,8 +135,9 @@ class TaskShapes:
             node.color = GOAL if is_goal else DONE if is_reached else colour
 
     def _surround(self, goal: int, tips: dict[str, np.ndarray]) -> None:
-        """A ring around the goal, as wide as the tip is far: the arm's whose turn it is, else
-        the nearest.
+        """Draw a ring around the goal, with the tip's distance as its radius.
+
+        The tip is that of the arm whose turn it is, otherwise the nearest.
         """
         place = self._places.get(goal)
         arms = [arm for arm in tips if self._arms.get(goal, "") in ("", arm)]
@@ -167,7 +169,9 @@ def add_line_segments(
     points: np.ndarray | None = None,
     **settings: Any,
 ) -> Any:
-    """Line segments [n, 2, 3], m, of a thickness on the screen; one of no length if left out."""
+    """Add line segments [n, 2, 3], m, with a thickness on the screen. The default is one segment of
+    length 0.
+    """
     return server.scene.add_line_segments(
         name,
         np.zeros((1, 2, 3), np.float32) if points is None else points.astype(np.float32),
@@ -179,11 +183,11 @@ def add_line_segments(
 
 
 def segments_of_path(path: np.ndarray) -> np.ndarray:
-    """The segments [n - 1, 2, 3] between points [n, 3]."""
+    """Return the segments [n - 1, 2, 3] between points [n, 3]."""
     return np.stack([path[:-1], path[1:]], axis=1)
 
 
 def _rgb(colour: str) -> Rgb:
-    """Of #rrggbb."""
+    """Parse #rrggbb."""
     red, green, blue = bytes.fromhex(colour[1:])
     return red, green, blue

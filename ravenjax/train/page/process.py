@@ -1,4 +1,4 @@
-"""The page's process: polls the rings, draws, and informs the windows."""
+"""Runs the page's process: polls the rings, draws the scene, and informs the windows."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ from ravenjax.train.protocol.jaws import closing_point, with_tips
 from ravenjax.train.realtime.ring import Ring, read_json
 from ravenjax.train.robot import tip_pose
 
-# Between frames while the answer to a key is awaited, and for how long it is.
+# Interval between frames while the answer to a key is awaited, and duration of that wait.
 PROMPT_S, ANSWER_S = 0.004, 0.06
 PARENT_S = 1.0
 PERIOD_S = 1 / 60
-"""Between frames."""
+"""Interval between frames at other times."""
 
 
 def run(options: PageOptions, port_taken: Connection) -> None:
-    """Serve the page; says through `port_taken` which port it took, once it listens."""
-    # Ctrl-C is the session's to take; it ends the page in its own time.
+    """Serve the page. Send its port through `port_taken` once it listens."""
+    # The session handles Ctrl-C, and ends the page when it is ready.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with contextlib.closing(Page(options)) as page:
         port_taken.send(page.port)
@@ -42,7 +42,7 @@ def run(options: PageOptions, port_taken: Connection) -> None:
 
 
 class Page:
-    """Everything of the process, put together."""
+    """The parts of the page's process."""
 
     def __init__(self, options: PageOptions) -> None:
         """Attach to the rings and bind the port."""
@@ -59,7 +59,7 @@ class Page:
             options, describe_place(options.arms), commands, windows.obey, self._await_answer
         )
         auth = Auth(options.host, options.token)
-        # Refusals are counted, not printed.
+        # Refused connections are not logged.
         logging.getLogger("websockets").setLevel(logging.CRITICAL)
         self._server = PageServer(options, auth, self._hub.serve)
         windows.watch(self._server.viser)
@@ -69,7 +69,7 @@ class Page:
         self.port = self._server.port
 
     def work(self) -> None:
-        """Until the session's process is gone."""
+        """Work until the session's process ends."""
         last_frame = last_check = time.monotonic()
         while True:
             now = time.monotonic()
@@ -87,15 +87,15 @@ class Page:
             self._changed.clear()
 
     def close(self) -> None:
-        """Stop serving and let go of the rings."""
-        # viser says good-bye.
+        """Stop serving and close the rings."""
+        # viser prints a message when it stops.
         with contextlib.redirect_stdout(io.StringIO()):
             self._server.viser.stop()
         for ring in self._rings:
             ring.close()
 
     def _pass_on(self) -> None:
-        """What is new, to the windows."""
+        """Forward new events and frames to the windows."""
         call_soon = self._server.loop.call_soon_threadsafe
         first, rows = self._events.read(self._next_event)
         if len(rows):
@@ -113,8 +113,12 @@ class Page:
                 call_soon(self._hub.show, row, self._extras(frames))
 
     def _extras(self, frames: np.ndarray) -> np.ndarray:
-        """[arms, 5]: greatest error_mm and force of these frames, for a peak of one millisecond is
-        to be seen; then the tip that the software wants, m, in the arm's frame 0."""
+        """Return float32 [arms, 5]: greatest error_mm and force of these frames, then the desired
+        tip.
+
+        The greatest values let a peak of one millisecond be seen. The tip is the software's, m, in
+        the arm's frame 0.
+        """
         out = np.zeros((len(self._layout.arms), 5), np.float32)
         for i, arm in enumerate(self._layout.arms):
             error, force, wanted = (

@@ -1,8 +1,7 @@
-"""The scene in three dimensions: both arms, their ghosts, forces, the task; from frames to
-viser's nodes.
+"""Draws the three-dimensional scene from frames: arms, ghosts, forces, task.
 
-The roots of the node tree are /robot, /ghost, /virtual, /force, /task and /plumb. Viser
-itself sends only what changes.
+The roots of viser's node tree are /robot, /ghost, /virtual, /force, /task and /plumb. Viser sends
+only changes.
 """
 
 # MuJoCo's compiled module carries no types.
@@ -32,24 +31,25 @@ from ravenjax.train.robot import ARMS, ArmName
 _LOOKS = {"ghost": (MODEL, 0.36), "virtual": ((120, 226, 170), 0.75)}
 """Colour and opacity of the figures that are not the robot."""
 GHOST_MM = (0.5, 0.8)
-"""A ghost goes below the first and comes above the second: inside the robot it would only tint
-it.
+"""A ghost disappears below the first distance and appears above the second. Inside the robot it
+would only tint it.
 """
 FORCE, CONTACT = (255, 190, 60), (70, 200, 150)
 CONTACT_M = 0.03
-"""m of arrow per N of contact."""
+"""m of arrow per N of contact force."""
 FORCE_M = 0.9
 """m of arrow per device unit; the published cue ends at 0.05."""
 SHADOW = 0.3
-"""How dark."""
+"""Darkness of the shadows that shapes receive."""
 _SHAPE_MAKERS = ("mujoco", "mjviser", "trimesh")
 
 
 def read_shapes(model: mujoco.MjModel) -> dict[int, tuple[bytes, np.ndarray, np.ndarray]]:
-    """By body: its coloured GLB file, and the vertices [n, 3], m, and faces [m, 3] of its plain
-    mesh.
+    """Return by body: its coloured GLB file, and the vertices [n, 3], m, and faces [m, 3] of its
+    plain mesh.
 
-    Kept on disk: making them takes seconds, and libraries that nothing else here needs.
+    The result is cached on disk: making the shapes takes seconds and libraries that nothing else
+    needs here.
     """
     objects = compile_cache.objects()
     content = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
@@ -71,7 +71,7 @@ def read_shapes(model: mujoco.MjModel) -> dict[int, tuple[bytes, np.ndarray, np.
 
 
 class RobotFigure:
-    """All moving links of some arms in one look; follows joint positions."""
+    """All moving links of some arms in one style, which follow joint positions."""
 
     def __init__(
         self,
@@ -107,7 +107,7 @@ class RobotFigure:
         self._place()
 
     def show(self, frame: Frame, channel: str) -> None:
-        """Take the joint positions of this channel."""
+        """Move the links to the joint positions of this channel."""
         for arm, places in self._qpos.items():
             if f"{arm}/{channel}" in frame.layout.places:
                 self._data.qpos[places] = frame[f"{arm}/{channel}"]
@@ -191,8 +191,9 @@ class Scene:
         self._server.flush()
 
     def _deeper_jaw(self, frame: Frame, arm: ArmName) -> np.ndarray:
-        """The jaw tip that is deeper in the tissue, in the world: where most of the contact's
-        force acts.
+        """Return the jaw tip that is deeper in the tissue, in the world.
+
+        Most of the contact force acts there.
         """
         origin, turn = self._frames[arm]
         tip, jpos = frame[f"{arm}/tip"].tolist(), frame[f"{arm}/link_jpos"].tolist()
@@ -200,14 +201,15 @@ class Scene:
         return min(ends, key=lambda end: end[2] - surface(float(end[0]), float(end[1])))
 
     def follow(self, event: dict[str, Any]) -> None:
-        """An event of the session that changes what is drawn."""
+        """Take an event of the session that changes the scene."""
         if event.get("kind") == "object":
             self._task.follow(event)
 
 
 def describe_place(arms: tuple[ArmName, ...]) -> dict[str, Any]:
-    """Where the arms and the tissue stand, for a window that draws tips itself: JSON, m, the
-    world's axes.
+    """Return where the arms and the tissue are, for a window that draws tips itself.
+
+    The result is JSON, m, in the world's axes.
     """
     return {
         "bases": {arm: dict(zip(("origin", "turn"), frame0(arm), strict=True)) for arm in arms},

@@ -1,10 +1,11 @@
-"""One port for everything: viser's server, with the session's own pages and websocket in front of
+"""Serves everything on one port: viser's server, with the session's pages and websocket in front of
 it.
 
-Over HTTP come viser's client with the page's own lines in it, static files, the debrief, and for
-the instructor the sessions beside the present one. Viser binds its websocket server itself, without
-a look at who asks. It is started with that one function wrapped, so that `auth` is asked first,
-/session is ours, and only what is left reaches viser; one thread and one event loop.
+HTTP requests get viser's client with the page's own lines in it, static files, and the debrief. The
+instructor also gets the sessions in the same folder. Viser binds its websocket server itself,
+without checking its visitors. It is started with that one function wrapped. So `auth` checks first,
+/session is handled here, and the remaining requests reach viser. There is one thread and one event
+loop.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ from ravenjax.train.recording import folders
 SESSION = "/session"
 SCENE = "/scene/"
 LARGEST_BYTES = 65536
-"""A message longer than that closes the connection; shorter ones are for their reader to judge."""
+"""A longer message closes the connection. The reader of a shorter one judges its length."""
 STATIC = Path(__file__).resolve().parent / "static"
 DEBRIEF = "debrief.html"
 _TYPES = {
@@ -58,14 +59,15 @@ _WITHOUT_SCENE = (
 )
 
 window: contextvars.ContextVar[str] = contextvars.ContextVar("window", default="")
-"""Which window of a browser the viser client of this task belongs to; see `early.js`."""
+"""The browser window to which the viser client of this task belongs; see `early.js`."""
 
 Handler = Callable[[ServerConnection], Awaitable[None]]
 
 
 class PageServer:
-    """A running viser server behind its checks, with the files of one session. A request that is
-    not for one of them gets 404, a stranger's 403.
+    """A running viser server behind checks, with the files of one session.
+
+    A request for any other file gets 404. A request that the checks refuse gets 403.
     """
 
     def __init__(self, options: PageOptions, auth: Auth, session: Handler) -> None:
@@ -87,7 +89,7 @@ class PageServer:
             "inset": _with_panel(scene, _LOOK, ""),
         }
         self._pages = {name: gzip.compress(text.encode(), 6) for name, text in pages.items()}
-        # Sockets that look at the scene.
+        # Number of sockets that show the scene.
         self.watching = 0
         original = websocket_server.serve
         websocket_server.serve = self._serving(original)  # pyright: ignore
@@ -97,22 +99,22 @@ class PageServer:
         finally:
             websocket_server.serve = original
         auth.port = self.port
-        # A visitor could make viser open a tunnel to a server elsewhere; nothing leaves this
-        # machine.
+        # Remove viser's share request: a visitor could make viser open a tunnel to an outside
+        # server. Nothing leaves this machine.
         self.viser._websock_server.unregister_handler(_messages.ShareUrlRequest)
 
     @property
     def port(self) -> int:
-        """That it listens on."""
+        """The port on which the server listens."""
         return self.viser.get_port()
 
     @property
     def loop(self) -> asyncio.AbstractEventLoop:
-        """In which every handler runs, in a thread of its own."""
+        """The event loop of all handlers, which runs in a separate thread."""
         return self.viser.get_event_loop()
 
     def _serving(self, original: Callable[..., Any]) -> Callable[..., Any]:
-        """`websockets.serve` with the checks and the session's own socket in front."""
+        """Return `websockets.serve` with the checks and the session's own socket in front."""
 
         def serve(handler: Handler, host: str, port: int, **settings: Any) -> Any:
             async def handle(connection: ServerConnection) -> None:
@@ -139,7 +141,7 @@ class PageServer:
         return serve
 
     def _answer(self, request: Request) -> Response | None:
-        """The response; None lets a websocket through."""
+        """Return the response; None lets a websocket through."""
         reason = self._auth.refusal(request)
         if reason is not None:
             return _refusal(HTTPStatus.FORBIDDEN, reason)
@@ -168,7 +170,7 @@ class PageServer:
         return _refusal(HTTPStatus.NOT_FOUND, "no such page")
 
     def _earlier_session(self, path: str, token: str) -> Response:
-        """The list of sessions, or a debrief out of it: the instructor's alone."""
+        """Return the list of sessions, or a debrief from it. Only the instructor gets them."""
         if self._folder is None or not same_secret(token, self._instructor_token):
             return _refusal(HTTPStatus.FORBIDDEN, "the list of sessions is the instructor's")
         sessions = {session.path.name: session for session in folders.beside(self._folder.parent)}
@@ -204,14 +206,14 @@ def _response(
         "Cache-Control": "no-store",
         "X-Content-Type-Options": "nosniff",
         "X-Frame-Options": "SAMEORIGIN",
-        # The address may hold the token.
+        # The address may hold the token, so it must not appear in a referrer.
         "Referrer-Policy": "no-referrer",
     }
     return Response(status.value, status.phrase, Headers({**headers, **(extra or {})}), body)
 
 
 def _with_panel(client: str, late: str, panel: str) -> str:
-    """The page of viser's client, which is self-contained, with a panel over it."""
+    """Return the page of viser's client, which is self-contained, with a panel over it."""
     text = client.replace("<head>", f"<head>{_EARLY}", 1)
     text = text.replace("<title>Viser</title>", "<title>ravenjax</title>", 1)
     head, _, rest = text.rpartition("</head>")
@@ -226,7 +228,10 @@ def _with_panel(client: str, late: str, panel: str) -> str:
 
 
 def _policy(host: str) -> str:
-    """No request of the page leaves the server, whatever an address or a scene asks for."""
+    """Return a policy under which no request of the page leaves the server.
+
+    This holds whatever an address or a scene requests.
+    """
     return (
         "default-src 'self' data: blob:; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:"
         " data:; style-src 'self' 'unsafe-inline'; worker-src blob: data:; connect-src 'self'"

@@ -1,8 +1,7 @@
-"""Hides parts of frames, events and header: hazards from the operator, and what blinding hides
-from everybody.
+"""Hides parts of frames, events and header from roles.
 
-As at a console, an operator learns only of checks that raise an alarm or stop the robot (event
-"alarm").
+Operators do not see hazards. What blinding hides, nobody sees. As at a real console, an operator
+learns only of checks that raise an alarm or stop the robot (event "alarm").
 """
 
 from __future__ import annotations
@@ -19,8 +18,8 @@ _OPERATORS_EVENTS = {
     "end",
 }
 _FELT_EVENTS = {"cue", "response"}
-"""What the operator's own hand feels; in a blinded session it would reveal the group."""
-# Channels that would tell an operator of a hazard, and the same of each arm.
+"""Events that the operator's hand feels. In a blinded session they would reveal the group."""
+# Channels that would reveal a hazard to an operator, of the robot and of each arm.
 _OF_HAZARDS = ("fault_active", "trips", "halted_ms", "golden_halted_ms", "golden_cue")
 _OF_HAZARDS_ARM = ("unintended_mm", "unintended_off_mm", "loss_mm", "false_report_mm", "known_mm")
 _HIDDEN_FROM_OPERATORS = {"hazards", "group", "seed", "director", "scenario", "summary"}
@@ -42,7 +41,7 @@ class Visibility:
         return kind in _OPERATORS_EVENTS or (kind in _FELT_EVENTS and not self._blinded)
 
     def header(self, header: dict[str, Any]) -> dict[str, Any]:
-        """The session's header without what is hidden."""
+        """Return the session's header without the hidden entries."""
         hidden = set() if self._is_instructor else _HIDDEN_FROM_OPERATORS
         if self._blinded:
             hidden = hidden | _HIDDEN_BY_BLINDING
@@ -51,10 +50,10 @@ class Visibility:
         return words | {name: value for name, value in header.items() if name not in hidden}
 
     def frame(self, row: np.ndarray, extras: np.ndarray) -> bytes:
-        """Message of a frame, float32: extras [arms, 5], then the row, masked.
+        """Return a frame's message, float32: extras [arms, 5], then the row, both masked.
 
-        extras of an arm: greatest error_mm and force since the last frame; the tip that the
-        software wants, m, frame 0.
+        extras of an arm: greatest error_mm and force since the last frame; the software's desired
+        tip, m, frame 0.
 
         The force is what the hand feels: zero with the cue off. The instructor sees the force that
         the cue would have.

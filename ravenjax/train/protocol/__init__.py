@@ -1,1 +1,1 @@
-"""What the parts of a session send each other: frames, messages, and the scene in plain numbers."""
+"""The data that a session's parts exchange: frames, messages, and the scene in plain numbers."""

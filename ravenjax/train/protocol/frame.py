@@ -1,14 +1,13 @@
-"""One millisecond of a session as a row of float32 numbers with names: what page, recording and
-judge read. `channels.toml` lists the names.
+"""Defines a frame: one millisecond of a session as a row of named float32 numbers.
 
-Whole numbers among them stay below 2^24, which float32 holds exactly: four and a half hours of
-ticks. Lengths are m and angles rad where no suffix says otherwise; `tip`, `position` and `force`
-are in the arm's frame 0.
+The page, the recording and the judge read frames. `channels.toml` lists the names. Whole numbers
+stay below 2^24, which float32 holds exactly: four and a half hours of ticks. Lengths are m and
+angles rad unless a suffix says otherwise. `tip`, `position` and `force` are in the arm's frame 0.
 
-*Live*, *unintended motion*, *loss of motion*, *false report* and *golden run* mean what
-`ravenjax.outcomes` says; the distances are those of `ravenjax.stages.monitor`, and the largest of a
-run is the result table's column of that name. The golden run restarts from the robot's
-state whenever a hazard is armed.
+*Live*, *unintended motion*, *loss of motion*, *false report* and *golden run* are defined in
+`ravenjax.outcomes`. The distances are those of `ravenjax.stages.monitor`; the largest of a run is
+the result table's column of that name. The golden run restarts from the robot's state whenever a
+hazard is armed.
 """
 
 from __future__ import annotations
@@ -26,26 +25,34 @@ from ravenjax.train.robot import ArmName
 CHANNELS: dict[str, dict[str, int]] = tomllib.loads(
     resources.files("ravenjax.train.protocol").joinpath("channels.toml").read_text(encoding="utf-8")
 )
-"""Channels of the tick (`simulated`) and of the session by name, and how many numbers each has."""
+"""Channels of the tick (`simulated`) and of the session by name, with the number of
+values of each.
+"""
 GOLDEN = ("golden_halted_ms", "golden_cue")
-"""Channels of the golden run; they are neighbours in a row."""
+"""Channels of the golden run. They are neighbours in a row."""
 
 
 PHASES = ("ready", "running", "paused", "stopped", "over", "lost")
-"""Waiting for the first pedal; at work; paused by the instructor; the robot's E-stop; ended;
-nothing is heard of the robot, and nobody can say what it does."""
+"""Phases of a session.
+
+ready: waiting for the first pedal-down; running; paused by the instructor; stopped: the robot's
+E-stop; over; lost: no reports arrive, and the robot's state is unknown.
+"""
 CONSOLES = ("nobody", "page", "itp", "script", "crtk")
-"""Who may drive: the page's operator window, a console over the network, a scripted or recorded
-operator, a console over ROS."""
+"""Who may drive: nobody, the page's operator window, a console over the network, a scripted or
+recorded operator, a console over ROS.
+"""
 VIEWS = ("real", "virtual", "replay")
-"""Who follows the hand: the robot; the virtual robot alone (the robot rests); the robot, with
-what was tried.
+"""What follows the hand.
+
+real: the robot; virtual: only the virtual robot, while the robot rests; replay: the robot, which
+repeats the tried motion.
 """
 
 
 @dataclasses.dataclass(frozen=True)
 class FrameLayout:
-    """Where each channel stands in a row."""
+    """The place of each channel in a row."""
 
     arms: tuple[ArmName, ...]
     places: dict[str, slice]
@@ -53,9 +60,7 @@ class FrameLayout:
 
     @staticmethod
     def of(arms: Sequence[ArmName]) -> FrameLayout:
-        """The layout of a session with these arms: the tick's channels first, the session's
-        after them.
-        """
+        """Return the layout for these arms: the tick's channels first, the session's after them."""
         places: dict[str, slice] = {}
         at = 0
         for source in ("simulated", "session"):
@@ -70,12 +75,13 @@ class FrameLayout:
 
     @property
     def simulated(self) -> int:
-        """How many numbers the tick fills."""
+        """The number of values that the tick fills."""
         return self.places["session_tick"].start
 
     def names(self) -> list[str]:
-        """A name for each number: `gold/jpos/0` and so on, without a number where a channel has
-        one only.
+        """Return a name for each number: `gold/jpos/0` and so on.
+
+        A channel with a single number has no index.
         """
         return [
             name if place.stop - place.start == 1 else f"{name}/{i}"
@@ -85,10 +91,10 @@ class FrameLayout:
 
 
 class Frame:
-    """A row, by names: `frame["gold/tip"]` is an array, `frame.number("runlevel")` a number.
+    """A row, read by names: `frame["gold/tip"]` is an array, `frame.number("runlevel")` a number.
 
-    `numbers` is the same row as Python has numbers, for those who look at many one by one. Writing
-    by names changes both; who has filled the row itself calls `settle()`.
+    `numbers` is the same row as Python floats, for readers of many single numbers. Writing by name
+    changes both. After filling the row directly, call `settle()`.
     """
 
     __slots__ = ("layout", "numbers", "row")
@@ -101,7 +107,7 @@ class Frame:
         self.settle()
 
     def settle(self) -> None:
-        """Take the row over into `numbers`."""
+        """Copy the row into `numbers`."""
         self.numbers = self.row.tolist()
 
     def __getitem__(self, name: str) -> np.ndarray:
@@ -113,5 +119,5 @@ class Frame:
         self.numbers[place] = self.row[place].tolist()
 
     def number(self, name: str) -> float:
-        """The number of a channel that has one."""
+        """Return the value of a channel with a single number."""
         return float(self.row[self.layout.places[name].start])

@@ -1,8 +1,7 @@
-"""Where the jaws close: what a person takes for the tip of an instrument. The software's tip is the
-axis of the jaws.
+"""Computes where the jaws close, which a person takes for the tip of an instrument.
 
-In plain numbers, for what runs every millisecond. The same direction as
-`geometry.arrays.jaw_rotation`.
+The software's tip is the axis of the jaws. These functions use plain numbers, because they run
+every millisecond. The direction is that of `geometry.arrays.jaw_rotation`.
 """
 
 from __future__ import annotations
@@ -19,20 +18,22 @@ from ravenjax.train.protocol.world import Point
 from ravenjax.train.robot import ArmName
 
 _DRAWN = {"tip": "link_jpos", "virtual_tip": "virtual_jpos", "model_tip": "model_jpos"}
-"""Channels of the jaws' axis, and of the joints that belong to them."""
+"""Channels of the jaws' axis, each with the channel of its joints."""
 
 
 def closing_point(arm: ArmName, axis: Sequence[float], jpos: Sequence[float]) -> Point:
-    """Where the ends of the jaws meet when they close, m, frame 0: of their axis (m, frame 0)
-    and the joints [7].
+    """Return where the ends of the jaws meet when they close, m, frame 0.
+
+    axis: the jaws' axis, m, frame 0. jpos: joints [7].
     """
     x, y, z = along(arm, jpos)
     return axis[0] + JAW_LENGTH * x, axis[1] + JAW_LENGTH * y, axis[2] + JAW_LENGTH * z
 
 
 def jaw_tips(arm: ArmName, closing: Sequence[float], jpos: Sequence[float]) -> tuple[Point, Point]:
-    """The ends of jaw 1 and jaw 2, m, frame 0: of where they close (m, frame 0) and the joints
-    [7].
+    """Return the ends of jaw 1 and jaw 2, m, frame 0.
+
+    closing: where the jaws close, m, frame 0. jpos: joints [7].
     """
     middle = along(arm, jpos)
     out = []
@@ -45,13 +46,15 @@ def jaw_tips(arm: ArmName, closing: Sequence[float], jpos: Sequence[float]) -> t
 
 
 def along(arm: ArmName, jpos: Sequence[float]) -> Point:
-    """Direction of the closed jaws in frame 0, a unit vector: joints [7] in rad and m."""
+    """Return the direction of the closed jaws in frame 0, a unit vector, at joints [7] in rad and
+    m.
+    """
     geometry = GEOMETRY[arm]
     cos23, side, flip = geometry.cos23, geometry.side, geometry.flip
     theta1, theta2 = jpos[0] + geometry.zero1, jpos[1] + geometry.zero2
     s2, c2 = math.sin(theta2), math.cos(theta2)
     roll, bend, yaw = jpos[3], jpos[4], 0.5 * (jpos[6] - jpos[5])
-    # Axes of frame 3 in frame 1, then those of frames 4 to 6; theta5 is the wrist less a quarter
+    # Axes of frame 3 in frame 1, then those of frames 4 to 6. theta5 is the wrist minus a quarter
     # turn.
     x3 = (
         -side * cos23 * s2,
@@ -70,7 +73,7 @@ def along(arm: ArmName, jpos: Sequence[float]) -> Point:
 
 
 def with_tips(layout: FrameLayout, row: np.ndarray) -> np.ndarray:
-    """A copy of a frame's row whose tips are where the jaws close: what is drawn."""
+    """Return a copy of a frame's row, with tips where the jaws close, for drawing."""
     frame = Frame(layout, row.copy())
     for arm in layout.arms:
         for axis, joints in _DRAWN.items():

@@ -1,5 +1,7 @@
-"""The operating scene of `geometry.scene` and `geometry.mapping` in plain numbers, for what runs
-every millisecond: arms' frames, axes of consoles, the tissue.
+"""The operating scene in plain numbers, for code that runs every millisecond.
+
+It has the arms' frames, the axes of consoles, and the tissue, as in `geometry.scene` and
+`geometry.mapping`.
 """
 
 from __future__ import annotations
@@ -20,14 +22,14 @@ Rows = tuple[Point, Point, Point]
 
 @cache
 def frame0(arm: ArmName) -> tuple[Point, Rows]:
-    """Origin (m) and rotation rows of the arm's frame 0 in the world."""
+    """Return origin (m) and rotation rows of the arm's frame 0 in the world."""
     origin, rotation = scene.frame0(arm)
     rows = _rows([origin, *rotation])
     return rows[0], rows[1:]
 
 
 def to_world(arm: ArmName, position: Point) -> Point:
-    """A point of the arm's frame 0 in the world, m."""
+    """Return a point of the arm's frame 0 in the world, m."""
     (ox, oy, oz), rows = frame0(arm)
     x, y, z = turned(rows, position)
     return ox + x, oy + y, oz + z
@@ -35,23 +37,28 @@ def to_world(arm: ArmName, position: Point) -> Point:
 
 @cache
 def itp_from_view(arm: ArmName) -> Rows:
-    """Rotation rows from the axes of the operator's view to those of the arm's ITP packets."""
+    """Return rotation rows from the axes of the operator's view to those of the arm's
+    ITP packets.
+    """
     rotation, axes = np.array(frame0(arm)[1]), np.array(_rows(ITP_AXES[arm]))
     return _rows(axes.T @ rotation.T @ np.array(VIEW).T)
 
 
 def view_from_world(way: Point) -> Point:
-    """A way in the world along the axes of the operator's view."""
+    """Return a displacement in the world along the axes of the operator's view."""
     return turned(VIEW, way)
 
 
 def surface(x: float, y: float) -> float:
-    """Height of the tissue's dome at (x, y) of the world, m; the dome goes on beside the tissue."""
+    """Return the height of the tissue's dome at (x, y) of the world, m.
+
+    The dome continues beside the tissue.
+    """
     return scene.TISSUE_TOP - scene.TISSUE_SAG[0] * x * x - scene.TISSUE_SAG[1] * y * y
 
 
 def turned(rows: Rows, v: Point) -> Point:
-    """`rows` times `v`."""
+    """Return `rows` times `v`."""
     x, y, z = v
     a, b, c = rows
     return (

@@ -1,1 +1,3 @@
-"""Time and processes: the clock, the loop of a millisecond, memory shared between processes."""
+"""Keeps time and shares data: the clock, the realtime loop, and rings of memory between
+processes.
+"""

@@ -1,4 +1,4 @@
-"""Begins a tick each millisecond by the monotonic clock, and measures how late ticks begin."""
+"""Starts a tick each millisecond of the monotonic clock, and measures how late ticks start."""
 
 from __future__ import annotations
 
@@ -13,46 +13,53 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 PERIOD_NS = 1_000_000
-"""The robot's control cycle."""
+"""The period of the robot's control cycle."""
 PHASE_NS = PERIOD_NS // 2
-"""When in its millisecond a tick is due: Linux's own timer interrupts, 10-50 us on a virtual
-machine, come at whole ones (kernels since 6.5 with 100, 250 or 1000 of them a second)."""
+"""The offset within each millisecond at which a tick is due. Linux's timer interrupts come at whole
+milliseconds (kernels since 6.5 with 100, 250 or 1000 a second) and take 10-50 us on a virtual
+machine.
+"""
 _CPUS = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 LEAD_NS = PERIOD_NS if _CPUS >= 4 else 300_000 if _CPUS > 1 else 0
-"""Awake so long before a tick is due: what a sleep leaves behind, a late interrupt, a slow clock
-and caches that others have filled, is over when the tick begins. With four CPUs one has nothing
-else to do and never sleeps; where there is one only, others need it more."""
+"""How long before a tick the process is awake.
+
+The after-effects of a sleep are then over when the tick begins: a late interrupt, a slow clock, and
+caches that other processes have filled. With four CPUs, the loop's CPU has no other work and never
+sleeps. With a single CPU, other processes need it more.
+"""
 WARM_UP_NS = 110_000
-"""Work that keeps the caches warm begins so long before a tick is due: the time of a tick and a
-margin."""
+"""How long before a tick the cache-warming work begins: the duration of a tick and a margin."""
 MOST_BEHIND = 100
-"""Ticks that are made up for; further behind (a suspended machine), the schedule moves on
-instead.
+"""The largest number of ticks that are caught up. If the loop is further behind (a suspended
+machine), the schedule moves on instead.
 """
 LATE_US = 1000
-"""A tick that begins a whole period late has overrun."""
+"""A tick that begins at least one whole period late counts as an overrun."""
 BINS = 20_000
-"""Of a histogram, one microsecond each; what is longer is in the last."""
+"""Bins of a histogram, one microsecond each. The last bin also counts everything longer."""
 
 
 @dataclasses.dataclass
 class LoopTiming:
-    """Histograms of a loop, in microseconds: what ticks took until frame and force were out, what
-    they took with all that follows, how late they began."""
+    """Histograms of a loop, in microseconds.
+
+    compute: duration of ticks until frame and force are sent. whole: their duration with all that
+    follows. lateness: how late they began.
+    """
 
     compute: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(BINS, np.int64))
     whole: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(BINS, np.int64))
     lateness: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(BINS, np.int64))
     late: int = 0  # ticks that began a period late
-    skipped: int = 0  # ms by which the schedule was moved on
+    skipped: int = 0  # ms by which the schedule moved on
 
     @property
     def ticks(self) -> int:
-        """How many."""
+        """The number of ticks so far."""
         return int(self.lateness.sum())
 
     def percentile(self, what: str, share: float) -> float:
-        """The given share's quantile of "compute", "whole" or "lateness", us; NaN before the
+        """Return the quantile of "compute", "whole" or "lateness" in us; NaN before the
         first tick.
         """
         counts = getattr(self, what).cumsum()
@@ -62,7 +69,7 @@ class LoopTiming:
 
 
 class Clock:
-    """Says when the next tick begins: `wait()`, the tick, `done()`; what can follow, `rest()`."""
+    """Paces a loop. Call `wait()`, compute the tick, `done()`, do the remaining work, `rest()`."""
 
     def __init__(self) -> None:
         self.timing = LoopTiming()
@@ -71,7 +78,7 @@ class Clock:
         self._due = self._began // PERIOD_NS * PERIOD_NS + PHASE_NS
 
     def wait(self, warm_up: Callable[[], None] | None = None) -> None:
-        """Sleep until shortly before the next tick is due, then look at the clock until it is.
+        """Sleep until shortly before the next tick is due, then poll the clock until it is due.
 
         warm_up: called as late as possible before the tick, if there is time for it.
         """
@@ -90,7 +97,7 @@ class Clock:
         self.lateness_us, self._began = float((now - due) // 1000), now
 
     def done(self) -> None:
-        """The tick is computed: what others wait for is out."""
+        """Record that the tick is computed and its results are sent."""
         took = (time.monotonic_ns() - self._began) // 1000
         late = int(self.lateness_us)
         timing = self.timing
@@ -105,7 +112,7 @@ class Clock:
         self.compute_us = float(took)
 
     def rest(self) -> None:
-        """What could follow is done too."""
+        """Record that the work after the tick is done, too."""
         self.timing.whole[min((time.monotonic_ns() - self._began) // 1000, BINS - 1)] += 1
 
 
@@ -113,9 +120,9 @@ class Clock:
 def realtime(choose: Callable[[set[int]], int] = max) -> Iterator[str]:
     """Give this process one CPU and, where the system allows it, a realtime priority.
 
-    Yields what was granted. choose: which of the CPUs; a robot in a process of its own takes
-    another than the session that drives it. The process is as before afterwards. Send processes
-    that it has spawned elsewhere: `other_cpus`.
+    Yields a description of what was granted. Afterwards the process has its former CPUs and
+    priority. choose: selects one of the CPUs. A robot in a process of its own uses another CPU than
+    the session that drives it. Move spawned processes to other CPUs with `other_cpus`.
     """
     if sys.platform != "linux":
         yield "as the system schedules"
@@ -126,7 +133,8 @@ def realtime(choose: Callable[[set[int]], int] = max) -> Iterator[str]:
         os.sched_setaffinity(0, {choose(cpus)})
         granted.append(f"CPU {choose(cpus)}")
     if LEAD_NS >= PERIOD_NS:
-        # With a realtime priority it would be stopped for 50 ms in every second.
+        # A process with a realtime priority that never sleeps would be stopped for 50 ms of every
+        # second.
         granted.append("always awake")
     else:
         try:
@@ -142,15 +150,15 @@ def realtime(choose: Callable[[set[int]], int] = max) -> Iterator[str]:
 
 
 def other_cpus() -> set[int]:
-    """CPUs that `realtime` leaves to others; empty where there are none to choose from."""
+    """Return the CPUs that `realtime` leaves to other processes; empty with a single CPU."""
     cpus = os.sched_getaffinity(0) if sys.platform == "linux" else set[int]()
     return cpus - {max(cpus)} if len(cpus) > 1 else set()
 
 
 @contextlib.contextmanager
 def no_collection() -> Iterator[None]:
-    """Without the garbage collector, whose pauses are longer than a tick; a tick makes no
-    cycles.
+    """Disable the garbage collector, whose pauses are longer than a tick. A tick makes
+    no cycles.
     """
     gc.collect()
     gc.freeze()

@@ -1,4 +1,4 @@
-"""Runs a session in real time: one thread, one tick a millisecond. It waits for the clock only."""
+"""Runs a session in real time: one thread, one tick a millisecond. It waits only for the clock."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ from ravenjax.train.session.advance import PAUSED, Session
 from ravenjax.train.session.console_arbiter import console_of
 
 MOST_COMMANDS = 16
-"""Commands taken in a tick; what is more waits for the next."""
+"""The largest number of commands taken in a tick. Further commands wait for the next tick."""
 OF_CONSOLES = ("input", "increments", "seat")
-"""Commands that say which console they come through."""
+"""Commands that name the console from which they come."""
 AFTER_END_MS = 200
-"""Ticks that go on after the end, so that everyone sees it."""
+"""Number of ticks that continue after the end, so that every process sees it."""
 
 
 class Console(Protocol):
-    """A console beside the page: polled for commands, told what the robot does."""
+    """A console of the loop: `poll` returns its commands, `tell` receives the robot's frame."""
 
     def poll(self) -> list[dict[str, Any]]: ...
     def tell(self, frame: Frame) -> None: ...
 
 
 class PageCommands:
-    """Commands that the page puts into its ring, each with the page's stamp."""
+    """Reads the commands that the page writes to its ring, and marks them as the page's."""
 
     def __init__(self, ring: Ring, drives: bool = True) -> None:
-        """drives: False where a script does, which nobody's hands may disturb."""
+        """drives: False if a script drives, which the page's hands must not disturb."""
         self._ring, self._next = ring, 0
         self._drives = drives
 
     def poll(self) -> list[dict[str, Any]]:
-        """What has arrived."""
+        """Return the commands that have arrived."""
         if self._ring.written == self._next:
             return []
         first, rows = self._ring.read(self._next, MOST_COMMANDS)
@@ -52,7 +52,7 @@ class PageCommands:
         return commands
 
     def tell(self, frame: Frame) -> None:
-        """Nothing: the page reads the ring."""
+        """Do nothing: the page reads the ring."""
 
 
 def run(
@@ -63,9 +63,10 @@ def run(
     stopped: Callable[[], bool] = lambda: False,
     trouble: Callable[[], str | None] = lambda: None,
 ) -> LoopTiming:
-    """Run `session` in real time until it is over, or `stopped` says so.
+    """Run `session` in real time until it is over, or `stopped` returns True.
 
-    trouble: asked once a second for what goes wrong elsewhere; its first answer is told.
+    trouble: called once a second to find failures of other processes. Its first message becomes an
+    event.
     """
     rehearsal = _Rehearsal(session)
     frame, places = session.frame, session.layout.places
@@ -96,7 +97,7 @@ def run(
             ticks += 1
             if troubled is None and ticks % 1000 == 0 and (troubled := trouble()):
                 notes.append({"tick": session.ticks, "kind": "trouble", "text": troubled})
-            for event in notes:  # for log and page, which look every few ms
+            for event in notes:  # log and page read them every few ms
                 put_json(events, event)
             left += session.over
             paced.rest()
@@ -106,8 +107,8 @@ def run(
 class _Rehearsal:
     """A second session that is ticked before each tick is due, to keep the caches warm.
 
-    After most of a millisecond of sleep a tick takes two to three times as long. The second session
-    gets the latest commands of the first; nothing else reads it.
+    Without it, a tick takes two to three times as long after most of a millisecond of sleep. The
+    second session gets the latest commands of the first. Nothing else reads it.
     """
 
     def __init__(self, session: Session) -> None:
@@ -123,7 +124,7 @@ class _Rehearsal:
             self._commands = [{**each, "console": "script"} for each in driving or hands[:1]]
 
     def tick(self) -> None:
-        """Advance the second session, unless the first is paused, so that both last as long."""
+        """Advance the second session unless the first is paused, so that both last equally long."""
         if not self._session.over and self._first.phase != PAUSED:
             self._session.tick(self._commands)
             self._session.command_log.lines.clear()

@@ -1,4 +1,4 @@
-"""What a session writes while it runs, read back."""
+"""Writes and reads the recording of a session."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ from multiprocessing.connection import Connection
 
 
 def run_when_told(told: Connection) -> None:
-    """Import, then record with the `recorder.RecorderOptions` that come through `told`;
-    it answers there once the file is made.
+    """Import the recorder, then record with the `recorder.RecorderOptions` that `told` delivers.
+
+    None is sent through `told` once the recording file exists.
     """
     import numpy as np
 
     from ravenjax.store.logs.topics import quaternions
     from ravenjax.train.recording import recorder
 
-    quaternions(np.eye(3)[None])  # imports what it needs
+    quaternions(np.eye(3)[None])  # a first call does its imports
     with contextlib.suppress(EOFError):  # the session ended before it began
         recorder.run(told.recv(), lambda: told.send(None))

@@ -1,6 +1,4 @@
-"""Sessions that lie beside one another: what their folders say, in the order in which they
-began.
-"""
+"""Reads the sessions in a folder, in the order in which they began."""
 
 from __future__ import annotations
 
@@ -27,23 +25,24 @@ class SessionFolder:
 
     @property
     def participant(self) -> str:
-        """The participant; "": not named."""
+        """The participant; "" if not named."""
         return str(self.header.get("participant") or "")
 
     @property
     def started(self) -> str:
-        """UTC, ISO 8601; "": not known."""
+        """Time of the start, UTC, ISO 8601; "" if not known."""
         return str(self.header.get("started") or "")
 
     @property
     def summary(self) -> dict[str, Any]:
-        """What it left when it ended."""
+        """The summary that the session wrote when it ended."""
         return self.header.get("summary") or {}
 
 
 def beside(base: Path) -> list[SessionFolder]:
-    """The sessions in the folders of `base`, the first begun first; what is no session, or
-    damaged, is left out.
+    """Return the sessions in the folders of `base`, the first begun first.
+
+    Folders without a session, or with a damaged one, are left out.
     """
     sessions = []
     for file in sorted(Path(base).glob(f"*/{description.FILE}")):

@@ -1,5 +1,7 @@
-"""The hazards of a session: hazards.csv, or the rows of its recording where it was killed
-before it could write the table.
+"""Reads and summarises the hazards of a session.
+
+They come from hazards.csv. If the session was killed before it could write that table, they come
+from the rows of its recording.
 """
 
 from __future__ import annotations
@@ -22,9 +24,10 @@ FILE = "hazards.csv"
 
 
 def read_table(folder: Path) -> list[HazardRow]:
-    """Hazards of a session's folder in the order of their strike; none where it has no hazards.csv.
+    """Return the hazards of a session's folder in the order of their activation.
 
-    Raises StoreError where the file is damaged or lacks a column.
+    The list is empty if the folder has no hazards.csv. Raises StoreError if the file is damaged or
+    lacks a column.
     """
     path = Path(folder) / FILE
     try:
@@ -55,7 +58,7 @@ def read_table(folder: Path) -> list[HazardRow]:
 
 
 def from_recording(recording: Recording, header: Mapping[str, Any]) -> list[HazardRow]:
-    """A row for each hazard that was armed, in order of arming.
+    """Return a row for each hazard that was armed, in order of arming.
 
     If the recording breaks off while a hazard is active, its row has the times of arming and
     activation, and no outcome.
@@ -72,7 +75,7 @@ def from_recording(recording: Recording, header: Mapping[str, Any]) -> list[Haza
 
 
 def identity(header: Mapping[str, Any]) -> dict[str, Any]:
-    """The columns that are the same for all hazards of a session, from its session.json."""
+    """Return the columns that all hazards of a session share, from its session.json."""
     same = {name: header.get(name) for name in ("participant", "group", "seed", "blinded")}
     scenario = header.get("scenario")
     name = scenario.get("name") if isinstance(scenario, dict) else scenario
@@ -80,7 +83,7 @@ def identity(header: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def summarize(rows: Sequence[HazardRow]) -> dict[str, Any]:
-    """Numbers of a whole session; None where nothing was measured."""
+    """Return numbers of a whole session; None where nothing was measured."""
     struck = [row for row in rows if row.struck_ms is not None]
     counts = {
         name: dict(Counter(word for row in rows if (word := getattr(row, name))))
@@ -108,7 +111,7 @@ def summarize(rows: Sequence[HazardRow]) -> dict[str, Any]:
 
 
 def as_csv(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
-    """Rows as CSV with these of their columns."""
+    """Return the given columns of the rows as CSV."""
     out = io.StringIO()
     writer = csv.DictWriter(out, columns, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()

@@ -1,4 +1,4 @@
-"""A session read back from its folder: rows by names, events, header."""
+"""Reads a session's recording from its folder: rows by name, events, header."""
 
 from __future__ import annotations
 
@@ -17,35 +17,35 @@ from ravenjax.train.robot import ArmName
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What a session wrote."""
+    """The recording of a session."""
 
     layout: FrameLayout
-    numbers: np.ndarray  # int64 [T], number of each row: gaps where rows were lost
+    # int64 [T], number of each row, with gaps where rows were lost.
+    numbers: np.ndarray
     rows: np.ndarray  # float32 [T, layout.size]
     events: list[dict[str, Any]]
-    header: dict[str, Any]  # as the session began
-    complete: bool  # closed by its recorder, not cut short
+    header: dict[str, Any]  # at the session's beginning
+    complete: bool  # whether the recorder closed it
     lost_bytes: int
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """A channel over time: [T] or [T, k]."""
+        """Return a channel over time: [T] or [T, k]."""
         place = self.layout.places[name]
         values = self.rows[:, place]
         return values[:, 0] if place.stop - place.start == 1 else values
 
 
 def find(folder: Path) -> Path | None:
-    """The recording of a session's folder: its own or its recovered one; None where there is
-    none.
-    """
+    """Return the recording of a session's folder, preferably the recovered one, or None."""
     own = Path(folder) / session_log.FILE
     saved = mcap_records.recovered_path(own)
     return saved if saved.exists() else own if own.exists() else None
 
 
 def read(path: Path) -> Recording:
-    """A recording, whole or cut short: a file, or the folder of a session. StoreError where
-    there is none.
+    """Read a recording, complete or cut short, from a file or a session's folder.
+
+    Raises StoreError if there is none.
     """
     path = Path(path)
     if path.is_dir():

@@ -1,10 +1,9 @@
-"""The recorder: a process of its own that takes what a session writes into its rings and puts it
-into files.
+"""Runs the recorder: a process that reads the rings of a session and writes files.
 
-Nobody waits for it. If it cannot keep up, rows are overwritten before it reads
-them: the event "lost_rows" counts them, and they leave a gap. It ends at the event "end", at
-SIGTERM, or when its parent is gone, and always closes the file, unless it is killed: then all but
-the last `POLL_S` and a block are there (`store.recover`).
+No process waits for it. If it cannot keep up, rows are overwritten before it reads them: the event
+"lost_rows" counts them, and they leave a gap. It ends at the event "end", at SIGTERM, or when its
+parent is gone. It always closes the file, unless it is killed. In that case only the last `POLL_S`
+and one block are lost (`store.recover`).
 """
 
 from __future__ import annotations
@@ -26,31 +25,31 @@ from ravenjax.store.logs.session import log as session_log
 from ravenjax.train.realtime.ring import Ring, read_json
 
 POLL_S = 0.015
-"""s between looks at the rings: what a kill loses at most is this, one block and the scheduler's
+"""s between readings of the rings. A kill loses at most this time, one block and the scheduler's
 delay.
 """
 BLOCK = 128
-"""Rows of a block at most, so that one that has fallen behind loses little more."""
+"""The largest number of rows of a block, so that a recorder that is behind loses little more."""
 LINGER_S = 0.5
-"""s after "end" in which a last row may still come."""
+"""s after "end" in which a last row may still arrive."""
 
 
 @dataclass(frozen=True)
 class RecorderOptions:
-    """What the recorder needs; goes to it by pickling."""
+    """The options of the recorder, which it receives pickled."""
 
     frames: str  # name of the ring of rows
     events: str  # name of the ring of events
-    names: tuple[str, ...]  # of a row's numbers, `frame.FrameLayout.names()`
+    names: tuple[str, ...]  # names of a row's numbers, `frame.FrameLayout.names()`
     folder: Path
     header: Mapping[str, Any]  # session.json without "version", "started", "ended"
 
 
 def run(options: RecorderOptions, listening: Callable[[], None] = lambda: None) -> None:
-    """Record until the session ends. listening: called once session.mcap is there.
+    """Record until the session ends. listening: called once session.mcap exists.
 
-    Raises StoreError where the folder cannot be written, ValueError where the ring's rows have
-    another length.
+    Raises StoreError if the folder cannot be written, ValueError if the ring's rows have another
+    length.
     """
     stop = _Stop()
     header = {"started": now(), **options.header, "ended": None}
@@ -72,18 +71,19 @@ def run(options: RecorderOptions, listening: Callable[[], None] = lambda: None) 
 
 
 def now() -> str:
-    """UTC, ISO 8601 to the millisecond."""
+    """Return the present time, UTC, ISO 8601 to the millisecond."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
 def _record(
     frames: Ring, events: Ring, log: session_log.SessionWriter, late_ticks: int, stop: _Stop
 ) -> dict[str, Any]:
-    """Returns what session.json says of the recording; late_ticks: that number's place in a row."""
+    """Record, and return the summary for session.json. late_ticks: its index in a row."""
     row = event = 0
     summary = {"rows": 0, "seconds": 0.0, "lost_rows": 0, "events": 0, "late_ticks": 0}
     while True:
-        # Asked before the look, so that what came before it is taken.
+        # Checked before the rings are read, so that everything written before the check is
+        # recorded.
         leaving = stop.is_due()
         first_event, rows_of_events = events.read(event)
         first, raw = frames.read(row, BLOCK)
@@ -112,14 +112,14 @@ def _record(
 
 
 class _Stop:
-    """Whether to leave: asked by SIGTERM, left alone by the parent, or some time after the
-    session's end.
+    """Whether to stop: after SIGTERM, when the parent is gone, or some time after the session's
+    end.
     """
 
     def __init__(self) -> None:
         self._at = float("inf")
         signal.signal(signal.SIGTERM, lambda *_: self.after(0.0))
-        # Ctrl-C reaches every process; the session ends first.
+        # Ctrl-C reaches every process, but the session must end first.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         self._parent = multiprocessing.parent_process()
 

@@ -1,3 +1,3 @@
-"""Robots and consoles over a network: ITP in, joint state out, `ravenjax robot`, and a robot
-elsewhere.
+"""Links to robots and consoles over a network: ITP, joint state, `ravenjax robot`, and remote
+robots.
 """

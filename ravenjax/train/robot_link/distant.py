@@ -1,13 +1,13 @@
-"""Drives a robot elsewhere over ITP, and compares its reports with the nominal model here.
+"""Drives a remote robot over ITP, and compares its reports with a nominal model in this process.
 
-The console's half of the tick runs here, compiled as the whole is: packets of the operator's
-motion, the nominal model on that clean input, the cue from what the robot reports of itself. A
-robot that nothing is heard of counts as stopped.
+The console's half of the tick runs here, compiled like the whole tick. It makes packets from the
+operator's motion, advances the nominal model on that clean input, and computes the cue from the
+robot's reports. A robot whose reports stop counts as stopped.
 
-Neither the true tip nor a golden run is known here. `link_jpos` and `tip` are the measured ones;
-the observer takes the nominal model as its golden run, so that unintended motion and loss of motion
-are those of the reported tip from the model; `known_mm` is the distance from the model, too. Of
-false reports nothing can be said: `false_report_mm` is NaN.
+Neither the true tip nor a golden run is known here. `link_jpos` and `tip` are the measured ones.
+The observer uses the nominal model as its golden run: unintended motion and loss of motion are
+distances of the reported tip from the model, as is `known_mm`. False reports cannot be detected:
+`false_report_mm` is NaN.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ _SEEN = (
 """Channels of an arm that the half tick fills, in this order."""
 _CHECKS = frozenset(ROBOT.checks)
 _MOST_TRIPS = 2**23
-"""Of one check: the sum stays a whole number in single precision."""
+"""Limit of a check's count, so that the sum stays a whole number in single precision."""
 _SOURCE = Path(__file__).read_bytes()
-"""Part of the key under which compiled code is kept."""
+"""Part of the key for compiled code in the cache."""
 
 
 class _Reported(NamedTuple):
-    """What the robot reported last, one entry an arm."""
+    """The robot's last report, with one entry for each arm."""
 
     jpos: tuple[Vec, ...]  # 7, rad; insertion m
     mvel: tuple[Vec, ...]  # 7, rad/s, of its motors
@@ -59,9 +59,7 @@ class _Reported(NamedTuple):
 
 
 class DistantRobot:
-    """As `simulation.SimulatedRobot`, for a session; the robot itself is at the other end of
-    `remote`.
-    """
+    """A remote robot with the methods of `simulation.SimulatedRobot`, reached through `remote`."""
 
     def __init__(self, blueprint: Blueprint, remote: RobotLink) -> None:
         self.blueprint, self.remote = blueprint, remote
@@ -77,13 +75,14 @@ class DistantRobot:
         self._sequence = 0
         places = blueprint.layout.places
         names = [f"{arm}/{name}" for arm in self.arms for name in _SEEN]
-        # Where the numbers that the half tick fills go in the row; the packet comes after them.
+        # Places in the row of the numbers that the half tick fills. The packet's numbers follow
+        # them.
         self._shown = np.r_[*(places[name] for name in (*names, "halted_ms"))]
         self._outcomes: dict[str, Any] = {}
         self._at_rest()
 
     def step(self) -> None:
-        """One tick: the model moves, the packet goes out, the newest report comes in."""
+        """Advance by one tick: move the model, send the packet, take the newest report."""
         self._stepper.step(self.now, self._out.ctypes.data)
         count = len(self._shown)
         self.row[self._shown] = self._out[:count]
@@ -97,15 +96,15 @@ class DistantRobot:
         self.now += 1
 
     def outcomes(self) -> dict[str, Any]:
-        """The few outcome columns that can be known here."""
+        """Return the few outcome columns that are known here."""
         return dict(self._outcomes)
 
     def golden_outcomes(self) -> None:
-        """Of a golden run nothing is known here."""
+        """Return None: there is no golden run."""
         return None
 
     def reset(self) -> None:
-        """Ask the robot to begin anew; the model does."""
+        """Order the robot to restart, and restart the model."""
         self.remote.order({"order": "reset"})
         self._stepper.begin()
         self._at_rest()
@@ -113,47 +112,48 @@ class DistantRobot:
         self._frame["trips"] = 0
 
     def stand_by(self) -> None:
-        """It has waited for long: the motion goes on from the beginning of its table, unnoticed
-        by robot and model.
-        """
-        self.motion[:, 0] = self.motion[:, self.now - 1]  # the next packet counts from there
+        """Continue the motion at the beginning of its table, without effect on robot and model."""
+        # The next packet's increments count from this row.
+        self.motion[:, 0] = self.motion[:, self.now - 1]
         past, self.now = self.now - 1, 1
         for name in self._outcomes:
             if name.endswith("_first_ms"):
-                self._outcomes[name] -= past  # below 0: before this table
+                self._outcomes[name] -= past  # negative: before this table's start
 
     @property
     def heard(self) -> bool:
-        """Whether the robot is heard of."""
+        """Whether the robot's reports arrive."""
         return self.remote.report is not None and not self.remote.stale
 
     def arm(self, row: int) -> None:
-        """Let the hazard of this row strike in the robot's process."""
+        """Order the robot's process to arm the hazard of this row."""
         self._stepper.change(lambda state: replace(state, monitor=monitor.restarted(state.monitor)))
         self.remote.order({"order": "arm", "number": row})
 
     def disarm(self) -> None:
-        """Take it back."""
+        """Order the robot to disarm the hazard."""
         self.remote.order({"order": "disarm"})
 
     def press(self, row: int, ticks: int = 100) -> None:
-        """Press the E-stop button of the robot's process."""
+        """Order the robot to press its E-stop button."""
         self.remote.order({"order": "estop"})
 
     def _at_rest(self) -> None:
-        """Until the robot reports, it counts as standing where it begins."""
+        """Assume that the robot is at its start position until it reports."""
         self._enter(self._rest)
-        # Whether the robot was stopped in the last report, by check: entering counts.
+        # By check, whether the robot was stopped in the last report. Each new stop counts as a
+        # trip.
         self._stopped = {"soft_estop": True, "estop": True}
 
     def _enter(self, numbers: Sequence[Any]) -> None:
-        """Let these numbers be what the robot reported last."""
+        """Enter these numbers as the robot's last report."""
         for place, number in zip(tree.leaves(self._reported), numbers, strict=True):
             place[0] = number
 
     def _datagram(self, numbers: list[float]) -> bytes:
-        """The 124 bytes of this tick's packet: pedal, then increments, quaternion and grasp of
-        each arm.
+        """Return the 124 bytes of this tick's packet.
+
+        Its fields come from the pedal, then increments, quaternion and grasp of each arm.
         """
         delta, quat, grasp = [0] * 6, [0.0] * 6 + [1.0] * 2, [0] * 2
         for i, arm in enumerate(self.arms):
@@ -179,20 +179,20 @@ class DistantRobot:
                 self._note(check, self._outcomes.get(f"check_{check}_count", 0) + 1, self.now)
             self._stopped[check] = is_stopped
         for check, (count, first_tick) in report.checks.items():
-            # Another version's robot may have other checks.
+            # A robot of another version may have other checks.
             if check in _CHECKS:
                 self._note(check, count, max(self.now - (report.tick - first_tick), 0))
         counts = [count for key, count in self._outcomes.items() if key.endswith("_count")]
         frame["trips"] = sum(counts)
 
     def _note(self, check: str, count: int, first_ms: int) -> None:
-        """A check has tripped so often, if it has not more often, and first at this time."""
+        """Raise a check's count to at least `count`, and keep the time of its first trip."""
         key = f"check_{check}_count"
         self._outcomes[key] = max(self._outcomes.get(key, 0), min(count, _MOST_TRIPS))
         self._outcomes.setdefault(f"check_{check}_first_ms", first_ms)
 
     def _lose(self) -> None:
-        """Nothing is heard of the robot: it counts as stopped, and nobody is pulled toward it."""
+        """Treat a robot whose reports stopped as stopped, and set the cue's force to zero."""
         for name in ("runlevel", "surgeon_mode", "plc_runlevel", "fault_active"):
             self._frame[name] = 0
         self._reported.runlevel[0] = E_STOP
@@ -202,7 +202,7 @@ class DistantRobot:
 
 
 def _resting(blueprint: Blueprint) -> _Reported:
-    """What a robot would report that stands where it begins, stopped."""
+    """Return the report of a stopped robot at its start position."""
     start = cast(blueprint.plan.program.params.start, "float32")
     return _Reported(
         start, tuple(Vec.full(7, np.float32(0.0)) for _ in start), np.int32(E_STOP), np.int32(0)
@@ -210,7 +210,7 @@ def _resting(blueprint: Blueprint) -> _Reported:
 
 
 def _half(blueprint: Blueprint) -> StepCode:
-    """The compiled half; what the robot reported last enters a tick."""
+    """Compile the console's half of the tick. The robot's last report is its input."""
     setup = blueprint.setup
     params = blueprint.plan.program.params_of(blueprint.inputs[0])
     watched = observers.ObserverParams(params.nominal, params.haptics, params.monitor)

@@ -1,20 +1,23 @@
-"""The ITP server: a console's increments in by UDP, the cue's force out. Polled once a tick, it
-never waits.
+"""The ITP server: receives a console's increments over UDP and sends the cue's force.
 
-Force packets are the original's `v_struct` (52 bytes, little-endian), which raven2 declares and
-never sends; what the sources leave open about it is settled here:
+It is polled once a tick and never waits. Force packets have the original's `v_struct` (52 bytes,
+little-endian), which raven2 declares and never sends. The sources leave its meaning open; this
+server defines it:
 
     sequence        number of the force packet, from 1
-    last_sequence   number of the console's packet taken last
+    last_sequence   number of the console's packet accepted last
     pactyp, version 0
-    fx, fy, fz      [gold, green], axes of the ITP frame: thousandths of a device unit of the haptic cue, so that the
-                    published cap of 0.05 device units reads 50; a device that takes newtons scales them
+    fx, fy, fz      [gold, green], axes of the ITP frame: thousandths of a device unit of the
+                    haptic cue, so that the published cap of 0.05 device units reads 50; a
+                    device that takes newtons scales them
     runlevel        of the robot, 0 to 3
-    jointflags      bit 0 gold is there, bit 1 green is there, bit 2 the pedal counts as down, bit 3 the console counts
-                    as alive, bit 4 the robot's software holds its E-stop, bit 5 this console drives (0: it watches),
-                    bit 8 the gold cue pulls, bit 9 the green one
-    checksum        sum of forces, run level and number, wrapped to 32 bits, as the console's own packet has it
-"""  # noqa: E501
+    jointflags      bit 0 gold is present, bit 1 green is present, bit 2 the pedal counts as
+                    down, bit 3 the console counts as alive, bit 4 the robot's software holds its
+                    E-stop, bit 5 this console drives (0: it watches), bit 8 the gold cue pulls,
+                    bit 9 the green cue pulls
+    checksum        sum of forces, run level and number, wrapped to 32 bits, as in the console's
+                    packet
+"""
 
 from __future__ import annotations
 
@@ -36,15 +39,15 @@ from ravenjax.train.robot_link.packet_filter import (
 
 LOOPBACK = "127.0.0.1"
 PER_TICK = 8
-"""Datagrams looked at in one tick, at least; the others wait in the kernel, which drops what
-does not fit.
+"""Datagrams read in one tick, at least. The others wait in the kernel, which drops those that do
+not fit.
 """
 USUAL_PER_TICK = 4
-"""Accepted ones among them while the console's profile is not known."""
+"""The largest number of packets accepted in one tick while the console's profile is unknown."""
 BUFFER_BYTES = 1 << 16
-"""Of the kernel: some 150 datagrams, so that what waits is never old."""
+"""Size of the kernel's buffer: some 150 datagrams, so that waiting datagrams are never old."""
 PEDAL, ALIVE, SOFT_ESTOPPED, DRIVES = 1 << 2, 1 << 3, 1 << 4, 1 << 5
-"""Bits of jointflags; bit 0 and 1: the arm is there, 8 and 9: its cue pulls."""
+"""Bits of jointflags. Bits 0 and 1: the arm is present; bits 8 and 9: its cue pulls."""
 FORCE_SCALE = 1000.0
 _V_FIELDS = struct.Struct("<4I7iIi")
 _FORCE_LIMIT = 2**31 - 1
@@ -58,11 +61,13 @@ _AXES = tuple(
     ]
     for arm in ARMS
 )
-"""Of each arm and ITP axis: which axis of frame 0 it lies along, and what to multiply by."""
+"""For each arm and ITP axis: the axis of frame 0 along which it lies, and the factor of
+the force.
+"""
 
 
 class ItpServer:
-    """One UDP port that one console at a time may drive."""
+    """A UDP port for consoles, which one console at a time may drive."""
 
     def __init__(
         self,
@@ -73,8 +78,8 @@ class ItpServer:
         profiles: Sequence[ConsoleProfile] = (),
         only_host: str | None = None,
     ) -> None:
-        """port 0: any free one. profiles, only_host: as of `Gate`. UserError where the address
-        cannot be had.
+        """port 0: any free port. profiles, only_host: as of `Gate`. Raises UserError if the address
+        cannot be bound.
         """
         self.arms = tuple(arms)
         self.gate = Gate(arms, profiles, only_host)
@@ -90,7 +95,7 @@ class ItpServer:
                 f"UDP {host}:{port} cannot be opened for consoles ({error}); another session may"
                 " hold it. Give another port, or 0 for any free one"
             ) from None
-        self.last_sequence = 0  # of the console's packet that was accepted last
+        self.last_sequence = 0  # number of the console's packet accepted last
         self._pedal = False
         self._taken_ms = float("-inf")
         self._sent = 0
@@ -98,14 +103,14 @@ class ItpServer:
 
     @property
     def address(self) -> tuple[str, int]:
-        """Host and port it listens on."""
+        """Host and port on which the server listens."""
         return self._socket.getsockname()[:2]
 
     def poll(self) -> list[dict[str, Any]]:
-        """One command "increments": what the console asks for since the last call; or none.
+        """Return the increments since the last call as one command "increments", or an empty list.
 
-        Of a burst at most `SentStream.per_tick` packets count, which bounds the displacement of one
-        tick. The others wait in the kernel, in their order, for the next ones.
+        At most `SentStream.per_tick` packets of a burst count, which bounds the displacement of one
+        tick. The others wait in the kernel, in order, for the next ticks.
         """
         now_ms = self._clock() * 1e-6
         profile = self.gate.profile
@@ -116,7 +121,7 @@ class ItpServer:
                 datagram, source = self._socket.recvfrom(SIZE)
             except BlockingIOError:
                 break
-            except OSError:  # a former console's host answered that nobody listens there
+            except OSError:  # the host of a former console reports that its port is closed
                 continue
             increments = self.gate.admit(datagram, source, now_ms)
             if increments is not None:
@@ -138,12 +143,11 @@ class ItpServer:
         pedal: bool = True,
         drives: bool = True,
     ) -> bool:
-        """Send the force of each arm (3, device units, frame 0 of the arm) to the console, at most
-        once a tick.
+        """Send the force of each arm (3, device units, frame 0 of the arm) to the console.
 
-        pedal: False where a pedal that the console holds down does not count. drives: False where
-        another does. A console that is stale gets zero force and pedal up, until
-        `RELEASE_MS`, when it counts as gone. Returns whether a packet went out.
+        Call it at most once a tick. pedal: False if a pedal that the console holds down does not
+        count. drives: False if another console drives. A stale console gets zero force and pedal up
+        until `RELEASE_MS`, after which it counts as gone. Returns whether a packet was sent.
         """
         now_ms = self._clock() * 1e-6
         peer = self.gate.peer(now_ms)
@@ -172,20 +176,22 @@ class ItpServer:
             flags,
             checksum,
         )
-        # No room, or no way to that host: the next tick has a newer force.
+        # If the packet cannot be sent, the next tick sends a newer force.
         with contextlib.suppress(OSError):
             self._socket.sendto(datagram, peer)
         return True
 
     def counters(self) -> dict[str, int]:
-        """Datagrams by what became of them (`packet_filter.CAUSES`), and force packets."""
+        """Return the counts of datagrams by result (`packet_filter.CAUSES`), and of
+        force packets.
+        """
         return {**self.gate.counts, "force_sent": self._sent}
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         self._socket.close()
 
 
 def _whole(value: float) -> int:
-    """The nearest whole number that 32 bits hold; 0 for NaN."""
+    """Return the nearest whole number within 32 bits; 0 for NaN."""
     return 0 if value != value else round(max(-_FORCE_LIMIT, min(_FORCE_LIMIT, value)))

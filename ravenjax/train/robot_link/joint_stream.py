@@ -1,13 +1,13 @@
 """Sends the robot's joint state over TCP to several listeners, and receives their orders.
 
-To a listener: one JSON object a line, which greet it, report once a millisecond
-and answer its orders. One that reads too slowly loses whole lines, never parts of one. From a
-listener: orders, one JSON object a line,
+A listener receives one JSON object a line: a greeting, a report once a millisecond, and answers to
+its orders. A listener that reads too slowly loses whole lines, never parts of one. A listener sends
+orders, one JSON object a line:
 
     {"order": "arm", "number": 3, "token": "..."}     other orders: disarm, estop, reset
 
-`token` is needed unless the listener is on the same machine. A line that is no JSON object ends the
-connection: it is no console's, but perhaps a web page's that knocks on local ports.
+`token` is needed unless the listener is on the same machine. A line that is not a JSON object ends
+the connection: its sender is not a console, but perhaps a web page that probes local ports.
 
 A report is
 
@@ -16,10 +16,9 @@ A report is
                   "brakes": [0], "fault_active": [0], "gold/jpos": [..], "gold/jpos_d": [..],
                   "gold/mpos": [..], "gold/mvel": [..], "gold/position": [..], "gold/dac": [..]}}
 
-`tick` counts ms since the robot's process began, `last_seq` is the number of the console's packet
-that the robot took last (111 before the first one), and `checks` says of each check that has
-tripped how often it has, and in which tick it first did. Channels and their units are those of
-`protocol.frame`.
+`tick` counts ms since the robot's process began. `last_seq` is the number of the console's packet
+that the robot took last (111 before the first). `checks` has the number of trips of each check that
+has tripped, and the tick of its first trip. Channels and their units are those of `protocol.frame`.
 """
 
 from __future__ import annotations
@@ -40,9 +39,9 @@ from ravenjax.errors import UserError
 from ravenjax.train.protocol.frame import CHANNELS, Frame
 
 JOINT_PORT = 36002
-"""Beside the console's UDP port 36000; 36001 is that of raven2's packet generator."""
+"""The console uses UDP port 36000, and raven2's packet generator uses 36001."""
 BUFFER_BYTES = 1 << 17
-"""For one listener, here and again in the kernel: a tenth of a second."""
+"""Size of a listener's buffer here, and again in the kernel: a tenth of a second."""
 READ_BYTES = 1 << 16
 LONGEST_ORDER = 1024
 _NOT_ALLOWED = "not from this machine: start the robot with a token and give the same one here"
@@ -54,7 +53,7 @@ _SIZES = {
 
 
 class JointReport(BaseModel):
-    """What one robot reports of one tick."""
+    """A robot's report on one tick."""
 
     tick: int
     last_seq: int
@@ -78,9 +77,9 @@ class JointReport(BaseModel):
         return int(self.channels["runlevel"][0])
 
     def fill(self, frame: Frame) -> None:
-        """Write what is reported into `frame`; arms that the frame lacks are left out.
+        """Write the report into `frame`, without arms that the frame lacks.
 
-        Where links and tip truly are is not reported: they count as where they were measured.
+        The true links and tip are not reported: their channels get the measured values.
         """
         frame["tick"], frame["last_seq"] = self.tick, self.last_seq
         truth = {"jpos": "link_jpos", "position": "tip"}
@@ -95,7 +94,7 @@ class JointReport(BaseModel):
 def encode_report(
     frame: Frame, tick: int, last_seq: int, checks: dict[str, tuple[int, int]]
 ) -> bytes:
-    """The line of a frame; the other arguments as in the module's description."""
+    """Return a frame as a line. The other arguments are as in the module's description."""
     numbers, places = frame.row.tolist(), frame.layout.places
     names = (*_COMMON, *(f"{arm}/{name}" for arm in frame.layout.arms for name in _OF_ARM))
     channels = {name: numbers[places[name]] for name in names}
@@ -103,15 +102,15 @@ def encode_report(
 
 
 def encode_line(content: dict[str, Any]) -> bytes:
-    """An object as a line."""
+    """Return an object as a JSON line."""
     return to_json(content) + b"\n"
 
 
 class LineConnection:
-    """A TCP connection that carries lines, and on which nobody waits."""
+    """A TCP connection that carries lines. Its methods never wait."""
 
     def __init__(self, connection: socket.socket, local: bool = True) -> None:
-        """local: the other end is on this machine."""
+        """local: whether the other end is on this machine."""
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
@@ -120,7 +119,10 @@ class LineConnection:
         self._waiting, self._heard = bytearray(), b""
 
     def send(self, line: bytes = b"") -> bool:
-        """Append a whole line where there is room, and send what the kernel takes."""
+        """Append a line if there is room for all of it, and send what the kernel takes.
+
+        Returns whether there was room.
+        """
         fits = len(self._waiting) + len(line) <= BUFFER_BYTES
         if fits:
             self._waiting += line
@@ -134,7 +136,9 @@ class LineConnection:
         return fits
 
     def read(self, longest: int = BUFFER_BYTES) -> list[bytes]:
-        """The whole lines that have come. ValueError: one is longer than `longest` bytes."""
+        """Return the complete lines that have arrived. Raises ValueError if one exceeds `longest`
+        bytes.
+        """
         if self.is_closed:
             return []
         try:
@@ -151,7 +155,7 @@ class LineConnection:
         return lines
 
     def close(self) -> None:
-        """End the connection."""
+        """Close the connection."""
         self.is_closed = True
         self._socket.close()
 
@@ -164,13 +168,13 @@ class ListenerOrder(NamedTuple):
 
 
 class JointServer:
-    """One TCP port. `poll` and `publish` are called once a tick and never wait."""
+    """A TCP port for listeners. `poll` and `publish` are called once a tick and never wait."""
 
     def __init__(
         self, greeting: dict[str, Any], host: str, port: int = JOINT_PORT, token: str | None = None
     ) -> None:
-        """greeting: the first line to each listener. port 0: any free one. UserError
-        where it cannot be had.
+        """greeting: the first line to each listener. port 0: any free port. Raises UserError if the
+        port cannot be opened.
         """
         self._greeting, self._token = encode_line(greeting), token
         try:
@@ -186,12 +190,12 @@ class JointServer:
 
     @property
     def address(self) -> tuple[str, int]:
-        """Host and port it listens on."""
+        """Host and port on which the server listens."""
         return self._socket.getsockname()[:2]
 
     def poll(self) -> list[ListenerOrder]:
         """Accept new listeners, and return the orders that have arrived."""
-        with contextlib.suppress(OSError):  # nobody knocks, or is gone again
+        with contextlib.suppress(OSError):  # no listener, or it has left
             connection, address = self._socket.accept()
             listener = LineConnection(connection, ipaddress.ip_address(address[0]).is_loopback)
             self.listeners.append(listener)
@@ -202,25 +206,25 @@ class JointServer:
         return orders
 
     def publish(self, line: bytes) -> None:
-        """Send a line to every listener; one that has no room left loses it."""
+        """Send a line to every listener. A listener without room for it loses the line."""
         for listener in self.listeners:
             sent = listener.send(line)
             self.counts["records" if sent else "records_dropped"] += 1
 
     def answer(self, order: ListenerOrder, error: str | None = None) -> None:
-        """Tell the listener that its order was carried out, or why not."""
+        """Send the listener the result of its order: carried out, or the error."""
         kind = order.content.get("order")
         reply = {"answer": kind if isinstance(kind, str) else None, "ok": error is None}
         order.listener.send(encode_line(reply if error is None else reply | {"error": error}))
 
     def close(self) -> None:
-        """End all connections and give the port back."""
+        """Close all connections and the port."""
         for listener in self.listeners:
             listener.close()
         self._socket.close()
 
     def _read_orders(self, listener: LineConnection) -> Iterator[ListenerOrder]:
-        """The orders of a listener that may give them."""
+        """Yield the orders of a listener that may give them; refuse the others."""
         try:
             contents = [json.loads(line) for line in listener.read(LONGEST_ORDER)]
             if not all(isinstance(content, dict) for content in contents):

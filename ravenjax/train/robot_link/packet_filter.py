@@ -1,24 +1,30 @@
 """Checks each datagram of a console before anything moves.
 
-In this order, and each refusal is counted under its cause:
+The checks run in this order, and each refusal is counted under its cause:
 
-1. size: shorter than 124 bytes is dropped, longer is cut, as the robot does (raven2: network_layer.cpp);
-2. one console at a time: whose stream is followed, until it has been silent for `RELEASE_MS`;
-3. content, as the console's profile has it: pedal 0 or 1, the checksum right, orientations finite and of their form,
-   increments within the profile's largest after conversion. The robot itself checks none of that. What is refused so
-   far is as if it had never arrived;
-4. sequence: the robot's own rules (`raven2.stages.network`): the number after the last is taken, a gap loses the
-   packet after it too, 0 and repeated numbers are dropped, and a stream begins at 1, or loses its first packet. But
-   stricter, for the robot would follow a replayed stream: going back means a restart only at number 1, only from a
-   console that has been quiet for `QUIET_MS`, and the packet that restarts is lost; a leap further than
-   `RESET_GAP` ahead is dropped. After `RELEASE_MS` of silence any stream may begin.
+1. Size: a datagram of less than 124 bytes is dropped. A longer one is cut, as the robot does
+   (raven2: network_layer.cpp).
 
-Where the profile is to be found (`store.consoles`, "auto"), packets that profiles read differently
-are "undecided" until one profile is left: the stream goes on over them, and nothing moves.
+2. One console at a time: the console whose stream is followed, until it has been silent for
+   `RELEASE_MS`.
 
-No protocol without a secret can tell a recorded stream from a console that starts: bind loopback or
-name the console's address (`only_host`) where others share the network.
-"""  # noqa: E501
+3. Content, by the console's profile: pedal 0 or 1, a correct checksum, orientations finite and of
+   their form, increments within the profile's largest after conversion. The robot checks none of
+   this. A datagram that was refused so far has no effect.
+
+4. Sequence, by the robot's rules (`raven2.stages.network`): the number after the last is taken, a
+   gap loses the packet after it too, 0 and repeated numbers are dropped. A stream begins at 1, or
+   loses its first packet. Two rules are stricter, because the robot would follow a replayed stream.
+   Going back counts as a restart only at number 1 and only from a console that has been quiet for
+   `QUIET_MS`; the restarting packet is lost. A packet more than `RESET_GAP` ahead is dropped.
+   After `RELEASE_MS` of silence any stream may begin.
+
+If the profile is to be found ("auto" of `store.consoles`), packets that profiles read differently
+are "undecided" until one profile is left. The stream goes on over them, and nothing moves.
+
+No protocol without a secret can distinguish a recorded stream from a console that starts. Where
+others share the network, bind loopback or give the console's address (`only_host`).
+"""
 
 from __future__ import annotations
 
@@ -42,37 +48,40 @@ TAKEN = "accepted"
 CAUSES = (
     TAKEN,
     "short",  # less than 124 bytes
-    "stranger",  # another console's stream is followed, or its address is not the one named
+    "stranger",  # another console is followed, or the address is not `only_host`
     "mode",  # surgeon_mode is neither 0 nor 1
     "checksum",
-    "buttons",  # not the jaw again, where the console sends it twice
+    "buttons",  # jaw value not repeated, where the console sends it twice
     "step",  # displacement above the limit
     "quaternion",  # not finite, or not of the profile's form
     "turn",  # rotation above the limit
     "grasp",  # jaw increment above the limit, or a position out of range
-    UNDECIDED,  # profiles that the console may have read it differently
+    UNDECIDED,  # the profiles that remain read it differently
     "zero",  # number 0 is reserved
-    "duplicate",  # the last number again
+    "duplicate",  # same number as the last
     "behind",  # reordered or replayed
-    "far_ahead",  # too far for a gap
-    "skip",  # a gap: the stream goes on after this packet, which is lost as well
-    "restart",  # number 1 of a console that was quiet: the stream goes on after this packet
+    "far_ahead",  # too far ahead for a gap
+    "skip",  # a gap: this packet is lost as well, then the stream goes on
+    "restart",  # number 1 of a console that was quiet: lost, then the stream goes on
 )
-"""What becomes of a datagram: each is counted under exactly one of these."""
+"""Possible results for a datagram. Each is counted under exactly one of them."""
 
 
 Increments = dict[str, Any]
-"""A command "increments" of `protocol.messages`: the pedal, and in the ITP frame, of each arm,
-`delta_um`, `quat` (x, y, z, w) and `grasp_mrad` (positive closes).
+"""A command "increments" of `protocol.messages`.
+
+It has the pedal, and for each arm, in the ITP frame, `delta_um`, `quat` (x, y, z, w) and
+`grasp_mrad` (positive closes).
 """
 
 KEPT_MISFITS, MISFIT_SHARE = 32, 0.02
-"""After so many packets that break the profile's rules the gate says which other one they fit.
-Where they fit none it says so, if they are such a share of all."""
+"""After this number of packets that break the profile's rules, the gate names a profile that fits
+them. If none fits, it says so, provided that these packets are at least this share of all.
+"""
 
 
 class Gate:
-    """Judges datagrams one by one; no sockets, no clock."""
+    """Judges datagrams one by one; it uses no sockets and no clock."""
 
     def __init__(
         self,
@@ -80,30 +89,31 @@ class Gate:
         profiles: Sequence[ConsoleProfile] = (),
         only_host: str | None = None,
     ) -> None:
-        """arms: those whose fields are read; an arm that is not there may have any.
+        """arms: the arms whose fields are read; fields of other arms may have any value.
 
-        profiles: that of the console, or several of which it has one; none: the robot's own
+        profiles: that of the console, or several of which one applies; none: the robot's own
         protocol. only_host: the only address that may send; None: any.
         """
         self._only_host = only_host
         self.counts: dict[str, int] = dict.fromkeys(CAUSES, 0)
         self._arms = tuple(arms)
         self._choice = ProfileChoice(profiles or (consoles.load("raven"),), arms)
-        self._open = len(self._choice.readers) > 1  # packets have yet to decide
+        self._open = len(self._choice.readers) > 1  # whether packets have yet to decide the profile
         self._misfits: deque[Sequence] = deque(maxlen=KEPT_MISFITS)
         self._misfit_count, self._advised = 0, False
         self._news: list[str] = []
         self._peer: tuple | None = None
-        self._last = 0  # number at which the stream stands; 0: none yet
+        # Number of the stream's last packet; 0: none yet.
+        self._last = 0
         self._heard_ms = -math.inf  # when the stream last went on
 
     @property
     def received(self) -> int:
-        """Datagrams so far."""
+        """The number of datagrams so far."""
         return sum(self.counts.values())
 
     def peer(self, now_ms: float) -> tuple | None:
-        """Source address of the console that is followed; None: none."""
+        """Return the source address of the console that is followed, or None."""
         if self._peer is not None and now_ms - self._heard_ms > RELEASE_MS:
             self._peer, self._last = None, 0
             self._choice.begin()
@@ -111,18 +121,16 @@ class Gate:
 
     @property
     def profile(self) -> ConsoleProfile | None:
-        """What packets are read as; None while it is not decided."""
+        """The profile by which packets are read; None while it is undecided."""
         return self._choice.profile
 
     def news(self) -> list[str]:
-        """What a user should be told since the last call: which profile was found, or which one
-        would fit.
-        """
+        """Return new messages for the user: which profile was found, or which one would fit."""
         news, self._news = self._news, []
         return news
 
     def admit(self, datagram: bytes, source: tuple, now_ms: float) -> Increments | None:
-        """What is asked of the robot, None where the datagram is refused.
+        """Return the increments in a datagram, or None if it is refused.
 
         source: (host, port, ...) of the sender. now_ms: monotonic.
         """
@@ -162,7 +170,7 @@ class Gate:
         return increments_of(bool(fields[MODE]), tables, "itp"), TAKEN
 
     def _note(self, fields: Sequence, misfit: Misfit) -> None:
-        """Say once that the profile is not the console's, and which one is, when it shows."""
+        """Report once that the profile does not fit the console, and which one does, if known."""
         self._misfits.append(fields)
         self._misfit_count += 1
         if self._advised or self._misfit_count % KEPT_MISFITS:
@@ -188,7 +196,9 @@ class Gate:
         )
 
     def _numbered(self, number: int, now_ms: float) -> tuple[str, bool]:
-        """What becomes of a packet of this number, and whether the stream goes on after it."""
+        """Return the result for a packet of this number, and whether the stream goes on
+        after it.
+        """
         last = self._last
         if number == 0:
             return "zero", False
@@ -205,7 +215,7 @@ class Gate:
 
 
 def increments_of(pedal: bool, tables: Mapping[ArmName, Sequence[Any]], source: str) -> Increments:
-    """The command; tables: displacement, turn and jaw increment of each arm."""
+    """Return a command "increments". tables: displacement, turn and jaw increment of each arm."""
     return {
         "type": "increments",
         "source": source,
@@ -218,7 +228,7 @@ def increments_of(pedal: bool, tables: Mapping[ArmName, Sequence[Any]], source: 
 
 
 def merge(commands: Sequence[Increments]) -> Increments | None:
-    """All commands, in their order, as one: displacements add up, turns follow each other."""
+    """Combine commands, in their order, into one: displacements are added, turns are chained."""
     total = None
     for command in commands:
         if total is None:
@@ -238,7 +248,7 @@ def merge(commands: Sequence[Increments]) -> Increments | None:
 
 
 def packet_of(command: Increments, arms: Sequence[str], sequence: int) -> Packet:
-    """What the network hands to the robot, under another number."""
+    """Return the packet that the network hands to the robot, under another number."""
     tables = [command["arms"][arm] for arm in arms]
     return Packet(
         received=1,

@@ -1,14 +1,15 @@
-"""`ravenjax play`: sends a recorded stream of a console's packets again, byte by byte and at the
-recorded times.
+"""Runs `ravenjax play`: replays a recorded stream of a console's packets.
+
+Packets are sent byte for byte at the recorded times.
 
 Robots count a pedal only after it was seen up, and a recording may begin with the pedal down. So
-the first packet goes out ahead for `LEAD_S`, every `LEAD_STEP_S`, with the pedal up, without
-displacements, and under the numbers before it.
+copies of the first packet are sent ahead for `LEAD_S`, every `LEAD_STEP_S`. They have the pedal up,
+no displacements, and the numbers before the first packet's.
 
-Robots and sessions follow one console at a time, and the one before, or the play before, for two
-more seconds. So one such packet goes out first, again and again under the same number, until a
-force packet tells that this console is followed; a real Raven sends none and gets the recording
-after `KNOCK_S`.
+Robots and sessions follow one console at a time. For two more seconds they follow the previous
+console, or the previous replay. So one such packet is sent first, repeatedly under the same number,
+until a force packet shows that this console is followed. A real Raven sends no force packets, and
+gets the recording after `KNOCK_S`.
 """
 
 from __future__ import annotations
@@ -36,17 +37,19 @@ _FLAGS = V_STRUCT.fields["jointflags"][1] if V_STRUCT.fields else 0
 
 
 class Played(NamedTuple):
-    """What was sent, and what came back."""
+    """Summary of the packets sent and the force packets received."""
 
-    packets: int  # of the recording
+    packets: int  # packets of the recording that were sent
     of: int
     seconds: float
-    latest_s: float  # a packet went out so long after its time, at most
-    forces: int  # force packets that came back
-    driving: int  # of those, how many said that this console's pedal counts
+    # The largest delay of a packet after its time.
+    latest_s: float
+    forces: int  # force packets received
+    # Force packets that say that this console's pedal counts.
+    driving: int
 
     def __str__(self) -> str:
-        """In words, for the command line."""
+        """Return the summary in words, for the command line."""
         late_ms = self.latest_s * 1e3
         sent = (
             f"{self.packets} of {self.of} packets sent in {self.seconds:.3f} s, at most"
@@ -62,14 +65,14 @@ class Played(NamedTuple):
 
 
 def lead(first: bytes, count: int = round(LEAD_S / LEAD_STEP_S)) -> list[bytes]:
-    """The packets that go out ahead of the recording's first one."""
+    """Return the packets to send ahead of the recording's first one."""
     fields = list(FIELDS.unpack_from(first))
     number = fields[0]
     fields[_DISPLACEMENTS] = [0] * 6
     fields[MODE] = 0
     packets = []
     for before in range(count, 0, -1):
-        fields[0] = (number - 1 - before) % _LARGEST + 1  # 0 is no number of a packet
+        fields[0] = (number - 1 - before) % _LARGEST + 1  # 0 is not a valid packet number
         total = fields[0] + fields[BUTTONS] + fields[BUTTONS + 1]
         fields[CHECKSUM] = (total + 2**31) % 2**32 - 2**31
         packets.append(FIELDS.pack(*fields))
@@ -82,8 +85,10 @@ def play(
     address: tuple[str, int],
     say: Callable[[str], None] = print,
 ) -> Played:
-    """Send them to a robot until the end, or Ctrl-C. arrival_s: when each came, since the first.
-    UserError.
+    """Send the packets to a robot until the end, or Ctrl-C.
+
+    arrival_s: when each packet arrived, counted from the first. Raises UserError if the address is
+    not valid or reachable.
     """
     ahead = lead(datagrams[0])
     whole = [*ahead, *datagrams]
@@ -102,7 +107,7 @@ def play(
                 time.sleep(wait)
             if stop:
                 break
-            with contextlib.suppress(ConnectionRefusedError):  # of a packet before: nobody listened
+            with contextlib.suppress(ConnectionRefusedError):  # an earlier packet was refused
                 port.send(datagram)
             sent += 1
             latest = max(latest, time.monotonic() - begin - at)
@@ -120,7 +125,7 @@ def play(
 
 
 def _knock(port: socket.socket, packet: bytes, stop: Sequence) -> None:
-    """Send the packet until a force packet comes back, or nobody tells for `KNOCK_S`."""
+    """Send the packet repeatedly until a force packet arrives, for at most `KNOCK_S`."""
     end = time.monotonic() + KNOCK_S
     while time.monotonic() < end and not stop:
         with contextlib.suppress(ConnectionRefusedError):
@@ -151,20 +156,20 @@ def _connected(address: tuple[str, int]) -> Iterator[socket.socket]:
 
 
 def _heard(port: socket.socket) -> Iterator[int]:
-    """The flags of each force packet that has come."""
+    """Yield the flags of each force packet that has arrived."""
     while True:
         try:
             packet = port.recv(2048)
         except BlockingIOError:
             return
-        except OSError:  # nobody listens there, as the other machine said
+        except OSError:  # the other machine reports that the port is closed
             continue
         if len(packet) == V_STRUCT.itemsize:
             yield int.from_bytes(packet[_FLAGS : _FLAGS + 4], "little")
 
 
 def parse(text: str) -> tuple[str, int]:
-    """HOST:PORT. UserError."""
+    """Parse HOST:PORT. Raises UserError if it is invalid."""
     host, _, port = text.rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 2**16:
         raise UserError(f"--to is {text!r}, expected HOST:PORT, such as 127.0.0.1:36000")

@@ -1,19 +1,19 @@
-"""`ravenjax robot`: control software and virtual robot as a process of their own, which any ITP
-console can drive.
+"""Runs `ravenjax robot`: control software and virtual robot in a process that any ITP console can
+drive.
 
     console  -- ITP, UDP --> gate --> one packet a tick --> control software, virtual robot
              <-- force ----                                      |
     listeners <-- joint state, TCP -------------------------------
               --- orders -->  arm, disarm, estop, reset
 
-Faults strike in here, where no console sees them. A console that falls silent is the robot's to
-notice: its own time-out (5 s) lifts the pedal, as on the real one.
+Faults act in this process, where no console sees them. If a console falls silent, the robot's own
+time-out (5 s) raises the pedal, as on the real robot.
 
-What a console sends within one millisecond is added up, as the original's network thread does
-before the control loop looks; the robot gets it as one packet, numbered anew so that its own rules
-see a stream without gaps: the gate has applied them. Beside the console of ITP there may be one of
-CRTK. Which one is heard, and whether its pedal counts, says `session.console_arbiter`; but here
-nobody has the seat while its pedal is up.
+Increments that arrive within one millisecond are added up, as in the original, whose network thread
+adds them up before the control loop reads. The robot gets the sum as one packet with a new number,
+so that its own rules see a stream without gaps; the gate has already applied them. In addition to
+the ITP console there may be a CRTK console. `session.console_arbiter` decides which one drives and
+whether its pedal counts. Unlike in a session, no console here keeps the seat while its pedal is up.
 """
 
 from __future__ import annotations
@@ -49,13 +49,13 @@ from ravenjax.train.session.simulation import PacketRobot
 from ravenjax.vocabulary import checks
 
 ITP, CRTK = "itp", "crtk"
-"""Consoles that a robot may have."""
+"""Names of the consoles that a robot may have."""
 CHECKS_EVERY = 100
-"""Ticks between two looks at what the robot's own checks did, at least."""
+"""The smallest number of ticks between two readings of the robot's checks."""
 
 
 class Station:
-    """One robot with its ports: `tick` once a millisecond, `obey` for what is asked of it."""
+    """One robot with its ports: call `tick` once a millisecond, and `obey` for orders."""
 
     def __init__(
         self,
@@ -66,21 +66,22 @@ class Station:
         estop_row: int,
         crtk: Console | None = None,
     ) -> None:
-        """hazards: rows that may be armed, from 0. estop_row: the row of the E-stop button.
-        crtk: a console beside.
+        """hazards: number of rows that may be armed. estop_row: row of the E-stop button. crtk: an
+        additional console.
         """
         self.machine, self.itp, self.joints, self.crtk = machine, itp, joints, crtk
         self.armed: int | None = None
         self.ticks = 0
         self._hazards, self._estop_row = hazards, estop_row
-        self._number = 0  # of the robot's newest packet
+        self._number = 0  # number of the robot's newest packet
         self._arbiter, self._pedals = ConsoleArbiter(), PedalReasons()
-        self._checks: dict[str, tuple[int, int]] = {}  # as the joint reports have them
-        self._trips, self._looked = 0.0, 0  # of the checks at the last look, and its tick
-        self._last_seq = NO_PACKET_SEQUENCE  # of the console's packet that the robot took last
+        self._checks: dict[str, tuple[int, int]] = {}  # as in the joint reports
+        # The checks' trips at the last reading, and its tick.
+        self._trips, self._looked = 0.0, 0
+        self._last_seq = NO_PACKET_SEQUENCE  # of the console's packet taken last
 
     def tick(self) -> Frame:
-        """Orders, the console's increments, the robot's millisecond, and what it reports."""
+        """Advance by one tick: obey orders, take increments, step the robot, publish its report."""
         for order in self.joints.poll():
             try:
                 self.obey(order.content)
@@ -112,17 +113,17 @@ class Station:
         return frame
 
     def news(self) -> list[str]:
-        """New messages for the terminal: about the console's packets and its pedal."""
+        """Return new messages for the terminal about the console's packets and its pedal."""
         return [*self.itp.gate.news(), *self._pedals.news()]
 
     def _choose(self) -> Increments | None:
-        """What counts in this tick of that which the consoles ask for."""
+        """Return the command that counts in this tick, or None."""
         commands = [{**command, "console": ITP} for command in self.itp.poll()]
         if self.crtk is not None:
             commands += self._poll_crtk(self.crtk)
         chosen: Increments | None = None
         if self._arbiter.vacate(self.ticks) == CRTK:
-            # Its process is gone: nobody holds the pedal.
+            # The CRTK process is gone, so its pedal counts as up.
             still = dict.fromkeys(self.machine.arms, ((0, 0, 0), (0.0, 0.0, 0.0, 1.0), 0))
             chosen = {**increments_of(False, still, CRTK), "console": CRTK}
 
@@ -139,7 +140,9 @@ class Station:
         return chosen
 
     def _poll_crtk(self, console: Console) -> list[Increments]:
-        """What CRTK asks for, as one command or none; its orders are obeyed at once."""
+        """Return the increments from CRTK as one command, or none. Its orders are
+        obeyed at once.
+        """
         requests: list[Increments] = []
         for command in console.poll():
             if command["type"] == "unheard":
@@ -152,7 +155,7 @@ class Station:
         return [] if total is None else [total]
 
     def _look(self, frame: Frame) -> None:
-        """How often each check of the robot has tripped so far, and when it first did."""
+        """Update how often each check of the robot has tripped so far, and when it first did."""
         trips = frame.number("trips")
         if trips == self._trips or self.ticks - self._looked < CHECKS_EVERY:
             return
@@ -165,7 +168,7 @@ class Station:
         }
 
     def obey(self, content: dict[str, Any]) -> None:
-        """Carry out an order of `joint_stream`. UserError where it cannot be."""
+        """Carry out an order of `joint_stream`. Raises UserError if that is not possible."""
         kind, number = content.get("order"), content.get("number")
         if kind == "arm":
             if type(number) is not int or not 0 <= number < self._hazards:
@@ -191,14 +194,14 @@ class Station:
 
 
 class Strike(NamedTuple):
-    """A hazard that the process arms by itself."""
+    """A hazard that the process arms automatically."""
 
-    number: int  # of the session's list
+    number: int  # index in the session's list
     at_ms: int  # since the process began
 
     @staticmethod
     def parse(text: str) -> Strike:
-        """NUMBER@MS. UserError."""
+        """Parse NUMBER@MS. Raises UserError if it is invalid."""
         parts = text.split("@")
         if len(parts) != 2 or not all(part.isdecimal() for part in parts):
             raise UserError(
@@ -222,12 +225,12 @@ def run(
     crtk: Ros | None = None,
     say: Callable[[str], None] = print,
 ) -> None:
-    """Run the robot of a scenario until Ctrl-C, SIGTERM, or for so many seconds.
+    """Run the robot of a scenario until Ctrl-C or SIGTERM, or for this number of seconds.
 
-    seed: draws the scenario's hazards; its own if None. host: address to listen on. token: what
-    orders from other machines must carry; None: they are refused. console_host: the only host that
-    may drive. profiles: that of the console, or several of which it has one. crtk: also speak CRTK
-    over this ROS. UserError where a port cannot be had or a hazard is not there.
+    seed: draws the scenario's hazards; None: the scenario's own. host: address to listen on. token:
+    required in orders from other machines; None: they are refused. console_host: the only host that
+    may drive. profiles: that of the console, or several of which one applies. crtk: also speak CRTK
+    over this ROS. Raises UserError if a port cannot be opened or a hazard does not exist.
     """
     number = chosen.seed if seed is None else seed
     robot = PacketRobot(scenario.campaign(chosen, number))
@@ -278,7 +281,7 @@ def run(
 
 
 def in_words(counts: Mapping[str, int]) -> str:
-    """For the terminal, without what did not happen."""
+    """Return the counts for the terminal, without zeros."""
     return ", ".join(f"{name} {count}" for name, count in counts.items() if count)
 
 
@@ -298,7 +301,7 @@ def serve(
             clock.wait()
             while waiting and waiting[0][0] <= station.ticks:
                 content = waiting.pop(0)[1]
-                # Another hazard may be at work by now.
+                # Another hazard may be active by now.
                 if content["order"] != "disarm" or station.armed == content["number"]:
                     station.obey(content)
             station.tick()
@@ -309,8 +312,9 @@ def serve(
 
 
 def due(strikes: Sequence[Strike], lasting: dict[int, int]) -> list[tuple[int, dict[str, Any]]]:
-    """The orders of these strikes: each hazard is armed, and disarmed after as many ms as it is
-    left at work.
+    """Return the orders that arm each hazard and disarm it after its time.
+
+    lasting: by hazard number, the ms for which it stays active.
     """
     orders = []
     for number, at_ms in strikes:
@@ -320,7 +324,7 @@ def due(strikes: Sequence[Strike], lasting: dict[int, int]) -> list[tuple[int, d
 
 
 def exposed(host: str, token: str | None, console: str | None) -> list[str]:
-    """Warnings where other machines can reach the robot."""
+    """Return warnings if other machines can reach the robot."""
     if host == "localhost" or host.startswith("127."):
         return []
     warnings = []
@@ -334,5 +338,5 @@ def exposed(host: str, token: str | None, console: str | None) -> list[str]:
 
 
 def digest(hazards: Sequence[Armable]) -> str:
-    """Hash of a list of hazards. Two lists with the same hash have the same numbers."""
+    """Return a hash of a list of hazards. Lists with the same hash number their hazards equally."""
     return hashlib.sha256(" ".join(one.run_id for one in hazards).encode()).hexdigest()[:16]

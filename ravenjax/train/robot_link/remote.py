@@ -1,7 +1,7 @@
-"""Connects a session to a robot elsewhere: sends ITP packets, receives reports, never waits.
+"""Connects a session to a remote robot: sends ITP packets, receives reports, and never waits.
 
-The other end of `RemoteRobot` is `ravenjax robot`, or a real Raven with a program beside it that
-sends its reports (`joint_stream`) over TCP.
+The other end of `RemoteRobot` is `ravenjax robot`, or a real Raven with a program that sends its
+reports (`joint_stream`) over TCP.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from ravenjax.train.robot_link.joint_stream import (
 )
 
 PATIENCE_S = 10.0
-"""Longest that a robot may take to let a session in: a busy machine may leave it alone for
+"""The longest time that a robot may take to accept a session. A busy machine may delay it by
 seconds.
 """
 
@@ -36,9 +36,9 @@ class RobotLink(abc.ABC):
     def __init__(
         self, host: str, itp_port: int, clock: Callable[[], int] = time.monotonic_ns
     ) -> None:
-        """UserError where the host has no address."""
-        self.report: JointReport | None = None  # the newest
-        self.lost = False  # nothing can be heard of the robot any more
+        """Raises UserError if the host has no address."""
+        self.report: JointReport | None = None  # the newest report
+        self.lost = False  # whether the robot can no longer be heard
         self._clock, self._arrived_ms = clock, float("-inf")
         self._console = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
@@ -52,12 +52,12 @@ class RobotLink(abc.ABC):
         self._console.setblocking(False)
 
     def exchange(self, datagram: bytes) -> JointReport | None:
-        """Send this tick's ITP packet (124 bytes) and return the newest report; None before the
+        """Send this tick's ITP packet (124 bytes) and return the newest report, or None before the
         first.
 
         The report may be old: see `stale`.
         """
-        # No room, or nobody listens there: the robot misses this packet, as any that is lost.
+        # If the packet cannot be sent, the robot misses it, like any packet that is lost.
         with contextlib.suppress(OSError):
             self._console.send(datagram)
         if not self.lost:
@@ -66,7 +66,7 @@ class RobotLink(abc.ABC):
 
     @abc.abstractmethod
     def _read(self) -> None:
-        """Take what has come."""
+        """Take the reports that have arrived."""
 
     @abc.abstractmethod
     def order(self, content: dict[str, Any]) -> None:
@@ -74,11 +74,11 @@ class RobotLink(abc.ABC):
 
     @property
     def stale(self) -> bool:
-        """Whether nothing has come for `STALE_MS`: what is shown of the robot is then old."""
+        """Whether no report has arrived for `STALE_MS`, so that the robot's shown state is old."""
         return self.lost or self._clock() * 1e-6 - self._arrived_ms > STALE_MS
 
     def close(self) -> None:
-        """Leave the robot alone."""
+        """Close the connection."""
         self._console.close()
 
     def _arrived(self, report: JointReport) -> None:
@@ -99,15 +99,15 @@ class RemoteRobot(RobotLink):
     ) -> None:
         """arms: those that the session needs. token: for orders to a robot on another machine.
 
-        UserError where nobody is there, or the robot lacks an arm.
+        Raises UserError if no robot answers, or the robot lacks an arm.
         """
         super().__init__(host, itp_port, clock)
         self._token = token
-        self._resets = 0  # that were not answered yet
+        self._resets = 0  # resets that were not answered yet
         self._stream: LineConnection | None = None
         try:
             self._stream = _connect(host, joint_port)
-            # The robot's first words: its arms, scenario, seed and hazards.
+            # The robot's greeting: its arms, scenario, seed and hazards.
             self.greeting: dict[str, Any] = {}
             self._await_greeting(f"{host}:{joint_port}")
             there = self.greeting.get("arms", [])
@@ -123,7 +123,7 @@ class RemoteRobot(RobotLink):
     def order(self, content: dict[str, Any]) -> None:
         """Send an order of `joint_stream`, now or as soon as there is room.
 
-        After a reset there is no report until one comes from the robot that was reset.
+        After a reset there is no report until the restarted robot sends one.
         """
         if content.get("order") == "reset":
             self._resets += 1
@@ -148,7 +148,7 @@ class RemoteRobot(RobotLink):
         self.lost = self.lost or self._stream.is_closed
 
     def _take(self, line: bytes) -> None:
-        """A line that is whole. ValueError where it is none of a robot's."""
+        """Take a complete line. Raises ValueError if a robot would not send it."""
         if line.startswith(b'{"tick"'):
             if not self._resets:
                 self._arrived(JointReport.model_validate_json(line))
@@ -161,7 +161,7 @@ class RemoteRobot(RobotLink):
             self.greeting = content
 
     def _await_greeting(self, address: str) -> None:
-        """Wait for the robot's first words. UserError where none come."""
+        """Wait for the robot's greeting. Raises UserError if none arrives."""
         deadline = time.monotonic() + PATIENCE_S
         while not self.greeting and not self.lost and time.monotonic() < deadline:
             self._read()

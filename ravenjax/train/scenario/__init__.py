@@ -1,5 +1,5 @@
-"""A training scenario: a TOML file that says what is to be done, what may go wrong, and what the
-right response is.
+"""Training scenarios: TOML files that declare the task, the hazards and the right
+response to each.
 """
 
 from ravenjax.train.scenario.campaign import armable, campaign

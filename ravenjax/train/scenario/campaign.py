@@ -1,13 +1,14 @@
-"""A scenario as a campaign: each hazard that can be armed is one row of its fault table, the E-stop
-button the last.
+"""Turns a scenario into a campaign: each hazard that can be armed becomes a row of its fault table.
 
-A hazard of the library stands for many rows: a case for each way of running it, and in a case every
-value, start and duration that was published. A session takes one row of each case, drawn by
-the session's seed and the case's name alone; with `times = N` N different ones. So the table of
+The last row is the operator's E-stop button.
+
+A hazard of the library has one case for each way of running it. A case has many rows: one for each
+published value, start and duration. A session takes one row of each case. The draw depends on the
+session's seed and the case's name only. With `times = N` it takes N different rows. So the table of
 `hazards = "all"` has about a hundred rows.
 
-In the table every hazard starts at 0 and what waits for the pedal in a campaign counts time
-instead: a session arms a row when it is due, and then the pedal is down.
+Every hazard of the table starts at 0, and a fault that waits for the pedal in a campaign counts
+time instead. The reason is that a session arms a row only while the pedal is down.
 """
 
 from __future__ import annotations
@@ -38,30 +39,33 @@ BUTTONS = "buttons/estop"
 
 Key = tuple[str | int, ...]
 _Row = dict[Any, Any]
-"""A row of a fault table, by columns."""
+"""A row of a fault table, by column."""
 _SLOT_COLUMNS = (
     *("site", "channel", "effect", "trigger", "arm", "value"),
     *("start_ms", "duration_ms", "every_ms", "period_ms"),
 )
-"""Columns of each of the faults of a row."""
+"""Columns of each fault in a row."""
 
 _CLUTCHED = {"nominal.resync": 1.0}
-"""People clutch: each lift of the pedal would leave the model some tenths of a millimetre beside
-the robot.
+"""The model follows the robot while the pedal is up. Without this setting, each clutching would
+leave the model some tenths of a millimetre away from the robot.
 """
 
 _OWN_KEYS = {
     "monitor.limit": "[harm] excursion_mm",
     "haptics.cues": "[cue] threshold_mm, kp_per_mm, kd_per_mm_s or cap",
 }
-"""Parameters that have a key of their own in a scenario."""
+"""Campaign parameters that a scenario sets through its own keys."""
 
 _UNBOUNDED_S = 3600.0
-"""Length of the campaign that rows are drawn from: the library's starts all lie within it."""
+"""Length in s of the campaign from which rows are drawn. All starts in the library lie within it.
+"""
 
 
 def campaign(scenario: Scenario, seed: int) -> CampaignConfig:
-    """The campaign of a session. Raises ValueError for what `complaints` reports."""
+    """Return the campaign of a session. Raises ValueError for the errors that
+    `complaints` reports.
+    """
     groups, numbers = _groups(scenario, seed)
     rows = design.rows(_config(scenario, seed, groups, _UNBOUNDED_S)).records() if groups else []
     fixed: list[dict[str, Any]] = []
@@ -78,7 +82,7 @@ def campaign(scenario: Scenario, seed: int) -> CampaignConfig:
 
 
 def armable(scenario: Scenario, table: FaultTable) -> tuple[Armable, ...]:
-    """The hazards of a session's list: the rows of `table`, its campaign's fault table, but the
+    """Return the hazards of a session, one for each row of its fault table except the E-stop
     button's.
     """
     entries = {scenario.entry_name(h): entry for h, entry in enumerate(scenario.hazard)}
@@ -90,7 +94,7 @@ def armable(scenario: Scenario, table: FaultTable) -> tuple[Armable, ...]:
 
 
 def complaints(scenario: Scenario) -> Iterator[Complaint]:
-    """Every (key, message) that is wrong with the words of a scenario of valid shape."""
+    """Yield (key, message) for each error in a scenario whose shape is already valid."""
     names = [scenario.entry_name(h) for h in range(len(scenario.hazard))]
     for h, name in enumerate(names):
         if names.index(name) != h:
@@ -127,7 +131,7 @@ def complaints(scenario: Scenario) -> Iterator[Complaint]:
 
 
 def _of_scenario(key: Key, message: str) -> str:
-    """A campaign's message with the scenario's keys in place of the campaign's."""
+    """Return a campaign's message with the campaign's keys replaced by the scenario's."""
     if key[0] == "parameters" and len(key) > 1:
         kind = f"{bounds.plain(ROBOT, str(key[1]))}."
         for name, keys in _OWN_KEYS.items():
@@ -137,11 +141,11 @@ def _of_scenario(key: Key, message: str) -> str:
 
 
 def _of_file(scenario: Scenario, key: Key, written: list[int]) -> Key:
-    """The scenario's key of a campaign's."""
+    """Return the scenario's key for a key of the campaign."""
     match key:
         case ("group", int(number), *rest) if number < len(written):
             entry = written[number]
-            # A fault of the library does not stand in the file.
+            # A fault of the library is not written in the scenario file.
             if rest[:1] == ["fault"] and not scenario.hazard[entry].fault:
                 rest = rest[2:]
             return ("hazard", entry, *rest)
@@ -154,8 +158,9 @@ def _of_file(scenario: Scenario, key: Key, written: list[int]) -> Key:
 
 
 def _groups(scenario: Scenario, seed: int) -> tuple[list[dict[str, Any]], list[int]]:
-    """The groups as a campaign file would have them, one a case, and the number of the entry
-    that each is of.
+    """Return the groups as a campaign file has them, and for each the number of its hazard entry.
+
+    There is one group for each case of a hazard.
     """
     groups: list[dict[str, Any]] = []
     numbers: list[int] = []
@@ -185,7 +190,7 @@ def _config(
     scenario: Scenario, seed: int, groups: list[dict[str, Any]], duration_s: float
 ) -> CampaignConfig:
     robot, start = scenario.robot, scenario.robot.start
-    # one value of each parameter, the same for every hazard of the session
+    # Each parameter has one value, the same for every hazard of the session.
     parameters = {
         path: float(axis.at(axis.places(_rng(seed, f"parameter {path}").random(1)))[0])
         for path, axis in scenario.parameters.items()
@@ -214,7 +219,7 @@ def _config(
 
 
 def _slots(row: _Row) -> list[_Row]:
-    """The faults of a row of a fault table, their columns without the number of the slot."""
+    """Return the faults of a row. The names of their columns are without the slot number."""
     slots = [
         {name: row.get(f"fault{number}_{name}") for name in _SLOT_COLUMNS} for number in range(8)
     ]
@@ -222,7 +227,7 @@ def _slots(row: _Row) -> list[_Row]:
 
 
 def _faults(row: _Row) -> list[dict[str, Any]]:
-    """The row's faults as a campaign file has them, the earliest starting at 0."""
+    """Return the faults of a row as a campaign file has them; the earliest starts at 0."""
     slots = _slots(row)
     first = min((int(slot["start_ms"]) for slot in slots), default=0)
     faults = []
@@ -237,7 +242,7 @@ def _faults(row: _Row) -> list[dict[str, Any]]:
             "duration_ms": "end" if duration < 0 else duration,
             "every_ms": int(slot["every_ms"]),
             "period_ms": int(slot["period_ms"]),
-            # The values were looked at when the fault table was made.
+            # The values were checked when the fault table was made.
             "wraps": True,
         }
         if site.per_arm:
@@ -249,7 +254,7 @@ def _faults(row: _Row) -> list[dict[str, Any]]:
 
 
 def _armable(entries: dict[str, Entry], number: int, row: _Row) -> Armable:
-    # ENTRY/ID-CASE#TIME; the library's ids hold no hyphen.
+    # The group's name is ENTRY/ID-CASE#TIME; ids of the library have no hyphen.
     group = str(row["group"])
     name, _, rest = group.partition("/")
     identity, _, case = rest.partition("#")[0].partition("-")

@@ -1,12 +1,13 @@
-"""The scenario file: its keys and tables, with units and ranges. `loading` reads it, `campaign`
-makes runs of it.
+"""Defines the scenario file: its keys and tables, with units and ranges.
+
+`loading` reads the file, and `campaign` turns it into runs of a campaign.
 
     name = "dac_burst"          # and title, description, arms, software, duration_s, seed, scale
-    [speeds]                    # of tips at full deflection of keys, mouse or gamepad
+    [speeds]                    # speeds of tips at full deflection of keys, mouse or gamepad
     [cue]                       # the haptic cue
     [contact]                   # forces of tissue, vessel and the other instrument
-    [task]                      # what is to be done: reach, peg_transfer, path, levels, free
-    [[hazard]]                  # what may go wrong, when, and what is the right response
+    [task]                      # the operator's task: reach, peg_transfer, path, levels, free
+    [[hazard]]                  # what may go wrong, when, and the right response
     hazards = ["B27"]           # ids, layers of the library, or "all"; or [[hazard.fault]]
     when = [20, 30]             # s; or one time, or "instructor"
     right_response = ["release"]
@@ -29,15 +30,15 @@ from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.train.robot import ARMS, ArmName
 
 Response = Literal["release", "slow", "restart", "convert", "stop", "continue"]
-"""What an operator can do: lift the pedal, slow down, restart after an E-stop, say that the
-procedure is converted, press the E-stop; or rightly go on."""
+"""Possible responses of an operator: lift the pedal, slow down, restart after an E-stop, report
+that the procedure is converted, press the E-stop, or continue if that is right."""
 
 INSTRUCTOR = "instructor"
-"""`when` of a hazard that strikes when the instructor says so."""
+"""`when` of a hazard that becomes active on the instructor's command."""
 
 
 class Speeds(Section):
-    """[speeds]: of the tips where keys or sticks are fully deflected."""
+    """[speeds]: speeds of the tips when keys or sticks are fully deflected."""
 
     move_mm_s: float = Field(
         default=30.0, gt=0.0, le=500.0, description="tip, mm/s; surgery moves at some 5 to 60"
@@ -69,8 +70,8 @@ class Cue(Section):
 
 
 class ContactSection(Section):
-    """[contact]: whether instruments touch tissue, vessel and each other. Its numbers are
-    parameters contact...
+    """[contact]: whether instruments touch tissue, vessel and each other. Its numbers are the
+    parameters contact.*.
     """
 
     on: bool = Field(
@@ -91,7 +92,8 @@ class Harm(Section):
     """[harm]: the limits beyond which a hazard has done harm."""
 
     excursion_mm: float = Field(
-        default=10.0,  # farther than the cue, so that who waits for the cue has time to act
+        # Above the cue's threshold, so that an operator who waits for the cue has time to act.
+        default=10.0,
         gt=0.0,
         le=1000.0,
         description=(
@@ -139,7 +141,7 @@ class Reach(_Task):
 
 
 class Level(Reach):
-    """[[task.level]]: a round of targets, until some in a row are within the time. Its keys are
+    """[[task.level]]: rounds of targets, until some in a row are within the time. The keys are
     those of "reach".
     """
 
@@ -154,9 +156,7 @@ class Level(Reach):
 
 
 class Levels(Section):
-    """[task] kind = "levels": the next level begins once the one before is done with
-    proficiency.
-    """
+    """[task] kind = "levels": the next level begins once the operator is proficient in the last."""
 
     kind: Literal["levels"]
     in_a_row: int = Field(
@@ -166,7 +166,7 @@ class Levels(Section):
 
     @property
     def arms(self) -> tuple[ArmName, ...]:
-        """All that a level names."""
+        """All arms that a level names."""
         return tuple(dict.fromkeys(arm for level in self.level for arm in level.arms))
 
 
@@ -199,7 +199,7 @@ class Path(_Task):
 
 
 class Free(_Task):
-    """[task] kind = "free": nothing is asked."""
+    """[task] kind = "free": no task."""
 
     kind: Literal["free"]
 
@@ -240,7 +240,7 @@ When = Annotated[
 
 
 class Entry(Section):
-    """[[hazard]]: hazards of the library or a fault, and what they ask of the operator."""
+    """[[hazard]]: hazards of the library or a fault, and the response that is right."""
 
     name: str = Field(
         default="", description="names it in tables", pattern=r"^[A-Za-z0-9_.-]*$", max_length=60
@@ -281,7 +281,7 @@ class Entry(Section):
     @model_validator(mode="before")
     @classmethod
     def _start_now(cls, raw: Any) -> Any:
-        """A fault strikes when the hazard does, so it needs no start_ms of its own."""
+        """Give each fault start_ms 0: it starts with its hazard, so the file need not set it."""
         if isinstance(raw, dict) and isinstance(raw.get("fault"), list):
             zero = {"start_ms": 0}
             faults = [zero | fault if isinstance(fault, dict) else fault for fault in raw["fault"]]
@@ -310,7 +310,7 @@ class Entry(Section):
 
 
 class RobotSection(Section):
-    """[robot]: which robot; keys as in [campaign]."""
+    """[robot]: settings of the robot; keys as in [campaign]."""
 
     tools: tuple[str, ...] | None = Field(
         default=None, description="one per arm; default: the software's own"
@@ -382,13 +382,13 @@ class Scenario(Section):
 
     @property
     def ticks(self) -> int:
-        """Milliseconds of a session."""
+        """Length of a session in ms."""
         return max(1, round(self.duration_s * 1000.0))
 
     def entry_name(self, number: int) -> str:
-        """Name of the hazard entry of that number, from 0: its own, or `hazardN` from 1."""
+        """Return the name of a hazard entry, or `hazardN` with N from 1. number: from 0."""
         return self.hazard[number].name or f"hazard{number + 1}"
 
     def resolved(self) -> dict[str, object]:
-        """As a file would have it, everything written out; JSON."""
+        """Return the complete scenario file as JSON, including defaults."""
         return self.model_dump(mode="json", exclude_none=True)

@@ -1,5 +1,5 @@
-"""A hazard as a session has it: one row of the fault table that can be armed, and what it asks
-of the operator.
+"""Describes a hazard that a session can arm: one row of the fault table, and the
+response expected.
 """
 
 from __future__ import annotations
@@ -15,54 +15,59 @@ RESPONSES: dict[str, tuple[str, ...]] = {
     "permanently unavailable": ("convert", "stop"),
     "sudden jump": ("release", "slow", "stop"),
 }
-"""What the operator must learn of each of the three hazards of IROS 2016, table 1: restart and
-troubleshoot; convert, reschedule and report; release the pedal, slow down, stop."""
+"""Right responses to the three hazards of IROS 2016, table 1. They are: restart and troubleshoot;
+convert, reschedule and report; release the pedal, slow down, stop.
+"""
 
 MOVING = ("jump", "displaced", "withheld", "unpublished")
-"""Expected outcomes in which the instrument may move: to be met like a sudden jump."""
+"""Expected outcomes in which the instrument may move. The right responses are those to a sudden
+jump.
+"""
 
 ENDLESS_MS = 5000
-"""How long a fault without an end stays at work unless the scenario says otherwise; longer than
+"""How long a fault without an end stays active unless the scenario sets a time. It is longer than
 any response takes.
 """
 
 SETTLE_MS = 500
-"""A hazard is watched so much longer than the time for the response."""
+"""A hazard is watched for this much longer than the time allowed for the response."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Armable:
     """One hazard of a session's list."""
 
-    # Its place in the list, and its row of the fault table.
+    # Its index in the session's list, and its row in the fault table.
     number: int
-    # Id of the library; "fault" where the scenario wrote the fault itself.
+    # Id in the library; "fault" where the scenario declares the fault itself.
     hazard: str
     title: str
-    # Of the fault table.
+    # Name of the fault table's group.
     group: str
     # 16 hex digits.
     run_id: str
-    # That is struck first; "" where the fault is on no arm.
+    # The arm on which the first fault acts; "" where the fault is not on an arm.
     arm: str
     right_response: tuple[str, ...]
     within_s: float
-    # How long it is left at work.
+    # How long the fault stays active.
     lasts_ms: int
-    # Earliest and latest; None: the instructor arms it.
+    # Earliest and latest time; None: the instructor arms the hazard.
     when_ms: tuple[float, float] | None
-    # Of the loop, in words; "" where the scenario wrote the fault itself.
+    # Layer of the loop, in words; "" where the scenario declares the fault itself.
     layer: str
 
     def header(self) -> dict[str, Any]:
-        """What session.json says of it."""
+        """Return the hazard's entry in session.json."""
         names = ("number", "hazard", "title", "group", "run_id", "within_s", "layer")
         fields = {name: getattr(self, name) for name in names}
         return fields | {"right_response": list(self.right_response)}
 
 
 def responses(entry: Entry, hazard: Hazard | None) -> tuple[str, ...]:
-    """The right responses: the scenario's, else those that the library's row asks for."""
+    """Return the right responses: the scenario's if it sets them, otherwise those of the library's
+    row.
+    """
     if entry.right_response is not None:
         return entry.right_response
     if hazard is None:
@@ -79,4 +84,4 @@ def responses(entry: Entry, hazard: Hazard | None) -> tuple[str, ...]:
 
 
 FAULT = "fault"
-"""In place of a library's id."""
+"""Used in place of a library id where the scenario declares the fault itself."""

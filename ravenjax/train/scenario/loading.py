@@ -1,7 +1,8 @@
-"""Reads a scenario file: TOML, then overrides, then `Scenario`, then the words of its hazards.
-Nothing is compiled.
+"""Reads a scenario file and checks it.
 
-All errors are reported at once, each with file, line, key, what was got and what was expected.
+The order is: TOML, overrides, the model `Scenario`, then the values of its hazards. Nothing is
+compiled. All errors are reported at once, each with file, line, key, the value found and the value
+expected.
 """
 
 from __future__ import annotations
@@ -22,11 +23,12 @@ from ravenjax.train.scenario.campaign import complaints
 from ravenjax.train.scenario.config import TASKS, Scenario
 
 FOLDER = "campaigns/training"
-"""Where bundled scenarios lie."""
+"""Folder of the bundled scenarios."""
 
 
 def load(name: str | Path, overrides: Sequence[str] = ()) -> Scenario:
-    """The scenario of a TOML file, or of a bundled one by name, with `key.path=value` overrides.
+    """Return the scenario in a TOML file, or a bundled one by name, with `key.path=value`
+    overrides.
 
     `.toml` may be left out. Raises UserError.
     """
@@ -36,22 +38,23 @@ def load(name: str | Path, overrides: Sequence[str] = ()) -> Scenario:
 
 
 def bundled() -> list[Path]:
-    """The bundled scenario files."""
+    """Return the paths of the bundled scenario files."""
     return resources.bundled(FOLDER, f"*{location.SUFFIX}")
 
 
 def from_dict(
     raw: dict[str, Any], source: Path | None = None, text: str = "", overrides: Sequence[str] = ()
 ) -> Scenario:
-    """The scenario of nested tables as TOML has them; `source` and `text` say where from. Raises
-    UserError.
+    """Return the scenario in nested tables, as TOML has them. Raises UserError.
+
+    source, text: the file and its content, for error messages.
     """
     raw, replaced = overriding.all_applied(raw, overrides)
     where = location.Where(source, location.lines(text), replaced)
     try:
         scenario = Scenario.model_validate(raw)
     except ValidationError as error:
-        # a list is also called too short when its only entries are bad
+        # Pydantic also reports a list as too short when its only entries are invalid.
         faults = [one for one in error.errors() if one["type"] != "too_short" or not one["input"]]
         raise where.error((_key(one["loc"], raw), _message(one)) for one in faults) from None
     except RecursionError:
@@ -62,7 +65,7 @@ def from_dict(
 
 
 def json_schema() -> dict[str, Any]:
-    """JSON Schema of a scenario file."""
+    """Return the JSON Schema of a scenario file."""
     whole = of_model(ROBOT, Scenario, "ravenjax scenario")
     fault, entry = whole["$defs"]["Fault"], whole["$defs"]["Entry"]
     # A fault is active from its hazard's start, so it needs no start_ms.
@@ -72,8 +75,8 @@ def json_schema() -> dict[str, Any]:
 
 
 def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
-    """The part of pydantic's `loc` that stands in the file: without the names of a union's
-    members.
+    """Return the part of pydantic's `loc` that is in the file, without the names of
+    union members.
     """
     key: location.Key = ()
     for i, part in enumerate(loc):
@@ -100,7 +103,7 @@ def _message(error: Any) -> str:
 
 
 def _model(loc: Sequence[str | int]) -> type[BaseModel]:
-    """The model of the table at `loc`."""
+    """Return the model of the table at `loc`."""
     model: type[BaseModel] = Scenario
     for part in loc:
         if isinstance(part, str) and part in model.model_fields:

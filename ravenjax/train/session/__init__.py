@@ -1,1 +1,1 @@
-"""One training session: what it compiles and simulates, hands in, hazards armed, frames out."""
+"""Runs one training session: compiles and simulates it, reads hands, arms hazards, fills frames."""

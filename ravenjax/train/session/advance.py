@@ -1,12 +1,15 @@
-"""A training session, one millisecond at a time: hands in, robots moved, hazards armed, events out.
+"""Advances a training session by one millisecond: hands in, robots moved, hazards armed, events
+out.
 
-A session is a function of its scenario, its seed and a list of (tick, command): no clock, file,
-socket or thread is touched here. A headless run calls `tick` as fast as it can; the realtime loop
-calls its halves once a millisecond, `move` before frame and force go out, `conclude` after.
+A session depends only on its scenario, its seed and a list of (tick, command). This module uses no
+clock, file, socket or thread. A headless run calls `tick` as fast as it can. The realtime loop
+calls the two halves of the tick once a millisecond: `move` before the frame and the force are sent,
+`conclude` afterwards.
 
-Three robots run side by side, all with the campaigns' tick: the one that is driven, its golden run,
-and the virtual one on which a motion can be tried while the robot rests; what was tried is then
-given to the robot, row by row, for as long as the pedal is held.
+Three robots run side by side, all with the campaigns' tick: the robot that is driven, its golden
+run, and the virtual robot. The operator can try a motion on the virtual robot while the driven
+robot rests. The driven robot can then repeat that motion, row by row, for as long as the pedal is
+held.
 """
 
 from __future__ import annotations
@@ -39,18 +42,20 @@ _TOLD = (
     ("pedal", "down"),
     ("runlevel", "runlevel"),
 )
-"""Events for each change of a state, and the key that holds its new value."""
+"""Kind of event for each state whose changes are reported, and the key of the new value."""
 _STANDS = {PAUSED: pedal.PAUSED, STOPPED: pedal.STOPPED, LOST: pedal.LOST}
-"""Phases in which no pedal counts."""
+"""Phases in which no pedal counts as down, with the reason."""
 OUTCOMES_EVERY = 10
-"""Ticks between two looks at the robot's checks, at least."""
+"""The smallest number of ticks between two readings of the robot's checks."""
 STAND_BY_MS = 30_000
-"""How long a robot waits for the session's time to begin before its motion restarts, see
-`Session._stand_by`: the table of the motion is as long as the session and `blueprint.SPARE_MS`."""
+"""How long a robot waits for the session's time to begin before its motion table restarts.
+
+See `Session._stand_by`. The motion table is as long as the session and `blueprint.SPARE_MS`.
+"""
 
 
 class Session:
-    """One session. `tick` until `over`."""
+    """One session. Call `tick` until `over`."""
 
     def __init__(
         self,
@@ -61,9 +66,10 @@ class Session:
         ready: Blueprint | None = None,
         robot: Callable[[Blueprint], Any] = SimulatedRobot,
     ) -> None:
-        """cue: whether the force is felt, the scenario's own if None. ready: compiled before, for
-        the same scenario and seed. robot: makes the robot that is driven,
-        which has the methods of `SimulatedRobot`."""
+        """cue: whether the operator feels the force; None: as the scenario sets it. ready: a
+        blueprint compiled before for the same scenario and seed. robot: makes the robot that is
+        driven, which has the methods of `SimulatedRobot`.
+        """
         self.scenario, self.seed = chosen, seed
         if ready is None:
             ready = blueprint.make(
@@ -83,24 +89,25 @@ class Session:
         self.judge = judge.Judge(chosen, self.hazards, self.cue_on, self._record)
         self.phase, self.view = READY, REAL
         self.ticks = 0  # ms of the session, without pauses
-        self.started: int | None = None  # tick in which its time began
+        self.started: int | None = None  # tick at which the session's time began
         self.arbiter = ConsoleArbiter()
         self.pedals = pedal.PedalReasons()
         self._estop_hold = EstopHold(self.layout)
-        self.ended = ""  # why it is over
+        self.ended = ""  # why the session is over
         self.command_log = CommandLog()
         self._hands = self._new_hands()
         self._resume_to = READY
-        self._rest: np.ndarray | None = (
-            None  # row of the resting robot while the virtual one is driven
-        )
-        self._tried = (0, 0)  # ticks of the motion that was tried
-        self._replayed = 0  # how far the robot has followed it
+        # Row of the resting robot while the operator drives the virtual robot.
+        self._rest: np.ndarray | None = None
+        # First and last tick of the motion tried on the virtual robot.
+        self._tried = (0, 0)
+        # How many of those ticks the robot has repeated.
+        self._replayed = 0
         self._pedal, self._alive = 0.0, False
         self._told: tuple[Any, ...] = (None,) * len(_TOLD)
         places = self.layout.places
-        # Of each arm: hand, hand_quat and grasp as in a row of motion; which of the followed
-        # robot's channels go to which of the virtual one.
+        # For each arm: the places of hand, hand_quat and grasp as in a row of motion, then the
+        # channels of the followed robot that are copied to the channels of the virtual robot.
         self._hand_places = [
             slice(places[f"{arm}/hand"].start, places[f"{arm}/grasp"].stop) for arm in self.arms
         ]
@@ -114,34 +121,36 @@ class Session:
         self._soft_estopped = places["soft_estopped"].start
         self._seen_trips, self._looked = 0.0, -OUTCOMES_EVERY
         self._events: list[Event] = []
-        self._moved = False  # the robots, in this tick
+        self._moved = False  # whether the robots moved in this tick
         self._new: list[dict[str, Any]] = []  # commands of this tick
 
     @property
     def clock(self) -> int:
-        """ms since the session's time began, at the first pedal-down or when the instructor said
-        so; 0 before.
+        """ms since the session's time began; 0 before.
+
+        The time begins at the first pedal-down, or when the instructor starts it.
         """
         return 0 if self.started is None else self.ticks - self.started
 
     @property
     def left_ms(self) -> float:
-        """Until its time is up."""
+        """ms until the session's time is up."""
         return self.scenario.duration_s * 1000 - self.clock
 
     @property
     def over(self) -> bool:
-        """Whether it has ended."""
+        """Whether the session has ended."""
         return self.phase == OVER
 
     def tick(self, commands: list[dict[str, Any]]) -> list[Event]:
-        """One millisecond: `frame` is filled, events are returned."""
+        """Advance by one millisecond: fill `frame` and return the events."""
         self.move(commands)
         return self.conclude()
 
     def move(self, commands: list[dict[str, Any]]) -> None:
-        """First half: hands, hazards and robots; `frame` is filled. Nobody outside waits for the
-        other half.
+        """Run the first half of the tick: hands, hazards and robots. Fills `frame`.
+
+        The frame can be sent right after this half; nothing outside needs to wait for `conclude`.
         """
         self._events, self._moved, self._new = [], False, []
         for command in commands:
@@ -166,7 +175,9 @@ class Session:
         self._moved = True
 
     def conclude(self) -> list[Event]:
-        """Second half: what task, judge and phase make of it; the events of both."""
+        """Run the second half of the tick: task, judge and phase. Return the events of
+        both halves.
+        """
         self.command_log.add(self.ticks, self._new)
         self._events += self.arbiter.events()
         self.frame.settle()
@@ -182,7 +193,7 @@ class Session:
         return self._events
 
     def _why_not(self, console: str) -> str:
-        """Why the pedal that a console holds down does not count."""
+        """Return why a console's pedal that is held down does not count."""
         why = self.arbiter.why_not(console, self.ticks)
         if self.over or not self.arbiter.holds(console):
             return "" if self.over else why
@@ -244,7 +255,8 @@ class Session:
             self.judge.interrupted(self.ticks, "instructor")
             self._resume_to, self.phase = self.phase, PAUSED
         elif do == "resume" and self.phase == PAUSED:
-            self._let_go("resume")  # what was held may be gone
+            # A hand or foot may have moved during the pause.
+            self._let_go("resume")
             self.phase = self._resume_to
         elif do == "reset" and self.phase != OVER:
             self.judge.interrupted(self.ticks, "instructor")
@@ -256,10 +268,9 @@ class Session:
             self.judge.cue_on = self.cue_on
 
     def _let_go(self, why: str, own: bool = False) -> None:
-        """The pedal comes up, and not by the operator's foot: it is to be seen up before it drives
-        again.
+        """Raise the pedal without the operator's foot. It must be seen up before it drives again.
 
-        own: it is the operator's act all the same, who gives the seat away or leaves.
+        own: the operator caused this by giving the seat away or by leaving.
         """
         self.arbiter.rearm(why, self.ticks)
         self._hands.take({"type": "input", "pedal": False, "arms": {}}, self.ticks)
@@ -285,7 +296,9 @@ class Session:
     # --- the three robots ---
 
     def _drive(self, hand: hands.HandsRow) -> None:
-        """Write this tick's rows of motion: who follows the hand depends on the view."""
+        """Write this tick's row of motion for each robot. The view decides which robot follows the
+        hand.
+        """
         now = self.robot.now
         if self.view == VIRTUAL:
             self.virtual.motion[:, self.virtual.now] = hand.columns
@@ -297,14 +310,16 @@ class Session:
             if first + self._replayed >= last:
                 self._hands.place(self.robot.motion[:, now])
                 self.view = REAL
-        elif self.view == REPLAY:  # the pedal is up: the robot waits where it is
+        elif self.view == REPLAY:  # the pedal is up: the robot waits
             self.robot.motion[:, now] = self.robot.motion[:, max(now - 1, 0)]
             self.robot.motion[-1, now] = 0
         else:
             self.robot.motion[:, now] = hand.columns
 
     def _rehearse(self) -> None:
-        """The robot rests, the virtual one takes over its place and the hand."""
+        """Start the virtual robot at the driven robot's state. It follows the hand, and the driven
+        robot rests.
+        """
         now = self.robot.now
         if not isinstance(self.robot, SimulatedRobot) or now == 0:
             return
@@ -315,22 +330,25 @@ class Session:
         self.view = VIRTUAL
 
     def _reengage(self) -> None:
-        """The robot follows what was tried."""
+        """Let the driven robot repeat the motion that was tried."""
         self._tried = (self._tried[0], self.virtual.now)
         self._replayed = 0
         self.view = REPLAY if self._tried[1] > self._tried[0] else REAL
 
     def _discard(self) -> None:
-        """Back to the robot, which stands where it rested; the hand goes on from there."""
+        """Return to the driven robot, which has not moved. The hand continues from the robot's
+        pose.
+        """
         now = self.robot.now
         self._hands.place(self.robot.motion[:, now - 1])
         self.view = REAL
 
     def _stand_by(self) -> bool:
-        """Restart the wait of a robot that nobody has driven yet; whether the robot goes on.
+        """Restart the waiting time of a robot that nobody has driven yet. Return whether the robot
+        moves on.
 
-        The robot here does not where it is stopped: it holds its brakes until somebody restarts it
-        or the time begins.
+        A stopped simulated robot does not move on: it holds its brakes until somebody restarts it
+        or the session's time begins.
         """
         if isinstance(self.robot, SimulatedRobot):
             if self.frame.number("runlevel") != PEDAL_UP:
@@ -340,7 +358,7 @@ class Session:
         return True
 
     def _restart(self, why: str) -> None:
-        """The robot is homed again and stands at its beginning, ready."""
+        """Home the robot again. It is at its start position, and the phase is ready."""
         self._look()
         self.arbiter.rearm(why, self.ticks)
         self.robot.reset()
@@ -350,10 +368,12 @@ class Session:
         self.task.restart()
         self.phase, self.view = READY, REAL
 
-    # --- what is shown and told ---
+    # --- frames and events ---
 
     def _publish(self, hand: hands.HandsRow | None = None) -> None:
-        """Fill the frame; without a hand what the robot and the hand show stays."""
+        """Fill the frame. Without a hand, the channels of the robot and the hand keep
+        their values.
+        """
         row, task = self.frame.row, self.task
         if hand is not None:
             row[: self.robot.row.size] = self.robot.row
@@ -381,11 +401,12 @@ class Session:
             self._told = state
 
     def _follow(self) -> None:
-        """Task, judge and phase after the tick."""
+        """Update the task, the judge and the phase after the tick."""
         frame = self.frame
         self._hear_of_robot()
         self._events += self.task.step(frame, self.ticks)
-        due = self.ticks - self._looked >= OUTCOMES_EVERY  # looking costs as much as a tick
+        # Reading the checks takes as long as a tick.
+        due = self.ticks - self._looked >= OUTCOMES_EVERY
         checked = self._checked() if due else ()
         self.judge.step(self.ticks, frame, *checked)
         runlevel = frame.numbers[self._runlevel]
@@ -402,7 +423,10 @@ class Session:
             self._end("task")
 
     def _hear_of_robot(self) -> None:
-        """A robot that nothing is heard of is not one that has stopped: nobody knows."""
+        """Change the phase when the link to the robot is lost or returns.
+
+        A robot that sends no reports has not stopped for certain: its state is unknown.
+        """
         if not self.robot.heard and self.phase in (READY, RUNNING, STOPPED):
             self._let_go("link")
             self.phase = LOST
@@ -411,7 +435,9 @@ class Session:
             self.phase = READY
 
     def _checked(self) -> tuple[()] | tuple[dict[str, Any], dict[str, Any] | None]:
-        """Outcomes of robot and golden run where a check has tripped since the last look."""
+        """Return the outcomes of robot and golden run if a check has tripped since the last
+        reading.
+        """
         trips = float(self.robot.row[self._trips])
         if trips == self._seen_trips:
             return ()
@@ -419,7 +445,7 @@ class Session:
         return self.robot.outcomes(), self.robot.golden_outcomes()
 
     def _look(self) -> None:
-        """Let the judge see what the checks did until now, because robot or golden run are about to
+        """Show the judge the checks' trips so far, because the robot or the golden run is about to
         restart.
         """
         if checked := self._checked():
@@ -442,7 +468,7 @@ class Session:
         return hands.Hands(self.arms, self.scenario.scale, self.scenario.speeds)
 
     def _tips(self) -> dict[ArmName, Point]:
-        """Where the jaws close at the beginning, m, frame 0."""
+        """Return where the jaws close at the beginning, m, in frame 0 of each arm."""
         tips: dict[ArmName, Point] = {}
         for arm, jpos in zip(self.arms, self.blueprint.plan.motion.start_jpos, strict=True):
             joints = [float(joint) for joint in jpos]

@@ -1,9 +1,9 @@
-"""What a session compiles: a campaign's tick that also fills a frame, and the fault table whose
-rows can be armed.
+"""Compiles a session: a campaign's tick that also fills a frame, and a fault table with rows to
+arm.
 
-Every hazard that can strike in a session is one row of a campaign's fault table, so that it is
-checked, named and replayed like any other; the last row is that of the E-stop button. One fault
-slot more than the table needs is kept for the button.
+Every hazard of a session is one row of a campaign's fault table. So it is checked, named and
+replayed like any other row. The last row is the E-stop button's, and it has a fault slot of its
+own, one more than the table needs.
 """
 
 from __future__ import annotations
@@ -35,38 +35,39 @@ from ravenjax.stages import monitor
 from ravenjax.train.protocol.frame import FrameLayout
 
 SPARE_MS = 60_000
-"""Rows of the motion beyond the session's length, for ticks after its end and for packets sent
-again.
-"""
+"""Extra rows of the motion table, for ticks after the session's end and for packets sent again."""
 
 SOURCE = Path(__file__).read_bytes()
-"""Part of the key under which compiled code is kept: `make` decides what is compiled, too."""
+"""Part of the key for compiled code in the cache, because `make` also affects what is compiled."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Blueprint:
-    """A compiled session; robots are made from it."""
+    """A compiled session, from which robots are made."""
 
     plan: Plan
     layout: FrameLayout
     code: StepCode
-    inputs: Any  # varied parameters and faults as the robot begins with: none
-    fault_slots: int  # of a row; the buttons' slot comes after them
-    packets: bool  # packets come from a console outside, not from the motion
+    # Varied parameters and faults at the start: no fault.
+    inputs: Any
+    # Slots of a row; the button's slot follows them.
+    fault_slots: int
+    # Whether packets come from an outside console, not from the motion.
+    packets: bool
 
     @property
     def setup(self) -> RavenSetup:
-        """What picks code."""
+        """The settings that select code."""
         return self.plan.program.setup
 
 
 def make(config: CampaignConfig, packets: bool = False, limit_mm: float = LIMIT_MM) -> Blueprint:
-    """Compile what `config` describes; its duration is the session's.
+    """Compile the session that `config` describes; its duration is the session's.
 
-    packets: packets come from outside, one at most a tick; UserError where a hazard needs the
-    console's older packets. limit_mm: of hazards, for the observer alone. It is not the campaign's,
-    so that run ids, and with them the random numbers of faults, are the same whatever a scenario
-    takes for harm.
+    packets: packets come from outside, at most one a tick. Raises UserError if a hazard then needs
+    older packets of the console. limit_mm: the observer's limit of hazards. It differs from the
+    campaign's limit on purpose: run ids, and with them the random numbers of faults, then do not
+    depend on a scenario's definition of harm.
     """
     ready = plan.make_plan(config)
     slots = ready.program.setup.injection.slots
@@ -80,9 +81,8 @@ def make(config: CampaignConfig, packets: bool = False, limit_mm: float = LIMIT_
     program = dataclasses.replace(ready.program, setup=setup, params=params)
     ready = dataclasses.replace(ready, program=program)
     layout = FrameLayout.of(setup.arms)
-    own = [
-        values[-1] for values in ready.varied.values()
-    ]  # those of the last row, the button's: no hazard's
+    # Values of the last row, the button's: they belong to no hazard.
+    own = [values[-1] for values in ready.varied.values()]
     inputs = own, Faults(tuple(_empty() for _ in range(slots + 1)))
     entering = (
         [np.float32(0.0)] * run.series_length(setup),
@@ -125,7 +125,9 @@ def _frame(
     out: tick.TickSignals,
     signal: tick.Input,
 ) -> list[Scalar]:
-    """The numbers of [simulated] in `channels.toml`, then of [simulated_arm] for each arm."""
+    """Return the numbers of [simulated] in `channels.toml`, then those of [simulated_arm] for each
+    arm.
+    """
     active_fault = jnp.bool_(False)
     for active in out.fault_active:
         active_fault = active_fault | active
@@ -140,11 +142,12 @@ def _frame(
     for one in run.checks(setup, state).values():
         trips = trips + one.count
     numbers += [software.last_seq, as_int(active_fault), trips, out.tip_distance * 1e3]
+    # `simulation` overwrites the last two with those of the golden run.
     numbers += [
         observer.halted,
         observer.halted,
         as_int(pulls),
-    ]  # `simulation` puts the golden run's in place of the last two
+    ]
     positions = connections.measured(setup, software)
     golden = observers.reference(
         setup, observers.Golden(signal.reference, signal.apart), out.tip, positions
@@ -174,7 +177,7 @@ def _frame(
 
 
 def hazard_distances(live: Scalar, off: monitor.Distances) -> list[Scalar]:
-    """unintended_mm, unintended_off_mm, loss_mm and false_report_mm of a frame."""
+    """Return unintended_mm, unintended_off_mm, loss_mm and false_report_mm of a frame."""
     while_live = jnp.where(live, 1e3, 0.0)
     return [
         off.unintended * while_live,
@@ -195,9 +198,7 @@ def _empty() -> FaultSlot:
 
 
 OLDER_PACKETS: dict[str, Sequence[str]] = {"console": (), "hand": (), "network": ("lost",)}
-"""Sites that change what the console sends, and which of their channels need no packet but the
-newest.
-"""
+"""Sites that change what the console sends, with the channels that need the newest packet only."""
 
 
 def _require_strikable(ready: Plan) -> None:

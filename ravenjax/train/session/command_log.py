@@ -1,4 +1,7 @@
-"""The commands of a session as JSON lines: with scenario and seed they make the session again."""
+"""Writes and reads the commands of a session as JSON lines.
+
+With scenario and seed they reproduce the session.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +15,10 @@ from ravenjax.errors import UserError, shown
 from ravenjax.train.protocol.messages import Increments, Input
 
 MOST_COMMANDS = 1_000_000
-"""Commands that are kept: hours of a page's, a quarter of an hour of a console's that sends one
-a millisecond.
+"""The largest number of commands that a log keeps.
+
+That is hours of a page's commands, or a quarter of an hour of a console that sends one a
+millisecond.
 """
 _HANDS: TypeAdapter[Input | Increments] = TypeAdapter(
     Annotated[Input | Increments, Field(discriminator="type")]
@@ -22,7 +27,7 @@ _EXPECTED = 'expected {"tick": ms, "message": {..}}'
 
 
 class CommandLog:
-    """The lines of a file of commands, {"tick": ms, "message": {..}} each."""
+    """The lines of a command file, each {"tick": ms, "message": {..}}."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -40,7 +45,7 @@ class CommandLog:
 
 
 def read_commands(path: str | Path) -> list[tuple[int, dict[str, Any]]]:
-    """Tick and command of each line of such a file. UserError where a line is not one."""
+    """Return the tick and the command of each line. Raises UserError if a line is invalid."""
     try:
         text = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:

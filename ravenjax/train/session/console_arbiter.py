@@ -1,14 +1,15 @@
-"""Decides which console drives, and whether its pedal counts. One has the seat, the others watch.
+"""Decides which console drives, and whether its pedal counts. One console has the seat, the others
+watch.
 
-Nobody has the seat at first: it goes to the console that first steps on its pedal, and stays there.
-A console that has left, or that was silent for `GONE_MS`, loses it. Every other change is a
-deliberate act and an event "owner": an operator takes it while the pedal of the other console is
-up, its owner gives it away, the instructor gives it to anyone.
+At first no console has the seat. The first console whose pedal goes down gets it and keeps it. A
+console that has left, or that was silent for `GONE_MS`, loses it. Every other change is deliberate
+and an event "owner": an operator takes the seat while the other console's pedal is up, its owner
+gives it away, or the instructor gives it to any console.
 
-A pedal counts as down only after it was seen up: at the beginning, and again after each of these,
-which a foot that never moved would not notice: the console was silent for `STALE_MS` or has left,
-the seat went to it, the robot was stopped, restarted or set back, a pause was over, the link to the
-robot was lost.
+A pedal counts as down only after it was seen up. This applies at the beginning, and after each
+event that an operator may not notice while keeping the foot down: the console was silent for
+`STALE_MS` or has left, it was given the seat, the robot was stopped or restarted, a pause ended, or
+the link to the robot was lost.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ from ravenjax.train.protocol.messages import STALE_MS
 from ravenjax.train.session import pedal as words
 
 GONE_MS = 2000
-"""A console that was silent for so long has gone; the same as `robot_link.packet_filter` has for
-a stream.
+"""After this silence a console counts as gone. `robot_link.packet_filter` uses the same time for a
+stream.
 """
 NOBODY, SCRIPT = "nobody", "script"
 
@@ -32,27 +33,27 @@ class ConsoleArbiter:
 
     def __init__(self) -> None:
         self.owner = NOBODY
-        """One of `CONSOLES`."""
-        self._armed: set[str] = set()  # consoles whose pedal was seen up since it had to be
-        self._heard: dict[str, int] = {}  # tick of the last word of each
+        """The console that has the seat, one of `CONSOLES`."""
+        self._armed: set[str] = set()  # consoles whose pedal was seen up as required
+        self._heard: dict[str, int] = {}  # tick of each console's last message
         self._down = False  # the owner's pedal, as it counts
-        self._foot: dict[str, bool] = {}  # the pedal of each, as it was said last
-        self._since: dict[str, str] = {}  # why each console's pedal had to be seen up
-        self._unheard: dict[str, str] = {}  # why nothing of a console is taken
+        self._foot: dict[str, bool] = {}  # each console's pedal in its last message
+        self._since: dict[str, str] = {}  # why each console's pedal must be seen up
+        self._unheard: dict[str, str] = {}  # why a console's messages are refused
         self._events: list[dict[str, Any]] = []
 
     @property
     def number(self) -> int:
-        """The number of the owner in `CONSOLES`."""
+        """The index of the owner in `CONSOLES`."""
         return CONSOLES.index(self.owner)
 
     def hear(
         self, message: Mapping[str, Any], take: Callable[[Mapping[str, Any]], bool], tick: int
     ) -> None:
-        """A message of a console's hands.
+        """Process a message of a console's hands.
 
-        take: gets it as it counts, if its console drives; it gives False where it is refused, as if
-        it were unsaid.
+        take: receives the message with the pedal as it counts, if its console drives. It returns
+        False if it refuses the message, which then has no effect.
         """
         console, pedal = console_of(message), message["pedal"]
         if console in self._heard and tick - self._heard[console] > STALE_MS:
@@ -72,7 +73,7 @@ class ConsoleArbiter:
             self._armed.add(console)
 
     def unheard(self, console: str, why: str) -> None:
-        """Nothing of a console is taken, or "": it is again."""
+        """Record why a console's messages are refused; "": they are accepted again."""
         self._unheard[console] = why
 
     def holds(self, console: str) -> bool:
@@ -80,7 +81,7 @@ class ConsoleArbiter:
         return self._foot.get(console, False)
 
     def why_not(self, console: str, tick: int) -> str:
-        """Why the pedal that a console holds down does not count; "": it does, or is up."""
+        """Return why a pedal that is held down does not count; "" if it counts or is up."""
         if why := self._unheard.get(console):
             return why
         if not self._foot.get(console):
@@ -92,7 +93,7 @@ class ConsoleArbiter:
         return "" if console in self._armed else words.lift(self._since.get(console, ""))
 
     def obey(self, command: Mapping[str, Any], tick: int) -> bool:
-        """A command "seat"; whether the seat or its pedal is another's now."""
+        """Carry out a command "seat". Return whether the seat has changed hands."""
         console, do, by = console_of(command), command.get("do"), command.get("by", "operator")
         target, refusal = (command.get("to") if do == "give" else console), ""
         if do == "left":
@@ -117,7 +118,7 @@ class ConsoleArbiter:
         return True
 
     def step(self, tick: int) -> bool:
-        """Once a tick; whether the console that had the seat has lost it by its silence."""
+        """Advance by one tick. Return whether the owner has lost the seat by its silence."""
         if self.owner == NOBODY or tick - self._heard.get(self.owner, tick) <= GONE_MS:
             return False
         self._disarm(self.owner, "silence", tick)
@@ -125,9 +126,10 @@ class ConsoleArbiter:
         return True
 
     def vacate(self, tick: int) -> str:
-        """Once a tick where pedals alone decide: nobody keeps the seat whose pedal is up, or whose
-        console was silent for `STALE_MS`; that one is returned. A pedal that was pressed meanwhile
-        must be seen up first.
+        """Empty the seat if the owner's pedal is up or its console was silent for `STALE_MS`.
+
+        Call it once a tick where pedals alone decide. Returns the console that was silent, or "".
+        Another pedal that was pressed in the meantime must be seen up first.
         """
         is_silent = self.owner != NOBODY and tick - self._heard[self.owner] > STALE_MS
         silent = self.owner if is_silent else ""
@@ -137,7 +139,7 @@ class ConsoleArbiter:
         return silent
 
     def rearm(self, why: str, tick: int) -> None:
-        """Whatever pedal is down now no longer counts, until it was seen up."""
+        """Make every pedal that is down now not count until it was seen up."""
         if self._armed:
             self._tell(tick, "rearm", why=why)
         self._armed.clear()
@@ -145,7 +147,7 @@ class ConsoleArbiter:
         self._down = False
 
     def events(self) -> list[dict[str, Any]]:
-        """What happened since the last call."""
+        """Return the events since the last call."""
         events, self._events = self._events, []
         return events
 
@@ -166,6 +168,6 @@ class ConsoleArbiter:
 
 
 def console_of(message: Mapping[str, Any]) -> str:
-    """Which console a message is of."""
+    """Return the console that a message comes from."""
     console = message.get("console")
     return console if console in CONSOLES[1:] else SCRIPT

@@ -1,14 +1,13 @@
-"""Decides when hazards become active: at times that the scenario draws, or at the instructor's
-command. One at a time.
+"""Decides when hazards are armed: at times that the scenario draws, or at the instructor's command.
 
-Planned times count from the beginning of the session's time, the first pedal-down or the
-instructor's start.
+Only one hazard is active at a time. Planned times count from the beginning of the session's time:
+the first pedal-down or the instructor's start.
 
-A hazard that is due, or that the instructor has armed, waits until it can teach something: the
-session runs, the real robot follows the hands, the pedal has been down for `SETTLED_MS`, no other
-hazard is at work and the last one is `GAP_MS` past. It is taken back after its time
-(`Armable.lasts_ms`), so that permanent faults end too; and once the pedal has been up for
-`CLEARED_MS` if lifting it is a right response. The next pedal-down then continues normally.
+A hazard that is due, or that the instructor has armed, waits for these conditions: the session
+runs, the real robot follows the hands, the pedal has been down for `SETTLED_MS`, no other hazard is
+active, and the last one ended `GAP_MS` ago. It is disarmed after its time (`Armable.lasts_ms`), so
+that permanent faults end too. If lifting the pedal is a right response, it is also disarmed once
+the pedal has been up for `CLEARED_MS`. The next pedal-down then continues normally.
 """
 
 from __future__ import annotations
@@ -23,32 +22,34 @@ from ravenjax.train.robot import PEDAL_DOWN
 from ravenjax.train.scenario import Armable, Scenario
 
 SETTLED_MS = 500
-"""Pedal-down is adopted and the hands move: what the library takes as its earliest start in
-pedal-down.
+"""After this time the robot has adopted pedal-down and the hands move. The library uses the same
+value as its earliest start in pedal-down.
 """
 GAP_MS = 3000
-"""Between two hazards: the tip has come to rest and the operator has taken up the task again."""
+"""Time between two hazards in which the tip comes to rest and the operator resumes the task."""
 
 CLEARED_MS = 500
-"""The robot has come to rest in its brakes, and what the hazard did is measured."""
+"""After this time with the pedal up the robot rests in its brakes, and the hazard's effect is
+measured.
+"""
 
 _RUNNING, _REAL = PHASES.index("running"), VIEWS.index("real")
 
 
 class Order(NamedTuple):
-    """What the session is to do before this tick."""
+    """An order that the session carries out before this tick."""
 
     kind: Literal["arm", "disarm"]
-    number: int  # in the session's list of hazards
+    number: int  # index in the session's list of hazards
 
 
 class Director:
-    """The hazards of one session."""
+    """Schedules the hazards of one session."""
 
     def __init__(self, scenario: Scenario, hazards: Sequence[Armable], seed: int) -> None:
         self.hazards = tuple(hazards)
         self.at_work = -1
-        """Number of the hazard that is armed or at work; -1: none."""
+        """Number of the hazard that is armed or active; -1: none."""
         rng = np.random.default_rng([seed, 3])
         planned = [
             (float(rng.uniform(*hazard.when_ms)), hazard.number)
@@ -56,17 +57,19 @@ class Director:
             if hazard.when_ms is not None
         ]
         self.plan: list[tuple[float, int]] = sorted(planned)
-        """(ms, number) of what is yet to come by itself, in order."""
-        self._pending = -1  # the instructor's
-        self._ordered = False  # at_work has been armed
-        self._since = 0  # tick of that
+        """(ms, number) of planned hazards still to come, in order."""
+        self._pending = -1  # the instructor's next hazard
+        self._ordered = False  # whether at_work has been armed
+        self._since = 0  # tick at which it was armed
         self._free_from = 0
         self._down = 0  # ms of pedal-down so far
         self._up = 0  # ms since the pedal came up
-        self._stop = False  # the instructor takes it back
+        self._stop = False  # the instructor disarms the hazard
 
     def command(self, message: Mapping[str, Any]) -> None:
-        """The instructor's "arm" or "disarm". While a hazard is at work no other can be armed."""
+        """Take the instructor's "arm" or "disarm". While a hazard is active no other
+        can be armed.
+        """
         number = message.get("hazard")
         if message["do"] == "disarm":
             self._pending, self._stop = -1, True
@@ -74,9 +77,9 @@ class Director:
             self._pending = number
 
     def step(self, tick: int, frame: Frame, clock: int | None = None) -> tuple[Order, ...]:
-        """What is to be done before this tick, `frame` being that of the tick before.
+        """Return the orders to carry out before this tick; `frame` is that of the previous tick.
 
-        clock: ms since the session's time began; the tick if None.
+        clock: ms since the session's time began; None: the tick.
         """
         number, pedal = frame.number, frame.number("pedal")
         ready = (
@@ -111,6 +114,8 @@ class Director:
         return (Order("arm", choice),)
 
     def reset(self, tick: int) -> None:
-        """The robot was homed again and holds no fault any more; what is yet to come stays."""
+        """Forget the active hazard, because the robot was homed and has no fault. Planned hazards
+        stay.
+        """
         self.at_work, self._ordered, self._pending, self._stop = -1, False, -1, False
         self._down, self._free_from = 0, tick + GAP_MS

@@ -1,15 +1,14 @@
-"""The operator's hands: what consoles say becomes the row of motion that the robot's console sends
-in this tick.
+"""Turns the messages of consoles about the operator's hands into rows of motion, one for each tick.
 
-Speeds of "input" messages point along the axes of the view; the hands take them up smoothly
-(critically damped, 90 % of a new speed after `SMOOTHING_MS`) and move in the ITP frame of their
-arm, as `raven2.console.motion` has it: micrometres before the console's scale, orientation relative
-to the start about the ITP axes.
+Speeds of "input" messages are along the axes of the view. The hands adopt a new speed smoothly:
+critically damped, 90 % of it after `SMOOTHING_MS`. They move in the ITP frame of their arm as in
+`raven2.console.motion`: micrometres before the console's scale, orientation relative to the start
+about the ITP axes.
 
-"increments" come from a console that has scaled them: the robot gets exactly these. The console of
-the tick truncates scaled float32 positions and sends differences, so every position here stands
-half a micrometre beyond the whole one that is meant, away from zero. What is sent is then the meant
-position, rounded, whatever single precision does to it.
+"increments" come from a console that has already scaled them, and the robot gets exactly these. The
+console of the tick truncates scaled float32 positions and sends differences. Therefore every
+position here is half a micrometre farther from zero than the whole number meant. Truncation then
+yields that number despite single-precision rounding.
 """
 
 from __future__ import annotations
@@ -29,25 +28,27 @@ from ravenjax.train.scenario import Speeds
 STILL = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 """Speeds of a hand at rest: move 3, turn 3, grasp."""
 LEVEL: Quat = (0.0, 0.0, 0.0, 1.0)
-"""No turn."""
+"""The identity rotation."""
 
 SMOOTHING_MS = 30.0
-"""Time in which hands reach 90 % of a new speed: keys have no ramp of their own, and a hand
-cannot jump. Ours.
+"""Time in which hands reach 90 % of a new speed. Keys have no ramp, and a hand cannot jump. The
+value is ours.
 """
 _RATE = 3.8897 / SMOOTHING_MS
-"""1/ms; a critically damped step, 1 - (1 + s) exp(-s), is 0.9 at s = 3.8897."""
+"""1/ms. A critically damped step, 1 - (1 + s) exp(-s), is 0.9 at s = 3.8897."""
 _DECAY = math.exp(-_RATE)
-_AT_REST = 1e-6  # share of the fastest speed below which a hand stands
-_SETTLED = 1e-12  # and below which it no longer comes nearer to the speed that it goes for
+# Share of full speed below which a hand counts as at rest.
+_AT_REST = 1e-6
+# Differences from the aim below this are set to zero.
+_SETTLED = 1e-12
 
 GRASP_MRAD = (-400.0, 1500.0)
-"""How far speeds open and close the jaws from where they began (about 90 degrees open);
-increments are not limited.
+"""How far speeds open and close the jaws from their start (about 90 degrees open). Increments are
+not limited.
 """
 
 FARTHEST_UM = 1_000_000.0
-"""Scaled positions stay below it, where single precision still holds half a micrometre. No arm
+"""Limit of scaled positions, within which single precision still resolves half a micrometre. No arm
 reaches 1 m.
 """
 
@@ -60,20 +61,25 @@ class HandsRow(NamedTuple):
 
 
 class Hands:
-    """The hands of one operator, an arm each, and the foot on the pedal."""
+    """The hands of one operator, one for each arm, and the foot on the pedal."""
 
     def __init__(self, arms: Sequence[ArmName], scale: float, speeds: Speeds) -> None:
-        """scale: the console's, tip motion per hand motion. speeds: of tips at full speed input."""
+        """scale: the console's tip motion per hand motion. speeds: speeds of the tips at full
+        deflection.
+        """
         self.arms = tuple(arms)
         self._scale = float(np.float32(scale))
         self._hands = {arm: _Hand(arm, speeds) for arm in self.arms}
         self._pedal = False
-        self._heard = -1  # tick of the last good message; -1: none yet
+        # Tick of the last accepted message; -1: none yet.
+        self._heard = -1
         self._columns = np.zeros(len(self.arms) * len(ARM_COLUMNS) + 1, np.float32)
 
     def take(self, message: Mapping[str, Any], tick: int) -> bool:
-        """A message "input" or "increments" that came before this tick, valid as
-        `protocol.messages` has it; False where the position would be out of range.
+        """Take a message "input" or "increments" that came before this tick.
+
+        The message is valid as `protocol.messages` defines it. Returns False if the position would
+        be out of range.
         """
         tables = message["arms"]
         if message["type"] == "increments":
@@ -91,7 +97,7 @@ class Hands:
         return True
 
     def advance(self, tick: int) -> HandsRow:
-        """The hands after one more millisecond; once a tick."""
+        """Advance by one millisecond and return the hands. Call it once a tick."""
         alive = self._heard >= 0 and tick - self._heard <= STALE_MS
         values: list[float] = []
         for hand in self._hands.values():
@@ -105,7 +111,7 @@ class Hands:
         return HandsRow(self._columns, alive)
 
     def place(self, columns: np.ndarray) -> None:
-        """Put the hands, at rest, where a row of a motion has them: the next row is the same."""
+        """Put the hands, at rest, where a row of motion has them. The next row is then the same."""
         width = len(ARM_COLUMNS)
         for i, hand in enumerate(self._hands.values()):
             hand.stop()
@@ -113,11 +119,11 @@ class Hands:
 
 
 class _Hand:
-    """One hand: where it is, scaled, and how fast it goes, as shares of full speed in ITP axes."""
+    """One hand: its scaled position, and its speed as shares of full speed along the ITP axes."""
 
     def __init__(self, arm: ArmName, speeds: Speeds) -> None:
         self._axes = itp_from_view(arm)
-        self._move = speeds.move_mm_s  # um of the tip in a ms
+        self._move = speeds.move_mm_s  # um of the tip per ms
         self._turn = speeds.turn_rad_s * 1e-3
         self._grasp_step = speeds.grasp_mrad_s * 1e-3
         self._x = [0.0, 0.0, 0.0]  # um after scaling
@@ -125,11 +131,11 @@ class _Hand:
         self._grasped = 0.0
         self._aim: tuple[float, ...] = STILL
         self._v = [0.0] * 7
-        self._change = [0.0] * 7  # of the speeds, per ms
+        self._change = [0.0] * 7  # rate of change of the speeds, per ms
         self._moving = False
 
     def aim(self, speeds: tuple[float, ...]) -> None:
-        """Go for these speeds: move 3, turn 3 in axes of the view, grasp; each -1 to 1."""
+        """Set the speeds to reach: move 3 and turn 3 in axes of the view, grasp; each -1 to 1."""
         if any(speeds):
             move, turn = turned(self._axes, speeds[0:3]), turned(self._axes, speeds[3:6])  # type: ignore[arg-type]
             self._aim, self._moving = (*move, *turn, speeds[6]), True
@@ -137,19 +143,18 @@ class _Hand:
             self._aim = STILL
 
     def stop(self) -> None:
-        """Stand, at once."""
+        """Stop at once."""
         if self._moving:
             self._aim, self._moving = STILL, False
             self._v, self._change = [0.0] * 7, [0.0] * 7
 
     def step(self) -> None:
-        """One millisecond of going for the speeds."""
+        """Advance by one millisecond toward the speeds that were set."""
         if not self._moving:
             return
         v, change = self._v, self._change
-        for i, aim in enumerate(
-            self._aim
-        ):  # the exact solution of a critically damped second order
+        # Exact solution of a critically damped second-order system.
+        for i, aim in enumerate(self._aim):
             off = v[i] - aim
             if off or change[i]:
                 slope = change[i] + _RATE * off
@@ -175,7 +180,7 @@ class _Hand:
             self._quat = turn_by(self._quat, turn)
 
     def has_room(self, increment: Mapping[str, Any]) -> bool:
-        """Whether the position after it is in range."""
+        """Whether the position after this increment is in range."""
         x = [a + d for a, d in zip(self._x, increment["delta_um"], strict=True)]
         x.append(self._grasped + increment.get("grasp_mrad", 0.0))
         return max(map(abs, x)) <= FARTHEST_UM
@@ -190,21 +195,22 @@ class _Hand:
             self._quat = turn_by(self._quat, quat)
 
     def fill(self, values: list[float], scale: float) -> None:
-        """Append the arm's columns of a motion."""
+        """Append the arm's columns of a row of motion."""
         per_um = 1.0 / scale
         values += [_beyond(position) * per_um for position in self._x]
         values += (*self._quat, _beyond(self._grasped))
 
     def place(self, values: list[float], scale: float) -> None:
-        """Be where the arm's columns of a motion say."""
+        """Take the position from the arm's columns of a row of motion."""
         self._x = [_within(x * scale) for x in values[0:3]]
         self._quat = unit(tuple(values[3:7]))  # type: ignore[arg-type]
         self._grasped = _within(values[7])
 
 
 def _speeds(given: Mapping[str, Any]) -> tuple[float, ...]:
-    """An arm's table of a message "input", as STILL: move and turn cut to length 1, grasp to -1
-    .. 1.
+    """Return an arm's speeds in a message "input", ordered as STILL.
+
+    Move and turn are cut to length 1, grasp to -1 .. 1.
     """
     speeds: list[float] = []
     for name in ("move", "turn"):
@@ -215,10 +221,13 @@ def _speeds(given: Mapping[str, Any]) -> tuple[float, ...]:
 
 
 def _beyond(x: float) -> float:
-    """Half a micrometre (or milliradian) farther from zero: truncated, the nearest whole number."""
+    """Return `x` half a micrometre (or milliradian) farther from zero.
+
+    Truncated, this is the nearest whole number to `x`.
+    """
     return x + 0.5 if x > 0.0 else x - 0.5 if x < 0.0 else 0.0
 
 
 def _within(x: float) -> float:
-    """What `_beyond` gives `x` for; 0 where it gives nothing like it."""
+    """Return the inverse of `_beyond`; 0 for values that `_beyond` never returns."""
     return x - 0.5 if x > 0.5 else x + 0.5 if x < -0.5 else 0.0

@@ -1,9 +1,9 @@
-"""Explains why a pedal that a console over the network holds down does not count; each reason is
-reported once.
+"""Explains why a pedal that a network console holds down does not count. Each reason is reported
+once.
 
-The page shows its own pedal by itself; a foot at a console elsewhere sees nothing of a session but
-its force. So each change of the reason is an event "refused" (console, why), which the page and the
-log show, and a line at the terminal.
+The page shows the state of its own pedal. The operator of another console learns about a session
+only through the force. So each change of the reason is an event "refused" (console, why), shown by
+the page and the log, and a line at the terminal.
 """
 
 from __future__ import annotations
@@ -12,10 +12,9 @@ from collections.abc import Mapping
 from typing import Any
 
 NETWORK = ("itp", "crtk")
-"""The consoles of `CONSOLES` whose user sees the reasons."""
+"""The consoles of `CONSOLES` whose users get the reasons."""
 HOLDS_MS = 50
-"""Only a reason that lasts longer is reported: a person cannot react to a shorter one.
-"""
+"""Only a reason that lasts longer than this is reported: a person cannot react to a shorter one."""
 
 LIFT = "the pedal is down, and counts once it was seen up: lift it first"
 PAUSED = "the instructor has paused the session"
@@ -37,19 +36,21 @@ _SINCE = {
 
 
 def lift(since: str = "") -> str:
-    """That the pedal is to be lifted. since: why it had to be seen up, as event "rearm" has it."""
+    """Return that the pedal must be lifted. since: why it must be seen up, as in the
+    event "rearm".
+    """
     return f"{LIFT} ({_SINCE[since]})" if since in _SINCE else LIFT
 
 
 def other(owner: str) -> str:
-    """That another console drives."""
+    """Return that another console drives."""
     return (
         f"{owner} drives, and this console watches until it is given the seat or {owner} has gone"
     )
 
 
 def rival(owner: str) -> str:
-    """That another console holds its pedal down, where pedals alone decide."""
+    """Return that another console holds its pedal down, where pedals alone decide."""
     return f"the pedal of {owner} is down: lift this one, and press it once that one is up"
 
 
@@ -64,11 +65,11 @@ RELEASED = {
     "stopped": "the pedal came up, for the robot has stopped: home it, and lift the foot once",
     "lost": "the pedal came up, for nothing is heard of the robot",
 }
-"""Why a pedal that CRTK holds down has come up by itself, by `OperatingState.why`."""
+"""Why a pedal that CRTK holds down was raised automatically, by `OperatingState.why`."""
 
 
 def packets(cause: str) -> str:
-    """That none of its packets is taken. cause: of `packet_filter.CAUSES`."""
+    """Return that the console's packets are refused. cause: one of `packet_filter.CAUSES`."""
     words = {
         "stranger": "packets of another console are followed, until it was silent for two seconds",
         "undecided": "it is not decided yet which console profile they are of",
@@ -82,19 +83,19 @@ def packets(cause: str) -> str:
 
 
 class PedalReasons:
-    """The reason that was last reported for each console."""
+    """Stores the reason that was last reported for each console."""
 
     def __init__(self) -> None:
         self._published: dict[str, str] = dict.fromkeys(NETWORK, "")
-        # Reason that has yet to hold, and for how many ms it has.
+        # The new reason that must persist before it is reported, and for how many ms it has.
         self._coming: dict[str, tuple[str, int]] = dict.fromkeys(NETWORK, ("", 0))
         self._lines: list[str] = []
 
     def look(self, why: Mapping[str, str]) -> list[dict[str, Any]]:
-        """Once a ms, also in a pause: the reason of each console, "" for none. Returns the
-        events for it.
+        """Take each console's current reason ("" for none) and return the events for changes.
 
-        A reason that no longer holds gives an event with an empty "why".
+        Call it once a millisecond, also in a pause. When a reason no longer holds, the event has an
+        empty "why".
         """
         events = []
         for console, reason in why.items():
@@ -109,12 +110,12 @@ class PedalReasons:
         return events
 
     def once(self, console: str, why: str) -> dict[str, Any]:
-        """The content of an event for something that does not last."""
+        """Return the content of an event for a reason that does not last."""
         line = f"{console}: {why}" if why else ""
         self._lines += [line] if line else []
         return {"console": console, "why": line}
 
     def news(self) -> list[str]:
-        """The new lines for the user since the last call."""
+        """Return the new lines for the user since the last call."""
         lines, self._lines = self._lines, []
         return lines

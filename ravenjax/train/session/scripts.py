@@ -1,8 +1,7 @@
-"""Operators without a person: one that does the task and reacts to what it feels and sees, and one
-that was recorded.
+"""Operators without a person: one does the task and reacts to cues, one repeats recorded commands.
 
-Both are asked once a tick what they say, `messages(tick, frame)`, and are deterministic: a session
-is the same again.
+Both return their commands once a tick from `messages(tick, frame)`. They are deterministic, so a
+session can be repeated exactly.
 """
 
 from __future__ import annotations
@@ -21,27 +20,28 @@ from ravenjax.train.tasks import Task
 Message = dict[str, Any]
 
 INPUT_EVERY_MS = 16
-"""As a page at 60 Hz sends."""
+"""The interval at which a page at 60 Hz sends."""
 FIRST_PEDAL_MS = 200
-"""When it first steps on the pedal."""
+"""The time of the first pedal-down."""
 TOUCH_DELAY_MS, SIGHT_DELAY_MS = 250, 400
-"""From the onset of a touch, or of something seen that was not looked for, to the action. Both are
-assumptions, as in `stages.reaction`.
+"""Delay from the onset of a touch, or of an unexpected sight, to the action. Both are assumptions,
+as in `stages.reaction`.
 """
 REST_MS = 1500
-"""How long it stays released or slow."""
+"""How long the operator keeps the pedal released or moves slowly."""
 UNAVAILABLE_MS = 1000
-"""A robot that does not follow for so long, though the pedal is down, is restarted."""
+"""The operator restarts a robot that does not follow for this time although the pedal is down."""
 GAIN_PER_S, GRASP_PER_RAD = 4.0, 4.0
 REACTIONS = ("none", "release", "slow", "stop")
 _STOPPED = PHASES.index("stopped")
 
 
 class Follower:
-    """Goes for the task's goal, speed in proportion to the distance, and reacts.
+    """Moves toward the task's goal with a speed proportional to the distance, and reacts to
+    hazards.
 
-    It feels the cue where it is on, and acts on its onset: a pull that stays after the foot was off
-    is no news. It sees that the robot is stopped, and restarts it.
+    It feels the cue if the cue is on, and reacts to its onset. A force that persists after the
+    pedal was up causes no second reaction. It sees that the robot is stopped, and restarts it.
     """
 
     def __init__(
@@ -50,15 +50,15 @@ class Follower:
         """reaction: one of `REACTIONS`."""
         self._task, self._arms, self._reaction = task, tuple(arms), reaction
         self._gain = GAIN_PER_S * 1e3 / speeds.move_mm_s  # share of full speed per m
-        self._pedal_ms = FIRST_PEDAL_MS  # the pedal is down from then on
-        self._act_at = -1  # tick of the action that is coming; -1: none
-        self._until = -1  # the action holds until then
+        self._pedal_ms = FIRST_PEDAL_MS  # the pedal is down from this tick on
+        self._act_at = -1  # tick of the next action; -1: none
+        self._until = -1  # the action lasts until this tick
         self._restart_at = -1
         self._felt = False
-        self._waited = 0  # ms of a robot that does not follow
+        self._waited = 0  # ms for which the robot has not followed
 
     def messages(self, tick: int, frame: Frame) -> list[Message]:
-        """What is said before this tick, `frame` being that of the tick before."""
+        """Return the commands before this tick; `frame` is that of the previous tick."""
         down = frame.number("pedal")
         waits = down and frame.number("runlevel") != PEDAL_DOWN
         self._waited = self._waited + 1 if waits else 0
@@ -100,7 +100,8 @@ class Follower:
         right, up, toward = view_from_world(way)
         gain = slow * self._gain
         opening = row[5] + row[6]
-        aim = 0.6 if wish.closed else 1.4  # rad, well beyond what the pegs' jaws are told apart by
+        # rad, well past the opening at which the pegs' jaws grip or release.
+        aim = 0.6 if wish.closed else 1.4
         grasp = min(max((opening - aim) * GRASP_PER_RAD, -1.0), 1.0)
         return {
             "move": [gain * right, gain * up, gain * toward],
@@ -108,8 +109,10 @@ class Follower:
         }
 
     def _restart(self, tick: int) -> list[Message]:
-        """The robot does not follow: hands still, foot off once it is seen, and a restart once
-        it is understood.
+        """Restart a robot that does not follow.
+
+        The hands stop at once. The pedal comes up once the operator notices, and the restart
+        follows.
         """
         if self._restart_at < 0:
             self._restart_at = tick + REST_MS
@@ -124,13 +127,13 @@ class Follower:
 
 
 class Recorded:
-    """Says what was said, at the same ticks."""
+    """Repeats recorded commands at the same ticks."""
 
     def __init__(self, said: Iterable[tuple[int, Mapping[str, Any]]]) -> None:
         self._said = collections.deque(sorted(said, key=lambda pair: pair[0]))
 
     def messages(self, tick: int, frame: Frame) -> list[Message]:
-        """What was said until this tick, and not yet."""
+        """Return the commands recorded up to this tick that were not returned before."""
         out = []
         while self._said and self._said[0][0] <= tick:
             out.append(dict(self._said.popleft()[1]))

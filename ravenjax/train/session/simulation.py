@@ -1,4 +1,6 @@
-"""The robots of a session: the one that is driven, its golden run, and one to try things on."""
+"""The simulated robots of a session: the driven robot with its golden run, and the
+virtual robot.
+"""
 
 from __future__ import annotations
 
@@ -23,13 +25,13 @@ from ravenjax.vocabulary.effects import TRIGGER_CODES
 
 _FIELDS = tuple(field.name for field in dataclasses.fields(FaultSlot))
 HISTORY_MS = 2000
-"""How far back a packet may be sent again: rows that a copied robot takes along."""
+"""How far back a packet may be sent again. A copied robot takes over this many rows of motion."""
 
 
 class SimulatedRobot:
-    """One robot, its golden run beside it; `row` is what it shows after each `step`.
+    """A robot and its golden run. `row` holds its channels after each `step`.
 
-    As long as nothing is armed both are the same, and one is computed.
+    While no fault is armed the two are identical, and only one is computed.
     """
 
     def __init__(self, blueprint: Blueprint) -> None:
@@ -40,32 +42,29 @@ class SimulatedRobot:
         self._shown = np.zeros((2, code.outputs), np.float32)
         self._addresses = [self._shown.ctypes.data + i * self._shown.strides[0] for i in (0, 1)]
         self.row = self._shown[0, : blueprint.layout.simulated]
-        self.motion = self._own.flat.reshape(
-            len(code.tables), -1
-        )  # [columns, ticks], row by row as it happens
+        # [columns, ticks], filled row by row.
+        self.motion = self._own.flat.reshape(len(code.tables), -1)
         first, last = (blueprint.layout.places[name] for name in (GOLDEN[0], GOLDEN[-1]))
-        self._golden = self._shown[
-            :, first.start : last.stop
-        ]  # what the row tells of the golden run
-        self.now = 0  # tick to come
+        # Channels of the golden run in the row.
+        self._golden = self._shown[:, first.start : last.stop]
+        self.now = 0  # the next tick
         series = run.series_length(blueprint.setup)
         self._series = self._shown[1, -series:]
         self._reference = self._own.entering[:series]
         self._apart = False
         self._told_apart = self._own.entering[series]
         self.packets = [stepper.entering[series + 1 :] for stepper in (self._own, self._beside)]
-        """Where a packet from outside enters the two."""
+        """Where a packet from outside enters the robot and its golden run."""
         self._fresh = self._own.snapshot()
         places = tree.filled(code.state.record, list(range(len(code.state.layout.types))))
-        self._slots = [
-            tree.leaves(slot) for slot in places.faults.slots
-        ]  # of each number, among the state's
+        # Leaves of each slot in the state.
+        self._slots = [tree.leaves(slot) for slot in places.faults.slots]
         self._fault_inputs = len(code.inputs.layout.types) - len(_FIELDS) * (
             blueprint.fault_slots + 1
         )
 
     def step(self) -> None:
-        """One tick."""
+        """Advance by one tick."""
         if self._apart:
             self._beside.step(self.now, self._addresses[1])
             for place, number in zip(self._reference, self._series.tolist(), strict=True):
@@ -76,29 +75,29 @@ class SimulatedRobot:
         self.now += 1
 
     def outcomes(self) -> dict[str, Any]:
-        """What became of it so far: outcome columns of a campaign."""
+        """Return the robot's outcomes so far: outcome columns of a campaign."""
         return self._own.outcomes()
 
     def golden_outcomes(self) -> dict[str, Any]:
-        """The golden run's: the same robot without what was armed last, from that moment on."""
+        """Return the outcomes of the golden run, which lacks the fault that was armed last."""
         return self._beside.outcomes() if self._apart else self._own.outcomes()
 
     heard = True
-    """Whether the robot can be heard of: this one always."""
+    """Whether reports of the robot arrive: always for a simulated robot."""
 
     def stand_by(self) -> None:
-        """It has waited for long: wait on from the beginning, where it stands."""
+        """Restart the waiting robot's motion table; its position is the same."""
         self.reset()
 
     def reset(self) -> None:
-        """Back to the start: homed, at rest, pedal up, no fault armed."""
+        """Return to the start: homed, at rest, pedal up, no fault armed."""
         self.disarm()
         for robot in (self._own, self._beside):
             robot.begin()
         self.now = 0
 
     def copy_from(self, other: SimulatedRobot) -> None:
-        """Stand where another robot of the same blueprint stands, without its faults."""
+        """Take over the state of another robot of the same blueprint, without its faults."""
         self.disarm()
         for mine, theirs in ((self._own, other._own), (self._beside, other._beside)):
             mine.restore(theirs.snapshot())
@@ -109,26 +108,26 @@ class SimulatedRobot:
         self.now = other.now
 
     def _realign(self) -> None:
-        """From now on the golden run begins where the robot is: a hazard that is over has left the
-        two apart.
+        """Start the golden run again at the robot's state, because a past hazard has left the two
+        apart.
 
-        The model comes along by itself at the next pedal-up (`nominal.resync`).
+        The model realigns at the next pedal-up (`nominal.resync`).
         """
         self._own.change(lambda state: replace(state, monitor=monitor.realigned(state.monitor)))
         self._beside.restore(self._own.snapshot())
 
     def _part(self, apart: bool) -> None:
-        """Whether robot and golden run may differ from now on."""
+        """Set whether robot and golden run may differ from now on."""
         self._apart = apart
         self._told_apart[0] = -int(apart)
 
     # --- faults ---
 
     def arm(self, row: int) -> None:
-        """Activate the fault of this row of the fault table from the next tick on.
+        """Activate the faults of this row of the fault table from the next tick on.
 
-        Several slots of a row keep their distances in time; what waits for the pedal in a campaign
-        does not wait here.
+        The slots of a row keep their distances in time. A fault that waits for the pedal in a
+        campaign does not wait here.
         """
         faults = self.blueprint.plan.faults
         slots = range(self.blueprint.fault_slots)
@@ -136,7 +135,7 @@ class SimulatedRobot:
         first = min((int(faults["start"][row, slot]) for slot in used), default=0)
         for slot in slots:
             values = {name: column[row, slot] for name, column in faults.items()}
-            packets = values["trigger"] == TRIGGER_CODES["packet"]  # the first is number 1
+            packets = values["trigger"] == TRIGGER_CODES["packet"]  # packet numbers start at 1
             values["trigger"] = TRIGGER_CODES["packet" if packets else "time"]
             values["start"] = self.now + packets + int(values["start"]) - first
             self._write(slot, values if slot in used else None)
@@ -147,7 +146,7 @@ class SimulatedRobot:
         self._part(True)
 
     def disarm(self) -> None:
-        """Take back what `arm` and `press` armed."""
+        """Remove the faults that `arm` and `press` set."""
         slots = range(self.blueprint.fault_slots + 1)
         for slot in slots:
             self._write(slot, None)
@@ -175,21 +174,21 @@ class SimulatedRobot:
             self._own.inputs[first + k][0] = (name == "period") if values is None else values[name]
 
     def _forget(self, slots: Sequence[int] | range) -> None:
-        """What these slots remember of earlier faults goes."""
+        """Reset the state of these slots, so that earlier faults leave no trace."""
         self._own.restore_leaves(
             self._fresh, [leaf for slot in slots for leaf in self._slots[slot]]
         )
 
 
 class EstopHold:
-    """Holds the nominal model of a stopped robot in its rows.
+    """Freezes the nominal model of a stopped robot in its rows.
 
-    The tick's model follows the console's clean packets, and a foot that stays on the pedal of a
-    stopped robot would lead it on: hundreds of millimetres away, with the cue at its cap. So, from
-    the first tick of an E-stop, the robot's own or its software's, until the robot begins anew, the
-    model stands where it was in that tick, the error is the measured tip's distance from there, and
-    there is no force, for a hand cannot bring a robot back that holds its brakes. That is what is
-    shown, felt and recorded; the tick itself is the campaigns', bit for bit.
+    The model in the tick follows the console's clean packets. A foot that stays on the pedal of a
+    stopped robot would move it on: hundreds of millimetres away, with the cue at its cap. So the
+    model is held from the first tick of an E-stop, the robot's or its software's, until the robot
+    restarts. The error is then the measured tip's distance from the held model. The force is zero,
+    because a hand cannot move a robot that holds its brakes. This applies to what is shown, felt
+    and recorded. The tick itself stays the campaigns', bit for bit.
     """
 
     def __init__(self, layout: FrameLayout) -> None:
@@ -204,11 +203,11 @@ class EstopHold:
         names = ("model_jpos", "model_tip")
         held = [places[f"{arm}/{name}"] for arm in layout.arms for name in names]
         self._model = np.r_[*held]
-        # Pose of the models as the robot stopped; None: it is not stopped.
+        # Pose of the models when the robot stopped; None: the robot is not stopped.
         self._pose: np.ndarray | None = None
 
     def apply(self, row: np.ndarray) -> None:
-        """Change a row, float32, of this tick in place."""
+        """Change this tick's row, float32, in place."""
         if row[self._runlevel] != E_STOP and not row[self._software]:
             self._pose = None
             return
@@ -221,18 +220,21 @@ class EstopHold:
 
 
 class PacketRobot(SimulatedRobot):
-    """A robot whose packets come from a console outside: `tick(packet)` once a millisecond."""
+    """A robot that gets its packets from an outside console: call `tick(packet)` once a
+    millisecond.
+    """
 
     def __init__(self, config: CampaignConfig) -> None:
-        """UserError where a hazard of `config` is on the console's side of the network."""
+        """Raises UserError if a hazard of `config` is on the console's side of the network."""
         super().__init__(blueprint.make(config, packets=True))
         self.arms = self.blueprint.setup.arms
         self.frame = Frame(self.blueprint.layout)
         self._estop_hold = EstopHold(self.blueprint.layout)
 
     def tick(self, packet: Packet | None) -> Frame:
-        """One tick with the packet that arrived, None: none did. The frame is the same object
-        each time.
+        """Advance by one tick with the packet that arrived, or None. Return the frame.
+
+        The frame is the same object each time.
         """
         if packet is not None:
             leaves = tree.leaves(packet)

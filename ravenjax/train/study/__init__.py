@@ -1,1 +1,1 @@
-"""Studies with participants: design, comparison of groups, page."""
+"""Evaluates studies with participants: design, comparison of groups, page."""

@@ -1,9 +1,8 @@
-"""Compares the groups of a study: rates, times and sizes with effect sizes, intervals and adjusted
-p-values.
+"""Compares the groups of a study: effect sizes, intervals and adjusted p-values of all outcomes.
 
-Participants are what was randomised, and hazards of one participant are not independent: every
-interval and p-value counts participants. Where most of them did both conditions, each is compared
-with itself.
+Outcomes are rates, times and sizes. Participants were randomised, and the hazards of one
+participant are not independent, so every interval and p-value counts participants. If most
+participants did both conditions, each is compared with themselves.
 """
 
 from __future__ import annotations
@@ -21,23 +20,26 @@ from ravenjax.train.judge.row import HazardRow
 from ravenjax.train.study.sessions import TrainingStudy
 
 _ALIKE = 1e-9
-"""ms, mm or a share: rounding."""
+"""ms, mm or a share: smaller differences are rounding errors."""
 _NONE = Estimate(math.nan, math.nan, math.nan)
 
 
 class ComparedOutcome(NamedTuple):
-    """What is compared of each hazard; None where a hazard has no such value."""
+    """An outcome that is compared for each hazard. Its value is None for a hazard without one."""
 
     name: str
     unit: str
     digits: int
-    # 1: more is better, -1: less
+    # 1: more is better, -1: less is better.
     better: int
     value: Callable[[HazardRow], float | None]
 
 
 def _response_ms(hazard: HazardRow) -> float | None:
-    """None where the right response was to carry on: there is none to wait for."""
+    """Return the time to the response, infinite without one.
+
+    None if the right response was to carry on, because then there is no response to wait for.
+    """
     return None if hazard.right_response == "continue" else hazard.after.get("response", math.inf)
 
 
@@ -55,12 +57,12 @@ OUTCOMES = (RIGHT, TIME, UNINTENDED, DEPTH)
 
 
 class ComparedGroup(NamedTuple):
-    """One side of a comparison, of one outcome."""
+    """One side of a comparison of one outcome."""
 
     label: str
     # Participants' means; times are limited to the horizon.
     means: np.ndarray
-    # Values of all hazards; inf of a time where there was no response.
+    # Values of all hazards; a time without a response is inf.
     values: np.ndarray
 
     @property
@@ -70,49 +72,49 @@ class ComparedGroup(NamedTuple):
 
     @property
     def median(self) -> float:
-        """The median of the hazards; infinite where half had no response."""
+        """Median of the hazards; infinite if half of them had no response."""
         ordered = np.sort(self.values)
         return float(ordered[(len(ordered) - 1) // 2]) if len(ordered) else math.nan
 
 
 class GroupComparison(NamedTuple):
-    """One outcome, `second` against the reference `first`: differences are second - first."""
+    """One outcome of `second` against the reference `first`. Differences are second - first."""
 
     outcome: ComparedOutcome
     first: ComparedGroup
     second: ComparedGroup
     paired: bool
-    # Of rates, in points of percent, or of participants' means.
+    # Of rates in percentage points, otherwise of participants' means.
     difference: Estimate
     # Standardised difference of participants' means.
     g: Estimate
-    # By exchanging conditions between, or within, participants; NaN: there is nothing to test.
+    # By a permutation test between, or within, participants. NaN: there is nothing to test.
     p: float
-    # Participants whose conditions do not fit the design.
+    # Number of participants whose conditions do not fit the design.
     left_out: int
-    # p by Holm over all outcomes that vary and pairs of groups.
+    # p adjusted by Holm over all outcomes that vary and pairs of groups.
     adjusted: float = math.nan
-    # Whether that is below 1 - confidence.
+    # Whether `adjusted` is below 1 - confidence.
     clear: bool = False
 
     @property
     def people(self) -> int:
-        """How many participants are compared."""
+        """The number of participants compared."""
         return len(self.first.means) + (0 if self.paired else len(self.second.means))
 
     @property
     def sign(self) -> int:
-        """1 where the group did better than the reference, -1 where worse."""
+        """1 if the group did better than the reference, otherwise -1."""
         return 1 if self.difference.value * self.outcome.better > 0 else -1
 
     @property
     def has_few(self) -> bool:
-        """Whether a group has no two participants."""
+        """Whether a group has fewer than two participants."""
         return min(len(self.first.means), len(self.second.means)) < 2
 
 
 def compare(study: TrainingStudy, confidence: float = 0.95, seed: int = 0) -> list[GroupComparison]:
-    """Every outcome, each group against the reference: the first of `study.labels`."""
+    """Compare each group with the reference, the first of `study.labels`, on every outcome."""
     first, *others = study.labels.values()
     comparisons = [
         _compare(study, outcome, first, label, confidence, seed)
@@ -157,8 +159,8 @@ def _compare(
     if min(map(len, means)) > 1:
         standardised = clustered.standardised_difference(means[1], means[0], is_paired=is_paired)
         g = Estimate(standardised, math.nan, math.nan)
-        # Whether exchanging conditions could change anything. That is asked without a look at
-        # which group is which, so that leaving out what does not vary favours no result.
+        # Whether permuting conditions could change anything. The check does not use which group is
+        # which, so leaving out outcomes that do not vary favours no result.
         spread = np.abs(means[0] - means[1]).max() if is_paired else np.ptp(np.concatenate(means))
         if spread > _ALIKE:
             p = clustered.permutation_p(limited_two, limited_one, is_paired=is_paired, seed=seed)
@@ -177,8 +179,9 @@ def _compare(
 def _values_by_person(
     study: TrainingStudy, outcome: ComparedOutcome, label: str, horizon: float
 ) -> dict[str, np.ndarray]:
-    """Values of each participant's hazards; a response after the horizon counts as none
-    (infinite).
+    """Return the values of each participant's hazards.
+
+    A response after the horizon counts as none (infinite).
     """
     values: dict[str, list[float]] = {}
     for session, group, hazard in study.rows():

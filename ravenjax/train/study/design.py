@@ -1,11 +1,10 @@
-"""Plans a study: assigns participants to groups, and computes the smallest p that a number of
-participants can reach and how many are needed.
+"""Plans a study: assigns participants to groups, and computes how many participants it needs.
 
-`comparison` exchanges conditions within or between participants. So few people can be exchanged in
-so few ways that even the largest effect has no small p: the smallest is two of all ways, since both
-directions count. Holm's adjustment multiplies the smallest p of a family by the number of its
-comparisons. Where that stays above 1 - confidence, no result can be clear, and the study should not
-be begun.
+`comparison` permutes conditions within or between participants. A small number of people has few
+permutations, so even the largest effect has no small p. The smallest p is two over the number of
+permutations, since both directions count. Holm's adjustment multiplies the smallest p of a family
+by the number of its comparisons. If the result stays above 1 - confidence, no result can be clear,
+and the study should not begin.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from ravenjax.stats.comparison.clustered import DRAWS
 from ravenjax.stats.intervals import alpha_of
 
 MOST = 10_000
-"""The largest number of participants that a plan looks for."""
+"""The largest number of participants that a plan considers."""
 
 
 class Assignment(NamedTuple):
@@ -35,13 +34,13 @@ class Assignment(NamedTuple):
 def assign(
     participants: Sequence[str], groups: Sequence[str], seed: int, block: int | None = None
 ) -> list[Assignment]:
-    """Permuted blocks: in each run of `block` participants every group comes equally often, in
-    random order.
+    """Assign participants to groups in permuted blocks.
 
-    The same arguments give the same list, and participants may be appended later without changing
-    those before. block: a multiple of the number of groups, twice that if left out; a longer one is
-    harder to guess, a shorter one keeps the groups closer to balance when a study ends early.
-    Raises UserError where names repeat or the block does not fit.
+    In each run of `block` participants every group comes equally often, in random order. The same
+    arguments give the same list, and participants may be appended later without changing those
+    before. block: a multiple of the number of groups; default: twice that number. A longer block is
+    harder to guess. A shorter one keeps the groups closer to balance if a study ends early. Raises
+    UserError if names repeat or the block does not fit.
     """
     for what, names in (("participants", participants), ("groups", groups)):
         if repeated := sorted({name for name in names if names.count(name) > 1}):
@@ -72,22 +71,22 @@ def assign(
 
 
 class StudyPlan(NamedTuple):
-    """What a study of this size can show."""
+    """The results that a study of this size can reach."""
 
-    # All together.
+    # In all groups together.
     participants: int
-    # Each does both conditions.
+    # Whether each participant does both conditions.
     paired: bool
-    # In Holm's family.
+    # Size of Holm's family.
     comparisons: int
     smallest_p: float
-    # By Holm, the smallest.
+    # The smallest p after Holm's adjustment.
     adjusted: float
     # Whether any comparison can be clear.
     possible: bool
-    # Participants all together, for that.
+    # Participants needed for that, in all groups together.
     needed: int
-    # For the effect that was asked for, with its power; None: none was.
+    # Participants needed for the requested effect with its power; None: no effect was requested.
     for_effect: int | None
 
 
@@ -100,11 +99,11 @@ def plan(
     effect: float | None = None,
     power: float = 0.8,
 ) -> StudyPlan:
-    """What `participants` can show where every group is compared with the first on every outcome
-    that varies.
+    """Compute what `participants` can show if every group is compared with the first.
 
-    paired: each does all conditions. effect: standardised difference (Cohen's d; of differences
-    where paired) that is to be found with this power. UserError where a number makes no sense.
+    The comparison includes every outcome that varies. paired: whether each does all conditions.
+    effect: standardised difference (Cohen's d; of differences if paired) to be found with this
+    power. Raises UserError if a number makes no sense.
     """
     for name, value, least in (
         ("participants", participants, 1),
@@ -130,8 +129,9 @@ def plan(
 
 
 def smallest_p(participants: int, paired: bool = True, groups: int = 2) -> float:
-    """The least two-sided p of an exchange test of two groups, people spread evenly over
-    `groups`; 1 below two.
+    """Return the least two-sided p of a permutation test of two groups.
+
+    People are spread evenly over `groups`. The result is 1 below two people.
     """
     if paired:
         ways = 2**participants if participants > 1 else 1
@@ -143,7 +143,7 @@ def smallest_p(participants: int, paired: bool = True, groups: int = 2) -> float
 
 
 def describe_plan(plan: StudyPlan) -> str:
-    """The plan in words."""
+    """Return the plan in words."""
     design = "who do both conditions" if plan.paired else "each in one group"
     verdict = "no result can be clear, however large the effect"
     if plan.possible:
@@ -163,8 +163,9 @@ def describe_plan(plan: StudyPlan) -> str:
 
 
 def _for_effect(effect: float, power: float, alpha: float, paired: bool, groups: int) -> int:
-    """Participants, by Student's t-test at Holm's first level: somewhat fewer than an exchange
-    test of few needs.
+    """Return the participants needed by Student's t-test at Holm's first level.
+
+    That is somewhat fewer than a permutation test of few participants needs.
     """
     # The import is slow.
     from statsmodels.stats.power import TTestIndPower, TTestPower

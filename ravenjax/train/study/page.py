@@ -1,6 +1,4 @@
-"""A study: compares groups of sessions and writes the result as a page, a table and a short
-text.
-"""
+"""Runs a study: compares groups of sessions, and writes a page, a table and a short text."""
 
 from __future__ import annotations
 
@@ -21,14 +19,14 @@ from ravenjax.train.study.sessions import TrainingStudy
 
 PAGE, TABLE, TEXT = "study.html", "study.csv", "study.txt"
 _HIDDEN = ("group", "cue", "cue_ms", "session")
-"""Columns that would reveal the cue in a blinded study; a session's folder may be named
+"""Columns that would reveal the cue in a blinded study. A session's folder may be named
 after it.
 """
 _HEIGHT = 110
 
 
 class StudyResult(NamedTuple):
-    """What a study gave."""
+    """The results of a study."""
 
     page: Path
     table: Path
@@ -86,7 +84,10 @@ def run(
 
 
 def _table(study: TrainingStudy) -> str:
-    """One row a hazard that struck, as CSV; `compared` is the group as it is shown."""
+    """Return CSV with a row for each hazard that became active.
+
+    The column `compared` has the group as it is shown.
+    """
     rows = [
         {"compared": label}
         | dataclasses.asdict(hazard)
@@ -98,7 +99,7 @@ def _table(study: TrainingStudy) -> str:
 
 
 def _charts(comparisons: Sequence[GroupComparison]) -> list[Chart]:
-    """A chart of each outcome: the mean of every participant, a row for each group."""
+    """Return a chart of each outcome: the mean of every participant, a row for each group."""
     groups: dict[str, dict[str, ComparedGroup]] = {}
     for comparison in comparisons:
         for group in (comparison.first, comparison.second):

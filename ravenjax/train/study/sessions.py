@@ -1,5 +1,6 @@
-"""The sessions of a study: reads them, checks that they belong together, and hides the groups of
-a blinded study.
+"""Collects the sessions of a study.
+
+It reads the sessions, checks that they belong together, and hides the groups of a blinded study.
 """
 
 from __future__ import annotations
@@ -25,12 +26,13 @@ BY = ("group", "cue")
 """What sessions may be compared by."""
 _REFERENCES = ("off", "control", "none", "without", "no cue", "0")
 _LONGEST = 6
-"""Names of an error's list at most."""
+"""The largest number of names in an error message."""
 DEFAULT_HORIZON_MS = 2000.0
-"""Of sessions whose header lists no hazards."""
+"""Horizon of sessions whose header lists no hazards."""
 UNDECIDED = ("", "interrupted")
-"""Outcomes of hazards that were cut off, by the end of a recording or by what is not the
-operator's: they count for neither group."""
+"""Outcomes of hazards that were cut off, by the end of a recording or by something other than the
+operator. They count for no group.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,7 +40,7 @@ class StudySession(SessionFolder):
     """A session of the study."""
 
     hazards: list[HazardRow]
-    # The hazards are those of its recording, as far as that goes.
+    # Whether the hazards come from the recording, as far as it goes.
     cut_short: bool = False
 
     @property
@@ -48,12 +50,13 @@ class StudySession(SessionFolder):
 
     @property
     def person(self) -> str:
-        """The participant; a session without a name counts as a separate one."""
+        """The participant. A session without a participant counts as a separate person."""
         return self.participant or f"(session {self.name})"
 
     def groups(self, by: str) -> dict[str, list[HazardRow]]:
-        """Its hazards that struck and were decided, by condition; the cue may have been changed
-        on the way.
+        """Return the hazards that became active and were decided, by condition.
+
+        The cue may have been changed during the session.
         """
         groups: dict[str, list[HazardRow]] = {}
         for hazard in self.hazards:
@@ -71,11 +74,13 @@ class TrainingStudy:
     by: str
     labels: dict[str, str]
     blinded: bool
-    # What a reader must know of the sessions, in sentences.
+    # Sentences that a reader of the study must know about the sessions.
     notes: list[str]
 
     def rows(self) -> list[tuple[StudySession, str, HazardRow]]:
-        """Session, label of its group and hazard, of every hazard that struck."""
+        """Return the session, the label of its group and the hazard, for every hazard that became
+        active.
+        """
         return [
             (session, self.labels[condition], hazard)
             for session in self.sessions
@@ -84,10 +89,10 @@ class TrainingStudy:
         ]
 
     def horizon_ms(self) -> float:
-        """Until when every hazard was watched for a response, ms after its strike; later ones
-        count as none.
+        """ms after its activation until which every hazard was watched for a response.
 
-        The shortest time for a response that a hazard of the scenario gives.
+        Later responses count as none. It is the shortest time for a response of all hazards of the
+        scenario.
         """
         limits = [
             1e3 * float(listed["within_s"])
@@ -101,12 +106,12 @@ class TrainingStudy:
 def collect(
     folders: Iterable[Path], by: str | None = None, *, unblind: bool = False, mixed: bool = False
 ) -> TrainingStudy:
-    """Read sessions: each folder is one, or holds some at any depth.
+    """Read sessions: each folder is a session, or holds some at any depth.
 
-    by: "group" or "cue"; the one that differs if None, "group" first. unblind: show what conditions
-    the groups of blinded sessions were. mixed: take sessions of several scenarios or versions
-    together, and say so. Raises UserError where there is nothing to compare or sessions are not of
-    one study, StoreError where a file is damaged.
+    by: "group" or "cue"; None: the one that differs, "group" first. unblind: show the conditions of
+    the groups in blinded sessions. mixed: take sessions of several scenarios or versions together,
+    and say so in a note. Raises UserError if there is nothing to compare or the sessions are not of
+    one study, StoreError if a file is damaged.
     """
     if by is not None and by not in BY:
         raise UserError(f"compare by {by!r}: expected one of {', '.join(BY)}")
@@ -141,7 +146,7 @@ def collect(
 
 
 def _find_folders(given: Iterable[Path]) -> list[Path]:
-    """The folders of sessions, each once."""
+    """Return the folders of sessions, each once."""
     folders: dict[Path, Path] = {}
     for folder in map(Path, given):
         inside = sorted(path.parent for path in folder.rglob(description.FILE))
@@ -155,8 +160,9 @@ def _find_folders(given: Iterable[Path]) -> list[Path]:
 
 
 def _read_session(folder: Path) -> StudySession:
-    """A session's hazards are those of its table; of its recording where it was killed before it
-    could write one.
+    """Read a session with the hazards of its table.
+
+    If it was killed before it could write the table, the hazards are those of its recording.
     """
     header = description.read(folder)
     if (folder / hazard_table.FILE).exists() or reader.find(folder) is None:
@@ -166,7 +172,7 @@ def _read_session(folder: Path) -> StudySession:
 
 
 def _describe_cuts(sessions: Sequence[StudySession]) -> list[str]:
-    """What a reader must know of sessions and hazards that were cut off."""
+    """Return notes for the reader on sessions and hazards that were cut off."""
     notes = []
     if short := [session.name for session in sessions if session.cut_short]:
         notes.append(
@@ -196,7 +202,9 @@ def _require_no_copies(sessions: Sequence[StudySession]) -> None:
 
 
 def _mixtures(sessions: Sequence[StudySession], mixed: bool) -> list[str]:
-    """Notes on sessions whose scenarios or versions differ, which is an error unless `mixed`."""
+    """Return notes on sessions whose scenarios or versions differ. Raises UserError
+    unless `mixed`.
+    """
     notes = []
     for what, content_of in (("scenarios", _fixed_scenario), ("versions", _versions)):
         kinds: dict[str, StudySession] = {}
@@ -222,7 +230,7 @@ def _mixtures(sessions: Sequence[StudySession], mixed: bool) -> list[str]:
 
 
 def _fixed_scenario(session: StudySession) -> dict[str, Any]:
-    """The scenario without what a study varies."""
+    """Return the scenario without the settings that a study varies."""
     content = session.header.get("scenario") or {}
     if not isinstance(content, dict):
         return {"name": content}
@@ -235,8 +243,9 @@ def _versions(session: StudySession) -> dict[str, Any]:
 
 
 def _letters(groups: Sequence[str], sessions: Sequence[StudySession]) -> dict[str, str]:
-    """Letters in an order that reveals nothing: drawn from the sessions' own names, the same each
-    time.
+    """Return letters for the groups, in an order that reveals nothing.
+
+    The order is drawn from the sessions' names, and is the same each time.
     """
     names = "\n".join(sorted(session.name for session in sessions))
     seed = int.from_bytes(hashlib.sha256(names.encode()).digest()[:8], "little")

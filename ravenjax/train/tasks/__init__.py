@@ -1,9 +1,8 @@
-"""What the operator is asked to do: reach targets, also in levels, transfer an object, follow a
-line, or nothing.
+"""The operator's tasks: reach targets (also in levels), transfer an object, follow a line, or none.
 
-Everything lies in world coordinates, m, in the field around the middle of the tips at the
-beginning. Tips in a frame are in frame 0 of their arm. Nothing here touches the robot: pegs and
-objects stay where they are, without contact.
+All positions are in world coordinates, m. A task lies around the middle of the tips' start
+positions. Tips in a frame are in frame 0 of their arm. Tasks do not affect the robot: pegs and
+objects stay in place, without contact.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ __all__ = ["Task", "make"]
 
 
 def make(scenario: Scenario, tips: Mapping[ArmName, Point], seed: int) -> Task:
-    """The task of a session. tips: where the tips begin, m, frame 0 of their arm."""
+    """Return the task of a session. tips: where the tips begin, m, frame 0 of their arm."""
     settings = scenario.task
     arms = settings.arms or scenario.arms
     begin: dict[ArmName, Point] = {arm: to_world(arm, tips[arm]) for arm in scenario.arms}

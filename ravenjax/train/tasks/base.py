@@ -1,4 +1,4 @@
-"""What all tasks have in common: goals, progress and events."""
+"""Common parts of all tasks: goals, progress and events."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ Tips = Mapping[ArmName, Point]
 
 
 class Field(NamedTuple):
-    """Where a task lies, and what draws its goals."""
+    """The place of a task, and the seed of its goals."""
 
-    arms: tuple[ArmName, ...]  # whose task it is, in turn
+    arms: tuple[ArmName, ...]  # arms that do the task, in turn
     begin: Tips  # where the tips begin
     middle: tuple[float, float]  # of the tips, m
     seed: int
 
 
 class Wish(NamedTuple):
-    """Where a tip should go next, and what its jaws should do: for scripted operators."""
+    """The next aim of a scripted operator: where a tip should go, and what its jaws should do."""
 
     point: Point  # m, world
     closed: bool = False
 
 
 class Task:
-    """A task under way; `step` once a tick. As it is nothing is asked, and it is never done."""
+    """A task under way; call `step` once a tick. This base class has no goals and is never done."""
 
     def __init__(self, kind: str, field: Field) -> None:
         self.kind, self._field = kind, field
@@ -44,7 +44,7 @@ class Task:
         self._published = -1
 
     def step(self, frame: Frame, tick: int) -> list[Event]:
-        """One tick of the session: events "target", "object", "level" and "task_done"."""
+        """Advance by one tick. Return the events "target", "object", "level" and "task_done"."""
         events: list[Event] = []
         if not self.done:
             places, numbers = frame.layout.places, frame.numbers
@@ -59,24 +59,25 @@ class Task:
         return events
 
     def _step(self, frame: Frame, tips: Tips, tick: int, events: list[Event]) -> None:
-        """What is special about the task."""
+        """Advance what is specific to the kind of task."""
 
     def restart(self) -> None:
-        """The robot was homed again: what is held is lost, what is done stays done."""
+        """Adapt to a robot that was homed again: what is held is lost, what is done stays done."""
 
     def wish(self, arm: ArmName, tip: Point) -> Wish | None:
-        """Where the tip (m, world) should go next; None: nowhere."""
+        """Return where the tip (m, world) should go next, or None."""
         return None
 
     def geometry(self) -> dict[str, Any]:
-        """What the page draws, world coordinates in m; JSON. `turns`: arms that take turns, `of`
-        so many in all.
+        """Return what the page draws, world coordinates in m; JSON.
+
+        `turns` has the arms that take turns, and `of`, the number of turns.
         """
         empty = dict.fromkeys(("object", "path", "turns"))
         return {"kind": self.kind, "targets": [], "pegs": []} | empty
 
     def result(self) -> dict[str, Any]:
-        """Numbers for the debrief: `progress` is 0 to 1, `score` 0 to 100."""
+        """Return numbers for the debrief: `progress` is 0 to 1, `score` 0 to 100."""
         return {
             "kind": self.kind,
             "progress": round(self.progress, 4),
@@ -85,7 +86,7 @@ class Task:
         }
 
     def _score(self) -> float:
-        """0 to 1."""
+        """Return the score, 0 to 1."""
         return self.progress
 
     def _finish(self, tick: int, events: list[Event]) -> None:
@@ -94,5 +95,5 @@ class Task:
 
 
 def rounded(point: Point) -> list[float]:
-    """A point for the page, to a micrometre."""
+    """Return a point for the page, rounded to a micrometre."""
     return [round(x, 6) for x in point]

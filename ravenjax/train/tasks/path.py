@@ -1,4 +1,6 @@
-"""Follow a closed line over the tissue: how far did the tip get, and how long was it near?"""
+"""The task of following a closed line over the tissue. It scores progress and time near
+the line.
+"""
 
 from __future__ import annotations
 
@@ -12,16 +14,16 @@ from ravenjax.train.scenario.config import Path
 from ravenjax.train.tasks.base import Event, Field, Task, Tips, Wish, rounded
 
 POINTS = 200
-"""Points of the line, half a millimetre apart on the largest."""
+"""Points of the line; on the largest line they are half a millimetre apart."""
 AHEAD = 8
-"""Points that the tip may pass in one tick; a hand does not pass more, a short cut does."""
+"""Points that the tip may pass in one tick. A hand passes no more, but a short cut does."""
 LOOK_AHEAD_M = 0.003
-"""How far ahead on the line an operator looks."""
+"""How far ahead on the line a scripted operator aims."""
 COLOUR = "#3f7fbf"
 
 
 class PathTask(Task):
-    """One arm goes along the line; with two, each has its own, side by side in turn of laps."""
+    """One arm follows the line. Two arms take turns, lap by lap."""
 
     def __init__(self, settings: Path, field: Field) -> None:
         super().__init__("path", field)
@@ -29,7 +31,8 @@ class PathTask(Task):
         self.points = [_point(settings, field.middle, k / POINTS) for k in range(POINTS)]
         self.target = 0
         self._tolerance_m = settings.tolerance_mm / 1e3
-        self._at = 0  # points passed so far; the next is this one, modulo POINTS
+        # Points passed so far; the next is this one, modulo POINTS.
+        self._at = 0
         self._on = False  # whether the tip has come to the line
         self._ticks, self._within = 0, 0
         spacing = math.dist(self.points[0], self.points[1])
@@ -49,7 +52,7 @@ class PathTask(Task):
             return
         self._ticks += 1
         self._within += near <= self._tolerance_m
-        if not ahead or near > self._tolerance_m:  # who leaves the line goes on where it was left
+        if not ahead or near > self._tolerance_m:  # a tip that left the line resumes where it left
             return
         lap = self._at // POINTS
         self._at += ahead

@@ -1,9 +1,9 @@
-"""Peg transfer: take the object from its peg, carry it over, set it down on the other. Kinematic,
-without contact.
+"""The task of peg transfer: take the object from its peg, carry it, and set it down on another peg.
 
-Jaws that close within `tolerance_mm` of the object take it along; jaws that open let go of it: over
-its peg it is placed, elsewhere it drops to the tissue and has to be fetched there. The jaws are
-those of the true links, so a hazard that opens them drops the object too.
+It is kinematic, without contact. Jaws that close within `tolerance_mm` of the object take it along.
+Jaws that open release it. Over its peg the object is placed. Elsewhere it drops to the tissue, from
+where it must be fetched. The jaws are those of the true links, so a hazard that opens them drops
+the object too.
 """
 
 from __future__ import annotations
@@ -20,16 +20,17 @@ from ravenjax.train.scenario.config import PegTransfer
 from ravenjax.train.tasks.base import Event, Field, Task, Tips, Wish, rounded
 
 CLOSED_RAD, OPEN_RAD = 0.8, 1.1
-"""Jaw openings below which jaws hold and above which they let go; 1.57 at home, 0.67 with the 900
-mrad of the generated motion of the same name."""
+"""Jaw openings below which jaws hold and above which they release. The opening is 1.57 at home, and
+0.67 with the 900 mrad of the generated motion of the same name.
+"""
 LIFT_M = 0.008
-"""How high over pegs an operator carries."""
+"""How high a scripted operator carries the object over pegs."""
 PEG_RADIUS_M, OBJECT_RADIUS_M = 0.001, 0.002
 COLOURS = {"peg": "#8a8f98", "object": "#c8553d"}
 
 
 class PegTask(Task):
-    """One object, transferred again and again; with two arms they take turns."""
+    """One object, transferred repeatedly. Two arms take turns."""
 
     def __init__(self, settings: PegTransfer, field: Field) -> None:
         super().__init__("peg_transfer", field)
@@ -40,7 +41,7 @@ class PegTask(Task):
         for _ in range(settings.transfers):
             ways.append(int(rng.choice([peg for peg in range(len(self.pegs)) if peg != ways[-1]])))
         self.ways = ways
-        """The pegs that the object is to be on, one after the other."""
+        """The pegs on which the object is to be, in order."""
         self.object: Point = self.pegs[ways[0]]
         self.held: ArmName | None = None
         self.placed, self.dropped = 0, 0
@@ -90,7 +91,7 @@ class PegTask(Task):
         return {"tick": tick, "kind": "object", "held": self.held or "", "at": rounded(self.object)}
 
     def restart(self) -> None:
-        """What was held lies on its peg again: the robot that held it is elsewhere."""
+        """Put a held object back on its peg, because the robot that held it has moved away."""
         if self.held is not None:
             self.held, self.object = None, self.pegs[self.ways[self.placed]]
             self.target = len(self.pegs)
@@ -104,7 +105,7 @@ class PegTask(Task):
         aside = math.hypot(tip[0] - x, tip[1] - y)
         there = aside < 0.5 * self._tolerance_m and abs(tip[2] - z) < 0.5 * self._tolerance_m
         if holding and tip[2] < z + LIFT_M - 0.002 and aside > self._tolerance_m:
-            return Wish((tip[0], tip[1], z + LIFT_M), True)  # up first
+            return Wish((tip[0], tip[1], z + LIFT_M), True)  # lift it first
         over = z if aside < 0.5 * self._tolerance_m else z + LIFT_M
         return Wish((x, y, over), holding != there)
 
@@ -129,12 +130,12 @@ class PegTask(Task):
         return super().geometry() | {"pegs": pegs, "object": thing, "turns": turns}
 
     def _score(self) -> float:
-        """A drop costs half a transfer."""
+        """Return the share of transfers done. A drop costs half a transfer."""
         return max(0.0, self.placed - 0.5 * self.dropped) / self.settings.transfers
 
 
 def _pegs(settings: PegTransfer, middle: tuple[float, float]) -> list[Point]:
-    """Tops of the pegs, two rows of half of them."""
+    """Return the tops of the pegs in two equal rows."""
     spacing, per_row = settings.spacing_mm / 1e3, settings.pegs // 2
     tops = []
     for row in range(2):

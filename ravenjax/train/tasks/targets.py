@@ -1,9 +1,10 @@
-"""Targets: reach one after another and hold the tip there for a moment; or levels of such rounds.
+"""The tasks with targets: reach one after another and hold the tip there, or do levels of such
+rounds.
 
-A round of a level has the same targets each time, and its time runs from its first target to its
-last, so that nobody is hurried between rounds. That training ends with a level of skill that is
-shown again at once, not with a number of repetitions, is how surgical skills are taught (Ritter,
-Scott, Surg. Innov. 14, 2007); which times are proficient, a scenario says.
+A round of a level has the same targets each time. Its time runs from its first target to its last,
+so that nobody is hurried between rounds. A level ends when its skill is shown several times in a
+row, not after a number of repetitions. Surgical skills are taught in this way (Ritter, Scott, Surg.
+Innov. 14, 2007). The scenario says which times are proficient.
 """
 
 from __future__ import annotations
@@ -21,12 +22,14 @@ from ravenjax.train.scenario.config import Levels, Reach
 from ravenjax.train.tasks.base import Event, Field, Task, Tips, Wish, rounded
 
 LEAST_WAY_M = 0.005
-"""From one target to the next: less would be reached by holding still."""
+"""The least distance from one target to the next. A nearer one could be reached by
+holding still.
+"""
 COLOURS = {"gold": "#d9a441", "green": "#1fae84"}
 
 
 class ReachTask(Task):
-    """Targets anywhere in a box over the tissue; with two arms they alternate."""
+    """Targets in a box over the tissue. Two arms take turns."""
 
     def __init__(self, settings: Reach, field: Field) -> None:
         super().__init__("reach", field)
@@ -78,8 +81,9 @@ class ReachTask(Task):
 
 
 class LevelsTask(Task):
-    """Rounds of targets until some in a row are within the time, then the next level. Targets are
-    numbered through all levels.
+    """Rounds of targets in levels. A level ends after some rounds in a row within its time.
+
+    Targets are numbered through all levels.
     """
 
     def __init__(self, settings: Levels, field: Field) -> None:
@@ -88,7 +92,7 @@ class LevelsTask(Task):
         self._first = [0, *itertools.accumulate(level.targets for level in settings.level[:-1])]
         self._level = 0
         self._in_a_row = 0
-        # Of each level.
+        # Durations of the rounds of each level.
         self._rounds_ms: list[list[int]] = [[] for _ in settings.level]
         # Tick at which the round's first target was reached.
         self._begun: int | None = None
@@ -98,7 +102,7 @@ class LevelsTask(Task):
     def _step(self, frame: Frame, tips: Tips, tick: int, events: list[Event]) -> None:
         if self._published < 0:
             events.append(self._event(tick))
-        # What the round tells is its own alone.
+        # The round's own events are not passed on.
         self._reach._step(frame, tips, tick, [])
         if self._begun is None and self._reach.target != 0:
             self._begun = tick
@@ -113,7 +117,7 @@ class LevelsTask(Task):
         return ReachTask(level, field._replace(arms=arms, seed=field.seed + number))
 
     def _judge(self, tick: int, events: list[Event]) -> None:
-        """The round is over: once more, the next level, or the end."""
+        """Finish a round: begin another round, the next level, or end the task."""
         assert self._begun is not None
         level, levels = self._level, len(self.settings.level)
         took = tick - self._begun
@@ -131,7 +135,7 @@ class LevelsTask(Task):
         events.append(self._event(tick, took, within))
 
     def _event(self, tick: int, took_ms: int | None = None, within: bool = False) -> Event:
-        """Which level, what it asks, and how the round before went."""
+        """Return the event that describes the level, its requirements, and the last round."""
         level = self.settings.level[self._level]
         return {
             "tick": tick,
@@ -171,8 +175,9 @@ class LevelsTask(Task):
 def _draw(
     settings: Reach, middle: tuple[float, float], rng: np.random.Generator, before: Point
 ) -> Point:
-    """A point of the box that is no repetition of the one before; the farthest of some where the
-    box is small.
+    """Draw a point of the box that is not too near to `before`.
+
+    In a small box, it is the farthest of 20 points.
     """
     extent = settings.extent_mm / 1e3
     points = []

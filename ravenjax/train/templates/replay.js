@@ -1,11 +1,11 @@
-// The session again: tips in three dimensions, at the time of the slider. Lengths in tenths of a millimetre.
+// Replays the session: tips in three dimensions at the time of the slider. Lengths are tenths of a millimetre.
 (() => {
   const told = JSON.parse(document.getElementById("replay-data").textContent);
   const place = document.getElementById("replay");
   const [canvas, slider, clock, play, speed] = ["canvas", "input", "output", ".play", "select"].map((name) => place.querySelector(name));
   const COLOURS = { gold: "#ffc440", green: "#1fae84", model: "#9adcff", goal: "#f53df0", done: "#76879a" };
   const LETTERS = { gold: "L", green: "R" };
-  const VIEWS = { endoscope: [0, 0.6], front: [0, 0], side: [1.57, 0], above: [0, 1.5] }; // turn about z, and upward, rad
+  const VIEWS = { endoscope: [0, 0.6], front: [0, 0], side: [1.57, 0], above: [0, 1.5] }; // rotation about z, and elevation, rad
   const PER_M = 10000;
   const TRAIL_MS = 2000;
   const arms = Object.keys(told.arms);
@@ -14,7 +14,7 @@
   let now = told.ms[0];
   let last = 0;
 
-  /** What is to be seen: its middle, and how far it reaches to each side. */
+  /** The visible content: its middle, and its extent to each side. */
   function extent() {
     const [low, high] = [Array(3).fill(Infinity), Array(3).fill(-Infinity)];
     const take = (at) => at.forEach((c, k) => ([low[k], high[k]] = [Math.min(low[k], c), Math.max(high[k], c)]));
@@ -23,7 +23,7 @@
     return { middle: low.map((c, k) => (c + high[k]) / 2), half: Math.max(150, ...low.map((c, k) => (high[k] - c) / 2)) + 60 };
   }
 
-  /** The picture that is shown at a time: the last one that is not after it. */
+  /** The picture shown at a time: the last one at or before it. */
   function picture(ms) {
     let [first, end] = [0, told.ms.length];
     while (end - first > 1) {
@@ -34,7 +34,7 @@
     return first;
   }
 
-  /** Where a place is on the canvas: x right, y away and z up in the world. */
+  /** Position of a point on the canvas. In the world x is right, y away and z up. */
   function seen(at, width, height) {
     const [x, y, z] = at.map((c, k) => c - middle[k]);
     const [across, deep] = [x * Math.cos(turn) + y * Math.sin(turn), y * Math.cos(turn) - x * Math.sin(turn)];
@@ -90,7 +90,7 @@
     clock.textContent = `${(now / 1000).toFixed(2)} s of ${(told.ms.at(-1) / 1000).toFixed(1)} s`;
   }
 
-  /** Height of the tissue under a place. */
+  /** Height of the tissue under a point. */
   function surface([x, y]) {
     const { top, sag } = told.tissue;
     return PER_M * (top - sag[0] * (x / PER_M) ** 2 - sag[1] * (y / PER_M) ** 2);

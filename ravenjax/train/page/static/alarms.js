@@ -1,4 +1,4 @@
-// What the robot's own checks tell, as words in the field: what is the matter, what the robot did, what to do now.
+// Shows alarms of the robot's own checks as words in the field: the cause, the robot's reaction, and what to do now.
 
 import { coarse } from "./coach.js";
 
@@ -6,7 +6,7 @@ const KEPT_MS = 6000;
 const STOPPED = "The robot has stopped and holds its brakes.";
 const RESTART = "Lift the pedal. Once you know why, restart (Backspace).";
 
-/** Of each check that tells a person or stops the robot. */
+/** Words for each check that alerts a person or stops the robot. */
 export const ALARMS = {
   overdrive_instant: ["A motor command was far too large", STOPPED, RESTART],
   overdrive_hard: ["Motor commands were too large for too long", STOPPED, RESTART],
@@ -17,10 +17,10 @@ export const ALARMS = {
   joint_limit: ["A joint is at its limit", "The robot goes no farther this way.", "Go back the way you came."],
   master_timeout: ["The robot hears nothing of the console", "It takes the pedal for up.", "Lift the pedal; step on it again once the link is back."],
 };
-/** Those that trip because another has stopped the robot, or a person: they hide no cause. */
+/** Checks that trip because another check or a person has stopped the robot. They do not replace the cause. */
 export const FOLLOW = new Set(["soft_estop", "plc_watchdog", "estop"]);
 
-/** Of a check of one's own. */
+/** Words for any other check. */
 const other = (check) => [check.replaceAll("_", " "), "A check of the robot has tripped.", "Lift the pedal and find out why."];
 
 export class Alarms {
@@ -28,7 +28,7 @@ export class Alarms {
     Object.assign(this, { place, until: 0, check: "" });
   }
 
-  /** An event of kind "alarm" or "alarm_count". */
+  /** Takes an event of kind "alarm" or "alarm_count". */
   tell({ check }, now = performance.now()) {
     if (now < this.until && FOLLOW.has(check) && ALARMS[this.check]?.[1] === STOPPED) return;
     this.until = now + KEPT_MS;
@@ -41,13 +41,13 @@ export class Alarms {
     this.place.hidden = false;
   }
 
-  /** The robot has begun anew: nothing is the matter. */
+  /** Clears the words, because the robot was restarted. */
   forget() {
     Object.assign(this, { until: 0, check: "" });
     this.place.hidden = true;
   }
 
-  /** Once a frame; of a robot that has stopped, the words stay. */
+  /** Called once a frame. The words stay while the robot is stopped. */
   age(stopped, now = performance.now()) {
     if (this.place.hidden) return;
     if (now > this.until && !(stopped && ALARMS[this.check]?.[1] === STOPPED)) this.forget();

@@ -1,9 +1,9 @@
-// For whoever is new: what to press before the time runs, and the way to the first goal.
+// Guides new operators: what to press before the time runs, and the direction to the first goal.
 
 import { LETTERS } from "./plots.js";
 import { seen } from "./sign.js";
 
-const FINE_MM = 1; // less is no way to speak of
+const FINE_MM = 1; // smaller distances are not mentioned
 const PRAISE_MS = 7000;
 const KEYS = {
   gold: [["A", "D"], ["F", "R"], ["W", "S"]],
@@ -14,7 +14,7 @@ const PADS = [["pad left", "pad right"], ["slider down", "slider up"], ["pad up"
 
 export const coarse = () => matchMedia("(pointer: coarse)").matches;
 
-/** What to do next to bring a tip to a goal, both in the world, m: [[way, mm, key]], the longest first, two at most. */
+/** Steps to bring a tip to a goal, both in the world, m: [[direction, mm, key]], the longest first, at most two. */
 export function steps(arm, tip, at, touch = false) {
   const way = seen(at.map((c, i) => 1000 * (c - tip[i])));
   return way
@@ -24,7 +24,7 @@ export function steps(arm, tip, at, touch = false) {
     .slice(0, 2);
 }
 
-/** The same as a sentence in elements. */
+/** The steps as a sentence of DOM elements. */
 export function guide(arm, tip, at, touch = coarse()) {
   const parts = [strong(`${LETTERS[arm]}: `)];
   steps(arm, tip, at, touch).forEach(([way, mm, key], i) => {
@@ -50,13 +50,13 @@ export class Coach {
     new ResizeObserver(() => this.leaveRoom()).observe(place);
   }
 
-  /** On a narrow screen the picture ends above the card, which would hide the tip: see page.css. */
+  /** Lets the picture end above the card on a narrow screen, so that the card hides no tip: see page.css. */
   leaveRoom() {
     const height = this.place.offsetHeight;
     document.documentElement.style.setProperty("--coach", `${height && height + 12}px`);
   }
 
-  /** The arms of a session that begins; jaws: whether its task needs them. */
+  /** Takes the arms of a session that begins. jaws: whether its task needs them. */
   welcome(arms, jaws) {
     this.first = null;
     const off = { touch: !coarse(), typed: coarse(), jaws: !jaws };
@@ -64,7 +64,7 @@ export class Coach {
       one.hidden = [...one.classList].some((kind) => off[kind]) || (one.dataset.arm ? !arms.includes(one.dataset.arm) : false);
   }
 
-  /** Once a frame. started: the session's time runs; lift: a held pedal does not count until it was up; blocked: others drive, or something else covers the field. */
+  /** Called once a frame. started: the time runs; lift: the pedal must be lifted; blocked: others drive, or the field is covered. */
   frame({ phase, started, down, lift, blocked }, scope, now = performance.now()) {
     const { target } = scope;
     if (this.first === null && target >= 0 && phase !== "over") this.first = scope.progress > 0 ? -1 : target;

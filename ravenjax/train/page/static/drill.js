@@ -1,25 +1,25 @@
-// Half a minute to try the hand before the time runs: pedal, three ways, and an instrument that moves by itself. Nothing
-// of it reaches the robot.
+// A drill of half a minute before the session's time runs: the pedal, three directions, and an instrument that drifts.
+// It never reaches the robot.
 
 import { coarse, guide } from "./coach.js";
 import { Scope } from "./scope.js";
 import { seen } from "./sign.js";
 
 const START = [0, 0, 0.195]; // m, world
-const SPEED = 0.02; // m/s of a hand at full speed
+const SPEED = 0.02; // m/s at full deflection
 const REACH_M = 0.003;
-const WALL_M = 0.04; // nobody drives the tip out of sight
+const WALL_M = 0.04; // limit that keeps the tip in sight
 const WAYS = [[0.014, 0, 0], [0, 0, 0.012], [0, 0.014, 0]]; // right, up, away
-const ADRIFT = [-0.012, 0, -0.008]; // m/s of an instrument that moves by itself
-const BACK = seen(ADRIFT).map((x) => -x / Math.hypot(...ADRIFT)); // where the cue pulls
+const ADRIFT = [-0.012, 0, -0.008]; // m/s of the drifting instrument
+const BACK = seen(ADRIFT).map((x) => -x / Math.hypot(...ADRIFT)); // direction of the cue
 const QUIET_S = [1, 2.5];
-const WAIT_S = 6; // for a foot that does not lift
-export const QUICK_S = 1; // the foot that is asked for: slower ones try again
+const WAIT_S = 6; // longest wait for the foot to lift
+export const QUICK_S = 1; // longest time for lifting the foot; slower trainees try again
 const REMOTE = { gold: [-0.06, 0.03, 0.28], green: [0.06, 0.03, 0.28] };
 const FLAT = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
 const TISSUE = { top: 0.182, sag: [0, 0], half: [0.075, 0.06] };
 
-/** The drill without its picture: where the tip is, and what is asked. */
+/** The drill without its drawing: the tip and the present request. */
 export class Lesson {
   constructor(arm, chance = Math.random) {
     this.arm = arm;
@@ -31,7 +31,7 @@ export class Lesson {
     this.watch();
   }
 
-  /** How long the instrument stays quiet: anew in each try. */
+  /** How long the instrument stays still, drawn again for each try. */
   watch() {
     Object.assign(this, { waited: 0, adrift: 0, quiet: QUIET_S[0] + this.chance() * (QUIET_S[1] - QUIET_S[0]) });
   }
@@ -57,7 +57,7 @@ export class Lesson {
     else this.lifted(pedal ? null : this.adrift);
   }
 
-  /** The foot came up after so many s, null: not at all. Whoever was slow goes back to where the drill began, and watches. */
+  /** Takes the seconds until the foot came up, null: never. After a slow reaction the drill restarts with a demonstration. */
   lifted(reaction) {
     this.tries += 1;
     this.reaction = reaction;
@@ -69,7 +69,7 @@ export class Lesson {
 }
 
 export class Drill {
-  /** input, haptics and sign are the session's own. */
+  /** input, haptics and sign are those of the session. */
   constructor(place, input, haptics, sign) {
     Object.assign(this, { place, input, haptics, sign, on: false });
     place.querySelector("[data-drill=again]").addEventListener("click", () => this.open(this.arm));
@@ -110,7 +110,7 @@ export class Drill {
     });
   }
 
-  /** Of the last try that was too slow. */
+  /** Words about the last try that was too slow. */
   missed() {
     const { reaction } = this.lesson;
     return reaction === null ? "You kept the pedal down" : `That took ${reaction.toFixed(1)} s`;

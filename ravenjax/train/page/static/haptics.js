@@ -1,13 +1,13 @@
-// The cue where a browser can be felt or heard: a tone from the side that it pulls to, and the phone's and the gamepad's
-// vibration, as strong as the force. On by default, but nothing before the visitor's first gesture: browsers forbid it.
+// Presents the cue in a browser: a tone from the side to which the cue pulls, and vibration of phone and gamepad, as
+// strong as the force. It is on by default, but browsers allow it only after the visitor's first gesture.
 
-const CAP = 0.05; // device units, where the published cue ends
+const CAP = 0.05; // device units, the largest force of the published cue
 const PULSE_MS = 90;
 const LOUDEST = 0.35;
-const HZ = [330, 660]; // of the weakest and the strongest cue: what the loudspeaker of a phone can play
+const HZ = [330, 660]; // pitch of the weakest and the strongest cue, within the range of a phone's loudspeaker
 
 export class Haptics {
-  /** keys: what early.js keeps from the page below; a key is a gesture too. */
+  /** keys: events that early.js withholds from the page below. A key is a gesture, too. */
   constructor(keys) {
     for (const id of ["sound", "vibration", "volume"]) this[id] = document.getElementById(id);
     this.pulsed = 0;
@@ -33,7 +33,7 @@ export class Haptics {
     this.tone.start();
   }
 
-  /** force: in device units, as the hand feels it, 0 with the cue off; way: where it pulls, [right, up, toward], or null. */
+  /** force: device units, as the hand feels it, 0 with the cue off; way: its direction [right, up, toward], or null. */
   feel(force, way = null) {
     this.strength = Math.min(1, Math.max(0, force / CAP));
     if (this.audio) {
@@ -50,10 +50,10 @@ export class Haptics {
     for (const pad of navigator.getGamepads?.() ?? [])
       pad?.vibrationActuator
         ?.playEffect?.("dual-rumble", { duration: PULSE_MS, strongMagnitude: this.strength, weakMagnitude: this.strength })
-        .catch(() => {}); // a pad without motors
+        .catch(() => {}); // the gamepad has no motors
   }
 
-  /** What of this machine can vibrate, in words. */
+  /** The parts of this machine that can vibrate, in words. */
   motors() {
     const pad = [...(navigator.getGamepads?.() ?? [])].some((one) => one?.vibrationActuator);
     if (pad) return "The gamepad vibrates.";

@@ -1,19 +1,19 @@
-// The instructor's hazards: search, groups, favourites, a plan on the session's clock that can be kept under a name.
+// The instructor's hazards: search, groups, favourites, and a plan on the session's clock that can be saved by name.
 
 import { clock } from "./panels.js";
 
-const FOLDED_FROM = 13; // so many hazards are shown group by group, folded
+const FOLDED_FROM = 13; // from this number of hazards on, groups are folded
 const FAVOURITES = "ravenjax-favourite-hazards";
 const PLANS = "ravenjax-hazard-plans";
-const SOON_S = 10; // after now, for a hazard that is put on the plan
+const SOON_S = 10; // default delay of a hazard that is added to the plan
 
-/** Whether a hazard has every word that is looked for. */
+/** Whether a hazard contains every word of the search. */
 export function fits(hazard, sought) {
   const text = [hazard.hazard, hazard.title, hazard.layer, ...(hazard.right_response ?? [])].join(" ").toLowerCase();
   return sought.toLowerCase().split(/\s+/).every((word) => text.includes(word));
 }
 
-/** [name, hazards] of each layer of the loop, in the order in which they come. */
+/** [name, hazards] of each layer of the loop, in order of appearance. */
 export function grouped(hazards) {
   const groups = new Map();
   for (const one of hazards) {
@@ -24,7 +24,7 @@ export function grouped(hazards) {
   return [...groups];
 }
 
-/** Hazards at times of the session's clock. A hazard whose time comes while another is at work waits for its end. */
+/** Hazards at times of the session's clock. A hazard that is due while another is active waits for its end. */
 export class Plan {
   constructor() {
     this.entries = []; // {at: s, number}, by time
@@ -39,7 +39,7 @@ export class Plan {
     this.entries = this.entries.filter((one) => one !== entry);
   }
 
-  /** The number of the hazard that is to be armed now, which then is off the plan; null: none. */
+  /** Removes the hazard that is due from the plan and returns its number; null: none is due. */
   due(seconds, free) {
     if (!free || !this.entries.length || this.entries[0].at > seconds) return null;
     return this.entries.shift().number;
@@ -59,7 +59,7 @@ export class HazardPanel {
     Object.assign(this, { card, list, send });
     this.plan = new Plan();
     this.folded = new Map();
-    this.marks = []; // [s, number] of what has struck
+    this.marks = []; // [s, number] of hazards that became active
     this.hazards = [];
     this.search = made("input", { type: "search", id: "hazard-search", placeholder: "search: B11, stop", ariaLabel: "search hazards" });
     this.starred = made("input", { type: "checkbox", id: "hazard-starred" });
@@ -85,7 +85,7 @@ export class HazardPanel {
     });
   }
 
-  /** hazards: of the session's header. */
+  /** hazards: those of the session's header. */
   welcome(hazards) {
     Object.assign(this, { hazards, seconds: 0, started: null, now: 0 });
     this.states = new Map();
@@ -110,7 +110,7 @@ export class HazardPanel {
   frame(frame, phase) {
     const free = frame.number("hazard") < 0 && phase !== "over";
     for (const button of this.list.querySelectorAll("button.arm")) button.disabled = !free;
-    for (const item of this.list.querySelectorAll("[data-number]")) // armed from the click on, also while it waits for its moment
+    for (const item of this.list.querySelectorAll("[data-number]")) // marked as armed from the click on, also while it waits to become active
       item.classList.toggle("armed", Number(item.dataset.number) === frame.number("hazard") && phase !== "over");
     this.now = this.started === null ? 0 : (frame.number("session_tick") - this.started) / 1000;
     const seconds = Math.round(this.now + frame.number("left_ms") / 1000);
@@ -178,7 +178,7 @@ export class HazardPanel {
     if (told.outcome) item.querySelector("small").textContent = told.outcome;
   }
 
-  /** Draws the plan and what has struck. */
+  /** Draws the plan and the hazards that became active. */
   planned() {
     const place = (seconds) => `${Math.min(100, Math.max(0, (100 * seconds) / (this.seconds || 1)))}%`;
     const dot = (seconds, number, kind) => made("i", { className: kind, style: `left:${place(seconds)}`, title: `${clock(1000 * seconds)} ${this.title(number)}` });
@@ -210,7 +210,7 @@ export class HazardPanel {
     return `${hazard} ${title}`;
   }
 
-  /** Plans are kept by the hazards' own ids, so that they fit another session of the scenario. */
+  /** Plans are saved by the hazards' ids, so that they fit other sessions of the scenario. */
   keep() {
     const name = this.name.value.trim();
     if (!name || !this.plan.entries.length) return;

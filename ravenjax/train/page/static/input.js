@@ -1,5 +1,5 @@
-// The operator's hands: keyboard, pads and gamepad become one message, sent when it changes and as a heartbeat.
-// Whatever lets go of the page lets go of the robot: blur, a hidden tab, a closed socket.
+// The operator's hands: keyboard, pads and gamepad make one message, which is sent on changes and as a heartbeat.
+// A blurred window, a hidden tab or a closed socket releases the robot.
 
 const HEARTBEAT_MS = 40;
 const DEAD_ZONE = 0.12;
@@ -27,7 +27,7 @@ const still = () => ({ move: [0, 0, 0], turn: [0, 0, 0], grasp: 0 });
 const clipped = (x) => Math.max(-1, Math.min(1, x));
 
 export class Input {
-  /** on: {send(message), pressed(stamp), command(name)}; keys: what early.js keeps from the page below. */
+  /** on: {send(message), pressed(stamp), command(name)}; keys: events that early.js withholds from the page below. */
   constructor(keys, on) {
     this.on = on;
     this.arms = [];
@@ -37,7 +37,7 @@ export class Input {
     this.padPedal = false;
     this.buttonPedal = false;
     this.source = "keyboard";
-    this.muted = false; // a drill takes the hands; the session hears that they rest
+    this.muted = false; // a drill uses the hands, and the session receives hands at rest
     this.last = "";
     keys.addEventListener("keydown", ({ detail }) => this.down(detail));
     keys.addEventListener("keyup", ({ detail }) => this.up(detail));
@@ -71,7 +71,7 @@ export class Input {
     }
   }
 
-  /** A pad's hand, or null where it is let go; pedal: whether the pad holds the pedal too. */
+  /** A pad's hand, or null if it is released; pedal: whether the pad also holds the pedal. */
   pad(arm, hand, pedal) {
     if (hand) this.pads.set(arm, hand);
     else this.pads.delete(arm);
@@ -107,7 +107,7 @@ export class Input {
   now() {
     const hands = new Map(this.arms.map((arm) => [arm, still()]));
     const add = (arm, hand) => {
-      const to = hands.get(arm) ?? (this.arms.length === 1 ? hands.get(this.arms[0]) : null); // one arm: both halves
+      const to = hands.get(arm) ?? (this.arms.length === 1 ? hands.get(this.arms[0]) : null); // with one arm, both halves drive it
       if (!to) return;
       for (let i = 0; i < 3; i += 1) {
         to.move[i] = clipped(to.move[i] + hand.move[i]);
@@ -151,7 +151,7 @@ export class Input {
     return { left, right, pedal };
   }
 
-  /** Send where something changed. */
+  /** Sends the message if it has changed. */
   tell(always = false) {
     if (!this.enabled) return;
     const message = this.muted ? { type: "input", source: this.source, pedal: false, arms: Object.fromEntries(this.arms.map((arm) => [arm, still()])) } : this.now();
@@ -162,7 +162,7 @@ export class Input {
   }
 
   beat() {
-    if (document.hidden) return; // no heartbeat: the session takes the console for dead, as it is
+    if (document.hidden) return; // without heartbeats the session treats the console as gone
     this.tell(true);
   }
 }

@@ -1,6 +1,6 @@
-// After the end: the instructor's form for the next session, and the way to the list of all, which may fill it in.
+// Shows the instructor's form for the next session after the end. It links to the list of sessions, which may fill it.
 
-const CHANNEL = "ravenjax-next"; // to the list of sessions, in another tab
+const CHANNEL = "ravenjax-next"; // messages to and from the list of sessions in another tab
 
 export class NextSession {
   constructor(form, send, token) {
@@ -24,7 +24,7 @@ export class NextSession {
     this.list.postMessage(answer);
   }
 
-  /** The list asks for a session: begun as if it had been typed here. */
+  /** The list requests a session, which begins as if it had been typed into the form. */
   asked({ participant, scenario, seed }) {
     if (this.form.hidden) {
       this.tell({ why: "The present session is not over: end it on the instructor's panel." });
@@ -47,14 +47,14 @@ export class NextSession {
     this.form.querySelector(".note").textContent = why;
   }
 
-  /** Why the wish was not taken. */
+  /** Shows why the request was refused. */
   refused(why) {
     if (!this.waiting) return;
     this.waits(false, why);
     this.tell({ why });
   }
 
-  /** A window that comes back to another session begins anew. */
+  /** A window that reconnects to another session is reloaded. */
   welcome(header) {
     if (this.name && this.name !== header.name) location.reload();
     this.name = header.name;

@@ -1,6 +1,6 @@
-// Pads for mouse and touch: a hand that springs back, a slider that lifts, jaws, and the pedal as a button.
+// Pads for mouse and touch: a hand that springs back, a slider for height, jaws, and the pedal as a button.
 
-const REACH = 42; // px from the pad's middle to full speed
+const REACH = 42; // px from the pad's middle to full deflection
 const LIFT = 30;
 
 export function build(input) {

@@ -1,4 +1,4 @@
-// The session's page: puts wire, hands, plots and panels together.
+// The main module of the session's page: connects the websocket, the hands, the plots and the panels.
 
 import { Alarms } from "./alarms.js";
 import { Coach } from "./coach.js";
@@ -29,7 +29,7 @@ const sign = new CueSign($("cue-sign"), $("field"));
 const alarms = new Alarms($("alarm-words"));
 const coach = new Coach($("coach"));
 let [latest, shown, plots, scope, blind] = [null, null, null, null, false];
-let latestWay = [0, 1, 0]; // of the cue, as the view has it: a peak between two frames brings none of its own
+let latestWay = [0, 1, 0]; // last direction of the cue in view axes: a peak between two frames has no direction
 
 const send = (message) => wire.send(message);
 const panels = new Panels(root, send);
@@ -69,7 +69,7 @@ function welcome(welcomed) {
   input.enabled = welcomed.role === "operator";
   blind = Boolean(welcomed.header.blinded) && welcomed.role !== "instructor";
   const lines = welcomed.arms.map((arm) => ({ name: arm, colour: COLOURS[arm] }));
-  const limit = welcomed.header.cue_threshold_mm ?? null; // no line where the session does not name it
+  const limit = welcomed.header.cue_threshold_mm ?? null; // no line if the session does not have it
   plots = {
     error: new Plot($("error"), lines, { floor: 1.2 * (limit ?? 1), limit, unit: "mm", digits: 1 }),
     force: new Plot($("force"), lines, { floor: CAP, limit: null, unit: "", digits: 3 }),
@@ -81,10 +81,10 @@ function welcome(welcomed) {
   trainee.welcome(welcomed.arms);
   for (const event of welcomed.events) happened(event);
   if (welcomed.events.some((event) => event.kind === "end")) debrief();
-  setTimeout(looks, 1500); // once the scene's own socket is known
+  setTimeout(looks, 1500); // once the server knows the scene's socket
 }
 
-/** An event, to everything that shows it. */
+/** Passes an event to everything that shows it. */
 function happened(event) {
   panels.event(event);
   if (event.kind === "object") scope?.moved(event);
@@ -102,7 +102,7 @@ function take(frame) {
   if (panels.role === "operator" && !drill.on) cue(frame, peaks);
 }
 
-/** Heard, felt and seen: the stronger of the arms' cues. */
+/** Presents the stronger of the arms' cues by sound, vibration and a sign. */
 function cue(frame, peaks) {
   const strongest = peaks.reduce((best, one, i) => (one.force > peaks[best].force ? i : best), 0);
   const arm = frame.arms[strongest];
@@ -112,11 +112,11 @@ function cue(frame, peaks) {
   if (length > 0) latestWay = way.map((part) => part / length);
   const pull = peaks[strongest].force;
   sign.show(arm, latestWay, Math.min(1, pull / CAP));
-  const touched = touch(frame); // the stronger of the two is heard: a cue that is drowned would be no cue
+  const touched = touch(frame); // the stronger of the two is played, so that contact never drowns the cue
   haptics.feel(Math.max(pull, touched.force), pull >= touched.force ? latestWay : null);
 }
 
-/** What the instruments press on, in words and newtons; gives the strongest as device units. */
+/** Shows what the instruments press on, in words and newtons. Returns the strongest contact in device units. */
 function touch(frame) {
   const gain = panels.header?.contact_units_per_n ?? null;
   if (gain === null) return { force: 0 };
@@ -131,10 +131,10 @@ function touch(frame) {
   return { force: gain * Math.max(...each.map((one) => one.all)) };
 }
 
-// --- the loop's rate, as ticks that went by on the clock of this window ---
+// --- the loop's rate: ticks over time on this window's clock ---
 
 const RATE_MS = 4000;
-let [marks, rate] = [[], 0]; // [tick, time], one a second at most
+let [marks, rate] = [[], 0]; // [tick, time], at most one a second
 function measured(frame) {
   const [tick, time] = [frame.number("tick"), frame.arrived];
   if (marks.length && tick < marks.at(-1)[0]) marks = [];
@@ -183,15 +183,15 @@ function draw() {
   $("touching").hidden = !(apart < TOUCH_MM);
   if ((panels.header?.contact_units_per_n ?? null) !== null) $("touching").textContent = "The instruments push each other: move them apart.";
   const mine = panels.role === "operator" && (owner === "page" || owner === "nobody");
-  const warned = !$("cue-sign").hidden || !$("alarm-words").hidden; // no word of the goal then
+  const warned = !$("cue-sign").hidden || !$("alarm-words").hidden; // then hide the words about the goal
   const blocked = !mine || warned || drill.on || $("help").open || $("cue-check").open;
   coach.frame({ phase, started: panels.started, down: latest.number("pedal") === 1, lift: panels.lift, blocked }, scope);
   probe.drawn();
 }
 requestAnimationFrame(draw);
-addEventListener("resize", () => (shown = null)); // also when no frame comes any more
+addEventListener("resize", () => (shown = null)); // also when no more frames arrive
 
-// --- a machine that does not keep up with the scene: fewer shadows, then the 2D view ---
+// --- if the machine is too slow for the scene: fewer shadows, then the 2D view ---
 
 let [frames, since, slow] = [0, performance.now(), 0];
 function counted() {
@@ -265,7 +265,7 @@ $("debrief-close").addEventListener("click", () => ($("debrief").hidden = true))
 pads.build(input);
 if (new URLSearchParams(location.search).get("quality") === "low") $("shadows").checked = false;
 
-/** The end is final: it wants a second click within three seconds. */
+/** Ending is final, so it needs a second click within three seconds. */
 function sure(button) {
   if (button.dataset.instructor !== "end" || button.dataset.asked) return true;
   button.dataset.asked = "1";

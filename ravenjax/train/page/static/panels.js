@@ -1,4 +1,4 @@
-// What stands on the panel beside the plots: lamps, figures, lists, banners.
+// Fills the panel beside the plots: lamps, figures, lists, banners.
 
 import { LETTERS } from "./plots.js";
 
@@ -22,7 +22,7 @@ export const WORDS = {
   view: (e) => `view: ${e.view}`,
   pedal: (e) => `pedal ${e.down ? "down" : "up"}`,
   owner: (e) => `${DRIVERS[e.console] ?? e.console} drives (${e.by})`,
-  refused: (e) => (e.why ? `refused: ${e.why}` : ""), // none: the reason is over
+  refused: (e) => (e.why ? `refused: ${e.why}` : ""), // empty: the reason no longer holds
   rearm: (e) => `pedal must be lifted first: ${e.why}`,
   started: (e) => `time runs: ${e.by}`,
   interrupted: (e) => `hazard ${e.number} cut off, not scored: ${e.by}`,
@@ -53,7 +53,7 @@ const BANNERS = {
   replay: ["virtual", "Re-engaged", "Hold the pedal: the robot follows what you tried."],
 };
 
-/** Which level, what it asks, and how the round before went. */
+/** The level, its requirements, and the result of the last round. */
 export function levelWords({ level, of, title, within_s, in_a_row, needs, took_ms, within }) {
   const row = `${in_a_row} of ${needs} in a row`;
   const before = took_ms === null ? "" : ` · last round ${(took_ms / 1000).toFixed(1)} s, ${within ? "in time" : "too slow"}`;
@@ -66,7 +66,7 @@ export class Panels {
     this.send = send;
     this.shown = "";
     this.free = false;
-    this.debrief = null; // opens it, once there is one
+    this.debrief = null; // opens the debrief once it exists
     $("banner").querySelector("button").addEventListener("click", () => this.act());
   }
 
@@ -111,13 +111,13 @@ export class Panels {
     }
   }
 
-  /** The session's time runs. */
+  /** Notes that the session's time runs. */
   start() {
     this.started = true;
     set("left-word", "left");
   }
 
-  /** A check stands here once, with how often it has tripped, once a millisecond and arm. */
+  /** Lists each check once, with its number of trips; a trip counts once a millisecond and arm. */
   alarm({ tick, check, count: told }) {
     const known = this.alarms.get(check);
     known?.item.remove();
@@ -129,17 +129,17 @@ export class Panels {
     $("alarms").prepend(item);
   }
 
-  /** turn: the arm whose turn it is, "" where either may. */
+  /** turn: the arm whose turn it is, "" if either may act. */
   frame(frame, rate, pressed, turn = "") {
     const phase = this.phases[frame.number("phase")] ?? "";
     const view = this.views[frame.number("view")] ?? "real";
     this.root.dataset.phase = phase;
     set("phase", phase);
-    const level = frame.number("link") === 1 ? String(frame.number("runlevel")) : ""; // of a lost robot nobody knows
+    const level = frame.number("link") === 1 ? String(frame.number("runlevel")) : ""; // the run level of a lost robot is unknown
     for (const lamp of $("runlevel").children) lamp.classList.toggle("on", lamp.dataset.level === level);
     set("clock", clock(frame.number("session_tick")));
     const left = frame.number("left_ms");
-    if (!this.started && left < this.left && this.left < Infinity) this.start(); // it began before this page was there
+    if (!this.started && left < this.left && this.left < Infinity) this.start(); // it began before this page was open
     this.left = left;
     set("left", clock(left));
     set("rate", `${rate} Hz`);
@@ -170,13 +170,13 @@ export class Panels {
     this.banner();
   }
 
-  /** What the pedal shows. */
+  /** The text on the pedal. */
   foot(down, text) {
     $("pedal").classList.toggle("down", down);
     set("pedal-state", text);
   }
 
-  /** Who drives, and who may change that now. */
+  /** Shows who drives, and the changes that are possible now. */
   seated(owner, down, phase) {
     set("owner", DRIVERS[owner] ?? owner);
     const [instructor, over] = [this.role === "instructor", phase === "over"];

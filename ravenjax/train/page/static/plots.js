@@ -1,14 +1,14 @@
-// Live plots on canvas: the last ten seconds, the threshold as a line.
+// Draws live plots on canvas: the last ten seconds, with the threshold as a line.
 
 const SPAN_MS = 10000;
 const MOST = 1500; // points: ten seconds at 150 frames a second
-// Apart in lightness too, so that they differ for whoever does not see red or green; and never alone: a letter, a shape,
-// a dash say the same.
+// Colours differ in lightness, too, for people who do not see red or green. A colour is never the only sign: a
+// letter, a shape or a dash says the same.
 export const COLOURS = { gold: "#ffc440", green: "#1fae84", model: "#9adcff", goal: "#f53df0", done: "#76879a" };
 export const LETTERS = { gold: "L", green: "R" };
 
 export class Plot {
-  /** lines: names with their colours; floor: least height of the axis; limit: a dashed line, or null. */
+  /** lines: names with their colours; floor: least height of the axis; limit: value of a dashed line, or null. */
   constructor(canvas, lines, { floor, limit, unit, digits }) {
     Object.assign(this, { canvas, lines, floor, limit, unit, digits });
     this.times = new Float64Array(MOST);
@@ -18,7 +18,7 @@ export class Plot {
   }
 
   add(time, values) {
-    if (this.count && time < this.times[(this.count - 1) % MOST]) this.count = 0; // the session began anew
+    if (this.count && time < this.times[(this.count - 1) % MOST]) this.count = 0; // another session began
     const at = this.count % MOST;
     this.times[at] = time;
     values.forEach((value, i) => (this.values[i][at] = value));
@@ -77,7 +77,7 @@ export class Plot {
   }
 }
 
-/** Makes the canvas as sharp as the screen; its size in CSS pixels. */
+/** Sets the canvas to the screen's resolution. Returns its size in CSS pixels. */
 export function fitted(canvas, pen) {
   const ratio = devicePixelRatio || 1;
   const [width, height] = [canvas.clientWidth, canvas.clientHeight];

@@ -1,6 +1,6 @@
-// From a key to what it changed. Stamps a press, and the first frame in which each of these does: the hand (what the way
-// to the session and back takes), the mark of where the hand leads, and tip or force, which have the robot's own lag
-// besides; mark and tip also when they were drawn.
+// Measures the delay from a key press to its effects. It stamps the press, and the first frame in which each of these
+// changes: the hand (the delay to the session and back), the mark of the desired tip, and the tip or the force, which
+// include the robot's own lag. For the mark and the tip it also stamps the time of drawing.
 
 const MOVED_M = 2e-6;
 const FORCE = 1e-4;
@@ -24,7 +24,7 @@ export class Probe {
     const now = state(frame);
     for (const name of ["hand", "mark", "tip"])
       if (!(name in waiting.found) && differs[name](waiting.from, now)) waiting.found[name] = frame.arrived - waiting.stamp;
-    if (performance.now() - waiting.stamp > LONGEST_MS) this.waiting = null; // nothing moved: pedal up
+    if (performance.now() - waiting.stamp > LONGEST_MS) this.waiting = null; // nothing moved: the pedal is up
   }
 
   /** Called in the animation frame that drew the latest frame. */
@@ -38,7 +38,7 @@ export class Probe {
     this.waiting = null;
   }
 
-  /** Medians, ms after the press, of `hand`, `mark`, `tip`, `mark_drawn`, `tip_drawn`; how many; each sample. */
+  /** Medians, ms after the press, of `hand`, `mark`, `tip`, `mark_drawn`, `tip_drawn`; their number; all samples. */
   latency() {
     const median = (name) => {
       const sorted = this.samples.map((one) => one[name]).filter((ms) => ms !== undefined).sort((a, b) => a - b);

@@ -1,28 +1,28 @@
-// The field in two dimensions, from the front and from the right: beside the scene, and in its place where there is no
-// graphics card. Metres of the world; x to the right, y away from the operator, z upward.
+// Draws the field in two dimensions, from the front and from the right. It is beside the scene, and replaces it without
+// a graphics card. Units are metres of the world; x to the right, y away from the operator, z upward.
 
 import { COLOURS, LETTERS, fitted } from "./plots.js";
 
-const HALF = [0.03, 0.06]; // least and most that is seen to each side of the middle, m
-const MARGIN = 0.008; // m around what is to be seen
+const HALF = [0.03, 0.06]; // least and greatest visible distance to each side of the middle, m
+const MARGIN = 0.008; // m around the visible content
 const TRAIL = 160;
 const { goal: GOAL, done: DONE } = COLOURS;
-const REACHED = 5; // of those before the goal that are still drawn
-const AHEAD_M = 0.01; // of a path, how much is lit
+const REACHED = 5; // number of targets before the goal that are still drawn
+const AHEAD_M = 0.01; // m of a path that are highlighted
 const GAP = 6; // px between the two views
-const ENDS = 0.72; // of the height, how far down the ends are named
-const HALF_WORD = 34; // px, half of what "L · 12 mm" takes
-const CLEAR = 30; // px that the goal's words keep from a mark and from its own word
-export const TOUCH_MM = 9; // two shafts nearer than their thickness touch
+const ENDS = 0.72; // share of the height at which the ends are labelled
+const HALF_WORD = 34; // px, half the width of "L · 12 mm"
+const CLEAR = 30; // px between the goal's label and a mark or the mark's label
+export const TOUCH_MM = 9; // shafts nearer than their thickness touch
 
-/** Two looks at the world: which axis goes across, and what its ends are called. */
+/** Two views of the world: the horizontal axis, and the names of its ends. */
 const LOOKS = [
   { name: "front", across: 0, ends: ["left", "right"] },
   { name: "from the right", across: 1, ends: ["toward you", "away"] },
 ];
 
 export class Scope {
-  /** bases: of each arm {origin, turn} of its frame 0; tissue: {top, sag: [x, y], half: [x, y]}; task: its geometry. */
+  /** bases: {origin, turn} of each arm's frame 0; tissue: {top, sag: [x, y], half: [x, y]}; task: its geometry. */
   constructor(canvas, arms, bases, tissue, task) {
     Object.assign(this, { canvas, arms, bases, tissue, task: task ?? {} });
     this.pen = canvas.getContext("2d");
@@ -37,13 +37,13 @@ export class Scope {
     return origin.map((o, i) => o + turn[i][0] * place[0] + turn[i][1] * place[1] + turn[i][2] * place[2]);
   }
 
-  /** An event of kind "object". */
+  /** Takes an event of kind "object". */
   moved({ held, at }) {
     this.held = held ?? "";
     this.object = at;
   }
 
-  /** Takes a frame: where the tips are, and the goal. */
+  /** Takes the tips and the goal from a frame. */
   take(frame) {
     this.target = frame.number("target");
     this.progress = frame.number("progress");
@@ -76,7 +76,7 @@ export class Scope {
     });
   }
 
-  /** The middle of what is to be seen, and how far it reaches to each side, m. */
+  /** The middle of the visible content, and its extent to each side, m. */
   extent() {
     const { path, pegs = [], targets = [], object } = this.task;
     const places = [...targets.map(({ at }) => at), ...pegs.map(({ top }) => top), ...(path?.points ?? []), ...(object ? [object.at] : [])];
@@ -87,7 +87,7 @@ export class Scope {
     return { middle: ends.map(([low, high]) => (low + high) / 2), half: Math.min(HALF[1], Math.max(HALF[0], half)) };
   }
 
-  /** side: where its name stands, away from the words in the middle of the field; its ends are named above those at its foot. */
+  /** side: place of its name, away from the words in the middle of the field. The ends are labelled above its foot. */
   look({ name, across, ends }, frame, blinded, [width, height], side) {
     const { pen } = this;
     const { middle, half } = this.box;
@@ -130,13 +130,13 @@ export class Scope {
     pen.stroke();
   }
 
-  /** Height of the tissue under a place, m; null beside it. */
+  /** Height of the tissue under a point, m; null beside the tissue. */
   surface([x, y]) {
     const { top, sag, half } = this.tissue;
     return Math.abs(x) > half[0] || Math.abs(y) > half[1] ? null : top - sag[0] * x * x - sag[1] * y * y;
   }
 
-  /** Shaft from the remote centre to the tip, the trail, and the plumb line to the tissue. */
+  /** Draws the shaft from the remote centre to the tip, the trail, and the plumb line to the tissue. */
   instrument(see, arm) {
     const { pen } = this;
     const { x, y } = see;
@@ -174,7 +174,7 @@ export class Scope {
     pen.fill();
   }
 
-  /** The tip: L is a disc, R a diamond; an arrow at the edge where it has left the view. */
+  /** Draws the tip: L is a disc, R a diamond; an arrow at the edge if it has left the view. */
   mark({ x, y, width, height }, arm) {
     const tip = this.tip(arm);
     if (!tip) return;
@@ -208,12 +208,12 @@ export class Scope {
     if (path) this.path(see, path);
     for (const one of targets) {
       const past = target - one.number;
-      if (target >= 0 && (past > REACHED || past < -1)) continue; // all at once would hide the tip
+      if (target >= 0 && (past > REACHED || past < -1)) continue; // all targets at once would hide the tip
       const [across, up, radius] = [x(one.at), y(one.at), Math.max(3, one.radius_m * scale)];
       if (past > 0 || target < 0) hook(pen, across, up);
       if (past === -1 && target >= 0) {
         dot(pen, across, up, Math.max(6, radius / 2), "", COLOURS[one.arm] ?? DONE, 1.5);
-        const left = across < x(this.goal(target)?.at ?? one.at); // away from the present goal, which has words of its own
+        const left = across < x(this.goal(target)?.at ?? one.at); // away from the present goal's words
         const beside = Math.max(6, radius / 2) + 4;
         words(pen, "next", left ? across - beside : across + beside, up + 4, "#aab7c5", left ? "right" : "left");
       }
@@ -234,7 +234,7 @@ export class Scope {
     this.aim(see);
   }
 
-  /** The goal, what lies between it and the tip whose turn it is, and a ring as wide as the tip is far. */
+  /** Draws the goal, the line to the tip whose turn it is, and a ring with the tip's distance as its radius. */
   aim({ x, y, scale, width, height }) {
     const { pen } = this;
     const goal = this.goal(this.target);
@@ -263,7 +263,7 @@ export class Scope {
     if (goal.distance === null) return;
     const wide = Math.max(radius, goal.distance * scale);
     pen.setLineDash([5, 4]);
-    if (wide < Math.hypot(width, height)) dot(pen, across, up, wide, "", GOAL, 1.5); // shrinks as the tip comes near, depth counted
+    if (wide < Math.hypot(width, height)) dot(pen, across, up, wide, "", GOAL, 1.5); // the tip's distance, including depth
     pen.setLineDash([]);
     const text = `${goal.arm ? `${LETTERS[goal.arm]} · ` : ""}${(1000 * goal.distance).toFixed(0)} mm`;
     const next = this.task.targets?.find(({ number }) => number === this.target + 1);
@@ -281,7 +281,7 @@ export class Scope {
       for (let k = from; k <= to; k += 1) pen.lineTo(x(points[k % (points.length - 1)]), y(points[k % (points.length - 1)]));
       pen.stroke();
     };
-    const count = points.length - 1; // the last is the first again
+    const count = points.length - 1; // the last point equals the first
     line(0, count, colour, 2);
     if (target < 0) return;
     line(0, target, DONE, 2);
@@ -289,7 +289,7 @@ export class Scope {
     line(target, target + Math.max(1, Math.round(AHEAD_M / spacing)), GOAL, 4);
   }
 
-  /** Where the object is: with the tip that holds it. */
+  /** Draws the object, at the tip that holds it. */
   thing() {
     return (this.held && this.tip(this.held)) || this.object || this.task.object.at;
   }
@@ -299,14 +299,14 @@ export class Scope {
     return ways.sort((a, b) => a[0] - b[0])[0]?.[1] ?? "";
   }
 
-  /** Whose turn it is, where the arms take turns. */
+  /** The arm whose turn it is, if the arms take turns. */
   turn() {
     const { arms = [], of = 1 } = this.task.turns ?? {};
     if (this.held) return this.held;
     return arms.length ? arms[Math.floor(this.progress * of + 1e-4) % arms.length] : "";
   }
 
-  /** The present goal: where, how wide, whose turn, and how far that arm's tip is, m; null where there is none. */
+  /** The present goal: its position, radius, arm, and the distance of that arm's tip, m; null without a goal. */
   goal(target = this.target) {
     const { targets = [], pegs = [], object, path } = this.task;
     if (target < 0) return null;
@@ -320,7 +320,7 @@ export class Scope {
     return { at, radius: one.radius_m ?? 0.002, arm, distance: tips.length ? Math.min(...tips.map((tip) => distance(tip, at))) : null };
   }
 
-  /** How far apart the two shafts are, mm; Infinity with one arm. */
+  /** Distance of the two shafts, mm; Infinity with one arm. */
   apart() {
     if (this.arms.length < 2 || !this.arms.every((arm) => this.tip(arm))) return Infinity;
     const [a, b] = this.arms.map((arm) => [this.bases[arm].origin, this.tip(arm)]);
@@ -330,7 +330,7 @@ export class Scope {
 
 const distance = (a, b) => Math.hypot(...a.map((c, i) => c - b[i]));
 
-/** Least distance of two straight pieces, each from one point to another. */
+/** Least distance of two line segments. */
 export function between([a, b], [c, d]) {
   const less = (p, q) => p.map((x, i) => x - q[i]);
   const dot3 = (p, q) => p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
@@ -344,9 +344,9 @@ export function between([a, b], [c, d]) {
   return Math.hypot(...w.map((x, i) => x + s * u[i] - t * v[i]));
 }
 
-/** Where the words of a goal stand, [x, y, align]: on the first side where neither the tip nor the next goal is. */
+/** Position of a goal's words, [x, y, align]: the first side that is free of the tip and the next goal. */
 export function free([across, up], radius, others, width = Infinity) {
-  const within = Math.max(HALF_WORD + 2, Math.min(width - HALF_WORD - 2, across)); // whole words, also at the edge
+  const within = Math.max(HALF_WORD + 2, Math.min(width - HALF_WORD - 2, across)); // the words fit also at the edge
   const sides = [[within, up - radius - 8, "center"], [within, up + radius + 18, "center"], [across + radius + 8, up + 4, "left"], [across - radius - 8, up + 4, "right"]];
   const shift = { center: 0, left: HALF_WORD, right: -HALF_WORD };
   const room = ([x, y, align]) => Math.min(Infinity, ...others.map(([ox, oy]) => Math.max(Math.abs(ox - x - shift[align]) - HALF_WORD, 2 * Math.abs(oy - y + 5))));
@@ -375,7 +375,7 @@ function dot(pen, across, up, radius, fill, stroke, width = 1) {
   }
 }
 
-/** What is done. */
+/** Marks a target that was reached. */
 function hook(pen, across, up) {
   pen.strokeStyle = DONE;
   pen.lineWidth = 2;
@@ -386,7 +386,7 @@ function hook(pen, across, up) {
   pen.stroke();
 }
 
-/** Where the hand leads. */
+/** Marks the desired tip. */
 function crosshair(pen, { x, y }, place) {
   const [across, up] = [x(place), y(place)];
   pen.strokeStyle = "#fff";
@@ -399,7 +399,7 @@ function crosshair(pen, { x, y }, place) {
   pen.stroke();
 }
 
-/** The model's tip. */
+/** Marks the model's tip. */
 function ring(pen, { x, y }, place, colour) {
   pen.strokeStyle = colour;
   pen.lineWidth = 2;

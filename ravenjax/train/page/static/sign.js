@@ -1,15 +1,15 @@
-// The cue as a sign in the field: which instrument is off its course, and where the cue pulls. Steady, never flashing.
+// Shows the cue as a sign in the field: the instrument that is off course, and the cue's direction. It never flashes.
 
 import { LETTERS } from "./plots.js";
 
-const KEPT_MS = 500; // a pull of a millisecond is to be seen
-const ALONG = 0.38; // of a pull, what of it has a word
+const KEPT_MS = 500; // so that a pull of one millisecond can be seen
+const ALONG = 0.38; // least share of a direction that is named in words
 const WORDS = [["left", "right"], ["down", "up"], ["away", "toward you"]];
 
-/** Along the axes of the view (right, up, toward), of a way in the world. */
+/** Components along the axes of the view (right, up, toward) of a direction in the world. */
 export const seen = ([x, y, z]) => [x, z, -y];
 
-/** A way of the view in words, its largest part first. */
+/** A direction in view axes in words, its largest component first. */
 export function named(way) {
   const length = Math.hypot(...way);
   if (!length) return [];
@@ -21,14 +21,14 @@ export function named(way) {
 }
 
 export class CueSign {
-  /** place: the element; field: what gets the frame around it. */
+  /** place: the sign's element; field: the element that gets a frame. */
   constructor(place, field) {
     Object.assign(this, { place, field, until: 0 });
     this.arrow = place.querySelector("svg");
     this.depth = place.querySelector("i");
   }
 
-  /** strength 0 to 1, way along the axes of the view; called at least once a frame. */
+  /** strength: 0 to 1; way: direction in view axes. Called at least once a frame. */
   show(arm, way, strength, now = performance.now()) {
     if (strength > 0 && Math.hypot(...way) > 0) {
       this.until = now + KEPT_MS;

@@ -1,6 +1,6 @@
-// The instructor's look at the trainee: what the hands do, how far the task is, how hazards were met.
+// Shows the instructor the trainee's state: the hands, the task's progress, and the results of hazards.
 
-const SMOOTH = 0.1; // weight of a new speed
+const SMOOTH = 0.1; // weight of a new value in the smoothed speed
 
 export class TraineeCard {
   constructor(place) {
@@ -39,7 +39,7 @@ export class TraineeCard {
       const past = this.last?.get(arm);
       const ms = tick - (this.tick ?? tick);
       if (past && ms > 0) {
-        const speed = Math.hypot(...[0, 1, 2].map((k) => hand[k] - past[k])) / ms; // um a ms: mm a s
+        const speed = Math.hypot(...[0, 1, 2].map((k) => hand[k] - past[k])) / ms; // um/ms is mm/s
         this.speeds.set(arm, this.speeds.get(arm) + SMOOTH * (speed - this.speeds.get(arm)));
       }
       const grasp = frame.number(`${arm}/grasp`);

@@ -1,4 +1,4 @@
-// Which way this window looks at the field: the scene's cameras, a small second picture of it, or the 2D view alone.
+// Chooses this window's view of the field: the scene's cameras, a small second picture, or only the 2D view.
 
 const HINT = "Drawn in 2D: this machine has no graphics card that a browser can use. &scene=on at the end of the address tries 3D.";
 
@@ -14,7 +14,7 @@ export class Views {
     if (!document.getElementById("root")) this.flat();
   }
 
-  /** A key: 1 to 7, as the buttons stand. */
+  /** Takes a key 1 to 7, in the order of the buttons. */
   press(number) {
     if (!this.root.classList.contains("flat")) this.buttons[number - 1]?.click();
   }
@@ -25,7 +25,7 @@ export class Views {
     this.mark();
   }
 
-  /** The second picture: its camera, or none if it is there already. */
+  /** Opens the second picture with a camera, or closes it if it is open already. */
   add(name) {
     this.inset = this.inset === name ? "" : name;
     document.body.dataset.inset = this.inset;
@@ -54,7 +54,7 @@ export class Views {
     note.hidden = false;
   }
 
-  /** Without the scene from now on: the page anew, as `early.js` would have it without a graphics card. */
+  /** Reloads the page without the scene, as `early.js` does without a graphics card. */
   flatten() {
     const asked = new URLSearchParams(location.search);
     if (this.root.classList.contains("flat") || asked.get("scene") === "on") return;

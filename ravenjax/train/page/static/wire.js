@@ -1,6 +1,6 @@
-// The session's websocket: frames in, input and commands out; comes back by itself.
+// The session's websocket: receives frames and events, sends input and commands, and reconnects automatically.
 
-const EXTRAS = 5; // numbers of an arm before the row
+const EXTRAS = 5; // numbers of each arm before the row
 
 export class Wire {
   /** on: {welcome(w), frame(f), event(e), seat(free), refused(why), link(up)} */
@@ -50,7 +50,7 @@ export class Wire {
   }
 }
 
-/** One frame: five numbers an arm that go before the row, then the row. */
+/** One frame: five numbers for each arm, then the row. */
 class Frame {
   constructor(numbers, layout, arms) {
     this.arrived = performance.now();
@@ -75,7 +75,7 @@ class Frame {
     return { error: this.numbers[at], force: this.numbers[at + 1] };
   }
 
-  /** The tip that the control software wants: where the hand leads. */
+  /** The tip that the control software wants, as the hand commands it. */
   aim(arm) {
     const at = EXTRAS * this.arms.indexOf(arm) + 2;
     return this.numbers.subarray(at, at + 3);

@@ -1,8 +1,8 @@
-"""CRTK beside a realtime loop: a console of the loop, and the process that speaks for it.
+"""Connects a realtime loop to CRTK: a console of the loop, and a process that speaks CRTK.
 
-The two exchange rings in shared memory, so that neither waits for the other: rows of the robot one
-way, commands the other. A row is that of a `Frame`, the clocks at its tick, and the number of the
-last command that the loop had taken before it.
+The two exchange data through rings in shared memory, so that neither waits for the other. One ring
+carries rows of the robot, the other commands. A row contains a `Frame`, the clocks at its tick, and
+the number of the last command that the loop had taken before it.
 """
 
 from __future__ import annotations
@@ -31,18 +31,19 @@ from ravenjax.train.robot_link.crtk.messages import MessageTypes, Ros
 from ravenjax.train.session.blueprint import Blueprint
 
 PERIOD_S = 0.002
-"""Between two looks at robot and network."""
+"""Time between two readings of robot and network."""
 READINGS_HZ = 100.0
-"""As the consoles of the dVRK have it where nobody says otherwise."""
+"""The default rate of the dVRK's consoles."""
 _PARENT_S = 1.0
-_TAIL = struct.Struct("<qqq")  # wall clock ns, monotonic ns, number of the last command
+# Wall clock ns, monotonic ns, number of the last command.
+_TAIL = struct.Struct("<qqq")
 _KEPT_ROWS, _KEPT_COMMANDS, _COMMANDS_PER_TICK = 64, 1024, 16
 _LOOK_EVERY = 256
-"""Calls of `poll` between two looks whether the process is still there: each is a system call."""
+"""Calls of `poll` between two checks that the process is alive. Each check is a system call."""
 
 
 class Transport(Protocol):
-    """Topics of one ROS."""
+    """The topics of one ROS."""
 
     types: MessageTypes
 
@@ -53,7 +54,7 @@ class Transport(Protocol):
 
 
 def connect(ros: Ros, published: list[str], subscribed: list[str]) -> Transport:
-    """The transport of this ROS. UserError where it cannot be had."""
+    """Return the transport of this ROS. Raises UserError if it is not available."""
     if ros == "ros2":
         from ravenjax.train.robot_link.crtk.dds import DdsTransport
 
@@ -67,18 +68,18 @@ class CrtkConsole:
     """A console of the realtime loop (`realtime.loop.Console`), which owns both rings."""
 
     def __init__(self, layout: FrameLayout, ros: Ros, say: Callable[[str], None] = print) -> None:
-        """say: is told once that the process has ended."""
+        """say: receives a message once the process has ended."""
         self._bytes = np.zeros(4 * layout.size + _TAIL.size, np.uint8)
         self._tail = 4 * layout.size
         self.rows = Ring.create(_KEPT_ROWS, self._bytes.size)
         self.commands = Ring.create(_KEPT_COMMANDS, COMMAND_BYTES)
         self._ros, self._say = ros, say
         self._next = self._polls = 0
-        self.taken = 0  # number of the last command that was handed out
-        self.process_says: Connection | None = None  # why the process ends
+        self.taken = 0  # number of the last command returned
+        self.process_says: Connection | None = None  # delivers the reason when the process ends
 
     def poll(self) -> list[dict[str, Any]]:
-        """Commands of consoles of CRTK; none once the process that speaks it has ended."""
+        """Return the commands of CRTK's consoles; none once the CRTK process has ended."""
         self._polls += 1
         if self._polls % _LOOK_EVERY == 0 and self.process_says and self.process_says.poll():
             try:
@@ -115,15 +116,16 @@ class CrtkConsole:
 
 @dataclasses.dataclass(frozen=True)
 class BridgeOptions:
-    """What the process is started with."""
+    """The options with which the process starts."""
 
     rows: str  # names of the rings
     commands: str
     ros: Ros
     arms: tuple[ArmName, ...]
     tools: tuple[str, ...]
-    grasp_gain: int  # how the robot's software takes increments of the jaws
-    contact: bool  # whether the force of what the robot touches is known
+    # mrad that the jaws close per mrad of an increment.
+    grasp_gain: int
+    contact: bool  # whether the contact force is known
 
 
 def spawn(
@@ -133,9 +135,10 @@ def spawn(
     say: Callable[[str], None] = print,
     elsewhere: bool = False,
 ) -> CrtkConsole:
-    """Start the process for the robot of a blueprint and wait until it speaks. UserError.
+    """Start the process for the robot of a blueprint and wait until it speaks CRTK.
 
-    elsewhere: another robot is driven, whose contact is not known here.
+    elsewhere: whether a remote robot is driven, whose contact is not known here. Raises UserError
+    if the process cannot start.
     """
     console = CrtkConsole(blueprint.layout, ros, say)
     stack.callback(console.close)
@@ -158,7 +161,7 @@ def spawn(
 
 
 class RobotRings:
-    """The process's end of the rings."""
+    """The rings' ends in the CRTK process."""
 
     def __init__(self, rows: str, commands: str, layout: FrameLayout) -> None:
         self._rows, self._commands = Ring.attach(rows), Ring.attach(commands)
@@ -166,7 +169,7 @@ class RobotRings:
         self._sent = 0
 
     def newest(self) -> RobotRow | None:
-        """The last row; None before the first. Its frame is the same object each time."""
+        """Return the last row, or None before the first. Its frame is the same object each time."""
         first, rows = self._rows.read(self._rows.written - 1)
         if not len(rows):
             return None
@@ -177,26 +180,27 @@ class RobotRings:
         return RobotRow(self._frame, stamp, clock, last_command, first + len(rows) - 1)
 
     def send(self, command: dict[str, Any]) -> int:
-        """Put a command into the ring; its number."""
+        """Put a command into the ring and return its number."""
         self._sent += 1
         put_json(self._commands, {**command, "command": self._sent})
         return self._sent
 
     def close(self) -> None:
-        """Let go of both."""
+        """Close both rings."""
         self._rows.close()
         self._commands.close()
 
 
 def run(robot: Connection) -> None:
-    """Speak until the process is terminated or the robot's is gone. The entry point of a spawned
-    process.
+    """Speak CRTK until this process is terminated or the robot's process is gone.
 
-    robot: gives `BridgeOptions`, and takes None once the process speaks, later why it ends.
+    This is the entry point of a spawned process. robot: delivers `BridgeOptions`, and receives None
+    once the process is ready, later the reason why it ends.
     """
     options: BridgeOptions = robot.recv()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the robot's to take
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit())  # others are told that the topics are gone
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the robot's process handles Ctrl-C
+    # An orderly exit lets ROS learn that the topics are gone.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit())
     arms, contact = options.arms, options.contact
     try:
         topics = messages.published(arms, options.ros, contact), messages.subscribed(arms)

@@ -1,10 +1,9 @@
-"""ROS 2 without a ROS installation: DDS by the `cyclonedds` wheel, names and qualities of service
-as ROS 2 has them.
+"""Speaks ROS 2 without a ROS installation: DDS through the `cyclonedds` wheel.
 
-A topic `arm1/measured_js` is `rt/arm1/measured_js` there, `sensor_msgs/msg/JointState` is
-`sensor_msgs::msg::dds_::JointState_`, bytes are CDR. What is published is reliable, so that readers
-of either kind match; servo commands are read as best effort, so that a late one is never sent
-again.
+Names and qualities of service are those of ROS 2. The topic `arm1/measured_js` is
+`rt/arm1/measured_js` in DDS, `sensor_msgs/msg/JointState` is `sensor_msgs::msg::dds_::JointState_`,
+and bytes are CDR. Published topics are reliable, so that readers of either kind match. Servo
+commands are read as best effort, so that a late one is never sent again.
 """
 
 from __future__ import annotations
@@ -22,16 +21,16 @@ from ravenjax.train.robot_link.crtk import messages
 
 DOMAIN = "ROS_DOMAIN_ID"
 DEPTH = 10
-"""Messages that wait for a reader, as ROS 2 has it where nobody says otherwise."""
+"""Messages that wait for a reader: the default of ROS 2."""
 MOST_TAKEN = 64
-"""Of a topic, in one look."""
+"""The largest number of messages taken from a topic at once."""
 
 
 class DdsTransport:
     """Topics over DDS. `publish` and `poll` never wait longer than a millisecond."""
 
     def __init__(self, published: Sequence[str], subscribed: Sequence[str]) -> None:
-        """UserError where the wheel or a sound domain is missing."""
+        """Raises UserError if the wheel is missing or the domain is invalid."""
         try:
             from cyclonedds.domain import DomainParticipant
             from cyclonedds.pub import DataWriter
@@ -61,30 +60,30 @@ class DdsTransport:
                 self._readers.append((name, DataReader(self._participant, topic, quality)))
 
     def publish(self, name: str, message: Any) -> None:
-        """Send a message of `types` to whoever reads the topic."""
+        """Send a message of `types` to the readers of the topic."""
         from cyclonedds.core import DDSException
 
         writer, data = self._writers[name]
-        # No room within a millisecond: a reader that does not read.
+        # Without room within a millisecond, the message is dropped: some reader does not read.
         with contextlib.suppress(DDSException):
             writer.write(data.of(self.types.encode(message)))
 
     def poll(self) -> list[tuple[str, Any]]:
-        """Topic and message of what has come, oldest first within a topic."""
+        """Return topic and message of each arrival, oldest first within a topic."""
         arrivals: list[tuple[str, Any]] = []
         for name, reader in self._readers:
             for sample in reader.take(N=MOST_TAKEN):
                 content = getattr(sample, "content", None)
-                if content is None:  # somebody has left
+                if content is None:  # a publisher has left
                     continue
                 try:
                     arrivals.append((name, self.types.decode(content, messages.kind_of(name))))
-                except ValueError:  # no such message
+                except ValueError:  # not a valid message
                     continue
         return arrivals
 
     def connected(self) -> bool:
-        """Whether anybody publishes any of the topics that are heard."""
+        """Whether anybody publishes any of the subscribed topics."""
         return any(reader.get_matched_publications() for _, reader in self._readers)
 
     def close(self) -> None:
@@ -95,7 +94,7 @@ class DdsTransport:
 
 
 def domain() -> int:
-    """The domain that ROS_DOMAIN_ID names; 0 where it is not set. UserError."""
+    """Return the domain in ROS_DOMAIN_ID; 0 if it is not set. Raises UserError if it is invalid."""
     text = os.environ.get(DOMAIN, "0") or "0"
     if not text.isdecimal() or int(text) > 232:
         raise UserError(f"{DOMAIN} is {text!r}, expected a whole number from 0 to 232")
@@ -117,8 +116,9 @@ def _quality(*, reliable: bool = True, latched: bool = False) -> Any:
 
 @cache
 def _data_type(kind: str) -> Any:
-    """The type for DDS, built from the definition in `messages`; a sample holds the bytes that
-    those make.
+    """Return the DDS type, built from the definition in `messages`.
+
+    A sample holds the serialised bytes.
     """
     from cyclonedds.idl import IdlStruct
     from cyclonedds.idl.annotations import final
@@ -145,7 +145,7 @@ def _data_type(kind: str) -> Any:
 
 
 def _idl(node: Any) -> Any:
-    """The type of a field."""
+    """Return the IDL type of a field."""
     from cyclonedds.idl import types
     from rosbags.interfaces import Nodetype
 

@@ -1,6 +1,7 @@
-"""What CRTK's messages mean for the robot, and what the robot's rows are as CRTK's messages.
+"""Translates CRTK's messages into commands for the robot, and the robot's rows into CRTK's
+messages.
 
-No transport, clock or process is touched here: messages and rows go in with their time, messages
+This module uses no transport, clock or process. Messages and rows go in with their time; messages
 and commands of `protocol.messages` come out.
 """
 
@@ -41,11 +42,11 @@ from ravenjax.train.session import pedal
 
 Message = tuple[str, Any]
 RAVEN_STATE_PLACES = np.array([0, 1, 2, 4, 5, 6, 7])
-"""Of an arm's joints among its 8 in ravenstate; number 3 is not connected."""
+"""Places of an arm's joints among its 8 in ravenstate; number 3 is not connected."""
 RAVEN_STATE_SIZES = dict.fromkeys(
     ("dac_val", "mpos", "jpos", "mvel", "jvel", "mpos_d", "jpos_d"), 8
 ) | {"pos": 3, "pos_d": 3, "ori": 9, "ori_d": 9, "grasp_d": 1, "jac_vel": 6, "jac_f": 6}
-"""Numbers of each arm in the arrays of ravenstate that are known."""
+"""Numbers for each arm in the arrays of ravenstate that are known."""
 ELSEWHERE = "the robot went elsewhere: at a joint limit, or out of reach"
 
 
@@ -53,14 +54,15 @@ class RobotRow(NamedTuple):
     """One tick of the robot."""
 
     frame: Frame
-    stamp_ns: int  # since 1970
+    stamp_ns: int  # ns since 1970
     clock_ns: int  # monotonic
-    last_command: int  # number of the last command that the loop took before
-    number: int = 0  # of rows, from 0
+    # Number of the last command that the loop took before this tick.
+    last_command: int
+    number: int = 0  # number of the row, from 0
 
 
 class _Arm:
-    """What is known and wanted of one arm."""
+    """State and goals of one arm."""
 
     def __init__(self, arm: ArmName, tool: str, grasp_gain: int) -> None:
         self.name: ArmName = arm
@@ -68,13 +70,14 @@ class _Arm:
         self.follower = SetpointFollower(arm, grasp_gain)
         limits = soft_limits(tool)
         self.lower, self.upper = (np.array(side[:5], float) for side in limits[:2])
-        self.jpos_d = np.zeros(7)  # as the software wants it
-        self.goal: np.ndarray | None = None  # last one in joint space, for relative ones
+        self.jpos_d = np.zeros(7)  # joints that the software wants
+        # Last goal in joint space, the base of relative goals.
+        self.goal: np.ndarray | None = None
         self.move: Trajectory | None = None
 
 
 class Interpreter:
-    """Of one robot."""
+    """The interpreter of one robot."""
 
     def __init__(
         self,
@@ -85,30 +88,31 @@ class Interpreter:
         contact: bool = False,
         refused: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """tools: one an arm. contact: whether the robot tells of its force. refused: told why a
-        message was not followed.
+        """tools: one for each arm. contact: whether the robot reports its contact force. refused:
+        receives the reason when a message is not followed.
         """
         self.state = OperatingState()
         self.counts: dict[str, int] = {}
-        """Messages that were not followed, by reason."""
+        """Counts of messages that were not followed, by reason."""
         self._types, self._contact, self._refused = types, contact, refused
         self._arms = {
             ARM_NAMES[arm]: _Arm(arm, tool, grasp_gain)
             for arm, tool in zip(arms, tools, strict=True)
         }
-        self._published: tuple[str, bool, bool] | None = None  # the state
-        self._answer = False  # a state command came: the state is told again
+        self._published: tuple[str, bool, bool] | None = None  # the state published last
+        # Whether a state command came: the state is published again.
+        self._answer = False
         self._orders: list[dict[str, Any]] = []
         self._stepped_ms: float | None = None
         self._drove = self._present = False
-        self._moves = False  # the last commands have an increment
+        self._moves = False  # whether the last commands have an increment
         self._sent = 0  # number of the last command with an increment
-        self._taken: int | None = None  # row before which the robot took it
+        self._taken: int | None = None  # row before which the robot took that command
 
-    # --- what is heard ---
+    # --- messages from ROS ---
 
     def hear(self, name: str, message: Any, now_ms: float) -> None:
-        """A message that came for a topic of `messages.subscribed`."""
+        """Process a message on a topic of `messages.subscribed`."""
         place, _, word = name.partition("/")
         if name.endswith("state_command"):
             self._command(message.string.strip(), now_ms)
@@ -133,7 +137,7 @@ class Interpreter:
         self._want_pedal(word in ("enable", "resume"))
 
     def _want_pedal(self, wanted: bool) -> None:
-        """Somebody wants the pedal down: say where another has it."""
+        """If somebody wants the pedal down while another console drives, report the reason."""
         if wanted and not self.state.pedal and self.state.other_drives:
             self._refused(pedal.rival("another console"))
 
@@ -143,7 +147,7 @@ class Interpreter:
             self._refuse(f"{word}: {why}")
 
     def _why_not(self, arm: _Arm, word: str, message: Any, now_ms: float) -> str:
-        """Follow a command of motion, or say why not."""
+        """Follow a command of motion and return "", or return why it is not followed."""
         if not self.state.drives or arm.follower.sum is None:
             return "the robot is not enabled"
         now = arm.follower.target or arm.follower.sum
@@ -181,10 +185,10 @@ class Interpreter:
         if self.counts[why] == 1:
             self._refused(why)
 
-    # --- what the robot does ---
+    # --- rows from the robot, commands to it ---
 
     def observe(self, row: RobotRow, connected: bool, now_ms: float) -> None:
-        """The robot's newest row."""
+        """Take the robot's newest row."""
         frame = row.frame
         heard = frame.number("link") != 0 or frame.number("session_tick") == 0
         fresh = now_ms - row.clock_ns * 1e-6 <= STALE_MS
@@ -212,9 +216,7 @@ class Interpreter:
         self._drove = drives
 
     def commands(self, now_ms: float) -> list[dict[str, Any]]:
-        """What the robot is asked for now: orders, and the increments since the last call with
-        the pedal.
-        """
+        """Return the orders, and the increments since the last call together with the pedal."""
         elapsed = 0.0 if self._stepped_ms is None else min(now_ms - self._stepped_ms, 20.0)
         self._stepped_ms = now_ms
         increments: dict[str, Any] = {}
@@ -231,14 +233,14 @@ class Interpreter:
         return [{**command, "source": "crtk", "console": "crtk"} for command in (*orders, hands)]
 
     def note_sent(self, number: int) -> None:
-        """The number of the last of `commands` that went out."""
+        """Record the number of the last of `commands` that was sent."""
         if self._moves:
             self._sent, self._taken = number, None
 
-    # --- what is told ---
+    # --- messages to ROS ---
 
     def states(self, stamp_ns: int) -> list[Message]:
-        """The operating state, where it has changed or was asked about."""
+        """Return the operating state, if it has changed or a command came."""
         state = self.state
         now = state.state, state.is_homed, state.is_busy or state.runlevel == 1
         if now == self._published and not self._answer:
@@ -250,7 +252,7 @@ class Interpreter:
         return [(name, message) for name in names]
 
     def readings(self, row: RobotRow) -> list[Message]:
-        """Everything measured and wanted, and ravenstate over ROS 1."""
+        """Return all measurements and setpoints, and over ROS 1 also ravenstate."""
         types, frame = self._types, row.frame
         told: list[Message] = []
         state: dict[str, Any] = {
@@ -284,8 +286,8 @@ class Interpreter:
                 "cue_cf": types.message(ros_types.WRENCH, header, (base @ cue, np.zeros(3))),
             }
             if self._contact:
-                # CRTK's `servo_cf` is a force of the robot on its environment, and so is this: it
-                # acts against the force that the instrument feels. Adding zero avoids -0.
+                # Like CRTK's `servo_cf`, this is the robot's force on its environment, so it is
+                # opposite to the force on the instrument. Subtracting from zero avoids -0.
                 wrench = base @ (0.0 - contact), np.zeros(3)
                 words["measured_cf"] = types.message(ros_types.WRENCH, header, wrench)
             told += [(f"{name}/{word}", message) for word, message in words.items()]
@@ -319,11 +321,11 @@ class Interpreter:
                 "dt": (0, 1_000_000),
                 "hdr": types.header(row.stamp_ns, "0"),
             }
-            # The sublevel is that of the initialisation: done.
+            # Sublevel 3 of the initialisation: done.
             state |= {"runlevel": int(frame.number("runlevel")), "sublevel": 3}
             state |= {"last_seq": int(frame.number("last_seq"))}
             names = [name for name, _ in types.store.fielddefs[messages.RAVEN_STATE][1]]
-            # What the virtual robot does not know is zero.
+            # Fields that the virtual robot does not know are zero.
             values = [state.get(name, np.zeros(16)) for name in names]
             told.append(("ravenstate", types.message(messages.RAVEN_STATE, *values)))
         return told

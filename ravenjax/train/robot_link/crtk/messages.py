@@ -1,7 +1,8 @@
-"""Topics and messages of CRTK and of raven2, as ROS 1 and ROS 2 write them.
+"""Defines the topics and messages of CRTK and raven2 for ROS 1 and ROS 2.
 
 topics.toml lists the topics and defines the messages of CRTK and raven2. The rosbags library
-defines the others. Both ROS have the same fields, except that headers of ROS 1 have a number.
+defines the others. Both versions of ROS have the same fields, except that headers of ROS 1 have a
+number.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ STRING = "crtk_msgs/msg/StringStamped"
 RAVEN_STATE = "raven_2/msg/raven_state"
 
 ARM_NAMES: dict[ArmName, str] = {"gold": "arm1", "green": "arm2"}
-"""As raven2's own CRTK interface has them."""
+"""Arm names of raven2's own CRTK interface."""
 _TOPICS = tomllib.loads(Path(__file__).with_name("topics.toml").read_text(encoding="utf-8"))
 _DEFINITIONS = _TOPICS.pop("definitions")
 _KINDS = {name: kind for topics in _TOPICS.values() for name, kind in topics.items()}
@@ -35,30 +36,32 @@ SERVO = tuple(_TOPICS["servo"])
 
 
 def kind_of(topic: str) -> str:
-    """The type of a topic's messages; a topic such as `arm1/measured_js`."""
+    """Return the message type of a topic such as `arm1/measured_js`."""
     return _KINDS[topic.removeprefix("arm1/").removeprefix("arm2/")]
 
 
 def is_latched(topic: str) -> bool:
-    """Whether who subscribes late gets the last message too."""
+    """Whether late subscribers get the last message too."""
     return kind_of(topic) == OPERATING_STATE
 
 
 def published(arms: Sequence[ArmName], ros: Ros, contact: bool = False) -> list[str]:
-    """Topics of a robot with these arms. contact: it knows its force on what it touches."""
+    """Return the topics of a robot with these arms. contact: whether it knows its contact force."""
     words = [*_TOPICS["state"], *_TOPICS["measured"], *(_TOPICS["contact"] if contact else ())]
     of_robot = [*_TOPICS["state"], *(_TOPICS["ros1"] if ros == "ros1" else ())]
     return [*of_robot, *_of_arms(arms, words)]
 
 
 def subscribed(arms: Sequence[ArmName]) -> list[str]:
-    """Topics that command a robot with these arms."""
+    """Return the topics that command a robot with these arms."""
     words = [*_TOPICS["command"], *_TOPICS["servo"]]
     return ["state_command", *_TOPICS["pedal"], *_of_arms(arms, words)]
 
 
 def reported(arms: Sequence[ArmName], ros: Ros) -> list[str]:
-    """Topics in which another robot reports its state: raven2's own, or CRTK's of each arm."""
+    """Return the topics on which a remote robot reports its state: raven2's own, or CRTK's of each
+    arm.
+    """
     words = ("measured_js", "setpoint_js", "operating_state")
     return ["ravenstate"] if ros == "ros1" else _of_arms(arms, words)
 
@@ -69,13 +72,13 @@ def _of_arms(arms: Sequence[ArmName], words: Sequence[str]) -> list[str]:
 
 @cache
 def types(ros: Ros) -> MessageTypes:
-    """The message types of this ROS, with those of CRTK and raven2."""
+    """Return the message types of this ROS, including those of CRTK and raven2."""
     beside = _DEFINITIONS["ros1"] if ros == "ros1" else {}
     return MessageTypes(ros, _DEFINITIONS["ros2"] | beside)
 
 
 def pose_of(message: Any) -> tuple[np.ndarray, np.ndarray] | None:
-    """Position and quaternion in a `PoseStamped`; None where they are not finite, or no pose."""
+    """Return position and quaternion of a `PoseStamped`; None if they are not finite or no pose."""
     point, turn = message.pose.position, message.pose.orientation
     numbers = np.array([point.x, point.y, point.z, turn.x, turn.y, turn.z, turn.w])
     if not np.isfinite(numbers).all() or not 0.9 < np.linalg.norm(numbers[3:]) < 1.1:
@@ -84,11 +87,11 @@ def pose_of(message: Any) -> tuple[np.ndarray, np.ndarray] | None:
 
 
 def numbers_of(values: Any, count: int) -> np.ndarray | None:
-    """These numbers where there are exactly so many and all are finite."""
+    """Return the values as an array; None unless there are `count` of them and all are finite."""
     numbers = tuple(map(float, values))
     return np.array(numbers) if len(numbers) == count and all(map(math.isfinite, numbers)) else None
 
 
 def stamp_ns(header: Any) -> int:
-    """When a message was stamped, ns since 1970; 0: it was not."""
+    """Return a message's time stamp, ns since 1970; 0: it has none."""
     return int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)

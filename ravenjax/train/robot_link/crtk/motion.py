@@ -1,9 +1,9 @@
-"""Motion that CRTK asks of an arm, as increments for its control software.
+"""Turns the motion that CRTK requests of an arm into increments for its control software.
 
-The software takes increments alone: whole micrometres, turns, milliradians of the jaws, and adds
-them up. The follower keeps the same sum from where the software stood when the pedal went down, and
-sends what is missing, within the limits below. The software clamps at joint limits: where it stands
-elsewhere once all has arrived, the follower takes that over and drops its target.
+The software accepts only increments: whole micrometres, turns, milliradians of the jaws. It adds
+them up. The follower keeps the same sum, starting from the software's setpoint at pedal-down, and
+sends the missing part within the limits below. The software clamps at joint limits. If its setpoint
+differs once all increments have arrived, the follower adopts that setpoint and drops its target.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ SPEED_UM_MS = 200.0
 TURN_RAD_MS = 4e-3
 GRASP_MRAD_MS = 4.0
 FARTHEST_UM = 75_000.0
-"""A pose farther from where the arm is wanted now is refused, as raven2's CRTK does."""
+"""A pose farther than this from the arm's setpoint is refused, as in raven2's CRTK."""
 SLIP_UM, SLIP_RAD = 20.0, 2e-3
-"""What rounding cannot explain."""
+"""Differences that rounding cannot explain."""
 SETTLED_TICKS = 30
-"""Ticks of the software after which it stands where it was sent."""
+"""Ticks of the software after which it has reached its setpoint."""
 
 STILL: dict[str, Any] = {"delta_um": [0, 0, 0], "quat": [0.0, 0.0, 0.0, 1.0], "grasp_mrad": 0}
 """The increment of an arm that does not move."""
@@ -35,12 +35,13 @@ BASE: dict[ArmName, np.ndarray] = {
     "green": np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
 }
 """CRTK's base frame of an arm: a point p of frame 0 is BASE p there, a rotation R is BASE R.
+
 Source: raven2 `src/raven/crtk_motion_api.cpp`; `params/raven_*_crtk.yaml` give poses to check with.
 """
 
 
 def to_base(arm: ArmName, position: np.ndarray, rotation: np.ndarray) -> tuple[Any, Any]:
-    """Position, m, and quaternion of a pose in frame 0, as CRTK has them."""
+    """Return CRTK's position, m, and quaternion of a pose in frame 0."""
     quat = Rotation.from_matrix(BASE[arm] @ rotation).as_quat(canonical=True)
     return (BASE[arm] @ position).tolist(), quat.tolist()
 
@@ -48,12 +49,12 @@ def to_base(arm: ArmName, position: np.ndarray, rotation: np.ndarray) -> tuple[A
 def from_base(
     arm: ArmName, position: np.ndarray, quat: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Position, m, and rotation in frame 0 of CRTK's pose."""
+    """Return position, m, and rotation in frame 0 of CRTK's pose."""
     return BASE[arm].T @ position, BASE[arm].T @ Rotation.from_quat(quat).as_matrix()
 
 
 class Setpoint(NamedTuple):
-    """Where an arm is wanted, frame 0."""
+    """A setpoint of an arm in frame 0."""
 
     position_um: np.ndarray  # [3]
     rotation: Rotation
@@ -61,38 +62,38 @@ class Setpoint(NamedTuple):
 
     @staticmethod
     def of(position_m: np.ndarray, rotation: np.ndarray, grasp_rad: float) -> Setpoint:
-        """Of a pose, m, and the jaws' opening."""
+        """Return the setpoint of a position, m, a rotation, and the jaws' opening."""
         return Setpoint(
             np.asarray(position_m) * 1e6, Rotation.from_matrix(rotation), grasp_rad * 1e3
         )
 
     @staticmethod
     def at(arm: ArmName, jpos: np.ndarray) -> Setpoint:
-        """Of joints [7], rad and m."""
+        """Return the setpoint at joints [7], rad and m."""
         return Setpoint.of(*tip_pose(arm, jpos), float(jpos[5] + jpos[6]))
 
 
 class SetpointFollower:
-    """Increments of one arm."""
+    """Computes the increments of one arm."""
 
     def __init__(self, arm: ArmName, grasp_gain: int = 1) -> None:
-        """grasp_gain: mrad that the jaws close per mrad of an increment, the software's."""
+        """grasp_gain: mrad that the jaws close per mrad of an increment in the control software."""
         self._gain = grasp_gain
         self._axes = np.array(ITP_AXES[arm], float)
         self.sum: Setpoint | None = None  # None: the arm does not drive
         self.target: Setpoint | None = None
 
     def engage(self, at: Setpoint) -> None:
-        """The pedal is down, the software stands at `at`."""
+        """Start at the software's setpoint, because the pedal is down."""
         self.sum = Setpoint(np.rint(at.position_um), at.rotation, round(at.grasp_mrad))
         self.target = None
 
     def release(self) -> None:
-        """The pedal is up."""
+        """Stop, because the pedal is up."""
         self.sum = self.target = None
 
     def aim(self, target: Setpoint) -> bool:
-        """Go there; False where that is too far at once, or the pedal is up."""
+        """Set the target. Return False if it is too far away, or the pedal is up."""
         if self.sum is None:
             return False
         if np.linalg.norm(target.position_um - self.sum.position_um) > FARTHEST_UM:
@@ -101,7 +102,10 @@ class SetpointFollower:
         return True
 
     def has_slipped(self, at: Setpoint) -> bool:
-        """Whether the software stands at `at`, elsewhere than it was sent; it begins anew there."""
+        """Whether the software's setpoint `at` is not the one that was sent.
+
+        The follower then adopts it.
+        """
         if self.sum is None:
             return False
         slipped = (
@@ -114,7 +118,7 @@ class SetpointFollower:
         return bool(slipped)
 
     def step(self, elapsed_ms: float) -> dict[str, Any]:
-        """The increment to send now, ITP frame, as in a command "increments"."""
+        """Return the increment to send now, ITP frame, as in a command "increments"."""
         if self.sum is None or self.target is None:
             return STILL
         position, rotation, grasp = self.sum
@@ -138,15 +142,17 @@ class SetpointFollower:
 
 
 FASTEST = np.array([*np.radians([5, 5]), 0.02, *np.radians([15, 15, 15, 15])])
-"""rad/s, insertion m/s: what the public CRTK clients of the Raven keep to."""
+"""rad/s, insertion m/s: the limits of the Raven's public CRTK clients."""
 STRONGEST = np.array([1.0, 1.0, 0.1, 1.0, 1.0, 1.0, 1.0])
 """rad/s^2, A_MAX of raven2's `defines.h`; insertion m/s^2, assumed."""
 _PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 10 / math.sqrt(3)
-"""Of the minimum-jerk course 10 s^3 - 15 s^4 + 6 s^5, over its time."""
+"""Peaks of the minimum-jerk profile 10 s^3 - 15 s^4 + 6 s^5 over its time."""
 
 
 class Trajectory:
-    """`move_jp`: minimum-jerk motion from joints to joints, as fast as the slowest joint may."""
+    """`move_jp`: minimum-jerk motion between joint positions, as fast as the slowest
+    joint allows.
+    """
 
     def __init__(self, start: np.ndarray, goal: np.ndarray, begins_ms: float) -> None:
         """start, goal: [7], rad, insertion m."""
@@ -156,7 +162,7 @@ class Trajectory:
         self.seconds = float(max((_PEAK_SPEED * by_speed).max(), by_acceleration.max()))
 
     def at(self, now_ms: float) -> tuple[np.ndarray, bool]:
-        """Joints at this time, and whether the goal is reached."""
+        """Return the joints at this time, and whether the goal is reached."""
         passed_s = (now_ms - self._begins_ms) * 1e-3
         s = 1.0 if passed_s >= self.seconds else max(passed_s / self.seconds, 0.0)
         return self._start + s**3 * (10 + s * (6 * s - 15)) * self._way, s == 1.0

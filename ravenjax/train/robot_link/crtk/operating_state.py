@@ -1,19 +1,19 @@
-"""The operating state that CRTK sees, and whether its consoles hold the robot's pedal down.
+"""Decides the operating state that CRTK sees, and whether its consoles hold the robot's pedal down.
 
-    DISABLED   not enabled since the robot was switched on (brakes on, pedal up), or stopped by `disable` (E-stop)
-    ENABLED    pedal down, whoever drives; also while the robot initialises, busy then
+    DISABLED   not enabled since power-on (brakes on, pedal up), or stopped by `disable` (E-stop)
+    ENABLED    pedal down, whoever drives; also during initialisation, then busy
     PAUSED     powered, but the pedal is up
-    FAULT      stopped by anything else: a check of the robot, an E-stop, a link that is lost
+    FAULT      stopped otherwise: by a check of the robot, an E-stop, or a lost link
 
-Commands are those of CRTK's table, and what is invalid there changes nothing. `enable` homes a
-stopped robot anew, as `home` does; a robot without power has lost its homing, so that `unhome` is
-`disable`.
+Commands are those of CRTK's table. A command that is invalid in a state changes nothing. `enable`
+homes a stopped robot again, as `home` does. A robot without power has lost its homing, so `unhome`
+is the same as `disable`.
 
-A pedal that is held down by a command must be held by somebody. It comes up, and stays up until
-`resume`, when nobody publishes commands any more, `STALE_MS` after the last of a stream of servo
-commands, and `IDLE_MS` after the last word of any kind, the robot's own time-out. An E-stop takes
-every wish back, a foot that is still on a pedal among them.
-"""  # noqa: E501
+A pedal that a command holds down needs somebody to hold it. It comes up, and stays up until
+`resume`, in three cases: nobody publishes commands any more, the last of a stream of servo commands
+is `STALE_MS` old, or the last command of any kind is `IDLE_MS` old (the robot's own time-out). An
+E-stop cancels every request, including that of a foot that is still on a pedal.
+"""
 
 from __future__ import annotations
 
@@ -25,37 +25,39 @@ from ravenjax.train.robot import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP
 State = Literal["DISABLED", "ENABLED", "PAUSED", "FAULT"]
 Order = Literal["estop", "restart"]
 IDLE_MS = 5000
-"""raven2 `local_io.cpp`: the robot lifts the pedal of a console that was silent for so many
+"""raven2 `local_io.cpp`: the robot lifts the pedal of a console that was silent for this number of
 cycles.
 """
 REFUSED_MS = 500
-"""A pedal that the robot does not follow for so long does not count: another console drives."""
+"""A pedal that the robot does not follow for this time does not count: another console drives."""
 COMMANDS = ("enable", "disable", "pause", "resume", "home", "unhome")
 
 
 class OperatingState:
-    """Of one robot. Times are ms of one monotonic clock."""
+    """The operating state of one robot. Times are ms of one monotonic clock."""
 
     def __init__(self) -> None:
         self.runlevel = PEDAL_UP
-        self.is_busy = False  # a move is on its way
-        self.pedal = False  # as CRTK wishes it
-        self.why = ""  # the pedal came up last
+        self.is_busy = False  # whether a move is under way
+        self.pedal = False  # whether CRTK wants the pedal down
+        self.why = ""  # why the pedal came up last
         self._stopped = self._lost = False
-        self._disabled = True  # nobody has enabled it
-        self._disabling = False  # it was asked to stop, and has not yet
-        self._restarting = False  # and the pedal goes down once it is ready
-        self._present = self._clutch = False  # feet
-        self._clutched = False  # the pedal was down when the clutch was stepped on
-        self._streams = False  # servo commands came since the pedal went down
+        self._disabled = True  # nobody has enabled the robot
+        # A stop was ordered but has not happened yet.
+        self._disabling = False
+        # A restart was ordered; the pedal goes down once the robot is ready.
+        self._restarting = False
+        self._present = self._clutch = False  # feet on the two pedals
+        # The pedal was down when the clutch was pressed.
+        self._clutched = False
+        self._streams = False  # servo commands came since pedal-down
         self._servo_ms = self._word_ms = self._down_ms = self._up_ms = float("-inf")
-        self.other_drives = (
-            False  # another console holds the pedal: nothing is to be had before it lets go
-        )
+        # Another console holds the pedal: CRTK cannot drive until it lets go.
+        self.other_drives = False
 
     @property
     def state(self) -> State:
-        """What is told."""
+        """The state to publish."""
         if self._lost:
             return "FAULT"
         if self._stopped or self.runlevel == E_STOP:
@@ -70,16 +72,19 @@ class OperatingState:
 
     @property
     def is_homed(self) -> bool:
-        """A robot without power has lost it."""
+        """Whether the robot is homed. A robot without power has lost its homing."""
         return self.runlevel in (PEDAL_UP, PEDAL_DOWN)
 
     @property
     def drives(self) -> bool:
-        """Whether motion is taken."""
+        """Whether commands of motion are followed."""
         return self.pedal and self.state == "ENABLED" and self.runlevel == PEDAL_DOWN
 
     def command(self, word: str, now_ms: float) -> list[Order]:
-        """A state command; what it asks of the robot. ValueError where CRTK has no such word."""
+        """Process a state command and return the orders for the robot.
+
+        Raises ValueError if CRTK has no such command.
+        """
         if word not in COMMANDS:
             raise ValueError(f"state command {word!r}, expected one of {', '.join(COMMANDS)}")
         self._word_ms = now_ms
@@ -112,8 +117,9 @@ class OperatingState:
         return []
 
     def foot(self, present: bool | None, clutch: bool | None, now_ms: float) -> None:
-        """The operator steps on a pedal or off it: who is there drives, and does not while the
-        clutch is held.
+        """Take the feet on the pedals: operator present, and clutch. A value of None is unknown.
+
+        A present operator drives, except while the clutch is held.
         """
         self._word_ms = now_ms
         if present is not None:
@@ -138,24 +144,26 @@ class OperatingState:
                 self._press(now_ms)
 
     def servo(self, now_ms: float) -> None:
-        """A servo command came."""
+        """Record that a servo command came."""
         self._servo_ms = self._word_ms = now_ms
         self._streams = True
 
     def word(self, now_ms: float) -> None:
-        """Another command of motion came: a single one."""
+        """Record that another, single command of motion came."""
         self._word_ms = now_ms
         self._streams = False
 
     def observe(
         self, runlevel: int, stopped: bool, connected: bool, now_ms: float, lost: bool = False
     ) -> None:
-        """What the robot is in now, and whether anybody could command it. lost: nothing is heard
-        of it.
+        """Take the robot's run level, and whether it is stopped and anybody could command it.
+
+        lost: whether the robot's reports have stopped.
         """
         was_stopped = self._stopped or self.runlevel == E_STOP
         if lost and not self._lost:
-            self._release("lost")  # who had not enabled it has not to anew once it is heard again
+            # A robot that was enabled need not be enabled again afterwards.
+            self._release("lost")
         self.runlevel, self._stopped, self._lost = runlevel, stopped, lost
         is_stopped = stopped or runlevel == E_STOP
         if is_stopped and not was_stopped:

@@ -1,8 +1,8 @@
-"""ROS 1 by the system's rospy: a node of its own, run by the Python that has it, beside this
-process.
+"""Speaks ROS 1 through the system's rospy: a node in a separate process with the Python that has
+rospy.
 
-Only bytes pass between the two: `messages` makes and reads them here, so that the node needs no
-message packages.
+Only bytes pass between the two processes. `messages` makes and reads them in this process, so that
+the node needs no message packages.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from ravenjax.errors import UserError
 from ravenjax.train.robot_link.crtk import messages, ros1_node
 
 PYTHON = "RAVENJAX_ROS1_PYTHON"
-"""Environment variable: the Python that has rospy, where it is not the system's."""
+"""Environment variable with the Python that has rospy, if it is not the system's."""
 PATIENCE_S = 20.0
 
 
@@ -30,23 +30,24 @@ class Ros1Transport:
     """Topics over ROS 1."""
 
     def __init__(self, published: Sequence[str], subscribed: Sequence[str]) -> None:
-        """UserError where rospy or its master is missing."""
+        """Raises UserError if rospy or its master is missing."""
         self.types = messages.types("ros1")
         self._published, self._subscribed = list(published), list(subscribed)
         self._connected, self._is_ready = 0, False
-        self._defined: dict[int, messages.MessageTypes] = {}  # as their publishers have them
+        # Types as their publishers define them.
+        self._defined: dict[int, messages.MessageTypes] = {}
         ours, theirs = socket.socketpair()
         with ours, theirs:
             self._node = subprocess.Popen(
                 [_python(), str(Path(ros1_node.__file__)), str(theirs.fileno())],
                 pass_fds=[theirs.fileno()],
-                # What ROS prints goes to the standard error.
+                # ROS's output goes to standard error.
                 stdout=2,
                 env=_environment(),
-                start_new_session=True,  # Ctrl-C is this process's to take
+                start_new_session=True,  # this process handles Ctrl-C
             )
             self._link = Connection(ours.detach())
-        # Versions of ravenstate differ: its publisher says how it is defined.
+        # Versions of ravenstate differ, so its publisher defines it.
         heard = [self._described(name, name == "ravenstate") for name in subscribed]
         try:
             self._link.send(([self._described(name) for name in published], heard))
@@ -56,27 +57,27 @@ class Ros1Transport:
             raise
 
     def publish(self, name: str, message: Any) -> None:
-        """Send a message of `types` to whoever subscribes to the topic."""
-        with contextlib.suppress(OSError):  # `poll` tells that the node has ended
+        """Send a message of `types` to the subscribers of the topic."""
+        with contextlib.suppress(OSError):  # `poll` reports that the node has ended
             self._link.send((self._published.index(name), self.types.encode(message)))
 
     def poll(self) -> list[tuple[str, Any]]:
-        """Topic and message of what has come. UserError where the node has ended."""
+        """Return topic and message of each arrival. Raises UserError if the node has ended."""
         arrivals: list[tuple[str, Any]] = []
         while self._link.poll():
             number, content = self._receive()
             if isinstance(number, int):
                 name, types = self._subscribed[number], self._defined.get(number, self.types)
-                with contextlib.suppress(ValueError):  # no such message
+                with contextlib.suppress(ValueError):  # not a valid message
                     arrivals.append((name, types.decode(content, messages.kind_of(name))))
         return arrivals
 
     def connected(self) -> bool:
-        """Whether anybody publishes any of the topics that are heard."""
+        """Whether anybody publishes any of the subscribed topics."""
         return self._connected > 0
 
     def close(self) -> None:
-        """End the node: it signs off at its master when nothing more can come from here."""
+        """End the node: when the connection closes, it signs off at its master."""
         self._link.close()
         try:
             self._node.wait(3.0)
@@ -85,7 +86,7 @@ class Ros1Transport:
             self._node.wait()
 
     def _receive(self) -> tuple[Any, Any]:
-        """What the node says next, and what that changes here."""
+        """Receive the node's next message and update the state in this process."""
         try:
             word, content = self._link.recv()
         except (EOFError, OSError):
@@ -106,7 +107,7 @@ class Ros1Transport:
         return word, content
 
     def _await_node(self) -> None:
-        """Until the node is there; messages that come before it says so are too early."""
+        """Wait until the node is ready. Messages that arrive earlier are dropped."""
         end = time.monotonic() + PATIENCE_S
         while not self._is_ready:
             if not self._link.poll(max(0.0, end - time.monotonic())):
@@ -128,7 +129,7 @@ _HELP = (
 
 
 def _python() -> str:
-    """The Python that has rospy. UserError."""
+    """Return the Python that has rospy. Raises UserError if none has."""
     wanted = os.environ.get(PYTHON)
     choices = [wanted] if wanted else ["/usr/bin/python3", shutil.which("python3") or ""]
     tried = list(dict.fromkeys(filter(None, choices)))
@@ -143,8 +144,9 @@ def _python() -> str:
 
 
 def _environment() -> dict[str, str]:
-    """Without this Python's own paths, which are not for another; those of a ROS that was
-    sourced stay.
+    """Return an environment without this Python's own paths, which do not suit another Python.
+
+    Paths of a sourced ROS stay.
     """
     paths = os.environ.get("PYTHONPATH", "").split(os.pathsep)
     ros = os.pathsep.join(path for path in paths if path.startswith("/opt/ros"))

@@ -1,11 +1,11 @@
-"""The node of ROS 1: run by the Python that has rospy, which needs nothing of ravenjax.
+"""The node of ROS 1. It runs in the Python that has rospy, and imports nothing of ravenjax.
 
-Its argument is the descriptor of a socket, which `multiprocessing.connection` reads and writes.
-First comes what there is to do, a pair of lists [[topic, type, md5, definition, latched], ...]:
-what is published, and what is subscribed to. After that pairs go both ways: the number of a topic
-in its list, and the bytes of a message. Out go, too, ("ready", None), ("error", text),
-("connected", how many publish what is heard), and, of a topic whose md5 is empty, ("defined",
-(number, definition)) as its publisher has it.
+Its argument is the descriptor of a socket that `multiprocessing.connection` reads and writes. The
+first message is a pair of lists [[topic, type, md5, definition, latched], ...]: the topics to
+publish and the topics to subscribe to. After that, pairs go both ways: the number of a topic in its
+list, and the bytes of a message. The node also sends ("ready", None), ("error", text),
+("connected", number of publishers of subscribed topics), and ("defined", (number, definition)) for
+a topic whose md5 is empty, with its publisher's definition.
 """
 
 import os
@@ -74,7 +74,8 @@ def main():
                 last = connected
                 tell("connected", connected)
             time.sleep(PERIOD_S)
-        os._exit(1)  # another node has taken the name, or the master sent this one away
+        # Another node took the name, or the master shut this one down.
+        os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
     while True:

@@ -1,9 +1,8 @@
-"""A robot elsewhere that tells of itself over ROS and is driven over ITP, as a real Raven is.
+"""A remote robot that reports its state over ROS and is driven over ITP, as a real Raven is.
 
-Over ROS 1 it is raven2's `ravenstate` that is heard, in whichever version its publisher has it,
-over ROS 2 CRTK's `measured_js`, `setpoint_js` and `operating_state` of each arm. What a session
-asks beside motion is `state_command`: an E-stop is `disable`, a restart is `home`. Hazards cannot
-be armed there.
+Over ROS 1 it reports raven2's `ravenstate`, in its publisher's version. Over ROS 2 it reports
+CRTK's `measured_js`, `setpoint_js` and `operating_state` of each arm. Other orders of a session are
+sent as `state_command`: an E-stop is `disable`, a restart is `home`. Hazards cannot be armed there.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from ravenjax.train.robot_link.joint_stream import JointReport
 from ravenjax.train.robot_link.remote import RobotLink
 
 _COMMANDS = {"estop": "disable", "reset": "home"}
-"""State command of an order."""
+"""State command for each order."""
 
 
 class RosRobot(RobotLink):
@@ -48,8 +47,8 @@ class RosRobot(RobotLink):
         clock: Callable[[], int] = time.monotonic_ns,
         say: Callable[[str], None] = print,
     ) -> None:
-        """tools: one an arm. transport: of `topics`. say: is told where ROS is lost. UserError
-        where the host has no address.
+        """tools: one for each arm. transport: has the topics of `topics`. say: receives a message
+        if ROS is lost. Raises UserError if the host has no address.
         """
         super().__init__(host, itp_port, clock)
         self._transport, self._say = transport, say
@@ -59,7 +58,7 @@ class RosRobot(RobotLink):
             for arm in arms
             for name in ("jpos", "jpos_d", "mpos", "mvel", "position", "dac")
         }
-        self._motor_rates = {  # of joint rates, [7, 7]: the cables couple them
+        self._motor_rates = {  # per joint rate, [7, 7]: the cables couple them
             arm: np.array([motors_of_joints(arm, tool, row) for row in np.eye(7)]).T
             for arm, tool in zip(arms, tools, strict=True)
         }
@@ -69,11 +68,11 @@ class RosRobot(RobotLink):
 
     @staticmethod
     def topics(arms: tuple[ArmName, ...], ros: messages.Ros) -> tuple[list[str], list[str]]:
-        """What such a robot is told, and what is heard of it."""
+        """Return the topics to publish to such a robot, and the topics to subscribe to."""
         return ["state_command"], messages.reported(arms, ros)
 
     def order(self, content: dict[str, Any]) -> None:
-        """What CRTK has a command for; anything else is nothing."""
+        """Send the order's state command. Orders without one are ignored."""
         word = _COMMANDS.get(content["order"])
         if word is not None and not self.lost:
             types = self._transport.types
@@ -81,7 +80,7 @@ class RosRobot(RobotLink):
             self._transport.publish("state_command", message)
 
     def _read(self) -> None:
-        """Take what has come; once ROS is lost the robot counts as stopped."""
+        """Take the messages that have arrived. Once ROS is lost the robot counts as stopped."""
         try:
             heard = self._transport.poll()
         except UserError as error:
@@ -98,7 +97,7 @@ class RosRobot(RobotLink):
                 self._take(name, message)
 
     def _take_raven_state(self, message: Any) -> None:
-        # Versions of the message name the counts differently, or lack them.
+        # Versions of the message name the DAC counts differently, or lack them.
         counts = getattr(message, "dac_val", getattr(message, "current_cmd", np.zeros(16)))
         for arm in self._arms.values():
             slot = ARMS.index(arm)
@@ -137,7 +136,7 @@ class RosRobot(RobotLink):
             self._complete(message.header, min(self._levels.values()), 0)
 
     def _complete(self, header: Any, runlevel: int, last_seq: int) -> None:
-        """The record is whole."""
+        """Turn the complete record into the newest report."""
         stamp_ns = messages.stamp_ns(header)
         self._began_ns = self._began_ns or stamp_ns
         state = {"runlevel": [runlevel & 3], "surgeon_mode": [int(runlevel == PEDAL_DOWN)]}
@@ -150,7 +149,7 @@ class RosRobot(RobotLink):
 
 
 def _runlevel(message: Any) -> int:
-    """What the software of a Raven is in that is in this operating state."""
+    """Return the Raven's run level for an operating state."""
     if message.state == "ENABLED":
         return INIT if message.is_busy and not message.is_homed else PEDAL_DOWN
     return PEDAL_UP if message.is_homed else E_STOP
