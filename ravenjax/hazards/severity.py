@@ -88,7 +88,9 @@ def injury_capable(frame: pd.DataFrame, flags: pd.DataFrame | None = None) -> pd
 
 
 def lasting(frame: pd.DataFrame) -> pd.Series:
-    """Return which runs have a fault that does not end: it lasts until the run's end, or repeats."""
+    """Return which runs have a fault that does not end: it lasts until the run's end, or
+    repeats.
+    """
     lasts = pd.Series(False, frame.index)
     for name in (name for name in frame if name.startswith("fault") and name.endswith("_site")):
         slot = name.removesuffix("_site")

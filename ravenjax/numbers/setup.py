@@ -43,7 +43,9 @@ REFERENCE = Precision(narrow="float64", wide="float64", real="float64")
 
 @dataclasses.dataclass(frozen=True)
 class SiteUse:
-    """The channels of one fault site on which a campaign injects faults, and their effects; static."""
+    """The channels of one fault site on which a campaign injects faults, and their effects;
+    static.
+    """
 
     site: str  # name of one of the robot's fault sites
     channels: tuple[tuple[str, str], ...]  # (arm, or "" if the site belongs to no arm; channel)

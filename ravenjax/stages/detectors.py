@@ -222,7 +222,9 @@ def step(
 
 
 def stops(setup: Setup, state: DetectorsState | None) -> Scalar:
-    """Return whether a detector that may stop the robot is in alarm at its first threshold, bool."""
+    """Return whether a detector that may stop the robot is in alarm at its first threshold,
+    bool.
+    """
     alarms = jnp.bool_(False)
     for use, one in zip(
         setup.detectors, () if state is None else state.detectors, strict=state is not None

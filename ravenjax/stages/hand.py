@@ -48,7 +48,9 @@ TICK_S = 1e-3
 
 @record
 class HandParams:
-    """Hand parameters that a campaign may vary; the default is the hand above at half a firm grip."""
+    """Hand parameters that a campaign may vary; the default is the hand above at half a
+    firm grip.
+    """
 
     grip: Annotated[
         Scalar, Quantity("", 0, 1, "how firmly the hand holds the console: 0 relaxed, 1 firm")

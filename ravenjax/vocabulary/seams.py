@@ -52,7 +52,9 @@ class Crossing(NamedTuple):
 
 
 def crossings(seams: Mapping[str, Seam], arms: Iterable[str]) -> tuple[Crossing, ...]:
-    """Return every number that crosses a seam of a robot with these arms, by seam and then by arm."""
+    """Return every number that crosses a seam of a robot with these arms, by seam and then
+    by arm.
+    """
     arms = tuple(arms)
     return tuple(
         Crossing(seam, arm, channel)
