@@ -28,8 +28,8 @@ from ravenjax.robots.raven2.geometry.joints import Pose
 Array = np.ndarray
 
 ORTHONORMAL = 1e-3
-"""How far R^T R of a rotation may be from 1: single precision and rounding in files are far
-below.
+"""Tolerance of R^T R of a rotation from 1; single precision and rounding in files are far
+below it.
 """
 
 
@@ -44,7 +44,7 @@ def forward_kinematics(jpos: ArrayLike, arm: str) -> tuple[Array, Array]:
 
 
 def jaw_rotation(arm: str, jpos: Array) -> Array:
-    """Rotation [..., 3, 3] of the jaws at `jpos` [..., 7]; NaN where a joint is."""
+    """Return the rotation [..., 3, 3] of the jaws at `jpos` [..., 7]; NaN if a joint is NaN."""
     with _numpy():
         return _matrices(kinematics.forward(arm, _vec(np.asarray(jpos, float))).rotation)
 
@@ -101,7 +101,7 @@ def gravity_torque(jpos: ArrayLike, arm: str) -> Array:
 
 @contextlib.contextmanager
 def _numpy() -> Generator[None]:
-    """Let the functions of single numbers compute with whole arrays for each."""
+    """Make the functions for single numbers compute with a whole array for each number."""
     with at_once(), np.errstate(all="ignore"):
         yield
 
@@ -119,7 +119,9 @@ def _matrices(rows: Vec) -> Array:
 
 
 def _rows(arm: str, **arguments: tuple[ArrayLike, tuple[int, ...]]) -> list[Array]:
-    """The arguments checked, with the same leading axes; each comes with the shape of one row."""
+    """Check the arguments and return them with the same leading axes; each comes with the shape of
+    one row.
+    """
     if arm not in ARMS:
         raise UserError(unknown("arm", arm, ARMS))
     checked = {name: _checked(name, value, row) for name, (value, row) in arguments.items()}
@@ -133,7 +135,7 @@ def _rows(arm: str, **arguments: tuple[ArrayLike, tuple[int, ...]]) -> list[Arra
 
 
 def _checked(name: str, value: ArrayLike, row: tuple[int, ...]) -> Array:
-    """An array of finite numbers [..., *row]."""
+    """Return an array of finite numbers [..., *row]."""
     try:
         array = np.asarray(value)
     except (TypeError, ValueError) as error:

@@ -1,7 +1,8 @@
-"""Motor angles and joints: ratios, cable coupling, signs, and what a DAC count is worth.
+"""Transmission between motors and joints: ratios, cable coupling, signs, and the torque of a DAC
+count.
 
 Figures are Python numbers. The original holds C01, C02, C12, TR and the wrist coupling as float32
-and GB_RATIO as double; round them where that matters. The functions here are as wide as their input
+and GB_RATIO as double: round them if that matters. The functions compute in the type of their input
 and follow no particular rounding order. Sources: raven2 `include/raven/defines.h` (geometry),
 `fwd_cable_coupling.cpp`, `inv_cable_coupling.cpp`, `motor.h`, `init.cpp`, `state_estimate.cpp`. The
 2015 fork is built without OPPOSE_GRIP: its first jaw has the signs of the second.
@@ -68,8 +69,9 @@ CABLE_PER_MOTOR = (_CAPSTAN42 / GP42,) * 3 + (_CAPSTAN32 / GP32,) * 4
 
 
 def coupling_signs(arm: str, tool: str, software: str = "raven2") -> Vec:
-    """Sign (1 or -1) with which the insertion motor turns tool_roll, wrist, grasp1 and grasp2
-    motors.
+    """Return the signs (1 or -1) with which the insertion motor turns the four tool motors.
+
+    The order is tool_roll, wrist, grasp1, grasp2.
     """
     style = find_tool(tool).style
     gold = 1.0 if style == "raven" else -1.0
@@ -77,12 +79,14 @@ def coupling_signs(arm: str, tool: str, software: str = "raven2") -> Vec:
 
 
 def _tool_signs(sign: float, software: str) -> Vec:
-    """Where OPPOSE_GRIP is compiled, the first jaw's sign is the opposite of the second's."""
+    """Return the tool signs; with OPPOSE_GRIP the first jaw's sign is the opposite of the
+    second's.
+    """
     return Vec((sign, sign, sign if software == "fork2015" else -sign, sign))
 
 
 def tau_signs(arm: str, tool: str, software: str = "raven2") -> Vec:
-    """Sign (7) of the DAC count that drives each motor forward, that of the original's
+    """Return the signs (7) of the DAC counts that drive each motor forward, as the original's
     tau_per_amp.
     """
     positioning = -1.0 if arm == "gold" else 1.0
@@ -93,11 +97,10 @@ def tau_signs(arm: str, tool: str, software: str = "raven2") -> Vec:
 def encoder_signs(
     arm: str, tool: str, software: str = "raven2", adapter: Style | None = None
 ) -> Vec:
-    """Sign (7) by which enc_val, as unpacked from USB (already negated there), becomes the forward
-    motor angle.
+    """Return the signs (7) by which enc_val becomes the forward motor angle.
 
-    The original takes these from the adapter it is compiled for, not from the tool; by default that
-    of the tool.
+    enc_val is as unpacked from USB, where it is already negated. The original takes the signs from
+    the adapter for which it is compiled, not from the tool; the default is the tool's adapter.
     """
     positioning = -1.0 if arm == "gold" else 1.0
     style = adapter or find_tool(tool).style
@@ -108,10 +111,10 @@ def encoder_signs(
 def motor_from_joint(
     arm: str, tool: str, jpos: Vec, mpos_insertion: Scalar = None, software: str = "raven2"
 ) -> Vec:
-    """Motor angles (7, rad) that hold the joints `jpos` (7, rad and m).
+    """Return the motor angles (7, rad) that hold the joints `jpos` (7, rad and m).
 
-    The tool motors follow the insertion motor at `mpos_insertion` (rad). The control software gives
-    the measured one; by default it is where it belongs.
+    The tool motors follow the insertion motor at `mpos_insertion` (rad). The control software
+    passes the measured angle; the default is the angle that holds `jpos`.
     """
     shoulder, elbow, insertion, roll, wrist, grasp1, grasp2 = jpos
     kappa = find_tool(tool).wrist_coupling
@@ -136,7 +139,7 @@ def motor_from_joint(
 
 
 def joint_from_motor(arm: str, tool: str, mpos: Vec, software: str = "raven2") -> Vec:
-    """Joints (7, rad and m) at the motor angles `mpos` (7, rad)."""
+    """Return the joints (7, rad and m) at the motor angles `mpos` (7, rad)."""
     shoulder = mpos[0] * (1.0 / TR[0])
     elbow = mpos[1] * (1.0 / TR[1]) - C01 * shoulder
     insertion = mpos[2] * (1.0 / TR[2]) - C02 * shoulder - C12 * elbow
@@ -151,8 +154,9 @@ def joint_from_motor(arm: str, tool: str, mpos: Vec, software: str = "raven2") -
 
 
 def motor_matrix(arm: str, tool: str, software: str = "raven2") -> tuple[tuple[float, ...], ...]:
-    """The 7 x 7 matrix of `motor_from_joint` with the insertion motor where it belongs: rows
-    motors, columns joints.
+    """Return the 7 x 7 matrix of `motor_from_joint`: rows motors, columns joints.
+
+    The insertion motor is at the angle that holds the joints.
     """
     units = (Vec(float(i == j) for i in range(7)) for j in range(7))
     columns = [motor_from_joint(arm, tool, unit, software=software) for unit in units]
