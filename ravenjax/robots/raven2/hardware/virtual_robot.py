@@ -39,7 +39,7 @@ from ravenjax.robots.raven2.software.code import TransitionCode
 from ravenjax.robots.raven2.stages import plc
 
 BOARDS = 1
-"""Boards whose output pins may differ: the control software writes the same to all."""
+"""Number of boards whose output pins may differ: the control software writes the same to all."""
 
 
 @record
@@ -60,7 +60,7 @@ class RobotState:
 
 @record
 class RobotInputs:
-    """What reaches it in one millisecond."""
+    """Inputs of the robot in one millisecond."""
 
     dac: tuple[Vec, ...]  # per arm 7 int32 counts, as written to USB
     output_pins: (
@@ -72,7 +72,7 @@ class RobotInputs:
 
 @record
 class RobotSignals:
-    """Its outputs after that, and its true motion."""
+    """Outputs of the robot after a millisecond, and its true motion."""
 
     encoders: tuple[Vec, ...]  # per arm 7 int32 counts, as unpacked from USB
     pins: Scalar  # int32 byte of the PLC, bits 6 and 7: run level; the same on each board
@@ -86,7 +86,9 @@ class RobotSignals:
 
 
 def params(setup: RavenSetup, parameter_set: str = parameter_sets.DEFAULT) -> RobotParams:
-    """Documented values; `parameter_set` names one of `parameter_sets.Name`. Plain numbers."""
+    """Return the documented values, as plain numbers; `parameter_set` is one of
+    `parameter_sets.Name`.
+    """
     return RobotParams(
         plc.PlcParams(), per_arm(setup, lambda _, arm: plant.params(setup, arm, parameter_set))
     )
@@ -95,8 +97,9 @@ def params(setup: RavenSetup, parameter_set: str = parameter_sets.DEFAULT) -> Ro
 def begin(
     setup: RavenSetup, params: RobotParams, start: tuple[Vec, ...], level: Scalar
 ) -> tuple[RobotState, RobotSignals]:
-    """At rest with the links at `start` (7 joints per arm, rad and m), the PLC in run level
-    `level`.
+    """Return a robot at rest with the links at `start` and the PLC in run level `level`.
+
+    start: 7 joints per arm, rad and m.
     """
     arms = per_arm(setup, lambda i, arm: plant.init(setup, arm, params.arms[i], start[i]))
     state = RobotState(plc.init(setup, params.plc, level, BOARDS), arms)
@@ -109,7 +112,7 @@ def begin(
 def step(
     setup: RavenSetup, params: RobotParams, state: RobotState, inputs: RobotInputs
 ) -> tuple[RobotState, RobotSignals]:
-    """One millisecond, as in the tick behind the USB boards."""
+    """Compute one millisecond, as in the tick after the USB boards."""
     buttons = inputs.estop_button != 0, inputs.start_button != 0
     controller, relays = plc.step(
         setup, params.plc, state.plc, plc.PlcSignal((inputs.output_pins,) * BOARDS, *buttons)
@@ -150,7 +153,7 @@ def _signals(
 
 @functools.lru_cache(maxsize=8)
 def code(setup: RavenSetup) -> TransitionCode:
-    """The code of a setup: transition "robot" is one millisecond."""
+    """Return the code of a setup: transition "robot" is one millisecond."""
     fixed, zero = numbers(params(setup)), np.int32(0)
     still = RobotInputs(per_arm(setup, lambda *_: Vec.full(7, zero)), zero, zero, zero)
     home = per_arm(setup, lambda *_: numbers(HOME_JPOS))
@@ -165,7 +168,7 @@ def code(setup: RavenSetup) -> TransitionCode:
 
 
 def numbers(record: Any) -> Any:
-    """A record of plain numbers with each in its own type: float32, or its own whole one."""
+    """Return a record of plain numbers, each in its own type: float32, or its integer type."""
 
     def of_type(x: Any) -> Any:
         number = np.asarray(x)

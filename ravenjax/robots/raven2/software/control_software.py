@@ -116,7 +116,7 @@ class ControlSoftware:
             self.params = _parameters(
                 setup, level, policy, np.broadcast_to(offsets, (len(names), 7))
             )
-            """What is set in it."""
+            """The present parameters."""
             if params is not None:
                 self.params = _changed(self.params, params)
             initial = control.init(setup, runlevel=runlevel)
@@ -137,7 +137,7 @@ class ControlSoftware:
         self._take_memory(initial)
 
     def _take_memory(self, initial: control.ControlState) -> None:
-        """Take memory for the state and for one cycle's rows."""
+        """Allocate memory for the state and for one cycle's rows."""
         kinds = self.code.kinds
         self._state, self._row = kinds["state"].row(initial), InputRows(self.setup)
         self._out = buffer(1, kinds["signals"].layout.bytes)
@@ -223,7 +223,7 @@ class ControlSoftware:
         return Outputs(np.stack(dac, axis=1), signals.pins_out, signals)
 
     def __copy__(self) -> ControlSoftware:
-        """Another one in the same state, which goes its own way."""
+        """Return a copy in the same state that runs independently."""
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__)
         other._take_memory(self.state)
@@ -240,7 +240,7 @@ class ControlSoftware:
         return self.code.kinds["state"].read(self._state)
 
     def _receive_all(self, packets: Sequence[Datagram | Packet | None]) -> None:
-        """Take packets that arrive before the last of a cycle."""
+        """Take packets that arrive before the last packet of a cycle."""
         for packet in packets:
             self._row.enter(packet)
             self._receive()
@@ -269,7 +269,7 @@ class ControlSoftware:
 def _parameters(
     setup: RavenSetup, level: str | None, policy: str, offsets: np.ndarray
 ) -> control.ControlParams:
-    """The software's parameters, with those that have an argument replaced."""
+    """Return the software's parameters, with those replaced that have an argument."""
     own = control.params(setup)
     return replace(
         own,
@@ -282,7 +282,7 @@ def _parameters(
 
 
 def _changed(own: control.ControlParams, change: Any) -> control.ControlParams:
-    """The parameters as `change` returns them, each number in its own type."""
+    """Return the parameters that `change` returns, each number in its own type."""
     if not callable(change):
         raise UserError(
             f"params is {shown(change)}, expected a function that takes the ControlParams and"
