@@ -56,9 +56,8 @@ class MonitorParams:
     diverged: Scalar
     # share of the golden run's step below which a step counts as none; a quarter, chosen by us
     idle_share: Scalar
-    idle_step: (
-        Scalar  # m per tick, steps of the golden run that count; 1 um, the resolution of `pos`
-    )
+    # m per tick, steps of the golden run that count; 1 um, the resolution of `pos`
+    idle_step: Scalar
     limit: Annotated[  # m, limit of hazards; `ravenjax.outcomes.verdict.LIMIT_MM`
         Scalar, Reserved(f"{_WORDS}; write [outcomes] limit_mm")
     ]
@@ -75,9 +74,8 @@ class MonitorArmState:
     missed: Vec
     pos: Vec  # um, measured tip at the last packet
     golden_pos: Vec  # um, the golden run's measured tip at the last packet
-    over: (
-        Scalar  # bool, the last packet's step was over the jump limit and the golden run's was not
-    )
+    # bool, the last packet's step was over the jump limit and the golden run's was not
+    over: Scalar
     # bool, the true tip's last step was over the jump limit and the golden run's was not
     leapt: Scalar
     peak_model: Scalar  # m, largest distance from the nominal model
@@ -117,9 +115,8 @@ class MonitorState:
     unintended: Scalar  # int32, first tick of unintended motion; -1: never
     loss: Scalar  # int32, first tick of loss of motion; -1: never
     false_report: Scalar  # int32, first tick of a false report; -1: never
-    halted: (
-        Scalar  # int32, ticks in which the operator held the pedal down and the robot was not live
-    )
+    # int32, ticks in which the operator held the pedal down and the robot was not live
+    halted: Scalar
     # finiteness of the tips, their distances and other numbers that the robot's tick adds
     finite: finite.FiniteState
     ticks: Scalar  # int32

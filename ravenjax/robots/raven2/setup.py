@@ -19,19 +19,16 @@ class RavenSetup(setup.Setup):
     joints: ClassVar[tuple[str, ...]] = JOINTS
     leading_joints: ClassVar[tuple[int, ...]] = LEADING
     arms: tuple[ArmName, ...] = ("gold",)  # in mechanism order, gold first
-    software: Literal["raven2", "fork2015"] = (
-        "raven2"  # the present raven2 software, or the 2015 simulator fork
-    )
+    # the present raven2 software, or the 2015 simulator fork
+    software: Literal["raven2", "fork2015"] = "raven2"
     # one per arm, a name of ravenjax.robots.raven2.geometry.tools
     tools: tuple[str, ...] = ("r_grasper",)
     # how the fork is built: for the robot, or for a dynamics simulator
     build: Literal["robot", "dyn_sim", "dyn_sim_tools"] = "robot"
-    console: Literal["increments", "absolute"] = (
-        "increments"  # what a packet carries (spec 5.3, 5.4)
-    )
-    dac_words: Literal["wrap", "saturate", "unwrapped"] = (
-        "wrap"  # how a faulty DAC command is stored for USB
-    )
+    # what a packet carries (spec 5.3, 5.4)
+    console: Literal["increments", "absolute"] = "increments"
+    # how a faulty DAC command is stored for USB
+    dac_words: Literal["wrap", "saturate", "unwrapped"] = "wrap"
     substeps: int = 1  # plant steps per 1 ms tick
     # shares of packets that last 1, 2, .. cycles, by choice; (): all packets last equally long
     packets: tuple[tuple[float, ...], ...] = ()

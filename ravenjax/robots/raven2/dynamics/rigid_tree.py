@@ -47,9 +47,8 @@ class Link:
     reference: float  # qpos0: a slide has moved by q - reference along z
     # position of this frame's origin in the parent frame (slide: at q = reference)
     position: tuple[float, float, float]
-    pseudo_inertia: (
-        np.ndarray
-    )  # 4x4 [[integral of r r^T dm, m c], [m c^T, m]] in this frame, regrouped
+    # 4x4 [[integral of r r^T dm, m c], [m c^T, m]] in this frame, regrouped
+    pseudo_inertia: np.ndarray
     armature: float  # added to the diagonal of the mass matrix; kg m^2 or kg
 
 

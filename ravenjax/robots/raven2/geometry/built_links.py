@@ -50,9 +50,8 @@ def tip(arm: str, jpos: Vec, errors: LinkErrors) -> Vec:
     depth = jpos[2] + sub(D4, errors.tool_length)
     point = _turned(point, jnp.cos(angle4), jnp.sin(angle4))
     point = Vec((add(point[0], errors.length34), point[1], point[2] + depth))  # frame 3
-    point = Vec(
-        (mul(-geometry.side, point[1]), mul(geometry.side, point[0]), point[2])
-    )  # theta3 = +-90 deg
+    # theta3 = +-90 deg
+    point = Vec((mul(-geometry.side, point[1]), mul(geometry.side, point[0]), point[2]))
     point = _link(point, errors.length23, twist2)
     point = _turned(point, zero2 * jnp.cos(jpos[1]), zero2 * jnp.sin(jpos[1]))
     point = _link(point, errors.length12, add(LINK12, errors.twist12))

@@ -17,9 +17,8 @@ from ravenjax.robots.raven2.geometry.joints import yaw
 from ravenjax.robots.raven2.geometry.kinematics import ChainAxes
 from ravenjax.robots.raven2.geometry.links import D4, GEOMETRY, LW
 
-JAW_LENGTH = (
-    0.020  # m, jaw axis to jaw tip; models/raven2 PROVENANCE.md: "steel jaw of about 20 mm"
-)
+# m, jaw axis to jaw tip; models/raven2 PROVENANCE.md: "steel jaw of about 20 mm"
+JAW_LENGTH = 0.020
 SHAFT_RADIUS = 0.00425  # m; PROVENANCE.md: 8.5 mm thick
 JAW_RADIUS = 0.003  # m, of wrist and jaws: about half the width of the drawn ones
 

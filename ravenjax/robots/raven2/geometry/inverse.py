@@ -88,9 +88,8 @@ def _wrists(arm: str, pose: Pose) -> tuple[tuple[_Wrist, _Wrist], tuple[Vec, Vec
     position, (x6, y6, z6) = _normalised(arm, pose)
     along_x, along_y = -dot(x6, position), -dot(y6, position)
     norm = jnp.sqrt(along_x * along_x + along_y * along_y)
-    u = Vec(
-        (along_x / norm, along_y / norm)
-    )  # from the jaw axis toward the remote centre, in frame 6
+    # from the jaw axis toward the remote centre, in frame 6
+    u = Vec((along_x / norm, along_y / norm))
     w = x6 * u[0] + y6 * u[1]
     offset = w * LW
 
@@ -128,9 +127,8 @@ def _reach(geometry: Geometry, wrist: _Wrist, axes: tuple[Vec, Vec, Vec], depth:
     height = GM2 * geometry.cos23 - c2 * (GM1 * GM3)
     shrink = jnp.sqrt((1.0 - height * height) / (x * x + y * y))
     z3 = where(clamped, Vec((x * shrink, y * shrink, height)), toward)
-    jaw = wrist.to_jaw + (toward - z3) * (
-        distance * (1.0 / LW)
-    )  # from the origin of frame 4, in units of Lw
+    # from the origin of frame 4, in units of Lw
+    jaw = wrist.to_jaw + (toward - z3) * (distance * (1.0 / LW))
 
     c5, s5 = -dot(z3, z6), dot(z3, jaw)
     by_jaw = jnp.abs(c5) > SINGULAR

@@ -27,6 +27,7 @@ _LINK2_IDLER_LARGE = 8.415e-3  # m
 _LINK2_IDLER_SMALL = 6.195e-3  # m
 _TOOL = _TOOL_CAPSTAN / _CAPSTAN32 * GP32
 
+# motor rad per joint rad (insertion: per m), gearbox included, both arms
 TR = Vec(
     (
         _LINK1_PULLEY / _CAPSTAN42 * GP42,
@@ -37,11 +38,10 @@ TR = Vec(
         _TOOL * 100 / 90,
         _TOOL * 100 / 90,
     )
-)  # motor rad per joint rad (insertion: per m), gearbox included, both arms
+)
 GEARBOX = Vec((GP42, GP42, GP42, GP32, GP32, GP32, GP32))  # motor turns per capstan turn
-GB_RATIO = (
-    GP42 / GP32 * (_CAPSTAN32 / _CAPSTAN42)
-)  # insertion motor rad per rad that it turns each tool motor
+# insertion motor rad per rad that it turns each tool motor
+GB_RATIO = GP42 / GP32 * (_CAPSTAN32 / _CAPSTAN42)
 
 C01 = 0.14545  # rad/rad, shoulder into elbow
 C02 = 0.0077973826  # m/rad, shoulder into insertion
@@ -53,9 +53,8 @@ JOINT_PER_CAPSTAN_TORQUE = Vec(tr / gear for tr, gear in zip(TR, GEARBOX, strict
 ENCODER_COUNTS = 4000  # counts per motor turn
 ENCODER_RAD = 2 * math.pi / ENCODER_COUNTS  # rad of motor angle per count
 TORQUE_PER_AMP = Vec((0.0603,) * 3 + (0.0538,) * 4)  # Nm/A at the motor shaft: RE40, RE30
-COUNTS_PER_AMP = Vec(
-    (2730.0,) * 3 + (5461.0,) * 4
-)  # DAC counts per A, whole numbers in the original
+# DAC counts per A, whole numbers in the original
+COUNTS_PER_AMP = Vec((2730.0,) * 3 + (5461.0,) * 4)
 COUNTS_PER_NM = Vec(
     c / (t * g) for c, t, g in zip(COUNTS_PER_AMP, TORQUE_PER_AMP, GEARBOX, strict=True)
 )

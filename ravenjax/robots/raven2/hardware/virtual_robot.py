@@ -63,9 +63,8 @@ class RobotInputs:
     """Inputs of the robot in one millisecond."""
 
     dac: tuple[Vec, ...]  # per arm 7 int32 counts, as written to USB
-    output_pins: (
-        Scalar  # int32 byte to the PLC: run level (bits 0, 1), FP (2), READY (3), watchdog (4)
-    )
+    # int32 byte to the PLC: run level (bits 0, 1), FP (2), READY (3), watchdog (4)
+    output_pins: Scalar
     estop_button: Scalar  # int32, 1: pressed
     start_button: Scalar  # int32, 1: pressed
 

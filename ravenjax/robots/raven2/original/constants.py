@@ -55,9 +55,8 @@ def amps_per_torque(arm: str, tool: str, software: str) -> Vec:
 class JointLimits(NamedTuple):
     """Limits to which joint targets are clamped."""
 
-    ranges: tuple[
-        tuple[float, float], ...
-    ]  # lower, upper of shoulder, elbow (rad), insertion (m), tool_roll, wrist (rad)
+    # lower, upper of shoulder, elbow (rad), insertion (m), tool_roll, wrist (rad)
+    ranges: tuple[tuple[float, float], ...]
     lowest_yaw: float | None  # rad, of the jaws; None: not limited
 
 

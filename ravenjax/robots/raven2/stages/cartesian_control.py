@@ -35,9 +35,8 @@ class Arm:
     pos_d: StoredPose
     jpos_d: Vec  # 7, rad and m, held while inverse kinematics rejects
     ik_reject: CheckHistory  # margin: pi minus the cost of the best solution
-    joint_limit: (
-        CheckHistory  # margin: distance to the nearer limit as a fraction of the joint's range
-    )
+    # margin: distance to the nearer limit as a fraction of the joint's range
+    joint_limit: CheckHistory
 
 
 State = tuple[Arm, ...]

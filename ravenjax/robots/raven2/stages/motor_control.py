@@ -32,15 +32,12 @@ class MotorControlParams:
     There is no integral clamp and no anti-windup.
     """
 
-    kp: Annotated[
-        Vec, _gain("N m/rad", "proportional gain of the motor controller")
-    ]  # raven2: params/r2params.yaml
-    kd: Annotated[
-        Vec, _gain("N m s/rad", "derivative gain of the motor controller")
-    ]  # the same file
-    ki: Annotated[
-        Vec, _gain("N m/(rad s)", "integral gain of the motor controller")
-    ]  # the same file
+    # raven2: params/r2params.yaml
+    kp: Annotated[Vec, _gain("N m/rad", "proportional gain of the motor controller")]
+    # raven2: params/r2params.yaml
+    kd: Annotated[Vec, _gain("N m s/rad", "derivative gain of the motor controller")]
+    # raven2: params/r2params.yaml
+    ki: Annotated[Vec, _gain("N m/(rad s)", "integral gain of the motor controller")]
     # default of the original
     mvel_d: Annotated[Vec, Quantity("rad/s", -1e4, 1e4, "desired motor velocity, 0 in raven2")]
 

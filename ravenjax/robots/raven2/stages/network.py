@@ -65,9 +65,8 @@ def step(
     accepted = numbered & (number == last + 1)
     skip = numbered & _below(last + 1, number)
     duplicate = numbered & (number == last)
-    behind = (
-        numbered & _below(number, last) & ~accepted
-    )  # `accepted`: 0xFFFFFFFF is followed by 0, which is dropped
+    # `accepted`: 0xFFFFFFFF is followed by 0, which is dropped
+    behind = numbered & _below(number, last) & ~accepted
     far = (_below(RESET_GAP, last)) & _below(number, last - RESET_GAP)
     reset = behind & far
     new_last = jnp.where(accepted | skip | reset, number, last)

@@ -69,9 +69,8 @@ class PlcState:
     alive_ticks: Scalar  # ms in E-STOP with a watchdog that has edges, int32
     # CAUSE_* of the first trip since start was pressed, latched; int32
     trip_cause: Scalar
-    watchdog_lost: (
-        CheckHistory  # trips by the watchdog; margin: ms left before one, negative: tripped
-    )
+    # trips by the watchdog; margin: ms left before one, negative: tripped
+    watchdog_lost: CheckHistory
 
 
 @record
