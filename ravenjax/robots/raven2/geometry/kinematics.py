@@ -86,7 +86,7 @@ def chain_of(arm: str, jpos: Vec) -> ChainAxes:
 def forward(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
     """Return the pose of the jaw axis at `jpos` (7, rad and m).
 
-    Of the jaws only the yaw matters. It is (grasp2 - grasp1) / 2 unless `yaw_rad` (rad) is given,
+    The jaws matter only by their yaw. It is (grasp2 - grasp1) / 2 unless `yaw_rad` (rad) is given,
     as the original rounds it to float32.
     """
     chain = chain_of(arm, jpos)

@@ -4,11 +4,11 @@
     reading = robot.step(dac, output_pins)
     reading.encoders, reading.pins, reading.signals.tip
 
-Put your own control software in front of it. It is what lies behind the USB boards in the tick:
-PLC, brakes, motors, cables, links, encoders, composed of the same functions in the same order and
-without faults. Every operation is one IEEE operation in float32 and functions are the C library's
-(`engines.cpu.transition`), so C code made of it has the same bits on any CPU. Engines of
-campaigns fuse multiply-adds, so their last digits differ.
+Connect your own control software to it. It is the part of the tick after the USB boards: PLC,
+brakes, motors, cables, links, encoders. It is composed of the same functions in the same order,
+without faults. Every operation is one IEEE operation in float32, and functions are the C library's
+(`engines.cpu.transition`). C code generated from it therefore has the same bits on any CPU. Engines
+of campaigns fuse multiply-adds, so their last digits differ.
 """
 
 from __future__ import annotations
@@ -183,14 +183,15 @@ class Reading:
 
     encoders: np.ndarray  # int32 [arms, 7] counts, as `ControlSoftware.step` takes them
     pins: int  # byte of the PLC, the same on each board
-    signals: RobotSignals  # the true motion among it
+    signals: RobotSignals  # the robot's signals, with its true motion
 
 
 class VirtualRobot:
-    """A Raven-II behind its USB boards, one `step` a millisecond: at rest at first, brakes on.
+    """A Raven-II after its USB boards that runs one millisecond per `step`. It starts at rest,
+    brakes on.
 
-    Arms are in mechanism order, gold first; joints in the order shoulder, elbow, insertion,
-    tool_roll, wrist, grasp1, grasp2. `reading` is what the control software finds before the first
+    Arms are in mechanism order, gold first. Joints are in the order shoulder, elbow, insertion,
+    tool_roll, wrist, grasp1, grasp2. `reading` is what the control software reads before the first
     step.
     """
 
@@ -202,9 +203,12 @@ class VirtualRobot:
         jpos: Any = None,
         runlevel: int = run_levels.E_STOP,
     ) -> None:
-        """`tools`: one per arm, raven2's own if left out. `parameter_set`: its mechanics. `jpos`:
-        joints [arms, 7] in rad and m in which it begins, the home pose if left out. `runlevel`: of
-        its PLC, 0 to 3. Raises UserError."""
+        """Prepare the robot in its start state.
+
+        `tools`: one per arm, by default raven2's own. `parameter_set`: its mechanics. `jpos`:
+        joints [arms, 7] in rad and m at the start, by default the home pose. `runlevel`: run level
+        of its PLC, 0 to 3. Raises UserError.
+        """
         names = checked.arm_names(arms)
         checked.known("parameter_set", parameter_set, get_args(parameter_sets.Name))
         level = checked.whole("runlevel", runlevel, 0, 3)
@@ -230,9 +234,12 @@ class VirtualRobot:
     def step(
         self, dac: Any, output_pins: int, estop_button: bool = False, start_button: bool = False
     ) -> Reading:
-        """One millisecond. `dac`: whole counts [arms, 7], as `Output.dac`. `output_pins`: the byte
-        that the control software wrote. UserError names the argument that is wrong; nothing has
-        happened then."""
+        """Run one millisecond.
+
+        `dac`: whole counts [arms, 7], as `Output.dac`. `output_pins`: the byte that the control
+        software wrote. Raises UserError, which names the wrong argument; the state is then
+        unchanged.
+        """
         counts = checked.counts("dac", dac, len(self.setup.arms))
         pins = checked.whole("output_pins", output_pins, 0, 255)
         buttons = (
@@ -246,7 +253,7 @@ class VirtualRobot:
 
     @property
     def state(self) -> RobotState:
-        """Its whole state."""
+        """The whole state."""
         return self.code.kinds["state"].read(self._state)
 
     def _reading(self, signals: RobotSignals) -> Reading:

@@ -5,12 +5,14 @@ Motors
 
 A motor turns DAC counts into torque. Its shaft's equation of motion is solved for one step:
 
-`Im w' = drive - tau_c sgn(w) - tau_v w - reaction_scale * lambda`, with torques after the gearbox,
-and inertia and speed of the shaft (the authors' units, see models/raven2/mechanics.toml). Dry
-friction is decided with the joint's speed of the last step, and a closed brake adds to it. The
-other terms are implicit. The motor's speed at the end of the step is then affine in the link's
-speed, and can be eliminated from the links' equations: `w = (momentum + coupling * T q') *
-inverse`.
+    Im w' = drive - tau_c sgn(w) - tau_v w - reaction_scale * lambda
+
+Torques are after the gearbox; inertia and speed are those of the shaft (the authors' units, see
+models/raven2/mechanics.toml). Dry friction is decided with the joint's speed of the last step, and
+a closed brake adds to it. The other terms are implicit. The motor's speed at the end of the step is
+then affine in the link's speed, and can be eliminated from the links' equations:
+
+    w = (momentum + coupling * T q') * inverse
 
 Encoders
 --------
@@ -263,9 +265,7 @@ def eliminate(
 @record
 class BrakeParams:
     # N m; assumption: maxon AB 28, 0.4 N m at the shaft, times 12.25
-    holding_torque: Scalar = (  # N m
-        0.4 * 12.25
-    )
+    holding_torque: Scalar = 0.4 * 12.25
     engage_ticks: Scalar = 15  # ms; int32; assumed (relay and spring)
     release_ticks: Scalar = 20  # ms; int32; assumed (coil current rises)
 

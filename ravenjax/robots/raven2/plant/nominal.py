@@ -6,7 +6,7 @@ level.
     q'' = kp (q_d - q) - kd q'                    each jaw, a double integrator
 
 The controller is PD on joints 1, 2, 4-7 and PID on joint 3, as in the Raven-II surgical training
-simulator. The simulator's gains are not in parameter_sets.
+simulator. Its gains are not published.
 
 Gains are chosen once. The model has no rotors, so its loop is made dynamically similar to the
 robot's. The control software's PD acts on a motor of inertia Im with viscous friction tau_v;
