@@ -60,7 +60,7 @@ Packets = Annotated[
 
 
 class RavenCampaign(CampaignSection):
-    """[campaign]: what holds for every run."""
+    """[campaign]: settings of every run."""
 
     arms: tuple[ArmName, ...] = Field(
         default=("gold",), min_length=1, max_length=2, description="arms, gold first"
@@ -215,7 +215,7 @@ _Wrist = Annotated[float, Field(ge=-100.0, le=100.0)]
 
 
 class Start(Section):
-    """[operator.start]: joints in which a generated motion begins; what is left out is as after
+    """[operator.start]: joints at the start of a generated motion; omitted joints are as after
     homing.
     """
 
@@ -248,7 +248,7 @@ GENERATED = ("seed",)
 
 
 class Operator(Section):
-    """[operator]: whose hands move."""
+    """[operator]: the operator's motion, generated or recorded, or a user's file."""
 
     motion: Annotated[str, OneOf("motion", MOTIONS)] | None = Field(
         default=None, description="a generated motion"
@@ -423,8 +423,8 @@ class Operator(Section):
 
 
 class Limits(Section):
-    """[limits]: soft joint limits of the control software; what is left out keeps the
-    original's.
+    """[limits]: soft joint limits of the control software; omitted limits keep the original's
+    values.
     """
 
     shoulder_deg: tuple[_Shoulder, _Shoulder] | None = Field(
@@ -456,8 +456,8 @@ class Limits(Section):
 
 
 class Reaction(Section):
-    """[reaction]: an operator who reacts to the first haptic cue; varied as reaction.delay_ms
-    and so on.
+    """[reaction]: an operator who reacts to the first haptic cue; varied as reaction.delay_ms and
+    so on.
     """
 
     action: Literal["none", "release", "slow", "correct"] = Field(
@@ -484,7 +484,7 @@ class Reaction(Section):
 
 
 class Hand(Section):
-    """[hand]: a hand that the first haptic cue's force moves; varied as hand.grip and so on.
+    """[hand]: a hand that the force of the first haptic cue moves; varied as hand.grip and so on.
 
     Robot and nominal model follow the moved hand alike.
     """
@@ -504,7 +504,7 @@ class Hand(Section):
 
 
 class OwnStages(Section):
-    """[controller]: a Python file of your own in place of a stage; its parameters are
+    """[controller]: a Python file of yours in place of a stage; its parameters are
     control.own.STAGE...
     """
 

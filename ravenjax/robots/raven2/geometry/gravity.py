@@ -45,7 +45,7 @@ def joint_gravity_torque(arm: str, jpos: Vec, gravity: Scalar = GRAVITY) -> Vec:
     c2, s2 = jnp.cos(jpos[1]), jnp.sin(jpos[1])
     if geometry.zero2:  # half a turn
         c2, s2 = -c2, -s2
-    gx, gy = -gravity * c1, gravity * s1  # in frame 1; its z component is zero
+    gx, gy = -gravity * c1, gravity * s1  # gravity in frame 1; its z component is zero
     across = GM2 * gy
     hx, hy, hz = c2 * gx + s2 * across, c2 * across - s2 * gx, -GM1 * gy  # in frame 2
     m1, m2, m3 = MASSES

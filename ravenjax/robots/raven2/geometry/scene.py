@@ -23,7 +23,7 @@ TISSUE_TOP = 0.182  # m, height of the dome; models/raven2 PROVENANCE.md
 TISSUE_SAG = (0.012 / 0.085**2, 0.7 * 0.012 / 0.07**2)  # 1/m, curvature of the dome along x and y
 TISSUE_HALF = (0.075, 0.060)  # m, half its extent along x and y
 VESSEL_RADIUS = 0.0031  # m, of the trunk in models/raven2
-VESSEL_HEIGHT = 0.0027  # m, of its ridge above the dome: its axis lies 0.4 mm below
+VESSEL_HEIGHT = 0.0027  # m, height of its ridge above the dome: its axis lies 0.4 mm below
 VESSEL_COURSE = (
     (-0.073, -0.024),
     (-0.045, -0.016),

@@ -81,7 +81,8 @@ class View(part.View):
     additional wiring.
     """
 
-    # From packet on
+    # --- from packet on ---
+
     tick: Scalar  # int32, ms since the run began
     # int32, run level of raven2: 0 E-stop, 1 init, 2 pedal up, 3 pedal down; at packet: that of the
     # last cycle
@@ -92,18 +93,26 @@ class View(part.View):
     delta: Vec  # 3 int32 um, increment of the tip (with console = "absolute": its position)
     grasp: Scalar  # int32 mrad
     surgeon_mode: Scalar  # int32, 1: pedal down
-    # From mpos on
+
+    # --- from mpos on ---
+
     enc_val: Vec  # 7 int32 counts, as read from USB
     mpos: Vec  # 7 rad, of motors
     mvel: Vec  # 7 rad/s
-    # From jpos on
+
+    # --- from jpos on ---
+
     jpos: Vec  # 7, rad and m
     jvel: Vec  # 7, rad/s and m/s; tool joints 0, as in the original
-    # From jpos_d on
+
+    # --- from jpos_d on ---
+
     pos: Vec  # 3 int32 um, measured tip
     pos_d: Vec  # 3 int32 um, desired tip
     jpos_d: Vec  # 7, rad and m
-    # In stage motor_control
+
+    # --- in stage motor_control ---
+
     active: Scalar  # bool, run level 2 and above
     pedal_down: Scalar  # bool, run level 3
     tau_g: Vec  # 3 N m at the capstan, gravity of joints 1-3 at jpos; 0 in the 2015 fork
@@ -113,28 +122,44 @@ class View(part.View):
     kd: Vec  # 7 N m s/rad
     ki: Vec  # 7 N m/(rad s)
     mvel_d: Vec  # 7 rad/s
-    # From motor_control on
+
+    # --- from motor_control on ---
+
     mpos_d: Vec  # 7 rad
-    # From tau_d on
+
+    # --- from tau_d on ---
+
     tau_d: Vec  # 7 N m at the capstan
-    # In stage dac
+
+    # --- in stage dac ---
+
     amps_per_torque: Vec  # 7 A/(N m)
     counts_per_amp: Vec  # 7 DAC counts/A
-    # From current_cmd on
+
+    # --- from current_cmd on ---
+
     current_cmd: Vec  # 7 int32 DAC counts, before the overdrive check
-    # From checked_cmd on
+
+    # --- from checked_cmd on ---
+
     current_cmd_checked: Vec  # 7 int32 DAC counts, after the overdrive check
-    # At usb_out: the values of the arm's board
+
+    # --- at usb_out: the values of the arm's board ---
+
     # 7 int32 DAC counts that arrive; after a failed USB write those that it holds
     boards_cmd: Vec
     held_cmd: Vec  # 7 int32 DAC counts that it holds from the last millisecond
     boards_enc_val: Vec  # 7 int32 counts of its encoders when this cycle began
     pins: Scalar  # int32 output byte to the PLC, as it arrives
     plc_runlevel: Scalar  # int32, run level on the PLC's pins
-    # At the end, for detectors; boards_cmd is then what the board holds
+
+    # --- at the end, for detectors; boards_cmd is then what the board holds ---
+
     current_cmd_written: Vec  # 7 int32 DAC counts, as written to USB
     brakes: Scalar  # int32, 1: the PLC closes the brakes
-    # Nominal model, which follows the console's clean packets
+
+    # --- the nominal model, which follows the console's clean packets ---
+
     model_jpos: Vec  # 7, rad and m
     model_tip: Vec  # 3 m
     tip: Vec  # 3 m, reported tip, from the robot's own `jpos`, unrounded
