@@ -9,7 +9,7 @@ import re
 
 _ID = re.compile(r"[A-Z]\d\d")
 _IDS = re.compile(r"(?:.*/)?([A-Z]\d\d(?:[-,][A-Z]\d\d)*)(?![A-Za-z0-9])")
-"""Pattern of the ids with which a group's name begins."""
+"""Patterns of one id, and of the ids with which a group's name begins."""
 
 
 def hazards_of(group: str) -> tuple[str, ...]:

@@ -23,9 +23,9 @@ RAD_PER_COUNT = 2.0 * stored.PI * (1.0 / transmission.ENCODER_COUNTS)
 
 LOW_PASS_INPUT = (0.02864, 0.08591, 0.08591, 0.02864)
 LOW_PASS_OUTPUT = (1.5189, -0.9600, 0.2120)
-"""Coefficients on y[k-1]..y[k-3] of the Butterworth low-pass, 120 Hz at 1 kHz.
+"""Butterworth low-pass, 120 Hz at 1 kHz: coefficients on x[k]..x[k-3] and on y[k-1]..y[k-3].
 
-raven2: state_estimate.cpp.
+Source: raven2 state_estimate.cpp.
 """
 
 
