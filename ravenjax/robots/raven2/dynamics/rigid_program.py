@@ -29,11 +29,11 @@ ZERO = Vec.full(3, 0.0)
 class _Body:
     """A moving link; all numbers are in its own frame."""
 
-    turns: list[Turn]  # to the parent frame, outermost first
-    position: Vec  # of the origin in the parent frame
+    turns: list[Turn]  # rotations to the parent frame, outermost first
+    position: Vec  # position of the origin in the parent frame
     omega: Vec
     matrix: Vec  # U
-    wrench: tuple[Vec, Vec]  # moment and force for the bias
+    wrench: tuple[Vec, Vec]  # moment and force of the body, for the bias
     moments: Matrix  # J of the composite body
     first: Vec  # h of the composite body
     mass: Number

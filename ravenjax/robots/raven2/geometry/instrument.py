@@ -20,7 +20,8 @@ from ravenjax.robots.raven2.geometry.links import D4, GEOMETRY, LW
 # m, jaw axis to jaw tip; models/raven2 PROVENANCE.md: "steel jaw of about 20 mm"
 JAW_LENGTH = 0.020
 SHAFT_RADIUS = 0.00425  # m; PROVENANCE.md: 8.5 mm thick
-JAW_RADIUS = 0.003  # m, of wrist and jaws: about half the width of the drawn ones
+# m, radius of wrist and jaws: about half the width of the drawn ones
+JAW_RADIUS = 0.003
 
 _STILL = Vec.full(3, 0.0)
 
@@ -29,7 +30,8 @@ class InstrumentPoint(NamedTuple):
     """A point of an instrument, and its velocity per joint."""
 
     at: Vec  # 3, m
-    columns: tuple[Vec, ...]  # 7 of 3: its velocity (m/s) at unit speed of each joint
+    # 7 of 3: velocity of the point (m/s) per unit speed of each joint
+    columns: tuple[Vec, ...]
 
     def velocity(self, jvel: Vec) -> Vec:
         """Return the velocity in m/s at joint velocities (7, rad/s and m/s)."""
@@ -53,7 +55,7 @@ class InstrumentLine(NamedTuple):
 
     chain: ChainAxes
     wrist: Vec  # m
-    end: Vec  # m, where the jaws close
+    end: Vec  # m, point where the jaws close
     turn: Vec  # m/rad, motion of the end per yaw of the jaws
 
 

@@ -21,8 +21,8 @@ from ravenjax.robots.raven2.dynamics import arm_model
 
 TISSUE_TOP = 0.182  # m, height of the dome; models/raven2 PROVENANCE.md
 TISSUE_SAG = (0.012 / 0.085**2, 0.7 * 0.012 / 0.07**2)  # 1/m, curvature of the dome along x and y
-TISSUE_HALF = (0.075, 0.060)  # m, half its extent along x and y
-VESSEL_RADIUS = 0.0031  # m, of the trunk in models/raven2
+TISSUE_HALF = (0.075, 0.060)  # m, half of the tissue's extent along x and y
+VESSEL_RADIUS = 0.0031  # m, radius of the trunk in models/raven2
 VESSEL_HEIGHT = 0.0027  # m, height of its ridge above the dome: its axis lies 0.4 mm below
 VESSEL_COURSE = (
     (-0.073, -0.024),
@@ -43,7 +43,8 @@ VESSEL_LEAN = 1.0 / (1.0 + (0.046 / 0.146) ** 2)
 class Surface(NamedTuple):
     """The tissue's surface below or above a point."""
 
-    depth: Scalar  # m, how far the point is below it, along the world's z; negative above it
+    # m, depth of the point below the surface, along the world's z; negative above it
+    depth: Scalar
     # (-dh/dx, -dh/dy, 1) of its height h, in the arm's frame 0. It points along the normal, with 1
     # along the world's z
     rise: Vec

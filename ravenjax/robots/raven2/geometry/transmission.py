@@ -43,9 +43,9 @@ GEARBOX = Vec((GP42, GP42, GP42, GP32, GP32, GP32, GP32))  # motor turns per cap
 # insertion motor rad per rad that it turns each tool motor
 GB_RATIO = GP42 / GP32 * (_CAPSTAN32 / _CAPSTAN42)
 
-C01 = 0.14545  # rad/rad, shoulder into elbow
-C02 = 0.0077973826  # m/rad, shoulder into insertion
-C12 = 0.008077387  # m/rad, elbow into insertion
+C01 = 0.14545  # rad/rad, coupling of the shoulder into the elbow
+C02 = 0.0077973826  # m/rad, coupling of the shoulder into the insertion
+C12 = 0.008077387  # m/rad, coupling of the elbow into the insertion
 
 JOINT_PER_CAPSTAN_TORQUE = Vec(tr / gear for tr, gear in zip(TR, GEARBOX, strict=True))
 """Nm (insertion: N) at the joint per Nm at the capstan, without coupling."""

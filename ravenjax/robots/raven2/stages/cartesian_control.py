@@ -31,7 +31,7 @@ from ravenjax.stages.check import CheckHistory
 class Arm:
     """One arm's poses and joint targets."""
 
-    pos: StoredPose  # measured in the last cycle
+    pos: StoredPose  # pose measured in the last cycle
     pos_d: StoredPose
     jpos_d: Vec  # 7, rad and m, held while inverse kinematics rejects
     ik_reject: CheckHistory  # margin: pi minus the cost of the best solution
