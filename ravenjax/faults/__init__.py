@@ -1,3 +1,3 @@
-"""Faults at the seams of a tick: what they do to a number, where, and when. Knows nothing of any
-robot.
+"""Fault injection at the seams of a tick, independent of the robot: fault effects, sites and
+windows.
 """

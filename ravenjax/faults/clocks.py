@@ -1,10 +1,11 @@
-"""When windows are open on the clocks of their triggers, known before a run: arithmetic on whole
-columns. NumPy only.
+"""Computes before a run when fault windows are open, on whole columns of faults at once. Uses NumPy
+only.
 
-A clock counts up by at most one a tick: the time from 0 in tick 0, packets from 1 in tick 0, the
-pedal from 0 in each phase in which it is down. As in `window`, a fault's window is open where the
-clock reads `start` or more and what it reads beyond, modulo `every` where that is not 0, is less
-than `duration`. Knows nothing of any robot.
+A clock counts up by at most one per tick. The time starts at 0 in tick 0, and the packets at 1 in
+tick 0. The pedal clock starts at 0 in each phase in which the pedal is down. A fault's window is
+open, as in `window`, from the reading `start` on. Take the reading minus `start`, modulo `every` if
+that is not 0: the window is open while the result is less than `duration`. This module does not
+depend on the robot.
 """
 
 from __future__ import annotations
@@ -15,22 +16,22 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 NEVER = 2**62
-"""In place of a reading or tick that does not come."""
+"""Used for a reading or tick that never comes."""
 
 
 class Opening(NamedTuple):
-    """The window of some faults on the clock of their trigger, each int64 [faults]."""
+    """The windows of some faults on the clocks of their triggers; each field is int64 [faults]."""
 
     start: np.ndarray
     duration: np.ndarray
-    every: np.ndarray  # 0: opens once
+    every: np.ndarray  # 0: the window opens once
 
     def picked(self, which: np.ndarray) -> Opening:
-        """Those of an index or a mask."""
+        """Return the windows of the faults that an index or a mask selects."""
         return Opening(*(column[which] for column in self))
 
     def first(self, low: np.ndarray | int, high: np.ndarray | int) -> np.ndarray:
-        """The least reading from `low` to `high` at which it is open, NEVER where there is none."""
+        """Return the least reading from `low` to `high` at which the window is open, or NEVER."""
         reading = np.maximum(low, self.start)
         repeats = self.every > 0
         beyond = (reading - self.start) % np.where(repeats, self.every, NEVER)
@@ -39,40 +40,43 @@ class Opening(NamedTuple):
         return np.where(reading <= high, reading, NEVER)
 
     def last(self, low: np.ndarray | int, high: np.ndarray | int) -> np.ndarray:
-        """The greatest such reading, -1 where there is none."""
+        """Return the greatest reading from `low` to `high` at which the window is open, or -1."""
         beyond = (high - self.start) % np.where(self.every > 0, self.every, NEVER)
         reading = high - np.maximum(beyond - self.duration + 1, 0)
         return np.where(reading >= np.maximum(low, self.start), reading, -1)
 
 
 class Arrivals(Protocol):
-    """When packets come."""
+    """Times at which packets arrive."""
 
     def comes(self, rows: np.ndarray, packets: np.ndarray) -> np.ndarray:
-        """Ticks in which the packets of these numbers, from 1, come in these runs; int64, beyond
-        the run any.
+        """Return the ticks in which the packets of these numbers, from 1, arrive in these runs;
+        int64.
+
+        For a packet that arrives after the run's end, the tick is any one after that end.
         """
         ...
 
     def newest(self, rows: np.ndarray) -> np.ndarray:
-        """Numbers of the packets that are the newest in the last tick of these runs, int64."""
+        """Return the number of the newest packet in the last tick of each of these runs, int64."""
         ...
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PedalPhases:
-    """When the pedal is down in runs that do not stop before their end; in those that do, until
-    then.
+    """Times at which the pedal is down in runs that do not stop early; valid until the stop in
+    others.
     """
 
-    begins: np.ndarray  # int64 [phases], ticks in which the clock reads 0, ascending
-    # int64 [phases], first ticks after them in which the pedal is up, or the run's end
+    # int64 [phases], ticks in which the pedal clock reads 0, ascending
+    begins: np.ndarray
+    # int64 [phases], first tick after each phase in which the pedal is up, or the run's end
     ends: np.ndarray
-    # ticks by which any of these may come later; None: nobody knows
+    # Ticks by which each of these times may be delayed; None: unknown
     later: int | None = 0
 
     def end(self, opening: Opening, ticks: int) -> np.ndarray:
-        """The first tick after which none is open, 0 where none ever is."""
+        """Return the first tick after which no window is open, or 0 if none ever is."""
         after = np.zeros(len(opening.start), np.int64)
         if self.later is None:
             return np.full_like(after, ticks)
@@ -86,35 +90,38 @@ class PedalPhases:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Clocks:
-    """Those of the packets and of the pedal in the runs of a campaign."""
+    """The packet and pedal clocks of the runs of a campaign."""
 
     arrivals: Arrivals | None  # None: a fault may stop the packets
     phases: tuple[PedalPhases, ...]
-    kind: np.ndarray  # int [runs], place in `phases`
-    # bool [channels], by codes: whether faults there move the pedal, other than by stopping the
-    # robot
+    kind: np.ndarray  # int [runs], index in `phases`
+    # bool [channels], by code: whether faults on the channel move the pedal, other than by stopping
+    # the robot
     moved: np.ndarray
 
     def packet_end(self, rows: np.ndarray, opening: Opening, ticks: int) -> np.ndarray:
-        """The first tick after which none is open, 0 where none ever is."""
+        """Return the first tick after which no window is open, or 0 if none ever is; for packet
+        triggers.
+        """
         if self.arrivals is None:
             return np.full(len(rows), ticks, np.int64)
         repeats = opening.every > 0
-        newest = np.full(len(rows), ticks, np.int64)  # no packet is younger
+        newest = np.full(len(rows), ticks, np.int64)  # no packet number is higher
         if repeats.any():
             newest[repeats] = self.arrivals.newest(rows[repeats])
         last = opening.last(1, newest)
-        first = np.minimum(
-            opening.first(1, newest), newest + 1
-        )  # beyond the run where there is none
+        # after the run's end if there is no such packet
+        first = np.minimum(opening.first(1, newest), newest + 1)
         opens = (last > 0) & (self.arrivals.comes(rows, first) < ticks)
         return np.where(
             opens, np.minimum(self.arrivals.comes(rows, np.maximum(last, 0) + 1), ticks), 0
         )
 
     def pedal_end(self, rows: np.ndarray, opening: Opening, ticks: int) -> np.ndarray:
-        """The same of windows that count time in pedal-down, in runs where no fault moves the
-        pedal.
+        """Return the first tick after which no window on the pedal clock is open, or 0 if none ever
+        is.
+
+        For runs in which no fault moves the pedal.
         """
         after = np.zeros(len(rows), np.int64)
         for kind, phases in enumerate(self.phases):

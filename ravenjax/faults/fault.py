@@ -1,5 +1,5 @@
-"""A fault as numbers, what it remembers while it acts, and when it acts: its window on the clock
-of its trigger. Knows nothing of any robot.
+"""A fault as numbers, its state while it acts, and its window on the clock of its trigger; for any
+robot.
 """
 
 from __future__ import annotations
@@ -12,51 +12,55 @@ from ravenjax.vocabulary.effects import TRIGGER_CODES
 
 @record
 class FaultSlot:
-    """One slot: what is done, where, and when. Codes are those of `vocabulary`; an empty slot
-    has code 0.
+    """One fault slot of a run: effect, channel and window. An empty slot has channel code 0.
+
+    Codes are those of `ravenjax.vocabulary`.
     """
 
-    # int32, 1-based place of the channel in the campaign's list of channels; 0: no fault
+    # int32, 1-based index of the channel in the campaign's list of channels; 0: no fault
     code: Scalar
     effect: Scalar  # int32, EFFECT_CODES
     value: Scalar  # float, in the channel's unit
     trigger: Scalar  # int32, TRIGGER_CODES
     start: Scalar  # int32, ticks or packets on the trigger's clock
     duration: Scalar  # int32, ticks or packets that the window stays open
-    every: Scalar  # int32, ticks or packets from one opening to the next; 0: opens once
-    period: Scalar  # int32, ticks, of effect periodic
-    key: Scalar  # uint32, of effect random
+    # int32, ticks or packets from one opening to the next; 0: the window opens once
+    every: Scalar
+    period: Scalar  # int32, ticks, period of effect periodic
+    key: Scalar  # uint32, random key of effect random
 
 
 @record
 class Faults:
-    """The faults of one run."""
+    """All fault slots of one run."""
 
     slots: tuple[FaultSlot, ...]
 
 
 @record
 class SlotState:
-    """What one slot remembers."""
+    """The state of one fault slot."""
 
     active: Scalar  # bool, the window is open in this tick
     age: Scalar  # int32, ticks since the window opened; 0 in its first tick
-    latched: Scalar  # float, of effect latch_offset
-    before: Scalar  # float, the channel in the last tick before the window; NaN: none was seen
+    latched: Scalar  # float, the value that effect latch_offset latched
+    # float, the channel's value in the last tick before the window; NaN: never seen
+    before: Scalar
     first_tick: Scalar  # int32, tick in which the fault first changed its channel; -1: never
-    changed_ticks: Scalar  # int32, ticks in which it changed at least one bit
+    # int32, ticks in which the fault changed at least one bit of its channel
+    changed_ticks: Scalar
     last_tick: Scalar  # int32, tick in which it last changed its channel; -1: never
 
 
 @record
 class FaultState:
-    """What the faults of one run remember."""
+    """The state of all fault slots of one run."""
 
     slots: tuple[SlotState, ...]
 
 
 def outcomes(state: FaultState) -> dict[str, Scalar]:
-    """What the faults did so far; columns of the result table."""
+    """Return what the faults have done so far, as columns of the result table."""
     out: dict[str, Scalar] = {}
     first, ticks = jnp.int32(-1), jnp.int32(0)
     for k, slot in enumerate(state.slots):
@@ -70,7 +74,7 @@ def outcomes(state: FaultState) -> dict[str, Scalar]:
 
 
 def init(setup: Setup) -> FaultState:
-    """State before the first tick."""
+    """Return the state before the first tick."""
     zero = jnp.asarray(0.0, setup.precision.real)
     unseen = jnp.asarray(jnp.nan, setup.precision.real)
     slot = SlotState(
@@ -84,7 +88,7 @@ def init(setup: Setup) -> FaultState:
 
 @record
 class TriggerClocks:
-    """The clocks that triggers read, all int32."""
+    """The clocks that fault triggers read, all int32."""
 
     tick: Scalar  # ticks since the run began
     packet: Scalar  # sequence number of the console's newest packet
@@ -92,7 +96,7 @@ class TriggerClocks:
 
 
 def _elapsed(setup: Setup, fault: FaultSlot, clock: TriggerClocks) -> Scalar:
-    """Trigger's clock reading minus the fault's start."""
+    """Return the reading of the trigger's clock minus the fault's start."""
     used = setup.injection.triggers
     readings = {"time": clock.tick, "packet": clock.packet, "pedal": clock.pedal}
     reading = readings[used[0]]
@@ -117,12 +121,13 @@ def _slot(setup: Setup, fault: FaultSlot, state: SlotState, clock: TriggerClocks
 def open_windows(
     setup: Setup, faults: Faults, state: FaultState, clock: TriggerClocks
 ) -> FaultState:
-    """Once a tick, before any site: which slots act in this tick, and for how long they have.
+    """Update which slots act in this tick, and for how long they have. Call once per tick, before
+    any site.
 
-    A window counts on its trigger's clock, so one that counts packets stays open while its packet
+    A window is counted on its trigger's clock, so a window in packets stays open while its packet
     lasts.
     """
-    if not setup.injection.triggers:  # slots, but no fault in any run
+    if not setup.injection.triggers:  # the campaign has slots, but no run has a fault
         return state
     return FaultState(
         tuple(_slot(setup, f, s, clock) for f, s in zip(faults.slots, state.slots, strict=True))

@@ -1,9 +1,9 @@
-"""Faults at the seams of a tick: what they do to a number, and where. Knows nothing of any robot.
+"""Injects faults into the signals at the seams of a tick; for any robot.
 
-Sites and channels are declared in `ravenjax.vocabulary.sites`; a campaign's `Setup.injection` names
-those it uses, and only they cost anything. At a site, each slot gathers the channel it hits by
-selects, applies its effect once and scatters the result back by selects. A channel that is not hit
-keeps every bit.
+Sites and channels are declared in `ravenjax.vocabulary.sites`. A campaign's `Setup.injection` names
+the sites that it uses, and only these add code to the tick. At a site, each slot gathers its
+channel by selects, applies its effect once, and scatters the result back by selects. Every other
+channel keeps its bits.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from ravenjax.vocabulary.robot import Robot
 from ravenjax.vocabulary.sites import ARM
 
 Effect = Callable[[Scalar, FaultSlot, SlotState, Scalar], Scalar]
-"""(x, fault, slot, tick) -> the float that takes x's place; whole numbers have their bits
-flipped by `flipped`.
+"""(x, fault, slot, tick) -> the float that replaces x. Bits of whole numbers are flipped by
+`flipped`.
 """
 
 
 def flipped(x: Scalar, fault: FaultSlot) -> Scalar:
-    """An int32 with the fault's bit inverted."""
+    """Return an int32 with the fault's bit inverted."""
     return x ^ lax.shift_left(jnp.int32(1), to_int32(fault.value) & 31)
 
 
@@ -63,7 +63,7 @@ _EFFECTS: dict[str, Effect] = {
     "drift": lambda x, fault, slot, tick: (
         x + fault.value * lax.convert_element_type(slot.age + 1, x.dtype)
     ),
-    # A window that is open from the first tick on has nothing before it and holds that tick's
+    # A window that is open from the first tick on has no earlier value. It holds that tick's
     # number.
     "stuck": lambda x, fault, slot, tick: jnp.where(slot.before == slot.before, slot.before, x),
     "bit_flip": _bit_flip,
@@ -76,7 +76,7 @@ _EFFECTS: dict[str, Effect] = {
 def apply_effect(
     effects: tuple[str, ...], x: Scalar, fault: FaultSlot, slot: SlotState, tick: Scalar
 ) -> Scalar:
-    """The number that takes the place of `x` (float), by the fault's effect, one of `effects`."""
+    """Return the number that replaces `x` (float) under the fault's effect, one of `effects`."""
     result = _EFFECTS[effects[0]](x, fault, slot, tick)
     for name in effects[1:]:
         result = jnp.where(
@@ -91,25 +91,27 @@ Path = tuple[str | int, ...]
 ChannelKey = tuple[str, str, str]
 """(site, arm or "", channel)."""
 Target = tuple[Path, str]
-"""Where a channel stands in its site's signal, and its kind."""
+"""Path of a channel in its site's signal, and its kind."""
 
 
 def channel_keys(setup: Setup) -> tuple[ChannelKey, ...]:
-    """Every channel that the campaign hits; a fault's code is its place here plus one."""
+    """Return every channel on which the campaign injects faults; a fault's code is the index plus
+    one.
+    """
     return tuple(
         (use.site, arm, channel) for use in setup.injection.sites for arm, channel in use.channels
     )
 
 
 def read(signal: Any, path: Path) -> Scalar:
-    """The number at `path` of a site's signal."""
+    """Return the number at `path` of a site's signal."""
     for step in path:
         signal = getattr(signal, step) if isinstance(step, str) else signal[step]
     return signal
 
 
 def write(signal: Any, path: Path, value: Scalar) -> Any:
-    """A copy of a site's signal with `value` at `path`."""
+    """Return a copy of a site's signal with `value` at `path`."""
     if not path:
         return value
     step, rest = path[0], path[1:]
@@ -121,8 +123,11 @@ def write(signal: Any, path: Path, value: Scalar) -> Any:
 
 
 def _store(kind: str, y: Scalar, old: Scalar) -> Scalar:
-    """`y` (float) as the channel holds it: integers truncate, 16-bit ones wrap or saturate, what no
-    int32 holds is -2147483648."""
+    """Return `y` (float) as the channel stores it.
+
+    Integers truncate. Numbers of 16 bits wrap or saturate. A number beyond int32 becomes
+    -2147483648.
+    """
     if kind == "float":
         return lax.convert_element_type(y, old.dtype)
     if kind == "bool":
@@ -131,14 +136,16 @@ def _store(kind: str, y: Scalar, old: Scalar) -> Scalar:
 
 
 def _fitted(kind: str, whole: Scalar) -> Scalar:
-    """An int32 as a channel of this kind holds it."""
+    """Return an int32 as a channel of this kind stores it."""
     if kind == "int16":
         return wrap16(whole)
     return jnp.minimum(jnp.maximum(whole, -32768), 32767) if kind == "int16 saturated" else whole
 
 
 class Injector:
-    """`inject(site, signal)` for one tick, carrying the faults' state from site to site."""
+    """Injects faults by `inject(site, signal)` in one tick, and carries the faults' state from site
+    to site.
+    """
 
     def __init__(
         self,
@@ -148,19 +155,23 @@ class Injector:
         state: FaultState,
         clock: TriggerClocks,
     ) -> None:
-        """paths: where each channel of `channel_keys` stands in its site's signal, and its kind
-        ("int16", "int16 saturated", "int32", "float", "bool").
+        """Prepare the injection of one tick.
+
+        paths: path in its site's signal and kind of each channel of `channel_keys`; the kinds are
+        "int16", "int16 saturated", "int32", "float" and "bool".
         """
-        self.setup: Any = setup  # the robot's own
+        self.setup: Any = setup  # a setup of the robot's class
         self._paths, self._faults, self._clock = paths, faults, clock
         self.state = state
 
     def strikes(self, *sites: str) -> bool:
-        """Whether the campaign hits any of these sites."""
+        """Return whether the campaign injects faults at any of these sites."""
         return strikes(self.setup, *sites)
 
     def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any:
-        """The signal of a site as the faults leave it, where it is `present` (bool)."""
+        """Return the signal of a site after the faults, which act on it only if it is `present`
+        (bool).
+        """
         keys = channel_keys(self.setup)
         for use in self.setup.injection.sites:
             if use.site != site:
@@ -181,7 +192,7 @@ class Injector:
         signal: Any,
         present: Scalar,
     ) -> tuple[SlotState, Any]:
-        """One slot at one site; `targets` are (code, path, kind) of the site's channels."""
+        """Apply one slot at one site; `targets` are (code, path, kind) of the site's channels."""
         real, tick = self.setup.precision.real, self._clock.tick
         numbers = [jnp.asarray(read(signal, path)) for _, path, _ in targets]
         aims = [fault.code == code for code, _, _ in targets]
@@ -199,9 +210,8 @@ class Injector:
             value = _store(kind, y, number)
             differs = value != number
             if "bit_flip" in use.effects and kind == "float":
-                differs = (
-                    differs | flips
-                )  # of a 0 the lowest bit makes a number that an engine may take for 0
+                # flipping the lowest bit of 0 gives a denormal, which an engine may treat as 0
+                differs = differs | flips
             elif "bit_flip" in use.effects:
                 bits = flipped(lax.convert_element_type(number, jnp.int32), fault)
                 bits = _fitted(kind, bits)
@@ -225,14 +235,14 @@ class Injector:
 
 
 def strikes(setup: Setup, *sites: str) -> bool:
-    """Whether the campaign hits any of these sites."""
+    """Return whether the campaign injects faults at any of these sites."""
     return any(use.site in sites for use in setup.injection.sites)
 
 
 @functools.cache
 def paths(robot: Robot, setup: Setup) -> dict[ChannelKey, Target]:
-    """Where each channel that the campaign hits stands in its site's signal, as the robot
-    declares it.
+    """Return path and kind of each channel with faults in its site's signal, as the robot declares
+    them.
     """
     table = {}
     for site, arm, name in channel_keys(setup):

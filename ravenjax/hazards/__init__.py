@@ -1,7 +1,5 @@
-"""The hazard library as data: what can go wrong with this robot, from console to cables, and what
-is known of each.
+"""The hazard library as data: what can go wrong with this robot, from console to cables.
 
-`library` reads and checks it, `expansion` turns a campaign's group that names hazards into plain
-groups, `ranges` says what each channel does when nothing is wrong, `listing` puts hazards into
-words.
+`library` reads and checks the data. `expansion` turns a campaign's group that names hazards into
+plain groups. `ranges` holds the normal range of each channel. `listing` puts hazards into words.
 """

@@ -1,22 +1,22 @@
-"""What became of each run in the words of a hazard analysis (`data/terms.toml`), from the result
-table alone.
+"""Classifies each run in the terms of a hazard analysis (`data/terms.toml`), from the result table
+alone.
 
-Several classes can hold at once. A run that has no other is of class `none`; a run that failed has
-none at all.
+A run may have several classes. A run without any other class has class `none`. A failed run has no
+class.
 
-- `jump`: the true tip leapt: over 0.1 mm in each of two ticks in a row, its golden run not (the
-  published code's rule, on the tip itself rather than on what encoders tell of it), or over 1 mm
-  within 2 ms (the published text's rule).
-- `stop`: a check stopped the robot; or its control software, once in pedal-down, was out of it or
-  in a software E-stop for more than 0.2 s in all, while its golden run was in pedal-down.
-- `unresponsive`: no stop; the robot stood, or had never started, for 0.2 s in all while its golden
-  run moved.
-- `displaced`: no jump; the tip made an unintended motion of more than 3 mm, live or not.
+- `jump`: the true tip made more than 0.1 mm in each of two ticks in a row while its golden run did
+  not (the rule of the published code, applied to the tip instead of its measurement by encoders).
+  Or it made more than 1 mm within 2 ms (the rule of the published text).
+- `stop`: a check stopped the robot. Or its control software left pedal-down, or was in a software
+  E-stop, for more than 0.2 s in all while its golden run was in pedal-down.
+- `unresponsive`: no stop, but the robot stood still, or had never started, for 0.2 s in all while
+  its golden run moved.
+- `displaced`: no jump, but the tip made an unintended motion of more than 3 mm, live or not.
 - `message`: no stop, but a check acted. It warned a person, limited a command or dropped a packet.
   The published experiments read these events from logs.
 
-So a robot that merely stops, while its golden run goes on, is not displaced; one that coasts by 3
-mm after its stop is.
+A robot that merely stops while its golden run goes on is therefore not displaced. A robot that
+coasts by 3 mm after its stop is.
 """
 
 from __future__ import annotations
@@ -26,11 +26,12 @@ import pandas as pd
 from ravenjax.outcomes.verdict import HALT_MS, LIMIT_MM
 
 CLASSES = ("none", "message", "stop", "unresponsive", "displaced", "jump")
-"""In the order of terms.toml, mildest first."""
+"""Classes in the order of terms.toml, mildest first."""
 
 IDLE_MS = 200
-"""A robot that stands so long is noticed: the largest visual delay that operators put up with is
-150 to 200 ms.
+"""Time for which a robot must stand still to be noticed.
+
+The largest visual delay that operators tolerate is 150 to 200 ms.
 """
 
 COLUMNS = (
@@ -44,13 +45,14 @@ COLUMNS = (
     "pedal_down_ms",
     "golden_pedal_down_ms",
 )
-"""Columns of the result table that classes are made of."""
+"""Columns of the result table that the classes need."""
 
 
 def classify(frame: pd.DataFrame, limit_mm: float = LIMIT_MM) -> pd.DataFrame:
-    """Which classes each row of a result table has: bool [rows, CLASSES], index kept.
+    """Return which classes each row of a result table has: bool [rows, CLASSES] with the same
+    index.
 
-    limit_mm: how far is `displaced`. KeyError names a column that the table lacks.
+    limit_mm: distance above which a run is `displaced`. Raises KeyError for a missing column.
     """
     signs = evidence(frame, limit_mm)
     valid, response = frame["failed"] == "", frame["response"].astype(str)
@@ -72,8 +74,9 @@ def classify(frame: pd.DataFrame, limit_mm: float = LIMIT_MM) -> pd.DataFrame:
 
 
 def evidence(frame: pd.DataFrame, limit_mm: float = LIMIT_MM) -> pd.DataFrame:
-    """The columns leapt, strayed, idle and halted (bool), from which classes follow. KeyError as in
-    `classify`.
+    """Return the columns leapt, strayed, idle and halted (bool), from which the classes follow.
+
+    Raises KeyError for a missing column.
     """
     if missing := [name for name in COLUMNS if name not in frame]:
         raise KeyError(

@@ -1,17 +1,18 @@
-"""A campaign's group that names hazards, as plain groups: one a case of each hazard.
+"""Expands a campaign's group that names hazards into plain groups, one for each case of each
+hazard.
 
     [[group]]
     name = "library"
-    hazards = ["C09", "L7"]     # ids and layers, or "all": every hazard that the simulator can run
-    start_ms = 1200             # optional, as arm, value, duration_ms: in place of the library's own
+    hazards = ["C09", "L7"]     # ids and layers, or "all": every hazard that can be simulated
+    start_ms = 1200             # optional, like arm, value, duration_ms: replaces the library's
 
-Groups without `hazards` stay as they are. The plain groups are checked like any other.
+Groups without `hazards` are left unchanged. The plain groups are checked like any other group.
 
 In a campaign with both arms, a hazard of the gold or the green arm acts on that arm. A hazard of
 both acts on both in the same run. Any other hazard gets one group for each arm, with -gold or
 -green at the end of its name. `arm` overrides this with one arm or a list of arms. Sites without an
 arm get one group.
-"""  # noqa: E501
+"""
 
 from __future__ import annotations
 
@@ -49,17 +50,18 @@ KEYS = {
     **OVERRIDES,
     **PASSED_ON,
 }
-"""What a group that names hazards may say."""
+"""Keys that a group with hazards may have."""
 _CROSSED = ("value", "start_ms", "duration_ms", "every_ms")
-"""Keys whose values are combined when several channels are faulty together."""
+"""Keys whose values are combined if several channels are faulty together."""
 
 LARGEST = 1e300
-"""Magnitude up to which a value can be shared among channels."""
+"""Largest magnitude of a value that can be shared among channels."""
 
 
 class WrongGroup(UserError):
-    """A group that names hazards and cannot be expanded; `key` is where: of the group, or from
-    `plain` of the file.
+    """A group with hazards that cannot be expanded.
+
+    `key` is the wrong key: of the group or, if raised by `plain`, of the file.
     """
 
     def __init__(self, key: str | tuple[str | int, ...], message: str) -> None:
@@ -68,10 +70,11 @@ class WrongGroup(UserError):
 
 
 def plain(raw: Mapping[str, Any]) -> tuple[dict[str, Any], list[int]]:
-    """A campaign's tables with nothing but plain groups, and of each the number of the group that
-    it was written as.
+    """Return a campaign's tables with plain groups only, and for each the index of its original
+    group.
 
-    What is no list of tables stays for others to refuse. Raises WrongGroup.
+    Values that are not a list of tables are passed on, for later checks to refuse. Raises
+    WrongGroup.
     """
     groups = raw.get("group")
     if not isinstance(groups, list) or not all(isinstance(group, Mapping) for group in groups):
@@ -90,8 +93,9 @@ def plain(raw: Mapping[str, Any]) -> tuple[dict[str, Any], list[int]]:
 
 
 def _arms_of(raw: Mapping[str, Any]) -> tuple[str, ...]:
-    """The arms of a campaign's tables; () where they are not named, or wrongly, which others
-    refuse.
+    """Return the arms of a campaign's tables.
+
+    Returns () if no arms are named, or if they are invalid, which later checks refuse.
     """
     campaign = raw.get("campaign")
     arms = campaign.get("arms") if isinstance(campaign, Mapping) else None
@@ -101,12 +105,11 @@ def _arms_of(raw: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def expand(group: Mapping[str, Any], arms: Sequence[str] = ()) -> list[dict[str, Any]]:
-    """The plain groups of a raw table [[group]] of a campaign file with these arms. Raises
-    WrongGroup.
+    """Return the plain groups of a raw table [[group]] of a campaign file with these arms.
 
-    They are named GROUP/ID, or GROUP/ID-CASE where a hazard has several cases, and end in -ARM
-    where each arm is struck in turn. arms: () for a campaign of one arm, which then strikes
-    whatever belongs to an arm.
+    They are named GROUP/ID, or GROUP/ID-CASE if a hazard has several cases. The name ends in -ARM
+    if faults act on each arm in separate groups. arms: () for a campaign with one arm, on which all
+    faults of an arm then act. Raises WrongGroup.
     """
     if KEY not in group:
         return [dict(group)]
@@ -127,7 +130,9 @@ def expand(group: Mapping[str, Any], arms: Sequence[str] = ()) -> list[dict[str,
 
 
 def named(words: Any) -> list[Hazard]:
-    """The hazards that ids, layers and "all" name, in the library's order. Raises WrongGroup."""
+    """Return the hazards that ids, layers and "all" name, in the library's order. Raises
+    WrongGroup.
+    """
     listed = [words] if isinstance(words, str) else words
     if (
         not isinstance(listed, Sequence)
@@ -142,7 +147,9 @@ def named(words: Any) -> list[Hazard]:
 
 
 def words() -> list[str]:
-    """What `hazards` may name: "all", the layers and the ids of what can be run."""
+    """Return the words that `hazards` may have: "all", the layers, and the ids that can be
+    simulated.
+    """
     rows = [row for row in library.rows() if row.runnable]
     return [ALL, *dict.fromkeys(row.layer for row in rows), *(row.id for row in rows)]
 
@@ -165,7 +172,7 @@ def _meant(word: str) -> list[Hazard]:
 def _groups(
     group: Mapping[str, Any], hazard: Hazard, case: Case, arms: Sequence[str]
 ) -> Iterator[dict[str, Any]]:
-    """The plain groups of one case: one, or one an arm."""
+    """Yield the plain groups of one case: one, or one for each arm."""
     name = f"{hazard.id}-{case.name}" if case.name else hazard.id
     overrides = {key: group[key] for key in OVERRIDES if key in group}
     per_arm = any(SITES[fault.site].per_arm for fault in case.fault)
@@ -187,8 +194,9 @@ def _groups(
 
 
 def _turns(hazard: Hazard, arm: Any, arms: Sequence[str]) -> list[tuple[str, tuple[Any, ...]]]:
-    """(how the group's name ends, what the key `arm` is in it, several for arms in one run) of
-    each group of a case.
+    """Return (suffix of the group's name, its `arm` values) for each group of a case.
+
+    Several values are arms with faults in the same run.
     """
     if isinstance(arm, list | tuple) and len(arm) > 1:
         return [(f"-{one}", (one,)) for one in arm]
@@ -202,7 +210,7 @@ def _turns(hazard: Hazard, arm: Any, arms: Sequence[str]) -> list[tuple[str, tup
 
 
 def _check(name: str, case: Case, overrides: Mapping[str, Any], arms: Sequence[Any]) -> None:
-    """Raise WrongGroup for an override that does not fit faults at several channels."""
+    """Raise WrongGroup for an override that does not suit faults on several channels."""
     first, *others = case.fault
     if [] in arms:
         raise WrongGroup("arm", f"{name}: the list is empty, expected at least one value")
@@ -240,15 +248,16 @@ def _check(name: str, case: Case, overrides: Mapping[str, Any], arms: Sequence[A
 def _slots(
     struck: Struck, overrides: Mapping[str, Any], arms: Sequence[Any]
 ) -> Iterator[dict[str, Any]]:
-    """The [[group.fault]] tables of one slot of the library: one for each channel and arm that are
-    faulty together.
+    """Yield the [[group.fault]] tables of one slot of the library.
+
+    There is one for each channel and arm that are faulty together.
     """
     table = struck.model_dump(
         exclude={"along", "unit"}, exclude_none=True, exclude_defaults=True, mode="json"
     )
     table |= overrides
     if "value" in overrides:
-        table.pop("wraps", None)  # said of the library's values
+        table.pop("wraps", None)  # `wraps` applies to the library's values only
     per_arm = arms if SITES[struck.site].per_arm else ()
     keys = [key for key in _CROSSED if key in table]
     if struck.along is None and len(per_arm) > 1:
@@ -279,7 +288,7 @@ def _slots(
 
 
 def _is_number(value: Any) -> bool:
-    """Whether it can be multiplied and made whole."""
+    """Return whether the value can be multiplied and rounded."""
     return (
         isinstance(value, int | float)
         and not isinstance(value, bool)

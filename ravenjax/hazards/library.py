@@ -1,8 +1,8 @@
-"""The hazards of the library: one row each, in one TOML file a layer.
+"""The hazards of the library: one row for each, in one TOML file per layer.
 
-A row says what was published (target, kind, values, when, expected outcome, impact, source) and, in
-its cases, how the simulator runs it; a row without cases says why it cannot. Words are explained in
-`data/terms.toml`.
+A row states what was published (target, kind, values, timing, expected outcome, impact, source).
+Its cases state how the simulator runs the hazard; a row without cases states why it cannot. The
+terms are explained in `data/terms.toml`.
 """
 
 from __future__ import annotations
@@ -24,27 +24,27 @@ ALL_CHANNELS = "*"
 
 Number = int | float
 Numbers = Number | tuple[Number, ...] | dict[str, tuple[Number, ...]]
-"""One number, a list of them, or a distribution, as a campaign file has them."""
+"""One number, a list of numbers, or a distribution, as in a campaign file."""
 
 
 class LibraryTable(BaseModel):
-    """A table of the library: frozen, unknown keys refused."""
+    """A table of the library: frozen; unknown keys are refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class Struck(LibraryTable):
-    """One fault slot of a case: the keys of [[group.fault]], with the value's unit, and `along`
-    in place of channel.
+    """One fault slot of a case: the keys of [[group.fault]], the value's unit, and `along` in place
+    of channel.
     """
 
     site: str
     channel: str | tuple[str, ...] | None = None
-    # channels struck together, each with its share of the value
+    # Channels that are faulty together, and the share of the value for each
     along: dict[str, float] | None = None
     effect: str
     value: Numbers | None = None
-    # of the value, to read and to check
+    # Unit of the value, for readers and for checks
     unit: str | None = None
     trigger: str = "time"
     start_ms: Numbers
@@ -53,12 +53,12 @@ class Struck(LibraryTable):
     )
     every_ms: Numbers = 0
     period_ms: Numbers = 0
-    # a value beyond 16 bits is meant
+    # A value beyond 16 bits is intended
     wraps: bool = False
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Names of the channels where the fault may act."""
+        """Names of the channels on which the fault may act."""
         if self.along is not None:
             return tuple(self.along)
         if self.effect in NETWORK_EFFECTS:
@@ -72,7 +72,7 @@ class Struck(LibraryTable):
 class Case(LibraryTable):
     """One way of running a hazard: the faults of one run, and a design."""
 
-    # tells the cases of a row apart
+    # Distinguishes the cases of a row
     name: str = ""
     design: Literal["grid", "zip", "lhs", "random"] = "grid"
     runs: int | None = Field(default=None, ge=1)
@@ -86,37 +86,38 @@ class Hazard(LibraryTable):
     # layer of the loop, L1 console .. L10 mechanics
     layer: str = Field(pattern=r"^L([1-9]|10)$")
     title: str = Field(min_length=1)
-    # what the source names
+    # What the source names as the target
     target: str = Field(min_length=1)
-    # that the source strikes; both: at once; either or none: each in turn where there are two
+    # The arm that the source attacks. both: at once; either or none: each arm in turn, if there are
+    # two
     arm: Literal["gold", "green", "both", "either"] | None = None
     hazards: tuple[str, ...]
     unsafe_control_actions: tuple[str, ...] = ()
     # D dynamics and control, S state machine and PLC, O operator, X beyond a simulator
     needs: tuple[Literal["D", "S", "O", "X"], ...] = Field(min_length=1)
     kind: str = Field(min_length=1)
-    # as the source has them
+    # As the source states them
     values: str = Field(min_length=1)
     # trigger, onset and duration as the source has them
     when: str = Field(min_length=1)
     # outcome in the source's words
     expected: str = Field(min_length=1)
     expected_class: tuple[str, ...] = Field(min_length=1)
-    # injections with an effect, of `injected`
+    # Number of injections with an effect, out of `injected`
     activated: int | None = Field(default=None, ge=0)
     injected: int | None = Field(default=None, ge=1)
-    # clinical; bare numbers are those of adverse event reports
+    # Clinical impact; bare numbers are counts of adverse event reports
     impact: str = Field(min_length=1)
     source: str = Field(min_length=1)
-    # training scenarios of IROS 2016 that it belongs to
+    # Training scenarios of IROS 2016 that contain the hazard
     scenarios: tuple[
         Literal["temporarily unavailable", "permanently unavailable", "sudden jump"], ...
     ] = ()
-    # what of it is run, and where that departs from the source
+    # What the simulator runs of it, and where that differs from the source
     note: str = ""
-    # where the simulated outcome differs from the published, likely why
+    # Where the simulated outcome differs from the published one, and the likely reason
     departure: str = ""
-    # why the simulator cannot run it: what is missing
+    # Why the simulator cannot run it: what is missing
     documented_only: str = ""
     case: tuple[Case, ...] = ()
 
@@ -128,20 +129,22 @@ class Hazard(LibraryTable):
 
 @cache
 def terms() -> dict[str, dict[str, str]]:
-    """Accidents, hazards, unsafe control actions, outcome classes and sources: word -> meaning."""
+    """Return word -> meaning for accidents, hazards, unsafe control actions, outcome classes and
+    sources.
+    """
     return tomllib.loads(_data("terms.toml"))
 
 
 @cache
 def layers() -> dict[str, str]:
-    """Each layer of the loop, in the order L1 to L10, and what it is."""
+    """Return the layers of the loop, L1 to L10 in order, with their descriptions."""
     tables = (tomllib.loads(_data(name)) for name in files())
     return {table["layer"]: table["title"] for table in tables}
 
 
 @cache
 def rows() -> tuple[Hazard, ...]:
-    """Every hazard, by layer."""
+    """Return all hazards, by layer."""
     tables = (tomllib.loads(_data(name)) for name in files())
     return tuple(
         Hazard.model_validate({**row, "layer": table["layer"]})
@@ -151,13 +154,13 @@ def rows() -> tuple[Hazard, ...]:
 
 
 def files() -> list[str]:
-    """Names of the layers' files, L1 first."""
+    """Return the names of the layers' files, L1 first."""
     names = [file.name for file in DATA.iterdir() if file.name.startswith("L")]
     return sorted(names, key=lambda name: int(name[1:].partition("_")[0]))
 
 
 def find(name: str) -> Hazard:
-    """The hazard of that id. Raises UserError."""
+    """Return the hazard with that id. Raises UserError."""
     by_id = {row.id: row for row in rows()}
     if name not in by_id:
         raise UserError(

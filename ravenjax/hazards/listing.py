@@ -1,4 +1,4 @@
-"""Hazards in words: rows of a list, and the full description of one."""
+"""Describes hazards in words: rows of a list, and the full description of one hazard."""
 
 from __future__ import annotations
 
@@ -10,15 +10,17 @@ from ravenjax.hazards.library import Case, Hazard, Struck
 from ravenjax.robots.raven2.declaration import SITES
 
 COLUMNS = ("id", "layer", "title", "class", "runs")
-"""Of `table`."""
+"""Columns of `table`."""
 
 LAYER_COLUMNS = ("layer", "what", "sites", "hazards")
-"""Of `layers`."""
+"""Columns of `layers`."""
 
 
 def table(hazards: Sequence[Hazard] | None = None) -> list[tuple[str, ...]]:
-    """One row a hazard: id, layer, title, expected outcome class, and whether the simulator runs
-    it. None: of all.
+    """Return one row per hazard: id, layer, title, expected outcome class, and whether it can be
+    simulated.
+
+    hazards: None for all.
     """
     return [
         (
@@ -33,12 +35,12 @@ def table(hazards: Sequence[Hazard] | None = None) -> list[tuple[str, ...]]:
 
 
 def of_layer(layer: str) -> list[Hazard]:
-    """The hazards of a layer."""
+    """Return the hazards of a layer."""
     return [row for row in library.rows() if row.layer == layer]
 
 
 def of_site(site: str) -> list[Hazard]:
-    """The hazards whose faults act at a site."""
+    """Return the hazards whose faults act at a site."""
     return [
         row
         for row in library.rows()
@@ -47,8 +49,8 @@ def of_site(site: str) -> list[Hazard]:
 
 
 def layers() -> list[tuple[str, ...]]:
-    """One row a layer of the loop: what it is, its sites and how many hazards the library has of
-    it.
+    """Return one row per layer of the loop: description, sites, and number of hazards in the
+    library.
     """
     return [
         (
@@ -62,8 +64,9 @@ def layers() -> list[tuple[str, ...]]:
 
 
 def description(name: str) -> list[tuple[str, str]]:
-    """(what, text) of everything that the library says of one hazard. Raises UserError for an
-    unknown id.
+    """Return (heading, text) for everything that the library states about one hazard.
+
+    Raises UserError for an unknown id.
     """
     row = library.find(name)
     return [(what, text) for what, text in _lines(row) if text]

@@ -1,5 +1,6 @@
-"""Which hazards a campaign's group stands for, by its name. Needs nothing but the name, so that
-reports can ask.
+"""Finds the hazards that a campaign's group represents, from its name alone.
+
+Reports only have the name, so nothing else may be needed.
 """
 
 from __future__ import annotations
@@ -8,15 +9,15 @@ import re
 
 _ID = re.compile(r"[A-Z]\d\d")
 _IDS = re.compile(r"(?:.*/)?([A-Z]\d\d(?:[-,][A-Z]\d\d)*)(?![A-Za-z0-9])")
-"""An id, and the ids that a group's name begins with."""
+"""Patterns of one id, and of the ids with which a group's name begins."""
 
 
 def hazards_of(group: str) -> tuple[str, ...]:
-    """Ids of the hazards that a group's name begins with, after the last "/"; none where it names
+    """Return the ids of the hazards with which a group's name begins, after the last "/"; () if
     none.
 
-    So named are the plain groups of `expansion.expand`, and those that a campaign's author calls
-    "B07,B08 no write" or "K15-K17 run level": a dash spans the ids between.
+    The plain groups of `expansion.expand` have such names. So have groups that a campaign's author
+    calls "B07,B08 no write" or "K15-K17 run level": a dash includes the ids between.
     """
     match = _IDS.match(group)
     if match is None:
@@ -30,7 +31,5 @@ def hazards_of(group: str) -> tuple[str, ...]:
 
 
 def kind_of(group: str) -> str:
-    """Kind of the faults of a group, what its author chose: the hazards that it stands for, or
-    the group itself.
-    """
+    """Return the kind of a group's faults, an author's choice: its hazards, or the group itself."""
     return ",".join(hazards_of(group)) or group

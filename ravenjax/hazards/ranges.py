@@ -1,7 +1,7 @@
-"""What each channel does when nothing is wrong.
+"""Normal range of each channel, measured in fault-free runs.
 
-`data/normal_ranges.csv` holds the measured ranges: fault-free runs of every generated motion at
-teleoperation scales 0.05 and 0.1, where no check trips (`analysis/normal_ranges/measure.py`).
+`data/normal_ranges.csv` holds the ranges. They come from fault-free runs of every generated motion
+at teleoperation scales 0.05 and 0.1, in which no check trips (`analysis/normal_ranges/measure.py`).
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ FILE = "normal_ranges.csv"
 
 
 class ChannelRange(NamedTuple):
-    """What one channel did over all fault-free runs, in the channel's unit."""
+    """Range of one channel over all fault-free runs, in the channel's unit."""
 
     site: str
-    arm: str  # "" where the site belongs to no arm
+    arm: str  # "" if the site belongs to no arm
     channel: str
     unit: str
     low: float
@@ -34,7 +34,7 @@ class ChannelRange(NamedTuple):
 
 @cache
 def measured() -> dict[tuple[str, str, str], ChannelRange]:
-    """(site, arm, channel) -> range."""
+    """Return (site, arm, channel) -> range."""
     text = (DATA / FILE).read_text(encoding="utf-8")
     by_channel = {}
     for row in csv.DictReader(text.splitlines()):
@@ -49,8 +49,8 @@ def measured() -> dict[tuple[str, str, str], ChannelRange]:
 
 
 def normal(site: str, channel: str, arm: str = ARMS[0]) -> ChannelRange:
-    """The normal operating range of a channel; `arm` counts where the site is on each arm.
-    Raises UserError.
+    """Return the normal range of a channel; `arm` matters if the site is on each arm. Raises
+    UserError.
     """
     key = site, arm if site in SITES and SITES[site].per_arm else "", channel
     if key not in measured():

@@ -1,4 +1,4 @@
-"""How bad each run was, 0 to 5: the severity scale of the risk tables, from the result table
+"""Rates the severity of each run, 0 to 5, on the scale of the risk tables, from the result table
 alone.
 """
 
@@ -21,20 +21,21 @@ SCALE = (
     "injury-capable motion, and a person was told: by a check, or the haptic cue",
     "injury-capable motion of which nobody was told",
 )
-"""Meaning of each severity, by number. An ordinal scale of ours: no source weighs a stop against
-an injury.
+"""Meaning of each severity, by number.
+
+This is an ordinal scale of this project: no source weighs a stop against an injury.
 """
 
 INJURY = 4
-"""From this severity on the motion could injure."""
+"""Lowest severity of a motion that could injure."""
 
 DEPTH_MM = 1.0
-"""This much deeper in the tissue than the golden run could injure: surgeons accept no sudden 1
-mm, DSN 2016.
+"""Depth in tissue beyond the golden run's that could injure: surgeons accept no sudden 1 mm (DSN
+2016).
 """
 
 UNTIL_END = -1
-"""`fault<k>_duration_ms` of a fault that lasts until the run ends."""
+"""`fault<k>_duration_ms` of a fault that lasts until the end of the run."""
 
 COLUMNS = (
     *classes.COLUMNS,
@@ -43,16 +44,14 @@ COLUMNS = (
     "fault0_duration_ms",
     "fault0_every_ms",
 )
-"""Columns of the result table that severities are made of; besides, the cue's, and those of
-other slots.
-"""
+"""Columns of the result table that severities need, beside those of the cue and of other slots."""
 
 
 def severity(frame: pd.DataFrame, cue: int | None = 0, limit_mm: float = LIMIT_MM) -> pd.Series:
-    """Severity of each row of a result table, Int64, missing for failed runs.
+    """Return the severity of each row of a result table, Int64, missing for failed runs.
 
-    cue: haptic set that counts as an alarm; None: a robot without a cue. limit_mm: of an unintended
-    motion. KeyError names a column that is missing.
+    cue: index of the haptic set that counts as an alarm; None: a robot without a cue. limit_mm:
+    limit of an unintended motion. Raises KeyError for a missing column.
     """
     if missing := [name for name in COLUMNS if name not in frame]:
         raise KeyError(
@@ -76,10 +75,11 @@ def severity(frame: pd.DataFrame, cue: int | None = 0, limit_mm: float = LIMIT_M
 
 
 def injury_capable(frame: pd.DataFrame, flags: pd.DataFrame | None = None) -> pd.Series:
-    """Which runs moved the instrument so that it could injure.
+    """Return which runs moved the instrument so that it could injure.
 
-    A jump, an unintended motion beyond the limit, or a tip more than DEPTH_MM deeper than its
-    golden run's. `found`: their classes, where they are at hand.
+    These are runs with a jump, an unintended motion beyond the limit, or a tip more than DEPTH_MM
+    deeper than the golden run's. flags: the result of `classes.classify`, if it is already
+    available.
     """
     flags = classes.classify(frame) if flags is None else flags
     deeper_mm = frame["tissue_depth_mm"] - frame["golden_tissue_depth_mm"]
@@ -88,8 +88,8 @@ def injury_capable(frame: pd.DataFrame, flags: pd.DataFrame | None = None) -> pd
 
 
 def lasting(frame: pd.DataFrame) -> pd.Series:
-    """Which runs have a fault that does not end by itself: until the end of the run, or again
-    and again.
+    """Return which runs have a fault that does not end: it lasts until the run's end, or
+    repeats.
     """
     lasts = pd.Series(False, frame.index)
     for name in (name for name in frame if name.startswith("fault") and name.endswith("_site")):

@@ -5,12 +5,12 @@ from __future__ import annotations
 from ravenjax.hazards import library, naming
 
 MOST = 3
-"""At most so many titles are listed for a group; the others are counted."""
+"""Largest number of titles that are listed for a group; further titles are counted."""
 
 
 def of_group(group: str) -> str:
-    """Titles of the hazards that a group's name begins with; empty where it names none that is
-    known.
+    """Return the titles of the hazards with which a group's name begins; "" if it names no known
+    hazard.
     """
     names = naming.hazards_of(group)
     titles = [row.title for row in library.rows() if row.id in names]

@@ -1,1 +1,3 @@
-"""What ticks are written in: numbers, vectors and records of them, and paths to them."""
+"""Number types that the code of a tick is written in: scalars, vectors, records, and paths to their
+numbers.
+"""

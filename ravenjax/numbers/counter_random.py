@@ -1,9 +1,9 @@
-"""Random numbers from a counter: the same (key, tick, channel) gives the same number on every
-engine, in any order.
+"""Counter-based random numbers: a (key, tick, channel) gives the same number on every engine, in
+any order.
 
-A run's noise therefore does not depend on batch, chunk or worker, and a run and its golden run that
-share a key share every draw. Only 32-bit integer multiply, xor and shift, so the stream is
-bit-identical wherever it is computed.
+A run's noise therefore does not depend on its batch, chunk or worker. A run and its golden run
+share a key, so they share every draw. Only 32-bit integer multiplications, xors and shifts are
+used, so the stream is bit-identical wherever it is computed.
 
 Mixing: the two-multiply finaliser `lowbias32` (C. Wellons, "Prospecting for hash functions", 2018;
 exact bias 0.174), applied to the key, then to the counter.
@@ -31,7 +31,7 @@ def _mix(x: Scalar) -> Scalar:
 
 
 def bits(key: Scalar, tick: Scalar, channel: int) -> Scalar:
-    """32 random bits (uint32) for a run's `key` (uint32), a `tick` (int32) and a fixed
+    """Return 32 random bits (uint32) for a run's `key` (uint32), a `tick` (int32) and a fixed
     `channel`.
     """
     channel_offset = _u32((channel * CHANNEL_STRIDE) & 0xFFFFFFFF)
@@ -40,14 +40,15 @@ def bits(key: Scalar, tick: Scalar, channel: int) -> Scalar:
 
 
 def uniform(key: Scalar, tick: Scalar, channel: int) -> Scalar:
-    """Uniform float32 in [0, 1): the upper 24 of `bits`, each value exact."""
+    """Return a uniform float32 in [0, 1), made exactly from the upper 24 of the random bits."""
     upper = lax.convert_element_type(bits(key, tick, channel) >> _u32(8), jnp.float32)
     return upper * 2.0**-24
 
 
 def normal(key: Scalar, tick: Scalar, channel: int) -> Scalar:
-    """Standard normal float32 by Box and Muller from the two halves of one draw; its tail ends
-    at 4.9 sigma.
+    """Return a standard normal float32.
+
+    It comes from the two halves of one draw (method of Box and Muller). The tail ends at 4.9 sigma.
     """
     word = bits(key, tick, channel)
     radius_half = lax.convert_element_type(word >> _u32(16), jnp.float32)

@@ -1,4 +1,4 @@
-"""Which number of a run was the first that is infinite or no number (NaN), and when."""
+"""Finds the first number of a run that is infinite or NaN, and the tick in which it became so."""
 
 from __future__ import annotations
 
@@ -13,23 +13,24 @@ from ravenjax.vocabulary.failures import CODES
 
 @record
 class FiniteState:
-    """What is remembered of the numbers of a run."""
+    """The first number of a run that was not finite."""
 
-    first: Scalar  # int32, first tick in which one was not finite; -1: never
-    signal: Scalar  # int32, which: `failures.CODES`; -1: none
+    # int32, first tick in which a number was not finite; -1: never
+    first: Scalar
+    signal: Scalar  # int32, code of that number in `failures.CODES`; -1: none
 
 
 def init() -> FiniteState:
-    """Every number is finite."""
+    """Return the state before the first tick, when every number is finite."""
     return FiniteState(jnp.int32(-1), jnp.int32(-1))
 
 
 def step(state: FiniteState, watched: Mapping[str, Iterable[Scalar]], tick: Scalar) -> FiniteState:
-    """After this tick. watched: numbers by what they are, a name of `failures.SIGNALS`; their sum
-    is looked at.
+    """Return the state after this tick.
 
-    Only the first time counts. Of several that are not finite in one tick the one that stands first
-    is named.
+    `watched` maps names of `failures.SIGNALS` to the numbers of each. The sum of the numbers is
+    tested, which is not finite if one of them is not. Only the first such tick of a run is
+    recorded. If several signals fail in it, the first one in `watched` is recorded.
     """
     signal = jnp.int32(-1)
     for name, numbers in reversed(list(watched.items())):
@@ -40,7 +41,7 @@ def step(state: FiniteState, watched: Mapping[str, Iterable[Scalar]], tick: Scal
 
 
 def outcomes(state: FiniteState) -> dict[str, Scalar]:
-    """Outcomes of a run: ms and code of the first number that was not finite, -1 where there was
-    none.
+    """Return outcome columns: tick (ms) and code of the first number that was not finite, or -1 for
+    never.
     """
     return {"failed_ms": state.first, "failed_signal": state.signal}

@@ -1,8 +1,8 @@
-"""JAX, imported when it is first used: what needs none of it does without.
+"""Imports JAX at its first use, so that code that needs no JAX runs without it.
 
-`from ravenjax.numbers.lazy import jax, jnp, lax` stands for `import jax`, `import jax.numpy as
-jnp`, `from jax import lax`. Within `at_once()` functions of NumPy stand for `jnp` and `lax`: code
-of the tick then runs on plain numbers, without JAX.
+`from ravenjax.numbers.lazy import jax, jnp, lax` replaces `import jax`, `import jax.numpy as jnp`
+and `from jax import lax`. Within `at_once()`, functions of NumPy take the place of `jnp` and `lax`.
+Code of the tick then runs on plain numbers, without JAX.
 
 NumPy's results have the types and the bits that XLA gives on a CPU. Sine and cosine of float32 are
 the exception: NumPy's are correctly rounded.
@@ -31,38 +31,38 @@ from ravenjax.numbers import tree
 
 
 class Numpy:
-    """`jax.numpy` of plain numbers, or arrays of them: NumPy's own functions."""
+    """Functions of NumPy under the names of `jax.numpy`, for plain numbers or arrays of them."""
 
     def __getattr__(self, name: str) -> Any:
         return getattr(np, name)
 
     @staticmethod
     def sin(x: Any) -> Any:
-        """Sine."""
+        """Return the sine of a number or array."""
         return np.sin(x) if np.ndim(x) else _of_type(x)(math.sin(x))
 
     @staticmethod
     def cos(x: Any) -> Any:
-        """Cosine."""
+        """Return the cosine of a number or array."""
         return np.cos(x) if np.ndim(x) else _of_type(x)(math.cos(x))
 
     @staticmethod
     def where(condition: Any, yes: Any, no: Any) -> Any:
-        """`yes` or `no`, in the type that both share."""
+        """Return `yes` or `no`, in the type that the two promote to."""
         return np.where(condition, yes, no)[()]
 
 
 class Lax:
-    """`jax.lax` of plain numbers."""
+    """The functions of `jax.lax` that a tick uses, for plain numbers."""
 
     @staticmethod
     def convert_element_type(x: Any, dtype: Any) -> Any:
-        """`x` as a number of that type."""
+        """Return `x` converted to `dtype`."""
         return np.asarray(x).astype(dtype)[()]
 
     @staticmethod
     def cond(condition: Any, yes: Callable[[], Any], no: Callable[[], Any]) -> Any:
-        """What `yes` or `no` gives; both are computed, and numbers may be arrays."""
+        """Return the result of `yes` or of `no`. Both are computed; their numbers may be arrays."""
         return tree.mapped(lambda a, b: np.where(condition, a, b)[()], yes(), no())
 
 
@@ -74,7 +74,7 @@ __all__ = ["at_once", "jax", "jnp", "lax", "when_loaded"]
 
 
 class _Mode(threading.local):
-    instead: Mapping[str, Any] = {}  # module of JAX's -> what stands for it
+    instead: Mapping[str, Any] = {}  # name of a JAX module -> its replacement
 
 
 _MODE = _Mode()
@@ -84,8 +84,9 @@ _WAITING: list[Callable[[Any], Any]] = []
 
 
 def when_loaded(action: Callable[[Any], Any]) -> None:
-    """Call `action(jax)` before JAX is first used through this module; at once where JAX is
-    imported already.
+    """Call `action(jax)` before JAX is first used through this module.
+
+    If JAX is imported already, the action is called immediately.
     """
     with _LOADING:
         _WAITING.append(action)
@@ -96,7 +97,7 @@ def when_loaded(action: Callable[[Any], Any]) -> None:
 def _load(name: str) -> Any:
     if _WAITING:
         real = importlib.import_module("jax")
-        with _LOADING:  # whoever comes second waits until all is done
+        with _LOADING:  # a second thread waits until all actions are done
             for action in _WAITING:
                 action(real)
             _WAITING.clear()
@@ -105,7 +106,7 @@ def _load(name: str) -> Any:
 
 @contextlib.contextmanager
 def at_once() -> Iterator[None]:
-    """Let `jnp` and `lax` of this thread compute with NumPy, on NumPy and Python numbers."""
+    """Make `jnp` and `lax` compute with NumPy in this thread, on NumPy and Python numbers."""
     before, _MODE.instead = _MODE.instead, _WITH_NUMPY
     try:
         yield
@@ -114,7 +115,9 @@ def at_once() -> Iterator[None]:
 
 
 class _Late:
-    """A module of JAX's, imported at the first look at one of its names; or what stands for it."""
+    """A JAX module that is imported when one of its names is first looked up, or its
+    replacement.
+    """
 
     def __init__(self, name: str) -> None:
         self._name = name

@@ -1,5 +1,5 @@
-"""Solve with a small symmetric positive definite matrix, unrolled; zeros in the pattern cost
-nothing.
+"""Solves a linear system with a small symmetric positive definite matrix, unrolled, without work
+for structural zeros.
 """
 
 from __future__ import annotations
@@ -9,13 +9,13 @@ from ravenjax.numbers.vec import Scalar, Vec
 
 
 def solve_spd(matrix: tuple[Vec, ...], right: Vec) -> Vec:
-    """x with matrix x = right, by matrix = L^T D L. Reads the lower triangle only; literal zeros
-    are not computed with.
+    """Return x of matrix x = right, by the factorisation matrix = L^T D L.
 
-    Elimination runs from the last row to the first: for the mass matrix of a tree, parents before
-    children, no entry that is zero by structure fills in (R. Featherstone, Rigid Body Dynamics
-    Algorithms, 2008, section 6.5). Units: those of `right` over those of `matrix`. A matrix that is
-    not positive definite gives infinities or NaN, no error.
+    Only the lower triangle is read, and nothing is computed with literal zeros. Elimination runs
+    from the last row to the first: for the mass matrix of a tree, parents before children, no
+    structural zero fills in (R. Featherstone, Rigid Body Dynamics Algorithms, 2008, section 6.5). x
+    has the unit of `right` divided by that of `matrix`. A matrix that is not positive definite
+    gives infinities or NaN, not an error.
     """
     n = len(right)
     lower = [list(row) for row in matrix]

@@ -1,9 +1,10 @@
-"""Names for the numbers of a parameter record: `plant.friction_scale`,
+"""Names the numbers of a parameter record by paths: `plant.friction_scale`,
 `motor_control.green.kp.shoulder`.
 
-A path walks attributes, of records and of named tuples; where a field holds one entry an arm, an
-arm's name picks one and leaving it out means all of them; where it holds a number a joint or an
-axis, the joint's or axis' name picks one and leaving it out means all.
+Each part of a path is a field of a record or named tuple. Where a field holds one entry per arm,
+the next part may be the name of an arm; without it the path means all arms. Where a field holds one
+number per joint or axis, the next part may be the name of a joint or axis; without it the path
+means all of them.
 """
 
 from __future__ import annotations
@@ -21,21 +22,24 @@ _AXES = ("x", "y", "z")
 
 
 class _Step(NamedTuple):
-    """One step of a path to a number."""
+    """One step on the way from a record to one of its numbers."""
 
     name: str
-    optional: bool  # whether a path may leave it out
-    siblings: frozenset[str]  # the names of all entries beside it, its own among them
+    optional: bool  # whether a path may leave out this step
+    siblings: frozenset[str]  # names of all entries at this level, this one among them
 
 
 def _entries(node: Any, setup: Setup) -> tuple[dict[str, Any], bool] | None:
-    """The entries of `node` by name, and whether their names may be left out; None for a number."""
+    """Return the entries of `node` by name, and whether a path may leave out their names.
+
+    Returns None for a single number.
+    """
     fields = getattr(node, "_fields", ())
     if dataclasses.is_dataclass(node):
         fields = [field.name for field in dataclasses.fields(node)]
     if fields:
         entries = {name: getattr(node, name) for name in fields}
-        # None: not in this setup.
+        # A field that this setup does not have is None.
         return {name: item for name, item in entries.items() if item is not None}, False
     if not isinstance(node, tuple):
         return None
@@ -52,7 +56,7 @@ def _entries(node: Any, setup: Setup) -> tuple[dict[str, Any], bool] | None:
 def _walk(
     node: Any, setup: Setup, above: tuple[_Step, ...] = ()
 ) -> Iterator[tuple[tuple[_Step, ...], Scalar]]:
-    """The steps to each number of a record, and the number, in the order of `tree.leaves`."""
+    """Yield the steps to each number of a record, and the number, in the order of `tree.leaves`."""
     found = _entries(node, setup)
     if found is None:
         yield above, node
@@ -64,7 +68,7 @@ def _walk(
 
 
 def _leads_to(path: str, steps: tuple[_Step, ...]) -> bool:
-    """Whether `path` names the number at the end of these steps."""
+    """Return whether `path` names the number at the end of these steps."""
     names = path.split(".")
     for step in steps:
         if names and names[0] in step.siblings:
@@ -82,10 +86,11 @@ def _full(steps: tuple[_Step, ...]) -> str:
 def component_names(
     length: int, joints: tuple[str, ...], leading: tuple[int, ...]
 ) -> tuple[str, ...]:
-    """Names of the numbers of a vector: of all joints, of an axis each, of the first joints, else
-    their places.
+    """Return names for the numbers of a vector with this length.
 
-    leading: lengths of vectors that are of the first joints only.
+    They are the names of all joints, of the axes or of the first joints, or else the indices.
+
+    leading: lengths of vectors that hold the first joints only.
     """
     if length == len(joints):
         return joints
@@ -97,15 +102,15 @@ def component_names(
 
 
 def leaves(node: Any, setup: Setup) -> Iterator[tuple[str, Scalar]]:
-    """(full path, number) of each number of a record, in order."""
+    """Yield (full path, number) for each number of a record, in order."""
     for steps, number in _walk(node, setup):
         yield _full(steps), number
 
 
 def named(node: Any, setup: Setup, path: str) -> dict[str, Scalar]:
-    """Full path -> value of each number that `path` names, in order.
+    """Return full path -> value for each number that `path` names, in order.
 
-    Raises KeyError, with a suggestion, when it names none.
+    Raises KeyError, with a suggestion, if `path` names no number.
     """
     numbers = list(_walk(node, setup))
     found = {_full(steps): number for steps, number in numbers if _leads_to(path, steps)}
@@ -118,23 +123,26 @@ def named(node: Any, setup: Setup, path: str) -> dict[str, Scalar]:
 
 
 def assign(node: Any, setup: Setup, path: str, value: Scalar) -> Any:
-    """A copy of the record with `value` at each number that `path` names. KeyError as `named`."""
+    """Return a copy of the record with `value` at each number that `path` names.
+
+    Raises KeyError, with a suggestion, if `path` names no number.
+    """
     replaced = named(node, setup, path)
     numbers = leaves(node, setup)
     return tree.filled(node, [value if full in replaced else x for full, x in numbers])
 
 
 def shorten(path: str, arms: tuple[str, ...]) -> str:
-    """A full path without the name of an arm."""
+    """Return a full path without the name of the arm."""
     return ".".join(part for part in path.split(".") if part not in arms)
 
 
 def components(joints: tuple[str, ...]) -> frozenset[str]:
-    """Names of the numbers inside vectors of a robot with these joints."""
+    """Return the names that numbers inside vectors can have for a robot with these joints."""
     return frozenset((*joints, *_AXES))
 
 
 def plain(path: str, arms: tuple[str, ...], joints: tuple[str, ...]) -> str:
-    """A parameter's path without arm, number of a set, joint or axis."""
+    """Return a parameter's path without arm, index of a set, joint or axis."""
     parts = [part for part in shorten(path, arms).split(".") if not part.isdecimal()]
     return ".".join(parts[:-1] if parts[-1:] and parts[-1] in components(joints) else parts)

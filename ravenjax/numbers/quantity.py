@@ -1,13 +1,12 @@
-"""What the numbers of a parameter record may be: unit, range and meaning of each, said once, at its
-field.
+"""Describes the numbers of parameter records: unit, range and meaning, declared once at each field.
 
     scale: Annotated[Scalar, Quantity("", 0, 1, "tip motion per hand motion")]
 
 Records with many numbers are `described` by a TOML file beside their module.
 
-A range keeps out what has no meaning (negative mass, a packet every 0 cycles), what single
-precision cannot hold, and what is a slip of the unit (degrees for radians). Within it the robot may
-be as bad as a campaign wants it.
+A range keeps out values without meaning (negative mass, a packet every 0 cycles), values that
+single precision cannot hold, and slips of the unit (degrees for radians). Within its range a
+parameter may make the robot as bad as a campaign wants it.
 """
 
 from __future__ import annotations
@@ -25,16 +24,16 @@ from typing import Annotated, Any, TypeVar
 Record = TypeVar("Record")
 
 HOUR_MS = 3_600_000
-"""The longest run, and so the longest time of a parameter."""
+"""The longest run, and so the longest time that a parameter may have."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Quantity:
-    """Annotation of a field: what its number, or each number in it, may be.
+    """Annotation of a field: the values that its number, or each of its numbers, may have.
 
-    A vector with unlike joints has several, beside each other or in a tuple, each with its
-    `joints`. One with joints in a record that stands at a joint's name holds where it is one of
-    them.
+    A vector with unlike joints has several annotations, one after another or in a tuple, each with
+    its `joints`. In a record that holds one entry per joint, an annotation with `joints` applies to
+    the entries of these joints.
     """
 
     unit: str
@@ -42,14 +41,14 @@ class Quantity:
     high: float
     meaning: str
     whole: bool = False
-    joints: tuple[str, ...] = ()  # joints that it is of; (): every number of the field
-    why: str = ""  # what the range keeps out, where the meaning does not say it
-    # key of [campaign] and the value with which something reads it; None: always
+    joints: tuple[str, ...] = ()  # joints that it applies to; (): every number of the field
+    why: str = ""  # what the range keeps out, if the meaning does not say it
+    # Key of [campaign] and the value with which the number has an effect; None: it always has one
     read_when: tuple[str, str] | None = None
 
     @property
     def range(self) -> str:
-        """`1..1000 cycles, whole`"""
+        """The range in words: `1..1000 cycles, whole`"""
         unit = f" {self.unit}" if self.unit else ""
         return f"{self.low:.10g}..{self.high:.10g}{unit}" + (", whole" if self.whole else "")
 
@@ -59,17 +58,18 @@ class Quantity:
 
 @dataclasses.dataclass(frozen=True)
 class Reserved:
-    """Annotation of a field that a campaign must leave alone, with all that is in it.
+    """Annotation of a field that a campaign must not set, nor any number inside it.
 
-    What is said of a part of it goes first.
+    An annotation of an inner field takes precedence.
     """
 
-    why: str  # and what to write instead
+    why: str  # the reason, and what to write instead
 
 
 def described(record: type[Record]) -> type[Record]:
-    """Annotate a record's fields with what the table of its name in quantities.toml says, which
-    lies beside its module.
+    """Annotate a record's fields from quantities.toml beside its module, and return the record.
+
+    The table of the file with the record's name is used.
     """
     path = Path(str(sys.modules[record.__module__].__file__)).with_name("quantities.toml")
     for name, rows in _tables(path)[record.__name__].items():
@@ -91,10 +91,10 @@ def _note(row: dict[str, Any]) -> Quantity | Reserved:
 
 
 def quantities(params: type) -> Iterator[tuple[str, Quantity]]:
-    """(path, what it may be) of every number of a record class, in order; more than once where
-    joints are unlike.
+    """Yield (path, Quantity) for every number of a record class, in order.
 
-    A path has no arm, number of a set, joint or axis: it is that of the fields.
+    A path occurs more than once if its joints are unlike. Paths consist of fields only: they have
+    no arm, index of a set, joint or axis.
     """
     for path, notes in _fields(params):
         limits = [one for one in notes if isinstance(one, Quantity)]
@@ -107,15 +107,13 @@ def quantities(params: type) -> Iterator[tuple[str, Quantity]]:
 
 
 def reserved(params: type) -> Iterator[tuple[str, str]]:
-    """(path, why) of every field of a record class that a campaign must leave alone."""
+    """Yield (path, reason) for every field of a record class that a campaign must not set."""
     for path, notes in _fields(params):
         yield from ((path, one.why) for one in notes if isinstance(one, Reserved))
 
 
 def _fields(params: type, above: str = "") -> Iterator[tuple[str, list[Any]]]:
-    """(path, what its annotation says) of each field of a record class, and of the records in
-    it.
-    """
+    """Yield (path, annotations) for each field of a record class, and of the records in it."""
     hints = typing.get_type_hints(params, include_extras=True)
     for field in dataclasses.fields(params):
         inner, notes = _opened(hints[field.name])
@@ -126,7 +124,7 @@ def _fields(params: type, above: str = "") -> Iterator[tuple[str, list[Any]]]:
 
 
 def _opened(hint: Any) -> tuple[Any, list[Any]]:
-    """What a field holds one of, and what its annotation says: `Annotated[tuple[X, ...] | None,
+    """Return the type of a field's entries, and its annotations: `Annotated[tuple[X, ...] | None,
     said]`.
     """
     notes: list[Any] = []

@@ -1,7 +1,9 @@
-"""What picks code, static: how wide numbers are, which faults, cues and detectors are in the tick.
+"""Static choices that select the code of a tick: number widths, and which faults, cues and
+detectors it has.
 
-Everything that a campaign may vary is a traced number in the robot's `TickParams`; what is here is
-hashable, and one `Setup` is one compile. A robot adds its own choices in a subclass.
+Everything that a campaign may vary is a traced number in the robot's `TickParams`. The choices of
+this module are hashable, and each different `Setup` is compiled separately. A robot adds its own
+choices in a subclass.
 """
 
 from __future__ import annotations
@@ -17,12 +19,12 @@ from ravenjax.vocabulary.detectors import DetectorUse
 
 @dataclasses.dataclass(frozen=True)
 class Precision:
-    """Widths of floating point numbers, static.
+    """Widths of floating-point numbers; static.
 
     The original control software stores float32 and evaluates many expressions in double: `narrow`
-    is what it stores, `wide` what it evaluates in. `real` is the width of everything that is not
-    control software: plant, nominal model, haptics, monitor. Campaigns run with all three float32;
-    the control software driven alone, or checked against the original, with `wide` float64.
+    is the width that it stores, `wide` the width that it evaluates in. `real` is the width of
+    everything else: plant, nominal model, haptics, monitor. Campaigns use float32 for all three.
+    Control software that is driven alone, or checked against the original, has float64 as `wide`.
     """
 
     narrow: str = "float32"
@@ -41,63 +43,64 @@ REFERENCE = Precision(narrow="float64", wide="float64", real="float64")
 
 @dataclasses.dataclass(frozen=True)
 class SiteUse:
-    """The channels of one fault site that a campaign hits, and the effects it applies there;
+    """The channels of one fault site on which a campaign injects faults, and their effects;
     static.
     """
 
-    site: str  # a name of the robot's sites
-    channels: tuple[tuple[str, str], ...]  # (arm, or "" where the site has none; channel)
+    site: str  # name of one of the robot's fault sites
+    channels: tuple[tuple[str, str], ...]  # (arm, or "" if the site belongs to no arm; channel)
     effects: tuple[str, ...]  # names of ravenjax.vocabulary.effects.EFFECTS
 
 
 @dataclasses.dataclass(frozen=True)
 class Injection:
-    """Which fault machinery a campaign needs; static. What is not named here is not in its
-    kernel.
-    """
+    """The parts of the fault machinery that a campaign needs; static. Others are not compiled."""
 
-    slots: int = 0  # faults that one run may hold
+    slots: int = 0  # faults that one run may have
     sites: tuple[SiteUse, ...] = ()
     triggers: tuple[str, ...] = ()  # names of ravenjax.vocabulary.effects.TRIGGERS
 
 
 @dataclasses.dataclass(frozen=True)
 class Setup:
-    """Everything that picks code, of any robot. Static and hashable: one Setup, one compile."""
+    """Everything that selects the code of a tick, for any robot. Static and hashable; compiled
+    once.
+    """
 
-    joints: ClassVar[tuple[str, ...]] = ()  # of each arm, in order
-    leading_joints: ClassVar[
-        tuple[int, ...]
-    ] = ()  # lengths of vectors that are of the first joints only
+    joints: ClassVar[tuple[str, ...]] = ()  # names of each arm's joints, in order
+    # lengths of vectors that hold the first joints only
+    leading_joints: ClassVar[tuple[int, ...]] = ()
     arms: tuple[str, ...] = ()  # in mechanism order
     precision: Precision = CAMPAIGN
-    link_dynamics: Literal["unrolled", "mjx"] = (
-        "unrolled"  # of engine mjx: by mujoco.mjx, where the robot can
-    )
+    # how engine mjx computes link dynamics; "mjx": by mujoco.mjx, if the robot supports it
+    link_dynamics: Literal["unrolled", "mjx"] = "unrolled"
     injection: Injection = Injection()
-    cues: int = 1  # haptic threshold and gain sets evaluated side by side
+    # sets of haptic threshold and gains that are evaluated side by side
+    cues: int = 1
     detectors: tuple[DetectorUse, ...] = ()
-    checks: tuple[CheckUse, ...] = ()  # of one's own
-    reacts: bool = False  # the operator may react to the cue
-    hand_yields: bool = False  # the cue's force moves the operator's hand
-    noise: bool = False  # noise drawn, anew in each run
+    checks: tuple[CheckUse, ...] = ()  # users' checks
+    reacts: bool = False  # the operator may react to the haptic cue
+    hand_yields: bool = False  # the force of the cue moves the operator's hand
+    noise: bool = False  # noise is drawn for each run
 
 
 def per_arm(setup: Setup, function: Callable[[int, Any], Any]) -> tuple[Any, ...]:
-    """`function(mechanism, arm)` of each arm, in mechanism order: how per-arm tuples are made."""
+    """Return `function(mechanism, arm)` for each arm, in mechanism order, as per-arm tuples need
+    it.
+    """
     return tuple(function(i, arm) for i, arm in enumerate(setup.arms))
 
 
 def narrow(setup: Setup, tree: Any) -> Any:
-    """Round to what the original stores (`float`)."""
+    """Round numbers to the width in which the original stores them (`float`)."""
     return cast(tree, setup.precision.narrow)
 
 
 def wide(setup: Setup, tree: Any) -> Any:
-    """Widen to what the original evaluates in (`double`)."""
+    """Widen numbers to the width in which the original evaluates them (`double`)."""
     return cast(tree, setup.precision.wide)
 
 
 def real(setup: Setup, tree: Any) -> Any:
-    """Cast to the width of plant, model and monitor."""
+    """Cast numbers to the width of plant, model and monitor."""
     return cast(tree, setup.precision.real)

@@ -1,7 +1,7 @@
-"""Records, tuples, lists and dicts of numbers, taken apart and put together without JAX, in JAX's
-order.
+"""Takes records, tuples, lists and dicts of numbers apart and rebuilds them, without JAX but in
+JAX's order.
 
-`None` has no leaves; dicts go by their sorted keys; whatever is not one of these is a leaf.
+`None` has no leaves. Dicts are ordered by their sorted keys. Every other value is a leaf.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 
 
 def leaves(tree: Any) -> list[Any]:
-    """Every number of a tree, in order."""
+    """Return every number of a tree, in order."""
     branches = _branches(tree)
     if branches is None:
         return [tree]
@@ -22,9 +22,10 @@ def leaves(tree: Any) -> list[Any]:
 
 
 def mapped(function: Callable[..., Any], tree: Any, *others: Any) -> Any:
-    """A tree of the same structure: `function` of each leaf, and of its fellows in `others`.
+    """Return a tree of the same structure, with `function` applied to each leaf.
 
-    Raises ValueError where those have another structure.
+    `function` gets the leaf and the leaves at the same place in `others`. Raises ValueError if one
+    of `others` has a different structure.
     """
     branches = _branches(tree)
     if branches is None:
@@ -36,8 +37,9 @@ def mapped(function: Callable[..., Any], tree: Any, *others: Any) -> Any:
 
 
 def filled(tree: Any, numbers: list[Any]) -> Any:
-    """A tree of the structure of `tree` with these numbers for leaves, in order. ValueError for
-    fewer or more.
+    """Return a tree with the structure of `tree` and these numbers as leaves, in order.
+
+    Raises ValueError if there are fewer or more numbers than leaves.
     """
     if len(numbers) != (wanted := len(leaves(tree))):
         raise ValueError(f"got {len(numbers)} numbers for a tree of {wanted} leaves")
@@ -45,7 +47,10 @@ def filled(tree: Any, numbers: list[Any]) -> Any:
 
 
 def filler(tree: Any) -> Callable[[Sequence[Any]], Any]:
-    """`filled` of a tree, for those who fill many: of as many numbers as it has leaves."""
+    """Return `filled` for this tree as a function of the numbers, for callers that fill it often.
+
+    The function expects as many numbers as the tree has leaves.
+    """
     places = itertools.count()
 
     def of(node: Any) -> Callable[[Sequence[Any]], Any]:
@@ -59,7 +64,9 @@ def filler(tree: Any) -> Callable[[Sequence[Any]], Any]:
 
 
 def structure(tree: Any) -> Any:
-    """What a tree is made of besides its numbers; equal for trees that JAX takes for alike."""
+    """Return all of a tree but its numbers. Two trees that JAX considers alike give equal
+    results.
+    """
     branches = _branches(tree)
     if branches is None:
         return ()
@@ -68,7 +75,7 @@ def structure(tree: Any) -> Any:
 
 
 def _branches(tree: Any) -> list[Any] | None:
-    """What a tree is made of; None for a leaf."""
+    """Return the branches of a tree; None for a leaf."""
     if tree is None:
         return []
     if isinstance(tree, tuple | list):
@@ -81,7 +88,7 @@ def _branches(tree: Any) -> list[Any] | None:
 
 
 def _joined(tree: Any, branches: list[Any]) -> Any:
-    """Something of the kind of `tree`, of these branches."""
+    """Return a container of the same type as `tree`, with these branches."""
     if tree is None:
         return None
     if isinstance(tree, dict):

@@ -1,10 +1,10 @@
-"""What a tick is written in: single numbers, `Vec`s of them, and records whose leaves are single
+"""Number types of a tick: single numbers, `Vec`s of them, and records whose leaves are single
 numbers.
 
 Every quantity of a simulated robot is a *single number*. A `Vec` is a fixed-length tuple of them
-with elementwise arithmetic; a `record` is a frozen dataclass registered as a JAX pytree whose
-leaves are single numbers. Code written on them reads like the equations, needs no axes, and traces
-to a straight list of scalar operations.
+with elementwise arithmetic. A `record` is a frozen dataclass that is registered as a JAX pytree and
+whose leaves are single numbers. Code in these types reads like the equations, needs no axes, and
+traces to a straight list of scalar operations.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ Scalar: TypeAlias = Any
 
 
 class Vec(tuple):
-    """Fixed-length tuple of single numbers with elementwise arithmetic; a number stands for a
-    Vec of itself.
+    """Fixed-length tuple of single numbers with elementwise arithmetic; a plain number is
+    broadcast.
     """
 
     __slots__ = ()
@@ -33,11 +33,13 @@ class Vec(tuple):
 
     @staticmethod
     def full(length: int, value: Scalar) -> Vec:
-        """`length` copies of `value`."""
+        """Return a `Vec` of `length` copies of `value`."""
         return Vec((value,) * length)
 
     def map(self, function: Callable[..., Scalar], *others: Any) -> Vec:
-        """Elementwise `function(self[i], other[i], ...)`; a number among `others` is repeated."""
+        """Return `function(self[i], other[i], ...)` for each i; a number among `others` is
+        repeated.
+        """
         columns = [other if isinstance(other, tuple) else (other,) * len(self) for other in others]
         return Vec(function(*items) for items in zip(self, *columns, strict=True))
 
@@ -69,7 +71,7 @@ class Vec(tuple):
         return self.map(operator.neg)
 
     def replace(self, index: int, value: Scalar) -> Vec:
-        """A copy in which the number at `index` is `value`."""
+        """Return a copy with `value` at `index`."""
         return Vec((*self[:index], value, *self[index + 1 :]))
 
 
@@ -82,12 +84,14 @@ when_loaded(
 )
 
 RECORDS: dict[str, type] = {}
-"""Every record by the name of its module and its own."""
+"""Every record class, by the names of its module and class."""
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=False)
 def record(cls: type) -> type:
-    """Frozen dataclass whose fields are all pytree data. Leaves are single numbers."""
+    """Make a class a frozen dataclass and a pytree whose fields are all data; leaves are single
+    numbers.
+    """
     cls = dataclasses.dataclass(frozen=True)(cls)
     names = [field.name for field in dataclasses.fields(cls)]
     when_loaded(
@@ -104,7 +108,7 @@ replace = dataclasses.replace
 
 
 def cast(tree: Any, dtype: str) -> Any:
-    """Each number of `tree` rounded to `dtype`."""
+    """Return `tree` with each number rounded to `dtype`."""
     return trees.mapped(lambda x: lax.convert_element_type(x, dtype), tree)
 
 
@@ -112,9 +116,7 @@ INT32_MIN = -2147483648
 
 
 def to_int32(x: Scalar) -> Scalar:
-    """C's `(int)x` on x86: truncation toward zero; NaN and anything outside 32 bits become
-    -2147483648.
-    """
+    """Convert as C's `(int)x` on x86: truncate toward zero; NaN and overflow give -2147483648."""
     fits = (x >= -2147483648.0) & (x < 2147483648.0)
     return jnp.where(
         fits, lax.convert_element_type(jnp.where(fits, x, 0.0), jnp.int32), jnp.int32(INT32_MIN)
@@ -122,32 +124,31 @@ def to_int32(x: Scalar) -> Scalar:
 
 
 def wrap16(x: Scalar) -> Scalar:
-    """Store an int32 in a signed 16-bit number and read it back: wraps modulo 65536."""
+    """Store an int32 in a signed 16-bit number and read it back, which wraps modulo 65536."""
     return ((x + 32768) & 0xFFFF) - 32768
 
 
 def as_int(x: Scalar) -> Scalar:
-    """A truth value or number as int32."""
+    """Return a truth value or number as int32."""
     return lax.convert_element_type(x, jnp.int32)
 
 
 def rarely(condition: Scalar, then: Callable[[], Any], otherwise: Any) -> Any:
-    """`then()` where `condition`, which seldom holds, else `otherwise`: records of the same
-    structure and types.
+    """Return `then()` if `condition`, which seldom holds, else `otherwise`.
 
-    Means the same as `where`; engines that print code pass `then()` by in ticks where nobody needs
-    it.
+    Both are records of the same structure and types. The result is that of `where`. Engines that
+    print code skip `then()` in ticks where no run needs it.
     """
     return lax.cond(condition, then, lambda: otherwise)
 
 
 def where(condition: Scalar, yes: Any, no: Any) -> Any:
-    """`jnp.where` over whole records: each number of `yes` or of `no`."""
+    """Apply `jnp.where` to whole records: take each number from `yes` or from `no`."""
     return trees.mapped(lambda a, b: jnp.where(condition, a, b), yes, no)
 
 
 def earliest(ticks: list[Scalar]) -> Scalar:
-    """The first of some ticks, of which -1 is never."""
+    """Return the first of some ticks, in which -1 means never."""
     first = ticks[0]
     for t in ticks[1:]:
         first = jnp.where((t >= 0) & ((first < 0) | (t < first)), t, first)

@@ -1,19 +1,21 @@
-"""Names for users' files: `from ravenjax.parts import Quantity, Scalar, Vec, jnp, record`.
+"""Names that users' files import: `from ravenjax.parts import Quantity, Scalar, Vec, jnp, record`.
 
-A user's file is a Python file that a campaign names. It has functions in the style of the built-in stages:
+A user's file is a Python file that a campaign names. It has functions in the style of the built-in
+stages:
 
-    params()                    a record of numbers that a campaign may vary, each with a Quantity; may be left out
-    init(params)                a record of what is remembered, before the first millisecond; may be left out
-    step(params, state, view)   one millisecond of one arm: (state, score)
+    params()                    return a record of numbers that a campaign may vary, each with a
+                                Quantity; optional
+    init(params)                return the state before the first millisecond, a record; optional
+    step(params, state, view)   compute one millisecond of one arm; return (state, score)
 
-Without `params` or `init` the function gets None in their place, and gives None back for the state.
-Every number is a single one: loops over joints are Python loops, choices are `jnp.where`, no Python
-`if` looks at a value. What comes in `view` is the robot's own: of a Raven-II
+Without `params` or `init`, `step` gets None in their place, and returns None as the state. Every
+number is a single number: loops over joints are Python loops, choices are `jnp.where`, and no
+Python `if` depends on a value. `view` depends on the robot: for a Raven-II it is
 `ravenjax.robots.raven2.loop.user_files.View`.
 
-The file, the modules in its folder that it imports and the arrays there that it loads are its
-content: another content is another campaign.
-"""  # noqa: E501
+The content of a part is the file, the modules in its folder that it imports, and the arrays there
+that it loads. A campaign whose part has other content is a different campaign.
+"""
 
 from __future__ import annotations
 

@@ -1,9 +1,8 @@
-"""A user's file in the tick: its code, what a campaign may vary of it, and one millisecond of it,
-checked.
+"""Runs a user's file in the tick: loads its code, reads its parameters, and checks each step.
 
-The code runs while it is traced. Each mistake becomes one error that names file and line: whatever
-the file raises, a branch on a value, an array where a single number belongs, a state that
-changes its structure or types.
+The code runs while it is traced. Each mistake becomes one error that names file and line. Mistakes
+are: an exception in the file, a branch on a value, an array in place of a single number, or a state
+that changes its structure or types.
 """
 
 from __future__ import annotations
@@ -34,13 +33,13 @@ from ravenjax.parts.reading import Reader
 from ravenjax.vocabulary.parts import OwnSource
 
 THRESHOLD = Quantity("of the score", 0, 1e6, "score above which the check trips")
-"""What the threshold of a check may be."""
+"""The values that the threshold of a check may have."""
 
 PARAMS, INIT, STEP = "params()", "init(params)", "step(params, state, view)"
-"""The functions of a file, as errors name them."""
+"""The functions of a file, as error messages name them."""
 
 SCORE = object()
-"""In place of numbers that `step` gives: a number of any kind, taken as a float."""
+"""Marks that `step` returns one number of any kind, which is taken as a float."""
 
 _KINDS = {"f": "float", "i": "int", "u": "int", "b": "bool"}
 _CONVERSIONS = {"int": ": take to_int32(x), which truncates", "float": ": take jnp.float32(x)"}
@@ -53,7 +52,7 @@ _BRANCHES = (
 
 
 class View:
-    """What a file sees at some place of the tick: the numbers that are there by then."""
+    """The numbers that a file can read at some place of the tick, after they were computed."""
 
     def __init__(self, at: str, numbers: Mapping[str, Any]) -> None:
         self.__dict__.update(numbers)
@@ -65,10 +64,10 @@ class View:
 
 
 class InPlace(NamedTuple):
-    """What stands at a key that a file may give."""
+    """A value that a file may return under a key."""
 
-    like: Any  # numbers in their structure, each of its kind
-    words: str  # the same, for errors
+    like: Any  # numbers with the expected structure and kinds
+    words: str  # the same in words, for error messages
 
 
 # --- files ---
@@ -77,8 +76,10 @@ _MODULES: dict[OwnSource, types.ModuleType] = {}
 
 
 def read(name: str, path: Path, what: str = "detector") -> OwnSource:
-    """The source of the file at `path`, which is run once; what: kind of the part. Raises
-    UserError, naming file and line."""
+    """Read the file at `path`, run it once, and return its source.
+
+    what: kind of the part, for messages. Raises UserError, which names file and line.
+    """
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -93,8 +94,8 @@ def read(name: str, path: Path, what: str = "detector") -> OwnSource:
 
 
 def unchanged(source: OwnSource) -> bool:
-    """Whether its file, and those that it takes from beside it, are what they were when it was
-    read.
+    """Return whether the file, and the files beside it that it uses, have not changed since they
+    were read.
     """
     path = Path(source.path)
     try:
@@ -106,7 +107,7 @@ def unchanged(source: OwnSource) -> bool:
 
 
 def digest(source: OwnSource) -> str:
-    """sha256 of the code, and of the files beside it that it loads or imports."""
+    """Return the sha256 of the code, and of the files beside it that it loads or imports."""
     files = tuple((name, hashlib.sha256(content).hexdigest()) for name, content in source.files)
     return hashlib.sha256(repr((source.text, files)).encode()).hexdigest()
 
@@ -114,8 +115,10 @@ def digest(source: OwnSource) -> str:
 def _run(
     source: OwnSource, known: Mapping[str, bytes] | None
 ) -> tuple[types.ModuleType, dict[str, bytes]]:
-    """The module of a source, and what it takes from its folder; known: as of `Reader`."""
-    # so that a traceback shows the line also where the file has changed, or is on another machine
+    """Return the module of a source, and the files of its folder that it uses; known: as for
+    `Reader`.
+    """
+    # So that a traceback shows the line even if the file has changed or is on another machine
     lines = source.text.splitlines(keepends=True)
     linecache.cache[source.path] = (len(source.text), None, lines, source.path)
     path = Path(source.path)
@@ -127,8 +130,8 @@ def _run(
 
 @contextlib.contextmanager
 def _blame(source: OwnSource, where: str) -> Iterator[None]:
-    """Turns what a file's code raises into one UserError that names file and line; what it prints
-    is no output.
+    """Turn an exception in a file's code into one UserError that names file and line; discard its
+    output.
     """
 
     def is_own(file: str | None) -> bool:
@@ -162,8 +165,9 @@ def _blame(source: OwnSource, where: str) -> Iterator[None]:
 
 @functools.lru_cache(maxsize=256)
 def loaded(source: OwnSource) -> Part:
-    """Its functions. Raises UserError where there is no `step`, or `params` is not as it should
-    be.
+    """Return the part of a source.
+
+    Raises UserError if the file has no `step`, or if its `params` is invalid.
     """
     if source not in _MODULES:
         _MODULES[source], _ = _run(source, dict(source.files))
@@ -171,7 +175,7 @@ def loaded(source: OwnSource) -> Part:
 
 
 class Part:
-    """The functions of a user's file. All of its methods raise UserError."""
+    """The functions of a user's file. All methods raise UserError."""
 
     def __init__(self, source: OwnSource, module: types.ModuleType) -> None:
         self.source = source
@@ -181,23 +185,23 @@ class Part:
         self._require_ranges()
 
     def params(self) -> Any:
-        """Its parameters at the values that the file gives; None: it has none."""
+        """Return the parameters with the values that the file gives; None: the file has none."""
         with _blame(self.source, PARAMS):
             return self._call("params")
 
     def init(self, params: Any, width: str) -> Any:
-        """What it remembers before the first millisecond, each number of its kind: float of
-        `width`, int32, bool.
+        """Return the state before the first millisecond, each number of its kind: float of `width`,
+        int32, bool.
         """
         with _blame(self.source, INIT):
             return self._numbers(INIT, self._call("init", params), width)
 
     def step(self, params: Any, state: Any, view: Any, width: str, **gives: Any) -> tuple[Any, ...]:
-        """One millisecond: what it remembers, and the other things that it gives, by name.
+        """Compute one millisecond. Return the state, and the other results by name.
 
-        gives: SCORE; or numbers, in whose structure it gives some of the same kinds; or a dict of
-        InPlace, of which it gives some keys. A key at which it gives the very numbers of `like`
-        counts as left out.
+        gives: for each result, SCORE for a score, numbers for a result with the same structure and
+        kinds, or a dict of InPlace for a result that has some of these keys. A key whose value is
+        identical to the numbers in `like` counts as left out.
         """
         with _blame(self.source, STEP):
             result = self._call("step", params, state, view)
@@ -250,7 +254,7 @@ class Part:
         return numbers
 
     def _like(self, name: str, like: Any, values: Any, width: str, words: str = "") -> Any:
-        """Numbers that stand in the place of `like`: as many, each of its kind."""
+        """Return numbers with the structure of `like`, each converted to its kind."""
         expected, given = list(_named(like)), list(_named(values))
         if [place for place, _ in expected] != [place for place, _ in given]:
             several = f"{len(expected)} numbers, a Vec or a record as view has them"
@@ -277,7 +281,7 @@ class Part:
         return tree.filled(state, numbers)
 
     def _number(self, where: str, what: str, value: Any, width: str) -> Scalar:
-        """A single number: float of `width`, int32 or bool."""
+        """Return a single number as a float of `width`, int32 or bool."""
         if shape := getattr(value, "shape", ()):
             raise self._error(
                 where,
@@ -294,7 +298,7 @@ class Part:
         return lax.convert_element_type(value, dtype)
 
     def _require_alike(self, before: Any, after: Any) -> None:
-        """UserError where a state has other numbers than before, or numbers of another kind."""
+        """Raise UserError if a state has other numbers than before, or numbers of another kind."""
         own, new = dict(_named(before)), dict(_named(after))
         if list(own) != list(new) or type(before) is not type(after):
             gave, expected = (", ".join(names) or "nothing" for names in (new, own))
@@ -308,7 +312,7 @@ class Part:
                 )
 
     def _require_ranges(self) -> None:
-        """UserError for a parameter without a Quantity, or outside of its own."""
+        """Raise UserError for a parameter without a Quantity, or outside its range."""
         record = self.params()
         if record is None:
             return
@@ -340,7 +344,7 @@ class Part:
 
 
 def _kind(value: Any) -> str | None:
-    """float, int or bool; None for whatever else."""
+    """Return "float", "int" or "bool"; None for any other value."""
     if isinstance(value, bool | int | float):
         return type(value).__name__
     dtype = getattr(value, "dtype", None)
@@ -348,7 +352,7 @@ def _kind(value: Any) -> str | None:
 
 
 def _named(node: Any, above: str = "") -> Iterator[tuple[str, Any]]:
-    """(name, number) of every number of a tree, in the order of `tree.leaves`."""
+    """Yield (name, number) for every number of a tree, in the order of `tree.leaves`."""
     if node is None:
         return
     if dataclasses.is_dataclass(node) and not isinstance(node, type):
@@ -368,20 +372,21 @@ def _named(node: Any, above: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def quantities(source: OwnSource) -> tuple[tuple[str, Quantity], ...]:
-    """(path, what it may be) of every number that a campaign may vary of it."""
+    """Return (path, Quantity) of every number of the file that a campaign may vary."""
     record = loaded(source).params()
     return () if record is None else tuple(quantity.quantities(type(record)))
 
 
 def parameters(sources: tuple[OwnSource, ...]) -> Any:
-    """A named tuple of the records that the files give, each None where its file has none. It
-    travels between processes with the files' code. Raises UserError.
+    """Return a named tuple of the records that the files give, None for a file without parameters.
+
+    The tuple can travel between processes together with the files' code. Raises UserError.
     """
     return _kind_of(sources)(*(loaded(source).params() for source in sources))
 
 
 def named(names: tuple[str, ...], numbers: Any) -> Any:
-    """A named tuple of these numbers; it travels between processes."""
+    """Return a named tuple of these numbers, which can travel between processes."""
     return _named_kind(names)(*numbers)
 
 
@@ -394,8 +399,8 @@ def _named_kind(names: tuple[str, ...]) -> type[Any]:
 
 @functools.lru_cache(maxsize=256)
 def _kind_of(sources: tuple[OwnSource, ...]) -> type[Any]:
-    # Records of a file are classes that no other process has: there they come from its text, as
-    # numbers do from here.
+    # Classes of a file's records exist in this process only. Another process rebuilds them from the
+    # file's text, and receives the numbers from here.
     kind = collections.namedtuple("Own", [source.name for source in sources])
     kind.__reduce__ = lambda own: (_restored, (sources, tree.leaves(own)))  # type: ignore[method-assign]
     return kind

@@ -1,4 +1,8 @@
-"""Runs the code of a part: what it imports and loads from its own folder counts as its content."""
+"""Runs the code of a user's file, and collects the modules and data that it takes from its own
+folder.
+
+These files count as the part's content.
+"""
 
 from __future__ import annotations
 
@@ -19,13 +23,15 @@ from ravenjax.errors import UserError, shown
 class Reader:
     """Runs one part, and the modules beside it that it imports.
 
-    No other part has these modules, nor has `sys.modules` by their plain names: two campaigns may
-    have two `filters`.
+    These modules are visible to this part only, and are not in `sys.modules` under their plain
+    names. Two campaigns may therefore each have a module `filters`.
     """
 
     def __init__(self, name: str, folder: Path, known: Mapping[str, bytes] | None) -> None:
-        """name: of the part's module; known: the files of a part that was read before, maybe in
-        another process. They are taken as they were; None: from the folder.
+        """Prepare to run the part whose module is called `name`.
+
+        known: files of a part that was read before, maybe in another process, which are used
+        unchanged. None: files are read from the folder.
         """
         self.folder = folder
         self.taken: dict[str, bytes] = {}
@@ -33,7 +39,7 @@ class Reader:
         self._modules: dict[str, types.ModuleType] = {}
 
     def read(self, text: str, path: Path) -> types.ModuleType:
-        """The module of the part's file."""
+        """Return the module of the part's file."""
         _READERS.append(self)
         try:
             return self._run(text, path, self._name)
@@ -41,7 +47,9 @@ class Reader:
             _READERS.remove(self)
 
     def content(self, name: str) -> bytes:
-        """What is in a file beside the part, which is part of its content. Raises OSError."""
+        """Return the content of a file beside the part and add it to the part's content. Raises
+        OSError.
+        """
         if self._known is None:
             self.taken[name] = (self.folder / name).read_bytes()
         elif name in self._known:
@@ -54,7 +62,7 @@ class Reader:
         module = types.ModuleType(name)
         module.__file__ = str(path)
         module.__dict__["__builtins__"] = {**vars(builtins), "__import__": self._imported}
-        # annotations of its records are looked up by its name
+        # Annotations of its records are looked up by the module's name
         sys.modules[name] = module
         try:
             exec(compile(code, str(path), "exec"), module.__dict__)
@@ -71,12 +79,14 @@ class Reader:
         fromlist: Sequence[str] | None = (),
         level: int = 0,
     ) -> types.ModuleType:
-        """`__import__` of the part: finds modules beside it first, as a script's does."""
+        """Replace `__import__` for the part: look for modules beside it first, as in a script."""
         beside = None if level or "." in name else self._beside(name)
         return beside or builtins.__import__(name, globals, locals, fromlist, level)
 
     def _beside(self, name: str) -> types.ModuleType | None:
-        """The module of that name beside the part, run once; None without such a file."""
+        """Return the module of that name beside the part, run once; None if there is no
+        such file.
+        """
         path = self.folder / f"{name}.py"
         if name in self._modules:
             return self._modules[name]
@@ -96,15 +106,15 @@ class Reader:
 
 
 _READERS: list[Reader] = []
-"""Readers of the parts that are being read, the innermost last."""
+"""Readers of the parts that are being read; the innermost is last."""
 
 
 def load(name: str) -> Any:
-    """The arrays of a NumPy file (.npy: one array, .npz: a dict of arrays) in the folder of the
-    part that calls.
+    """Return the arrays of a NumPy file (.npy: one array, .npz: a dict of arrays) in the part's
+    folder.
 
-    Its content counts as the part's own: a campaign with other weights is another campaign. Call it
-    at the top of the file. Raises UserError where there is no such file.
+    The file's content counts as the part's content: a campaign with other weights is a different
+    campaign. Call `load` at the top level of the file. Raises UserError if the file does not exist.
     """
     if not _READERS:
         raise UserError(

@@ -1,7 +1,8 @@
-"""Robots: a folder each, which declares arms, joints, sites and checks, and holds the tick.
+"""Robots: one folder for each, which declares arms, joints, sites and checks, and holds the tick.
 
-`find` gives the declaration of a robot by name. Other robots live in any module that Python can
-import: it declares ROBOT, and a campaign names the module: `[campaign] robot = "my_lab.arm"`.
+`find` returns the declaration of a robot by name. Other robots live in any module that Python can
+import. Such a module declares ROBOT, and a campaign names the module: `[campaign] robot =
+"my_lab.arm"`.
 """
 
 from __future__ import annotations
@@ -14,13 +15,14 @@ from ravenjax.errors import UserError
 from ravenjax.vocabulary.robot import Robot
 
 DEFAULT = "raven2"
-"""The robot of a campaign that names none."""
+"""Name of the robot of a campaign that names none."""
 
 
 @functools.cache
 def find(name: str) -> Robot:
-    """The robot of that name: a folder of this package, or a module that declares ROBOT. Raises
-    UserError.
+    """Return the robot of that name: a folder of this package, or a module that declares ROBOT.
+
+    Raises UserError.
     """
     for module in (f"{__name__}.{name}", name):
         try:
@@ -42,4 +44,4 @@ def find(name: str) -> Robot:
 
 
 USUAL = find(DEFAULT)
-"""The robot of a campaign that names none."""
+"""Declaration of the default robot."""

@@ -1,3 +1,3 @@
-"""Stages that any robot may have in its tick: checks as records, haptics, detectors, the
-monitor, packets.
+"""Stages that the tick of any robot may have: check records, haptics, detectors, the monitor,
+packets.
 """

@@ -1,20 +1,20 @@
-"""A network channel of four qualities that loses packets in bursts and delivers them late: seeded,
-else ideal.
+"""Models a network channel that loses packets in bursts and delivers them late, depending on its
+quality.
 
-The emulator of UVA-DSA's Activity-Aware-Recovery (network/interception.py, config.json), packet by
-packet:
+The seed selects the random draws; without a seed the channel is ideal. The model is the emulator of
+UVA-DSA's Activity-Aware-Recovery (network/interception.py, config.json), packet by packet:
 
-- its quality moves between good, bad and two between by TRANSITIONS; it begins good;
-- a packet outside a burst begins one with the LOSS of the quality of then. A burst takes that
-  packet and floor(L) more, L of a Pareto distribution, alpha 1.5, scale 2: so it goes on after its
-  k-th packet, k >= 3, with probability ((k - 1) / k) ** 1.5, which needs no length drawn
-  beforehand;
-- a packet is late by a delay of 10 to 100 ms and a jitter of 1 to 10 ms, both uniform.
+- The quality moves between good, bad and two intermediate states by TRANSITIONS. It begins good.
+- A packet outside a burst begins one with the probability LOSS of the present quality. A burst
+  takes that packet and floor(L) more, where L has a Pareto distribution, alpha 1.5, scale 2. It
+  therefore continues after its k-th packet, k >= 3, with probability ((k - 1) / k) ** 1.5, and no
+  length has to be drawn beforehand.
+- A packet is late by a delay of 10 to 100 ms and a jitter of 1 to 10 ms, both uniform.
 
-Simplified: one packet arrives at a time, and the delay is drawn for the moment of arrival rather
-than for the packet: what arrives is the packet sent so long ago, if nothing newer was there before.
-Packets that others overtook are thus lost, as they are by the robot's sequence rule. The emulator's
-loss of the whole connection is fault effect `drop`.
+Simplified: one packet arrives at a time. The delay is drawn for the moment of arrival rather than
+for the packet: the arriving packet is the one that was sent a delay ago, unless a newer packet
+arrived before. Packets that others overtook are therefore lost, as they are by the robot's sequence
+rule. The emulator's loss of the whole connection is fault effect `drop`.
 """
 
 from __future__ import annotations
@@ -29,38 +29,40 @@ TRANSITIONS = (
     (0.02, 0.03, 0.90, 0.05),
     (0.01, 0.02, 0.07, 0.90),
 )
-"""From a quality (row) to the next: good, bad, intermediate 1 and 2."""
+"""Probabilities from a quality (row) to the next: good, bad, intermediate 1 and 2."""
 LOSS = (0.01, 0.1, 0.05, 0.08)
 """Probability that a packet begins a burst, by quality."""
 SURE = 2
-"""Packets that a burst takes at least after its first: the scale of the Pareto distribution,
-whose alpha is 1.5.
+"""Least number of packets that a burst takes after its first.
+
+It is the scale of the Pareto distribution, whose alpha is 1.5.
 """
 DELAY_MS, JITTER_MS = (10.0, 100.0), (1.0, 10.0)
 
 _QUALITY, _GOES_ON, _BEGINS, _DELAY, _JITTER = range(5)
-"""Places of the draws in the stream of a packet."""
+"""Indices of the draws in the random stream of a packet."""
 
 
 @record
 class ChannelState:
-    """What the channel remembers from packet to packet."""
+    """The channel's state from packet to packet."""
 
     quality: Scalar  # int32, row of TRANSITIONS
-    burst: Scalar  # int32, packets in a row lost to the burst that lasts; 0: none does
+    # int32, packets in a row lost to the present burst; 0: no burst
+    burst: Scalar
 
 
 def init() -> ChannelState:
-    """Good, and no burst."""
+    """Return the state of a good channel without a burst."""
     return ChannelState(jnp.int32(0), jnp.int32(0))
 
 
 def step(state: ChannelState, seed: Scalar, packet: Scalar, fresh: Scalar) -> ChannelState:
-    """The channel after the packet of this cycle, of index `packet` (int32), where it is `fresh`
-    (bool).
+    """Return the channel after the packet of this cycle, with index `packet` (int32), if it is
+    `fresh` (bool).
 
-    seed: float, one for each channel or a new one in each cycle; 0: an ideal channel, which forgets
-    what it was.
+    seed: float, one for each channel or a new one in each cycle; 0: an ideal channel, which resets
+    its state.
     """
     key = _key(seed)
     quality = _next(state.quality, uniform(key, packet, _QUALITY))
@@ -77,8 +79,11 @@ def step(state: ChannelState, seed: Scalar, packet: Scalar, fresh: Scalar) -> Ch
 
 
 def delay_ms(seed: Scalar, packet: Scalar) -> Scalar:
-    """How old in ms (int32) what arrives is when packet `packet` is sent; `seed` as in `step`."""
-    delay = jnp.float32(0.5)  # to the nearest millisecond
+    """Return the age in ms (int32) of the packet that arrives when packet `packet` is sent.
+
+    seed: as in `step`.
+    """
+    delay = jnp.float32(0.5)  # added for rounding to the nearest millisecond
     for place, (least, most) in ((_DELAY, DELAY_MS), (_JITTER, JITTER_MS)):
         delay = delay + least + (most - least) * uniform(_key(seed), packet, place)
     return jnp.where(seed != 0.0, as_int(delay), 0)
@@ -89,7 +94,7 @@ def _key(seed: Scalar) -> Scalar:
 
 
 def _of(quality: Scalar, numbers: tuple[float, ...]) -> Scalar:
-    """The one of `numbers` that belongs to a quality, float32."""
+    """Return the one of `numbers` that belongs to a quality, float32."""
     number_of = jnp.float32(numbers[0])
     for k, number in enumerate(numbers[1:], start=1):
         number_of = jnp.where(quality == k, jnp.float32(number), number_of)
@@ -97,7 +102,7 @@ def _of(quality: Scalar, numbers: tuple[float, ...]) -> Scalar:
 
 
 def _next(quality: Scalar, drawn: Scalar) -> Scalar:
-    """The quality after this one, int32: how many of its row's partial sums are below `drawn`,
+    """Return the next quality, int32: the number of its row's partial sums that are below `drawn`,
     in [0, 1).
     """
     partial = tuple(zip(*(_partial_sums(row) for row in TRANSITIONS), strict=True))

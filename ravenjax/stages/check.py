@@ -1,4 +1,4 @@
-"""What a built-in check leaves behind: when it first tripped, how often, and how close it came."""
+"""Records the history of a built-in check: first trip, number of trips, and smallest margin."""
 
 from __future__ import annotations
 
@@ -17,32 +17,34 @@ class CheckHistory:
 
     first_tick: Scalar  # int32 tick of the first trip; -1: never
     count: Scalar  # int32 trips
-    # smallest distance to the limit, in the check's own unit, <= 0 beyond it; inf: none measured
+    # Smallest distance to the limit, in the unit of the check, <= 0 beyond the limit; inf: never
+    # measured
     margin: Scalar
 
 
 def init(setup: Setup) -> CheckHistory:
-    """A check that has not looked at anything yet."""
+    """Return the history of a check before the first tick."""
     return CheckHistory(np.int32(-1), np.int32(0), np.dtype(setup.precision.real).type(np.inf))
 
 
 def update(
     check: CheckHistory, tick: Scalar, tripped: Scalar, margin: Scalar | None = None
 ) -> CheckHistory:
-    """Enter this tick: `tripped` is a truth value, `margin` a distance to the limit (left out
-    where none is cheap).
+    """Return the history after this tick.
+
+    tripped: truth value. margin: distance to the limit; left out if it is costly to compute.
     """
     first = tripped & (check.first_tick < 0)
     nearest = check.margin
     if margin is not None:
-        nearest = jnp.where(margin < nearest, margin, nearest)  # a NaN margin says nothing
+        nearest = jnp.where(margin < nearest, margin, nearest)  # a NaN margin is ignored
     return CheckHistory(
         jnp.where(first, tick, check.first_tick), check.count + as_int(tripped), nearest
     )
 
 
 def outcomes(checks: Mapping[str, CheckHistory]) -> dict[str, Scalar]:
-    """What each check did so far; columns of the result table."""
+    """Return each check's history as columns of the result table."""
     out: dict[str, Scalar] = {}
     for name, one in checks.items():
         out[f"check_{name}_first_ms"] = one.first_tick
@@ -52,7 +54,7 @@ def outcomes(checks: Mapping[str, CheckHistory]) -> dict[str, Scalar]:
 
 
 def worse(arms: list[CheckHistory]) -> CheckHistory:
-    """The checks of all arms as one."""
+    """Return one history for the checks of all arms: first trip, sum of trips, smallest margin."""
     count, margin = arms[0].count, arms[0].margin
     for arm in arms[1:]:
         count, margin = count + arm.count, jnp.minimum(margin, arm.margin)

@@ -1,27 +1,28 @@
-"""Detectors: observers of the robot that give a score in each millisecond, and an alarm where it is
-above a threshold.
+"""Detectors: observers that score the robot every millisecond and alarm when the score exceeds a
+threshold.
 
-They watch. A user's detector may also stop the robot: its alarm presses the E-stop a millisecond
-later. Five kinds, each of which sees the worse of the arms:
+Built-in detectors only watch. A user's detector may also stop the robot: its alarm triggers the
+E-stop a millisecond later. There are five kinds; each takes the worse of the arms:
 
-- `steps`: the model-based detector of DSN'16. A dynamic model that gets the command actually
-  written says how motors and joints 1-3 move; the virtual robot is that model here. Score: steps of
-  motor position, of motor velocity and of joint position within 1 ms, each over its learned step,
-  the largest of the three joints, and then *fused*: `all` (the published rule) takes the least of
-  the three, `two` the middle one, `any` the largest; `mpos`, `mvel`, `jpos` one alone. As
-  published, a step of velocity counts when two in a row have it.
+- `steps`: the model-based detector of DSN'16. A dynamic model that gets the written command
+  predicts how motors and joints 1-3 move; here the virtual robot is that model. Three steps within
+  1 ms are scored: of motor position, motor velocity and joint position. Each is divided by its
+  learned step, and the largest of the three joints counts. The three scores are then *fused*: `all`
+  (the published rule) takes the least of them, `two` the middle one, `any` the largest; `mpos`,
+  `mvel` and `jpos` take one alone. As published, a step of velocity counts if two ticks in a row
+  have it.
 - `derivative_sum`: |link velocities| + |link accelerations| + 0.001 (|motor velocities| + |motor
   accelerations|), summed over joints 1-3, in the authors' mixed units (sys_dyn_gold_euler_detect of
   raven2_sim, threshold 55).
-- `tip_error`: distance in mm between nominal model and reported tip, on which the haptic cue works.
-- `overdrive`: |current_cmd| over the limit at which the control software clips, the largest of its
-  checked joints.
-- `own`: what a file says (`ravenjax.parts`).
+- `tip_error`: distance in mm between nominal model and reported tip, the input of the haptic cue.
+- `overdrive`: |current_cmd| divided by the limit at which the control software clips, the largest
+  of its checked joints.
+- `own`: the score of a user's file (`ravenjax.parts`).
 
-An alarm needs the score above its threshold in `consecutive` milliseconds in a row, so the *score
-of a run* is the largest over time of the least in that many: one campaign tells what each threshold
-would have done. Detectors are armed in pedal-down, without software E-stop, once `armed_after` has
-passed.
+An alarm needs a score above its threshold for `consecutive` milliseconds in a row. The *score of a
+run* is therefore the largest over time of the least score in such a span. With it, one campaign
+shows what every threshold would have done. Detectors are armed in pedal-down, without a software
+E-stop, after `armed_after` has passed.
 """
 
 from __future__ import annotations
@@ -44,18 +45,21 @@ from ravenjax.vocabulary.parts import OwnSource
 POSITIONING = 3
 TICK_S = 1e-3
 MOTOR_SHARE = 0.001
-"""Weight of motor derivatives in `derivative_sum`; raven2_sim."""
+"""Weight of motor derivatives in `derivative_sum`; from raven2_sim."""
 LARGEST = 1e30
-"""Score from which on one is like the other: flipped bits put a reported joint 1e38 rad away."""
+"""Scores are cut off here: flipped bits can put a reported joint 1e38 rad away."""
 
 LEARNED = {
     "shoulder": (0.0958, 0.821, 7.06e-4),
     "elbow": (0.0856, 0.570, 6.98e-4),
     "insertion": (0.0838, 0.528, 3.90e-5),
 }
-"""Steps of motor position [rad], motor velocity [rad/s] and joint position [rad; insertion m]: the
-99.85 percentile of fault-free steps of seven motions at scales 0.05 and 0.1,
-analysis/detector_thresholds/learn.py."""
+"""Learned steps of motor position [rad], motor velocity [rad/s] and joint position [rad; insertion
+m].
+
+They are the 99.85 percentile of fault-free steps of seven motions at scales 0.05 and 0.1, from
+analysis/detector_thresholds/learn.py.
+"""
 
 
 def _step(unit: str, joints: tuple[str, ...] = ()) -> Quantity:
@@ -66,7 +70,7 @@ def _step(unit: str, joints: tuple[str, ...] = ()) -> Quantity:
 
 @record
 class StepScale:
-    """What a joint's motion within 1 ms is measured in, by `steps`."""
+    """The unit in which detector `steps` measures a joint's motion within 1 ms."""
 
     mpos: Annotated[Scalar, _step("rad")]
     mvel: Annotated[Scalar, _step("rad/s")]
@@ -75,7 +79,7 @@ class StepScale:
 
 @record
 class DetectorParams:
-    """What a campaign may vary."""
+    """Detector parameters that a campaign may vary."""
 
     shoulder: StepScale
     elbow: StepScale
@@ -86,7 +90,8 @@ class DetectorParams:
             "ms", 0, HOUR_MS, "since the run began, before which no detector looks", whole=True
         ),
     ]
-    own: tuple[Any, ...]  # of each file, by the detector's name: its own record, or None
+    # for each detector, by name: the parameter record of its file, or None
+    own: tuple[Any, ...]
     thresholds: Annotated[  # of each detector, in the unit of its score
         tuple[tuple[Scalar, ...], ...],
         Reserved("reports name each alarm by it; write threshold = [..] in [[detector]]"),
@@ -95,29 +100,29 @@ class DetectorParams:
 
 @record
 class DetectorArmState:
-    """What is remembered of one arm from the last tick."""
+    """One arm's values in the last tick."""
 
     mpos: Vec  # 3, rad
     mvel: Vec  # 3, rad/s
     jpos: Vec  # 3, rad and m
     jvel: Vec  # 3, rad/s and m/s
-    mvel_step: Scalar  # 1, largest step of motor velocity over its threshold
+    mvel_step: Scalar  # 1, largest step of motor velocity divided by its threshold
 
 
 @record
 class ThresholdState:
-    """What became of one threshold of a detector so far."""
+    """What one threshold of a detector has done so far."""
 
     first_tick: Scalar  # int32, tick of the first alarm; -1: none
     alarms: Scalar  # int32, separate alarms
-    over: Scalar  # bool, in alarm
+    over: Scalar  # bool, the alarm is on
 
 
 @record
 class DetectorState:
-    """What became of one detector so far."""
+    """What one detector has done so far."""
 
-    recent: Vec  # scores of the last ticks, latest first, one less than `consecutive`
+    recent: Vec  # scores of the last `consecutive` - 1 ticks, latest first
     peak: Scalar  # score of the run so far
     thresholds: tuple[ThresholdState, ...]
 
@@ -125,13 +130,13 @@ class DetectorState:
 @record
 class DetectorsState:
     arms: tuple[DetectorArmState, ...]
-    own: tuple[tuple[Any, ...], ...]  # of each file, one entry an arm
+    own: tuple[tuple[Any, ...], ...]  # for each file, one entry per arm
     detectors: tuple[DetectorState, ...]
 
 
 @record
 class DetectorSignal:
-    """What the detectors see in this tick; tuples have one entry an arm."""
+    """The input of the detectors in this tick; tuples have one entry per arm."""
 
     mpos: tuple[Vec, ...]  # 7, rad, motors of the dynamic model
     mvel: tuple[Vec, ...]  # 7, rad/s
@@ -139,20 +144,23 @@ class DetectorSignal:
     jvel: tuple[Vec, ...]  # 7, rad/s and m/s
     tip_error: tuple[Scalar, ...]  # m
     command: tuple[Vec, ...]  # 7 int32 DAC counts, before the overdrive check
-    command_limit: Vec  # 7 int32 DAC counts, at which that clips
+    # 7 int32 DAC counts, limits at which the overdrive check clips
+    command_limit: Vec
     armed: Scalar  # bool, pedal-down without software E-stop
     tick: Scalar  # int32
-    views: tuple[Any, ...]  # what files see, as the robot has it; (): there are none
+    views: tuple[Any, ...]  # input of users' files, as the robot defines it; (): no files
 
 
 def sources(setup: Setup) -> tuple[OwnSource, ...]:
-    """Files of detectors, each once, in order."""
+    """Return the files of detectors, each once, in order."""
     return tuple(dict.fromkeys(use.part for use in setup.detectors if use.part is not None))
 
 
 def params(setup: Setup) -> DetectorParams:
-    """Steps learned from fault-free runs (`LEARNED`); thresholds of 1 until a campaign names
-    them.
+    """Return the default parameters.
+
+    They are the steps learned from fault-free runs (`LEARNED`), and thresholds of 1, which a
+    campaign replaces.
     """
     steps = {joint: StepScale(*values) for joint, values in LEARNED.items()}
     files = sources(setup)
@@ -165,7 +173,7 @@ def params(setup: Setup) -> DetectorParams:
 
 
 def init(setup: Setup, params: DetectorParams) -> DetectorsState:
-    """Nothing seen."""
+    """Return the state before the first tick."""
     zero = real(setup, 0.0)
     still = Vec.full(POSITIONING, zero)
     threshold = ThresholdState(jnp.int32(-1), jnp.int32(0), jnp.bool_(False))
@@ -187,7 +195,7 @@ def init(setup: Setup, params: DetectorParams) -> DetectorsState:
 def step(
     setup: Setup, params: DetectorParams, state: DetectorsState, signal: DetectorSignal
 ) -> DetectorsState:
-    """The detectors after this tick."""
+    """Return the detectors after this tick."""
     views = per_arm(setup, lambda i, _: _arm(setup, params, state.arms[i], signal, i))
     files = {
         source: [
@@ -206,7 +214,7 @@ def step(
             if use.part is None
             else [s for _, s in files[use.part]]
         )
-        # as it counts: never infinite
+        # The score as it counts is never infinite
         counted = jnp.where(armed, jnp.minimum(_largest(setup, arms), LARGEST), 0.0)
         detectors.append(_watch(before, thresholds, counted, signal.tick))
     own = tuple(tuple(after for after, _ in arms) for arms in files.values())
@@ -214,7 +222,9 @@ def step(
 
 
 def stops(setup: Setup, state: DetectorsState | None) -> Scalar:
-    """Whether a detector that may stop the robot is in alarm at its first threshold: bool."""
+    """Return whether a detector that may stop the robot is in alarm at its first threshold,
+    bool.
+    """
     alarms = jnp.bool_(False)
     for use, one in zip(
         setup.detectors, () if state is None else state.detectors, strict=state is not None
@@ -224,7 +234,7 @@ def stops(setup: Setup, state: DetectorsState | None) -> Scalar:
 
 
 def outcomes(setup: Setup, state: DetectorsState) -> dict[str, Scalar]:
-    """Outcome columns of a run."""
+    """Return the outcome columns of a run."""
     out: dict[str, Scalar] = {}
     for d, detector in enumerate(state.detectors):
         out[f"detector{d}_score"] = detector.peak
@@ -235,10 +245,9 @@ def outcomes(setup: Setup, state: DetectorsState) -> dict[str, Scalar]:
 
 
 def _largest(setup: Setup, scores: Sequence[Scalar]) -> Scalar:
-    """The largest score that is a number; 0 if there is none. Scores are never below 0.
+    """Return the largest score that is not NaN; 0 if there is none. Scores are never below 0.
 
-    A comparison with what is no number is false: in this order it hides no other arm's or joint's
-    score.
+    A comparison with NaN is false. In this order a NaN hides no other arm's or joint's score.
     """
     return reduce(
         lambda most, score: jnp.where(score > most, score, most), scores, real(setup, 0.0)
@@ -248,7 +257,7 @@ def _largest(setup: Setup, scores: Sequence[Scalar]) -> Scalar:
 def _arm(
     setup: Setup, params: DetectorParams, before: DetectorArmState, signal: DetectorSignal, i: int
 ) -> tuple[DetectorArmState, dict[str, Scalar]]:
-    """One arm, and its scores by kind."""
+    """Return the state of one arm, and its scores by kind of detector."""
     motion = signal.mpos, signal.mvel, signal.jpos, signal.jvel
     mpos, mvel, jpos, jvel = (Vec(values[i][:POSITIONING]) for values in motion)
     learned = (params.shoulder, params.elbow, params.insertion)

@@ -1,11 +1,12 @@
-"""The hand at the console: a mass on spring and damper that the force of the haptic cue moves off
-its plan.
+"""Models the operator's hand as a mass on spring and damper that the force of the haptic cue
+displaces.
 
     M d'' + B d' + K d = F        d: displacement of the hand; three axes, all alike
 
-The hand follows its plan as before; d comes on top, and what the console sends is the plan plus d.
-The spring is the posture that muscles hold. A stretched muscle answers after 25 to 100 ms (PLoS ONE
-11(10):e0163854, 2016), sooner than any reaction, so that a measured spring has these answers in it.
+The hand follows its plan as without a cue, and d is added: the console sends the plan plus d. The
+spring is the posture that muscles hold. A stretched muscle answers after 25 to 100 ms (PLoS ONE
+11(10):e0163854, 2016), sooner than any reaction. A measured spring therefore includes these
+answers.
 
 - Relaxed, M 0.554 kg, B 6.45 N s/m, K 135 N/m: fitted to one trial of one participant who held the
   handle of a haptic device (van Beek, Bergmann Tiest, Mugge, Kappers, Scientific Reports 5:18004,
@@ -14,18 +15,18 @@ The spring is the posture that muscles hold. A stretched muscle answers after 25
   pinched knob; models by grip force of a held stylus: Fu, Cavusoglu, IEEE SMC-B 42, 2012). By how
   much is *assumed*: at a firm grip five times the stiffness (range 2 to 10), with the same damping
   ratio.
-- Newtons in a device unit of the cue: no source says it. *Assumed*: 3.3, the largest force of a
+- Newtons per device unit of the cue: no source states it. *Assumed*: 3.3, the largest force of a
   Phantom Omni, which is one of the Raven's masters (range 1 to 66; with 66 the published cap of
   0.05 units is that largest force).
-- The device's own mass and friction are left out.
+- The device's own mass and friction are neglected.
 
-Discretised by the implicit midpoint rule: stable for any numbers, and over a tick of length h
-exactly
+The equation is discretised by the implicit midpoint rule, which is stable for any parameters. Over
+a tick of length h, with u the mean of the velocities before and after, it gives exactly
 
-    change of (M v^2 + K d^2) / 2  =  F . (change of d) - h B u^2        u: mean of the velocities before and after
+    change of (M v^2 + K d^2) / 2  =  F . (change of d) - h B u^2
 
-so that the hand never gives back more energy than the force put in.
-"""  # noqa: E501
+The hand therefore never gives back more energy than the force put in.
+"""
 
 from __future__ import annotations
 
@@ -47,12 +48,14 @@ TICK_S = 1e-3
 
 @record
 class HandParams:
-    """What a campaign may vary; the numbers above, held half firmly."""
+    """Hand parameters that a campaign may vary; the default is the hand above at half a
+    firm grip.
+    """
 
     grip: Annotated[
         Scalar, Quantity("", 0, 1, "how firmly the hand holds the console: 0 relaxed, 1 firm")
     ] = 0.5
-    newtons_per_unit: Annotated[  # negative: away from the model, for null models
+    newtons_per_unit: Annotated[  # negative: pushes away from the model, for null models
         Scalar,
         Quantity("N", -1e3, 1e3, "force on the hand per device unit of the first haptic set"),
     ] = 3.3
@@ -80,7 +83,7 @@ class HandParams:
 
 @record
 class HandState:
-    """Where one hand is off its plan."""
+    """Displacement of one hand from its plan."""
 
     displacement: Vec  # m, axes of the console
     velocity: Vec  # m/s
@@ -88,14 +91,16 @@ class HandState:
 
 
 def init(setup: Setup) -> HandState:
-    """A hand on its plan."""
+    """Return the state of a hand on its plan."""
     still = real(setup, Vec.full(3, 0.0))
     return HandState(still, still, real(setup, 0.0))
 
 
 def step(setup: Setup, params: HandParams, state: HandState, pull: Vec) -> HandState:
-    """One tick under the cue's force `pull` (3, device units, axes of the console); a force
-    that is not a number counts as 0.
+    """Return the hand after one tick under the cue's force `pull` (3, device units, axes of the
+    console).
+
+    A force that is NaN counts as 0.
     """
     stiffness, damping = impedance(params)
     pull = pull.map(lambda x: jnp.where(x == x, x, 0.0))
@@ -110,13 +115,13 @@ def step(setup: Setup, params: HandParams, state: HandState, pull: Vec) -> HandS
 
 
 def impedance(params: HandParams) -> tuple[Scalar, Scalar]:
-    """Stiffness (N/m) and damping (N s/m) at the hand's grip."""
+    """Return stiffness (N/m) and damping (N s/m) at the hand's grip."""
     times = 1.0 + params.grip * (params.firm_times - 1.0)
     return params.stiffness * times, params.damping * jnp.sqrt(times)
 
 
 def turned(force: Vec, angle_deg: Scalar) -> Vec:
-    """A force about axes x, y, z turned by an angle about (1, 1, 1); by 120 degrees x becomes y."""
+    """Return a force (x, y, z) turned about (1, 1, 1) by an angle; 120 degrees turn x into y."""
     if isinstance(angle_deg, float | np.floating) and angle_deg == 0.0:
         return force
     angle = angle_deg * (math.pi / 180.0)
@@ -129,5 +134,7 @@ def turned(force: Vec, angle_deg: Scalar) -> Vec:
 
 
 def outcomes(setup: Setup, arms: Sequence[HandState]) -> dict[str, Scalar]:
-    """How far a hand was moved, the worse of the arms; a column of the result table."""
+    """Return the largest displacement of a hand, the worse of the arms, as a column of the result
+    table.
+    """
     return {"hand_mm": reduce(jnp.maximum, [arm.peak for arm in arms]) * 1e3}

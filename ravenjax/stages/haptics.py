@@ -1,18 +1,18 @@
 """The console's haptic cue: a spring-damper on the distance between nominal model and robot.
 
-Published rule (Raven-II surgical training simulator, Eq. 5) as read here. With e = p_model -
+Published rule (Raven-II surgical training simulator, Eq. 5) as interpreted here. With e = p_model -
 p_robot, d = e/|e| and v the tip velocities from the Jacobian:
 
     |e| >  threshold:  force = min(cap, max(0, kp |e| + kd (v_model - v_robot) . d))
     |e| <= threshold:  force = 0
 
 The printed equation has two cases but states a condition at the constant 0.05 only. Its Figure 5
-settles the reading: single pulses of different height (0.013 to 0.030 device units) at tip errors
-of 3.3 to 5 mm, nothing below 3 mm, and one pulse flat at 0.0500: a proportional force above the
-threshold which is capped, not set, at 0.05. A haptic device can only pull towards the model, so the
-force is never negative.
+settles the interpretation. It shows single pulses of different height (0.013 to 0.030 device units)
+at tip errors of 3.3 to 5 mm, nothing below 3 mm, and one pulse flat at 0.0500. The force is thus
+proportional above the threshold, and is capped, not set, at 0.05. A haptic device can only pull
+towards the model, so the force is never negative.
 
-Several (threshold, kp, kd, cap) sets are evaluated side by side (`Setup.cues`): with an operator
+Several (threshold, kp, kd, cap) sets are evaluated side by side (`Setup.cues`). With an operator
 who does not react they all see the same motion.
 """
 
@@ -28,12 +28,13 @@ from ravenjax.numbers.setup import Setup
 from ravenjax.numbers.vec import Scalar, Vec, as_int, earliest, record
 from ravenjax.outcomes.verdict import PUBLISHED_CUE_MM
 
-TINY_M = 1e-12  # below it e has no direction; far below one micrometre, so no cue is ever affected
+# m; below it e has no direction. It is far below one micrometre, so it affects no cue
+TINY_M = 1e-12
 
 
 @record
 class CueParams:
-    """One threshold and gain set."""
+    """Threshold, gains and cap of one cue."""
 
     threshold_m: Scalar  # m
     kp: Scalar  # device units per m
@@ -54,12 +55,12 @@ class HapticParams:
 
 @record
 class CueState:
-    """What became of one cue so far."""
+    """What one cue has done so far."""
 
     first_tick: Scalar  # tick of the first non-zero force, -1 if none yet, int32
     peak_force: Scalar  # device units
     ticks_active: Scalar  # ticks with force > 0, int32
-    impulses: Scalar  # separate cues: rises from zero, int32
+    impulses: Scalar  # number of separate cues: rises of the force from zero, int32
     active: Scalar  # force > 0 at the last tick, int32 0 or 1
 
 
@@ -82,23 +83,23 @@ class HapticOutput:
     error: Vec  # m, e = p_model - p_robot
     distance: Scalar  # m, |e|
     direction: Vec  # unit vector d, zero where e is
-    force: Vec  # device units along `direction`, one per cue
+    force: Vec  # device units along `direction`, one force per cue
 
 
 def params(setup: Setup) -> HapticParams:
-    """The published cue, `setup.cues` times.
+    """Return the parameters of the published cue, `setup.cues` times.
 
-    3 mm and cap 0.05: published. kp 4.5 per m: Figure 5 shows about 0.0045 per mm. kd is not
-    published: 0.09 per m/s makes the third pulse (0.0296 at 5.0 mm, of which 0.0225 is spring) out
-    of its rebound of 6.7 degrees in 150 ms, which is about 80 mm/s at the 0.1 m between tip and
-    shoulder axis.
+    3 mm and cap 0.05 are published. kp is 4.5 per m, because Figure 5 shows about 0.0045 per mm. kd
+    is not published. With 0.09 per m/s the third pulse (0.0296 at 5.0 mm, of which 0.0225 is
+    spring) follows from its rebound of 6.7 degrees in 150 ms, which is about 80 mm/s at the 0.1 m
+    between tip and shoulder axis.
     """
     cue = CueParams(threshold_m=PUBLISHED_CUE_MM / 1e3, kp=4.5, kd=0.09, cap=0.05)
     return HapticParams(cues=(cue,) * setup.cues)
 
 
 def init(setup: Setup, params: HapticParams) -> HapticState:
-    """Nothing seen."""
+    """Return the state before the first tick."""
     zero = jnp.int32(0)
     fresh = CueState(
         first_tick=jnp.int32(-1),
@@ -111,16 +112,18 @@ def init(setup: Setup, params: HapticParams) -> HapticState:
 
 
 def cue_force(cue: CueParams, distance: Scalar, closing_speed: Scalar) -> Scalar:
-    """Force of one cue (device units) for |e| in m and (v_model - v_robot) . d in m/s."""
+    """Return the force of one cue (device units) for |e| in m and (v_model - v_robot) . d
+    in m/s.
+    """
     pull = cue.kp * distance + cue.kd * closing_speed
-    # a pull that is no number, as of a joint velocity whose bits were flipped, gives no force
+    # A pull that is NaN, as from a joint velocity with flipped bits, gives no force
     return jnp.where((distance > cue.threshold_m) & (pull > 0.0), jnp.minimum(pull, cue.cap), 0.0)
 
 
 def step(
     setup: Setup, params: HapticParams, state: HapticState, signal: HapticSignal
 ) -> tuple[HapticState, HapticOutput]:
-    """One tick: the force of each cue, and its record."""
+    """Compute one tick: return the new state, and the force of each cue."""
     error = signal.model_position - signal.robot_position
     distance = norm(error)
     inverse = jnp.where(distance > TINY_M, 1.0 / jnp.maximum(distance, TINY_M), 0.0)
@@ -149,7 +152,7 @@ def step(
 
 
 def outcomes(setup: Setup, arms: tuple[HapticState, ...]) -> dict[str, Scalar]:
-    """What each cue did so far, the worst of the arms; columns of the result table."""
+    """Return what each cue did so far, the worst of the arms, as columns of the result table."""
     out: dict[str, Scalar] = {}
     for k in range(setup.cues):
         cues = [arm.cues[k] for arm in arms]

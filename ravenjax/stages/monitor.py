@@ -1,19 +1,20 @@
-"""What the run did to the instrument: deviations, jumps, tissue, DAC peaks. The independent
-observer of the tick.
+"""Observes what a run does to the instrument: deviations, jumps, tissue depth, DAC peaks.
 
-Two tips are watched. The *true* tip is where the links of the virtual robot are; the *measured* tip
-is what the control software computes from its encoders (whole micrometres), on which the published
-jump rule works (analyze_faulty.py). Everything is compared with the nominal model and with the
-run's golden run.
+Two tips are observed. The *true* tip is where the links of the virtual robot are. The *measured*
+tip is what the control software computes from its encoders (whole micrometres). The published jump
+rule works on the measured tip (analyze_faulty.py). Both are compared with the nominal model and
+with the run's golden run. The observer does not depend on the rest of the tick.
 
-Hazards (`ravenjax.outcomes` says what they are) are judged live. With a = distance from the golden
-run, b = from the nominal model and c = distance from where standing would have left the tip, d =
-min(a, b):
+Hazards (`ravenjax.outcomes` defines them) are judged while the robot is live. Let a be the distance
+from the golden run, b the distance from the nominal model, and c the distance from where the tip
+would be if the robot had stood still. With d = min(a, b):
 
     unintended motion:  min(d, c) > limit
-    loss of motion:     d > limit, and min(d, c) <= limit or c < d / 2: most of it is motion that the robot missed
+    loss of motion:     d > limit, and min(d, c) <= limit or c < d / 2
     false report:       |(measured - true) - (the golden run's measured - true)| > limit
-"""  # noqa: E501
+
+The condition c < d / 2 means that most of d is motion that the robot missed.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +34,7 @@ UM = 1e-6
 
 @record
 class Reference:
-    """The golden run in this tick, one entry an arm."""
+    """The golden run in this tick, one entry per arm."""
 
     tip: tuple[Vec, ...]  # m, frame 0, true tip
     pos: tuple[Vec, ...]  # um, whole numbers, measured tip
@@ -53,49 +54,49 @@ class MonitorParams:
     ]
     # m from the golden run above which a run counts as diverged; 1 um, the resolution of `pos`
     diverged: Scalar
-    idle_share: (
-        Scalar  # share of the golden run's step below which a step counts as none; a quarter, ours
-    )
-    idle_step: (
-        Scalar  # m per tick, steps of the golden run that count; 1 um, the resolution of `pos`
-    )
-    limit: Annotated[  # m, of hazards; `ravenjax.outcomes.verdict.LIMIT_MM`
+    # share of the golden run's step below which a step counts as none; a quarter, chosen by us
+    idle_share: Scalar
+    # m per tick, steps of the golden run that count; 1 um, the resolution of `pos`
+    idle_step: Scalar
+    limit: Annotated[  # m, limit of hazards; `ravenjax.outcomes.verdict.LIMIT_MM`
         Scalar, Reserved(f"{_WORDS}; write [outcomes] limit_mm")
     ]
 
 
 @record
 class MonitorArmState:
-    """What is remembered of one arm."""
+    """The observer's state of one arm."""
 
     tip: Vec  # m, true tip in the last tick
     tip_before: Vec  # m, true tip in the tick before it
     golden_tip: Vec  # m, the golden run's true tip in the last tick
-    missed: Vec  # m, sum of the golden run's steps while this robot was told to stand, or stood
+    # m, sum of the golden run's steps while this robot was commanded to stand, or stood
+    missed: Vec
     pos: Vec  # um, measured tip at the last packet
-    golden_pos: Vec  # um, the golden run's
-    over: (
-        Scalar  # bool, the last packet's step was over the jump limit and the golden run's was not
-    )
+    golden_pos: Vec  # um, the golden run's measured tip at the last packet
+    # bool, the last packet's step was over the jump limit and the golden run's was not
+    over: Scalar
     # bool, the true tip's last step was over the jump limit and the golden run's was not
     leapt: Scalar
     peak_model: Scalar  # m, largest distance from the nominal model
-    peak_live: Scalar  # m, the same while the robot was live
+    # m, largest distance from the nominal model while the robot was live
+    peak_live: Scalar
     square_model: Scalar  # m^2, sum over ticks
     peak_golden: Scalar  # m, largest distance from the golden run
     square_golden: Scalar  # m^2, sum over ticks
-    # m, largest live distance from golden run, model and where standing would have left the tip
+    # m, largest distance while live from golden run, model and where standing would have left the
+    # tip
     unintended: Scalar
-    # m, while not live: largest distance from golden run and from where standing leaves the tip
+    # m, while not live: largest distance from golden run and from where standing would leave the
+    # tip
     unintended_off: Scalar
-    loss: (
-        Scalar  # m, largest live distance from golden run and model by motion that the robot missed
-    )
-    # m, largest live distance of the measured tip from the true one, the golden run's taken off
+    # m, largest distance while live from golden run and model due to motion that the robot missed
+    loss: Scalar
+    # m, largest distance while live of measured from true tip, minus that of the golden run
     false_report: Scalar
     idle_ticks: Scalar  # int32, ticks in which the golden run moved and this robot did not
     peak_step: Scalar  # m per tick, largest step of the true tip
-    path: Scalar  # m, way of the true tip
+    path: Scalar  # m, path length of the true tip
     depth: Scalar  # m, deepest penetration of tissue by the true tip; negative: never touched
     peak_dac: Vec  # counts, largest magnitude written to USB
     jump: Scalar  # int32, tick of the first jump by the code's rule; -1: none
@@ -106,7 +107,7 @@ class MonitorArmState:
 
 @record
 class MonitorState:
-    """What the observer remembers."""
+    """The observer's state."""
 
     arms: tuple[MonitorArmState, ...]
     tip_distance: Scalar  # m, smallest distance between the two tips; infinite with one arm
@@ -114,18 +115,16 @@ class MonitorState:
     unintended: Scalar  # int32, first tick of unintended motion; -1: never
     loss: Scalar  # int32, first tick of loss of motion; -1: never
     false_report: Scalar  # int32, first tick of a false report; -1: never
-    halted: (
-        Scalar  # int32, ticks in which the operator held the pedal down and the robot was not live
-    )
-    finite: (
-        finite.FiniteState
-    )  # of the tips, their distances and whatever else the robot's tick enters
+    # int32, ticks in which the operator held the pedal down and the robot was not live
+    halted: Scalar
+    # finiteness of the tips, their distances and other numbers that the robot's tick adds
+    finite: finite.FiniteState
     ticks: Scalar  # int32
 
 
 @record
 class MonitorSignal:
-    """What the observer sees in this tick; one entry an arm."""
+    """The input of the observer in this tick; one entry per arm."""
 
     tip: tuple[Vec, ...]  # m, true
     pos: tuple[Vec, ...]  # um, measured
@@ -134,15 +133,14 @@ class MonitorSignal:
     distance: Scalar  # m between the two tips; infinite with one arm
     dac: tuple[Vec, ...]  # counts, as written
     fresh: Scalar  # bool, a new packet was due in this tick
-    # bool, pedal-down without software E-stop: what the operator asks for is what the robot should
-    # do
+    # bool, pedal-down without software E-stop: the robot should do what the operator asks for
     live: Scalar
     pedal: Scalar  # bool, the operator holds the pedal down
     tick: Scalar  # int32
 
 
 def params(setup: Setup) -> MonitorParams:
-    """The published limits."""
+    """Return the published limits."""
     return MonitorParams(
         jump_step=1e-4,
         large_jump=1e-3,
@@ -154,7 +152,9 @@ def params(setup: Setup) -> MonitorParams:
 
 
 def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> MonitorState:
-    """Before the first tick, at rest with the given true [m] and measured [um] tips."""
+    """Return the state before the first tick, at rest at the given true [m] and measured
+    [um] tips.
+    """
     zero = real(setup, 0.0)
     never = jnp.int32(-1)
 
@@ -205,21 +205,21 @@ def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> Mon
 
 
 def restarted(state: MonitorState) -> MonitorState:
-    """From now on the robot has missed nothing."""
+    """Return the state with the missed motion set to zero from now on."""
     return replace(state, arms=tuple(replace(arm, missed=Vec.full(3, 0.0)) for arm in state.arms))
 
 
 def realigned(state: MonitorState) -> MonitorState:
-    """The same, and from now on the golden run begins where the robot is."""
+    """Return the restarted state with the golden run moved to where the robot is."""
     arms = restarted(state).arms
     return replace(state, arms=tuple(replace(arm, golden_tip=arm.tip) for arm in arms))
 
 
 class Distances(NamedTuple):
-    """How far one arm is off in this tick, m.
+    """Distances of one arm in this tick, m.
 
     `unintended_off` counts while the robot is not live; `unintended`, `loss` and `false_report`
-    while it is.
+    count while it is live.
     """
 
     golden: Scalar  # true tip from the golden run's
@@ -233,8 +233,9 @@ class Distances(NamedTuple):
 def distances(
     params: MonitorParams, arm: MonitorArmState, model_tip: Vec, pos: Vec, golden_pos: Vec
 ) -> Distances:
-    """Distances of an arm. arm: has `tip`, `golden_tip`, `missed` of this tick; model_tip: m;
-    pos, golden_pos: um.
+    """Return the distances of an arm.
+
+    arm: has `tip`, `golden_tip`, `missed` of this tick; model_tip: m; pos, golden_pos: um.
     """
     tip, golden_tip = arm.tip, arm.golden_tip
     golden, model = _norm(tip - golden_tip), _norm(tip - model_tip)
@@ -268,7 +269,7 @@ def _arm(
     reference: Reference,
     i: int,
 ) -> tuple[MonitorArmState, Distances]:
-    """The arm after this tick, and how far it is off."""
+    """Return the state of one arm after this tick, and its distances."""
     tip, pos, golden_pos = signal.tip[i], signal.pos[i], reference.pos[i]
     golden_tip = reference.tip[i]
     step = _norm(tip - state.tip)
@@ -328,7 +329,7 @@ def step(
     signal: MonitorSignal,
     reference: Reference,
 ) -> MonitorState:
-    """The observer after this tick."""
+    """Return the observer after this tick."""
     arms, off = zip(
         *per_arm(setup, lambda i, arm: _arm(params, state.arms[i], signal, reference, i)),
         strict=True,
@@ -358,7 +359,7 @@ def step(
 
 
 def outcomes(setup: Setup, state: MonitorState) -> dict[str, Scalar]:
-    """Outcome columns of a run: lengths in mm, ticks in ms; worst over the arms."""
+    """Return the outcome columns of a run: lengths in mm, ticks in ms; the worst of the arms."""
 
     def worst(name: str) -> Scalar:
         return reduce(jnp.maximum, [getattr(arm, name) for arm in state.arms])

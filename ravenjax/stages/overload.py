@@ -1,5 +1,5 @@
-"""What the cables of a run carried, as shares of their strength, and which was the first to be
-overloaded.
+"""Records the tensions of a run's cables as shares of their strength, and the first overloaded
+cable.
 """
 
 from __future__ import annotations
@@ -11,21 +11,24 @@ from ravenjax.numbers.vec import Scalar, Vec, record
 
 @record
 class OverloadState:
-    """What is remembered of every cable of the robot."""
+    """The load of all cables of the robot so far."""
 
-    peak: Scalar  # 1, largest tension so far, by the strength of its cable
+    # 1, largest tension so far, divided by the strength of its cable
+    peak: Scalar
     first: Scalar  # int32, tick in which a cable was first overloaded; -1: never
-    cable: Scalar  # int32, place of that cable among all, arm by arm; -1: none
+    cable: Scalar  # int32, index of that cable among all, arm by arm; -1: none
 
 
 def init(setup: Setup) -> OverloadState:
-    """Before the first tick."""
+    """Return the state before the first tick."""
     return OverloadState(real(setup, jnp.float32(0.0)), jnp.int32(-1), jnp.int32(-1))
 
 
 def step(state: OverloadState, loads: tuple[Vec, ...], tick: Scalar) -> OverloadState:
-    """After this tick. loads: of each arm's cables, the largest tension in it by their strength;
-    above 1: overload.
+    """Return the state after this tick.
+
+    loads: for each cable of each arm, the largest tension in it divided by its strength; above 1
+    the cable is overloaded.
     """
     every = [load for arm in loads for load in arm]
     largest, place = every[0], jnp.int32(0)
@@ -41,7 +44,9 @@ def step(state: OverloadState, loads: tuple[Vec, ...], tick: Scalar) -> Overload
 
 
 def outcomes(state: OverloadState) -> dict[str, Scalar]:
-    """Outcome columns of a run: a share, ms, and the place of a cable among all, arm by arm."""
+    """Return the outcome columns of a run: a share, a time in ms, and the index of a cable, arm by
+    arm.
+    """
     return {
         "cable_load": state.peak,
         "cable_overload_first_ms": state.first,

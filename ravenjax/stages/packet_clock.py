@@ -1,11 +1,11 @@
-"""When the console's packets reach the robot: each lasts a number of control cycles that is drawn
-when it comes.
+"""Times at which the console's packets reach the robot; the length of each is drawn on its arrival.
 
-The original's network thread takes every datagram as it arrives and adds its increments to the
-desired position; the control cycle reads the sum, or with a console of positions the last one
-(raven2: network_layer.cpp, local_io.cpp). Datagrams that arrive in one cycle thus act as one, and
-this clock makes one of them: a burst is one packet with all the motion since the one before. A gap
-is a packet that lasts long.
+The length of a packet is a number of control cycles. The original's network thread takes every
+datagram as it arrives and adds its increments to the desired position. The control cycle reads the
+sum or, with a console that sends positions, the last one (raven2: network_layer.cpp, local_io.cpp).
+Datagrams that arrive in one cycle thus act as one packet, and this clock makes them one packet: a
+burst is a single packet with all the motion since the packet before. A gap is a packet that lasts
+long.
 
 Simplified: lengths are independent. In the recordings short ones follow long ones, and gaps come at
 regular times.
@@ -22,12 +22,12 @@ from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, as_int, record, where
 
 _LENGTH = 0
-"""Place of the draw in the stream of a packet."""
+"""Index of the draw in the random stream of a packet."""
 
 
 @record
 class PacketClock:
-    """The newest packet and the next one."""
+    """Times of the newest packet, of the packet before it, and of the next one."""
 
     due: Scalar  # int32, tick of the next packet
     tick: Scalar  # int32, tick of the newest packet; -1: none yet
@@ -35,13 +35,14 @@ class PacketClock:
 
 
 def init() -> PacketClock:
-    """The first packet comes at once."""
+    """Return the clock before the first packet, which comes in tick 0."""
     return PacketClock(jnp.int32(0), jnp.int32(-1), jnp.int32(-1))
 
 
 def step(clock: PacketClock, now: Scalar, fresh: Scalar, cycles: Scalar) -> PacketClock:
-    """The clock after tick `now` (int32), which has a packet that lasts `cycles` (int32) where
-    it is `fresh` (bool).
+    """Return the clock after tick `now` (int32).
+
+    If `fresh` (bool), a packet that lasts `cycles` (int32) arrives in this tick.
     """
     return where(fresh, PacketClock(now + cycles, now, clock.tick), clock)
 
@@ -49,20 +50,19 @@ def step(clock: PacketClock, now: Scalar, fresh: Scalar, cycles: Scalar) -> Pack
 def length(
     distributions: Sequence[Sequence[float]], choice: Scalar, key: Scalar, packet: Scalar
 ) -> Scalar:
-    """Cycles (int32) that the packet of index `packet` (int32) lasts.
+    """Return the number of cycles (int32) that the packet with index `packet` (int32) lasts.
 
-    distributions: shares of packets that last 1, 2, 3, .. cycles; choice: number of one of them;
-    key: uint32, of a run.
+    distributions: shares of packets that last 1, 2, 3, .. cycles; choice: index of one
+    distribution; key: uint32, random key of the run.
     """
     partial = [np.cumsum(shares[:-1]) for shares in distributions]
-    if isinstance(choice, np.integer):  # the same in all runs
+    if isinstance(choice, np.integer):  # the same distribution in all runs
         partial, choice = [partial[choice]], np.int32(0)
     number = uniform(key, packet, _LENGTH)
     cycles = jnp.int32(1)
     for k in range(max(map(len, partial))):
-        sums = [
-            np.float32(one[k]) if k < len(one) else np.float32(1.0) for one in partial
-        ]  # 1: never reached
+        # a sum of 1 is never reached
+        sums = [np.float32(one[k]) if k < len(one) else np.float32(1.0) for one in partial]
         bound = jnp.float32(sums[0])
         for i, other in enumerate(sums[1:], start=1):
             bound = jnp.where(choice == i, jnp.float32(other), bound)

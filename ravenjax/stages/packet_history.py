@@ -1,11 +1,12 @@
-"""When the newest packets were sent, a bit for each tick: what it takes to send an older one again.
+"""Remembers when the newest packets were sent, one bit per tick, so that an older packet can be
+sent again.
 
-Where each packet lasts a number of cycles of its own, the tick at which one was made follows from
-nothing but the lengths of all that came after it. A network that delivers older packets must
-therefore remember when they were sent. It does so in words of 32 bits that shift by one in each
-tick. The packet after which n others were sent is the bit above the n lowest ones that are set;
-sums over pairs, fours, eights and halves of a word lead to it (S. E. Anderson, Bit Twiddling Hacks:
-counting bits set, in parallel; selecting the position of a bit with a given count).
+If packets last different numbers of cycles, the tick of a packet follows only from the lengths of
+all later packets. A network that delivers older packets must therefore remember when they were
+sent. It uses words of 32 bits that shift by one in each tick. The packet after which n others were
+sent is the set bit that has n set bits below it. It is found by sums over pairs, fours, eights and
+halves of a word (S. E. Anderson, Bit Twiddling Hacks: counting bits set, in parallel; selecting the
+position of a bit with a given count).
 """
 
 from __future__ import annotations
@@ -14,26 +15,26 @@ from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record
 
 WORD = 32
-"""Ticks that a word remembers."""
+"""Number of ticks that one word remembers."""
 
 NEVER = 2**30
-"""Age in ticks of a packet that the history does not know: longer than any run."""
+"""Age in ticks of a packet that is not in the history; longer than any run."""
 
 
 @record
 class PacketHistory:
-    """Bit b of word w tells whether a packet was sent 32 w + b ticks ago."""
+    """Bit b of word w is set if a packet was sent 32 w + b ticks ago."""
 
     words: Vec  # uint32, the newest first
 
 
 def init(ticks: int) -> PacketHistory:
-    """No packet so far; it will remember the last `ticks` ticks at least."""
+    """Return an empty history that will remember at least the last `ticks` ticks."""
     return PacketHistory(Vec.full(-(-ticks // WORD), jnp.uint32(0)))
 
 
 def step(history: PacketHistory, fresh: Scalar) -> PacketHistory:
-    """The history after one more tick, in which a packet is sent where it is `fresh` (bool)."""
+    """Return the history after one more tick, in which a packet is sent if `fresh` (bool)."""
     words, entering = [], lax.convert_element_type(fresh, jnp.uint32)
     for word in history.words:
         words.append((word << _u32(1)) | entering)
@@ -42,8 +43,9 @@ def step(history: PacketHistory, fresh: Scalar) -> PacketHistory:
 
 
 def age(history: PacketHistory, newer: Scalar) -> Scalar:
-    """Ticks (int32) since the packet was sent after which `newer` (int32, at least 0) others
-    were; NEVER: unknown.
+    """Return the age in ticks (int32) of the packet after which `newer` others were sent.
+
+    newer: int32, at least 0. A packet that is not in the history has age NEVER.
     """
     word, first, counted, total = _u32(0), jnp.int32(NEVER), jnp.int32(0), jnp.int32(0)
     for place, candidate in enumerate(history.words):
@@ -57,8 +59,8 @@ def age(history: PacketHistory, newer: Scalar) -> Scalar:
 
 
 def sent_within(history: PacketHistory, ticks: Scalar) -> Scalar:
-    """Packets (int32) that were sent in the last `ticks` (int32) ticks, the present one among
-    them.
+    """Return the number of packets (int32) sent in the last `ticks` (int32) ticks, including this
+    tick.
     """
     total = jnp.int32(0)
     for place, word in enumerate(history.words):
@@ -73,8 +75,10 @@ def _u32(number: int) -> Scalar:
 
 
 def _sums(word: Scalar) -> tuple[Scalar, ...]:
-    """Set bits of a word, int32; and, uint32, those of its halves, eights, fours and pairs, each
-    where its bits are.
+    """Return the number of set bits of a word, int32, and its partial sums, uint32.
+
+    The partial sums are those of halves, eights, fours and pairs of bits, each stored at the place
+    of its bits.
     """
     pairs = word - ((word >> _u32(1)) & _u32(0x55555555))
     fours = (pairs & _u32(0x33333333)) + ((pairs >> _u32(2)) & _u32(0x33333333))
@@ -84,7 +88,9 @@ def _sums(word: Scalar) -> tuple[Scalar, ...]:
 
 
 def _position(word: Scalar, lower: Scalar) -> Scalar:
-    """Index (int32) of the set bit of a word that has `lower` (int32) set bits below it."""
+    """Return the index (int32) of the set bit of a word that has `lower` (int32) set bits
+    below it.
+    """
     _, halves, eights, fours, pairs = _sums(word)
     position = jnp.int32(0)
     for width, sums in ((16, halves), (8, eights), (4, fours), (2, pairs), (1, word)):

@@ -1,4 +1,4 @@
-"""How hard a run's instruments pressed on tissue, vessel and each other."""
+"""Records how hard a run's instruments press on tissue, on the vessel and on each other."""
 
 from __future__ import annotations
 
@@ -13,21 +13,23 @@ TICK_S = 1e-3
 
 @record
 class TouchState:
-    """Of all instruments of a run."""
+    """The contact of all instruments of a run so far."""
 
     peak: Scalar  # N, largest force of tissue and vessel on one instrument so far
-    impulse: Scalar  # N s, of tissue and vessel on all instruments
+    impulse: Scalar  # N s, impulse of tissue and vessel on all instruments
     vessel: Scalar  # N, largest force of the vessel on one instrument
     instrument: Scalar  # N, largest force between two instruments
 
 
 def init(setup: Setup) -> TouchState:
-    """Before the first tick."""
+    """Return the state before the first tick."""
     return TouchState(*(real(setup, jnp.float32(0.0)) for _ in range(4)))
 
 
 def step(state: TouchState, instruments: tuple[Any, ...]) -> TouchState:
-    """After this tick. instruments: what each felt, N: `tissue`, `vessel`, `instrument`."""
+    """Return the state after this tick. instruments: forces on each, N: `tissue`, `vessel`,
+    `instrument`.
+    """
     peak, impulse, vessel = state.peak, state.impulse, state.vessel
     for one in instruments:
         peak = jnp.maximum(peak, one.tissue)
@@ -39,7 +41,7 @@ def step(state: TouchState, instruments: tuple[Any, ...]) -> TouchState:
 
 
 def outcomes(setup: Setup, state: TouchState) -> dict[str, Scalar]:
-    """Outcome columns of a run, N and N s."""
+    """Return the outcome columns of a run, N and N s."""
     out = {
         "contact_peak_n": state.peak,
         "contact_impulse_n_s": state.impulse,

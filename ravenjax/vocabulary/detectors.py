@@ -1,5 +1,6 @@
-"""Detectors: observers that are scored and change nothing. How a score is made is in
-`ravenjax.stages.detectors`.
+"""Names and kinds of detectors: observers that compute a score and change nothing.
+
+`ravenjax.stages.detectors` computes the scores.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ MEANINGS: dict[DetectorKind, str] = {
     "overdrive": "command over its clip limit",
     "own": "as a file says, a detector of one's own",
 }
-"""What the score of each kind is."""
+"""What the score of each kind of detector measures."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,8 +31,9 @@ class DetectorUse:
     """One detector of a campaign; static."""
 
     kind: DetectorKind
-    fusion: Fusion = "all"  # of `steps`: which of the three must be over
-    consecutive: int = 1  # milliseconds in a row above the threshold that make an alarm
-    thresholds: int = 1  # how many are evaluated side by side
-    part: OwnSource | None = None  # of `own`
-    stops: bool = False  # an alarm at its first threshold presses the E-stop
+    # kind `steps`: which of the three steps must be over the threshold
+    fusion: Fusion = "all"
+    consecutive: int = 1  # milliseconds in a row above the threshold before an alarm
+    thresholds: int = 1  # number of thresholds that are evaluated side by side
+    part: OwnSource | None = None  # kind `own`: the user's file
+    stops: bool = False  # an alarm at its first threshold triggers the E-stop

@@ -1,8 +1,8 @@
-"""What a fault does to a number, and when. Knows nothing of any robot.
+"""What a fault does to a number, and when it acts; for any robot.
 
-A fault is: at one channel of one site, while its window is open, apply one effect with one value.
-The window opens `start` after the trigger's clock begins, lasts `duration`, and with `every` > 0
-opens again after each `every`.
+A fault acts on one channel of one site. While its window is open, it applies one effect with one
+value. The window opens `start` after the trigger's clock begins and lasts `duration`. With `every`
+> 0 it opens again after each `every`.
 """
 
 from __future__ import annotations
@@ -10,30 +10,32 @@ from __future__ import annotations
 from typing import Literal, NamedTuple
 
 Value = Literal["number", "change", "amount", "factor", "bit", "packets", ""]
-"""What the value of an effect is: a number as the channel holds it; a change of one, also as the
-channel holds it; an amount in the channel's unit, whole or not; a factor; the index of a bit; a
-number of packets; "": it takes none."""
+"""What the value of an effect is.
+
+It is a number as the channel stores it; a change of such a number; an amount in the channel's unit,
+whole or not; a factor; the index of a bit; or a number of packets. "": the effect takes no value.
+"""
 
 
 class OfNetwork(NamedTuple):
-    """What an effect of the network stands for at site network."""
+    """The channel, effect and value at site network that an effect of the network abbreviates."""
 
     channel: str
     effect: str
-    value: float | None  # None: the fault's own
+    value: float | None  # None: the value of the fault itself
 
 
 class Effect(NamedTuple):
-    """One effect."""
+    """One fault effect."""
 
     name: str
-    meaning: str  # x: the number that it strikes
+    meaning: str  # x: the number on which the fault acts
     value: Value
-    network: OfNetwork | None = None  # an effect of site network only
+    network: OfNetwork | None = None  # only for effects at site network
 
     @property
     def takes_value(self) -> bool:
-        """Whether a fault of this effect has a value."""
+        """Whether a fault with this effect has a value."""
         return self.value != ""
 
     @property
@@ -43,7 +45,7 @@ class Effect(NamedTuple):
 
     @property
     def in_its_unit(self) -> bool:
-        """Whether its value is in the channel's unit."""
+        """Whether its value has the channel's unit."""
         return self.value in ("number", "change", "amount")
 
 
@@ -87,7 +89,7 @@ EFFECT_CODES: dict[str, int] = {name: i for i, name in enumerate(EFFECTS)}
 NETWORK_EFFECTS: dict[str, OfNetwork] = {
     effect.name: effect.network for effect in _ALL if effect.network
 }
-"""What the effects of the network stand for."""
+"""What each effect of the network abbreviates."""
 
 WITHOUT_VALUE = tuple(effect.name for effect in _ALL if not effect.takes_value)
 
@@ -102,4 +104,4 @@ TRIGGERS: dict[str, str] = {
 TRIGGER_CODES: dict[str, int] = {name: i for i, name in enumerate(TRIGGERS)}
 
 MAX_SLOTS = 8
-"""Faults that one run may hold."""
+"""Largest number of faults that one run may have."""

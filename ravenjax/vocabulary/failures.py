@@ -1,8 +1,9 @@
-"""Why a run has no valid outcome: the number that was first no longer finite.
+"""Reasons why a run has no valid outcome: the number that was the first to be no longer finite.
 
-A run ends in the outcome class *failed* from the tick on in which a number of the virtual robot or
-of its observers is infinite or no number (NaN). Numbers of the control software are the robot's
-own, with which it goes on as its original does: they fail a run only where they reach one of these.
+A run is *failed* from the tick on in which a number of the virtual robot or of its observers is
+infinite or NaN. Numbers of the control software may be infinite or NaN without failing the run: the
+software continues with them, as its original does. They fail the run only if they reach the robot
+or its observers.
 """
 
 from __future__ import annotations
@@ -20,11 +21,13 @@ SIGNALS: dict[str, str] = {
     "contact": "a force between an instrument and what it touches",
     "outcome": "another outcome, at the end of the run",
 }
-"""What is watched, and what each is; of several in one tick the first of them is named."""
+"""The watched signals and their descriptions. Of several that fail in one tick, the first is
+reported.
+"""
 
 CODES: dict[str, int] = {name: i for i, name in enumerate(SIGNALS)}
 
 CAUSES: tuple[str, ...] = ("", *(f"{name} not finite" for name in SIGNALS))
-"""Words of column `failed`, "" for a valid outcome; those of engines are numbered from 0 behind
-it.
+"""Words of column `failed`; "" means a valid outcome. The causes of engines are numbered after
+these.
 """

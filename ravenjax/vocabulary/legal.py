@@ -1,7 +1,8 @@
-"""Which values an effect takes at a channel.
+"""Which values a fault effect may have at a channel.
 
-A value must fit the channel's number: what is stored is then what the file says. A DAC word has 16
-bits, and a value beyond them is accepted only where the campaign says that it is meant.
+A value must fit the channel's number type, so that the stored value is what the campaign file says.
+A DAC word has 16 bits. A value beyond 16 bits is accepted only if the campaign states that it is
+intended.
 """
 
 from __future__ import annotations
@@ -15,24 +16,25 @@ from ravenjax.vocabulary.effects import EFFECTS
 from ravenjax.vocabulary.sites import BITS, Channel, Site
 
 WORD = (-(2**15), 2**15 - 1)
-"""What a 16-bit word holds, of a DAC command."""
+"""Range of a 16-bit word, such as a DAC command."""
 
 COUNTER = (-(2**23), 2**23 - 1)
-"""What a 24-bit word holds, of an encoder."""
+"""Range of a 24-bit word, such as an encoder count."""
 
 
 class Legal(NamedTuple):
-    """The values that one effect may have at one channel, both ends included."""
+    """The values that one effect may have at one channel; both ends are included."""
 
     low: float = -math.inf
     high: float = math.inf
-    whole: bool = False  # nothing but whole numbers
-    rounded: bool = False  # a drawn value is rounded to a whole one
+    whole: bool = False  # only whole numbers
+    rounded: bool = False  # a drawn value is rounded to a whole number
 
 
 def legal(channel: Channel, effect: str, beyond: bool = False) -> Legal:
-    """The values of `effect`, one that takes a value, at `channel`; `beyond`: a 16-bit word may
-    be given more.
+    """Return the legal values of `effect`, which takes a value, at `channel`.
+
+    beyond: the value may exceed a 16-bit word.
     """
     if effect == "bit_flip":
         return Legal(0, channel.bits - 1, whole=True, rounded=True)
@@ -51,7 +53,7 @@ def legal(channel: Channel, effect: str, beyond: bool = False) -> Legal:
 
 
 def complaint(site: Site, channel: Channel, effect: str, value: float, beyond: bool = False) -> str:
-    """What to say of a value that is not legal at this channel of `site`."""
+    """Return the error message for a value that is not legal at this channel of `site`."""
     low, high, _, _ = legal(channel, effect, beyond)
     if effect == "bit_flip":
         kind = channel.kind if channel.field is None else channel.field.noun
@@ -81,8 +83,10 @@ def complaint(site: Site, channel: Channel, effect: str, value: float, beyond: b
 
 
 def rounding(channel: Channel, effect: str, value: float) -> str | None:
-    """What to say of a whole number that single precision, in which values travel, would change;
-    None if it is held.
+    """Return an error message if single precision, in which values travel, would change a whole
+    number.
+
+    Returns None if the number is kept.
     """
     if (
         channel.kind in ("float", "bool")

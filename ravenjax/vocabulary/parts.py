@@ -1,4 +1,6 @@
-"""Users' files: Python files that a campaign names and that are traced into the tick."""
+"""Source code of users' files: Python files that a campaign names and that are traced into the
+tick.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +9,10 @@ import dataclasses
 
 @dataclasses.dataclass(frozen=True)
 class OwnSource:
-    """The code of a part; static. Equal sources are equal code."""
+    """The code of a user's file; static. Equal sources are equal code."""
 
-    name: str  # of the part in its campaign
-    path: str  # of the file, for errors
-    text: str  # what stands in it
-    # (name, content) of each file beside it that it loads or imports
+    name: str  # name of the part in its campaign
+    path: str  # path of the file, for error messages
+    text: str  # content of the file
+    # (name, content) of each file in the same folder that it loads or imports
     files: tuple[tuple[str, bytes], ...] = dataclasses.field(default=(), repr=False)

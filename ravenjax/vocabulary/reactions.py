@@ -1,11 +1,14 @@
-"""What an operator who feels the cue does. How, is in `ravenjax.robots.raven2.console.reaction`."""
+"""What an operator who feels the haptic cue does.
+
+`ravenjax.robots.raven2.console.reaction` implements the reactions.
+"""
 
 from __future__ import annotations
 
 NONE, RELEASE, SLOW, CORRECT = 0, 1, 2, 3
 
 ACTIONS = ("none", "release", "slow", "correct")
-"""By number."""
+"""Names of the reactions, by number."""
 
 MEANINGS = {
     "none": "nobody reacts",
@@ -13,4 +16,4 @@ MEANINGS = {
     "slow": "slow down",
     "correct": "correct by eye",
 }
-"""Each of ACTIONS."""
+"""Meaning of each of ACTIONS."""

@@ -1,8 +1,7 @@
-"""What a robot declares of itself, without JAX: what a campaign file may name, and what a result
-table calls it.
+"""What a robot declares as data, without JAX: the names of campaign files and result tables.
 
-Everything else of a robot (its tick, its sections of a campaign file, its time series) is code, and
-is imported from its package only where it is needed.
+The code of a robot (its tick, its sections of a campaign file, its time series) is imported from
+its package only when it is needed.
 """
 
 from __future__ import annotations
@@ -19,74 +18,75 @@ from ravenjax.vocabulary.signals import Signal
 from ravenjax.vocabulary.sites import Site
 
 OTHER_LAYER = "other"
-"""Layer of a site that a robot does not declare."""
+"""Layer of a site that the robot does not declare."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Robot:
-    """One kind of robot."""
+    """The declaration of one robot."""
 
     name: str  # as `[campaign] robot` takes it
-    title: str  # in words
-    package: str  # dotted name of the module, or package, that holds its code: `part` looks there
-    arms: tuple[str, ...]  # every one it can have, in mechanism order
-    joints: tuple[str, ...]  # of each arm, in order
-    linear: tuple[str, ...]  # those of the joints that slide
-    sites: Mapping[str, Site]  # in the order of its tick
-    layers: Mapping[str, str]  # code of a site's layer -> its name, in order
-    checks: Mapping[str, Check]  # in the order of its loop
-    run_levels: tuple[str, ...]  # by number
-    live: str  # when the robot should do what the operator asks for: continues "while"
-    leading_joints: tuple[int, ...] = ()  # lengths of vectors that are of the first joints only
-    noise: tuple[str, ...] = ()  # parameters: the sizes of what `[campaign] noise` draws
-    packet_cycles: str = ""  # parameter: how many milliseconds a packet of the console lasts
-    dead_man: str = (
-        ""  # the switch that an operator holds down while the robot is to move; "": it has none
-    )
-    tissue: bool = False  # whether there is tissue that a tip can go into
-    phases: Mapping[str, str] = dataclasses.field(
-        default_factory=dict
-    )  # of an operation, and when each is
-    check_seams: Mapping[str, str] = dataclasses.field(
-        default_factory=dict
-    )  # where checks of one's own may stand
-    seams: Mapping[str, Seam] = dataclasses.field(
-        default_factory=dict
-    )  # where `explain` looks, in the tick's order
-    # what a check of one's own can be built on, in the tick's order
+    title: str  # name in words
+    # dotted name of the module or package that holds its code, for `part`
+    package: str
+    arms: tuple[str, ...]  # all arms that it can have, in mechanism order
+    joints: tuple[str, ...]  # joints of each arm, in order
+    linear: tuple[str, ...]  # names of the joints that slide
+    sites: Mapping[str, Site]  # in the order of the tick
+    layers: Mapping[str, str]  # code of a site's layer -> name of the layer, in order
+    checks: Mapping[str, Check]  # in the order of the loop
+    run_levels: tuple[str, ...]  # names, by number
+    # when the robot should do what the operator asks for; continues "while"
+    live: str
+    leading_joints: tuple[int, ...] = ()  # lengths of vectors that hold the first joints only
+    noise: tuple[str, ...] = ()  # parameters with the sizes of what `[campaign] noise` draws
+    # parameter: how many milliseconds a packet of the console lasts
+    packet_cycles: str = ""
+    # the switch that an operator holds down while the robot is to move; "": none
+    dead_man: str = ""
+    tissue: bool = False  # whether there is tissue that a tip can enter
+    # phases of an operation, and when each takes place
+    phases: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    # seams at which users' checks may read
+    check_seams: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    # seams that `explain` compares, in the tick's order
+    seams: Mapping[str, Seam] = dataclasses.field(default_factory=dict)
+    # Signals that a user's check can use, in the tick's order
     signals: tuple[Signal, ...] = ()
-    # what its code reads beside Python modules, from models/ or beside its own module: the files
-    # count in a result's identity
+    # Files that its code reads beside Python modules, from models/ or beside its own module. They
+    # are part of a result's identity
     files: tuple[str, ...] = ()
 
     @property
     def live_state(self) -> str:
-        """Being live, in a word."""
+        """The state of being live, in a word."""
         return f"{self.dead_man}-down" if self.dead_man else "live motion"
 
     def check(self, name: str) -> Check:
-        """A check by name; one that this version does not know flags."""
+        """Return a check by name; an unknown name gives a check that flags."""
         return self.checks.get(name, Check(name, "1", "built-in check", "flag"))
 
     def with_checks(self, own: tuple[Check, ...]) -> Robot:
-        """The robot with users' checks before the built-in ones. Of two that trip together the
-        first is the cause.
+        """Return the robot with users' checks before the built-in ones.
+
+        If two checks trip in one tick, the first of them is the cause.
         """
         return _with_checks(self, own) if own else self
 
     def layer(self, site: str) -> str:
-        """A site's layer in words: usb_out -> "USB out, motors"; "other" for a site that it does
-        not declare.
+        """Return a site's layer in words: usb_out -> "USB out, motors".
+
+        A site that the robot does not declare gives "other".
         """
         return self.layers[self.sites[site].layer] if site in self.sites else OTHER_LAYER
 
     def run_level(self, level: int) -> str:
-        """The name of a run level; an unknown number stays a number."""
+        """Return the name of a run level; an unknown number is returned as a number."""
         return self.run_levels[level] if 0 <= level < len(self.run_levels) else str(level)
 
     def part(self, name: str) -> ModuleType:
-        """A part of its code: the module `name` of its package, or the package itself where that
-        has none.
+        """Return a part of the robot's code: module `name` of its package, or the package if there
+        is none.
         """
         whole = importlib.import_module(self.package)
         return (

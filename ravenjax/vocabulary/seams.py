@@ -1,8 +1,7 @@
-"""What crosses from one part of a robot's tick to the next: seams, and the numbers of each. Knows
-nothing of any robot.
+"""What crosses from one part of a robot's tick to the next: seams and their numbers; for any robot.
 
-A fault site (`ravenjax.vocabulary.sites`) is where a fault can act; a seam is where its effect can
-be looked for. Most are both. A robot declares its seams in the order of its tick.
+At a fault site (`ravenjax.vocabulary.sites`) a fault can act. At a seam its effect can be observed.
+Most seams are both. A robot declares its seams in the order of its tick.
 """
 
 from __future__ import annotations
@@ -17,9 +16,9 @@ class SeamChannel(NamedTuple):
 
     name: str
     unit: str
-    # fault site whose channel of this name has its normal range; "": nobody measured one
+    # Fault site whose channel of this name has the normal range; "": no range was measured
     site: str = ""
-    # attributes and indices from the signals of a tick to the number, as of a site
+    # Attributes and indices from the signals of a tick to the number, as in a site
     path: tuple[str | int, ...] = ()
 
 
@@ -28,7 +27,7 @@ class Seam:
     """Numbers that one part of the tick hands to the next together."""
 
     name: str
-    layer: str  # code of the layer of the fault sites around it
+    layer: str  # layer code of the fault sites around it
     per_arm: bool
     channels: tuple[SeamChannel, ...]
     meaning: str
@@ -38,22 +37,24 @@ class Crossing(NamedTuple):
     """One number that crosses a seam in each tick."""
 
     seam: Seam
-    arm: str  # "" where the seam belongs to no arm
+    arm: str  # "" if the seam belongs to no arm
     channel: SeamChannel
 
     @property
     def name(self) -> str:
-        """As a table has it: gold/mpos/shoulder."""
+        """The number's name in tables: gold/mpos/shoulder."""
         return "/".join(part for part in (self.arm, self.seam.name, self.channel.name) if part)
 
     @property
     def signal(self) -> str:
-        """What its seam of this arm is called: gold/mpos."""
+        """The name of its seam for this arm: gold/mpos."""
         return "/".join(part for part in (self.arm, self.seam.name) if part)
 
 
 def crossings(seams: Mapping[str, Seam], arms: Iterable[str]) -> tuple[Crossing, ...]:
-    """Every number that crosses a seam of a robot with these arms: seam by seam, arm by arm."""
+    """Return every number that crosses a seam of a robot with these arms, by seam and then
+    by arm.
+    """
     arms = tuple(arms)
     return tuple(
         Crossing(seam, arm, channel)

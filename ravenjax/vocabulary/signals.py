@@ -1,8 +1,8 @@
-"""The signals that users' files may see of a robot, by name: the fields of its view, as data. Knows
-nothing of any robot.
+"""Names of the signals that users' files may read from a robot: fields of its view, as data; for
+any robot.
 
-A robot declares those of its view's fields that a monitor can be built on (`Robot.signals`); the
-view itself is code.
+A robot declares the fields of its view that a monitor can use (`Robot.signals`). The view itself is
+code.
 """
 
 from __future__ import annotations
@@ -14,19 +14,19 @@ import dataclasses
 class Signal:
     """One field of a robot's view of an arm."""
 
-    field: str  # of the view
-    layer: str  # code of the robot's layer whose work it is
+    field: str  # field of the view
+    layer: str  # code of the robot's layer that produces it
     meaning: str
-    unit: str  # of every channel that `units` does not name
-    channels: tuple[str, ...]  # of a vector, in order; (): a single number
-    units: tuple[tuple[str, str], ...] = ()  # (channel, unit) of those with another unit
-    together: tuple[
-        tuple[str, tuple[str, ...]], ...
-    ] = ()  # (name, channels) looked at apart from the others
-    bounded: bool = False  # whether its size alone says something, zero being its middle
-    steps: bool = True  # whether its step within 1 ms does
-    against: tuple[str, ...] = ()  # fields of the same channels and units that it should be near
+    unit: str  # unit of every channel that `units` does not name
+    channels: tuple[str, ...]  # channels of a vector, in order; (): a single number
+    units: tuple[tuple[str, str], ...] = ()  # (channel, unit) of channels with another unit
+    # (name, channels) that are evaluated separately
+    together: tuple[tuple[str, tuple[str, ...]], ...] = ()
+    # whether its magnitude alone is meaningful, with zero in the middle
+    bounded: bool = False
+    steps: bool = True  # whether its step within 1 ms is meaningful
+    against: tuple[str, ...] = ()  # fields of the same channels and units that should be near it
 
     def unit_of(self, channel: str) -> str:
-        """Unit of a channel."""
+        """Return the unit of a channel."""
         return dict(self.units).get(channel, self.unit)

@@ -1,9 +1,9 @@
-"""What a fault site is: a seam of a robot's tick, its channels, number types and units. Knows
-nothing of any robot.
+"""What a fault site is: a seam of a robot's tick with its channels, number types and units; for any
+robot.
 
-A robot declares its sites in its own order. The machinery of `ravenjax.faults` is given a site's
-signal and, from the declaration, the path of each channel inside it. `ARM` in a path stands for the
-arm's place in `setup.arms`.
+A robot declares its sites in its own order. `ravenjax.faults` gets a site's signal and, from the
+declaration, the path of each channel inside it. `ARM` in a path stands for the arm's index in
+`setup.arms`.
 """
 
 from __future__ import annotations
@@ -13,14 +13,12 @@ from typing import Literal
 
 ARM = "ARM"
 Kind = Literal["int16", "int24", "int32", "float", "bool"]
-"""Type of a number; an int24, which an encoder's word is, travels as int32 and nothing makes it
-wrap.
-"""
+"""Type of a number. An int24, such as an encoder's word, travels as int32 and never wraps."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Field:
-    """What a number may be where it has fewer values than its type; both ends included."""
+    """The range of a number that has fewer values than its type; both ends are included."""
 
     low: int
     high: int
@@ -39,16 +37,16 @@ class Channel:
     path: tuple[str | int, ...]  # attributes and indices from the site's signal to the number
     kind: Kind
     unit: str
-    field: Field | None = None  # None: whatever its type holds
+    field: Field | None = None  # None: any value of its type
 
     @property
     def bits(self) -> int:
-        """Width of its number."""
+        """Width of the number in bits."""
         return BITS[self.kind] if self.field is None else self.field.bits
 
     @property
     def extent(self) -> tuple[float | None, float | None]:
-        """Least and greatest number that it holds; None, None for a float."""
+        """Least and greatest number that the channel can hold; None, None for a float."""
         if self.field is not None:
             return self.field.low, self.field.high
         if self.kind == "float":
@@ -61,18 +59,18 @@ class Channel:
 
 @dataclasses.dataclass(frozen=True)
 class Site:
-    """One seam of the tick."""
+    """One seam of the tick at which faults can act."""
 
     name: str
     layer: str  # layer code of the fault library: L1 console .. L10 mechanics
     per_arm: bool
     channels: tuple[Channel, ...]
-    where: str  # when it acts, relative to the checks
-    # what a file writes where values are meant that its words do not hold; "": the fault's `wraps`
+    where: str  # when the fault acts, relative to the checks
+    # What a file writes to allow values that do not fit the words; "": the fault's key `wraps`
     beyond: str = ""
 
     def channel(self, name: str) -> Channel:
-        """The channel of that name; KeyError lists those there are."""
+        """Return the channel of that name. Raises KeyError, which lists the channels."""
         for channel in self.channels:
             if channel.name == name:
                 return channel

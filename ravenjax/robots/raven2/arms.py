@@ -1,5 +1,5 @@
-"""Names of the arms and of their joints, in the order of every array. Without jax, for readers
-of results.
+"""Names of the arms and their joints, in the order of every array. Without JAX, for readers of
+results.
 """
 
 from __future__ import annotations
@@ -18,6 +18,6 @@ JOINTS: tuple[str, ...] = (
     "grasp2",
 )
 LEADING: tuple[int, ...] = (5,)
-"""Lengths of vectors that are of the first joints only: the jaws have no limits of their own."""
+"""Lengths of vectors that hold the first joints only: the jaws have no limits of their own."""
 LINEAR: tuple[str, ...] = ("insertion",)
-"""Those of the joints that slide: m, where the others have rad."""
+"""Joints that slide: their unit is m, where the others have rad."""

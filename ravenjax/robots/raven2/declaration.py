@@ -1,4 +1,4 @@
-"""What the Raven-II declares of itself, without JAX: `declaration.toml` as records."""
+"""The Raven-II's declaration as records, read from `declaration.toml`, without JAX."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _FIELDS = {name: Field(**field) for name, field in _TABLES["fields"].items()}
 
 
 def _channels(table: dict[str, Any]) -> list[tuple[str, str, tuple[str | int, ...]]]:
-    """(name, unit, path) of the channels that one table stands for."""
+    """Return (name, unit, path) of the channels that one table describes."""
     names, unit = table["names"], table["unit"]
     several = str(names) in _NAMES
     units = {"insertion": table.get("linear", unit)}
@@ -77,19 +77,19 @@ LAYERS: dict[str, str] = _TABLES["layers"]
 """Name of each layer, in the robot's order."""
 
 PHASES: dict[str, str] = _TABLES["phases"]
-"""Phases of an operation, each with when it is."""
+"""Phases of an operation, and when each takes place."""
 
 CHECKS = {name: Check(name, **table) for name, table in _TABLES["checks"].items()}
 """Built-in checks in the order of the loop."""
 
 CHECK_SEAMS: dict[str, str] = _TABLES["check_seams"]
-"""Where a user's check may stand, in the order of the tick."""
+"""Seams at which a user's check may read, in the order of the tick."""
 
 SITES = {name: _site(name, table) for name, table in _TABLES["sites"].items()}
-"""Where faults can strike, in the order of the tick."""
+"""Fault sites, in the order of the tick."""
 
 SEAMS = {name: _seam(name, table) for name, table in _TABLES["seams"].items()}
-"""Every seam in the order of the tick."""
+"""Every seam, in the order of the tick."""
 
 SIGNALS = tuple(_signal(name, table) for name, table in _TABLES["signals"].items())
-"""What a monitor can look at, in the order of the tick."""
+"""Signals that a monitor can use, in the order of the tick."""

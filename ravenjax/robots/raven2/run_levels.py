@@ -5,4 +5,4 @@ from __future__ import annotations
 E_STOP, INIT, PEDAL_UP, PEDAL_DOWN = 0, 1, 2, 3
 
 NAMES = ("E-stop", "init", "pedal up", "pedal down")
-"""By number."""
+"""Names of the run levels, by number."""

@@ -1,4 +1,4 @@
-"""What picks the code of a Raven-II's tick."""
+"""Static choices that select the code of a Raven-II's tick."""
 
 from __future__ import annotations
 
@@ -12,45 +12,37 @@ from ravenjax.vocabulary.parts import OwnSource
 
 @dataclasses.dataclass(frozen=True)
 class RavenSetup(setup.Setup):
-    """Everything that picks code. Static and hashable: one Setup, one compile."""
+    """Everything that selects the code of the tick. Static and hashable: each setup is compiled
+    once.
+    """
 
     joints: ClassVar[tuple[str, ...]] = JOINTS
     leading_joints: ClassVar[tuple[int, ...]] = LEADING
     arms: tuple[ArmName, ...] = ("gold",)  # in mechanism order, gold first
-    software: Literal["raven2", "fork2015"] = (
-        "raven2"  # present raven2 software, or the 2015 simulator fork
-    )
-    tools: tuple[str, ...] = (
-        "r_grasper",
-    )  # one per arm, a name of ravenjax.robots.raven2.geometry.tools
-    build: Literal["robot", "dyn_sim", "dyn_sim_tools"] = (
-        "robot"  # for the robot, or a dynamics simulator of the fork
-    )
-    console: Literal["increments", "absolute"] = (
-        "increments"  # what a packet carries (spec 5.3, 5.4)
-    )
-    dac_words: Literal["wrap", "saturate", "unwrapped"] = (
-        "wrap"  # how a faulty DAC command is stored for USB
-    )
+    # the present raven2 software, or the 2015 simulator fork
+    software: Literal["raven2", "fork2015"] = "raven2"
+    # one per arm, a name of ravenjax.robots.raven2.geometry.tools
+    tools: tuple[str, ...] = ("r_grasper",)
+    # how the fork is built: for the robot, or for a dynamics simulator
+    build: Literal["robot", "dyn_sim", "dyn_sim_tools"] = "robot"
+    # what a packet carries (spec 5.3, 5.4)
+    console: Literal["increments", "absolute"] = "increments"
+    # how a faulty DAC command is stored for USB
+    dac_words: Literal["wrap", "saturate", "unwrapped"] = "wrap"
     substeps: int = 1  # plant steps per 1 ms tick
-    packets: tuple[
-        tuple[float, ...], ...
-    ] = ()  # shares of packets that last 1, 2, .. cycles, by choice; (): all one
-    packet_history: int = (
-        0  # ms; where `packets`: how old those may be that faults of the network send again
-    )
-    cables: Literal["unwatched", "unbreakable", "break"] = (
-        "unwatched"  # whether their load is an outcome; what it does
-    )
+    # shares of packets that last 1, 2, .. cycles, by choice; (): all packets last equally long
+    packets: tuple[tuple[float, ...], ...] = ()
+    # ms; with `packets`: how old the packets may be that faults of the network send again
+    packet_history: int = 0
+    # whether the cables' load is an outcome, and what an overload does
+    cables: Literal["unwatched", "unbreakable", "break"] = "unwatched"
     contact: bool = False  # instruments touch tissue, vessel and each other
-    command_delay: int = 0  # ms, the longest that a DAC command may take from USB write to motor
-    controller: tuple[
-        tuple[str, OwnSource], ...
-    ] = ()  # (stage of `loop.user_files`, file of one's own in its place)
-    hands: OwnSource | None = None  # the operator, where it is a file of one's own
-    explained: tuple[
-        tuple[float, float] | None, ...
-    ] = ()  # normal range of each number that `loop.explained` compares
+    command_delay: int = 0  # ms, longest delay of a DAC command from USB write to motor
+    # (stage of `loop.user_files`, user's file that replaces it)
+    controller: tuple[tuple[str, OwnSource], ...] = ()
+    hands: OwnSource | None = None  # a user's file that replaces the operator
+    # normal range of each number that `loop.explained` compares
+    explained: tuple[tuple[float, float] | None, ...] = ()
 
     def __post_init__(self) -> None:
         if len(self.tools) != len(self.arms):

@@ -1,3 +1,3 @@
-"""Control software and virtual robot as a C library: header, code, example. Who asks for them
-writes the files.
+"""Control software and virtual robot as a C library: header, code and example; the caller writes
+the files.
 """

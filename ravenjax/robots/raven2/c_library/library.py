@@ -1,10 +1,10 @@
-"""The C library of one robot: its header, its code as LLVM IR, an example program.
+"""Generates the C library of one robot: its header, its code as LLVM IR, and an example program.
 
-Its code is the printed code of `ControlSoftware` and `VirtualRobot`, so it has their bits on every
-CPU: each operation is one IEEE operation and functions are the C library's. A call reads and writes
-the four structs that it is handed, and nothing else: no allocation, no globals, no locks.
+The code is that of `ControlSoftware` and `VirtualRobot`, printed as LLVM IR. It gives their bits on
+every CPU, because each operation is one IEEE operation and the functions come from the C library. A
+call reads and writes only the four structs that it gets: no allocation, no globals, no locks.
 
-The structs lie in memory as the compiled code finds them.
+The structs have the memory layout that the compiled code expects.
 """
 
 from __future__ import annotations
@@ -34,25 +34,25 @@ TYPES = {
     "int64": "int64_t",
     "bool": "int32_t",
 }
-"""Type of a number -> that of C; a truth value is 0 or -1."""
+"""Type of a number -> its C type; a truth value is 0 or -1."""
 _FUNCTIONS = {
     "raven_control_cycle": "cycle",
     "raven_control_receive": "receive",
     "raven_robot_step": "robot",
 }
-"""Function of the library -> its transition."""
+"""Function of the library -> the transition that it performs."""
 
 
 class CLibrary(NamedTuple):
-    """The library in texts."""
+    """The library as texts."""
 
     header: str
     code: str  # LLVM IR
-    example: str  # a C program that closes the loop of the two
+    example: str  # a C program that connects the two in a closed loop
 
 
 class Member(NamedTuple):
-    """Numbers of one type in a struct, one after the other."""
+    """Consecutive numbers of one type in a struct."""
 
     type: str
     name: str
@@ -65,12 +65,13 @@ class Struct(NamedTuple):
 
     members: list[Member]
     bytes: int
-    unused: int  # bytes at its end
+    unused: int  # padding bytes at its end
 
 
 def library(software: ControlSoftware, robot: VirtualRobot) -> CLibrary:
-    """The library of these two, as they are set and where they stand. UserError where they do
-    not belong together.
+    """Return the library of this software and robot, with their present settings and state.
+
+    Raises UserError if the two do not belong together.
     """
     arms = software.setup.arms
     if arms != robot.setup.arms or software.setup.tools != robot.setup.tools:
@@ -127,10 +128,10 @@ def _code(software: ControlSoftware, robot: VirtualRobot) -> str:
 
 
 def _structs(software: ControlSoftware, robot: VirtualRobot) -> dict[str, Struct]:
-    """Struct of each record, by its name in the header without "raven_"."""
+    """Return the struct of each record, by its name in the header without "raven_"."""
     structs = dict[str, Struct]()
     for part, own in (("control", software), ("robot", robot)):
-        units: dict[str, dict[str, None]] = {}  # a dict keeps their order
+        units: dict[str, dict[str, None]] = {}  # a dict keeps the order
         for path, limits in quantity.quantities(type(own.params)):
             units.setdefault(path, {})[limits.unit] = None
         for what in ("params", "state", "inputs", "signals"):
@@ -145,9 +146,11 @@ def _structs(software: ControlSoftware, robot: VirtualRobot) -> dict[str, Struct
 def members_of(
     kind: RecordKind, arms: Sequence[str], units: Mapping[str, Iterable[str]]
 ) -> list[Member]:
-    """The members of a record's struct, in order. Records within it give one member a field, named
-    by the way there; numbers of a Vec are an array, and so are those of several arms that stand
-    side by side. units: by path, without arms."""
+    """Return the members of a record's struct, in order.
+
+    A record within it gives one member per field, named by the path to the field. The numbers of a
+    Vec are an array, and so are adjacent numbers of several arms. units: by path, without arms.
+    """
 
     def members(place: Any, path: tuple[str, ...]) -> Iterator[Member]:
         types, shape = {kind.layout.types[k] for k in tree.leaves(place)}, _shape(place)
@@ -167,7 +170,9 @@ def members_of(
 
 
 def _shape(place: Any) -> tuple[int, ...] | None:
-    """Dimensions of a number or of equally long tuples of them; None for anything else."""
+    """Return the dimensions of a number or of equally long tuples of numbers; None for anything
+    else.
+    """
     try:
         return np.array(place, dtype=int).shape
     except (TypeError, ValueError):

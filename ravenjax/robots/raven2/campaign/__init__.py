@@ -1,7 +1,7 @@
-"""What a campaign file may say of a Raven-II, and what a campaign asks of it; see
-`ravenjax.campaign.prepared`.
+"""The Raven-II's sections of a campaign file, and what a campaign needs from the robot.
 
-Names are imported when they are first used: a file is read and checked without the tick.
+See `ravenjax.campaign.prepared`. Names are imported when they are first used, so a file can be read
+and checked without the tick.
 """
 
 from __future__ import annotations

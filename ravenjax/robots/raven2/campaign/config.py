@@ -1,4 +1,4 @@
-"""A whole campaign file of a Raven-II: its sections together, and what follows from them."""
+"""A whole campaign file of a Raven-II: its sections, and the properties that follow from them."""
 
 from __future__ import annotations
 
@@ -51,9 +51,7 @@ class RavenConfig(CampaignConfig):
 
     @model_validator(mode="after")
     def _draw_errors(self) -> RavenConfig:
-        """Kinematic errors become parameters that are drawn, beside those of the file, which
-        come first.
-        """
+        """Add the parameters of kinematic errors, which are drawn, after those of the file."""
         if self.campaign.kinematic_errors == "measured":
             crossed = self.cross.keys() | {path for group in self.group for path in group.cross}
             axes = {
@@ -67,8 +65,9 @@ class RavenConfig(CampaignConfig):
         return self
 
     def with_files(self, folder: Path) -> CampaignConfig:
-        """The same with the recorded operator and users' files taken from `folder`. Raises
-        UserError.
+        """Return the configuration with recorded operator and users' files read from `folder`.
+
+        Raises UserError.
         """
         new = super().with_files(folder)
         if self.controller is not None:
@@ -76,7 +75,7 @@ class RavenConfig(CampaignConfig):
         return new.model_copy(update={"operator": self.operator.located(folder)})
 
     def own_parts(self) -> Iterator[tuple[str, OwnSource]]:
-        """(beginning of its parameters' paths, code) of each user's file. Raises UserError."""
+        """Yield (prefix of its parameters' paths, code) for each user's file. Raises UserError."""
         yield from super().own_parts()
         for stage, source in () if self.controller is None else self.controller.parts():
             yield f"control.own.{stage}", source
@@ -85,7 +84,7 @@ class RavenConfig(CampaignConfig):
 
     @property
     def tools(self) -> tuple[str, ...]:
-        """One tool name per arm."""
+        """Tool names, one per arm."""
         defaults = DEFAULT_TOOLS[self.campaign.software]
         return self.campaign.tools or tuple(defaults[arm] for arm in self.campaign.arms)
 
@@ -96,26 +95,28 @@ class RavenConfig(CampaignConfig):
 
     @property
     def reacts(self) -> bool:
-        """Whether the operator may react to the cue."""
+        """Whether the operator may react to the haptic cue."""
         return self.reaction is not None
 
     @property
     def watches_cables(self) -> bool:
-        """Whether the mechanics have tensions that can be set beside a cable's strength."""
+        """Whether the mechanics have cable tensions that can be compared with a cable's
+        strength.
+        """
         return parameter_sets.tells_tension(self.campaign.parameter_set)
 
     @property
     def touches(self) -> bool:
-        """Whether what its robot presses on is an outcome."""
+        """Whether contact forces of the robot are outcomes."""
         return self.campaign.contact
 
     @property
     def robot_label(self) -> str:
-        """What runs: the control software."""
+        """Name of the control software that runs."""
         return self.campaign.software
 
     def lines(self) -> Iterator[tuple[str, str]]:
-        """(what, in words) of what the file says of the robot and its operator."""
+        """Yield (heading, text) of what the file says about robot and operator."""
         yield from super().lines()
         operator = self.operator
         what = (
@@ -154,7 +155,7 @@ class RavenConfig(CampaignConfig):
         return f"; at the cue: {MEANINGS[self.reaction.action]}"
 
     def settings(self) -> dict[str, Any]:
-        """The same as JSON has it."""
+        """Return the same as `lines` in the form of JSON."""
         return super().settings() | {
             "software": self.campaign.software,
             "operator": self.operator.model_dump(mode="json", exclude_none=True),
@@ -164,7 +165,7 @@ class RavenConfig(CampaignConfig):
 
     @property
     def substeps(self) -> int:
-        """Steps of the plant in a tick."""
+        """Number of plant steps in a tick."""
         return self.campaign.substeps
 
     def generated_motions(self) -> tuple[str, ...]:
@@ -172,7 +173,7 @@ class RavenConfig(CampaignConfig):
         return tuple(MOTIONS)
 
     def complaints(self) -> Iterator[Complaint]:
-        """(key, message) of what is wrong with the robot's own words."""
+        """Yield (key, message) for each mistake in the robot's own sections."""
         hands = self.operator.hands
         if hands is not None and self.reaction is not None:
             yield (
@@ -203,7 +204,7 @@ class RavenConfig(CampaignConfig):
         for g, group in enumerate(self.group):
             longest = self.longest_packet if self.random_packets else 1
             age = min(older_packets.age_ms((group,), longest), self.campaign.ticks)
-            # packets of before are made anew from the plan
+            # Older packets are computed again from the plan
             if hands is not None and age > 0:
                 yield (
                     ("group", g),
@@ -223,7 +224,7 @@ class RavenConfig(CampaignConfig):
 
     @property
     def random_packets(self) -> bool:
-        """Whether packets of some run last a number of cycles that is drawn."""
+        """Whether the length of packets is drawn in some run."""
         axes = [table.get("network.packets") for _, table in self.parameter_tables()]
         return self.campaign.packet_choice != packets.EVERY_CYCLE or any(
             axis is not None and any(axis.values) for axis in axes
@@ -235,8 +236,8 @@ class RavenConfig(CampaignConfig):
 
     @property
     def packet_history(self) -> int:
-        """How old a packet may be that faults send where lengths are drawn, ms; 0: none is sent
-        again.
+        """Return the age in ms that a packet sent by faults may have, if lengths are drawn; 0: none
+        is sent again.
         """
         if not self.random_packets:
             return 0
@@ -244,24 +245,24 @@ class RavenConfig(CampaignConfig):
 
     @property
     def longest_packet(self) -> int:
-        """Cycles that a packet lasts at most, where lengths are drawn."""
+        """Return the largest number of cycles that a packet may last, if lengths are drawn."""
         own = self.campaign.packet_shares
         return max(map(len, (own, *packets.SHARES) if self._packets_varied else (own,)))
 
     @property
     def cycles_a_packet(self) -> float:
-        """Cycles that a packet lasts at the mean, where all runs have the same distribution;
-        else 1, the least.
+        """Return the mean number of cycles per packet if all runs have the same distribution, else
+        1, the least.
         """
         return 1.0 if self._packets_varied else packets.mean(self.campaign.packet_shares)
 
     def unread(self, path: str) -> str:
-        """Why nothing reads the parameter of that path in this campaign; "" where something
-        does.
+        """Return why the parameter of that path has no effect in this campaign; "" if it
+        has one.
         """
         if path == "control.overdrive.dac_max.grasp2":
             return "nothing reads it: the original's check never looks at grasp2"
-        from ravenjax.campaign.file import bounds  # not before there is a tick
+        from ravenjax.campaign.file import bounds  # imported late, because it needs the tick
 
         for quantity in bounds.of(self.robot, path):
             key, value = quantity.read_when or ("", "")
@@ -273,18 +274,20 @@ class RavenConfig(CampaignConfig):
         return ""
 
     def says_beyond(self, fault: Fault) -> bool:
-        """Whether values beyond 16 bits are meant: by `wraps`, or at USB words by `dac_words`."""
+        """Return whether values beyond 16 bits are intended: by `wraps`, or at USB words by
+        `dac_words`.
+        """
         return super().says_beyond(fault) or (
             fault.site == "usb_out" and self.campaign.dac_words is not None
         )
 
     def deciding(self) -> dict[str, Any]:
-        """What decides the outcome of every run alike, for run ids. What is at its default is
+        """Return what affects the outcome of every run alike, for run ids. Defaults are
         left out.
         """
         content = super().deciding()
         campaign = content["campaign"]
-        if campaign.get("dac_words") == "wrap":  # as without the key
+        if campaign.get("dac_words") == "wrap":  # same as without the key
             del campaign["dac_words"]
         files = {"file", "hands", "hands_sha256"}
         operator = self.operator.model_dump(mode="json", exclude=files, exclude_defaults=True)
@@ -304,7 +307,7 @@ class RavenConfig(CampaignConfig):
 
 
 def of_raven(config: CampaignConfig) -> RavenConfig:
-    """A campaign that must be one of a Raven-II. Raises UserError where it is of another robot."""
+    """Return the campaign as one of a Raven-II. Raises UserError if it is of another robot."""
     if not isinstance(config, RavenConfig):
         raise UserError(
             f"campaign.robot is {config.campaign.robot!r}: this needs a campaign of a Raven-II"

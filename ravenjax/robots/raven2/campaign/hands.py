@@ -1,4 +1,4 @@
-"""The operator of a campaign: a generated motion, or a recorded one as it is replayed."""
+"""The operator's motion in a campaign: a generated motion, or a replayed recording."""
 
 from __future__ import annotations
 
@@ -18,10 +18,9 @@ from ravenjax.store.motion.summary import MotionSummary
 
 
 def operator_replay(config: RavenConfig, ticks: int | None = None) -> OperatorReplay | None:
-    """What becomes of a recorded operator in `ticks` ms, by default those of a run; None for a
-    generated motion.
+    """Return the replay of a recorded operator over `ticks` ms, by default the length of a run.
 
-    Raises UserError for a file that cannot be used as the campaign has it.
+    Returns None for a generated motion. Raises UserError for a file that the campaign cannot use.
     """
     operator = config.operator
     if operator.file is None:
@@ -33,7 +32,7 @@ def operator_replay(config: RavenConfig, ticks: int | None = None) -> OperatorRe
 
 
 def operator_bounds(config: RavenConfig) -> Bounds:
-    """Soft limits of the positioning joints, the roll and the wrist in a campaign."""
+    """Return the soft limits of the positioning joints, the roll and the wrist in a campaign."""
     soft = limits.soft_limits(config.tools[0], config.campaign.software)
     own = config.limits.si()
     pairs = zip(JOINTS, zip(soft.lower[:5], soft.upper[:5], strict=True), strict=False)
@@ -42,8 +41,9 @@ def operator_bounds(config: RavenConfig) -> Bounds:
 
 
 def scaled(replay: OperatorReplay, scales: np.ndarray | None) -> MotionSummary:
-    """The summary of a replay whose teleoperation scale a campaign varies; UserError where that
-    leaves the limits.
+    """Return the summary of a replay under the teleoperation scales that a campaign varies.
+
+    Raises UserError if a scale takes the replay beyond the limits.
     """
     if scales is None or np.isnan(scales).all():
         return replay.summary
@@ -53,7 +53,7 @@ def scaled(replay: OperatorReplay, scales: np.ndarray | None) -> MotionSummary:
 
 
 def operator_motion(config: RavenConfig) -> Motion:
-    """The operator's motion, one row a tick of the run."""
+    """Return the operator's motion, one row per tick of the run."""
     operator, arms = config.operator, config.campaign.arms
     if (replay := operator_replay(config)) is not None:
         return replay.motion

@@ -1,5 +1,5 @@
-"""A campaign's program with an observer in its loop: signals of detectors, or the comparison with
-the golden run.
+"""Adds an observer to a campaign's program: detector signals, or the comparison with the golden
+run.
 """
 
 from __future__ import annotations
@@ -13,25 +13,26 @@ from ravenjax.robots.raven2.loop import watched as watched_loop
 from ravenjax.vocabulary.seams import Crossing
 
 ROUNDED = 5e-6
-"""Ranges are written with six digits: an end is so much of itself farther out, lest it exclude
-what was measured.
+"""Relative margin by which each end of a range is widened.
+
+Ranges are written with six digits; without the margin an end could exclude a measured value.
 """
 
 
 def watched(program: TickProgram) -> TickProgram:
-    """The same runs with signals of their detectors alone."""
+    """Return a program of the same runs that outputs only the signals of their detectors."""
     return dataclasses.replace(program, module=watched_loop.__name__)
 
 
 def explained(program: TickProgram) -> TickProgram:
-    """The same runs, each compared with its golden run number by number."""
+    """Return a program of the same runs, each compared with its golden run number by number."""
     spans = tuple(normal_range(place) for place in explained_loop.listing(program.setup))
     setup = dataclasses.replace(program.setup, explained=spans)
     return dataclasses.replace(program, module=explained_loop.__name__, setup=setup)
 
 
 def normal_range(place: Crossing) -> tuple[float, float] | None:
-    """Normal range of a number in its unit, None where nobody measured one."""
+    """Return the normal range of a number in its unit, None if no range was measured."""
     if not place.channel.site:
         return None
     usual = ranges.normal(place.channel.site, place.channel.name, place.arm)

@@ -1,7 +1,8 @@
-"""How old a packet may be that faults of the network send, where the lengths of packets are drawn.
+"""Bounds the age of the packets that network faults send again, if the lengths of packets are
+drawn.
 
-Without draws the place of an older packet in the motion follows from its number. With them the tick
-remembers when packets were sent, and must know beforehand for how long.
+Without draws, the place of an older packet in the motion follows from its number. With draws, the
+tick remembers when packets were sent, and must know beforehand for how long.
 """
 
 from __future__ import annotations
@@ -14,21 +15,23 @@ from ravenjax.stages.channel import DELAY_MS, JITTER_MS
 from ravenjax.vocabulary.effects import NETWORK_EFFECTS
 
 LONGEST_MS = 8192
-"""The longest history that a tick keeps: 256 words, with 9 000 operations beside 11 400 of the
-rest of a tick.
+"""The longest history that a tick keeps.
+
+It has 256 words, and needs 9 000 operations beside 11 400 of the rest of a tick.
 """
 
 _CHANNELS = ("lag", "delay")
-"""Channels that count packets."""
+"""Channels whose unit is packets."""
 _JITTER_MS = math.ceil(DELAY_MS[1] + JITTER_MS[1])
 _ALONE = ("overwrite", "offset", "latch_offset", "periodic", "random", "toggle")
-"""Effects that add no more than their value to what other faults make of a channel."""
+"""Effects that add no more than their value to a channel that other faults change."""
 
 
 def age_ms(groups: Iterable[Group], longest: int) -> float:
-    """Age of the oldest packet of all runs, ms; 0: none is sent again; infinite: any may be.
+    """Return the age of the oldest packet of all runs, ms; 0: none is sent again; infinite:
+    unbounded.
 
-    longest: cycles that a packet lasts at most.
+    longest: largest number of cycles that a packet lasts.
     """
     runs = (
         faults
@@ -39,7 +42,7 @@ def age_ms(groups: Iterable[Group], longest: int) -> float:
 
 
 def _age_ms(faults: Iterable[Fault], longest: int) -> float:
-    """The same of one run, or of runs that differ in values alone."""
+    """Return the same age for one run, or for runs that differ in values only."""
     counts = [
         count
         for fault in faults
@@ -50,15 +53,13 @@ def _age_ms(faults: Iterable[Fault], longest: int) -> float:
     late = any(fault.site == "network" and "jitter" in _channels(fault) for fault in faults)
     if not counts and not late:
         return 0.0
-    # Of the packet before, too: increments are since then. And the newest may be `longest` old when
-    # it is asked for.
+    # The packet before it is needed, too, because increments count from it. And the newest packet
+    # may be `longest` old when it is needed.
     return (sum(counts) + 2) * longest + (_JITTER_MS if late else 0)
 
 
 def _packets(fault: Fault) -> float | None:
-    """The longest delay by a fault of the network, in packets; None for a fault at another
-    channel.
-    """
+    """Return the longest delay by a fault of the network, in packets; None for another channel."""
     if not set(_channels(fault)) & set(_CHANNELS):
         return None
     most = 0.0
@@ -74,7 +75,7 @@ def _packets(fault: Fault) -> float | None:
 
 
 def _channels(fault: Fault) -> set[str]:
-    """Channels of site network where a fault may act."""
+    """Return the channels of site network on which a fault may act."""
     bound = {
         NETWORK_EFFECTS[effect].channel
         for effect in fault.effect.listed

@@ -1,9 +1,9 @@
-"""Which milliseconds of a campaign belong to which phase: by the operator's motion at the setup
-that the file has.
+"""Computes which milliseconds of a campaign belong to which phase, from the operator's planned
+motion.
 
-Scale and packets are those of the file where it has one number for all runs, else the documented
-ones. What noise, drawn packets, a cue or a fault make of the motion is not in it: phases are the
-plan's, and the same for all runs.
+Scale and packets are those of the file if it has one number for all runs, else the documented ones.
+Phases are those of the plan, and the same for all runs: changes by noise, drawn packets, a cue or a
+fault are not included.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from ravenjax.robots.raven2.geometry import kinematics, scene
 from ravenjax.robots.raven2.geometry.mapping import position_from_itp
 
 WINDOW = 20
-"""Milliseconds over which a speed is taken: a recording's rows are rounded."""
+"""Milliseconds over which a speed is averaged, because a recording's rows are rounded."""
 
 
 def phases(config: RavenConfig) -> dict[str, np.ndarray]:
-    """The intervals of each phase, int64 [intervals, 2]: the first tick, and the first tick after
-    it.
+    """Return the intervals of each phase, int64 [intervals, 2]: the first tick, and the first tick
+    after it.
 
-    Raises UserError for an operator's file that cannot be used.
+    Raises UserError if the operator's file cannot be used.
     """
     motion, ticks = hands.operator_motion(config), config.campaign.ticks
     cycles = (
@@ -42,7 +42,8 @@ def phases(config: RavenConfig) -> dict[str, np.ndarray]:
         config.campaign.software, motion.surgeon_mode > 0, cycles, bool(obeyed), ticks
     )
     scale = _number(config, "operator.scale", config.operator.scale)
-    follows = np.full(len(motion), config.campaign.console == "absolute")  # which has no clutch
+    # absolute positions have no clutch
+    follows = np.full(len(motion), config.campaign.console == "absolute")
     follows[row[down]] = True
     follows &= (motion.surgeon_mode > 0) | (config.campaign.console == "absolute")
     way = _way(motion, scale, follows)
@@ -62,23 +63,24 @@ def phases(config: RavenConfig) -> dict[str, np.ndarray]:
 
 
 def _number(config: RavenConfig, path: str, own: float) -> float:
-    """A parameter that the file sets for all runs; else `own`."""
+    """Return a parameter that the file sets for all runs, else `own`."""
     axis = config.parameters.get(path)
     return own if axis is None or axis.kind != "fixed" else float(axis.values[0])
 
 
 def _way(motion: Motion, scale: float, follows: np.ndarray) -> np.ndarray:
-    """Where the operator has each tip in each row, m from where it began, axes of an ITP packet;
-    [rows, arms, 3].
+    """Return the tip displacement that the operator asks for, m, axes of an ITP packet; [rows,
+    arms, 3].
 
-    follows: bool [rows], whether it goes with the hand.
+    follows: bool [rows], whether the tip follows the hand. The displacement is relative to the
+    start.
     """
     steps = np.diff(motion.position_um, axis=0, prepend=motion.position_um[:1]) * (scale * 1e-6)
     return np.cumsum(np.where(follows[:, None, None], steps, 0.0), axis=0)
 
 
 def _speed(way: np.ndarray) -> np.ndarray:
-    """Speed of the faster tip in each row of `way`, m a row."""
+    """Return the speed of the faster tip in each row of `way`, m per row."""
     rows = np.arange(len(way))
     before, after = np.maximum(rows - WINDOW // 2, 0), np.minimum(rows + WINDOW // 2, len(rows) - 1)
     return np.linalg.norm(way[after] - way[before], axis=2).max(axis=1) / np.maximum(
@@ -87,7 +89,7 @@ def _speed(way: np.ndarray) -> np.ndarray:
 
 
 def _depth(motion: Motion, i: int, arm: ArmName, way: np.ndarray) -> np.ndarray:
-    """How far below the tissue's surface a tip is after `way` [rows, 3], m."""
+    """Return the depth of a tip below the tissue's surface after `way` [rows, 3], m."""
     with at_once():
         start = kinematics.forward(arm, Vec(map(np.float64, motion.start_jpos[i]))).position
         tip = Vec(a + b for a, b in zip(start, position_from_itp(arm, Vec(way.T)), strict=True))
@@ -95,5 +97,5 @@ def _depth(motion: Motion, i: int, arm: ArmName, way: np.ndarray) -> np.ndarray:
 
 
 def _stretches(mask: np.ndarray) -> np.ndarray:
-    """Begin and end of each stretch of a mask [ticks], int64 [stretches, 2]."""
+    """Return begin and end of each run of true ticks in a mask [ticks], int64 [stretches, 2]."""
     return np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)

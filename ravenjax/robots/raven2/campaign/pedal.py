@@ -1,11 +1,11 @@
-"""When the pedal of a Raven-II is down and its packets come, from the operator's motion and what a
-campaign varies.
+"""Computes before a run when a Raven-II is in pedal-down and when its packets come.
 
-From foot to software the pedal goes through numbers that no motor turns: packet, software, PLC and
-back. Here they are followed alone, tick by tick around each change of the foot. What else can lift
-the pedal stops the robot for good (the PLC's trip latches), or is an operator who lets go: then it
-is down until then, and not again. A user's operator may press it
-again at an unknown time, but not earlier than planned.
+The inputs are the operator's motion and the parameters that a campaign varies. From foot to
+software, the pedal passes through packet, software, PLC and back; none of these numbers depends on
+a motor. They are simulated alone, tick by tick around each change of the foot. Two other things can
+lift the pedal. One stops the robot for good, because the PLC's trip latches. The other is an
+operator who lets go. The pedal is then down until that moment, and not again. A user's operator may
+press it again at an unknown time, but not earlier than planned.
 """
 
 from __future__ import annotations
@@ -26,15 +26,16 @@ from ravenjax.stages import packet_clock
 from ravenjax.vocabulary.reactions import SLOW
 
 MOVING = ("network", "packet_header", "usb_status", "runlevel", "pins_out", "plc", "buttons")
-"""Sites where a fault may move the pedal, or start a robot that has stopped; so may the pins of
-site usb_in.
+"""Sites where a fault may move the pedal, or start a robot that has stopped.
+
+The pins of site usb_in may do so, too.
 """
 
 LATENCY = 8
-"""Ticks from a packet until the software has followed its pedal, and a few more."""
+"""Ticks from a packet until the software has followed its pedal, with a margin."""
 
 BLOCK = 2**20
-"""Packets whose lengths are drawn at a time."""
+"""Number of packets whose lengths are drawn at a time."""
 
 
 def clocks(
@@ -43,7 +44,7 @@ def clocks(
     varied: Mapping[str, np.ndarray],
     runs: int,
 ) -> Clocks:
-    """Clocks of triggers in the runs of a campaign; see `ravenjax.campaign.prepared`."""
+    """Return the clocks of triggers in the runs of a campaign; see `ravenjax.campaign.prepared`."""
     setup, params, ticks = program.setup, program.params, program.ticks
 
     def numbers(path: str, own: int) -> np.ndarray:
@@ -95,7 +96,7 @@ def clocks(
 
 
 def planned(software: str, foot: np.ndarray, cycles: int, plc: bool, ticks: int) -> np.ndarray:
-    """Ticks in which the robot is in pedal-down where nothing stops it, bool [ticks].
+    """Return the ticks in which the robot is in pedal-down if nothing stops it, bool [ticks].
 
     foot: bool [rows of the motion], whether it is on the pedal. cycles: ticks that a packet lasts.
     plc: whether the software obeys the PLC.
@@ -119,7 +120,8 @@ def _arrivals(
 ) -> EvenPackets | DrawnPackets | None:
     if (
         setup.build != "robot"
-    ):  # a simulator's packet generator ends with the robot's software E-stop
+        # a simulator's packet generator ends with the robot's software E-stop
+    ):
         return None
     if not setup.packets:
         return EvenPackets(cycles, ticks)
@@ -128,7 +130,7 @@ def _arrivals(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class EvenPackets:
-    """Packets that last as long as each other; as `faults.clocks.Arrivals`."""
+    """Packets that all last equally long; implements `faults.clocks.Arrivals`."""
 
     cycles: np.ndarray  # int64 [runs]
     ticks: int
@@ -142,10 +144,10 @@ class EvenPackets:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class DrawnPackets:
-    """Packets whose lengths each run draws; as `faults.clocks.Arrivals`."""
+    """Packets whose lengths each run draws; implements `faults.clocks.Arrivals`."""
 
     shares: tuple[tuple[float, ...], ...]  # as RavenSetup.packets
-    choice: np.ndarray  # int64 [runs], which of them
+    choice: np.ndarray  # int64 [runs], index in `shares`
     key: np.ndarray  # uint32 [runs]
     ticks: int
 
@@ -165,8 +167,10 @@ class DrawnPackets:
         return count
 
     def _drawn(self, rows: np.ndarray, most: int) -> Iterator[tuple[np.ndarray, int, np.ndarray]]:
-        """Places in `rows`, the number of packets before, and the ticks [places, packets] in which
-        the next ones come, up to `most` packets a run."""
+        """Yield the arrival ticks of the next packets, up to `most` packets per run.
+
+        Each item is (indices in `rows`, number of earlier packets, ticks [indices, packets]).
+        """
         wide = min(most, 4096)
         high = max(1, BLOCK // wide)
         for top in range(0, len(rows), high):
@@ -187,23 +191,25 @@ class DrawnPackets:
 
 @dataclasses.dataclass(frozen=True)
 class _Foot:
-    """On which way the foot's pedal becomes the robot's."""
+    """How the foot's pedal reaches the robot's run level."""
 
-    least: int  # ticks that a packet lasts at least
-    longest: int  # and at most
+    least: int  # least ticks that a packet lasts
+    longest: int  # most ticks that a packet lasts
     plc: bool  # whether the software obeys the PLC
 
 
 def _level(software: str) -> int:
-    """The run level in which a run begins."""
+    """Return the run level in which a run begins."""
     return PEDAL_UP if software == "raven2" else PEDAL_DOWN
 
 
 def _phases(
     level: int, foot: np.ndarray, way: _Foot, random: bool, unknown: bool, ticks: int
 ) -> PedalPhases:
-    """level: in which a run begins; foot: as in `planned`; random: whether the packets' lengths
-    are drawn.
+    """Return the phases in which the pedal is down.
+
+    level: run level in which a run begins; foot: as in `planned`; random: whether the packets'
+    lengths are drawn.
     """
     cycles = 1 if random else way.least
     changes = np.flatnonzero(np.diff(foot.astype(np.int8), prepend=np.int8(0))) * cycles
@@ -219,12 +225,12 @@ def _phases(
 
 
 def _turns(changes: Sequence[int], level: int, plc: bool, ticks: int) -> Iterator[int]:
-    """Ticks before `ticks` in which the pedal's clock begins to count, and in which it stops, by
-    turns.
+    """Yield the ticks before `ticks` in which the pedal's clock starts to count and stops,
+    alternately.
 
     changes: ticks in which a packet with another position of the foot comes, the first one down.
-    level: run level in which the robot begins. As `state_machine.adopt` and `plc.step`, while
-    nothing stops the robot.
+    level: run level in which the robot begins. The rules are those of `state_machine.adopt` and
+    `plc.step`, for a robot that nothing stops.
     """
     foot, plc_level, mismatches, tick = False, level, 0, 0
     if level == PEDAL_DOWN:  # what tick 0 counts is read in tick 1

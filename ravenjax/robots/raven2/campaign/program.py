@@ -1,5 +1,5 @@
-"""From a validated campaign to a Raven's tick: what picks its code, its parameters, its
-operator's motion.
+"""Turns a validated campaign into a Raven's tick: its static choices, parameters and operator's
+motion.
 """
 
 from __future__ import annotations
@@ -24,21 +24,23 @@ from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.reactions import ACTIONS
 
 NOISE_KEY = "plant.noise_key"
-"""Parameter that a campaign with noise sets from each run's id, which hashes its seed: every run
-draws its own.
+"""Parameter that a campaign with noise sets from each run's id.
+
+The id hashes the campaign's seed, so every run draws its own noise.
 """
 
 PACKETS, PACKET_KEY = "network.packets", "network.packet_key"
-"""Parameter that makes the tick draw how long packets last, and the one that a campaign then
-sets from run ids.
+"""Parameter that makes the tick draw packet lengths, and the parameter with the key of the draws.
+
+A campaign sets the key from run ids.
 """
 
 DELAY, LONGEST_DELAY = "usb.command_delay", 16
-"""Parameter that makes the tick keep commands of the past, and the most it keeps, ms."""
+"""Parameter that makes the tick keep past commands, and the longest delay that it keeps, ms."""
 
 
 SCALE = "operator.scale"
-"""Parameter that makes a tip move more or less far than the hands' motion was made for."""
+"""Parameter that scales a tip's motion relative to the hands' motion."""
 
 
 def prepare(
@@ -47,8 +49,9 @@ def prepare(
     injection: Injection,
     precision: Precision,
 ) -> Prepared:
-    """See `ravenjax.campaign.prepared`. Raises UserError for an operator's file that cannot be
-    used.
+    """Prepare a campaign; see `ravenjax.campaign.prepared`.
+
+    Raises UserError if the operator's file cannot be used.
     """
     replay = hands.operator_replay(config)
     motion = hands.operator_motion(config) if replay is None else replay.motion
@@ -91,8 +94,9 @@ def prepare(
 def _distributions(
     config: RavenConfig, choices: np.ndarray | None
 ) -> tuple[tuple[float, ...], ...]:
-    """Distributions that packets of some run may have, by number; none where every cycle of
-    every run has a packet.
+    """Return the distributions that packets of some run may have, by number.
+
+    Returns none if every cycle of every run has a packet.
     """
     own = config.campaign.packet_shares
     varied = choices is not None and bool(np.nan_to_num(choices).any())
@@ -102,8 +106,8 @@ def _distributions(
 
 
 def _longest(delays: np.ndarray | None) -> int:
-    """Room that the delay line needs, ms: one for each tick of the longest delay that can be
-    run.
+    """Return the length that the delay line needs, ms: one entry for each tick of the longest
+    delay.
     """
     if delays is None or np.isnan(delays).all():
         return 0
@@ -132,7 +136,7 @@ def _params(config: RavenConfig, setup: RavenSetup, motion: Motion) -> TickParam
 
 
 def _written(config: RavenConfig) -> dict[str, Any]:
-    """Parameter -> value of those that keys of other sections set for all runs."""
+    """Return parameter -> value for those that keys of other sections set for all runs."""
     values: dict[str, Any] = {
         SCALE: config.operator.scale,
         PACKETS: np.int32(config.campaign.packet_choice),
@@ -151,7 +155,7 @@ def _written(config: RavenConfig) -> dict[str, Any]:
         values |= {f"hand.{name}": value for name, value in config.hand.model_dump().items()}
     for joint, limits in config.limits.si().items():
         for side, value in zip(("lower", "upper"), limits, strict=True):
-            # the software holds its limits as float32
+            # The software stores its limits as float32
             values[f"control.cartesian.{side}.{joint}"] = float(np.float32(value))
             values[f"nominal.target.{side}.{joint}"] = value
     return values

@@ -1,5 +1,5 @@
-"""Sections of a Raven-II's campaign file: keys of [campaign], and [operator], [limits],
-[reaction], [hand], [controller].
+"""Sections of a Raven-II's campaign file: [campaign], [operator], [limits], [reaction], [hand],
+[controller].
 """
 
 from __future__ import annotations
@@ -27,8 +27,9 @@ from ravenjax.vocabulary.parts import OwnSource
 
 
 def _packets(raw: Any) -> Any:
-    """A distribution of packets: its name, or its shares. ValueError where it is neither, with
-    what to write.
+    """Return a distribution of packets: its name, or its shares.
+
+    Raises ValueError for any other value, with what to write.
     """
     names = ", ".join(map(repr, packets.CHOICES))
     if isinstance(raw, str) and raw not in packets.CHOICES:
@@ -59,7 +60,7 @@ Packets = Annotated[
 
 
 class RavenCampaign(CampaignSection):
-    """[campaign]: what holds for every run."""
+    """[campaign]: settings of every run."""
 
     arms: tuple[ArmName, ...] = Field(
         default=("gold",), min_length=1, max_length=2, description="arms, gold first"
@@ -156,7 +157,7 @@ class RavenCampaign(CampaignSection):
 
     @model_validator(mode="after")
     def _together(self) -> RavenCampaign:
-        """ValueError for keys that do not go together."""
+        """Raise ValueError for keys that do not go together."""
         if self.tools is not None and len(self.tools) != len(self.arms):
             raise ValueError(
                 f"tools: got {len(self.tools)}, expected one per arm ({len(self.arms)})"
@@ -200,12 +201,12 @@ class RavenCampaign(CampaignSection):
 
     @property
     def stored_words(self) -> Literal["wrap", "saturate", "unwrapped"]:
-        """How a DAC command behind the checks is stored."""
+        """How a DAC command after the checks is stored."""
         return self.dac_words or "wrap"
 
 
-# Where the joint meets its hard stop, or its original soft limit where no stop is published;
-# raven2 `defines.h`, `tools.cpp` (r_grasper).
+# Where the joint meets its hard stop, or its original soft limit if no stop is published; raven2
+# `defines.h`, `tools.cpp` (r_grasper).
 _Shoulder = Annotated[float, Field(ge=0.0, le=90.0)]
 _Elbow = Annotated[float, Field(ge=45.0, le=137.5)]
 _Insertion = Annotated[float, Field(ge=0.23, le=0.562)]
@@ -214,7 +215,7 @@ _Wrist = Annotated[float, Field(ge=-100.0, le=100.0)]
 
 
 class Start(Section):
-    """[operator.start]: joints in which a generated motion begins; what is left out is as after
+    """[operator.start]: joints at the start of a generated motion; omitted joints are as after
     homing.
     """
 
@@ -229,12 +230,12 @@ class Start(Section):
     wrist_deg: _Wrist | None = Field(default=None, description="wrist of the instrument")
 
     def si(self) -> dict[str, float]:
-        """The joints that were given, rad and m."""
+        """Return the joints that were given, rad and m."""
         return {joint: value * factor for joint, factor, value in _given(self)}
 
 
 def _given(section: Section) -> Iterator[tuple[str, float, Any]]:
-    """(joint, factor to rad or m, what was given) of each joint that a section holds."""
+    """Yield (joint, factor to rad or m, given value) for each joint that a section has."""
     for name in type(section).model_fields:
         if (value := getattr(section, name)) is not None:
             joint, _, unit = name.rpartition("_")
@@ -243,11 +244,11 @@ def _given(section: Section) -> Iterator[tuple[str, float, Any]]:
 
 RECORDED = tuple(field.name for field in dataclasses.fields(ReplayOptions))
 GENERATED = ("seed",)
-"""Keys of [operator] that only one kind of motion has."""
+"""Keys of [operator] that apply to one kind of motion only."""
 
 
 class Operator(Section):
-    """[operator]: whose hands move."""
+    """[operator]: the operator's motion, generated or recorded, or a user's file."""
 
     motion: Annotated[str, OneOf("motion", MOTIONS)] | None = Field(
         default=None, description="a generated motion"
@@ -352,7 +353,8 @@ class Operator(Section):
         if file is not None and (not file.name or "\0" in str(file)):
             from ravenjax.store.motion.recording import (
                 ANY_KIND,
-            )  # not before it is needed: the start is waited for
+                # imported late, because the import is slow
+            )
 
             raise ValueError(f"got {shown(str(file))}, expected the path of a {ANY_KIND} file")
         return file
@@ -393,13 +395,14 @@ class Operator(Section):
 
     @property
     def options(self) -> ReplayOptions:
-        """How a recorded motion is replayed."""
+        """Options for the replay of a recorded motion."""
         return ReplayOptions(**{name: getattr(self, name) for name in RECORDED})
 
     @property
     def own(self) -> OwnSource | None:
-        """The code of `hands`; None where the plan is followed. Raises UserError for one
-        unusable or changed.
+        """The code of `hands`; None if the plan is followed.
+
+        Raises UserError if the file is unusable or has changed.
         """
         return (
             None
@@ -408,7 +411,7 @@ class Operator(Section):
         )
 
     def located(self, folder: Path) -> Operator:
-        """Itself, its files taken from `folder`, that of the hands known by its content."""
+        """Return the section with its files taken from `folder` and the code of `hands` read."""
         there = own_part.located(self, folder, "operator", "hands", "hands", "hands_sha256")
         file = None if self.file is None else (folder / self.file).absolute()
         return there.model_copy(update={"file": file})
@@ -420,8 +423,8 @@ class Operator(Section):
 
 
 class Limits(Section):
-    """[limits]: soft joint limits of the control software; what is left out keeps the
-    original's.
+    """[limits]: soft joint limits of the control software; omitted limits keep the original's
+    values.
     """
 
     shoulder_deg: tuple[_Shoulder, _Shoulder] | None = Field(
@@ -448,13 +451,13 @@ class Limits(Section):
         return pair
 
     def si(self) -> dict[str, tuple[float, float]]:
-        """The limits that were given, by joint, in rad and m."""
+        """Return the limits that were given, by joint, in rad and m."""
         return {joint: (low * factor, high * factor) for joint, factor, (low, high) in _given(self)}
 
 
 class Reaction(Section):
-    """[reaction]: an operator who reacts to the first haptic cue; varied as reaction.delay_ms
-    and so on.
+    """[reaction]: an operator who reacts to the first haptic cue; varied as reaction.delay_ms and
+    so on.
     """
 
     action: Literal["none", "release", "slow", "correct"] = Field(
@@ -481,7 +484,7 @@ class Reaction(Section):
 
 
 class Hand(Section):
-    """[hand]: a hand that the first haptic cue's force moves; varied as hand.grip and so on.
+    """[hand]: a hand that the force of the first haptic cue moves; varied as hand.grip and so on.
 
     Robot and nominal model follow the moved hand alike.
     """
@@ -501,7 +504,7 @@ class Hand(Section):
 
 
 class OwnStages(Section):
-    """[controller]: a Python file of your own in place of a stage; its parameters are
+    """[controller]: a Python file of yours in place of a stage; its parameters are
     control.own.STAGE...
     """
 
@@ -531,17 +534,17 @@ class OwnStages(Section):
         return self
 
     def files(self) -> Iterator[tuple[str, Path]]:
-        """(stage, file) of those that are replaced, in the order of the tick."""
+        """Yield (stage, file) for the stages that are replaced, in the order of the tick."""
         files = {"motor_control": self.motor_control, "dac": self.dac}
         yield from ((stage, file) for stage, file in files.items() if file is not None)
 
     def parts(self) -> Iterator[tuple[str, OwnSource]]:
-        """(stage, code). Raises UserError for a file that is unusable or changed."""
+        """Yield (stage, code). Raises UserError for a file that is unusable or has changed."""
         for stage, file in self.files():
             yield stage, own_part.source(stage, file, self.sha256.get(stage), "stage")
 
     def located(self, folder: Path) -> OwnStages:
-        """Itself, its files taken from `folder` and known by their content."""
+        """Return the section with its files taken from `folder` and their content read."""
         there = self.model_copy(
             update={stage: folder.absolute() / file for stage, file in self.files()}
         )

@@ -1,4 +1,4 @@
-"""Time series of one run from the signals of its ticks."""
+"""Converts the signals of a run's ticks into its time series."""
 
 from __future__ import annotations
 
@@ -15,8 +15,11 @@ from ravenjax.store.logs.topics import Base
 def series(
     setup: RavenSetup, signals: Any, golden: np.ndarray | None = None
 ) -> dict[str, np.ndarray]:
-    """The time series of a run from its signals and the golden run's series [ticks, numbers];
-    names, axes, units and meanings in `store.logs.time_series`."""
+    """Return the time series of a run from its signals and the golden run's series [ticks,
+    numbers].
+
+    Names, axes, units and meanings are in `store.logs.time_series`.
+    """
     control = signals.control
     out: dict[str, np.ndarray] = {
         "runlevel": control.runlevel,
@@ -41,12 +44,12 @@ def series(
 
 
 def bases(setup: RavenSetup) -> dict[str, Base]:
-    """Where each arm stands in the world."""
+    """Return position and orientation of each arm's base in the world."""
     return {arm: Base(*scene.base_pose(arm)) for arm in setup.arms}
 
 
 def _touched(touch: Any) -> dict[str, np.ndarray]:
-    """Contact forces of an arm; empty in a campaign without contact."""
+    """Return the contact forces of an arm; empty in a campaign without contact."""
     if touch is None:
         return {}
     sizes = {name: np.asarray(getattr(touch, name)) for name in ("tissue", "vessel", "instrument")}

@@ -1,1 +1,1 @@
-"""The operator's console: motion of the hands, packets, reaction to the cue."""
+"""The operator's console: motion of the hands, packets, reaction to the haptic cue."""

@@ -1,5 +1,6 @@
-"""How many control cycles a packet lasts, from when packets arrive: what `campaign.packets`
-takes as a distribution.
+"""Computes how many control cycles each packet lasts from the times at which packets arrive.
+
+The result is a distribution for `campaign.packets`.
 """
 
 from __future__ import annotations
@@ -12,20 +13,24 @@ _PARTS = 1000
 
 
 def lengths(ms: np.ndarray) -> np.ndarray:
-    """Cycles from each cycle that gets datagrams to the next one that does, int; `ms`: when each
-    arrives, ascending.
+    """Return the cycles from each cycle that gets datagrams to the next one that does, int.
+
+    ms: when each datagram arrives, ascending.
     """
     return np.diff(np.unique(np.floor(ms)).astype(int))
 
 
 def shares(cycles: np.ndarray) -> np.ndarray:
-    """Share of packets that last 1, 2, 3, .. cycles, from the cycles that each lasts (int [n])."""
+    """Return the share of packets that last 1, 2, 3, .. cycles, from the length of each
+    (int [n]).
+    """
     return np.bincount(cycles)[1:] / len(cycles)
 
 
 def as_campaign(cycles: np.ndarray) -> tuple[float, ...]:
-    """The same in thousandths whose sum is 1, as a campaign file has them; what lasts longer
-    counts last.
+    """Return the shares in thousandths whose sum is 1, as a campaign file has them.
+
+    Longer packets count as the longest that is allowed.
     """
     exact = shares(np.minimum(cycles, MOST_CYCLES)) * _PARTS
     parts = np.floor(exact).astype(int)

@@ -1,9 +1,9 @@
-"""Which of several profiles a console's packets have, from the first of them on.
+"""Chooses which of several profiles a console's packets have, while the packets arrive.
 
-A profile is out once more packets break its rules than a stream may lose by chance, or once its jaw
-increments add up to more than the jaw's whole travel while another profile has no complaint. Until
-one is left, what all that are left read alike counts, and what they read differently moves nothing.
-A choice is final.
+A profile is ruled out in two cases. More packets break its rules than a stream may lose by chance.
+Or its jaw increments add up to more than the jaw's whole travel while another profile has no
+complaint. Until one profile is left, values that all remaining profiles read alike count, and
+values that they read differently cause no motion. A choice is final.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ from ravenjax.robots.raven2.console.profile import ConsoleProfile
 from ravenjax.robots.raven2.console.reading import Misfit, PacketReader, PacketReading
 
 CHANCE_COUNT, CHANCE_SHARE = 3, 0.02
-"""So many misfits may be chance, and such a share of packets that profiles read differently: out
-is what has more.
+"""Limits of chance: a number of misfits, and a share of the packets that profiles read differently.
+
+A profile with more than both is ruled out.
 """
 JAW_TRAVEL_MRAD = 1744.0
 """-10 to 90 degrees; raven2 `local_io.cpp`."""
@@ -24,38 +25,39 @@ UNDECIDED = "undecided"
 
 
 class ProfileChoice:
-    """Reads as `PacketReader` does, under whichever profile it is."""
+    """Reads packets as `PacketReader` does, under the profile that fits them."""
 
     def __init__(self, profiles: Sequence[ConsoleProfile], arms: Sequence[ArmName]) -> None:
-        """profiles: one, which then is the choice, or several, in order of preference where a
-        message must name one.
+        """Prepare the choice among `profiles`.
+
+        profiles: one, which then is chosen, or several in order of preference, for messages that
+        must name one.
         """
         self.readers = [PacketReader(profile, arms) for profile in profiles]
         self._arms = tuple(arms)
         self._misfits: dict[str, int] = {}
         self._last: dict[str, Misfit] = {}
         self._travel: dict[str, list[int]] = {}
-        self._packets = self._telling = (
-            0  # of the stream so far, and those that profiles read differently
-        )
-        self.reason = ""  # why the profile is what it is, once packets have decided
+        # counts of packets of the stream so far, and of those that profiles read differently
+        self._packets = self._telling = 0
+        self.reason = ""  # why the profile was chosen, once packets have decided
         self._results: list[PacketReading | Misfit] = []
         self._restart()
 
     @property
     def profile(self) -> ConsoleProfile | None:
-        """The profile, once there is one."""
+        """The chosen profile, or None as long as there is no choice."""
         return self.readers[0].profile if len(self.readers) == 1 else None
 
     def begin(self) -> None:
-        """Another stream begins. A choice stays."""
+        """Begin another stream. A choice is kept."""
         for reader in self.readers:
             reader.begin()
         self._restart()
 
     def read(self, fields: Sequence, joined: bool = True) -> PacketReading | Misfit:
-        """What a packet asks for; a `Misfit` of cause "undecided" where profiles do not read it
-        alike.
+        """Return the reading of a packet; a `Misfit` of cause "undecided" if the profiles
+        disagree.
         """
         if len(self.readers) == 1:
             return self.readers[0].read(fields, joined)
@@ -67,7 +69,9 @@ class ProfileChoice:
         return Misfit(UNDECIDED, "", "packets that profiles read differently", "more of them")
 
     def follow(self) -> None:
-        """The packet that was read last belongs to the stream: it is evidence, too."""
+        """Accept the packet that was read last as part of the stream, and as evidence for the
+        choice.
+        """
         for reader in self.readers:
             reader.follow()
         if len(self.readers) > 1:
@@ -98,7 +102,7 @@ class ProfileChoice:
             self.reason = "; ".join(f"It is not {name}: {why}" for name, why in out.items())
 
     def _complaint(self, name: str) -> str:
-        """What speaks against a profile; "" while it may be the one."""
+        """Return what speaks against a profile; "" while it may be the right one."""
         count = self._misfits[name]
         if count > max(CHANCE_COUNT, CHANCE_SHARE * self._telling):
             return f"{count} of the first {self._packets} packets have {self._last[name]}"
@@ -120,8 +124,10 @@ class ProfileChoice:
 def fitting(
     packets: Collection[Sequence], profiles: Sequence[ConsoleProfile], arms: Sequence[ArmName]
 ) -> str:
-    """Name of the first profile that nine in ten packets (their fields) fit, each by itself; ""
-    where none is.
+    """Return the name of the first profile that nine in ten packets (their fields) fit; "" if none
+    does.
+
+    Each packet is judged alone.
     """
     for profile in profiles:
         reader = PacketReader(profile, arms)

@@ -1,9 +1,9 @@
-"""An operator's motion: what the hands and the pedal do, one row a millisecond. NumPy only,
+"""An operator's motion: positions of hands and pedal, one row per millisecond. NumPy only,
 untraced.
 
-Hands move in the ITP frame of their arm (`geometry.mapping`), relative to where they were at the
-start, and *before* the console's scale: the tip moves by scale times the hand. Orientations are one
-to one, relative to the start, and turn the tip about the axes of the ITP frame.
+Hands move in the ITP frame of their arm (`geometry.mapping`), relative to their start, and *before*
+the console's scale: the tip moves by scale times the hand. Orientations are not scaled. They are
+relative to the start, and turn the tip about the axes of the ITP frame.
 """
 
 from __future__ import annotations
@@ -15,11 +15,12 @@ import numpy as np
 from ravenjax.robots.raven2.arms import ArmName
 
 TICK_S = 1e-3
-"""Time between two rows of a motion: the console sends one packet a millisecond."""
+"""Time between two rows of a motion, s: the console sends one packet per millisecond."""
 
 NOMINAL_SCALE = 0.1
-"""Teleoperation scale at which motions have their stated tip motion; that of the published fault
-runs.
+"""Teleoperation scale at which motions have their stated tip motion.
+
+It is the scale of the published fault runs.
 """
 
 ARM_COLUMNS = ("x_um", "y_um", "z_um", "qx", "qy", "qz", "qw", "grasp_mrad")
@@ -29,8 +30,8 @@ PEDAL_COLUMN = "surgeon_mode"
 
 
 def columns(arms: tuple[ArmName, ...]) -> tuple[str, ...]:
-    """Names of the columns of `Motion.table`: eight per arm, then the pedal that both arms
-    share.
+    """Return the names of the columns of `Motion.table`: eight per arm, then the pedal of both
+    arms.
     """
     return (*(f"{arm}_{column}" for arm in arms for column in ARM_COLUMNS), PEDAL_COLUMN)
 
@@ -73,13 +74,15 @@ class Motion:
         return len(self) * TICK_S
 
     def table(self) -> np.ndarray:
-        """What the engine looks up: float32 [T, len(columns(arms))]."""
+        """Return the table in which the engine looks up the motion: float32 [T,
+        len(columns(arms))].
+        """
         per_arm = np.concatenate([self.position_um, self.quat, self.grasp_mrad[..., None]], axis=2)
         flat = per_arm.reshape(len(self), len(self.arms) * len(ARM_COLUMNS))
         return np.concatenate([flat, self.surgeon_mode[:, None]], axis=1).astype(np.float32)
 
     def first(self, rows: int) -> Motion:
-        """The first `rows` rows; a shorter motion rests in its last row."""
+        """Return the first `rows` rows; a shorter motion rests in its last row."""
         index = np.minimum(np.arange(rows), len(self) - 1)
         return dataclasses.replace(
             self,

@@ -1,11 +1,11 @@
-"""Generated operator motions: smooth, surgical in speed and size, the same for the same seed. NumPy
+"""Generates operator motions: smooth, surgical in speed and size, and reproducible by seed. NumPy
 only, untraced.
 
 Each motion is a chain of rest-to-rest segments with the minimum-jerk time law, so position,
 orientation and grasp are twice continuously differentiable. It is planned as tip motion at the
 scale `NOMINAL_SCALE`, from the arm's home pose, in axes of the instrument: a and b sideways, c
-along the shaft away from the remote centre (into the tissue). The size suits scales up to 0.2:
-there, too, every pose lies inside the soft limits.
+along the shaft away from the remote centre (into the tissue). The size suits scales up to 0.2: at
+that scale, too, every pose lies inside the soft limits.
 """
 
 from __future__ import annotations
@@ -22,31 +22,38 @@ from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 
 PEDAL_DOWN_S = 0.2
-"""When the pedal goes down; the motion itself begins at MOTION_S."""
+"""Time at which the pedal goes down, s; the motion itself begins at MOTION_S."""
 
 MOTION_S = 0.5
 
 PEAK_TIP_SPEED = 0.045
-"""m/s at NOMINAL_SCALE; instrument tips in surgery move at some 5 to 60 mm/s."""
+"""Peak speed of the tip in m/s at NOMINAL_SCALE.
+
+Instrument tips in surgery move at about 5 to 60 mm/s.
+"""
 
 PEAK_TURN = math.radians(150.0)
-"""rad/s."""
+"""Peak turning speed, rad/s."""
 
 _SHAFT = np.array([-0.939120456543, -0.304404280732, 0.159344915150])
-"""Direction from the remote centre to the gold tip in frame 0 at the home pose: the first column
-of its rotation.
+"""Direction from the remote centre to the gold tip in frame 0 at the home pose.
+
+It is the first column of the tip's rotation.
 """
 
 _TIP, _TURN, _GRASP, _HAND = slice(0, 3), slice(3, 6), 6, slice(7, 10)
-"""Where in a pose: tip offset a, b, c [m], rotation vector about a, b, c [rad], grasp [mrad], and
-what the hand [m, as tip motion] is away from where the tip would have it, which only changes while
-the pedal is up."""
+"""Slices of a pose.
+
+They are the tip offset a, b, c [m], the rotation vector about a, b, c [rad], the grasp [mrad], and
+the hand's distance [m, as tip motion] from where the tip would have it. The last one only changes
+while the pedal is up.
+"""
 
 _REST = np.zeros(10)
 
 
 class Segment(NamedTuple):
-    """A piece of motion."""
+    """One piece of a motion."""
 
     ticks: int
     pose: Callable[[np.ndarray], np.ndarray]  # fraction of the segment's time [n] -> poses [n, 10]
@@ -54,19 +61,20 @@ class Segment(NamedTuple):
 
 
 def minimum_jerk(fraction: np.ndarray) -> np.ndarray:
-    """Progress 0..1 of a rest-to-rest move after a `fraction` 0..1 of its time."""
+    """Return the progress 0..1 of a rest-to-rest move after a `fraction` 0..1 of its time."""
     return fraction**3 * (10.0 - 15.0 * fraction + 6.0 * fraction**2)
 
 
 class _Path:
-    """The pose at the end of the segments so far, and the segments that lead on from it."""
+    """The pose at the end of the segments so far; its methods make the next segments."""
 
     def __init__(self) -> None:
         self.pose = _REST.copy()
 
     def _ticks(self, way: float, turn: float, pace: float) -> int:
-        """Ticks of a move over `way` m and `turn` rad whose peak speed (15/8 of the mean) stays
-        below the peaks.
+        """Return the ticks of a move over `way` m and `turn` rad that keeps to the peak speeds.
+
+        The peak speed of a move is 15/8 of its mean speed.
         """
         seconds = 1.875 * max(way / PEAK_TIP_SPEED, turn / PEAK_TURN) / pace
         return max(math.ceil(seconds / TICK_S), 250)
@@ -84,8 +92,9 @@ class _Path:
         grasp: float | None = None,
         pace: float = 1.0,
     ) -> Segment:
-        """Straight to a new tip offset [m], rotation vector [rad] and grasp [mrad]; None leaves
-        one as it is.
+        """Return a straight move to a new tip offset [m], rotation vector [rad] and grasp [mrad].
+
+        None leaves a value unchanged.
         """
         end = self.pose.copy()
         if tip is not None:
@@ -98,8 +107,9 @@ class _Path:
         return self._to(end, self._ticks(way, turned, pace))
 
     def arc(self, radius: float, angle: float, roll: float) -> Segment:
-        """A needle's way through tissue: an arc in the a-c plane that dips towards c, with the
-        shaft rolling along.
+        """Return a needle's path through tissue: an arc in the a-c plane that dips towards c.
+
+        The shaft rolls along the arc.
         """
         begin = self.pose
 
@@ -115,11 +125,11 @@ class _Path:
         return Segment(self._ticks(radius * angle, abs(roll), 1.0), pose)
 
     def dwell(self, seconds: float) -> Segment:
-        """Rest where the path is."""
+        """Return a rest at the present pose."""
         return self._to(self.pose, max(1, round(seconds / TICK_S)))
 
     def release(self, seconds: float) -> Segment:
-        """Pedal up: the hand returns to where it was at the start while the tip stays."""
+        """Return a segment with the pedal up: the hand returns to its start while the tip stays."""
         end = self.pose.copy()
         end[_HAND] = -end[_TIP]
         return self._to(end, round(seconds / TICK_S), pedal=0.0)
@@ -135,7 +145,7 @@ def _still(path: _Path, rng: np.random.Generator) -> Iterator[Segment]:
 
 
 def _anywhere(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """A random tip offset and tilt-and-roll of a reach."""
+    """Return a random tip offset and tilt-and-roll of a reach."""
     direction = rng.normal(size=3)
     tip = (
         direction
@@ -156,9 +166,8 @@ def _clutched(path: _Path, rng: np.random.Generator) -> Iterator[Segment]:
     while True:
         reach = path.move(*_anywhere(rng))
         yield reach
-        yield path.dwell(
-            1.4 - reach.ticks * TICK_S
-        )  # the same pedal for both arms: cycles of equal length
+        # both arms share the pedal, so their cycles have equal length
+        yield path.dwell(1.4 - reach.ticks * TICK_S)
         yield path.release(0.6)
         yield path.dwell(0.4)  # the robot needs some cycles to adopt pedal-down
 
@@ -174,7 +183,7 @@ def _circle(path: _Path, rng: np.random.Generator) -> Iterator[Segment]:
         out[:, 1] = radius * (np.sin(start + phase) - math.sin(start))
         return out
 
-    # the run-up's speed rises as minimum_jerk, so its mean is half the final speed
+    # The run-up's speed rises as minimum_jerk, so its mean is half the final speed
     yield Segment(
         round(run_up_s / TICK_S), lambda s: at(speed * run_up_s * s**4 * (2.5 - 3.0 * s + s**2))
     )
@@ -260,16 +269,16 @@ MOTIONS: dict[str, str] = {
         "random reaches; after each the pedal comes up and the hands return to where they began"
     ),
 }
-"""The named motions; sizes and speeds are the tip's at NOMINAL_SCALE."""
+"""Names and descriptions of the motions; sizes and speeds are the tip's at NOMINAL_SCALE."""
 
 
 def generate(
     name: str, duration_s: float, arms: tuple[ArmName, ...] = ("gold",), seed: int = 0
 ) -> Motion:
-    """The named motion for `duration_s` seconds. Each arm draws from a stream of its own; green is
-    mirrored.
+    """Return the named motion for `duration_s` seconds.
 
-    Raises KeyError for a name that is not in MOTIONS.
+    Each arm draws from a separate random stream; green is mirrored. Raises KeyError for a name that
+    is not in MOTIONS.
     """
     rows = max(1, math.ceil(duration_s / TICK_S - 1e-9))
     position, quat, grasp, pedals = [], [], [], []
@@ -296,8 +305,9 @@ def _follow(
     rows: int,
     rng: np.random.Generator,
 ):
-    """Poses [rows, 10] and pedal [rows] along a chain, a tick apart, from the rest that each
-    motion begins with.
+    """Return poses [rows, 10] and pedal [rows] along a chain, one row per tick.
+
+    Each motion begins with a rest.
     """
     up, down = round(PEDAL_DOWN_S / TICK_S), round((MOTION_S - PEDAL_DOWN_S) / TICK_S)
     poses, pedals, filled = (
@@ -315,28 +325,30 @@ def _follow(
 
 
 def _hand(arm: ArmName, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Hand positions [T, 3] um and quaternions [T, 4] in the arm's ITP frame, of tip poses in
-    instrument axes.
+    """Return hand positions [T, 3] um and quaternions [T, 4] in the arm's ITP frame.
+
+    poses: tip poses in instrument axes.
     """
     axes = _axes()
     tip, turn = (poses[:, _TIP] + poses[:, _HAND]) @ axes, poses[:, _TURN] @ axes
     if (
         arm == "green"
-    ):  # gold mirrored at the x-z plane of frame 0; rotations mirror as pseudovectors
+        # gold mirrored at the x-z plane of frame 0; rotations mirror as pseudovectors
+    ):
         tip, turn = tip * [1.0, -1.0, 1.0], turn * [-1.0, 1.0, -1.0]
-    to_itp = np.array(ITP_AXES[arm])  # x @ C is C^-1 x, C being a rotation
+    to_itp = np.array(ITP_AXES[arm])  # x @ C is C^-1 x, because C is a rotation
     return tip @ to_itp / NOMINAL_SCALE * 1e6, _quaternion(turn @ to_itp)
 
 
 def _axes() -> np.ndarray:
-    """Rows: the instrument axes a, b, c in frame 0 of gold at home."""
+    """Return the instrument axes a, b, c in frame 0 of gold at home, as rows."""
     a = np.cross(_SHAFT, [0.0, 0.0, 1.0])
     a /= np.linalg.norm(a)
     return np.stack([a, np.cross(_SHAFT, a), _SHAFT])
 
 
 def _quaternion(turn: np.ndarray) -> np.ndarray:
-    """[T, 4] x, y, z, w of rotation vectors [T, 3]."""
+    """Return quaternions [T, 4] x, y, z, w of rotation vectors [T, 3]."""
     angle = np.linalg.norm(turn, axis=1, keepdims=True)
     axis = np.divide(turn, angle, out=np.zeros_like(turn), where=angle > 0.0)
     return np.concatenate([axis * np.sin(angle / 2.0), np.cos(angle / 2.0)], axis=1)

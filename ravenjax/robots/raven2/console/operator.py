@@ -1,12 +1,12 @@
-"""Operator: the hands' motion, looked up by tick, becomes the packets that the console sends.
-Traced.
+"""Makes the console's packets from the hands' motion, which is looked up by tick. Traced.
 
-What hands do beyond the motion, of their own, to correct by eye or under the cue's force, is one
-offset of theirs: robot and nominal model follow it alike. It is all that is remembered.
+Hands may deviate from the planned motion: by a tremor, by a correction, or under the cue's force.
+All deviations are added up in one offset per hand, which is the only state. Robot and nominal model
+follow it alike.
 
 A packet carries whole numbers. The console truncates the *scaled position* and sends the difference
-of two truncated ones, so that the robot's accumulator never drifts from the hand by more than a
-micrometre.
+of two truncated positions. The robot's accumulator therefore never drifts from the hand by more
+than a micrometre.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from ravenjax.robots.raven2.setup import RavenSetup
 
 @record
 class OperatorParams:
-    """What a campaign may vary of the console."""
+    """Console parameters that a campaign may vary."""
 
     scale: Annotated[  # SEED uses 0.05 .. 0.2
         Scalar, Quantity("", 0.001, 1, "tip motion per hand motion: the teleoperation scale")
@@ -70,14 +70,16 @@ class OperatorParams:
             read_when=("console", "absolute"),
         ),
     ]
-    own: Any = None  # of a file in place of the operator, under `hands`
+    # parameters of a user's file in place of the operator, under `hands`
+    own: Any = None
 
 
 def params(
     setup: RavenSetup, start_jpos: tuple[tuple[float, ...], ...], scale: float = NOMINAL_SCALE
 ) -> OperatorParams:
-    """OperatorParams of a motion that starts in `start_jpos` (`Motion.start_jpos`: per arm, 7
-    joints in rad and m).
+    """Return the parameters of a motion that starts in `start_jpos`.
+
+    start_jpos: `Motion.start_jpos`, per arm 7 joints in rad and m.
     """
     with at_once():
         poses = per_arm(
@@ -95,9 +97,7 @@ def params(
 
 @record
 class MotionRow:
-    """The hands and the pedal at one millisecond; as
-    `ravenjax.robots.raven2.console.motion.Motion`.
-    """
+    """Hands and pedal in one millisecond; as `ravenjax.robots.raven2.console.motion.Motion`."""
 
     position: tuple[Vec, ...]  # um, ITP frame, before scaling
     quat: tuple[Vec, ...]  # x, y, z, w
@@ -106,9 +106,10 @@ class MotionRow:
 
 
 def lookup(table: tuple[Any, ...], k: Scalar) -> MotionRow:
-    """Row `k` of a motion, rows before the first and after the last being those.
+    """Return row `k` of a motion; `k` is clamped to the first and last row.
 
-    table: the columns of `Motion.table()`, each a 1-D array. The only indexing in the whole tick.
+    table: the columns of `Motion.table()`, each a 1-D array. This is the only indexing in the whole
+    tick.
     """
     k = jnp.minimum(jnp.maximum(as_int(k), 0), table[0].shape[0] - 1)
     values = [column.at[k].get(mode="clip", wrap_negative_indices=False) for column in table]
@@ -124,12 +125,12 @@ def lookup(table: tuple[Any, ...], k: Scalar) -> MotionRow:
 
 @record
 class HandOffsets:
-    """How far the hands are from where the plan has them: by a tremor, a correction, a force.
-    One entry an arm.
+    """Offsets of the hands from their plan, due to tremor, correction or force. One entry
+    per arm.
     """
 
     offset: tuple[Vec, ...]  # um before scaling, axes of an ITP packet
-    offset_before: tuple[Vec, ...]  # the same when the last packet was made
+    offset_before: tuple[Vec, ...]  # the offset when the last packet was made
 
 
 ON_PLAN = HandOffsets((), ())
@@ -137,27 +138,27 @@ ON_PLAN = HandOffsets((), ())
 
 
 class Deviation(NamedTuple):
-    """What the operator makes of the plan in a packet, besides offsets; None: nothing."""
+    """Deviations of the operator from the plan in a packet, beside offsets; None: no deviation."""
 
-    lag: Scalar | None = None  # int32 rows
-    lag_before: Scalar | None = None  # int32 rows, in the packet before
-    grasp: tuple[Scalar, ...] | None = None  # mrad beyond the plan, one an arm
+    lag: Scalar | None = None  # int32 rows behind the plan
+    lag_before: Scalar | None = None  # int32 rows behind the plan, in the packet before
+    grasp: tuple[Scalar, ...] | None = None  # mrad beyond the plan, one per arm
     grasp_before: tuple[Scalar, ...] | None = None
     lifted: Scalar | None = None  # bool, the foot is off the pedal
 
 
 PLAN = Deviation()
-"""An operator who does what is planned."""
+"""An operator who follows the plan."""
 
 
 def at_plan(setup: RavenSetup) -> HandOffsets:
-    """Hands that are where the plan has them."""
+    """Return hands without an offset from the plan."""
     still = per_arm(setup, lambda *_: Vec.full(3, real(setup, 0.0)))
     return HandOffsets(still, still)
 
 
 def strayed(hands: HandOffsets, motion: tuple[Vec, ...]) -> HandOffsets:
-    """The hands after a motion beyond the plan, um before scaling about the axes of an ITP
+    """Return the hands after a motion beyond the plan, um before scaling about the axes of an ITP
     packet.
     """
     return replace(hands, offset=tuple(a + b for a, b in zip(hands.offset, motion, strict=True)))
@@ -166,29 +167,29 @@ def strayed(hands: HandOffsets, motion: tuple[Vec, ...]) -> HandOffsets:
 def steered(
     setup: RavenSetup, params: OperatorParams, hands: HandOffsets, tips: tuple[Vec, ...]
 ) -> HandOffsets:
-    """The hands after a motion that takes each tip along by `tips`, m in frame 0."""
+    """Return the hands after a motion that moves each tip by `tips`, m in frame 0."""
     per_m = 1e6 / params.scale
     return strayed(hands, per_arm(setup, lambda i, arm: position_to_itp(arm, tips[i]) * per_m))
 
 
 def tip_offset(setup: RavenSetup, params: OperatorParams, hands: HandOffsets) -> tuple[Vec, ...]:
-    """By how much the hands ask each tip off its plan, m in frame 0."""
+    """Return the tip offsets that the hands' offsets cause, m in frame 0."""
     m_each = params.scale * 1e-6
     return per_arm(setup, lambda i, arm: position_from_itp(arm, hands.offset[i]) * m_each)
 
 
 def sent(hands: HandOffsets, fresh: Scalar) -> HandOffsets:
-    """The hands after a tick, in which they made a packet where `fresh` (bool)."""
+    """Return the hands after a tick, in which a packet was made if `fresh` (bool)."""
     return replace(hands, offset_before=where(fresh, hands.offset, hands.offset_before))
 
 
 def moved(row: MotionRow, offset: tuple[Vec, ...]) -> MotionRow:
-    """The row of hands that are off the plan by `offset`, as in `HandOffsets`."""
+    """Return the row with hands displaced by `offset`, as in `HandOffsets`."""
     return replace(row, position=tuple(a + b for a, b in zip(row.position, offset, strict=True)))
 
 
 def closed(row: MotionRow, mrad: tuple[Scalar, ...]) -> MotionRow:
-    """The row of hands that are closed by `mrad` beyond the plan, one entry an arm."""
+    """Return the row with hands closed by `mrad` beyond the plan, one entry per arm."""
     return replace(row, grasp=tuple(a + b for a, b in zip(row.grasp, mrad, strict=True)))
 
 
@@ -199,10 +200,10 @@ def packet(
     row_before: MotionRow,
     sequence: Scalar,
 ) -> Packet:
-    """The packet that the console sends for `row`, `row_before` being that of the packet before.
+    """Return the packet that the console sends for `row`.
 
-    While the pedal is up a console of increments sends no motion: that is how the surgeon
-    repositions the hands.
+    row_before: the row of the packet before. While the pedal is up, a console of increments sends
+    no motion, so that the surgeon can reposition the hands.
     """
     pedal = row.surgeon_mode > 0
     row, row_before, params = real(setup, (row, row_before, replace(params, own=None)))
@@ -222,8 +223,8 @@ def packet(
 def _increment(
     i: int, arm: str, params: OperatorParams, row: MotionRow, before: MotionRow, pedal: Scalar
 ) -> tuple[Vec, Vec, Scalar]:
-    """Increments since the row before, in the ITP frame (raven2 `local_io.cpp` accumulates
-    them).
+    """Return the increments since the row before, in the ITP frame (raven2 `local_io.cpp` adds them
+    up).
     """
     delta = (row.position[i] * params.scale).map(to_int32) - (
         before.position[i] * params.scale
@@ -242,7 +243,9 @@ def _increment(
 def _absolute(
     i: int, arm: str, params: OperatorParams, row: MotionRow, before: MotionRow, pedal: Scalar
 ) -> tuple[Vec, Vec, Scalar]:
-    """Desired pose in frame 0 and jaw opening (raven2_sim `Real_Packet_Generator.py`)."""
+    """Return the desired pose in frame 0 and the jaw opening (raven2_sim
+    `Real_Packet_Generator.py`).
+    """
     position = params.start_position[i] + position_from_itp(arm, row.position[i] * params.scale)
     x, y, z, w = row.quat[i]
     turn = Vec((*position_from_itp(arm, Vec((x, y, z))), w))

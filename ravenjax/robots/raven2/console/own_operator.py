@@ -1,19 +1,22 @@
-"""A user's file as the operator: what it sees, and how its hands change the plan. Traced.
+"""Runs a user's file as the operator: what the file sees, and how its hands change the plan.
+Traced.
 
 The plan is the motion that a campaign names, generated or recorded. In each millisecond the file
-sees by how much the plan moves each hand, and what the screen and the haptic device showed a
-millisecond before. It gives a dict; what it leaves out stays as planned:
+gets how far the plan moves each hand, and what the screen and the haptic device showed a
+millisecond before. It returns a dict; for missing keys the operator follows the plan:
 
-    delta   how far each hand moves in this millisecond, in place of the plan's
-    grasp   how much each hand closes in this millisecond, in place of the plan's
-    pedal   whether the foot stays on the pedal; it may leave it, and be back, but never press where the plan does not
-    pace    share of its speed at which the plan goes on from the next millisecond, hands and pedal alike: 0 waits
+    delta   how far each hand moves in this millisecond, in place of the plan's motion
+    grasp   how much each hand closes in this millisecond, in place of the plan's closing
+    pedal   whether the foot stays on the pedal; it may leave the pedal and come back, but
+            never press it where the plan does not
+    pace    share of its speed at which the plan continues from the next millisecond, for hands
+            and pedal alike: 0 waits
 
 A hand that moves otherwise than planned is off its plan by the difference (`operator.HandOffsets`)
-and stays so until the file takes it back. Robot and nominal model follow it alike. The hand's
-rotation is the plan's. Which of the keys a file gives is the same in all milliseconds. What it does
-not give, or gives back as it came, costs nothing.
-"""  # noqa: E501
+and stays so until the file reverses it. Robot and nominal model follow it alike. The hand's
+rotation is the plan's. A file returns the same keys in all milliseconds. A key that it does not
+return, or returns unchanged, costs nothing.
+"""
 
 from __future__ import annotations
 
@@ -34,52 +37,55 @@ from ravenjax.stages import haptics
 
 @record
 class ScreenView:
-    """What the operator sees and feels of one arm; positions about the axes of the console, from
-    the arm's base.
+    """What the operator sees and feels of one arm.
+
+    Positions are about the axes of the console, from the arm's base.
     """
 
     tip: Vec  # 3 m, true tip, as the camera shows it
-    model_tip: Vec  # 3 m, that of the nominal model
+    model_tip: Vec  # 3 m, tip of the nominal model
     pull: Vec  # 3 device units, force of the first haptic set
-    force: Scalar  # device units, its size; above 0 the cue is shown
+    # device units, magnitude of that force; above 0 the cue is shown
+    force: Scalar
 
 
 @record
 class OwnPace:
-    """How far the hands are behind the plan, in its rows."""
+    """How far the hands are behind the plan, in rows of the plan."""
 
-    part: Scalar  # of a row, beyond `lag`
-    lag: Scalar  # int32, now
-    before: Scalar  # int32, when the plan last went on
-    sent: Scalar  # int32, in the newest packet
+    part: Scalar  # fraction of a row, in addition to `lag`
+    lag: Scalar  # int32, the lag now
+    before: Scalar  # int32, the lag when the plan last continued
+    sent: Scalar  # int32, the lag in the newest packet
 
 
 @record
 class OwnGrasp:
-    """By how much the hands are closed beyond the plan, mrad, one entry an arm."""
+    """How far the hands are closed beyond the plan, mrad, one entry per arm."""
 
     offset: tuple[Scalar, ...]
-    sent: tuple[Scalar, ...]  # in the newest packet
+    sent: tuple[Scalar, ...]  # the value in the newest packet
 
 
 @record
 class OwnOperatorState:
-    """What is remembered; None: the file does not give such a key."""
+    """State of a user's operator; None for a key that the file does not return."""
 
-    own: Any  # what its `init` gave
-    screen: tuple[ScreenView, ...]  # one an arm
+    own: Any  # the state that the file's `init` returned
+    screen: tuple[ScreenView, ...]  # one per arm
     runlevel: Scalar  # int32
     pace: OwnPace | None
     grasp: OwnGrasp | None
-    lifted: Scalar | None  # bool, the file had the foot off the pedal in the newest packet
+    # bool, the file had the foot off the pedal in the newest packet
+    lifted: Scalar | None
 
 
 class PlanMoment(NamedTuple):
-    """Where the plan is in a tick."""
+    """The state of the plan in a tick."""
 
     row: Scalar  # int32, row of the motion
-    before: Scalar  # int32, the same when the plan last went on
-    goes_on: Scalar  # bool, in this tick
+    before: Scalar  # int32, row of the motion when the plan last continued
+    goes_on: Scalar  # bool, the plan continues in this tick
 
 
 def init(
@@ -89,9 +95,10 @@ def init(
     tips: tuple[Vec, ...],
     runlevel: int,
 ) -> OwnOperatorState:
-    """On the plan, before a robot at rest.
+    """Return the state of hands on the plan, in front of a robot at rest.
 
-    start: joints, 7, rad and m; tips: m in frame 0. Raises UserError, as all that runs the file.
+    start: joints, 7, rad and m; tips: m in frame 0. Raises UserError, as everything that runs the
+    file.
     """
     assert setup.hands is not None
     models = per_arm(setup, lambda i, arm: kinematics.forward(arm, start[i]).position)
@@ -132,7 +139,7 @@ def act(
     fresh: Scalar,
     tick: Scalar,
 ) -> tuple[OwnOperatorState, operator.HandOffsets, operator.Deviation]:
-    """One millisecond of the file. fresh: bool, whether a packet is made in it."""
+    """Compute one millisecond of the file. fresh: bool, whether a packet is made in it."""
     pace = state.pace
     now = operator.lookup(motion, moment.row if pace is None else moment.row - pace.lag)
     before = operator.lookup(motion, moment.before if pace is None else moment.before - pace.before)
@@ -176,8 +183,9 @@ def see(
     cues: tuple[haptics.HapticOutput, ...],
     runlevel: Scalar,
 ) -> OwnOperatorState:
-    """After a tick: what screen and haptic device show until the next one. tips: m in frame 0,
-    one an arm.
+    """Return the state with what screen and haptic device show until the next tick.
+
+    tips: m in frame 0, one per arm.
     """
 
     def shown(i: int, arm: ArmName) -> ScreenView:
@@ -202,8 +210,10 @@ def _stepped(
     plan: tuple[tuple[Vec, Scalar, Vec], ...],
     screen: tuple[ScreenView, ...],
 ) -> tuple[Any, ...]:
-    """What the file remembers, and what it gives. plan: of each hand how far it moves (um) and
-    closes (mrad) in this millisecond, and how far it is off already (um).
+    """Return the file's new state, and the other values that it returns.
+
+    plan: for each hand its planned motion (um) and closing (mrad) in this millisecond, and its
+    present offset from the plan (um).
     """
     assert setup.hands is not None
     arms = tuple(
@@ -233,8 +243,8 @@ def _stepped(
 
 
 def _slowed(pace: OwnPace, share: Scalar, goes_on: Scalar, fresh: Scalar) -> OwnPace:
-    """After a millisecond from which on the plan goes on at `share` of its speed."""
-    share = jnp.where(share < 1.0, jnp.maximum(share, 0.0), 1.0)  # what is no number is as planned
+    """Return the pace after a millisecond from which on the plan runs at `share` of its speed."""
+    share = jnp.where(share < 1.0, jnp.maximum(share, 0.0), 1.0)  # NaN means as planned
     behind = pace.part + jnp.where(goes_on, 1.0 - share, 0.0)
     rows = as_int(behind)
     return OwnPace(

@@ -1,7 +1,7 @@
 """The console's packet: one ITP datagram as a record of single numbers, and as bytes on the wire.
 
 Layout, frames and units: raven2 `include/itp_teleoperation.h` (packed, little-endian, UDP port
-36000); index 0 of each pair is the gold arm, 1 the green one.
+36000). Index 0 of each pair is the gold arm, 1 the green arm.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ravenjax.robots.raven2.arms import ARMS, ArmName
 from ravenjax.robots.raven2.setup import RavenSetup
 
 UDP_PORT = 36000
-"""Port the control software listens on; raven2 `network_layer.cpp`."""
+"""Port on which the control software listens; raven2 `network_layer.cpp`."""
 
 U_STRUCT = np.dtype(
     [
@@ -58,21 +58,23 @@ V_STRUCT = np.dtype(
 """Robot to console, 52 bytes; declared by raven2 and never sent by it (NET_SEND is undefined)."""
 
 SIZE_BYTES = {"increments": U_STRUCT.itemsize, "absolute": 204}
-"""Bytes of a datagram by `RavenSetup.console`. 204: the packet generator of the 2015 fork, whose
-two quaternions give way to two 3x3 rotation matrices (raven2_sim `include/itp_teleoperation.h`,
-`Real_Packet_Generator.py`)."""
+"""Bytes of a datagram, by `RavenSetup.console`.
+
+204 is from the packet generator of the 2015 fork, which has two 3x3 rotation matrices in place of
+two quaternions (raven2_sim `include/itp_teleoperation.h`, `Real_Packet_Generator.py`).
+"""
 
 
 @record
 class Packet:
-    """What the network hands to the robot in one cycle. Tuples have one entry per arm of
+    """The network's output to the robot in one cycle. Tuples have one entry per arm of
     `RavenSetup.arms`.
 
-    `delta` and `quat` are increments in the ITP frame; with `RavenSetup.console == "absolute"` they
+    `delta` and `quat` are increments in the ITP frame. With `RavenSetup.console == "absolute"` they
     are the desired position and orientation in the arm's frame 0, and `grasp` is absolute.
     """
 
-    received: Scalar  # int32, 1 where a datagram arrived in this cycle
+    received: Scalar  # int32, 1 if a datagram arrived in this cycle
     size: Scalar  # int32 bytes
     sequence: Scalar  # int32
     delta: tuple[Vec, ...]  # int32 um (x, y, z)
@@ -83,7 +85,7 @@ class Packet:
 
 @functools.lru_cache(maxsize=16)
 def silence(setup: RavenSetup) -> Packet:
-    """No packet in this cycle."""
+    """Return the packet of a cycle in which none arrives."""
     arms, zero = range(len(setup.arms)), np.int32(0)
     number = np.dtype(setup.precision.wide).type
     return Packet(
@@ -98,8 +100,9 @@ def silence(setup: RavenSetup) -> Packet:
 
 
 def checksum(fields: Any) -> int:
-    """The checksum of one U_STRUCT record: mode, increments, buttons and sequence, wrapped to
-    int32.
+    """Return the checksum of one U_STRUCT record.
+
+    It is the sum of mode, increments, buttons and sequence, wrapped to int32.
     """
     names = ("delx", "dely", "delz", "buttonstate")
     total = (
@@ -111,7 +114,9 @@ def checksum(fields: Any) -> int:
 
 
 def encode(packet: Packet, arms: tuple[ArmName, ...]) -> bytes:
-    """The 124-byte datagram of a packet of increments; an arm that is not in `arms` stays still."""
+    """Return the 124-byte datagram of a packet of increments; an arm that is not in `arms` stays
+    still.
+    """
     fields = np.zeros((), U_STRUCT)
     fill_fields(fields, packet, arms)
     fields["checksum"] = checksum(fields)
@@ -119,9 +124,7 @@ def encode(packet: Packet, arms: tuple[ArmName, ...]) -> bytes:
 
 
 def fill_fields(fields: Any, packet: Packet, arms: tuple[ArmName, ...]) -> None:
-    """Write a packet's numbers into a zeroed datagram's fields; an arm that is not in `arms` stays
-    still.
-    """
+    """Write a packet's numbers into a zeroed datagram; an arm that is not in `arms` stays still."""
     fields["sequence"] = int(packet.sequence) % 2**32
     fields["surgeon_mode"] = int(packet.surgeon_mode)
     fields["Qw"] = 1.0
@@ -135,10 +138,10 @@ def fill_fields(fields: Any, packet: Packet, arms: tuple[ArmName, ...]) -> None:
 
 
 def decode(datagram: bytes, arms: tuple[ArmName, ...]) -> Packet:
-    """The packet of increments in a datagram.
+    """Return the packet of increments in a datagram.
 
-    Longer ones are cut as the robot cuts them; what a shorter one lacks reads 0, and `size` tells
-    the robot to drop it.
+    Longer datagrams are cut, as the robot cuts them. Missing fields of a shorter one are 0, and
+    `size` makes the robot drop it.
     """
     whole = datagram[: U_STRUCT.itemsize].ljust(U_STRUCT.itemsize, b"\0")
     fields = np.frombuffer(whole, U_STRUCT, count=1)[0]

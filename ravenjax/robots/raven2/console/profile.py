@@ -1,5 +1,5 @@
-"""What a console sends: the meaning, unit and bounds of each field of its packets, as a
-profile's file has them.
+"""Console profiles: meaning, unit and bounds of each field of a console's packets, read from a
+file.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ Angle = Literal["mrad", "rad", "deg"]
 
 
 class ProfileTable(BaseModel):
-    """A table of a profile: frozen, unknown keys refused, numbers are numbers."""
+    """A table of a profile: frozen; unknown keys are refused; numbers must be numbers."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
 
@@ -25,14 +25,14 @@ class ProfileTable(BaseModel):
 class SentPosition(ProfileTable):
     """[position]: delx, dely, delz, the increment of the tip about the ITP axes."""
 
-    # of one step
+    # Unit of one step
     unit: Length = "um"
-    # what increments are multiplied by
+    # Factor for increments
     scale: float = Field(default=1.0, gt=0.0, le=1000.0)
 
     @property
     def um(self) -> float:
-        """um of the tip a step."""
+        """um of the tip per step."""
         return LENGTHS_UM[self.unit] * self.scale
 
 
@@ -42,9 +42,9 @@ class SentOrientation(ProfileTable):
     # increments: a unit quaternion, the turn since the last packet; vector: that turn as a rotation
     # vector in Qx, Qy, Qz, with Qw = 1; quaternion: the hand's orientation, a unit quaternion
     form: Literal["increments", "vector", "quaternion"] = "increments"
-    # of a vector's length; quaternions have none
+    # Unit of a vector's length; quaternions have none
     unit: Angle = "rad"
-    # what a vector is multiplied by
+    # Factor for a vector
     scale: float = Field(default=1.0, gt=0.0, le=1000.0)
 
     @model_validator(mode="after")
@@ -57,7 +57,7 @@ class SentOrientation(ProfileTable):
 
     @property
     def rad(self) -> float:
-        """rad a step of a vector."""
+        """rad per step of a vector."""
         return ANGLES_RAD[self.unit] * self.scale
 
 
@@ -66,15 +66,15 @@ class SentJaw(ProfileTable):
 
     # increments: since the last packet; positions: where the console's jaw is
     form: Literal["increments", "positions"] = "increments"
-    # of one step
+    # Unit of one step
     unit: Angle = "mrad"
-    # what values are multiplied by
+    # Factor for values
     scale: float = Field(default=1.0, gt=0.0, le=1000.0)
-    # which way values go while the jaw closes
+    # Direction of values while the jaw closes
     closes: Literal["rising", "falling"] = "rising"
-    # of positions, scaled; what is below is refused
+    # Lower bound of positions, scaled; smaller values are refused
     lowest_mrad: float = -math.inf
-    # of positions, scaled; what is above is refused
+    # Upper bound of positions, scaled; larger values are refused
     highest_mrad: float = math.inf
 
     @model_validator(mode="after")
@@ -93,36 +93,38 @@ class SentJaw(ProfileTable):
 
     @property
     def mrad(self) -> float:
-        """mrad of closing a step."""
+        """mrad of closing per step."""
         return ANGLES_RAD[self.unit] * 1e3 * self.scale * (1.0 if self.closes == "rising" else -1.0)
 
 
 class SentStream(ProfileTable):
-    """[stream]: packets, one after the other."""
+    """[stream]: how packets follow one another."""
 
-    # packets that the console sends in a second
+    # Packets that the console sends per second
     rate_hz: float = Field(default=1000.0, gt=0.0, le=20_000.0)
-    # packets that count in one millisecond, added up; more wait, in their order, for the next ones
+    # Packets that are added up in one millisecond; further ones wait, in their order, for the next
     per_tick: int = Field(default=4, ge=1, le=32)
-    # whether the checksum must be right
+    # Whether the checksum must be right
     checksum: bool = True
-    # what it holds: anything, or the same as grasp, which then must be so
+    # Content of the buttons: anything, or the same as grasp, which then must be so
     buttonstate: Literal["free", "jaw"] = "free"
 
 
 class LargestSteps(ProfileTable):
-    """[largest]: what one packet may ask for, converted. The robot itself has no such bounds."""
+    """[largest]: largest motions that one packet may ask for, converted. The robot has no such
+    bounds.
+    """
 
-    # displacement, um
+    # Displacement, um
     step_um: float = Field(default=1000.0, gt=0.0, le=1000.0)
-    # rotation, rad
+    # Rotation, rad
     turn_rad: float = Field(default=0.1, gt=0.0, le=0.1)
-    # motion of the jaw, mrad
+    # Motion of the jaw, mrad
     jaw_mrad: float = Field(default=200.0, gt=0.0, le=200.0)
 
 
 class ConsoleProfile(ProfileTable):
-    """A whole file."""
+    """A whole profile file."""
 
     name: str = Field(pattern=r"^[a-z][a-z0-9_]*$", description="by which --console calls it")
     title: str = Field(min_length=1, description="which console this is")

@@ -1,23 +1,24 @@
-"""The operator who reacts: feels the cue, needs a moment, then lifts the pedal, slows down, or
-corrects by eye.
+"""Models an operator who reacts to the haptic cue after a delay: releases the pedal, slows down, or
+corrects.
 
-The cue that is felt is the first haptic set. What the hands then do goes the way of all that hands
-do: into the console's packets, so to the robot and to the nominal model alike. An operator of
-action `none` is as deaf to the cue as one without a haptic device, which makes pairs of runs: the
-same fault, with the cue and without.
+The operator feels the first haptic set. The resulting motion of the hands goes into the console's
+packets, and so to the robot and to the nominal model alike. An operator of action `none` ignores
+the cue like an operator without a haptic device. This makes pairs of runs: the same fault, with the
+cue and without.
 
 - 1 release: the foot leaves the pedal.
-- 2 slow: the hands go on along their way at `slow_to` of their speed.
+- 2 slow: the hands continue along their path at `slow_to` of their speed.
 - 3 correct: the hands move the instrument back to where it was meant to be, as far as the eye can
-  tell (true tip against the nominal model without what the hands did beyond the plan), by
-  `correct_per_s` of the distance, at `correct_speed` at most.
+  see it. The eye compares the true tip with the nominal model without the motion of the hands
+  beyond the plan. The correction reduces the distance by `correct_per_s`, at `correct_speed` at
+  most.
 
-Assumptions, as no source measured them on this robot: 0.25 s from the first pull to the action (an
-expected touch takes 0.155 s in the laboratory, a brake 0.7 to 1.5 s; sources in
-`docs/explanation/hand.md`); a correction by eye closes with a time constant of 0.2 s. The cue's
-force itself moves a hand only where `ravenjax.stages.hand` is in the tick. A packet that the
-network delays carries what the hands did when it was made, but for a correction, which is that of
-now.
+Assumptions, because no source measured them on this robot: 0.25 s from the first pull to the action
+(an expected touch takes 0.155 s in the laboratory, a brake 0.7 to 1.5 s; sources in
+`docs/explanation/hand.md`); a correction by eye has a time constant of 0.2 s. The cue's force
+itself moves a hand only if `ravenjax.stages.hand` is in the tick. A packet that the network delays
+carries the hands' motion at the time when it was made, except a correction, which is the present
+one.
 """
 
 from __future__ import annotations
@@ -36,12 +37,15 @@ from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.vocabulary.reactions import CORRECT, NONE, RELEASE, SLOW
 
 TICK_S = 1e-3
-TINY_M = 1e-9  # below it there is nothing to correct
+# m; a smaller distance is not corrected
+TINY_M = 1e-9
 
 
 @record
 class ReactionParams:
-    """What a campaign may vary; the assumptions above. Nobody reacts until a campaign says so."""
+    """Reaction parameters that a campaign may vary; the defaults are the assumptions above, with no
+    action.
+    """
 
     action: Annotated[  # int32, one of ACTIONS
         Scalar,
@@ -65,7 +69,7 @@ class ReactionParams:
 
 @record
 class ReactionState:
-    """What the operator remembers."""
+    """The state of the operator's reaction."""
 
     felt: Scalar  # int32, tick of the first pull that was felt in pedal-down; -1: none
     acted: Scalar  # int32, first tick of the action; -1: none
@@ -74,27 +78,28 @@ class ReactionState:
 
 @record
 class OperatorSenses:
-    """What reaches the operator's eyes and hands; tuples have one entry an arm."""
+    """What the operator sees and feels; tuples have one entry per arm."""
 
     force: tuple[Scalar, ...]  # device units, of the first haptic set
     tip: tuple[Vec, ...]  # m, true tip
-    model_tip: tuple[Vec, ...]  # m, that of the nominal model
-    off_plan: tuple[
-        Vec, ...
-    ]  # m, frame 0, by which the hands asked for more than the plan, of both alike
+    model_tip: tuple[Vec, ...]  # m, tip of the nominal model
+    # m, frame 0, tip motion beyond the plan that the hands asked for, the same for robot and model
+    off_plan: tuple[Vec, ...]
     pedal_down: Scalar  # bool
     tick: Scalar  # int32
 
 
 def init(setup: RavenSetup) -> ReactionState:
-    """Nothing felt."""
+    """Return the state before any pull."""
     return ReactionState(jnp.int32(-1), jnp.int32(-1), jnp.int32(-1))
 
 
 def act(
     setup: RavenSetup, params: ReactionParams, state: ReactionState, tick: Scalar, packet: Scalar
 ) -> ReactionState:
-    """Before this tick's packet, of the motion's row `packet`: whether the action begins now."""
+    """Decide whether the action begins now, before this tick's packet, of row `packet` of the
+    motion.
+    """
     waited = lax.convert_element_type(tick - state.felt, setup.precision.real) >= params.delay_ms
     begins = (params.action != NONE) & (state.felt >= 0) & waited & (state.acted < 0)
     return replace(
@@ -107,7 +112,9 @@ def act(
 def deviation(
     setup: RavenSetup, params: ReactionParams, state: ReactionState, row: Scalar, before: Scalar
 ) -> Deviation:
-    """Foot and hands in the packet of that row of the motion, after one of row `before`."""
+    """Return the deviations of foot and hands in the packet of row `row`, after a packet of row
+    `before`.
+    """
 
     def since(packet: Scalar) -> tuple[Scalar, Scalar]:
         rows = packet - state.acted_packet
@@ -125,8 +132,8 @@ def deviation(
 def feel(
     setup: RavenSetup, params: ReactionParams, state: ReactionState, felt: OperatorSenses
 ) -> tuple[ReactionState, tuple[Vec, ...]]:
-    """After this tick's cue: the state, and by how much the hands take each tip along to
-    correct, m in frame 0.
+    """Return the state after this tick's cue, and each tip's correction by the hands, m
+    in frame 0.
     """
     noticed = felt.force[0] > params.felt_force
     for force in felt.force[1:]:

@@ -1,9 +1,9 @@
-"""Reads packets under a profile: fields of a datagram become increments of the tips, or the rule
-that they break.
+"""Reads packets under a profile: the fields of a datagram become increments of the tips, or a
+broken rule.
 
-Positions, of jaws or of a hand's orientation, are taken from one packet to the next. What a console
-did before its stream began, or while packets were lost, moves nothing: increments that were lost do
-not either.
+Positions, of jaws or of a hand's orientation, are differenced from one packet to the next. Motion
+before a console's stream began, or while packets were lost, therefore moves nothing. Neither do
+increments that were lost.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from ravenjax.robots.raven2.console.packet import U_STRUCT
 from ravenjax.robots.raven2.console.profile import ConsoleProfile
 
 FIELDS = struct.Struct("<3I6i8d6i")
-"""U_STRUCT; unpacking it is ten times as fast as NumPy is."""
+"""Layout of U_STRUCT; unpacking it is ten times as fast as NumPy."""
 QUAT, BUTTONS, GRASP, MODE, CHECKSUM = 9, 17, 19, 21, 22
-"""Places of Qx[0], buttonstate[0], grasp[0], surgeon_mode and checksum among the fields."""
+"""Indices of Qx[0], buttonstate[0], grasp[0], surgeon_mode and checksum among the fields."""
 assert FIELDS.size == U_STRUCT.itemsize
 
 Quat = tuple[float, float, float, float]
@@ -28,7 +28,7 @@ _LEVEL: Quat = (0.0, 0.0, 0.0, 1.0)
 
 
 class PacketReading(NamedTuple):
-    """What a packet asks for; one entry an arm."""
+    """The motion that a packet asks for; one entry per arm."""
 
     delta_um: tuple[tuple[int, int, int], ...]
     quat: tuple[Quat, ...]
@@ -39,7 +39,7 @@ class Misfit(NamedTuple):
     """Why a packet is refused: the first rule that it breaks."""
 
     cause: str  # mode, checksum, buttons, step, quaternion, turn or grasp
-    arm: str  # "" where it is of the whole packet
+    arm: str  # "" if the rule concerns the whole packet
     got: object
     expected: str
 
@@ -49,41 +49,44 @@ class Misfit(NamedTuple):
 
 
 class _Hand(NamedTuple):
-    """What is remembered of an arm from the last packet of the stream."""
+    """The state of an arm after the last packet of the stream."""
 
-    jaw: int | None  # its value
-    quat: Quat | None  # unit
-    left: tuple[float, float, float, float]  # um (3) and mrad that whole numbers have left over
+    jaw: int | None  # value of the jaw
+    quat: Quat | None  # orientation, a unit quaternion
+    # um (3) and mrad that rounding to whole numbers left over
+    left: tuple[float, float, float, float]
 
 
 _NEW = _Hand(None, None, (0.0, 0.0, 0.0, 0.0))
 
 
 class PacketReader:
-    """One profile and what it remembers of a stream."""
+    """Reads a stream of packets under one profile, and keeps the state of the stream."""
 
     def __init__(self, profile: ConsoleProfile, arms: Sequence[ArmName]) -> None:
-        """arms: those whose fields are read; an arm that is not there may have any."""
+        """Prepare to read packets. arms: arms whose fields are read; other arms may have any
+        values.
+        """
         self.profile = profile
         self._slots = tuple(ARMS.index(arm) for arm in arms)
         self._hands = [_NEW] * len(self._slots)
-        self._next = list(self._hands)  # as they are after the packet that was read last
+        self._next = list(self._hands)  # state after the packet that was read last
         largest = profile.largest
         self._step_square = largest.step_um**2
         self._cos_square = math.cos(largest.turn_rad / 2) ** 2
 
     def begin(self) -> None:
-        """Forget the stream: another one begins."""
+        """Reset the state, because another stream begins."""
         self._hands = [_NEW] * len(self._slots)
 
     def follow(self) -> None:
-        """The packet that was read last belongs to the stream."""
+        """Accept the packet that was read last as part of the stream."""
         self._hands = self._next
 
     def read(self, fields: Sequence, joined: bool = True) -> PacketReading | Misfit:
-        """What a packet's fields (of `FIELDS`) ask for. Nothing is remembered of it until `follow`.
+        """Return what a packet's fields (of `FIELDS`) ask for. It changes no state until `follow`.
 
-        joined: it comes next after the last one of the stream; else only what it holds itself is
+        joined: the packet directly follows the last one of the stream; else only its own content is
         judged.
         """
         self._next = self._hands
@@ -156,12 +159,14 @@ class PacketReader:
         return (x, y, z), turn, grasp, _Hand(jaw, place, (left_x, left_y, left_z, left_jaw))
 
     def _turn(self, sent: Sequence[float], before: Quat | None) -> tuple[Quat | None, Quat | None]:
-        """The turn that a packet asks for (None: no rotation), and the orientation to remember."""
+        """Return the turn that a packet asks for (None: no rotation), and the orientation
+        to keep.
+        """
         x, y, z, w = sent
         square = x * x + y * y + z * z + w * w
         form = self.profile.orientation.form
         if form == "vector":
-            if w != 1.0 or not square < math.inf:  # so written, NaN is refused too
+            if w != 1.0 or not square < math.inf:  # written so that NaN is refused, too
                 return None, None
             if square == 1.0:
                 return _LEVEL, None
@@ -187,9 +192,7 @@ class PacketReader:
 
 
 def _between(before: Quat, now: Quat) -> Quat:
-    """The turn that follows `before` to make `now`, now times the inverse of before; with w >=
-    0.
-    """
+    """Return the turn from `before` to `now`: now times the inverse of before, with w >= 0."""
     ax, ay, az, aw = now
     bx, by, bz, bw = -before[0], -before[1], -before[2], before[3]
     x = aw * bx + ax * bw + ay * bz - az * by
@@ -200,6 +203,6 @@ def _between(before: Quat, now: Quat) -> Quat:
 
 
 def _whole(value: float) -> tuple[int, float]:
-    """The nearest whole number, and what is left."""
+    """Return the nearest whole number, and the remainder."""
     whole = round(value)
     return whole, value - whole

@@ -21,16 +21,18 @@ MODEL = "raven2/raven2.xml"
 
 @functools.cache
 def scene() -> mujoco.MjModel:
-    """Both arms and the operating scene, compiled. Do not write to it."""
-    import mujoco  # a planned tick that was traced before needs no model
+    """Return both arms and the operating scene, compiled. Do not write to the model."""
+    # imported late: a planned tick that was traced before needs no model
+    import mujoco
 
     return mujoco.MjModel.from_xml_path(str(resources.model(MODEL)))
 
 
 @functools.cache
 def one_arm(arm: ArmName) -> mujoco.MjModel:
-    """One arm alone, without shapes and scene, compiled. Its seven degrees of freedom come in
-    the order of `JOINTS`.
+    """Return one arm alone, without shapes and scene, compiled.
+
+    Its seven degrees of freedom come in the order of `JOINTS`.
     """
     import mujoco
 
@@ -48,19 +50,19 @@ def one_arm(arm: ArmName) -> mujoco.MjModel:
 
 
 def base(arm: ArmName) -> str:
-    """Name of the fixed body that carries the arm's frame 0."""
+    """Return the name of the fixed body that carries the arm's frame 0."""
     if arm not in ARMS:
         raise ValueError(f"no arm {arm!r}: the robot has {' and '.join(ARMS)}")
     return f"{arm}_frame0"
 
 
 def joint_names(arm: ArmName) -> tuple[str, ...]:
-    """Names in the model of the arm's joints, in the order of `JOINTS`."""
+    """Return the names of the arm's joints in the model, in the order of `JOINTS`."""
     return tuple(f"{arm}_{joint}" for joint in JOINTS)
 
 
 def frame_rotation(arm: ArmName) -> np.ndarray:
-    """Rotation [3, 3] of the arm's frame 0 in the world."""
+    """Return the rotation [3, 3] of the arm's frame 0 in the world."""
     import mujoco
 
     rotation = np.zeros(9)

@@ -1,6 +1,8 @@
-"""The MuJoCo model's bodies for drawing: which move, their shapes and their looks.
+"""Extracts bodies of the MuJoCo model for drawing: which bodies move, their shapes and their
+appearance.
 
-mjviser and trimesh are imported where shapes are made: that takes a second, and pages keep shapes.
+mjviser and trimesh are imported only when shapes are made: the import takes a second, and pages
+cache the shapes.
 """
 
 # MuJoCo's compiled module carries no types.
@@ -20,18 +22,20 @@ if TYPE_CHECKING:
     import trimesh
 
 NO_COLOUR = 0.5
-"""A geom without a colour has this one in MuJoCo, and its material's colour counts."""
+"""The value that MuJoCo gives to a geom without a colour; the colour of its material is
+used then.
+"""
 CREASE = math.radians(35.0)
-"""Faces that meet at a smaller angle are drawn as one smooth surface."""
+"""Faces that meet at a smaller angle are drawn as one smooth surface, rad."""
 
 
 def fixed_bodies(model: mujoco.MjModel) -> dict[int, str]:
-    """Names of the bodies that have shapes and never move."""
+    """Return the names of the bodies that have shapes and never move."""
     return _with_shapes(model, np.flatnonzero(model.body_weldid == 0))
 
 
 def moving_bodies(model: mujoco.MjModel, arm: ArmName) -> dict[int, str]:
-    """Names of an arm's moving links that have shapes."""
+    """Return the names of an arm's moving links that have shapes."""
     bodies = _with_shapes(model, np.flatnonzero(model.body_weldid != 0))
     return {body: name for body, name in bodies.items() if name.startswith(f"{arm}_")}
 
@@ -41,13 +45,13 @@ def _with_shapes(model: mujoco.MjModel, bodies: np.ndarray) -> dict[int, str]:
 
 
 def _geoms(model: mujoco.MjModel, body: int) -> list[int]:
-    """Geoms of a body without the unbounded floor."""
+    """Return the geoms of a body, without the unbounded floor."""
     geoms = np.flatnonzero(model.geom_bodyid == body).tolist()
     return [geom for geom in geoms if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_PLANE]
 
 
 def geoms_by_look(model: mujoco.MjModel, body: int) -> list[list[int]]:
-    """The body's geoms; those that look alike are together."""
+    """Return the body's geoms, grouped by appearance."""
     looks: dict[tuple[float, ...], list[int]] = {}
     for geom in _geoms(model, body):
         look = (float(model.geom_matid[geom]), *model.geom_rgba[geom].round(3).tolist())
@@ -56,14 +60,14 @@ def geoms_by_look(model: mujoco.MjModel, body: int) -> list[list[int]]:
 
 
 def merged_mesh(model: mujoco.MjModel, geoms: list[int]) -> trimesh.Trimesh:
-    """One mesh of these geoms in their body's frame, m."""
+    """Return one mesh of these geoms in their body's frame, m."""
     from mjviser import conversions
 
     return conversions.merge_geoms(model, geoms)
 
 
 def plain_mesh(model: mujoco.MjModel, body: int) -> trimesh.Trimesh:
-    """The body's shapes as one mesh without colour, in its frame, m."""
+    """Return the body's shapes as one mesh without colour, in its frame, m."""
     import trimesh
 
     mesh = merged_mesh(model, _geoms(model, body))
@@ -71,7 +75,9 @@ def plain_mesh(model: mujoco.MjModel, body: int) -> trimesh.Trimesh:
 
 
 def coloured_glb(model: mujoco.MjModel, body: int) -> bytes:
-    """The body's shapes in its frame, m, as binary glTF: one mesh for each look."""
+    """Return the body's shapes in its frame, m, as binary glTF with one mesh for each
+    appearance.
+    """
     import trimesh
     from trimesh.visual import TextureVisuals
     from trimesh.visual.material import PBRMaterial
@@ -81,7 +87,7 @@ def coloured_glb(model: mujoco.MjModel, body: int) -> bytes:
         mesh = trimesh.graph.smooth_shade(merged_mesh(model, geoms), angle=CREASE)
         material = model.mat(int(model.geom_matid[geoms[0]]))
         srgb = colour(model, geoms[0])
-        # glTF has linear colours, and roughness in place of shininess.
+        # glTF has linear colours, and roughness instead of shininess.
         linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
         is_metal = material.name in ("steel", "silver", "extrusion")
         mesh.visual = TextureVisuals(
@@ -99,7 +105,7 @@ def coloured_glb(model: mujoco.MjModel, body: int) -> bytes:
 
 
 def colour(model: mujoco.MjModel, geom: int) -> np.ndarray:
-    """sRGB of a geom, 0 to 1; of a texture the colour of its first pixel."""
+    """Return the sRGB colour of a geom, 0 to 1; for a texture the colour of its first pixel."""
     material = model.mat(int(model.geom_matid[geom]))
     textures = [int(texture) for texture in material.texid if texture >= 0]
     rgb = model.geom_rgba[geom][:3]

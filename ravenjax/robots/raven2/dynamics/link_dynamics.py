@@ -1,7 +1,7 @@
 """Rigid-body dynamics of one arm: M(q) qacc + bias(q, qvel) = joint torque.
 
-Two implementations of the same quantities, picked by `setup.link_dynamics`: "unrolled" replays a
-straight-line program derived from the compiled model, "mjx" calls mujoco.mjx. Joint order and
+`setup.link_dynamics` selects one of two implementations of the same quantities. "unrolled" replays
+a straight-line program derived from the compiled model; "mjx" calls mujoco.mjx. Joint order and
 units: `raven2.arms.JOINTS`, rad and m.
 """
 
@@ -23,23 +23,24 @@ if TYPE_CHECKING:
     from ravenjax.robots.raven2.dynamics.rigid_tree import Link
 
 FUNCTIONS = {"sin": lambda x: jnp.sin(x), "cos": lambda x: jnp.cos(x)}
-"""What the program calls."""
+"""Functions that the program calls."""
 
 
 def mass_matrix_and_bias(
     setup: RavenSetup, arm: ArmName, qpos: Vec, qvel: Vec, gravity: Vec, mass_scale: Scalar = 1.0
 ) -> tuple[tuple[Vec, ...], Vec]:
-    """(M: 7 rows of 7, bias: 7) at joint positions `qpos` (= jpos) and velocities `qvel`.
+    """Return (M: 7 rows of 7, bias: 7) at joint positions `qpos` (= jpos) and velocities `qvel`.
 
     gravity: m/s^2 in frame 0 of the arm. bias: Coriolis, centrifugal and gravity torque (Nm,
-    insertion N), the sign of MuJoCo's qfrc_bias. mass_scale multiplies every link's mass and
+    insertion N), with the sign of MuJoCo's qfrc_bias. mass_scale multiplies every link's mass and
     inertia. Both results are linear in it and are scaled at the end, except the armature (kg m^2)
-    of the tool spindles on the diagonal. Entries of M that never change are Python numbers; Python
+    of the tool spindles on the diagonal. Entries of M that never change are Python numbers. Python
     numbers among the arguments are folded as constants.
     """
     if setup.link_dynamics == "mjx":
         from ravenjax.robots.raven2.dynamics import (
-            mjx_dynamics,  # half a second of import that only this choice should pay
+            # this import takes half a second, which only this choice should cost
+            mjx_dynamics,
         )
 
         mass, bias = mjx_dynamics.mass_matrix_and_bias(arm, qpos, qvel, gravity)
@@ -55,8 +56,8 @@ def mass_matrix_and_bias(
 
 @functools.cache
 def links(arm: ArmName) -> tuple[Link, ...]:
-    """The arm as a tree of links. Raises ValueError if the model's joints are not those of the
-    arm.
+    """Return the arm as a tree of links. Raises ValueError if the model's joints are not those of
+    the arm.
     """
     from ravenjax.robots.raven2.dynamics.rigid_tree import read_tree  # imports MuJoCo
 
@@ -72,7 +73,9 @@ def links(arm: ArmName) -> tuple[Link, ...]:
 
 @functools.lru_cache(maxsize=64)
 def program(arm: ArmName, known: tuple[float | None, ...]) -> Program:
-    """The arm's straight-line program; `known` as in `rigid_program.mass_matrix_and_bias`."""
+    """Return the arm's straight-line program; `known` as in
+    `rigid_program.mass_matrix_and_bias`.
+    """
     from ravenjax.robots.raven2.dynamics import rigid_program
 
     return rigid_program.mass_matrix_and_bias(links(arm), known)

@@ -15,7 +15,8 @@ import numpy as np
 
 with contextlib.redirect_stdout(
     io.StringIO()
-):  # it prints a line for each optional backend that is not installed
+    # the import prints a line for each optional backend that is not installed
+):
     from mujoco import mjx
 
 from ravenjax.numbers.vec import Scalar, Vec
@@ -26,9 +27,10 @@ from ravenjax.robots.raven2.dynamics import arm_model
 def mass_matrix_and_bias(
     arm: ArmName, qpos: Vec, qvel: Vec, gravity: Vec
 ) -> tuple[list[list[Scalar]], list[Scalar]]:
-    """(M without armature: 7 x 7, bias: 7). Arguments as in `link_dynamics.mass_matrix_and_bias`.
+    """Return (M without armature: 7 x 7, bias: 7); arguments as in
+    `link_dynamics.mass_matrix_and_bias`.
 
-    Works in the floating point type of the arguments, alone and under jit and vmap.
+    Computes in the floating-point type of the arguments; also works under jit and vmap.
     """
     dtype = jnp.result_type(*qpos, *qvel, *gravity)
     dtype = dtype if jnp.issubdtype(dtype, jnp.floating) else jnp.result_type(float)
@@ -41,16 +43,15 @@ def mass_matrix_and_bias(
     )
     data = mjx.com_pos(model, mjx.kinematics(model, data))
     data = mjx.rne(model, mjx.com_vel(model, mjx.crb(model, data)))
-    mass, bias = (
-        x.astype(dtype) for x in (mjx.full_m(model, data), data.qfrc_bias)
-    )  # MJX widens where x64 is on
+    # MJX widens numbers if x64 is on
+    mass, bias = (x.astype(dtype) for x in (mjx.full_m(model, data), data.qfrc_bias))
     n = len(qpos)
     return [[mass[i, j] for j in range(n)] for i in range(n)], [bias[i] for i in range(n)]
 
 
 @functools.cache
 def _at_rest(arm: ArmName, dtype: str) -> tuple[mjx.Model, mjx.Data, np.ndarray]:
-    """Model and data for reals of type `dtype`, and the rotation of frame 0 in the world."""
+    """Return model and data for reals of type `dtype`, and the rotation of frame 0 in the world."""
     compiled = arm_model.one_arm(arm)
     with jax.ensure_compile_time_eval():
         model = mjx.put_model(compiled)

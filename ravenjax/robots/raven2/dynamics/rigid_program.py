@@ -1,10 +1,10 @@
 """Mass matrix and bias of a tree of links as a straight-line program.
 
 Composite rigid bodies (mass matrix) and recursive Newton-Euler (bias: Coriolis, centrifugal and
-gravity, with the sign of MuJoCo's qfrc_bias) share kinematics. Bodies are 4x4 pseudo-inertias [[J,
-h], [h^T, m]]; with the acceleration matrix U = [alpha]x + [omega]x^2 a body's wrench about its
-origin is f = U h + m a, n = sum of r x (U r + a), which costs less than Euler's form because U is
-shared (W. Khalil's customised symbolic method).
+gravity, with the sign of MuJoCo's qfrc_bias) share the kinematics. Bodies are 4x4 pseudo-inertias
+[[J, h], [h^T, m]]. With the acceleration matrix U = [alpha]x + [omega]x^2, a body's wrench about
+its origin is f = U h + m a, n = sum of r x (U r + a). This costs less than Euler's form because U
+is shared (W. Khalil's customised symbolic method).
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ ZERO = Vec.full(3, 0.0)
 
 @dataclasses.dataclass
 class _Body:
-    """A link in motion, everything in its own frame."""
+    """A moving link; all numbers are in its own frame."""
 
-    turns: list[Turn]  # to the parent frame, outermost first
-    position: Vec  # of the origin in the parent frame
+    turns: list[Turn]  # rotations to the parent frame, outermost first
+    position: Vec  # position of the origin in the parent frame
     omega: Vec
     matrix: Vec  # U
-    wrench: tuple[Vec, Vec]  # moment and force for the bias
+    wrench: tuple[Vec, Vec]  # moment and force of the body, for the bias
     moments: Matrix  # J of the composite body
     first: Vec  # h of the composite body
     mass: Number
@@ -42,12 +42,11 @@ class _Body:
 def mass_matrix_and_bias(
     links: tuple[Link, ...], known: tuple[float | None, ...] | None = None
 ) -> Program:
-    """Program from (qpos, qvel, gravity in the base frame) to (lower triangle of M row by row,
-    without armature; bias).
+    """Return the program from (qpos, qvel, gravity in the base frame) to (M, bias).
 
-    `known` holds a number for each of the 2 n + 3 inputs that is fixed (it is then folded), None
-    for the others. M is symmetric; entries that the tree's structure makes constant or zero come
-    out as Python numbers.
+    M is returned as its lower triangle, row by row, without armature. `known` holds a number for
+    each of the 2 n + 3 inputs that is fixed (it is then folded), and None for the others. M is
+    symmetric. Entries that the tree's structure makes constant or zero are Python numbers.
     """
     n = len(links)
     inputs = symbols(2 * n + 3)
@@ -66,9 +65,8 @@ def _kinematics(
     links: tuple[Link, ...], qpos: list[Number], qvel: list[Number], upward: Vec
 ) -> list[_Body]:
     bodies: list[_Body] = []
-    rates: list[
-        tuple[Vec, Vec]
-    ] = []  # angular acceleration, acceleration of the origin, at qacc = 0
+    # angular acceleration, acceleration of the origin, at qacc = 0
+    rates: list[tuple[Vec, Vec]] = []
     for link, q, rate in zip(links, qpos, qvel, strict=True):
         travel = q - link.reference if link.slide else 0.0
         last = _turn(2, link.offset) if link.slide else _turn(2, link.offset, q)
@@ -154,7 +152,9 @@ def _to_parent(body: _Body, moment: Vec, force: Vec) -> tuple[Vec, Vec]:
 
 
 def _turn(axis: int, offset: float, angle: Number = 0.0) -> Turn:
-    """Rotation by offset + angle; an offset of right angles only exchanges sine and cosine."""
+    """Return the rotation by offset + angle; an offset of right angles only exchanges sine and
+    cosine.
+    """
     quarters = round(offset / (math.pi / 2))
     if offset != quarters * (math.pi / 2):
         return axis, cos(angle + offset), sin(angle + offset)
@@ -174,7 +174,7 @@ def _rotate_back(turns: list[Turn], v: Vec) -> Vec:
 
 
 def _turn_moments(turn: Turn, J: Matrix) -> Matrix:
-    """R J R^T for a symmetric J and a rotation R about one axis."""
+    """Return R J R^T for a symmetric J and a rotation R about one axis."""
     axis, c, s = turn
     x, y = (axis + 1) % 3, (axis + 2) % 3
     turned = [list(row) for row in J]
@@ -205,7 +205,7 @@ def _acceleration_matrix(omega: Vec, alpha: Vec) -> Vec:
 
 
 def _moment(U: Vec, J: Matrix) -> Vec:
-    """Sum of r x (U r): the axial vector of U J."""
+    """Return the sum of r x (U r): the axial vector of U J."""
 
     def component(i: int) -> Number:
         j, k = (i + 1) % 3, (i + 2) % 3

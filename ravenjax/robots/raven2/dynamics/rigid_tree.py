@@ -1,16 +1,17 @@
-"""A tree of hinge and slide joints, read from a compiled MuJoCo model, ready for unrolled
-rigid-body recursions.
+"""Reads a tree of hinge and slide joints from a compiled MuJoCo model for unrolled rigid-body
+recursions.
 
-Any subtree of any model will do; nothing here knows the Raven. Three choices keep the later
-operation count low, none of which changes the dynamics:
+Any subtree of any model works; this module does not depend on the Raven. Three choices keep the
+later operation count low; none of them changes the dynamics:
+
 - Each moving link gets its own frame: z along its joint axis, x along the common normal to its
   first child's axis, origin at the foot of the common normal to its parent's axis (slides: at the
   parent's origin). A transform to the parent is then Rz(beta) Rx(alpha) Rz(angle), with beta mostly
   zero (W. Khalil, J. F. Kleinfinger, ICRA 1986).
-- What is fixed to a link is lumped into it.
-- Inertia that a joint's motion does not show is moved to the parent: for a hinge about z mass,
-  first moment along z and the second moment along z; for a slide all second moments (minimal
-  inertial parameters, W. Khalil, F. Bennis 1989).
+- Bodies that are fixed to a link are lumped into it.
+- Inertia that a joint's motion does not show is moved to the parent. For a hinge about z this is
+  the mass, the first moment along z and the second moment along z; for a slide it is all second
+  moments (minimal inertial parameters, W. Khalil, F. Bennis 1989).
 """
 
 # MuJoCo's compiled module carries no types.
@@ -26,13 +27,15 @@ import numpy as np
 
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 _PARALLEL = 1e-9  # sine of the angle below which two axes count as parallel
-_SNAP = 1e-13  # relative size below which a number is rounding of an exact zero
+# relative size below which a number is the rounding of an exact zero
+_SNAP = 1e-13
 
 
 @dataclasses.dataclass(frozen=True)
 class Link:
-    """One joint and all that moves rigidly with it. Lengths m, masses kg, angles rad; vectors in
-    the frames named.
+    """One joint and all that moves rigidly with it.
+
+    Lengths m, masses kg, angles rad; vectors are in the frames named.
     """
 
     joint: str
@@ -42,17 +45,15 @@ class Link:
     alpha: float  # Rz(beta) Rx(alpha) Rz(offset) for a slide
     offset: float
     reference: float  # qpos0: a slide has moved by q - reference along z
-    position: tuple[
-        float, float, float
-    ]  # of this frame's origin in the parent frame (slide: at q = reference)
-    pseudo_inertia: (
-        np.ndarray
-    )  # 4x4 [[integral of r r^T dm, m c], [m c^T, m]] in this frame, regrouped
+    # position of this frame's origin in the parent frame (slide: at q = reference)
+    position: tuple[float, float, float]
+    # 4x4 [[integral of r r^T dm, m c], [m c^T, m]] in this frame, regrouped
+    pseudo_inertia: np.ndarray
     armature: float  # added to the diagonal of the mass matrix; kg m^2 or kg
 
 
 def read_tree(model: mujoco.MjModel, base: str) -> tuple[Link, ...]:
-    """The joints below body `base`, parents before children, in the order of the model's degrees of
+    """Return the joints below body `base`, parents first, in the order of the model's degrees of
     freedom.
 
     `base` counts as fixed: joint coordinates are the model's, vectors of the base are in its frame.
@@ -130,8 +131,8 @@ def _home_joints(model: mujoco.MjModel, base: int) -> list[_HomeJoint]:
 
 
 def pseudo_inertia(mass: float, com: np.ndarray, central: np.ndarray) -> np.ndarray:
-    """4x4 pseudo-inertia from mass (kg), centre of mass (m) and central inertia tensor (3x3, kg
-    m^2).
+    """Return the 4x4 pseudo-inertia of mass (kg), centre of mass (m), central inertia tensor (3x3,
+    kg m^2).
     """
     moments = 0.5 * np.trace(central) * np.eye(3) - central + mass * np.outer(com, com)
     first = mass * np.asarray(com)[:, None]
@@ -164,8 +165,9 @@ def _framed(joints: list[_HomeJoint]) -> list[_HomeJoint]:
 
 
 def _foot(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """The point of the joint's axis nearest to the line (point, axis); for parallel lines
-    nearest to `point`.
+    """Return the point of the joint's axis that is nearest to the line (point, axis).
+
+    For parallel lines it is the point nearest to `point`.
     """
     between = point - joint.anchor
     cosine = float(joint.axis @ axis)
@@ -176,8 +178,10 @@ def _foot(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 
 def _normal(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarray | None:
-    """Unit vector along the common normal from the joint's axis to the line (point, axis); None
-    if they coincide.
+    """Return the unit vector along the common normal from the joint's axis to the line (point,
+    axis).
+
+    Returns None if they coincide.
     """
     across = np.cross(joint.axis, axis)
     if np.linalg.norm(across) <= _PARALLEL:
@@ -189,7 +193,7 @@ def _normal(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarra
 
 
 def _leaf_direction(joint: _HomeJoint) -> np.ndarray:
-    """x of a link without children: through its centre of mass, which makes one first moment
+    """Return x of a link without children: through its centre of mass, so that one first moment is
     zero.
     """
     first, mass = joint.pseudo_inertia[:3, 3], joint.pseudo_inertia[3, 3]
@@ -242,15 +246,17 @@ def _regrouped(joints: list[_HomeJoint]) -> tuple[Link, ...]:
 
 
 def _moved(rotation: np.ndarray, position: np.ndarray, inertia: np.ndarray) -> np.ndarray:
-    """Pseudo-inertia seen from a frame in which the old one has this rotation and position."""
+    """Return the pseudo-inertia in a frame in which the old frame has this rotation and
+    position.
+    """
     transform = np.eye(4)
     transform[:3, :3], transform[:3, 3] = rotation, position
     return transform @ inertia @ transform.T
 
 
 def _zxz(rotation: np.ndarray) -> tuple[float, float, float]:
-    """(beta, alpha, gamma) with rotation = Rz(beta) Rx(alpha) Rz(gamma); right angles exact
-    where they are meant.
+    """Return (beta, alpha, gamma) with rotation = Rz(beta) Rx(alpha) Rz(gamma); right angles are
+    exact.
     """
     sine = math.hypot(rotation[0, 2], rotation[1, 2])
     alpha = math.atan2(sine, rotation[2, 2])
@@ -267,7 +273,7 @@ def _zxz(rotation: np.ndarray) -> tuple[float, float, float]:
 
 
 def _exact(angle: float) -> float:
-    """The angle with rounding off a multiple of a right angle removed."""
+    """Return the angle without the rounding error if it is a multiple of a right angle."""
     turns = round(angle / (math.pi / 2))
     return turns * (math.pi / 2) if abs(angle - turns * (math.pi / 2)) < 1e-12 else angle
 

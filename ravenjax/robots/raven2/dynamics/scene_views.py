@@ -12,7 +12,10 @@ ENDOSCOPES = {
     "endoscope_right": (0.0027, -0.14, 0.105),
     "second": (0.17, -0.03, 0.05),
 }
-"""Places from the middle of the field, m. The eyes of a stereo endoscope are 5 to 6 mm apart."""
+"""Positions of the endoscopes from the middle of the field, m.
+
+The eyes of a stereo endoscope are 5 to 6 mm apart.
+"""
 FIELD = np.array([0.0, 0.0, 0.192])
 """Middle of the field, a little above the tissue, m."""
 # Upward. Rigid endoscopes see 60 to 75 degrees across their round picture.
@@ -22,13 +25,16 @@ _CAMERAS = {
     "front": ((0.0, 0.0, 0.37), 1.2),
     "closeup": ((0.0, 0.0, 0.198), 1.0),
 }
-"""The point that each turns about, m, and how much farther away it is than in the model: a window
-is narrower than the model's picture."""
+"""For each camera, the point about which it turns, m, and how much farther away it is than in the
+model.
+
+The distance is larger because a window is narrower than the model's picture.
+"""
 VIEWS = (*ENDOSCOPES, *_CAMERAS)
 
 
 def view_pose(name: str) -> tuple[np.ndarray, np.ndarray, float]:
-    """Position and the point looked at, m, and the field of view upward, rad."""
+    """Return position and the point looked at, m, and the field of view upward, rad."""
     if name in ENDOSCOPES:
         place, focus = FIELD + ENDOSCOPES[name], FIELD.copy()
         # The axes of both eyes are parallel.

@@ -1,3 +1,1 @@
-"""Where an arm's joints, motors and tip are: kinematics, transmission, limits, instruments, the
-scene.
-"""
+"""Geometry of an arm: kinematics, transmission, limits, instruments, and the operating scene."""

@@ -1,10 +1,10 @@
 """Kinematics, transmission and gravity of whole arrays of poses, in float64, by NumPy.
 
 Joints are on the last axis, in the order shoulder, elbow (rad), insertion (m), tool_roll, wrist,
-grasp1, grasp2 (rad); any leading axes, and arguments broadcast against each other. Poses are of the
-jaw axis in frame 0 of the arm. Results are NumPy arrays. Numbers are real and finite (NaN comes
-out, never goes in), rotations orthonormal and right-handed; anything else, a wrong shape or an
-unknown name raises UserError, a ValueError.
+grasp1, grasp2 (rad). Any leading axes are allowed, and arguments broadcast against each other.
+Poses are those of the jaw axis in frame 0 of the arm. Results are NumPy arrays. Numbers must be
+finite and real (NaN may be returned, but is not accepted), and rotations orthonormal and
+right-handed. Any other number, a wrong shape or an unknown name raises UserError, a ValueError.
 """
 
 # Callers may pass anything.
@@ -28,14 +28,15 @@ from ravenjax.robots.raven2.geometry.joints import Pose
 Array = np.ndarray
 
 ORTHONORMAL = 1e-3
-"""How far R^T R of a rotation may be from 1: single precision and rounding in files are far
-below.
+"""Tolerance of R^T R of a rotation from 1; single precision and rounding in files are far
+below it.
 """
 
 
 def forward_kinematics(jpos: ArrayLike, arm: str) -> tuple[Array, Array]:
-    """Position [..., 3] (m) and rotation [..., 3, 3] of the jaw axis at `jpos` [..., 7]; yaw
-    (grasp2 - grasp1) / 2.
+    """Return position [..., 3] (m) and rotation [..., 3, 3] of the jaw axis at `jpos` [..., 7].
+
+    The yaw of the jaws is (grasp2 - grasp1) / 2.
     """
     (joints,) = _rows(arm, jpos=(jpos, (7,)))
     with _numpy():
@@ -44,7 +45,7 @@ def forward_kinematics(jpos: ArrayLike, arm: str) -> tuple[Array, Array]:
 
 
 def jaw_rotation(arm: str, jpos: Array) -> Array:
-    """Rotation [..., 3, 3] of the jaws at `jpos` [..., 7]; NaN where a joint is."""
+    """Return the rotation [..., 3, 3] of the jaws at `jpos` [..., 7]; NaN if a joint is NaN."""
     with _numpy():
         return _matrices(kinematics.forward(arm, _vec(np.asarray(jpos, float))).rotation)
 
@@ -52,13 +53,15 @@ def jaw_rotation(arm: str, jpos: Array) -> Array:
 def inverse_kinematics(
     position: ArrayLike, rotation: ArrayLike, grasp: ArrayLike, jpos_ref: ArrayLike, arm: str
 ) -> tuple[Array, Array]:
-    """Joints jpos_d [..., 7] that reach the pose, and status [...].
+    """Return the joints jpos_d [..., 7] that reach the pose, and the status [...].
 
     position: [..., 3], m; rotation: [..., 3, 3], columns are the axes of the jaws' frame; grasp:
-    [...], rad, jaw opening; jpos_ref: [..., 7], measured joints, the nearest solution to which is
-    taken. Joint limits are not applied. Status: 0 taken; -1 rejected by the control software's
-    rules (it would hold its last jpos_d), jpos_d is NaN there; -2 taken though the wrist is at the
-    remote centre, with the angles that the control software is left with.
+    [...], rad, jaw opening; jpos_ref: [..., 7], measured joints. The solution nearest to `jpos_ref`
+    is taken. Joint limits are not applied.
+
+    Status 0: taken. Status -1: rejected by the control software's rules; the software would hold
+    its last jpos_d, and the returned jpos_d is NaN. Status -2: taken although the wrist is at the
+    remote centre, with the angles that the control software would use.
     """
     places, turns, openings, measured = _rows(
         arm,
@@ -77,22 +80,28 @@ def inverse_kinematics(
 
 
 def motor_from_joint(jpos: ArrayLike, arm: str, tool: str = "r_grasper") -> Array:
-    """Motor angles mpos [..., 7] (rad) that hold the joints `jpos` [..., 7], cable coupling
-    included.
+    """Return the motor angles mpos [..., 7] (rad) that hold the joints `jpos` [..., 7].
+
+    Cable coupling is included.
     """
     (joints,) = _rows(arm, jpos=(jpos, (7,)))
     return _stacked(transmission.motor_from_joint(arm, tool, _vec(joints)))
 
 
 def joint_from_motor(mpos: ArrayLike, arm: str, tool: str = "r_grasper") -> Array:
-    """Joints jpos [..., 7] at the motor angles `mpos` [..., 7] (rad), cable coupling included."""
+    """Return the joints jpos [..., 7] at the motor angles `mpos` [..., 7] (rad).
+
+    Cable coupling is included.
+    """
     (motors,) = _rows(arm, mpos=(mpos, (7,)))
     return _stacked(transmission.joint_from_motor(arm, tool, _vec(motors)))
 
 
 def gravity_torque(jpos: ArrayLike, arm: str) -> Array:
-    """Capstan torque [..., 3] (Nm) by which the software holds shoulder, elbow and insertion at
-    `jpos` [..., 7].
+    """Return the capstan torque [..., 3] (Nm) with which the software compensates gravity at `jpos`
+    [..., 7].
+
+    It holds shoulder, elbow and insertion.
     """
     (joints,) = _rows(arm, jpos=(jpos, (7,)))
     with _numpy():
@@ -101,7 +110,7 @@ def gravity_torque(jpos: ArrayLike, arm: str) -> Array:
 
 @contextlib.contextmanager
 def _numpy() -> Generator[None]:
-    """Let the functions of single numbers compute with whole arrays for each."""
+    """Make the functions for single numbers compute with a whole array for each number."""
     with at_once(), np.errstate(all="ignore"):
         yield
 
@@ -119,7 +128,9 @@ def _matrices(rows: Vec) -> Array:
 
 
 def _rows(arm: str, **arguments: tuple[ArrayLike, tuple[int, ...]]) -> list[Array]:
-    """The arguments checked, with the same leading axes; each comes with the shape of one row."""
+    """Check the arguments and return them with the same leading axes; each comes with the shape of
+    one row.
+    """
     if arm not in ARMS:
         raise UserError(unknown("arm", arm, ARMS))
     checked = {name: _checked(name, value, row) for name, (value, row) in arguments.items()}
@@ -133,7 +144,7 @@ def _rows(arm: str, **arguments: tuple[ArrayLike, tuple[int, ...]]) -> list[Arra
 
 
 def _checked(name: str, value: ArrayLike, row: tuple[int, ...]) -> Array:
-    """An array of finite numbers [..., *row]."""
+    """Return an array of finite numbers [..., *row]."""
     try:
         array = np.asarray(value)
     except (TypeError, ValueError) as error:

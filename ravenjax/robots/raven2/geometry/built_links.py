@@ -1,9 +1,8 @@
-"""The tip of an arm whose links differ from the drawings: its Denavit-Hartenberg table with
-errors.
+"""Tip of an arm whose links differ from the drawings: its Denavit-Hartenberg table with errors.
 
-`kinematics.forward` has the software's table, in which shoulder, elbow and insertion axes meet in
-one point. Here every link may have its own twist and length. Convention as in `links`
-(modified DH, Craig).
+`kinematics.forward` uses the software's table, in which shoulder, elbow and insertion axes meet in
+one point. Here every link may have its own twist and length. Convention as in `links` (modified DH,
+Craig).
 """
 
 from __future__ import annotations
@@ -32,12 +31,14 @@ class LinkErrors:
 
 
 def as_drawn() -> LinkErrors:
-    """No errors."""
+    """Return zero errors."""
     return LinkErrors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def tip(arm: str, jpos: Vec, errors: LinkErrors) -> Vec:
-    """Position (3, m, frame 0) of the jaw axis with the links at `jpos` (7, rad and m)."""
+    """Return the position (3, m, frame 0) of the jaw axis with these links at `jpos` (7, rad and
+    m).
+    """
     geometry = GEOMETRY[arm]
     gold = geometry.flip > 0
     twist2 = sub(PI - LINK23, errors.twist23) if gold else add(LINK23, errors.twist23)
@@ -49,9 +50,8 @@ def tip(arm: str, jpos: Vec, errors: LinkErrors) -> Vec:
     depth = jpos[2] + sub(D4, errors.tool_length)
     point = _turned(point, jnp.cos(angle4), jnp.sin(angle4))
     point = Vec((add(point[0], errors.length34), point[1], point[2] + depth))  # frame 3
-    point = Vec(
-        (mul(-geometry.side, point[1]), mul(geometry.side, point[0]), point[2])
-    )  # theta3 = +-90 deg
+    # theta3 = +-90 deg
+    point = Vec((mul(-geometry.side, point[1]), mul(geometry.side, point[0]), point[2]))
     point = _link(point, errors.length23, twist2)
     point = _turned(point, zero2 * jnp.cos(jpos[1]), zero2 * jnp.sin(jpos[1]))
     point = _link(point, errors.length12, add(LINK12, errors.twist12))
@@ -60,14 +60,15 @@ def tip(arm: str, jpos: Vec, errors: LinkErrors) -> Vec:
 
 
 def _turned(point: Vec, cosine: Scalar, sine: Scalar) -> Vec:
-    """The point turned about z."""
+    """Return the point turned about z."""
     x, y, z = point
     return Vec((sub(mul(cosine, x), mul(sine, y)), add(mul(sine, x), mul(cosine, y)), z))
 
 
 def _link(point: Vec, length: Scalar, twist: Scalar) -> Vec:
-    """The point in the frame at the other end of a link: along x by its length, about x by its
-    twist.
+    """Return the point in the frame at the other end of a link.
+
+    The link is a translation along x by its length and a rotation about x by its twist.
     """
     exact = isinstance(twist, float)
     cosine, sine = (math.cos(twist), math.sin(twist)) if exact else (jnp.cos(twist), jnp.sin(twist))

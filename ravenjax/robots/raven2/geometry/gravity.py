@@ -1,9 +1,8 @@
-"""The control software's gravity compensation: what the motors of shoulder, elbow and insertion add
-to hold the links.
+"""The control software's gravity compensation: torques that hold shoulder, elbow and insertion.
 
 Source: raven2 `src/raven/grav_comp.cpp`, `include/raven/grav_comp.h`. Masses and centres are the
-control software's own and differ from those of the virtual robot. The centre of link 3 is its
-frame's origin, where d3 puts it.
+control software's own and differ from those of the virtual robot. The centre of link 3 is the
+origin of its frame, which depends on d3.
 """
 
 from __future__ import annotations
@@ -16,13 +15,14 @@ from ravenjax.robots.raven2.geometry.links import GEOMETRY, GM1, GM2, GM3
 from ravenjax.robots.raven2.geometry.transmission import JOINT_PER_CAPSTAN_TORQUE
 
 GRAVITY = 9.8  # m/s^2 along -x of frame 0, both arms
-GRAVITY_AS_STORED = 9.800000190734863  # m/s^2, the float32 that the original holds
+# m/s^2, the float32 that the original holds
+GRAVITY_AS_STORED = 9.800000190734863
 
 MASSES = (0.494, 0.750, 0.231)  # kg, links 1 to 3
 
 
 class Centres(NamedTuple):
-    """Centres of mass."""
+    """Centres of mass in the control software."""
 
     link1: tuple[float, float, float]  # m, in frame 1
     link2: tuple[float, float, float]  # m, in frame 2
@@ -35,8 +35,9 @@ CENTRES = {
 
 
 def joint_gravity_torque(arm: str, jpos: Vec, gravity: Scalar = GRAVITY) -> Vec:
-    """Joint effort that holds shoulder, elbow (Nm), insertion (N) at `jpos` (7) under `gravity`
-    (m/s^2 along -x0).
+    """Return the effort that holds shoulder, elbow (Nm) and insertion (N) at `jpos` (7).
+
+    gravity: m/s^2 along -x0.
     """
     geometry, centres = GEOMETRY[arm], CENTRES[arm]
     theta1 = jpos[0] + geometry.zero1
@@ -44,12 +45,12 @@ def joint_gravity_torque(arm: str, jpos: Vec, gravity: Scalar = GRAVITY) -> Vec:
     c2, s2 = jnp.cos(jpos[1]), jnp.sin(jpos[1])
     if geometry.zero2:  # half a turn
         c2, s2 = -c2, -s2
-    gx, gy = -gravity * c1, gravity * s1  # in frame 1; its z component is zero
+    gx, gy = -gravity * c1, gravity * s1  # gravity in frame 1; its z component is zero
     across = GM2 * gy
     hx, hy, hz = c2 * gx + s2 * across, c2 * across - s2 * gx, -GM1 * gy  # in frame 2
     m1, m2, m3 = MASSES
-    # First moments (kg m): links 2 and 3 in frame 2, then all in frame 1, of which the z components
-    # never matter.
+    # First moments (kg m): links 2 and 3 in frame 2, then all in frame 1. Their z components are
+    # never needed.
     x2 = m2 * centres.link2[0]
     y2 = m2 * centres.link2[1] - m3 * GM3 * jpos[2]
     z2 = m2 * centres.link2[2] + m3 * geometry.cos23 * jpos[2]
@@ -59,7 +60,7 @@ def joint_gravity_torque(arm: str, jpos: Vec, gravity: Scalar = GRAVITY) -> Vec:
 
 
 def gravity_torque(arm: str, jpos: Vec, gravity: Scalar = GRAVITY) -> Vec:
-    """tau_g: capstan torque (3, Nm) of the compensating joint efforts, without coupling."""
+    """Return tau_g: capstan torque (3, Nm) of the compensating joint efforts, without coupling."""
     return joint_gravity_torque(arm, jpos, gravity) * Vec(
         1.0 / ratio for ratio in JOINT_PER_CAPSTAN_TORQUE[:3]
     )

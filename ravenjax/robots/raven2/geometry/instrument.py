@@ -1,5 +1,5 @@
-"""The parts of an instrument that can touch something, and how they move: its two jaw tips, and
-the line of its shaft, wrist and jaws.
+"""Parts of an instrument that can touch something, and their motion: two jaw tips, shaft, wrist and
+jaws.
 
 Frame 0 of the arm, m and rad. The axes are those of `kinematics`, so links are as drawn. Columns of
 a Jacobian are the seven joints of `raven2.arms.JOINTS`; structural zeros are Python numbers.
@@ -17,64 +17,67 @@ from ravenjax.robots.raven2.geometry.joints import yaw
 from ravenjax.robots.raven2.geometry.kinematics import ChainAxes
 from ravenjax.robots.raven2.geometry.links import D4, GEOMETRY, LW
 
-JAW_LENGTH = (
-    0.020  # m, jaw axis to jaw tip; models/raven2 PROVENANCE.md: "steel jaw of about 20 mm"
-)
+# m, jaw axis to jaw tip; models/raven2 PROVENANCE.md: "steel jaw of about 20 mm"
+JAW_LENGTH = 0.020
 SHAFT_RADIUS = 0.00425  # m; PROVENANCE.md: 8.5 mm thick
-JAW_RADIUS = 0.003  # m, of wrist and jaws: about half the width of the drawn ones
+# m, radius of wrist and jaws: about half the width of the drawn ones
+JAW_RADIUS = 0.003
 
 _STILL = Vec.full(3, 0.0)
 
 
 class InstrumentPoint(NamedTuple):
-    """A point of an instrument."""
+    """A point of an instrument, and its velocity per joint."""
 
     at: Vec  # 3, m
-    columns: tuple[Vec, ...]  # 7 of 3: its velocity (m/s) at unit speed of each joint
+    # 7 of 3: velocity of the point (m/s) per unit speed of each joint
+    columns: tuple[Vec, ...]
 
     def velocity(self, jvel: Vec) -> Vec:
-        """m/s, at joint velocities (7, rad/s and m/s)."""
+        """Return the velocity in m/s at joint velocities (7, rad/s and m/s)."""
         total = _STILL
         for column, speed in zip(self.columns, jvel, strict=True):
             total = total.map(lambda so_far, x, v=speed: add(so_far, mul(x, v)), column)
         return total
 
     def along(self, way: Vec) -> Vec:
-        """J^T way, 7: what a force (N) puts on the joints (N m, N), or the point's speed along
-        `way` by each joint.
+        """Return J^T way, 7: the joint efforts (N m, N) of a force (N).
+
+        For a direction `way` it is the point's speed along `way` per unit speed of each joint.
         """
         return Vec(dot(column, way) for column in self.columns)
 
 
 class InstrumentLine(NamedTuple):
-    """An instrument as two straight pieces: remote centre to wrist, wrist to where the jaws
+    """An instrument as two straight pieces: remote centre to wrist, and wrist to where the jaws
     close.
     """
 
     chain: ChainAxes
     wrist: Vec  # m
-    end: Vec  # m, where the jaws close
-    turn: Vec  # m/rad, how the end moves with the yaw of the jaws
+    end: Vec  # m, point where the jaws close
+    turn: Vec  # m/rad, motion of the end per yaw of the jaws
 
 
 def jaw_tips(arm: str, jpos: Vec) -> tuple[InstrumentPoint, InstrumentPoint]:
-    """Tips of jaw 1 and jaw 2 at `jpos` (7, rad and m): both turn about DH axis 6, grasp2 by
-    +g2, grasp1 by -g1.
+    """Return the tips of jaw 1 and jaw 2 at `jpos` (7, rad and m).
+
+    Both turn about DH axis 6, grasp2 by +g2, grasp1 by -g1.
     """
     chain = kinematics.chain_of(arm, jpos)
     return _jaw_tip(arm, chain, jpos[5], -1.0, 5), _jaw_tip(arm, chain, jpos[6], 1.0, 6)
 
 
 def line(arm: str, jpos: Vec) -> InstrumentLine:
-    """The instrument's line at `jpos` (7, rad and m)."""
+    """Return the instrument's line at `jpos` (7, rad and m)."""
     chain = kinematics.chain_of(arm, jpos)
     way, turn = _jaw(chain, yaw(jpos))
     return InstrumentLine(chain, chain.z3 * (jpos[2] + D4), chain.tip + way, turn)
 
 
 def point_on(arm: str, whole: InstrumentLine, at: Vec, beyond: Scalar) -> InstrumentPoint:
-    """The point `at` (m) of the line; beyond: its share of the way from the wrist to the end, 0
-    on the shaft.
+    """Return the point `at` (m) of the line; beyond: fraction from the wrist to the end, 0 on the
+    shaft.
     """
     chain = whole.chain
     from_wrist = (whole.end - whole.wrist) * beyond
@@ -93,16 +96,17 @@ def _jaw_tip(
 
 
 def _jaw(chain: ChainAxes, angle: Scalar) -> tuple[Vec, Vec]:
-    """From the jaw axis to the tip of a jaw at `angle` (rad about axis 6), m, and how that turns
-    with it, m/rad.
+    """Return the vector from jaw axis to jaw tip, m, at `angle` (rad about axis 6), and its rate,
+    m/rad.
     """
     c, s = jnp.cos(angle) * JAW_LENGTH, jnp.sin(angle) * JAW_LENGTH
     return chain.x5 * c - chain.y4 * s, -(chain.x5 * s + chain.y4 * c)
 
 
 def _shared(arm: str, chain: ChainAxes, at: Vec, from_wrist: Vec) -> tuple[Vec, ...]:
-    """Columns of shoulder, elbow, insertion, roll and wrist of a point; `from_wrist`: m from the
-    wrist axis to it.
+    """Return the columns of shoulder, elbow, insertion, roll and wrist for a point.
+
+    from_wrist: vector from the wrist axis to the point, m.
     """
     flip = GEOMETRY[arm].flip
     return (

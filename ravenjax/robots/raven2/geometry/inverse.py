@@ -1,17 +1,17 @@
-"""Inverse kinematics of one arm: eight solutions, of which the nearest to the measured joints is
-taken or none.
+"""Inverse kinematics of one arm: of eight solutions, the nearest to the measured joints is taken,
+or none.
 
-Which solution is taken and when there is none follows raven2 `src/raven/r2_kinematics.cpp`
+Which solution is taken, and when there is none, follows raven2 `src/raven/r2_kinematics.cpp`
 (inv_kin, check_solutions). The angles come from the same equations with the work shared. The wrist
-can be on either side of the jaw axis (side 0, 1), the insertion axis point to or from it (depth 0,
-1), the elbow bend either way (bend 0, 1); solution i = 4 side + 2 depth + bend.
+can be on either side of the jaw axis (side 0, 1). The insertion axis can point to or from it (depth
+0, 1). The elbow can bend either way (bend 0, 1). Solution i = 4 side + 2 depth + bend.
 
-- Wrist and yaw depend on side and depth alone, for the insertion axis z3 is the direction to the
-  wrist.
-- The two bends mirror each other in the plane of shoulder axis z1 and z3. With m = z1 x z3 and e =
-  m x z3, which span what is perpendicular to z3, the axis y3 has parts (alpha, beta) along e and m
-  in one and (-alpha, beta) in the other. A direction with parts (E, F) is seen at theta4 = atan2(F
-  beta +- E alpha, E beta -+ F alpha); common factors cancel.
+- Wrist and yaw depend on side and depth alone, because the insertion axis z3 is the direction to
+  the wrist.
+- The two bends mirror each other in the plane of shoulder axis z1 and z3. Let m = z1 x z3 and e = m
+  x z3, which span what is perpendicular to z3. The axis y3 has parts (alpha, beta) along e and m in
+  one bend, and (-alpha, beta) in the other. A direction with parts (E, F) is seen at theta4 =
+  atan2(F beta +- E alpha, E beta -+ F alpha); common factors cancel.
 """
 
 from __future__ import annotations
@@ -22,26 +22,27 @@ from ravenjax.numbers.vec import Scalar, Vec, as_int, rarely, record, where
 from ravenjax.robots.raven2.geometry.joints import Pose, Theta, joint_from_theta, theta_from_joint
 from ravenjax.robots.raven2.geometry.links import D4, GEOMETRY, GM1, GM2, GM3, LW, PI, Geometry
 
-COST_LIMIT = (
-    PI  # rad^2 (insertion counted 100 rad/m): nearest solution farther than this is rejected
-)
+# rad^2 (insertion counted 100 rad/m): a nearest solution that is farther away is rejected
+COST_LIMIT = PI
 NO_SOLUTION_COST = 32765.0  # rad^2, where the search for the least cost starts
-CLAMP = 1e-5  # how far outside [-1, 1] the cosine of theta2 is still taken for +-1
-SINGULAR = 1e-5  # cosine or sine of theta5 below which the other one's equations are used
-ROLLOVER = (
-    300.0 * PI / 180.0
-)  # rad, distance of theta4 from the measured one beyond which it is shifted by a turn
-INSERTION_WEIGHT = 100.0  # rad/m, of d3 in the cost
+# how far outside [-1, 1] the cosine of theta2 is still taken as +-1
+CLAMP = 1e-5
+# cosine or sine of theta5 below which the other one's equations are used
+SINGULAR = 1e-5
+# rad, distance of theta4 from the measured one beyond which it is shifted by a turn
+ROLLOVER = 300.0 * PI / 180.0
+INSERTION_WEIGHT = 100.0  # rad/m, weight of d3 in the cost
 
 OK, REJECTED, AT_REMOTE_CENTRE = 0, -1, -2
 
 
 @record
 class IK:
-    """What the inverse kinematics of one arm decided."""
+    """The result of the inverse kinematics of one arm."""
 
-    jpos: Vec  # 7, rad and m, without joint limits; meaningless where rejected
-    yaw: Scalar  # rad, theta6 of the solution, from which the jaws in jpos come
+    jpos: Vec  # 7, rad and m, without joint limits; meaningless if rejected
+    # rad, theta6 of the solution, from which the jaws in jpos follow
+    yaw: Scalar
     cost: Scalar  # rad^2, squared distance of the solution from the measured joints
     # int32: 0 taken, -1 rejected (hold the last jpos_d), -2 taken with the wrist at the remote
     # centre
@@ -50,12 +51,12 @@ class IK:
 
 @record
 class _Wrist:
-    """One side: what its solutions have in common."""
+    """Quantities that the solutions of one side share."""
 
     insertion: Scalar  # m, from the remote centre to the wrist
     direction: Vec  # 3, that way
-    to_jaw: Vec  # 3, jaw axis seen from the wrist, in units of Lw
-    ends: Vec  # 2, cos and sin of theta6, but for rounding
+    to_jaw: Vec  # 3, vector from the wrist to the jaw axis, in units of Lw
+    ends: Vec  # 2, cos and sin of theta6, up to rounding
 
 
 @record
@@ -64,7 +65,8 @@ class _Reach:
 
     axis: Vec  # 2, x and y of the insertion axis, toward the wrist
     bend: Vec  # 2, cos and sin of theta2 of bend 0; theta2 is negated for bend 1
-    roll: Vec  # 2, parts along e and m of what theta4 turns to
+    # 2, parts along e and m of the direction to which theta4 turns
+    roll: Vec
     d3: Scalar  # m
     theta5: Scalar  # rad
     theta6: Scalar  # rad
@@ -72,8 +74,8 @@ class _Reach:
 
 
 def _normalised(arm: str, pose: Pose) -> tuple[Vec, Vec]:
-    """Position and columns of the rotation in frame 0 with the turn alpha0 taken off, so that
-    both arms look alike.
+    """Return position and columns of the rotation in frame 0 without the turn alpha0, as if both
+    arms were alike.
     """
     (x, y, z), columns = pose.position, tuple(zip(*pose.rotation, strict=True))
     if GEOMETRY[arm].flip > 0:
@@ -82,13 +84,12 @@ def _normalised(arm: str, pose: Pose) -> tuple[Vec, Vec]:
 
 
 def _wrists(arm: str, pose: Pose) -> tuple[tuple[_Wrist, _Wrist], tuple[Vec, Vec, Vec]]:
-    """Both sides, and the axes of frame 6."""
+    """Return both sides, and the axes of frame 6."""
     position, (x6, y6, z6) = _normalised(arm, pose)
     along_x, along_y = -dot(x6, position), -dot(y6, position)
     norm = jnp.sqrt(along_x * along_x + along_y * along_y)
-    u = Vec(
-        (along_x / norm, along_y / norm)
-    )  # from the jaw axis toward the remote centre, in frame 6
+    # from the jaw axis toward the remote centre, in frame 6
+    u = Vec((along_x / norm, along_y / norm))
     w = x6 * u[0] + y6 * u[1]
     offset = w * LW
 
@@ -102,8 +103,9 @@ def _wrists(arm: str, pose: Pose) -> tuple[tuple[_Wrist, _Wrist], tuple[Vec, Vec
 
 
 def _reach(geometry: Geometry, wrist: _Wrist, axes: tuple[Vec, Vec, Vec], depth: Scalar) -> _Reach:
-    """Both bends for the insertion axis pointing from the wrist (depth 0) or to it (1); number
-    or truth value.
+    """Return both bends for the insertion axis pointing from the wrist (depth 0) or to it (1).
+
+    depth: a number or truth value.
     """
     x6, y6, z6 = axes
     if isinstance(depth, int):
@@ -118,16 +120,15 @@ def _reach(geometry: Geometry, wrist: _Wrist, axes: tuple[Vec, Vec, Vec], depth:
     c2 = jnp.minimum(jnp.maximum(cosine, -1.0), 1.0)
     s2 = jnp.sqrt((1.0 - c2) * (1.0 + c2))
 
-    # Where the cosine was clamped, the axis that theta1 and theta2 give misses the wrist by up to
-    # some micrometres.
+    # If the cosine was clamped, the axis that theta1 and theta2 give misses the wrist by up to some
+    # micrometres.
     clamped = c2 != cosine
     x, y, _ = toward
     height = GM2 * geometry.cos23 - c2 * (GM1 * GM3)
     shrink = jnp.sqrt((1.0 - height * height) / (x * x + y * y))
     z3 = where(clamped, Vec((x * shrink, y * shrink, height)), toward)
-    jaw = wrist.to_jaw + (toward - z3) * (
-        distance * (1.0 / LW)
-    )  # from the origin of frame 4, in units of Lw
+    # from the origin of frame 4, in units of Lw
+    jaw = wrist.to_jaw + (toward - z3) * (distance * (1.0 / LW))
 
     c5, s5 = -dot(z3, z6), dot(z3, jaw)
     by_jaw = jnp.abs(c5) > SINGULAR
@@ -149,7 +150,7 @@ def _reach(geometry: Geometry, wrist: _Wrist, axes: tuple[Vec, Vec, Vec], depth:
 
 
 def _bends(geometry: Geometry, reach: _Reach) -> tuple[Vec, Vec]:
-    """theta1, theta2 and theta4 (rad) of both bends."""
+    """Return theta1, theta2 and theta4 (rad) of both bends."""
     (x, y), (c2, s2), (part_e, part_m) = reach.axis, reach.bend, reach.roll
     b1, b2 = s2 * GM3, c2 * (GM2 * GM3) + GM1 * geometry.cos23
     alpha, beta = (
@@ -165,8 +166,9 @@ def _bends(geometry: Geometry, reach: _Reach) -> tuple[Vec, Vec]:
 
 
 def inverse_candidates(arm: str, pose: Pose) -> tuple[tuple[Theta, Scalar], ...]:
-    """All eight solutions in the original's order, each with its validity, before any rule about
-    the remote centre.
+    """Return all eight solutions in the original's order, each with its validity.
+
+    The rules about the remote centre are not applied.
     """
     geometry = GEOMETRY[arm]
     wrists, axes = _wrists(arm, pose)
@@ -193,7 +195,7 @@ def _depth_cost(measured: Theta, d3: Scalar) -> Scalar:
 
 
 def _common_cost(measured: Theta, reach: _Reach) -> Scalar:
-    """The part of the cost that both bends share, rad^2."""
+    """Return the part of the cost that both bends share, rad^2."""
     return (
         _depth_cost(measured, reach.d3)
         + _square(measured.theta5 - reach.theta5)
@@ -243,11 +245,11 @@ def _nearest_of_all(
 def _likely(
     geometry: Geometry, measured: Theta, wrists: tuple[_Wrist, _Wrist], axes: tuple[Vec, Vec, Vec]
 ) -> tuple[_Choice, Scalar]:
-    """The likely nearest solution, and what all those of other sides and depths cost at least,
-    rad^2 (or NaN).
+    """Return the likely nearest solution, and a lower bound of the cost of other sides and depths,
+    rad^2.
 
-    Looks at the depth of each side that is nearer to the measured d3, and takes the side whose
-    wrist and yaw are nearer.
+    The bound may be NaN. The function looks at the depth of each side that is nearer to the
+    measured d3, and takes the side whose wrist and yaw are nearer.
     """
 
     def nearer_depth(wrist: _Wrist) -> tuple[_Reach, Scalar]:
@@ -267,10 +269,10 @@ def _likely(
 
 
 def _leftover(measured: Theta, insertions: tuple[Scalar, Scalar]) -> _Choice:
-    """What the original selects where a wrist is within Lw of the remote centre.
+    """Return what the original selects if a wrist is within Lw of the remote centre.
 
-    It stops after the insertions of the sides before, with all angles still zero, and takes the
-    other side for valid. On side 0 d3 is known by then, on side 1 it is zero, too.
+    The original stops after the insertions of the sides before, with all angles still zero, and
+    takes the other side as valid. On side 0 d3 is known by then; on side 1 it is also zero.
     """
     shallow, deep = -D4 - insertions[0], -D4 + insertions[0]
     nearer = jnp.where(jnp.abs(measured.d3 - deep) < jnp.abs(measured.d3 - shallow), deep, shallow)
@@ -283,19 +285,19 @@ def _leftover(measured: Theta, insertions: tuple[Scalar, Scalar]) -> _Choice:
 
 
 def inverse(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK:
-    """Joints that bring the jaw axis to `pose`, jaws `grasp_rad` (rad) open, nearest to the
-    measured `jpos_ref` (7).
+    """Return the joints that bring the jaw axis to `pose`, nearest to the measured `jpos_ref` (7).
 
-    A roll more than 300 deg from the measured one is shifted by a turn; the distance is otherwise
-    taken as it stands. Never raises: see `IK.status`. A pose with NaN is rejected.
+    grasp_rad: opening of the jaws, rad. A roll more than 300 deg from the measured one is shifted
+    by a turn; otherwise the distance is used unchanged. Never raises: see `IK.status`. A pose with
+    NaN is rejected.
     """
     measured = theta_from_joint(arm, jpos_ref)
     geometry = GEOMETRY[arm]
     wrists, axes = _wrists(arm, pose)
     insertions = (wrists[0].insertion, wrists[1].insertion)
 
-    # What costs least is nearly always found without computing the rest, whose least costs are
-    # known.
+    # The solution of least cost is nearly always found without computing the others, because a
+    # lower bound of their costs is known.
     usual, others = _likely(geometry, measured, wrists, axes)
     nearest = rarely(
         ~(usual.cost < others), lambda: _nearest_of_all(geometry, measured, wrists, axes), usual

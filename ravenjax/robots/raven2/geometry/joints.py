@@ -2,7 +2,7 @@
 
 Joint order and units: shoulder, elbow (rad), insertion (m), tool_roll, wrist, grasp1, grasp2 (rad).
 Source of all figures: raven2 `src/raven/r2_kinematics.cpp`, `include/raven/r2_kinematics.h`
-(modified DH, Craig). Frames 0 to 3 of an arm share their origin, the remote centre; frame 6 sits on
+(modified DH, Craig). Frames 0 to 3 of an arm share their origin, the remote centre. Frame 6 is on
 the jaw axis.
 """
 
@@ -36,30 +36,31 @@ class Theta:
 
 
 def yaw(jpos: Vec) -> Scalar:
-    """Jaw yaw, rad, positive toward jaw 2; the original rounds the difference of the jaws to
-    float32 before halving.
+    """Return the jaw yaw, rad, positive toward jaw 2.
+
+    The original rounds the difference of the jaws to float32 before halving it.
     """
     return (jpos[6] - jpos[5]) * 0.5
 
 
 def grasp(jpos: Vec) -> Scalar:
-    """Jaw opening, rad, positive open."""
+    """Return the jaw opening, rad, positive open."""
     return jpos[5] + jpos[6]
 
 
 def jaws(yaw_rad: Scalar, grasp_rad: Scalar) -> tuple[Scalar, Scalar]:
-    """Grasp1 and grasp2, rad, from yaw and opening."""
+    """Return grasp1 and grasp2, rad, from yaw and opening."""
     half = grasp_rad * 0.5
     return half - yaw_rad, half + yaw_rad
 
 
 def wrap(angle: Scalar) -> Scalar:
-    """The angle, rad, by whole turns brought into [-pi, pi]."""
+    """Return the angle, rad, shifted by whole turns into [-pi, pi]."""
     return angle - 2 * PI * jnp.round(angle * (0.5 / PI))
 
 
 def theta_from_joint(arm: str, jpos: Vec) -> Theta:
-    """DH variables of the joints; every angle in [-pi, pi], roll included."""
+    """Return the DH variables of the joints; every angle in [-pi, pi], roll included."""
     geometry = GEOMETRY[arm]
     return Theta(
         theta1=wrap(jpos[0] + geometry.zero1),
@@ -72,8 +73,9 @@ def theta_from_joint(arm: str, jpos: Vec) -> Theta:
 
 
 def joint_from_theta(arm: str, theta: Theta, grasp_rad: Scalar) -> Vec:
-    """Joints (7) of DH variables in [-pi, pi] and a jaw opening, rad. All but the roll are
-    brought into [-pi, pi].
+    """Return the joints (7) of DH variables in [-pi, pi] and a jaw opening, rad.
+
+    All but the roll are shifted into [-pi, pi].
     """
     geometry = GEOMETRY[arm]
     grasp1, grasp2 = jaws(theta.theta6, grasp_rad)
@@ -91,8 +93,9 @@ def joint_from_theta(arm: str, theta: Theta, grasp_rad: Scalar) -> Vec:
 
 
 def _one_turn(angle: Scalar, zero: float) -> Scalar:
-    """angle + zero brought into [-pi, pi]. The angle is in this range, so the sum can leave it on
-    one side only.
+    """Return angle + zero shifted into [-pi, pi].
+
+    The angle is in this range, so the sum can leave it on one side only.
     """
     if zero == 0.0:
         return angle

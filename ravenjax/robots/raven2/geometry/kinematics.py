@@ -1,9 +1,9 @@
-"""Forward kinematics, geometric Jacobian and tip velocity of one arm; the inverse is re-exported
-from `inverse`.
+"""Forward kinematics, geometric Jacobian and tip velocity of one arm; re-exports the inverse from
+`inverse`.
 
-Everything is in frame 0 of the arm, m and rad, and as wide as its input. Source: raven2
-`src/raven/r2_kinematics.cpp`; the Jacobian is the geometric one of the same chain, because the
-original's own (`r2_jacobian.cpp`) holds placeholder lengths.
+All results are in frame 0 of the arm, m and rad, in the floating-point type of the input. Source:
+raven2 `src/raven/r2_kinematics.cpp`. The Jacobian is the geometric one of the same chain, because
+the original's own (`r2_jacobian.cpp`) has placeholder lengths.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class ChainAxes(NamedTuple):
 
 
 def chain_of(arm: str, jpos: Vec) -> ChainAxes:
-    """The axes of the chain at `jpos` (7, rad and m)."""
+    """Return the axes of the chain at `jpos` (7, rad and m)."""
     geometry = GEOMETRY[arm]
     cos23, side, flip = geometry.cos23, geometry.side, geometry.flip
     theta1 = jpos[0] + geometry.zero1
@@ -84,10 +84,10 @@ def chain_of(arm: str, jpos: Vec) -> ChainAxes:
 
 
 def forward(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
-    """Pose of the jaw axis at `jpos` (7, rad and m).
+    """Return the pose of the jaw axis at `jpos` (7, rad and m).
 
-    The jaws enter as their yaw, (grasp2 - grasp1) / 2 unless `yaw_rad` (rad) is given: the original
-    rounds it to float32.
+    The jaws matter only by their yaw. It is (grasp2 - grasp1) / 2 unless `yaw_rad` (rad) is given,
+    as the original rounds it to float32.
     """
     chain = chain_of(arm, jpos)
     theta6 = yaw(jpos) if yaw_rad is None else yaw_rad
@@ -99,8 +99,9 @@ def forward(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
 
 
 def jacobian(arm: str, jpos: Vec) -> Vec:
-    """Geometric Jacobian: rows vx, vy, vz (m/s), wx, wy, wz (rad/s) of frame 6; columns theta1,
-    2, d3, theta4, 5, 6.
+    """Return the geometric Jacobian of frame 6.
+
+    Rows: vx, vy, vz (m/s), wx, wy, wz (rad/s). Columns: theta1, theta2, d3, theta4, theta5, theta6.
     """
     chain = chain_of(arm, jpos)
     z1, z5, still = Vec((0.0, 0.0, GEOMETRY[arm].flip)), -chain.y4, Vec.full(3, 0.0)
@@ -116,8 +117,9 @@ def jacobian(arm: str, jpos: Vec) -> Vec:
 
 
 def tip_velocity(arm: str, jpos: Vec, jvel: Vec) -> Vec:
-    """Velocity of the jaw axis, m/s, at joint velocities `jvel` (7, rad/s and m/s); the jaws
-    turn about it, no more.
+    """Return the velocity of the jaw axis, m/s, at joint velocities `jvel` (7, rad/s and m/s).
+
+    The jaws only turn about this axis, so they do not matter.
     """
     chain = chain_of(arm, jpos)
     shoulder = jvel[0] if GEOMETRY[arm].flip > 0 else -jvel[0]

@@ -1,7 +1,7 @@
 """Home pose, soft joint limits and hard stops of the control software, as Python numbers.
 
-Source: raven2 `include/raven/defines.h`, `tools.cpp`, `init.cpp`; the 2015 fork where said. The
-original holds every joint limit as float32: round them where that matters.
+Source: raven2 `include/raven/defines.h`, `tools.cpp`, `init.cpp`; the 2015 fork where stated. The
+original stores every joint limit as float32: round the limits if that matters.
 """
 
 from __future__ import annotations
@@ -18,15 +18,16 @@ _DEG = math.pi / 180.0
 
 HOME_JPOS = Vec((30 * _DEG, 90 * _DEG, 0.4, 0.0, 0.0, 45 * _DEG, 45 * _DEG))  # rad and m
 
-FORK_ROLL_LIMIT = 150 * _DEG  # rad, hard-coded in the 2015 fork whatever the tool
+# rad, hard-coded in the 2015 fork for every tool
+FORK_ROLL_LIMIT = 150 * _DEG
 
 
-_TURN = 6.3  # rad; a full turn, so that degrees stand out
+_TURN = 6.3  # rad; a full turn, so that values in degrees are recognised
 _TRAVEL = 1.0  # m; the instrument is 0.5 m long
 
 
 def position(meaning: str) -> tuple[Quantity, Quantity]:
-    """What a position of a joint may be: an angle, either way, or a travel of the insertion,
+    """Return the range of a joint position: an angle, either way, or a travel of the insertion,
     from 0.
     """
     revolute = tuple(joint for joint in JOINTS if joint not in LINEAR)
@@ -37,8 +38,7 @@ def position(meaning: str) -> tuple[Quantity, Quantity]:
 
 
 class SoftLimits(NamedTuple):
-    """Where joint targets are clamped: at or below `lower`, at or above `upper`; None where there
-    is no limit.
+    """Limits to which joint targets are clamped: `lower` and `upper`; None for no limit.
 
     Order: shoulder, elbow (rad), insertion (m), tool_roll, wrist, jaw yaw (rad). The jaws
     themselves are never limited.
@@ -53,9 +53,10 @@ POSITIONING_UPPER = (90 * _DEG, 135 * _DEG, 0.56)  # rad, rad, m
 
 
 def soft_limits(tool: str, software: str = "raven2") -> SoftLimits:
-    """Limits with `tool`. The original applies those of the gold arm's tool to both arms.
+    """Return the limits with `tool`. The original applies those of the gold arm's tool to both
+    arms.
 
-    Jaw yaw is limited from below only, by the range of grasp1; the 2015 fork does not limit it and
+    Jaw yaw has only a lower limit, from the range of grasp1. The 2015 fork does not limit it, and
     fixes the roll limit.
     """
     instrument = find_tool(tool)

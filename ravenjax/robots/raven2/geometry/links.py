@@ -1,7 +1,7 @@
-"""Fixed geometry of the arms, modified Denavit-Hartenberg convention (Craig). Without jax.
+"""Fixed geometry of the arms, modified Denavit-Hartenberg convention (Craig). Without JAX.
 
 Source of all figures: raven2 `src/raven/r2_kinematics.cpp`, `include/raven/r2_kinematics.h`. Frames
-0 to 3 of an arm share their origin, the remote centre; frame 6 sits on the jaw axis.
+0 to 3 of an arm share their origin, the remote centre. Frame 6 is on the jaw axis.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ LW = 0.013  # m, Lw: wrist axis to jaw axis, Raven tool; the original uses it fo
 
 
 class Geometry(NamedTuple):
-    """What differs between the arms."""
+    """Constants that differ between the arms."""
 
     zero1: float  # rad, theta1 = shoulder + zero1
     zero2: float  # rad, theta2 = elbow + zero2
@@ -29,7 +29,7 @@ class Geometry(NamedTuple):
 
 
 GEOMETRY = {
-    # 205 deg in the source for the shoulder; a full turn less keeps float32 angles small in the
+    # The source has 205 deg for the shoulder. A full turn less keeps float32 angles small in the
     # working range.
     "gold": Geometry(math.radians(-155.0), PI, 1.0, -GM4, 1.0),
     "green": Geometry(math.radians(25.0), 0.0, -1.0, GM4, -1.0),

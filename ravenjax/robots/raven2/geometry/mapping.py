@@ -1,4 +1,4 @@
-"""From the console's increments to frame 0 of an arm: axes, quaternions, accumulation.
+"""Maps the console's increments to frame 0 of an arm: axes, quaternions, accumulation.
 
 Quaternions are (x, y, z, w). Sources: raven2 `src/raven/mapping.cpp` (axes; the variant
 ORIENTATION_V is not built) and `local_io.cpp` (accumulation), with the conversions of ROS tf that
@@ -19,33 +19,35 @@ ITP_AXES = {
 
 
 def position_from_itp(arm: str, position: Vec) -> Vec:
-    """A displacement (3, any unit, integers stay integers) of an ITP packet in frame 0."""
+    """Return a displacement (3, any unit, integers stay integers) of an ITP packet in frame 0."""
     return matvec(ITP_AXES[arm], position)
 
 
 def position_to_itp(arm: str, position: Vec) -> Vec:
-    """A displacement (3, any unit) in frame 0 about the axes of an ITP packet."""
+    """Return a displacement (3, any unit) in frame 0 about the axes of an ITP packet."""
     return matvec(transpose(ITP_AXES[arm]), position)
 
 
 def rotation_from_itp(arm: str, rotation: Vec) -> Vec:
-    """A rotation (3 rows) about the axes of an ITP packet, as one about the axes of frame 0."""
+    """Return a rotation (3 rows) about the axes of an ITP packet as one about the axes of
+    frame 0.
+    """
     axes = ITP_AXES[arm]
     return matmul(matmul(axes, rotation), transpose(axes))
 
 
 def quat_from_itp(arm: str, quat: Vec) -> Vec:
-    """The increment quaternion of an ITP packet in frame 0, normalised; NaN if it is zero.
+    """Return the increment quaternion of an ITP packet in frame 0, normalised; NaN if it is zero.
 
-    The original goes by way of matrices; this is the same rotation, perhaps with the opposite sign
-    of all four numbers.
+    The original computes it from matrices. The result is the same rotation, possibly with the
+    opposite sign of all four numbers.
     """
     inverse_norm = 1.0 / jnp.sqrt(dot(quat, quat))
     return Vec((*matvec(ITP_AXES[arm], Vec(quat[:3])), quat[3])) * inverse_norm
 
 
 def quat_mul(a: Vec, b: Vec) -> Vec:
-    """a b: the rotation b followed by a."""
+    """Return a b: the rotation b followed by a."""
     ax, ay, az, aw = a
     bx, by, bz, bw = b
     return Vec(
@@ -59,7 +61,7 @@ def quat_mul(a: Vec, b: Vec) -> Vec:
 
 
 def matrix_from_quat(quat: Vec) -> Vec:
-    """Rotation matrix (3 rows) of a quaternion of any length but zero (then NaN)."""
+    """Return the rotation matrix (3 rows) of a quaternion of any length; NaN for length zero."""
     x, y, z, w = quat
     s = 2.0 / (x * x + y * y + z * z + w * w)
     xs, ys, zs = x * s, y * s, z * s
@@ -82,15 +84,16 @@ def matrix_from_quat(quat: Vec) -> Vec:
 
 
 def quat_from_matrix(rotation: Vec) -> Vec:
-    """Unit quaternion of a rotation matrix, from its trace, or from its greatest diagonal
-    element if trace <= 0.
+    """Return the unit quaternion of a rotation matrix.
+
+    It comes from the trace or, if trace <= 0, from the greatest diagonal element.
     """
     (m00, m01, m02), (m10, m11, m12), (m20, m21, m22) = rotation
     trace = m00 + m11 + m22
     dx, dy, dz = m21 - m12, m02 - m20, m10 - m01
     sxy, sxz, syz = m01 + m10, m02 + m20, m12 + m21
-    # Four multiples of the same quaternion, each with 4 times the square of one component in that
-    # component's place.
+    # Four multiples of the same quaternion, each with 4 times the square of one component in the
+    # place of that component.
     by_x = _multiple(1.0 + m00 - m11 - m22, (sxy, sxz, dx), 0)
     by_y = _multiple(1.0 + m11 - m00 - m22, (sxy, syz, dy), 1)
     by_z = _multiple(1.0 + m22 - m00 - m11, (sxz, syz, dz), 2)

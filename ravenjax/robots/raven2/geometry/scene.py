@@ -1,9 +1,9 @@
-"""The operating scene: where the arms stand, and how near the tips are to the tissue and to each
+"""The operating scene: where the arms are, and how near the tips are to the tissue and to each
 other.
 
-The world's z axis points up. The arms' frames are read from the model; the tissue is the dome of
+The world's z axis points up. The arms' frames are read from the model. The tissue is the dome of
 its phantom, without the folds (up to 2 mm) and the rounded rim that make the mesh look soft. The
-vessel is the trunk that is drawn on it, a ridge of the surface; its branch and the vein are drawn
+vessel is the trunk that is drawn on it, a ridge of the surface. Its branch and the vein are drawn
 only.
 """
 
@@ -21,9 +21,9 @@ from ravenjax.robots.raven2.dynamics import arm_model
 
 TISSUE_TOP = 0.182  # m, height of the dome; models/raven2 PROVENANCE.md
 TISSUE_SAG = (0.012 / 0.085**2, 0.7 * 0.012 / 0.07**2)  # 1/m, curvature of the dome along x and y
-TISSUE_HALF = (0.075, 0.060)  # m, half its extent along x and y
-VESSEL_RADIUS = 0.0031  # m, of the trunk in models/raven2
-VESSEL_HEIGHT = 0.0027  # m, of its ridge above the dome: its axis lies 0.4 mm below
+TISSUE_HALF = (0.075, 0.060)  # m, half of the tissue's extent along x and y
+VESSEL_RADIUS = 0.0031  # m, radius of the trunk in models/raven2
+VESSEL_HEIGHT = 0.0027  # m, height of its ridge above the dome: its axis lies 0.4 mm below
 VESSEL_COURSE = (
     (-0.073, -0.024),
     (-0.045, -0.016),
@@ -32,27 +32,30 @@ VESSEL_COURSE = (
     (0.040, 0.018),
     (0.073, 0.022),
 )
-"""m, x and y of points of its axis, with straight lines between them; the drawn one is a smooth
-curve through them.
+"""m, x and y of points of the vessel's axis, connected by straight lines.
+
+The drawn vessel is a smooth curve through these points.
 """
 VESSEL_LEAN = 1.0 / (1.0 + (0.046 / 0.146) ** 2)
-"""Square of the distance from the axis by that along y, of the course as a whole."""
+"""Squared ratio of the distance from the axis to that along y, for the course as a whole."""
 
 
 class Surface(NamedTuple):
     """The tissue's surface below or above a point."""
 
-    depth: Scalar  # m, how far the point is below it, along the world's z; negative above it
-    # (-dh/dx, -dh/dy, 1) of its height h, in the arm's frame 0: along its normal, 1 along the
-    # world's z
+    # m, depth of the point below the surface, along the world's z; negative above it
+    depth: Scalar
+    # (-dh/dx, -dh/dy, 1) of its height h, in the arm's frame 0. It points along the normal, with 1
+    # along the world's z
     rise: Vec
     vessel: Scalar  # bool, the point is over the vessel
 
 
 @cache
 def frame0(arm: ArmName) -> tuple[Vec, Vec]:
-    """Origin (m) and rotation rows of the arm's frame 0 in the world, Python numbers, literal
-    zeros and ones.
+    """Return origin (m) and rotation rows of the arm's frame 0 in the world.
+
+    They are Python numbers, with literal zeros and ones.
     """
     exact = [
         Vec(float(round(x)) if abs(x - round(x)) < 1e-12 else x for x in row)
@@ -62,20 +65,20 @@ def frame0(arm: ArmName) -> tuple[Vec, Vec]:
 
 
 def base_pose(arm: ArmName) -> tuple[tuple[float, float, float], tuple[float, float, float, float]]:
-    """The arm's frame 0 in the world: origin x, y, z (m) and unit quaternion x, y, z, w."""
+    """Return the arm's frame 0 in the world: origin x, y, z (m) and unit quaternion x, y, z, w."""
     body = arm_model.scene().body(arm_model.base(arm))
     (px, py, pz), (w, x, y, z) = (map(float, numbers) for numbers in (body.pos, body.quat))
     return (px, py, pz), (x, y, z, w)
 
 
 def world(arm: ArmName, position: Vec) -> Vec:
-    """A point of the arm's frame 0 in the world, m."""
+    """Return a point of the arm's frame 0 in the world, m."""
     origin, rotation = frame0(arm)
     return plus(origin, matvec(rotation, position))
 
 
 def tissue_depth(arm: ArmName, tip: Vec) -> Scalar:
-    """How far `tip` (m, frame 0) is below the tissue's surface, m; negative above it, -inf
+    """Return the depth of `tip` (m, frame 0) below the tissue's surface, m; negative above, -inf
     beside it.
     """
     x, y, z = world(arm, tip)
@@ -83,11 +86,11 @@ def tissue_depth(arm: ArmName, tip: Vec) -> Scalar:
 
 
 def surface(arm: ArmName, point: Vec) -> Surface:
-    """The tissue's surface at a point (3, m, frame 0): the dome with the vessel's ridge on it;
-    beside it 1 m deep.
+    """Return the tissue's surface at a point (3, m, frame 0): the dome with the vessel's ridge on
+    it.
 
-    The ridge is height (1 - (d/r)^2)^2 at the distance d from the vessel's axis: as wide and high
-    as the vessel that is drawn, without a vertical flank.
+    Beside the tissue the surface is 1 m deep. The ridge is height (1 - (d/r)^2)^2 at the distance d
+    from the vessel's axis. It is as wide and high as the drawn vessel, without a vertical flank.
     """
     x, y, z = world(arm, point)
     course, slope = _course(x)
@@ -111,7 +114,7 @@ def _dome(x: Scalar, y: Scalar) -> Scalar:
 
 
 def _course(x: Scalar) -> tuple[Scalar, Scalar]:
-    """y of the vessel's axis at x (m), and its slope there."""
+    """Return y of the vessel's axis at x (m), and its slope there."""
     pieces = [
         (x0, y0, (y1 - y0) / (x1 - x0)) for (x0, y0), (x1, y1) in itertools.pairwise(VESSEL_COURSE)
     ]
@@ -125,7 +128,7 @@ def _course(x: Scalar) -> tuple[Scalar, Scalar]:
 
 
 def tip_distance(arms: tuple[ArmName, ...], tips: tuple[Vec, ...]) -> Scalar:
-    """Distance of the two tips, m; infinite with one arm."""
+    """Return the distance of the two tips, m; infinite with one arm."""
     if len(arms) < 2:
         return jnp.asarray(jnp.inf, tips[0][0].dtype)
     apart = minus(world(arms[0], tips[0]), world(arms[1], tips[1]))

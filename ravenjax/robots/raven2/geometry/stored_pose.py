@@ -1,8 +1,8 @@
 """A pose as the control software stores it: whole micrometres, float32 rotation, whole
 milliradians.
 
-raven2 `include/DS0.h`: struct position has three int, struct orientation a float R[3][3] and an int
-grasp.
+raven2 `include/DS0.h`: struct position has three int; struct orientation has a float R[3][3] and an
+int grasp.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ class StoredPose:
 
 
 def store(setup: RavenSetup, pose: Pose, grasp_mrad: Scalar) -> StoredPose:
-    """Truncate a pose (m) toward zero to whole micrometres and round its rotation."""
+    """Return a pose (m) truncated toward zero to whole micrometres, with its rotation rounded."""
     position = Vec(to_int32(p * UM_PER_M) for p in pose.position)
     return StoredPose(position, narrow(setup, pose.rotation), grasp_mrad)
 
 
 def load(setup: RavenSetup, stored: StoredPose) -> Pose:
-    """The pose in metres, in the wide type that kinematics is evaluated in."""
+    """Return the pose in metres, in the wide type in which kinematics is evaluated."""
     return Pose(wide(setup, stored.position_um) / UM_PER_M, wide(setup, stored.rotation))

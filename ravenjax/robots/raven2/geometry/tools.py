@@ -16,14 +16,15 @@ Style = Literal["raven", "dv", "square_raven"]
 
 @dataclasses.dataclass(frozen=True)
 class Tool:
-    """One instrument. Ranges are of tool_roll, wrist, grasp1, grasp2. They are symmetric, except
-    where `roll_min_deg` is given.
+    """One instrument. Ranges are those of tool_roll, wrist, grasp1, grasp2.
+
+    They are symmetric, except if `roll_min_deg` is given.
     """
 
     name: str
     style: Style  # adapter, which decides the signs of coupling, torque and encoders
-    wrist_coupling: float  # rad/rad, how far each jaw turns with the wrist
-    max_deg: list[float]  # deg, hard stops that homing looks for
+    wrist_coupling: float  # rad/rad, turn of each jaw per turn of the wrist
+    max_deg: list[float]  # deg, hard stops that homing searches for
     limit_deg: list[float]  # deg, soft limits
     roll_min_deg: float | None = None  # deg, hard stop on the other side; -max_deg[0] if None
 
@@ -49,7 +50,7 @@ DEFAULT_TOOLS = {
 
 
 def find_tool(name: str) -> Tool:
-    """The tool of that name, or a UserError that lists the names."""
+    """Return the tool of that name. Raises UserError, which lists the names."""
     if not isinstance(name, str) or name not in TOOLS:
         raise UserError(unknown("tool", name, TOOLS))
     return TOOLS[name]

@@ -1,7 +1,8 @@
-"""Motor angles and joints: ratios, cable coupling, signs, and what a DAC count is worth.
+"""Transmission between motors and joints: ratios, cable coupling, signs, and the torque of a DAC
+count.
 
 Figures are Python numbers. The original holds C01, C02, C12, TR and the wrist coupling as float32
-and GB_RATIO as double; round them where that matters. The functions here are as wide as their input
+and GB_RATIO as double: round them if that matters. The functions compute in the type of their input
 and follow no particular rounding order. Sources: raven2 `include/raven/defines.h` (geometry),
 `fwd_cable_coupling.cpp`, `inv_cable_coupling.cpp`, `motor.h`, `init.cpp`, `state_estimate.cpp`. The
 2015 fork is built without OPPOSE_GRIP: its first jaw has the signs of the second.
@@ -20,12 +21,13 @@ GP32 = 26 / 7  # gearbox of the tool joints
 _CAPSTAN42 = 5.675e-3  # m, 11.35 mm / 2
 _CAPSTAN32 = 5.005e-3  # m, 4.7 mm plus half of a 0.61 mm cable
 _TOOL_CAPSTAN = 10.905e-3  # m, 10.6 mm plus half of a 0.61 mm cable
-_LINK1_PULLEY = 63.095e-3  # m, 62.5 mm plus half of a 1.19 mm cable, as the next three
+_LINK1_PULLEY = 63.095e-3  # m, 62.5 mm plus half of a 1.19 mm cable; so are the next three
 _LINK2_PULLEY = 41.445e-3  # m
 _LINK2_IDLER_LARGE = 8.415e-3  # m
 _LINK2_IDLER_SMALL = 6.195e-3  # m
 _TOOL = _TOOL_CAPSTAN / _CAPSTAN32 * GP32
 
+# motor rad per joint rad (insertion: per m), gearbox included, both arms
 TR = Vec(
     (
         _LINK1_PULLEY / _CAPSTAN42 * GP42,
@@ -36,15 +38,14 @@ TR = Vec(
         _TOOL * 100 / 90,
         _TOOL * 100 / 90,
     )
-)  # motor rad per joint rad (insertion: per m), gearbox included, both arms
+)
 GEARBOX = Vec((GP42, GP42, GP42, GP32, GP32, GP32, GP32))  # motor turns per capstan turn
-GB_RATIO = (
-    GP42 / GP32 * (_CAPSTAN32 / _CAPSTAN42)
-)  # insertion motor rad per rad that it turns each tool motor
+# insertion motor rad per rad that it turns each tool motor
+GB_RATIO = GP42 / GP32 * (_CAPSTAN32 / _CAPSTAN42)
 
-C01 = 0.14545  # rad/rad, shoulder into elbow
-C02 = 0.0077973826  # m/rad, shoulder into insertion
-C12 = 0.008077387  # m/rad, elbow into insertion
+C01 = 0.14545  # rad/rad, coupling of the shoulder into the elbow
+C02 = 0.0077973826  # m/rad, coupling of the shoulder into the insertion
+C12 = 0.008077387  # m/rad, coupling of the elbow into the insertion
 
 JOINT_PER_CAPSTAN_TORQUE = Vec(tr / gear for tr, gear in zip(TR, GEARBOX, strict=True))
 """Nm (insertion: N) at the joint per Nm at the capstan, without coupling."""
@@ -52,9 +53,8 @@ JOINT_PER_CAPSTAN_TORQUE = Vec(tr / gear for tr, gear in zip(TR, GEARBOX, strict
 ENCODER_COUNTS = 4000  # counts per motor turn
 ENCODER_RAD = 2 * math.pi / ENCODER_COUNTS  # rad of motor angle per count
 TORQUE_PER_AMP = Vec((0.0603,) * 3 + (0.0538,) * 4)  # Nm/A at the motor shaft: RE40, RE30
-COUNTS_PER_AMP = Vec(
-    (2730.0,) * 3 + (5461.0,) * 4
-)  # DAC counts per A, whole numbers in the original
+# DAC counts per A, whole numbers in the original
+COUNTS_PER_AMP = Vec((2730.0,) * 3 + (5461.0,) * 4)
 COUNTS_PER_NM = Vec(
     c / (t * g) for c, t, g in zip(COUNTS_PER_AMP, TORQUE_PER_AMP, GEARBOX, strict=True)
 )
@@ -68,8 +68,9 @@ CABLE_PER_MOTOR = (_CAPSTAN42 / GP42,) * 3 + (_CAPSTAN32 / GP32,) * 4
 
 
 def coupling_signs(arm: str, tool: str, software: str = "raven2") -> Vec:
-    """Sign (1 or -1) with which the insertion motor turns tool_roll, wrist, grasp1 and grasp2
-    motors.
+    """Return the signs (1 or -1) with which the insertion motor turns the four tool motors.
+
+    The order is tool_roll, wrist, grasp1, grasp2.
     """
     style = find_tool(tool).style
     gold = 1.0 if style == "raven" else -1.0
@@ -77,12 +78,14 @@ def coupling_signs(arm: str, tool: str, software: str = "raven2") -> Vec:
 
 
 def _tool_signs(sign: float, software: str) -> Vec:
-    """Where OPPOSE_GRIP is compiled, the first jaw's sign is the opposite of the second's."""
+    """Return the tool signs; with OPPOSE_GRIP the first jaw's sign is the opposite of the
+    second's.
+    """
     return Vec((sign, sign, sign if software == "fork2015" else -sign, sign))
 
 
 def tau_signs(arm: str, tool: str, software: str = "raven2") -> Vec:
-    """Sign (7) of the DAC count that drives each motor forward, that of the original's
+    """Return the signs (7) of the DAC counts that drive each motor forward, as the original's
     tau_per_amp.
     """
     positioning = -1.0 if arm == "gold" else 1.0
@@ -93,11 +96,10 @@ def tau_signs(arm: str, tool: str, software: str = "raven2") -> Vec:
 def encoder_signs(
     arm: str, tool: str, software: str = "raven2", adapter: Style | None = None
 ) -> Vec:
-    """Sign (7) by which enc_val, as unpacked from USB (already negated there), becomes the forward
-    motor angle.
+    """Return the signs (7) by which enc_val becomes the forward motor angle.
 
-    The original takes these from the adapter it is compiled for, not from the tool; by default that
-    of the tool.
+    enc_val is as unpacked from USB, where it is already negated. The original takes the signs from
+    the adapter for which it is compiled, not from the tool; the default is the tool's adapter.
     """
     positioning = -1.0 if arm == "gold" else 1.0
     style = adapter or find_tool(tool).style
@@ -108,10 +110,10 @@ def encoder_signs(
 def motor_from_joint(
     arm: str, tool: str, jpos: Vec, mpos_insertion: Scalar = None, software: str = "raven2"
 ) -> Vec:
-    """Motor angles (7, rad) that hold the joints `jpos` (7, rad and m).
+    """Return the motor angles (7, rad) that hold the joints `jpos` (7, rad and m).
 
-    The tool motors follow the insertion motor at `mpos_insertion` (rad). The control software gives
-    the measured one; by default it is where it belongs.
+    The tool motors follow the insertion motor at `mpos_insertion` (rad). The control software
+    passes the measured angle; the default is the angle that holds `jpos`.
     """
     shoulder, elbow, insertion, roll, wrist, grasp1, grasp2 = jpos
     kappa = find_tool(tool).wrist_coupling
@@ -136,7 +138,7 @@ def motor_from_joint(
 
 
 def joint_from_motor(arm: str, tool: str, mpos: Vec, software: str = "raven2") -> Vec:
-    """Joints (7, rad and m) at the motor angles `mpos` (7, rad)."""
+    """Return the joints (7, rad and m) at the motor angles `mpos` (7, rad)."""
     shoulder = mpos[0] * (1.0 / TR[0])
     elbow = mpos[1] * (1.0 / TR[1]) - C01 * shoulder
     insertion = mpos[2] * (1.0 / TR[2]) - C02 * shoulder - C12 * elbow
@@ -151,8 +153,9 @@ def joint_from_motor(arm: str, tool: str, mpos: Vec, software: str = "raven2") -
 
 
 def motor_matrix(arm: str, tool: str, software: str = "raven2") -> tuple[tuple[float, ...], ...]:
-    """The 7 x 7 matrix of `motor_from_joint` with the insertion motor where it belongs: rows
-    motors, columns joints.
+    """Return the 7 x 7 matrix of `motor_from_joint`: rows motors, columns joints.
+
+    The insertion motor is at the angle that holds the joints.
     """
     units = (Vec(float(i == j) for i in range(7)) for j in range(7))
     columns = [motor_from_joint(arm, tool, unit, software=software) for unit in units]

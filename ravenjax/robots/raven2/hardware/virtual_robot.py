@@ -4,11 +4,11 @@
     reading = robot.step(dac, output_pins)
     reading.encoders, reading.pins, reading.signals.tip
 
-Put your own control software in front of it. It is what lies behind the USB boards in the tick:
-PLC, brakes, motors, cables, links, encoders, composed of the same functions in the same order and
-without faults. Every operation is one IEEE operation in float32 and functions are the C library's
-(`engines.cpu.transition`), so C code made of it has the same bits on any CPU. Engines of
-campaigns fuse multiply-adds, so their last digits differ.
+Connect your own control software to it. It is the part of the tick after the USB boards: PLC,
+brakes, motors, cables, links, encoders. It is composed of the same functions in the same order,
+without faults. Every operation is one IEEE operation in float32, and functions are the C library's
+(`engines.cpu.transition`). C code generated from it therefore has the same bits on any CPU. Engines
+of campaigns fuse multiply-adds, so their last digits differ.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from ravenjax.robots.raven2.software.code import TransitionCode
 from ravenjax.robots.raven2.stages import plc
 
 BOARDS = 1
-"""Boards whose output pins may differ: the control software writes the same to all."""
+"""Number of boards whose output pins may differ: the control software writes the same to all."""
 
 
 @record
@@ -60,19 +60,18 @@ class RobotState:
 
 @record
 class RobotInputs:
-    """What reaches it in one millisecond."""
+    """Inputs of the robot in one millisecond."""
 
     dac: tuple[Vec, ...]  # per arm 7 int32 counts, as written to USB
-    output_pins: (
-        Scalar  # int32 byte to the PLC: run level (bits 0, 1), FP (2), READY (3), watchdog (4)
-    )
+    # int32 byte to the PLC: run level (bits 0, 1), FP (2), READY (3), watchdog (4)
+    output_pins: Scalar
     estop_button: Scalar  # int32, 1: pressed
     start_button: Scalar  # int32, 1: pressed
 
 
 @record
 class RobotSignals:
-    """Its outputs after that, and its true motion."""
+    """Outputs of the robot after a millisecond, and its true motion."""
 
     encoders: tuple[Vec, ...]  # per arm 7 int32 counts, as unpacked from USB
     pins: Scalar  # int32 byte of the PLC, bits 6 and 7: run level; the same on each board
@@ -86,7 +85,9 @@ class RobotSignals:
 
 
 def params(setup: RavenSetup, parameter_set: str = parameter_sets.DEFAULT) -> RobotParams:
-    """Documented values; `parameter_set` names one of `parameter_sets.Name`. Plain numbers."""
+    """Return the documented values, as plain numbers; `parameter_set` is one of
+    `parameter_sets.Name`.
+    """
     return RobotParams(
         plc.PlcParams(), per_arm(setup, lambda _, arm: plant.params(setup, arm, parameter_set))
     )
@@ -95,8 +96,9 @@ def params(setup: RavenSetup, parameter_set: str = parameter_sets.DEFAULT) -> Ro
 def begin(
     setup: RavenSetup, params: RobotParams, start: tuple[Vec, ...], level: Scalar
 ) -> tuple[RobotState, RobotSignals]:
-    """At rest with the links at `start` (7 joints per arm, rad and m), the PLC in run level
-    `level`.
+    """Return a robot at rest with the links at `start` and the PLC in run level `level`.
+
+    start: 7 joints per arm, rad and m.
     """
     arms = per_arm(setup, lambda i, arm: plant.init(setup, arm, params.arms[i], start[i]))
     state = RobotState(plc.init(setup, params.plc, level, BOARDS), arms)
@@ -109,7 +111,7 @@ def begin(
 def step(
     setup: RavenSetup, params: RobotParams, state: RobotState, inputs: RobotInputs
 ) -> tuple[RobotState, RobotSignals]:
-    """One millisecond, as in the tick behind the USB boards."""
+    """Compute one millisecond, as in the tick after the USB boards."""
     buttons = inputs.estop_button != 0, inputs.start_button != 0
     controller, relays = plc.step(
         setup, params.plc, state.plc, plc.PlcSignal((inputs.output_pins,) * BOARDS, *buttons)
@@ -150,7 +152,7 @@ def _signals(
 
 @functools.lru_cache(maxsize=8)
 def code(setup: RavenSetup) -> TransitionCode:
-    """The code of a setup: transition "robot" is one millisecond."""
+    """Return the code of a setup: transition "robot" is one millisecond."""
     fixed, zero = numbers(params(setup)), np.int32(0)
     still = RobotInputs(per_arm(setup, lambda *_: Vec.full(7, zero)), zero, zero, zero)
     home = per_arm(setup, lambda *_: numbers(HOME_JPOS))
@@ -165,7 +167,7 @@ def code(setup: RavenSetup) -> TransitionCode:
 
 
 def numbers(record: Any) -> Any:
-    """A record of plain numbers with each in its own type: float32, or its own whole one."""
+    """Return a record of plain numbers, each in its own type: float32, or its integer type."""
 
     def of_type(x: Any) -> Any:
         number = np.asarray(x)
@@ -181,14 +183,15 @@ class Reading:
 
     encoders: np.ndarray  # int32 [arms, 7] counts, as `ControlSoftware.step` takes them
     pins: int  # byte of the PLC, the same on each board
-    signals: RobotSignals  # the true motion among it
+    signals: RobotSignals  # the robot's signals, with its true motion
 
 
 class VirtualRobot:
-    """A Raven-II behind its USB boards, one `step` a millisecond: at rest at first, brakes on.
+    """A Raven-II after its USB boards that runs one millisecond per `step`. It starts at rest,
+    brakes on.
 
-    Arms are in mechanism order, gold first; joints in the order shoulder, elbow, insertion,
-    tool_roll, wrist, grasp1, grasp2. `reading` is what the control software finds before the first
+    Arms are in mechanism order, gold first. Joints are in the order shoulder, elbow, insertion,
+    tool_roll, wrist, grasp1, grasp2. `reading` is what the control software reads before the first
     step.
     """
 
@@ -200,9 +203,12 @@ class VirtualRobot:
         jpos: Any = None,
         runlevel: int = run_levels.E_STOP,
     ) -> None:
-        """`tools`: one per arm, raven2's own if left out. `parameter_set`: its mechanics. `jpos`:
-        joints [arms, 7] in rad and m in which it begins, the home pose if left out. `runlevel`: of
-        its PLC, 0 to 3. Raises UserError."""
+        """Prepare the robot in its start state.
+
+        `tools`: one per arm, by default raven2's own. `parameter_set`: its mechanics. `jpos`:
+        joints [arms, 7] in rad and m at the start, by default the home pose. `runlevel`: run level
+        of its PLC, 0 to 3. Raises UserError.
+        """
         names = checked.arm_names(arms)
         checked.known("parameter_set", parameter_set, get_args(parameter_sets.Name))
         level = checked.whole("runlevel", runlevel, 0, 3)
@@ -228,9 +234,12 @@ class VirtualRobot:
     def step(
         self, dac: Any, output_pins: int, estop_button: bool = False, start_button: bool = False
     ) -> Reading:
-        """One millisecond. `dac`: whole counts [arms, 7], as `Output.dac`. `output_pins`: the byte
-        that the control software wrote. UserError names the argument that is wrong; nothing has
-        happened then."""
+        """Run one millisecond.
+
+        `dac`: whole counts [arms, 7], as `Output.dac`. `output_pins`: the byte that the control
+        software wrote. Raises UserError, which names the wrong argument; the state is then
+        unchanged.
+        """
         counts = checked.counts("dac", dac, len(self.setup.arms))
         pins = checked.whole("output_pins", output_pins, 0, 255)
         buttons = (
@@ -244,7 +253,7 @@ class VirtualRobot:
 
     @property
     def state(self) -> RobotState:
-        """Its whole state."""
+        """The whole state."""
         return self.code.kinds["state"].read(self._state)
 
     def _reading(self, signals: RobotSignals) -> Reading:

@@ -1,1 +1,3 @@
-"""The loop of one millisecond: the tick, one cycle of the control software, faults at its seams."""
+"""The loop of one millisecond: the tick, one cycle of the control software, and faults at its
+seams.
+"""

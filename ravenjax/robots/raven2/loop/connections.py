@@ -1,4 +1,4 @@
-"""Adapters between parts of the tick whose records differ. Stateless."""
+"""Stateless adapters between parts of the tick whose records differ."""
 
 from __future__ import annotations
 
@@ -17,17 +17,18 @@ from ravenjax.robots.raven2.setup import RavenSetup
 
 @record
 class ConsoleSeam:
-    """What a fault may change of the console."""
+    """The console's numbers that a fault may change."""
 
     scale: Scalar
 
 
 @record
 class Network:
-    """What a fault may do to the newest packet on its way."""
+    """What a fault may do to the newest packet on its way to the robot."""
 
-    lag: Scalar  # int32 packets, sent again
-    delay: Scalar  # int32 packets, of a channel that delivers in order
+    # int32, packets; how much older the packet is that is sent instead
+    lag: Scalar
+    delay: Scalar  # int32, packets; delay of a channel that delivers in order
     lost: Scalar  # bool
     bursts: Scalar  # float, seed of the channel's losses; 0: none
     jitter: Scalar  # float, seed of the channel's delays; 0: none
@@ -35,23 +36,25 @@ class Network:
 
 @record
 class PacketTiming:
-    """A packet and where in the motion it is made."""
+    """A packet, and the rows of the motion from which it is made."""
 
     index: Scalar  # int32
-    row: Scalar  # int32, of the motion: what the hands do when it is made
-    before: Scalar  # int32, the same of the packet before it: increments are since then
+    # int32, row of the motion with the state of the hands when it is made
+    row: Scalar
+    # int32, row of the packet before it, from which increments count
+    before: Scalar
 
 
 def row_by_row(index: Scalar) -> PacketTiming:
-    """The packet of that index where each is made of the motion's next row, however long it
-    lasts.
+    """Return the timing of the packet with that index, if each is made from the motion's
+    next row.
     """
     return PacketTiming(index, index, index - 1)
 
 
 @record
 class Buttons:
-    """The buttons beside the robot: 1 pressed."""
+    """The buttons beside the robot; 1 is pressed."""
 
     estop: Scalar  # bool
     start: Scalar  # bool
@@ -59,21 +62,22 @@ class Buttons:
 
 @record
 class UsbStatus:
-    """Whether USB transfers succeed, one entry an arm."""
+    """Whether USB transfers succeed, one entry per arm."""
 
     read_ok: tuple[Scalar, ...]
     write_ok: tuple[Scalar, ...]
 
 
 def boards_apart(setup: RavenSetup) -> int:
-    """USB boards whose output pins may differ: all are written alike, unless a write can fail or
-    a board refuse.
+    """Return the number of USB boards whose output pins may differ.
+
+    All boards are written alike, unless a write can fail or a board can refuse.
     """
     return len(setup.arms) if strikes(setup, "usb_status") or user_files.refuses(setup) else 1
 
 
 def each(setup: RavenSetup, item: Any) -> tuple[Any, ...]:
-    """The same for every arm."""
+    """Return a tuple with the same item for every arm."""
     return tuple(item for _ in setup.arms)
 
 
@@ -85,7 +89,9 @@ def packet(
     hands: operator.HandOffsets = operator.ON_PLAN,
     deviation: operator.Deviation = operator.PLAN,
 ) -> Packet:
-    """The packet of that timing, as `console` sends it: the operator's, or a faulty one."""
+    """Return the packet of that timing, as `console` sends it: the operator's console, or a faulty
+    one.
+    """
 
     def row(index: Scalar, lag: Scalar | None, offset: tuple[Vec, ...]) -> operator.MotionRow:
         line = operator.lookup(motion, index if lag is None else index - lag)
@@ -102,7 +108,7 @@ def packet(
 
 
 def motors(setup: RavenSetup, robots: tuple[plant.PlantOutput, ...]) -> tuple[tuple[Vec, Vec], ...]:
-    """What a dynamics-simulator build reads in place of encoders: motors 1-3 of each arm."""
+    """Return what a dynamics-simulator build reads in place of encoders: motors 1-3 of each arm."""
     if setup.build == "robot":
         return ()
     return tuple((Vec(out.mpos[:3]), Vec(out.mvel[:3])) for out in robots)
@@ -114,14 +120,17 @@ def tips(
     states: tuple[plant.PlantState, ...],
     robots: tuple[plant.PlantOutput, ...],
 ) -> tuple[Vec, ...]:
-    """True tip of each arm, m in registered frame 0."""
+    """Return the true tip of each arm, m in registered frame 0."""
     return per_arm(setup, lambda i, arm: plant.tip(arm, params[i], states[i], robots[i].jpos))
 
 
 def plant_signal(
     current_cmd: Vec, brakes: Scalar, multipliers: dict[str, tuple[Vec, ...]], i: int
 ) -> plant.PlantSignal:
-    """The input of the i-th arm of the virtual robot. multipliers: of mechanics, by fault site."""
+    """Return the input of the i-th arm of the virtual robot.
+
+    multipliers: factors of the mechanics, by fault site.
+    """
     return replace(
         plant.nominal_signal(current_cmd, brakes),
         **{site: arms[i] for site, arms in multipliers.items()},
@@ -129,5 +138,5 @@ def plant_signal(
 
 
 def measured(setup: RavenSetup, signals: control.ControlSignals) -> tuple[Vec, ...]:
-    """Measured tip of each arm, whole um."""
+    """Return the measured tip of each arm, whole um."""
     return tuple(real(setup, arm.pos.position_um) for arm in signals.arms)

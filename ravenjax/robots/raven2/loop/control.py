@@ -1,4 +1,4 @@
-"""One cycle of the control software: which stage follows which (raven2: rt_process_preempt.cpp)."""
+"""One cycle of the control software: the order of its stages (raven2: rt_process_preempt.cpp)."""
 
 from __future__ import annotations
 
@@ -33,21 +33,21 @@ from ravenjax.robots.raven2.stages import (
 
 
 class Inject(Protocol):
-    """Returns the signal of a site of `ravenjax.vocabulary.sites` as faults leave it, where it
-    is `present`.
+    """Returns the signal of a site of `ravenjax.vocabulary.sites` after the faults, if it is
+    `present`.
     """
 
     def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any: ...
 
 
 def unharmed(site: str, signal: Any, present: Scalar = True) -> Any:
-    """The Inject of a robot without faults."""
+    """The `Inject` of a robot without faults: return the signal unchanged."""
     return signal
 
 
 @record
 class ControlParams:
-    """What a campaign may vary in the control software. Tuples have one entry per arm."""
+    """Control-software parameters that a campaign may vary. Tuples have one entry per arm."""
 
     teleoperation: teleoperation.TeleoperationParams
     state_machine: state_machine.StateMachineParams
@@ -55,12 +55,12 @@ class ControlParams:
     cartesian: cartesian_control.CartesianParams
     motor_control: tuple[motor_control.MotorControlParams, ...]
     overdrive: overdrive.OverdriveParams
-    own: Any = None  # of files in place of stages, by stage
+    own: Any = None  # parameters of users' files in place of stages, by stage
 
 
 @record
 class ControlState:
-    """What the control software remembers from one cycle to the next."""
+    """The control software's state from one cycle to the next."""
 
     tick: Scalar  # int32, cycles since the start
     network: network.NetworkState
@@ -77,22 +77,22 @@ class ControlState:
 
 @record
 class Inputs:
-    """What reaches the control computer in one cycle. Tuples have one entry per arm, one USB
-    board each.
+    """Inputs of the control computer in one cycle. Tuples have one entry per arm, one USB board
+    each.
     """
 
     packet: Packet
     usb: usb.UsbIn
-    read_ok: tuple[Scalar, ...]  # int32, 0: the board's read failed
-    # in a dynamics-simulator build: motors 1-3 as the model has them, rad, rad/s
+    read_ok: tuple[Scalar, ...]  # int32, 0: the read from the board failed
+    # In a dynamics-simulator build: motors 1-3 of the model, rad, rad/s
     simulated: tuple[tuple[Vec, Vec], ...] = ()
 
 
 @record
 class ArmSignals:
-    """One arm of the control software in one cycle."""
+    """Signals of one arm of the control software in one cycle."""
 
-    enc_val: Vec  # 7 int32 counts, as used
+    enc_val: Vec  # 7 int32 counts, as the software uses them
     mpos: Vec  # 7 rad
     mvel: Vec  # 7 rad/s
     jpos: Vec  # 7, rad and m
@@ -104,13 +104,13 @@ class ArmSignals:
     tau_g: Vec  # 3 N m at the capstan
     tau_d: Vec  # 7 N m at the capstan
     current_cmd: Vec  # 7 int32 DAC counts, before the overdrive check
-    current_cmd_checked: Vec  # 7 int32 DAC counts, after it
+    current_cmd_checked: Vec  # 7 int32 DAC counts, after the overdrive check
     current_cmd_written: Vec  # 7 int32 DAC counts, as written to USB
 
 
 @record
 class ControlSignals:
-    """What crossed the seams of the control software in one cycle."""
+    """Signals at the seams of the control software in one cycle."""
 
     arms: tuple[ArmSignals, ...]
     tick: Scalar  # int32
@@ -123,11 +123,12 @@ class ControlSignals:
     overdrive: Scalar  # int32 flag: the check raised the soft E-stop in this cycle
     clamped: Scalar  # int32 flag: a joint limit clamped a target
     pins_out: Scalar  # int32 output byte to the PLC
-    packet: Packet | None = None  # as faults left it, before the checks; where Setup.explained
+    # the packet after faults and before the checks; only with Setup.explained
+    packet: Packet | None = None
 
 
 def params(setup: RavenSetup) -> ControlParams:
-    """The software's own figures."""
+    """Return the software's own parameters."""
     return ControlParams(
         teleoperation.params(setup),
         state_machine.params(setup),
@@ -142,10 +143,11 @@ def params(setup: RavenSetup) -> ControlParams:
 def init(
     setup: RavenSetup, jpos: tuple[Vec, ...] | None = None, runlevel: int | None = None
 ) -> ControlState:
-    """A homed robot at rest at `jpos` (rad and m, one Vec per arm; default: home) and `runlevel`.
+    """Return a homed robot at rest at `jpos` (rad and m, one Vec per arm; default: home) and
+    `runlevel`.
 
-    raven2 starts in E-stop (0) and waits for the PLC; the 2015 fork, whose simulator builds have no
-    PLC, in pedal-down (3).
+    raven2 starts in E-stop (0) and waits for the PLC. The 2015 fork starts in pedal-down (3),
+    because its simulator builds have no PLC.
     """
     rest = jpos or tuple(HOME_JPOS for _ in setup.arms)
     if runlevel is None:
@@ -172,7 +174,7 @@ def init(
 def receive(
     setup: RavenSetup, params: ControlParams, state: ControlState, packet: Packet
 ) -> ControlState:
-    """The network thread: take one datagram (or none) between two cycles."""
+    """Take one datagram (or none) between two cycles, as the network thread does."""
     net, accepted = network.step(setup, state.network, state.tick, packet)
     teleop = teleoperation.accumulate(
         setup, params.teleoperation, state.teleoperation, accepted, packet
@@ -188,9 +190,9 @@ def cycle(
     inject: Inject = unharmed,
     files: UserFiles | None = None,
 ) -> tuple[ControlState, ControlSignals]:
-    """One 1 ms cycle of the control software: packet, USB read, decide, check, write.
+    """Compute one 1 ms cycle of the control software: packet, USB read, decide, check, write.
 
-    files: users' checks and stages. raven2: rt_process_preempt.cpp.
+    files: users' checks and stages. Source: raven2 rt_process_preempt.cpp.
     """
 
     def each(function: Callable[[int, ArmName, str], Any]) -> tuple[Any, ...]:
@@ -363,7 +365,7 @@ def cycle(
 def _struck(
     inject: Inject, sites: tuple[str, str], poses: tuple[StoredPose, ...]
 ) -> tuple[StoredPose, ...]:
-    """Poses as faults at `sites`, of position and of rotation, leave them."""
+    """Return poses after the faults at `sites`, the sites of position and of rotation."""
     position, rotation = sites
     positions = inject(position, tuple(pose.position_um for pose in poses))
     rotations = inject(rotation, tuple(pose.rotation for pose in poses))
@@ -376,9 +378,11 @@ def _struck(
 def _measured(
     setup: RavenSetup, inputs: Inputs, state: ControlState, estimates: tuple[tuple[Vec, Vec], ...]
 ) -> tuple[tuple[Vec, Vec], ...]:
-    """Motor positions and velocities of each arm: the estimator's, but that a dynamics-simulator
-    build takes joints 1-3 from its model as they are. The published one believes the tool joints to
-    be where they should."""
+    """Return motor positions and velocities of each arm.
+
+    They are the estimator's. In a dynamics-simulator build joints 1-3 come unchanged from its
+    model, and the published build assumes the tool joints to be at their targets.
+    """
     if not inputs.simulated:
         return estimates
     tools = [(mpos[3:], mvel[3:]) for mpos, mvel in estimates]
@@ -393,8 +397,9 @@ def _measured(
 def _resting_commands(
     setup: RavenSetup, params: ControlParams, held_cmd: tuple[Vec, ...], active: Scalar
 ) -> tuple[Vec, ...]:
-    """What the DAC commands are before the torques are converted: cleared, but in the fork's
-    simulator builds.
+    """Return the DAC commands before the torques are converted.
+
+    They are cleared, except in the fork's simulator builds.
     """
     if not held_cmd:
         return per_arm(setup, lambda *_: Vec.full(7, 0))

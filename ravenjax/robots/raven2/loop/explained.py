@@ -1,20 +1,20 @@
-"""A run of ticks that is compared with its golden run number by number: where a fault's effect
-appears first, and when.
+"""Compares a run with its golden run number by number: where a fault's effect appears first, and
+when.
 
 This module is a `Loop` of `ravenjax.engines.interface`. It is the loop of `run` with an observer
 that compares each number at a seam (`SEAMS`) with the golden run's number of the same tick. The
-golden run's numbers arrive as a series, as its tips do in any campaign. So engines run it in bulk,
-from branches of golden runs, with shared work computed once, and no trace is stored. The tick is
-the same function, and a lane's outcomes have the bits of `run`.
+golden run's numbers arrive as a series, as its tips do in any campaign. Engines therefore run it in
+bulk, from branches of golden runs, with shared work computed once, and no trace is stored. The tick
+is the same function, and a lane's outcomes have the bits of `run`.
 
 The cost with both arms: 349 numbers are compared in each tick, 234 of them with a range. That is
-some 5 000 operations beside the tick's own. The series of a golden run of 3 s is 4.5 MB long. Runs
-that share a golden run go on from its branches and read it once for a whole vector. Two stored
-traces of each run would move 2 x 4.5 MB a run through memory, 90 GB for ten thousand runs.
+about 5 000 operations beside the tick's own. The series of a golden run of 3 s is 4.5 MB long. Runs
+that share a golden run start from its branches and read it once for a whole vector. Two stored
+traces of each run would move 2 x 4.5 MB per run through memory, 90 GB for ten thousand runs.
 
-A number *differs* in the first tick in which any bit is not the golden run's. It *leaves its range*
-in the first tick in which it is outside its normal range while the golden run's is inside. The
-content of a packet counts where a packet was received.
+A number *differs* in the first tick in which any of its bits differs from the golden run's. It
+*leaves its range* in the first tick in which it is outside its normal range while the golden run's
+number is inside. The content of a packet is compared only if a packet was received.
 """
 
 from __future__ import annotations
@@ -40,47 +40,48 @@ DIFFERS, LEAVES, NEAR, GOLDEN_NEAR, NEAR_MS = (
     "golden_near:",
     "near_ms:",
 )
-"""Beginnings of the names of outcomes: of a number's ticks, and of a check's margins until harm."""
+"""Prefixes of the names of outcomes: of a number's ticks, and of a check's margins until harm."""
 HARM = "harm_ms"
-"""Outcome: the first tick in which any hazard of the motion was beyond its limit; -1: none."""
+"""Outcome: first tick in which any hazard of the motion was beyond its limit; -1: never."""
 
 
 @record
 class NumberHistory:
-    """Of one number that crosses a seam."""
+    """History of one number that crosses a seam."""
 
-    differs: Scalar  # int32, first tick in which it is not the golden run's; -1: never
-    leaves: (
-        Scalar | None
-    )  # int32, first tick out of its normal range, the golden run's inside; None: it has no range
+    # int32, first tick in which it differs from the golden run's; -1: never
+    differs: Scalar
+    # int32, first tick outside its normal range while the golden run's is inside; None: no range
+    leaves: Scalar | None
 
 
 @record
 class MarginHistory:
-    """Of one check, until harm."""
+    """History of one check, until harm."""
 
     margin: Scalar  # smallest distance to the limit, as in `stages.check`
-    golden: Scalar  # the golden run's until the same tick
-    tick: Scalar  # int32, when it was smallest; -1: nothing was measured
+    golden: Scalar  # smallest distance of the golden run until the same tick
+    # int32, tick of the smallest distance; -1: nothing was measured
+    tick: Scalar
 
 
 @record
 class ExplainedState:
-    """A run's state, and what the observer remembers."""
+    """A run's state, and the state of the observer."""
 
     tick: TickState
     numbers: tuple[NumberHistory, ...]  # in the order of `listing`
     margins: tuple[MarginHistory, ...]  # in the order of `run.checks`
-    harm: Scalar  # int32
+    harm: Scalar  # int32, tick of the first harm; -1: none
 
 
 def listing(setup: RavenSetup) -> tuple[Crossing, ...]:
-    """Every number that is compared, in order."""
+    """Return every number that is compared, in order."""
     return crossings(SEAMS, setup.arms)
 
 
 def init(setup: RavenSetup, params: TickParams) -> ExplainedState:
-    """As `run.init`; nothing differs yet."""
+    """Return the state of `run.init`, with no differences."""
     never, state = jnp.int32(-1), run.init(setup, params)
     infinite = real(setup, jnp.inf)
     return ExplainedState(
@@ -102,7 +103,7 @@ def advance(
     motion: tuple[Any, ...],
     golden: tuple[Scalar, ...],
 ) -> tuple[ExplainedState, tuple[Scalar, ...], TickSignals]:
-    """As `run.advance`, then the comparison."""
+    """Compute one tick as `run.advance`, then compare it with the golden run."""
     own = run.series_length(setup)
     after, series, signals = run.advance(
         setup, params, faults, state.tick, now, motion, golden[:own]
@@ -133,7 +134,7 @@ def advance(
         margins_beside[len(numbers) :],
         strict=True,
     ):
-        # a check counts where no harm came before it
+        # A check counts only before the first harm
         margin = real(setup, check.margin)
         closer = live & (margin < before.margin)
         nearest.append(
@@ -152,12 +153,12 @@ def advance(
 
 
 def series_length(setup: RavenSetup) -> int:
-    """How many numbers the series has."""
+    """Return the length of the series."""
     return run.series_length(setup) + len(_spans(setup)) + len(CHECKS) + len(setup.checks)
 
 
 def outcomes(setup: RavenSetup, params: TickParams, state: ExplainedState) -> dict[str, Scalar]:
-    """As `run.outcomes`, then what the observer remembers."""
+    """Return the outcomes of `run.outcomes` and those of the observer."""
     out = run.outcomes(setup, params, state.tick)
     for place, history in zip(listing(setup), state.numbers, strict=True):
         out[f"{DIFFERS}{place.name}"] = history.differs
@@ -170,7 +171,7 @@ def outcomes(setup: RavenSetup, params: TickParams, state: ExplainedState) -> di
 
 
 def crossing(setup: RavenSetup, signals: TickSignals) -> list[tuple[Scalar, Scalar]]:
-    """(number, whether it is there in this tick) in the order of `listing`."""
+    """Return (number, whether it exists in this tick) in the order of `listing`."""
     arms, packet = signals.control.arms, signals.control.packet
     assert packet is not None
     rotations: dict[str, Any] = {}
@@ -194,12 +195,12 @@ def crossing(setup: RavenSetup, signals: TickSignals) -> list[tuple[Scalar, Scal
 
 
 def _spans(setup: RavenSetup) -> tuple[tuple[float, float] | None, ...]:
-    """Normal range of each number of `listing`."""
+    """Return the normal range of each number of `listing`."""
     return setup.explained or (None,) * len(listing(setup))
 
 
 def _outside(number: Scalar, span: tuple[float, float]) -> Scalar:
-    """Whether a number is out of a range; one that is not finite is."""
+    """Return whether a number is outside a range; a number that is not finite is outside."""
     low, high = span
     value = lax.convert_element_type(number, jnp.float32)
     return ~((value >= low) & (value <= high))

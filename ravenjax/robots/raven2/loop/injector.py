@@ -1,5 +1,6 @@
-"""Faults at the sites of the Raven's tick. They act on rotations as quaternions; USB words are
-stored as the setup says.
+"""Injects faults at the sites of the Raven's tick.
+
+Faults act on rotations as quaternions. USB words are stored as the setup says.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from ravenjax.robots.raven2.setup import RavenSetup
 
 
 class RavenInjector(injection.Injector):
-    """`inject(site, signal)` for one tick of a Raven-II."""
+    """Injects faults by `inject(site, signal)` in one tick of a Raven-II."""
 
     def __init__(
         self,
@@ -38,17 +39,18 @@ class RavenInjector(injection.Injector):
 
 
 def seeded(setup: RavenSetup, what: str) -> bool:
-    """Whether faults seed the network's losses (`bursts`) or delays (`jitter`)."""
+    """Return whether faults seed the network's losses (`bursts`) or delays (`jitter`)."""
     return ("network", "", what) in injection.channel_keys(setup)
 
 
 ROTATIONS = ("ori", "ori_d")
-"""Sites whose signal is rotation matrices; faults act on their quaternions."""
+"""Sites whose signal consists of rotation matrices; faults act on their quaternions."""
 
 
 def _rotated(setup: RavenSetup, rotation: Vec, quat: Vec, struck: Vec) -> Vec:
-    """The rotation of a quaternion that a fault changed; one that none changed keeps every bit
-    of its matrix.
+    """Return the rotation of a quaternion after faults.
+
+    If no fault changed the quaternion, the matrix keeps every bit.
     """
     changed = reduce(lambda a, b: a | b, quat.map(lambda before, after: before != after, struck))
     return where(changed, narrow(setup, matrix_from_quat(struck)), rotation)
@@ -56,7 +58,7 @@ def _rotated(setup: RavenSetup, rotation: Vec, quat: Vec, struck: Vec) -> Vec:
 
 @cache
 def _paths(setup: RavenSetup) -> dict[injection.ChannelKey, injection.Target]:
-    """The declared paths; the type of a DAC command after the checks follows the setup."""
+    """Return the declared paths; the type of a DAC command after the checks follows the setup."""
     stored = _STORED[setup.dac_words]
     return {
         key: (path, stored if key[0] == "usb_out" else kind)
@@ -65,4 +67,4 @@ def _paths(setup: RavenSetup) -> dict[injection.ChannelKey, injection.Target]:
 
 
 _STORED = {"wrap": "int16", "saturate": "int16 saturated", "unwrapped": "int32"}
-"""`RavenSetup.dac_words` as the number that the USB hook stores."""
+"""`RavenSetup.dac_words` -> kind of the number that the USB site stores."""

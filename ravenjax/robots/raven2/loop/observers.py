@@ -1,8 +1,8 @@
-"""The half of the tick beside the robot: the nominal model on the clean packet, the console's cue,
-the monitor.
+"""The part of the tick that observes the robot: nominal model on the clean packet, haptic cue,
+monitor.
 
-It runs in every tick, and alone where the robot is elsewhere and no more is known of it than it
-reports.
+It is part of every tick. It also runs alone if the robot is elsewhere and only its reports are
+known.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class ObserverParams(NamedTuple):
 
 @record
 class ObserverState:
-    """What the observers remember, one entry an arm."""
+    """The observers' state, one entry per arm."""
 
     nominal: tuple[nominal.NominalState, ...]
     haptics: tuple[haptics.HapticState, ...]
@@ -40,32 +40,32 @@ class ObserverState:
 
 
 class RobotView(NamedTuple):
-    """What is known of the robot in this tick, one entry an arm."""
+    """What is known of the robot in this tick, one entry per arm."""
 
-    jpos: tuple[Vec, ...]  # rad; insertion m, as its control software has them
-    mvel: tuple[Vec, ...]  # rad/s, of its motors
+    jpos: tuple[Vec, ...]  # rad; insertion m, as the control software has them
+    mvel: tuple[Vec, ...]  # rad/s, of the motors
     runlevel: Scalar  # int32
     soft_estopped: Scalar  # int32 flag
     dac: tuple[Vec, ...]  # counts, as written to USB
-    pos: tuple[Vec, ...] | None = None  # um, measured tip; None: that of `jpos`
-    tips: tuple[Vec, ...] | None = None  # m, true tips; None: as reported
+    pos: tuple[Vec, ...] | None = None  # um, measured tip; None: the tip of `jpos`
+    tips: tuple[Vec, ...] | None = None  # m, true tips; None: the reported tips
 
 
 class Golden(NamedTuple):
-    """What the robot is compared with."""
+    """The golden run with which the robot is compared."""
 
-    reference: monitor.Reference  # its golden run in this tick
-    apart: Scalar | None = (
-        None  # bool, False: nothing has struck yet, the robot is its own golden run; None: True
-    )
+    reference: monitor.Reference  # the golden run in this tick
+    # bool, False: no fault has acted yet, so the robot is its own golden run; None: True
+    apart: Scalar | None = None
 
 
 class Seen(NamedTuple):
-    """What the observers make of this tick, one entry an arm."""
+    """Results of the observers in this tick, one entry per arm."""
 
     models: tuple[nominal.NominalOutput, ...]
     cues: tuple[haptics.HapticOutput, ...]
-    tips: tuple[Vec, ...]  # m, true tip in frame 0; where nobody knows it the reported one
+    # m, true tip in frame 0; the reported tip if the true one is unknown
+    tips: tuple[Vec, ...]
     depth: tuple[Scalar, ...]  # m below the tissue's surface, negative above
     distance: Scalar  # m between the tips; infinite with one arm
     live: Scalar  # bool
@@ -74,7 +74,9 @@ class Seen(NamedTuple):
 def init(
     setup: RavenSetup, params: ObserverParams, start: tuple[Vec, ...], tips: tuple[Vec, ...]
 ) -> ObserverState:
-    """Beside a robot at rest: its joints (rad; insertion m) and its true tips (m)."""
+    """Return the state next to a robot at rest with these joints (rad; insertion m) and true tips
+    (m).
+    """
     return ObserverState(
         nominal=per_arm(
             setup, lambda i, arm: nominal.init(setup, arm, params.nominal[i], start[i])
@@ -92,14 +94,14 @@ def see(
     fresh: Scalar,
     robot: RobotView,
 ) -> tuple[ObserverState, Seen]:
-    """One tick of the nominal model and the cue; `judge` follows.
+    """Compute one tick of the nominal model and of the cue; `judge` follows.
 
-    clean: the newest packet as the console meant it, whatever became of it; `fresh` where it is of
-    this tick.
+    clean: the newest packet as the console sent it, even if it was changed or lost; fresh: whether
+    it is of this tick.
     """
 
     def asked(i: int) -> nominal.Clean:
-        # each increment once, also where a packet spans several cycles
+        # Each increment counts once, also if a packet spans several cycles
         command: Any = clean.delta[i], clean.quat[i], clean.grasp[i]
         if setup.console == "increments":
             none = (Vec.full(3, 0), Vec((0.0, 0.0, 0.0, 1.0)), 0)
@@ -112,7 +114,9 @@ def see(
         return nominal.step(setup, arm, params.nominal[i], state.nominal[i], asked(i), jpos)
 
     def sense(i: int, arm: ArmName) -> tuple[Any, ...]:
-        """What the console compares, the robot as its control software reports it, and the cue."""
+        """Return what the console compares, the robot as its control software reports it, and the
+        cue.
+        """
         model = models[i][1]
         jpos, mvel = real(setup, (robot.jpos[i], robot.mvel[i]))
         tool, software = setup.tools[i], setup.software
@@ -147,8 +151,9 @@ def judge(
     golden: Golden | None,
     now: Scalar,
 ) -> monitor.MonitorState:
-    """The monitor after a tick. golden: None where there is no golden run; the nominal model
-    stands for it.
+    """Return the monitor after a tick.
+
+    golden: None if there is no golden run; the nominal model then takes its place.
     """
     model_tips = tuple(out.tip_position for out in seen.models)
     pos = _um(seen.tips) if robot.pos is None else real(setup, robot.pos)
@@ -171,8 +176,9 @@ def judge(
 
 
 def live(runlevel: Scalar, soft_estopped: Scalar) -> Scalar:
-    """Whether the robot is live, as `ravenjax.outcomes` says: run level pedal-down, no software
-    E-stop.
+    """Return whether the robot is live, as `ravenjax.outcomes` defines it.
+
+    It is live in run level pedal-down without a software E-stop.
     """
     return (runlevel == run_levels.PEDAL_DOWN) & (soft_estopped == 0)
 
@@ -180,8 +186,10 @@ def live(runlevel: Scalar, soft_estopped: Scalar) -> Scalar:
 def reference(
     setup: RavenSetup, golden: Golden, tips: tuple[Vec, ...], pos: tuple[Vec, ...]
 ) -> monitor.Reference:
-    """The golden run, or the robot itself (true tips, m; measured tips, um) as long as they are
-    the same.
+    """Return the golden run in this tick.
+
+    As long as the robot equals its golden run, it is the robot itself (true tips, m; measured tips,
+    um).
     """
     beside, apart = golden
     if apart is None:
@@ -191,5 +199,5 @@ def reference(
 
 
 def _um(tips: tuple[Vec, ...]) -> tuple[Vec, ...]:
-    """Metres in micrometres."""
+    """Return metres as micrometres."""
     return tuple(tip * 1e6 for tip in tips)

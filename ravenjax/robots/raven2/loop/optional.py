@@ -1,7 +1,8 @@
-"""Optional stages of the tick: each is a value in STAGES, and in the tick where it is `present`.
+"""Optional stages of the tick: each is a value in STAGES, and is part of the tick if it is
+`present`.
 
-Another one is another value there. Its state is in `TickState.stages`, its outcomes are in the
-result table, and a run fails where one of its `numbers` is not finite.
+To add a stage, add a value to STAGES. Its state is in `TickState.stages`, and its outcomes are in
+the result table. A run fails if one of its `numbers` is not finite.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from ravenjax.stages import (
 
 
 class Start(NamedTuple):
-    """Where a run begins, one entry an arm."""
+    """The start of a run, one entry per arm."""
 
     jpos: tuple[Vec, ...]  # 7, rad and m
     tips: tuple[Vec, ...]  # m, frame 0
@@ -42,25 +43,25 @@ class Start(NamedTuple):
 
 @dataclasses.dataclass
 class Console:
-    """What the console does in this tick. The stages before it may change all but `signal`."""
+    """The console in this tick. Stages before it may change all fields but `signal`."""
 
     signal: Input
     newest: Scalar  # int32, index of the newest packet before this tick; -1: none yet
     soft_estopped: Scalar  # int32 flag of the control software
     fresh: Scalar  # bool, there is a new packet in this tick
-    sequence: Scalar  # int32, the same after this tick
+    sequence: Scalar  # int32, index of the newest packet after this tick
     timing: PacketTiming
     plan: own_operator.PlanMoment
     hands: operator.HandOffsets
     older: Callable[[Network], PacketTiming]  # timing of the packet that the network delivers
-    packets_in: Callable[[Scalar], Scalar]  # packets (int32) in so many ms (int32)
-    # what the operator makes of the plan in a packet of that timing
+    packets_in: Callable[[Scalar], Scalar]  # packets (int32) in that many ms (int32)
+    # Returns the operator's deviation from the plan in a packet of that timing
     deviate: Callable[[PacketTiming], operator.Deviation] = lambda timing: operator.PLAN
 
 
 @dataclasses.dataclass
 class Sight:
-    """What a stage may look at when the robot has moved. It may move the hands."""
+    """What a stage may read after the robot has moved. The stage may move the hands."""
 
     tick: Scalar  # int32
     pedal_down: Scalar  # bool
@@ -75,27 +76,27 @@ def _keep(setup: RavenSetup, params: TickParams, state: Any, seen: Any) -> Any:
 
 
 class Stage(NamedTuple):
-    """One of them. `act`, `transmit` and `watch` are its places in the tick."""
+    """One optional stage. `act`, `transmit` and `watch` are its places in the tick."""
 
     present: Callable[[RavenSetup], bool]
     init: Callable[[RavenSetup, TickParams, Start], Any]
-    # before the console makes its packet
+    # Before the console makes its packet
     act: Callable[[RavenSetup, TickParams, Any, Console], Any] = _keep
-    # between console and robot
+    # Between console and robot
     transmit: Callable[[Any, Console, Network], tuple[Any, Network]] = (
         lambda state, console, network: (state, network)
     )
-    # when the robot has moved
+    # After the robot has moved
     watch: Callable[[RavenSetup, TickParams, Any, Sight], Any] = _keep
     outcomes: Callable[[RavenSetup, Any], dict[str, Scalar]] = lambda setup, state: {}
     numbers: Callable[[Any], dict[str, list[Scalar]]] = lambda state: {}
     moves_hands: bool = False
-    # before the monitor: a CPU has its many operations to do while those of a long chain wait
+    # Before the monitor: a CPU can execute its many independent operations while a long chain waits
     early: bool = False
 
 
 def find_stages(setup: RavenSetup) -> dict[str, Stage]:
-    """Those that are in the tick, by name."""
+    """Return the stages that are in the tick, by name."""
     return {name: stage for name, stage in STAGES.items() if stage.present(setup)}
 
 
@@ -105,11 +106,13 @@ def find_stages(setup: RavenSetup) -> dict[str, Stage]:
 def _draw_length(
     setup: RavenSetup, params: TickParams, clock: packet_clock.PacketClock, console: Console
 ) -> packet_clock.PacketClock:
-    """Packets last a number of cycles that is drawn; each is made of what the hands do now."""
+    """Let packets last a number of cycles that is drawn; each has the motion of the hands at its
+    time.
+    """
     now, network = console.signal.tick, params.network
     if console.signal.packet is None:
         fresh = now >= clock.due
-        # a simulator's packet generator ends with the robot's software E-stop
+        # A simulator's packet generator ends with the robot's software E-stop
         fresh = fresh & (console.soft_estopped == 0) if setup.build != "robot" else fresh
         console.fresh, console.sequence = fresh, console.newest + as_int(fresh)
         lasts = packet_clock.length(
@@ -131,7 +134,7 @@ def _remember_packet(
     now, history = console.signal.tick, packet_history.step(history, console.fresh)
 
     def older(network: Network) -> PacketTiming:
-        # the packet so many before the newest was made when it was sent
+        # An older packet was made in the tick in which it was sent
         count = jnp.maximum(network.lag + network.delay, 0)
         row, before = (now - packet_history.age(history, n) for n in (count, count + 1))
         return PacketTiming(console.sequence - count, row, before)
@@ -328,4 +331,4 @@ STAGES: dict[str, Stage] = {
         moves_hands=True,
     ),
 }
-"""In the order in which they act."""
+"""All optional stages, in the order in which they act."""

@@ -1,6 +1,4 @@
-"""What a tick takes and gives: parameters, state, what enters it, signals. One entry an arm in
-each tuple.
-"""
+"""Records of the tick: parameters, state, inputs, signals. Tuples have one entry per arm."""
 
 from __future__ import annotations
 
@@ -28,7 +26,7 @@ from ravenjax.vocabulary import packets
 
 @record
 class TickParams:
-    """Everything that a campaign may vary, one sub-record a stage."""
+    """Everything that a campaign may vary, one sub-record per stage."""
 
     operator: operator.OperatorParams
     network: NetworkParams
@@ -38,33 +36,33 @@ class TickParams:
     plant: tuple[plant.PlantParams, ...]
     nominal: tuple[nominal.NominalParams, ...]
     haptics: haptics.HapticParams
-    reaction: reaction.ReactionParams | None  # where Setup.reacts
-    hand: hand.HandParams | None  # where Setup.hand_yields
-    detectors: detectors.DetectorParams | None  # where there are any
-    checks: user_files.CheckParams | None  # where there are any
-    contact: contact.ContactParams | None  # where Setup.contact
+    reaction: reaction.ReactionParams | None  # only with Setup.reacts
+    hand: hand.HandParams | None  # only with Setup.hand_yields
+    detectors: detectors.DetectorParams | None  # only if there are detectors
+    checks: user_files.CheckParams | None  # only if there are users' checks
+    contact: contact.ContactParams | None  # only with Setup.contact
     monitor: Annotated[
         monitor.MonitorParams, Reserved("it belongs to the observer, not to the robot")
     ]
-    start: Annotated[  # joints where the run begins, 7, rad and m
+    start: Annotated[  # joints at the start of the run, 7, rad and m
         tuple[Vec, ...],
         Reserved("it is where the operator's motion begins; write [operator.start]"),
     ]
 
     @property
     def observers(self) -> ObserverParams:
-        """Those of the half of the tick beside the robot."""
+        """Parameters of the observers."""
         return ObserverParams(self.nominal, self.haptics, self.monitor)
 
 
 @record
 class NetworkParams:
-    """The channel from console to robot."""
+    """Parameters of the channel from console to robot."""
 
-    cycles_per_packet: Annotated[  # int32; 1: a packet a millisecond
+    cycles_per_packet: Annotated[  # int32; 1: one packet per millisecond
         Scalar, Quantity("cycles", 1, 1000, "how long a packet of the console lasts", whole=True)
     ] = np.int32(1)
-    packets: Annotated[  # int32, one of vocabulary.packets
+    packets: Annotated[  # int32, number of a distribution of vocabulary.packets
         Scalar,
         Quantity(
             "",
@@ -86,7 +84,7 @@ class NetworkParams:
 
 @record
 class UsbParams:
-    """The way from USB board to motor."""
+    """Parameters of the path from USB board to motor."""
 
     command_delay: Annotated[  # int32, at most Setup.command_delay
         Scalar, Quantity("ms", 0, 16, "from USB write to motor", whole=True)
@@ -95,25 +93,26 @@ class UsbParams:
 
 @record
 class TickState:
-    """What is remembered from one tick to the next; each part is written by its own stage only."""
+    """The state from one tick to the next; each part is written by its own stage only."""
 
     faults: fault.FaultState
     control: control.ControlState
-    boards: usb.UsbOut  # what the USB boards hold
-    # int32, what the boards held in the ticks before, latest first
+    boards: usb.UsbOut  # values that the USB boards hold
+    # int32, values that the boards held in earlier ticks, latest first
     commands: tuple[tuple[Vec, ...], ...]
     plc: plc.PlcState
     plant: tuple[plant.PlantState, ...]
     enc_val: tuple[Vec, ...]  # int32 counts that the encoders show
-    # rad, rad/s of motors 1-3, for the dynamics-simulator builds alone
+    # rad, rad/s of motors 1-3, only for dynamics-simulator builds
     motors: tuple[tuple[Vec, Vec], ...]
     nominal: tuple[nominal.NominalState, ...]
     haptics: tuple[haptics.HapticState, ...]
     hands: operator.HandOffsets
     files: user_files.UserFilesState
     monitor: monitor.MonitorState
-    stages: dict[str, Any]  # of each of `optional.STAGES` that is in the tick
-    pedal_ticks: Scalar  # int32, ticks since pedal-down was entered; negative: not in it
+    stages: dict[str, Any]  # state of each of `optional.STAGES` that is in the tick
+    # int32, ticks since pedal-down was entered; negative: not in pedal-down
+    pedal_ticks: Scalar
     pedal_down_ticks: Scalar  # int32, ticks in pedal-down so far
     packet: Scalar  # int32, index of the console's newest packet; -1: none yet
     delivered: Scalar  # int32, index of the packet that last reached the robot; -1: none yet
@@ -121,33 +120,31 @@ class TickState:
 
 @record
 class Input:
-    """What enters a tick from outside."""
+    """Inputs of a tick."""
 
     tick: Scalar  # int32, ticks since the run began
-    motion: tuple[
-        Any, ...
-    ]  # columns of the operator's motion, each a 1-D array: the only arrays of the tick
+    # columns of the operator's motion, each a 1-D array: the only arrays of the tick
+    motion: tuple[Any, ...]
     reference: monitor.Reference  # the golden run in this tick
-    packet: Any = (
-        None  # packet.Packet of a console outside, in place of those that the motion makes
-    )
-    apart: Any = None  # bool, False: nothing has struck so far, and the robot is its own golden run
+    # packet.Packet of an external console, in place of the packets from the motion
+    packet: Any = None
+    # bool, False: no fault has acted so far, and the robot is its own golden run
+    apart: Any = None
 
 
 @record
 class TickSignals:
-    """What crossed the seams in this tick; also the schema of a trace."""
+    """Signals at the seams in this tick; also the schema of a trace."""
 
     packet: Any  # packet.Packet as it reached the robot
     control: control.ControlSignals
     plant: tuple[plant.PlantOutput, ...]
-    boards: tuple[
-        Vec, ...
-    ]  # 7 int32 DAC counts that the USB boards hold, after what checks there refuse
+    # 7 int32 DAC counts that the USB boards hold, after the checks at the boards
+    boards: tuple[Vec, ...]
     plc: plc.PlcOutput
     nominal: tuple[nominal.NominalOutput, ...]
     haptics: tuple[haptics.HapticOutput, ...]
     tip: tuple[Vec, ...]  # m, true tip in frame 0
     depth: tuple[Scalar, ...]  # m below the tissue's surface, negative above
     tip_distance: Scalar  # m between the tips; infinite with one arm
-    fault_active: tuple[Scalar, ...]  # bool, one a slot
+    fault_active: tuple[Scalar, ...]  # bool, one per slot

@@ -1,5 +1,5 @@
-"""A run of ticks: how it begins, goes on, what it leaves for its faulty brothers, and what became
-of it.
+"""A run of ticks: its start, its steps, the series for faulty runs with the same golden run, and
+outcomes.
 
 This module is the `Loop` of `ravenjax.engines.interface`.
 """
@@ -45,10 +45,10 @@ def params(
     start_jpos: tuple[tuple[float, ...], ...],
     parameter_set: str = parameter_sets.DEFAULT,
 ) -> TickParams:
-    """Every parameter at its documented value, for a run that begins at `start_jpos` (7 joints per
-    arm, rad and m).
+    """Return every parameter at its documented value, for a run that starts at `start_jpos`.
 
-    parameter_set: mechanics of the virtual robot, one of `parameter_sets.Name`.
+    start_jpos: 7 joints per arm, rad and m. parameter_set: mechanics of the virtual robot, one of
+    `parameter_sets.Name`.
     """
     return TickParams(
         operator=operator.params(setup, start_jpos),
@@ -70,8 +70,8 @@ def params(
 
 
 def init(setup: RavenSetup, params: TickParams) -> TickState:
-    """A homed robot at rest at `params.start`, pedal up, ready; its nominal model at the same
-    place.
+    """Return a homed robot at rest at `params.start`, pedal up, ready, with its nominal model
+    there, too.
     """
     ready = run_levels.PEDAL_UP if setup.software == "raven2" else run_levels.PEDAL_DOWN
     start = real(setup, params.start)
@@ -80,7 +80,7 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
     tips = connections.tips(setup, params.plant, plants, robots)
     beside = observers.init(setup, params.observers, start, tips)
     zero = jnp.int32(0)
-    with at_once():  # where a run begins is a constant of the campaign
+    with at_once():  # the start of a run is a constant of the campaign
         software = control.init(setup, params.start, ready)
     stages = find_stages(setup)
     moves = strikes(setup, "hand") or any(stage.moves_hands for stage in stages.values())
@@ -108,7 +108,7 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
 
 
 def outcomes(setup: RavenSetup, params: TickParams, state: TickState) -> dict[str, Scalar]:
-    """What became of the run so far; columns of the result table before the verdict."""
+    """Return the outcomes of the run so far: columns of the result table before the verdict."""
     out = (
         fault.outcomes(state.faults)
         | check.outcomes(checks(setup, state))
@@ -116,7 +116,7 @@ def outcomes(setup: RavenSetup, params: TickParams, state: TickState) -> dict[st
     )
     machine = state.control.state_machine
     level = jnp.where(machine.soft_estopped != 0, run_levels.E_STOP, machine.runlevel)
-    # a fault may write a number there that is no run level
+    # A fault may write a number there that is not a run level
     out["end_runlevel"] = jnp.where((level >= 0) & (level < len(run_levels.NAMES)), level, -1)
     out["pedal_down_ms"] = state.pedal_down_ticks
     for name, stage in find_stages(setup).items():
@@ -125,7 +125,7 @@ def outcomes(setup: RavenSetup, params: TickParams, state: TickState) -> dict[st
 
 
 def reference_series(setup: RavenSetup, signals: TickSignals) -> tuple[Scalar, ...]:
-    """The numbers of a fault-free tick that its faulty brothers are compared with."""
+    """Return the numbers of a fault-free tick with which its faulty runs are compared."""
     measured = connections.measured(setup, signals.control)
     return tuple(x for tip, pos in zip(signals.tip, measured, strict=True) for x in (*tip, *pos))
 
@@ -139,7 +139,7 @@ def advance(
     motion: tuple[Any, ...],
     golden: tuple[Scalar, ...],
 ) -> tuple[TickState, tuple[Scalar, ...], TickSignals]:
-    """See `ravenjax.engines.interface.Loop`."""
+    """Compute one tick; see `ravenjax.engines.interface.Loop`."""
     state, signals = tick(
         setup, params, faults, state, Input(now, motion, reference_from(setup, golden))
     )
@@ -147,20 +147,18 @@ def advance(
 
 
 def series_length(setup: RavenSetup) -> int:
-    """How many numbers `reference_series` has."""
+    """Return the length of `reference_series`."""
     return 6 * len(setup.arms)
 
 
 def reference_from(setup: RavenSetup, series: Any) -> monitor.Reference:
-    """The golden run's tick from those numbers."""
+    """Return the golden run's tick from these numbers."""
     rows = [Vec(series[i + j] for j in range(3)) for i in range(0, series_length(setup), 3)]
     return monitor.Reference(tip=tuple(rows[0::2]), pos=tuple(rows[1::2]))
 
 
 def checks(setup: RavenSetup, state: TickState) -> dict[str, CheckHistory]:
-    """Every check by its name in columns, one's own before the built-in ones; that of the worse
-    arm.
-    """
+    """Return every check by its name in columns, users' checks first; each for the worse arm."""
     software = state.control
     net, machine, over = software.network, software.state_machine, software.overdrive
     return user_files.histories(setup, state.files) | {

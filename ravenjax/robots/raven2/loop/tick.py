@@ -1,11 +1,11 @@
-"""One millisecond of everything, on one page: console, network, control software, PLC, robot,
-nominal model, cue.
+"""One millisecond of the whole system: console, network, control software, PLC, robot, nominal
+model, cue.
 
-The order is the robot's: sense, decide, check, write; the plant moves last and its encoders are
+The order is the robot's: sense, decide, check, write. The plant moves last, and its encoders are
 read in the next tick. Optional stages (`optional.STAGES`) act before the console makes its packet,
 between console and robot, and after the robot has moved. Faults act at the sites named here and in
 `control`. The nominal model runs beside the robot on the *clean* operator input. The monitor
-compares it with the robot, and the console's haptic device pulls.
+compares it with the robot, and the console's haptic device renders the cue.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from ravenjax.stages import channel, detectors
 def tick(
     setup: RavenSetup, params: TickParams, faults: fault.Faults, state: TickState, signal: Input
 ) -> tuple[TickState, TickSignals]:
-    """One millisecond of one robot."""
+    """Compute one millisecond of one robot."""
     now, present, stages = signal.tick, find_stages(setup), dict(state.stages)
     console = _wait_for_packet(setup, params, state, signal)
     for name, stage in present.items():
@@ -116,10 +116,10 @@ def tick(
 def _wait_for_packet(
     setup: RavenSetup, params: TickParams, state: TickState, signal: Input
 ) -> Console:
-    """The console of this tick, whose packets all last `cycles_per_packet` cycles."""
+    """Return the console of this tick, if all packets last `cycles_per_packet` cycles."""
     now, cycles = signal.tick, params.network.cycles_per_packet
     stopped = state.control.state_machine.soft_estopped
-    # a simulator's packet generator ends with the robot's software E-stop
+    # A simulator's packet generator ends with the robot's software E-stop
     ends = setup.build != "robot"
     if signal.packet is not None:
         fresh = signal.packet.received != 0
@@ -157,8 +157,10 @@ def _send_packet(
     stages: dict[str, Any],
     console: Console,
 ) -> tuple[Packet, Packet, Scalar]:
-    """Console and network: the packet as the console meant it, which the nominal model follows,
-    the packet as it reaches the robot, and whether it does.
+    """Compute console and network.
+
+    Returns the packet as the console sent it, which the nominal model follows; the packet as it
+    reaches the robot; and whether it does.
     """
     signal, sequence = console.signal, console.sequence
     if inject.strikes("hand"):
@@ -184,7 +186,7 @@ def _send_packet(
         late = console.packets_in(channel.delay_ms(network.jitter, sequence))
         network = replace(network, delay=network.delay + late)
 
-    # a packet from outside is not there to be sent again
+    # A packet from an external console cannot be sent again
     packet, again = clean, signal.packet is None
     if again and inject.strikes("console", "network"):
         packet = make(replace(params.operator, scale=seam.scale), console.older(network))
@@ -204,8 +206,9 @@ def _move_robot(
     files: UserFiles,
     pressed: Scalar,
 ) -> tuple[TickState, control.ControlSignals, plc.PlcOutput, tuple[plant.PlantOutput, ...]]:
-    """Control computer and PLC; then motors, cables and links. pressed: bool, a detector presses
-    the E-stop.
+    """Compute control computer and PLC, then motors, cables and links.
+
+    pressed: bool, a detector triggers the E-stop.
     """
     fine = connections.each(setup, jnp.int32(1))
     status = inject("usb_status", connections.UsbStatus(fine, fine))
@@ -226,7 +229,7 @@ def _move_robot(
         boards.pins[: connections.boards_apart(setup)], buttons.estop, buttons.start
     )
     controller, relays = plc.step(setup, params.plc, state.plc, plc_signal)
-    # brakes follow the PLC; the simulator builds of the 2015 fork have none
+    # Brakes follow the PLC; the simulator builds of the 2015 fork have no PLC
     brakes = inject("brake", relays.brakes if setup.software == "raven2" else jnp.int32(0))
     multipliers = {
         site: inject(site, connections.each(setup, Vec.full(7, neutral)))
@@ -258,4 +261,4 @@ _MECHANICS: dict[str, float] = {
     "friction_scale": 1.0,
     "external_torque": 0.0,
 }
-"""Sites of the robot's mechanics, with what they are where nothing is wrong."""
+"""Fault sites of the robot's mechanics -> their values without a fault."""

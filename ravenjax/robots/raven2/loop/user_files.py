@@ -1,37 +1,39 @@
-"""Users' files in the Raven's tick: what they see, and what they do there.
+"""Runs users' files in the Raven's tick: what they can read, and what their results do.
 
-All of them see one arm in one millisecond as one `View`: what has crossed a seam by then. A
-detector (`ravenjax.stages.detectors`) looks when the millisecond is over, and sees all of it.
+Every file gets one arm in one millisecond as a `View`: the numbers that have crossed a seam so far.
+A detector (`ravenjax.stages.detectors`) runs at the end of the millisecond, and gets all of them.
 
-**Checks** stand between two stages, so that what they do is done before the next stage reads. They
-give a score in each millisecond of each arm, at every run level, and trip where it is above their
-threshold in `consecutive` milliseconds in a row. They leave what the built-in checks leave: first
-trip, milliseconds tripped, and the smallest margin, which is the threshold less the score. What
-they may do is what the robot's own checks do:
+**Checks** run between two stages, so that they act before the next stage reads. They compute a
+score in each millisecond for each arm, at every run level. They trip if the score is above their
+threshold for `consecutive` milliseconds in a row. They produce the same columns as built-in checks:
+first trip, milliseconds tripped, and the smallest margin, which is the threshold minus the score.
+They can do what the robot's own checks do:
 
-- `watch`: nothing; they leave their columns, and count as no response;
-- `flag`: tell a person. The robot goes on; a run in which one trips counts as flagged;
-- `limit`: on an arm where they trip, what `step` gives as a third thing goes on in this
-  millisecond, as a clipped command does: nobody is told. A packet is dropped, as the network layer
-  drops one, for both arms, whose increments are in one datagram;
-- `stop`: in the control software, as the overdrive check does: the software E-stop is raised in
-  this cycle, which silences the watchdog's wave at once, and the arm's command of this cycle is 0.
-  Before the DAC conversion the raised flag does that, behind it the command is replaced. The PLC
-  then misses the wave, trips, and closes the brakes. At the boards there is no software E-stop to
-  raise. An arm's board that trips refuses: it puts 0 on its DACs, and its watchdog pin stands
-  still, so that the PLC trips 75 ms later. It goes on refusing until the PLC has been started again
-  (run level init), and passes the wave on from E-stop on, without which nobody could start. Each
-  board decides by itself.
+- `watch`: nothing; they fill their columns, and do not count as a response.
+- `flag`: alert a person. The robot continues; a run in which one trips counts as flagged.
+- `limit`: on an arm where the check trips, the third result of `step` replaces the signal in this
+  millisecond, as a clipped command does; nobody is alerted. A packet is dropped, as the network
+  layer drops one, for both arms, whose increments are in one datagram.
+- `stop`: in the control software it acts as the overdrive check. The software E-stop is raised in
+  this cycle, which silences the watchdog's wave immediately, and the arm's command of this cycle is
+  0. Before the DAC conversion the raised flag zeroes the command; after it the command is replaced.
+  The PLC then misses the wave, trips, and closes the brakes. At the boards there is no software
+  E-stop to raise. There an arm's board that trips refuses: it puts 0 on its DACs, and its watchdog
+  pin stays constant, so that the PLC trips 75 ms later. It refuses until the PLC has been started
+  again (run level init). From E-stop on it passes the wave through, without which nobody could
+  start the robot. Each board decides alone.
 
 **Stages** of the control software may be files:
 
-    stage           step(params, state, view) gives         the frame that stays
-    motor_control   (state, tau_d): 7 N m at the capstan    below run level 2 the last torques are held
-    dac             (state, current_cmd): 7 int32 counts    16 bits; without enabled DACs, or in an E-stop, none of it
+    stage           results of step(params, state, view)    what the software still enforces
+    motor_control   (state, tau_d): 7 N m at the capstan    below run level 2 the last torques
+                                                            are held
+    dac             (state, current_cmd): 7 int32 counts    16 bits; no command without enabled
+                                                            DACs or in an E-stop
 
-A file that writes the built-in law gives the built-in's bits. The frame is what the rest of the
-robot relies on: no file can make an E-stop pass a command.
-"""  # noqa: E501
+A file that repeats the built-in law gives the bits of the built-in stage. The rest of the robot
+relies on what the software still enforces: no file can make a command pass an E-stop.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +59,7 @@ from ravenjax.vocabulary.checks import OWN
 
 PACKET, BOARDS = "packet", "usb_out"
 COMMANDS = ("current_cmd", "checked_cmd")
-"""Seams where a stop makes the command of this cycle 0 by itself."""
+"""Seams at which a stop must itself set the command of this cycle to 0."""
 
 MOTOR_CONTROL, DAC = "motor_control", "dac"
 STAGES = (MOTOR_CONTROL, DAC)
@@ -65,118 +67,151 @@ STAGES = (MOTOR_CONTROL, DAC)
 
 _WAVE = 1 << plc.PIN_WATCHDOG
 _FIELDS = {"checked_cmd": "current_cmd_checked"}
-"""Seam -> field of the view, where that has another name."""
+"""Seam -> field of the view, if the field has another name."""
 
 
 class View(part.View):
-    """One arm in one millisecond, in the robot's order; joints are shoulder .. grasp2. At: the
-    seam, the stage, or "the end".
+    """One arm in one millisecond, in the robot's order; joints are shoulder .. grasp2.
 
-    Nothing that only we know is among it: not the true tip, not the links' true motion, not the
-    fault. Values are those of this millisecond, after the faults of their seam. What comes later in
-    the tick is not there yet; a check that needs it of the millisecond before remembers it where it
-    can see it. The boards of the real robot have but what stands under `usb_out`: a check there
-    that reads more than that needs a wire.
+    At: the seam, the stage, or "the end". The view has nothing that only the simulator knows: not
+    the true tip, not the links' true motion, not the fault. Values are those of this millisecond,
+    after the faults of their seam. Values from later in the tick do not exist yet. A check that
+    needs such a value of the previous millisecond must store it where it can read it. The boards of
+    the real robot only have the fields listed under `usb_out`: a check there that reads more needs
+    additional wiring.
     """
 
-    # from packet on
+    # --- from packet on ---
+
     tick: Scalar  # int32, ms since the run began
-    # int32, of raven2: 0 E-stop, 1 init, 2 pedal up, 3 pedal down; at packet: of the last cycle
+    # int32, run level of raven2: 0 E-stop, 1 init, 2 pedal up, 3 pedal down; at packet: that of the
+    # last cycle
     runlevel: Scalar
-    received: Scalar  # int32, 1 where a packet did reach the robot
+    received: Scalar  # int32, 1 if a packet reached the robot
     sequence: Scalar  # int32
     size: Scalar  # int32 bytes
     delta: Vec  # 3 int32 um, increment of the tip (with console = "absolute": its position)
     grasp: Scalar  # int32 mrad
     surgeon_mode: Scalar  # int32, 1: pedal down
-    # from mpos on
+
+    # --- from mpos on ---
+
     enc_val: Vec  # 7 int32 counts, as read from USB
     mpos: Vec  # 7 rad, of motors
     mvel: Vec  # 7 rad/s
-    # from jpos on
+
+    # --- from jpos on ---
+
     jpos: Vec  # 7, rad and m
     jvel: Vec  # 7, rad/s and m/s; tool joints 0, as in the original
-    # from jpos_d on
+
+    # --- from jpos_d on ---
+
     pos: Vec  # 3 int32 um, measured tip
     pos_d: Vec  # 3 int32 um, desired tip
     jpos_d: Vec  # 7, rad and m
-    # in stage motor_control
+
+    # --- in stage motor_control ---
+
     active: Scalar  # bool, run level 2 and above
     pedal_down: Scalar  # bool, run level 3
     tau_g: Vec  # 3 N m at the capstan, gravity of joints 1-3 at jpos; 0 in the 2015 fork
     period: Scalar  # s
-    kp: Vec  # 7 N m/rad; this and the next three as the campaign has them at control.motor_control
+    # 7 N m/rad; this and the next three are the campaign's values at control.motor_control
+    kp: Vec
     kd: Vec  # 7 N m s/rad
     ki: Vec  # 7 N m/(rad s)
     mvel_d: Vec  # 7 rad/s
-    # from motor_control on
+
+    # --- from motor_control on ---
+
     mpos_d: Vec  # 7 rad
-    # from tau_d on
+
+    # --- from tau_d on ---
+
     tau_d: Vec  # 7 N m at the capstan
-    # in stage dac
+
+    # --- in stage dac ---
+
     amps_per_torque: Vec  # 7 A/(N m)
     counts_per_amp: Vec  # 7 DAC counts/A
-    # from current_cmd on
+
+    # --- from current_cmd on ---
+
     current_cmd: Vec  # 7 int32 DAC counts, before the overdrive check
-    # from checked_cmd on
-    current_cmd_checked: Vec  # 7 int32 DAC counts, after it
-    # at usb_out: what the arm's board has
-    boards_cmd: Vec  # 7 int32 DAC counts that arrive; where the USB write failed, those it holds
-    held_cmd: Vec  # 7 int32 DAC counts that it holds from the millisecond before
-    boards_enc_val: Vec  # 7 int32 counts, as its encoders showed them when this cycle began
+
+    # --- from checked_cmd on ---
+
+    current_cmd_checked: Vec  # 7 int32 DAC counts, after the overdrive check
+
+    # --- at usb_out: the values of the arm's board ---
+
+    # 7 int32 DAC counts that arrive; after a failed USB write those that it holds
+    boards_cmd: Vec
+    held_cmd: Vec  # 7 int32 DAC counts that it holds from the last millisecond
+    boards_enc_val: Vec  # 7 int32 counts of its encoders when this cycle began
     pins: Scalar  # int32 output byte to the PLC, as it arrives
     plc_runlevel: Scalar  # int32, run level on the PLC's pins
-    # at the end, of detectors; boards_cmd is then what the board holds
+
+    # --- at the end, for detectors; boards_cmd is then what the board holds ---
+
     current_cmd_written: Vec  # 7 int32 DAC counts, as written to USB
     brakes: Scalar  # int32, 1: the PLC closes the brakes
-    # nominal model, which follows the console's clean packets
+
+    # --- the nominal model, which follows the console's clean packets ---
+
     model_jpos: Vec  # 7, rad and m
     model_tip: Vec  # 3 m
-    tip: Vec  # 3 m, reported tip: that of the robot's own `jpos`, unrounded
-    tip_error: Scalar  # m, distance of the two
+    tip: Vec  # 3 m, reported tip, from the robot's own `jpos`, unrounded
+    tip_error: Scalar  # m, distance between model_tip and tip
 
 
 @record
 class CheckParams:
-    """What a campaign may vary of checks, each by its check's name."""
+    """Check parameters that a campaign may vary, by the check's name."""
 
-    own: tuple[Any, ...]  # its own record, or None
-    threshold: tuple[Scalar, ...]  # in the unit of its score
+    own: tuple[Any, ...]  # parameter record of each file, or None
+    threshold: tuple[Scalar, ...]  # in the unit of the check's score
 
 
 @record
 class CheckState:
-    """What a check remembers of one arm."""
+    """A check's state for one arm."""
 
-    own: Any  # what its `init` gave
-    recent: Vec  # scores of the last ticks, latest first, one less than `consecutive`
+    own: Any  # state that the file's `init` returned
+    recent: Vec  # scores of the last `consecutive` - 1 ticks, latest first
 
 
 @record
 class UserFilesState:
-    """What checks and stages remember; empty without them."""
+    """State of checks and stages; empty without them."""
 
-    checks: tuple[tuple[CheckState, ...], ...]  # of each check, one entry an arm
+    checks: tuple[tuple[CheckState, ...], ...]  # for each check, one entry per arm
     histories: tuple[CheckHistory, ...]
-    refusing: tuple[Scalar, ...]  # bool, the arm's board does; (): no check may stop it there
-    stages: tuple[tuple[Any, ...], ...]  # of each in the order of `RavenSetup.controller`
+    # bool, the arm's board refuses; (): no check can stop it at the boards
+    refusing: tuple[Scalar, ...]
+    stages: tuple[tuple[Any, ...], ...]  # state of each in the order of `RavenSetup.controller`
 
 
 def check_params(setup: RavenSetup, thresholds: Sequence[float]) -> CheckParams:
-    """What the files of the checks say, and these thresholds, in the order of the checks."""
+    """Return the parameters of the checks' files, with these thresholds, in the order of the
+    checks.
+    """
     names = tuple(use.name for use in setup.checks)
     own = part.parameters(tuple(use.part for use in setup.checks))
     return CheckParams(own, part.named(names, thresholds))
 
 
 def stage_params(setup: RavenSetup) -> Any:
-    """What the files in place of stages say, by stage; None where none is replaced."""
+    """Return the parameters of the files in place of stages, by stage; None if no stage is
+    replaced.
+    """
     files = tuple(source for _, source in setup.controller)
     return part.parameters(files) if files else None
 
 
 def init(setup: RavenSetup, checks: CheckParams | None, stages: Any) -> UserFilesState:
-    """Nothing seen, no board refuses."""
+    """Return the state before the first tick, in which no board refuses."""
     arms, width = len(setup.arms), setup.precision.real
     remembered = []
     for use, own in zip(setup.checks, () if checks is None else checks.own, strict=True):
@@ -194,7 +229,7 @@ def init(setup: RavenSetup, checks: CheckParams | None, stages: Any) -> UserFile
 
 
 def histories(setup: RavenSetup, state: UserFilesState) -> dict[str, CheckHistory]:
-    """What became of each check, by its name in columns."""
+    """Return the history of each check, by its name in columns."""
     return {
         f"{OWN}{use.name}": history
         for use, history in zip(setup.checks, state.histories, strict=True)
@@ -202,12 +237,14 @@ def histories(setup: RavenSetup, state: UserFilesState) -> dict[str, CheckHistor
 
 
 def refuses(setup: RavenSetup) -> bool:
-    """Whether a board may refuse, and so its output pins be other than those of the other board."""
+    """Return whether a board may refuse, so that its output pins may differ from the
+    other board's.
+    """
     return any(use.at == BOARDS and use.acts == "stop" for use in setup.checks)
 
 
 class UserFiles:
-    """What has crossed the seams of one tick so far, and the files that look at it."""
+    """The numbers that have crossed the seams of one tick so far, and the files that read them."""
 
     def __init__(
         self,
@@ -227,17 +264,19 @@ class UserFiles:
 
     @property
     def state(self) -> UserFilesState:
-        """What is remembered after this tick."""
+        """The state after this tick."""
         return UserFilesState(
             tuple(self._after), tuple(self._histories), self._refusing, tuple(self._stage_states)
         )
 
     def note(self, **numbers: Any) -> None:
-        """Note what has crossed: a number, or a tuple with one entry an arm."""
+        """Store numbers that have crossed a seam: each a number, or a tuple with one
+        entry per arm.
+        """
         self._crossed.update(numbers)
 
     def views(self, at: str, width: str) -> tuple[View, ...]:
-        """What a file sees of each arm, floats in a width."""
+        """Return the view of each arm, with floats in the given width."""
 
         def view(i: int, _: Any) -> View:
             numbers = {}
@@ -251,7 +290,7 @@ class UserFiles:
     # --- checks ---
 
     def check_packet(self, packet: Packet) -> Packet:
-        """What the network layer takes."""
+        """Return the packet that the network layer gets."""
         self.note(
             received=packet.received,
             sequence=packet.sequence,
@@ -271,7 +310,7 @@ class UserFiles:
         return packet
 
     def check(self, seam: str, signal: tuple[Vec, ...]) -> tuple[Vec, ...]:
-        """What goes on from a seam of the control software, one Vec an arm."""
+        """Return the signal after the checks at a seam of the control software, one Vec per arm."""
         name = _FIELDS.get(seam, seam)
         self.note(**{name: signal})
         for place, use in self._checks_at(seam):
@@ -290,20 +329,22 @@ class UserFiles:
         return signal
 
     def allow(self, live: Scalar) -> Scalar:
-        """Whether the DACs get a command: `live`, unless a check before them has stopped the
-        robot in this cycle.
+        """Return whether the DACs get a command.
+
+        It is `live`, unless a check before the DACs has stopped the robot in this cycle.
         """
         return reduce(lambda still, stop: still & ~stop, self._stops, live)
 
     def stop(self, tripped: Scalar) -> Scalar:
-        """Whether the software E-stop is raised in this cycle: `tripped`, or by a check."""
+        """Return whether the software E-stop is raised in this cycle: `tripped`, or by a check."""
         return reduce(lambda a, b: a | b, self._stops, tripped)
 
     def check_boards(
         self, held: usb.UsbOut, boards: usb.UsbOut, plc_runlevel: Scalar
     ) -> usb.UsbOut:
-        """What the boards hold: what arrived there, unless a check refuses it. held: a
-        millisecond ago.
+        """Return what the boards hold: the values that arrived, unless a check refuses them.
+
+        held: values that the boards held a millisecond ago.
         """
         self.note(held_cmd=held.current_cmd, pins=boards.pins, plc_runlevel=plc_runlevel)
         commands = boards.current_cmd
@@ -333,7 +374,7 @@ class UserFiles:
     def _look(
         self, place: int, crossing: tuple[Vec, ...]
     ) -> tuple[tuple[Scalar, ...], tuple[Vec, ...]]:
-        """Whether a check trips in this millisecond, and what goes on where it limits."""
+        """Return whether a check trips in this millisecond, and the signal if it limits."""
         assert self._checks is not None
         use, width = self._setup.checks[place], self._setup.precision.real
         code, own = part.loaded(use.part), self._checks.own[place]
@@ -345,7 +386,7 @@ class UserFiles:
                 gives["values"] = crossing[i]
             after, score, *limited = code.step(own, before.own, views[i], width, **gives)
             values[i : i + 1] = limited or [crossing[i]]
-            score = jnp.where(score == score, score, 0.0)  # no number is above no threshold
+            score = jnp.where(score == score, score, 0.0)  # NaN is above no threshold
             lowest = reduce(jnp.minimum, [score, *before.recent])
             arms.append(CheckState(after, Vec((score, *before.recent)[: len(before.recent)])))
             trips.append(lowest > threshold)
@@ -359,7 +400,7 @@ class UserFiles:
     # --- stages ---
 
     def replaces(self, stage: str) -> bool:
-        """Whether a file stands in place of that stage."""
+        """Return whether a file replaces that stage."""
         return stage in dict(self._setup.controller)
 
     def torques(
@@ -371,7 +412,7 @@ class UserFiles:
         mpos_d: tuple[Vec, ...],
         jpos: tuple[Vec, ...],
     ) -> tuple[MotorControlState, ...]:
-        """As `motor_control.torques`, of every arm."""
+        """Return the same as `motor_control.torques`, for every arm."""
         setup, feels_gravity = self._setup, self._setup.software == "raven2"
         still = tuple(Vec.full(3, 0.0) for _ in setup.arms)
         if feels_gravity:
@@ -397,7 +438,7 @@ class UserFiles:
         )
 
     def commands(self, live: Scalar, resting: tuple[Vec, ...]) -> tuple[Vec, ...]:
-        """As `dac.step`, of every arm."""
+        """Return the same as `dac.step`, for every arm."""
         setup = self._setup
         self.note(
             amps_per_torque=per_arm(
@@ -436,7 +477,7 @@ def _zeros(signal: tuple[Vec, ...]) -> tuple[Vec, ...]:
 def _chosen(
     trips: Sequence[Scalar], values: tuple[Vec, ...], signal: tuple[Vec, ...]
 ) -> tuple[Vec, ...]:
-    """The values of the arms that trip, the signal of the others."""
+    """Return the values for the arms that trip, and the signal for the others."""
     return tuple(
         where(trip, new, old) for trip, new, old in zip(trips, values, signal, strict=True)
     )
@@ -445,8 +486,9 @@ def _chosen(
 def _limited(
     trips: Sequence[Scalar], values: tuple[Vec, ...], commands: tuple[Vec, ...]
 ) -> tuple[Vec, ...]:
-    """Commands after a check: within 16 bits. A command of 0 stays 0, so that no check overrides an
-    E-stop.
+    """Return commands after a check, within 16 bits.
+
+    A command of 0 stays 0, so that no check overrides an E-stop.
     """
     there = (_any([x != 0 for x in command]) for command in commands)
     limited = [trip & some for trip, some in zip(trips, there, strict=True)]

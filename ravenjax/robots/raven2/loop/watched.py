@@ -1,4 +1,4 @@
-"""A run of ticks whose signals are the memory of its detectors, bit by bit.
+"""A run of ticks whose signals are the state of its detectors, bit by bit.
 
 This module is a `Loop` of `ravenjax.engines.interface`: that of `run`, with other signals.
 """
@@ -19,10 +19,11 @@ __all__ = ["advance", "init", "outcomes", "series_length"]
 
 @record
 class WatchedSignals:
-    """What detectors remember after a millisecond."""
+    """The detectors' state after a millisecond."""
 
     detectors: DetectorsState
-    live: Scalar  # bool, whether they looked, but for `armed_after`
+    # bool, whether the detectors were armed, ignoring `armed_after`
+    live: Scalar
 
 
 def advance(
@@ -34,7 +35,7 @@ def advance(
     motion: Any,
     golden: Any,
 ) -> tuple[TickState, tuple[Scalar, ...], WatchedSignals]:
-    """See `ravenjax.engines.interface.Loop`."""
+    """Compute one tick; see `ravenjax.engines.interface.Loop`."""
     state, series, signals = run.advance(setup, params, faults, state, now, motion, golden)
     live = observers.live(signals.control.runlevel, state.control.state_machine.soft_estopped)
     return state, series, WatchedSignals(state.stages["detectors"], live)

@@ -1,3 +1,3 @@
-"""Geometry with the operations of the original control software in their order, double for
-double.
+"""Geometry by the operations of the original control software, in their order and in double
+precision.
 """

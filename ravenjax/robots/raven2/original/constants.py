@@ -1,8 +1,9 @@
-"""Constants as the control software holds them: those that it declares `float`, rounded to float32.
+"""Constants as the control software stores them: those that it declares `float` are rounded to
+float32.
 
 Sources: raven2 `include/raven/defines.h`, `init.cpp`, `fwd_cable_coupling.cpp`,
-`inv_cable_coupling.cpp`, `DS0.h`. Python numbers, so that they take part in wide arithmetic without
-widening it further.
+`inv_cable_coupling.cpp`, `DS0.h`. They are Python numbers, so that they take part in wide
+arithmetic without widening it further.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from ravenjax.robots.raven2.setup import RavenSetup
 
 
 def float32(x: float) -> float:
-    """x rounded to float32, as a Python number."""
+    """Return x rounded to float32, as a Python number."""
     return float(np.float32(x))
 
 
@@ -27,8 +28,9 @@ PI = float32(math.pi)
 PERIOD = float32(0.001)  # s, one cycle
 TR = transmission.TR.map(float32)  # motor rad per joint rad (insertion: per m)
 GB_RATIO = (12.25 / (26 / 7)) * (5.005 / 5.675)
-"""Insertion motor rad per rad that it turns each tool motor: a double, in the original's order
-of operations.
+"""Insertion motor rad per rad that it turns each tool motor.
+
+It is a double, computed in the original's order of operations.
 """
 C01, C02, C12 = (float32(c) for c in (transmission.C01, transmission.C02, transmission.C12))
 TAU_PER_AMP = transmission.TORQUE_PER_AMP.map(
@@ -38,12 +40,12 @@ TAU_PER_AMP = transmission.TORQUE_PER_AMP.map(
 
 
 def wrist_coupling(tool: str) -> float:
-    """rad/rad, how far each jaw turns with the wrist."""
+    """Return how far each jaw turns with the wrist, rad/rad."""
     return float32(find_tool(tool).wrist_coupling)
 
 
 def amps_per_torque(arm: str, tool: str, software: str) -> Vec:
-    """A per N m at the capstan (7), signed: a float32 reciprocal."""
+    """Return A per N m at the capstan (7), signed: a float32 reciprocal."""
     signs = transmission.tau_signs(arm, tool, software)
     return TAU_PER_AMP.map(
         lambda torque, sign: float(np.float32(1.0) / np.float32(torque * sign)), signs
@@ -51,19 +53,18 @@ def amps_per_torque(arm: str, tool: str, software: str) -> Vec:
 
 
 class JointLimits(NamedTuple):
-    """Where joint targets are clamped."""
+    """Limits to which joint targets are clamped."""
 
-    ranges: tuple[
-        tuple[float, float], ...
-    ]  # lower, upper of shoulder, elbow (rad), insertion (m), tool_roll, wrist (rad)
+    # lower, upper of shoulder, elbow (rad), insertion (m), tool_roll, wrist (rad)
+    ranges: tuple[tuple[float, float], ...]
     lowest_yaw: float | None  # rad, of the jaws; None: not limited
 
 
 def joint_limits(setup: RavenSetup) -> JointLimits:
-    """The software's limits: those of the first mechanism's tool serve every arm.
+    """Return the software's limits: those of the first mechanism's tool apply to every arm.
 
-    All are stored as float32, except the fork's roll: that is a literal of its r2_kinematics.cpp,
-    and a double.
+    All are stored as float32, except the fork's roll limit: that is a literal in its
+    r2_kinematics.cpp, and a double.
     """
     (*lower, lowest_yaw), upper = limits.soft_limits(setup.tools[0], setup.software)
     ranges = [(float32(low), float32(high)) for low, high in zip(lower, upper[:5], strict=True)]

@@ -1,10 +1,9 @@
-"""Which order of operations the control software's geometry is evaluated in: the one place that
-decides.
+"""Selects the order of operations in which the control software's geometry is evaluated.
 
-There are two writings of each function. The one that nearly everything uses shares work and folds
+Each function has two implementations. The one that nearly everything uses shares work and folds
 constants; it is an order of magnitude cheaper, and as exact. The other repeats the original
-operation for operation, and is only of use where results are rounded as the original rounds them:
-float32 stored, float64 evaluated. `ORIGINAL` precision is that.
+operation for operation. It is only useful if results are rounded as the original rounds them:
+float32 stored, float64 evaluated, which is precision `ORIGINAL`.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from ravenjax.robots.raven2.setup import RavenSetup
 
 
 class Evaluation(NamedTuple):
-    """One writing of the geometry; contracts as in `kinematics`, `gravity` and `mapping`."""
+    """One implementation of the geometry; contracts as in `kinematics`, `gravity` and `mapping`."""
 
     forward: Callable[[str, Vec, Scalar], Pose]
     inverse: Callable[[str, Pose, Scalar, Vec], kinematics.IK]
@@ -44,6 +43,6 @@ LITERAL = Evaluation(
 
 
 def evaluation(setup: RavenSetup) -> Evaluation:
-    """LITERAL where the widths are the original's, else SHARING."""
+    """Return LITERAL if the number widths are the original's, else SHARING."""
     precision = setup.precision
     return LITERAL if (precision.narrow, precision.wide) == ("float32", "float64") else SHARING

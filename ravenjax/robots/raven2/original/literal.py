@@ -1,15 +1,15 @@
-"""Kinematics, gravity and quaternions with the operations of the original in their order, double
-for double.
+"""Kinematics, gravity and quaternions by the operations of the original, in their order and in
+double precision.
 
-Where the wrist is straight, the original's roll is a quotient of two numbers that are mostly
-rounding error, so whoever wants its DAC counts has to round where it does. `geometry` computes the
-same with a fraction of the operations; this module has its signatures, and `evaluation` picks one
-of the two. Sources: raven2 `src/raven/r2_kinematics.cpp`, `include/raven/r2_kinematics.h`,
+If the wrist is straight, the original's roll is a quotient of two numbers that are mostly rounding
+error. To reproduce its DAC counts, code must round where the original rounds. `geometry` computes
+the same with a fraction of the operations. This module has its signatures, and `evaluation` selects
+one of the two. Sources: raven2 `src/raven/r2_kinematics.cpp`, `include/raven/r2_kinematics.h`,
 `src/raven/grav_comp.cpp` (compiled without fused operations); transforms and quaternions are those
 of ROS tf (ros/geometry `tf/LinearMath/{Transform,Matrix3x3,Vector3}.h`).
 
 Products with a literal 0 or 1 are left out, which changes no bit but the sign of a zero. Products
-of quaternions and their matrices are those of `mapping`, which has tf's order already.
+of quaternions and their matrices are those of `mapping`, which already has tf's order.
 """
 
 from __future__ import annotations
@@ -55,31 +55,32 @@ from ravenjax.robots.raven2.original import constants as stored
 
 
 class Transform(NamedTuple):
-    """Takes points of one frame to another frame."""
+    """A rigid transform of points from one frame to another."""
 
     rotation: Vec  # 3 rows of 3
     origin: Vec  # 3, m
 
 
 def product(a: Transform, b: Transform) -> Transform:
-    """a b."""
+    """Return a b."""
     return Transform(matmul(a.rotation, b.rotation), apply(a, b.origin))
 
 
 def apply(transform: Transform, point: Vec) -> Vec:
-    """The point (3, m) in the other frame."""
+    """Return the point (3, m) in the other frame."""
     return plus(matvec(transform.rotation, point), transform.origin)
 
 
 def inverse_transform(transform: Transform) -> Transform:
-    """The inverse of a rigid transform, by the transpose."""
+    """Return the inverse of a rigid transform, by the transpose."""
     transposed = transpose(transform.rotation)
     return Transform(transposed, matvec(transposed, -transform.origin))
 
 
 def inverse_matrix(m: Vec) -> Vec:
-    """Inverse of a 3 x 3 matrix by cofactors, also of a rotation: the transpose would differ in
-    the last bits.
+    """Return the inverse of a 3 x 3 matrix by cofactors.
+
+    Rotations are inverted so, too: the transpose would differ in the last bits.
     """
 
     def cofactor(r1: int, c1: int, r2: int, c2: int) -> Scalar:
@@ -95,9 +96,11 @@ def inverse_matrix(m: Vec) -> Vec:
 
 
 def quat_from_matrix(rotation: Vec) -> Vec:
-    """Quaternion (x, y, z, w) of a rotation matrix, from its trace, or from its greatest diagonal
-    element if that is not positive. The component in question is half a root, the others are
-    divided by twice it."""
+    """Return the quaternion (x, y, z, w) of a rotation matrix.
+
+    It comes from the trace or, if that is not positive, from the greatest diagonal element. The
+    component in question is half a root; the others are divided by twice that component.
+    """
     (m00, m01, m02), (m10, m11, m12), (m20, m21, m22) = rotation
     trace = m00 + m11 + m22
     dx, dy, dz = m21 - m12, m02 - m20, m10 - m01
@@ -131,7 +134,7 @@ _ONE_OVER = 1.0 / (GM1 * GM3)
 
 
 class _Arm(NamedTuple):
-    """What differs between the arms."""
+    """Constants that differ between the arms."""
 
     zeros: Vec  # 6, rad: theta = joint + zero
     alpha0: float  # rad
@@ -152,8 +155,9 @@ _ARMS = {
 }
 
 _TURNS = 3
-"""Whole turns that are taken off one by one. Beyond them, far beyond any stop, all are taken off
-at once.
+"""Number of whole turns that are subtracted one by one.
+
+Beyond them, far beyond any stop, all turns are subtracted at once.
 """
 
 
@@ -166,8 +170,9 @@ def _wrapped(value: Scalar, turns: int) -> Scalar:
 
 
 def _thetas(arm: str, joints: Vec) -> Vec:
-    """DH variables (6) of shoulder, elbow, insertion, roll, wrist and yaw. The insertion is
-    wrapped like an angle.
+    """Return the DH variables (6) of shoulder, elbow, insertion, roll, wrist and yaw.
+
+    The insertion is wrapped like an angle.
     """
 
     def near(value: Scalar) -> Scalar:
@@ -180,7 +185,7 @@ def _thetas(arm: str, joints: Vec) -> Vec:
 
 
 def _link(alpha: float, a: float, cosine: Scalar, sine: Scalar, d: Scalar) -> Transform:
-    """One row of the modified DH table, of cosine and sine of theta."""
+    """Return one row of the modified DH table, from cosine and sine of theta."""
     ca, sa = math.cos(alpha), math.sin(alpha)
     rotation = matrix(
         (cosine, -sine, 0.0),
@@ -191,17 +196,17 @@ def _link(alpha: float, a: float, cosine: Scalar, sine: Scalar, d: Scalar) -> Tr
 
 
 def _link1(arm: str, theta1: Scalar) -> Transform:
-    """Frame 1 in frame 0."""
+    """Return frame 1 in frame 0."""
     return _link(_ARMS[arm].alpha0, 0.0, jnp.cos(theta1), jnp.sin(theta1), 0.0)
 
 
 def _link2(cosine: Scalar, sine: Scalar) -> Transform:
-    """Frame 2 in frame 1, of cosine and sine of theta2."""
+    """Return frame 2 in frame 1, from cosine and sine of theta2."""
     return _link(LINK12, 0.0, cosine, sine, 0.0)
 
 
 def _link3(arm: str, d3: Scalar) -> Transform:
-    """Frame 3 in frame 2."""
+    """Return frame 3 in frame 2."""
     theta3 = _ARMS[arm].theta3
     return _link(_ARMS[arm].alpha2, 0.0, math.cos(theta3), math.sin(theta3), d3)
 
@@ -215,14 +220,14 @@ def _link5(theta5: Scalar) -> Transform:
 
 
 def _chain(*links: Transform) -> Transform:
-    """The product, from the last link on: the original multiplies on the way back from a
-    recursion.
+    """Return the product of links, starting from the last: the original multiplies when its
+    recursion returns.
     """
     return reduce(lambda rest, link: product(link, rest), reversed(links))
 
 
 def forward(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
-    """As `kinematics.forward`."""
+    """Return the same as `kinematics.forward`."""
     theta6 = yaw(jpos) if yaw_rad is None else yaw_rad
     th = _thetas(arm, Vec((*jpos[:5], theta6)))
     links = (
@@ -242,7 +247,7 @@ class _Solution(NamedTuple):
 
 
 def inverse(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK:
-    """As `kinematics.inverse`."""
+    """Return the same as `kinematics.inverse`."""
     measured = _thetas(arm, Vec((*jpos_ref[:5], yaw(jpos_ref))))
     solutions, at_remote_centre = _solutions(arm, Transform(pose.rotation, pose.position))
     least = NO_SOLUTION_COST
@@ -251,7 +256,7 @@ def inverse(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK:
         theta = theta.replace(3, _rolled_over(measured[3], theta[3]))
         gaps = measured - theta
         cost = reduce(add, (gap * gap for gap in gaps.replace(2, gaps[2] * INSERTION_WEIGHT)))
-        nearer = valid & (cost < least)  # never true of NaN
+        nearer = valid & (cost < least)  # never true for NaN
         least, best = jnp.where(nearer, cost, least), where(nearer, theta, best)
     joints = best - _ARMS[arm].zeros
     joints = Vec(joint if i == 3 else _wrapped(joint, 1) for i, joint in enumerate(joints))
@@ -267,16 +272,17 @@ def _rolled_over(measured: Scalar, theta4: Scalar) -> Scalar:
 
 
 def _solutions(arm: str, tip: Transform) -> tuple[list[_Solution], Scalar]:
-    """All eight in the original's order, and whether a wrist is at the remote centre.
+    """Return all eight solutions in the original's order, and whether a wrist is at the remote
+    centre.
 
-    There the original stops before the first angle, and all angles are zero. It has marked that
-    side invalid; the other side counts as valid. The insertion of side 0 is known by then.
+    In that case the original stops before the first angle, and all angles are zero. It has marked
+    that side invalid; the other side counts as valid. The insertion of side 0 is known by then.
     """
     x, y, _ = inverse_transform(tip).origin
     toward = Vec((x, y, 0.0))
     wrists = []
     for side in (-1.0, 1.0):
-        # In place: the second side normalises what the first one has normalised.
+        # In place: the second side normalises what the first side has normalised.
         toward = scale(1.0 / norm(toward), toward)
         wrists.append(apply(tip, scale(side * LW, toward)))
     insertions = [norm(wrist) for wrist in wrists]
@@ -300,14 +306,14 @@ def _solutions(arm: str, tip: Transform) -> tuple[list[_Solution], Scalar]:
 
 
 def _cosine2(arm: str, height: Scalar, d: Scalar) -> Scalar:
-    """Cosine of theta2, brought to +-1 if it is hardly beyond."""
+    """Return the cosine of theta2, set to +-1 if it is slightly beyond."""
     cosine = mul(-_ARMS[arm].side, _ONE_OVER * (height / d + GM2 * GM4))
     cosine = jnp.where((cosine > 1.0) & (cosine < 1.0 + CLAMP), 1.0, cosine)
     return jnp.where((cosine < -1.0) & (cosine > -1.0 - CLAMP), -1.0, cosine)
 
 
 def _angles(arm: str, tip: Transform, wrist: Vec, d3: Scalar, theta2: Scalar) -> Vec:
-    """All DH variables (6) of one solution."""
+    """Return all DH variables (6) of one solution."""
     cos2, sin2 = jnp.cos(theta2), jnp.sin(theta2)
     theta1 = _theta1(arm, wrist, d3 + D4, cos2, sin2)
     t03 = _chain(_link1(arm, theta1), _link2(cos2, sin2), _link3(arm, d3))
@@ -340,12 +346,11 @@ def _theta1(arm: str, wrist: Vec, d: Scalar, cos2: Scalar, sin2: Scalar) -> Scal
 
 
 def gravity_torque(arm: str, jpos: Vec) -> Vec:
-    """tau_g: capstan torque (3, Nm) of the compensating joint efforts, as `gravity.gravity_torque`
-    under the float32 gravity that the original holds.
+    """Return tau_g: capstan torque (3, Nm) of the compensating joint efforts.
 
-    The operations are those of raven2 `src/raven/grav_comp.cpp`, in their order. Rotations are
-    inverted by cofactors. Transmission ratios are the float32 numbers to which `defines.h` casts
-    them.
+    It is `gravity.gravity_torque` under the float32 gravity that the original stores. The
+    operations are those of raven2 `src/raven/grav_comp.cpp`, in their order. Rotations are inverted
+    by cofactors. Transmission ratios are the float32 numbers to which `defines.h` casts them.
     """
     theta1, theta2, d3, *_ = _thetas(arm, Vec((*jpos[:5], yaw(jpos))))
     t01, t12, t23 = _link1(arm, theta1), _link2(jnp.cos(theta2), jnp.sin(theta2)), _link3(arm, d3)

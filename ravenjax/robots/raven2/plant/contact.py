@@ -1,4 +1,4 @@
-"""Contact: jaw tips against tissue and vessel, instruments against each other.
+"""Contact forces: jaw tips against tissue and vessel, and instruments against each other.
 
 **Tissue.** Each jaw tip is a sphere of radius R that presses into a half space (Hertz; K. L.
 Johnson, Contact Mechanics, 1985, section 4.2), with the damping of Hunt and Crossley (J. Appl.
@@ -6,35 +6,35 @@ Mech. 42, 1975; for soft tissue Diolaiti, Melchiorri, Stramigioli, IEEE T-RO 21,
 
     F = k d^1.5 (1 + a d'),  k = 4/3 E / (1 - nu^2) sqrt(R),  nu = 0.5: soft tissue keeps its volume
 
-d is the depth below the surface along the world's z, and the force is F times (-dh/dx, -dh/dy, 1)
-of the surface's height h: the gradient of one potential, so that no way through the tissue and back
-gains energy. Where leaving is faster than 1/a the tissue does not follow: the force is 0 and never
-pulls. Friction is Coulomb's, regularised below `CREEP_M_S`.
+d is the depth below the surface along the world's z. The force is F times (-dh/dx, -dh/dy, 1) of
+the surface's height h. This is the gradient of one potential, so no path through the tissue and
+back gains energy. If the tip leaves faster than 1/a, the tissue does not follow: the force is 0 and
+never pulls. Friction is Coulomb's, regularised below `CREEP_M_S`.
 
-**Instruments.** Each is a line of two pieces, shaft and jaws, with a radius; where the two are
-nearest a spring and the same kind of damping push them apart, frictionless (*assumed*: wet polished
-steel).
+**Instruments.** Each is a line of two pieces, shaft and jaws, with a radius. At the point where the
+two are nearest, a spring and the same kind of damping push them apart, without friction (*assumed*:
+wet polished steel).
 
 Numbers and sources:
 
-- modulus of tissue 12.5 kPa: *assumed*, of the order that a robotic indenter found on liver of
-  living pigs (Samur and others, Medical Image Analysis 11:361, 2007; the paper itself was not at
-  hand);
-- the vessel is a ridge of the surface with the tissue's modulus, *assumed*: a filled artery is
-  stiffer, but by how much for a blunt tip no source says. What is counted as its force is that of
-  tips over the ridge;
-- radius of a jaw tip 2 mm: *assumed*, of the order of the drawn jaw. Hertz holds for depths well
-  below it, beyond that it is extrapolated;
-- damping 15 s/m: *assumed*, so that at 1 Hz about a depth of 3 mm the loss tangent 2 pi f a d / 1.5
-  is 0.2;
-- friction 0.2: *assumed*, within the 0 to 0.3 of a study of a grasper on a spleen (ASME ESDA 2010,
-  finite elements);
-- stiffness between instruments 10 kN/m: *assumed*, of the order of 3 E I / l^3, a steel tube of 8.5
+- Modulus of tissue 12.5 kPa: *assumed*, of the order that a robotic indenter found on liver of
+  living pigs (Samur and others, Medical Image Analysis 11:361, 2007; the paper itself was not
+  available).
+- The vessel is a ridge of the surface with the tissue's modulus, *assumed*: a filled artery is
+  stiffer, but no source states by how much for a blunt tip. The force counted as the vessel's is
+  that of tips over the ridge.
+- Radius of a jaw tip 2 mm: *assumed*, of the order of the drawn jaw. Hertz's law holds for depths
+  well below the radius; beyond that it is extrapolated.
+- Damping 15 s/m: *assumed*, so that at 1 Hz about a depth of 3 mm the loss tangent 2 pi f a d / 1.5
+  is 0.2.
+- Friction 0.2: *assumed*, within the 0 to 0.3 of a study of a grasper on a spleen (ASME ESDA 2010,
+  finite elements).
+- Stiffness between instruments 10 kN/m: *assumed*, of the order of 3 E I / l^3, a steel tube of 8.5
   mm and 1 mm wall that is held 0.2 m away; damping 1 s/m: *assumed*.
 
 In a step of length h a law F(d, d') is linearised about the depth at which the present speed would
-end, and solved with the step's other implicit forces (Newton's first step of backward Euler):
-stable for any stiffness, and what it leaves out is of the second order in h.
+end, and solved with the step's other implicit forces (Newton's first step of backward Euler). This
+is stable for any stiffness, and its error is of second order in h.
 """
 
 from __future__ import annotations
@@ -49,15 +49,19 @@ from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import instrument, scene
 
 CREEP_M_S = 1e-3
-"""Speed of sliding below which friction is less than Coulomb's: at it, 0.71 of it; *assumed*."""
+"""Sliding speed below which friction is less than Coulomb's, m/s; *assumed*.
+
+At this speed friction is 0.71 of Coulomb's.
+"""
 _HERTZ = 16.0 / 9.0  # 4/3 / (1 - nu^2) with nu = 0.5
 
 
 @described
 @record
 class ContactParams:
-    """Parameters of tissue, vessel and instruments, the same for every arm. The module's docstring
-    has the sources of the defaults.
+    """Parameters of tissue, vessel and instruments, the same for every arm.
+
+    The module's docstring has the sources of the defaults.
     """
 
     tissue_modulus: Scalar = 12.5e3  # Pa
@@ -70,26 +74,28 @@ class ContactParams:
 
 @record
 class Touch:
-    """What an instrument feels in a tick."""
+    """Contact forces on an instrument in a tick."""
 
-    force: Vec  # 3, N in frame 0 of its arm, of everything that it touches
-    tissue: Scalar  # N, of tissue and vessel
-    vessel: Scalar  # N, of the vessel alone
-    instrument: Scalar  # N, of the other instrument
+    force: Vec  # 3, N in frame 0 of its arm, sum of all contact forces
+    tissue: Scalar  # N, force of tissue and vessel
+    vessel: Scalar  # N, force of the vessel alone
+    instrument: Scalar  # N, force of the other instrument
 
 
 class Law(NamedTuple):
-    """A normal force over the coming step: at the present speed, and what closing faster adds."""
+    """A normal force over the coming step: the force at the present speed, and its rate with
+    closing speed.
+    """
 
     force: Scalar  # N
     rate: Scalar  # N s/m
 
 
 def law(spring: Scalar, slope: Scalar, damping: Scalar, closing: Scalar, dt: float) -> Law:
-    """The law of a spring. Its force (N) and stiffness (N/m) are those at the end of `dt` (s), if
-    the closing speed (m/s) stays as it is.
+    """Return the law of a spring.
 
-    damping: s/m, as in F (1 + damping closing).
+    Its force (N) and stiffness (N/m) are those at the end of `dt` (s) if the closing speed (m/s)
+    stays constant. damping: s/m, as in F (1 + damping closing).
     """
     grows = 1.0 + damping * closing
     holds = grows > 0.0
@@ -98,7 +104,7 @@ def law(spring: Scalar, slope: Scalar, damping: Scalar, closing: Scalar, dt: flo
 
 
 def stiffness(params: ContactParams) -> Scalar:
-    """k of Hertz's law, N/m^1.5."""
+    """Return k of Hertz's law, N/m^1.5."""
     return (_HERTZ * params.tissue_modulus) * jnp.sqrt(params.tip_radius)
 
 
@@ -106,25 +112,27 @@ class TipContact(NamedTuple):
     """A jaw tip on the tissue, over the coming step."""
 
     tip: instrument.InstrumentPoint
-    rise: Vec  # 3, the way of the force: `scene.Surface`
-    vessel: Scalar  # bool
+    rise: Vec  # 3, direction of the force: `scene.Surface`
+    vessel: Scalar  # bool, the tip is over the vessel
     normal: Law  # per `rise`
-    drag: Scalar  # N s/m, of friction
+    drag: Scalar  # N s/m, friction per sliding speed
     inverse: Scalar  # 1 / |rise|^2
-    velocity: Vec  # m/s, now
+    velocity: Vec  # m/s, at the start of the step
 
     def force(self) -> Vec:
-        """N, if the tip keeps its speed."""
+        """The force in N if the tip keeps its speed."""
         return self.rise * self.normal.force - self._sliding(self.velocity) * self.drag
 
     def after(self, gained: Vec) -> Vec:
-        """N, the force in a step in which the joints gain these speeds (7, rad/s and m/s)."""
+        """Return the force in N in a step in which the joints gain these speeds (7, rad/s
+        and m/s).
+        """
         more = self.tip.velocity(gained)
         normal = jnp.maximum(self.normal.force - self.normal.rate * dot(self.rise, more), 0.0)
         return self.rise * normal - self._sliding(self.velocity + more) * self.drag
 
     def stiffen(self, system: list[list[Scalar]]) -> None:
-        """Add J^T A J to the lower triangle, A: loss of force (N) per gain of the tip's speed
+        """Add J^T A J to the lower triangle. A is the loss of force (N) per gain of the tip's speed
         (m/s).
         """
         columns, along = self.tip.columns, self.tip.along(self.rise)
@@ -137,7 +145,7 @@ class TipContact(NamedTuple):
                 )
 
     def _sliding(self, velocity: Vec) -> Vec:
-        """The part of a velocity along the surface."""
+        """Return the part of a velocity along the surface."""
         return velocity - self.rise * (dot(self.rise, velocity) * self.inverse)
 
 
@@ -148,7 +156,7 @@ def tips(
     jvel: Vec,
     dt: float,
 ) -> tuple[TipContact, TipContact]:
-    """Both jaw tips at `jpos` (7, rad and m) and `jvel` over the coming `dt` (s)."""
+    """Return both jaw tips at `jpos` (7, rad and m) and `jvel` over the coming `dt` (s)."""
     one, other = instrument.jaw_tips(arm, jpos)
     return _tip(arm, params, one, jvel, dt), _tip(arm, params, other, jvel, dt)
 
@@ -176,7 +184,9 @@ def _tip(
 
 
 def felt(contacts: tuple[TipContact, ...], gained: Vec) -> Touch:
-    """What the tissue did to the instrument in a step in which the joints gained these speeds."""
+    """Return the tissue's forces on the instrument in a step in which the joints gained these
+    speeds.
+    """
     forces = [one.after(gained) for one in contacts]
     whole = forces[0] + forces[1]
     on_vessel = [
@@ -190,17 +200,19 @@ def felt(contacts: tuple[TipContact, ...], gained: Vec) -> Touch:
 
 
 class Meeting(NamedTuple):
-    """Two instruments where they are nearest, over the coming step."""
+    """Two instruments at the points where they are nearest, over the coming step."""
 
-    ways: tuple[Vec, Vec]  # 7 each: how fast each joint moves them apart, at unit speed
+    # 7 each: speed at which each joint at unit speed moves them apart
+    ways: tuple[Vec, Vec]
     normal: Law
-    apart: tuple[Vec, Vec]  # 3 each, the way of the force in frame 0 of each arm, a unit vector
+    # 3 each, direction of the force in frame 0 of each arm, a unit vector
+    apart: tuple[Vec, Vec]
 
     def solved(self, gained: tuple[Vec, Vec], yielding: tuple[Vec, Vec]) -> Scalar:
-        """N, the force in the step; never below 0.
+        """Return the force in the step in N, never below 0.
 
-        gained: speeds that the joints gain under `normal.force`; yielding: more of it (7) for each
-        N more.
+        gained: speeds that the joints gain under `normal.force`; yielding: additional speeds (7)
+        per additional N.
         """
         lost = dot(self.ways[0], gained[0]) + dot(self.ways[1], gained[1])
         gives = dot(self.ways[0], yielding[0]) + dot(self.ways[1], yielding[1])
@@ -215,7 +227,9 @@ def meeting(
     jvel: tuple[Vec, Vec],
     dt: float,
 ) -> Meeting:
-    """Two instruments at `jpos` and `jvel` (7 each) over the coming `dt` (s)."""
+    """Return the meeting of two instruments at `jpos` and `jvel` (7 each) over the coming
+    `dt` (s).
+    """
     lines = tuple(instrument.line(arm, joints) for arm, joints in zip(arms, jpos, strict=True))
     pieces = [_pieces(arm, line) for arm, line in zip(arms, lines, strict=True)]
     best: _Pair | None = None
@@ -245,21 +259,20 @@ class _Piece(NamedTuple):
     """A straight piece of an instrument, in the world."""
 
     begin: Vec  # m
-    way: Vec  # m, to its end
+    way: Vec  # m, vector to its end
     radius: float  # m
     jaws: bool
 
 
 class _Pair(NamedTuple):
-    """Where two pieces are nearest."""
+    """The nearest points of two pieces."""
 
-    depth: Scalar  # m, how far they overlap; negative: apart
-    distance: Scalar  # m, of their axes
-    away: Vec  # m, from the second's axis to the first's
-    at: tuple[Vec, Vec]  # m, on either axis, world
-    beyond: tuple[
-        Scalar, Scalar
-    ]  # of each, 0 on a shaft, share of the way from wrist to end on jaws
+    depth: Scalar  # m, depth of their overlap; negative: apart
+    distance: Scalar  # m, distance between their axes
+    away: Vec  # m, vector from the second's axis to the first's
+    at: tuple[Vec, Vec]  # m, the point on each axis, world
+    # for each, 0 on a shaft; on jaws the fraction from wrist to end
+    beyond: tuple[Scalar, Scalar]
 
 
 def _pieces(arm: ArmName, line: instrument.InstrumentLine) -> tuple[_Piece, _Piece]:
@@ -272,8 +285,9 @@ def _pieces(arm: ArmName, line: instrument.InstrumentLine) -> tuple[_Piece, _Pie
 
 
 def _nearest(one: _Piece, other: _Piece) -> _Pair:
-    """Nearest points of two segments (C. Ericson, Real-Time Collision Detection, 2005, section
-    5.1.9).
+    """Return the nearest points of two segments.
+
+    Source: C. Ericson, Real-Time Collision Detection, 2005, section 5.1.9.
     """
     between = one.begin - other.begin
     a, b, e = dot(one.way, one.way), dot(one.way, other.way), dot(other.way, other.way)

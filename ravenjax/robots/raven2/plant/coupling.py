@@ -1,9 +1,9 @@
-"""The motor matrix T (motor rad per joint rad or m) split so that its structure saves work.
+"""The motor matrix T (motor rad per joint rad or m), factored so that its structure saves work.
 
-Instrument cables run along the insertion, so moving it turns every tool capstan. The row of a tool
-motor is therefore a multiple of the insertion motor's row, plus one entry for its joint. Tool
-motors are coupled to the *joints* here, because cable length follows the links. At rest this equals
-the control software, which couples them to the insertion motor's angle.
+Instrument cables run along the insertion, so moving the insertion turns every tool capstan. The row
+of a tool motor is therefore a multiple of the insertion motor's row, plus one entry for its joint.
+Here tool motors are coupled to the *joints*, because cable length follows the links. At rest this
+equals the control software, which couples them to the insertion motor's angle.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ AS_DRAWN = Vec.full(N, 1.0)
 
 @dataclasses.dataclass(frozen=True)
 class Coupling:
-    """`T[i] = own[i] + ratio[i] * own[Z]`; `own` is lower triangular, `ratio` zero for the
-    positioning motors.
+    """`T[i] = own[i] + ratio[i] * own[Z]`.
+
+    `own` is lower triangular; `ratio` is zero for the positioning motors.
     """
 
     own: tuple[Vec, ...]  # rad/rad or rad/m
     ratio: tuple[float, ...]  # 1
-    # how far each joint moves by what its drum's drawing says: T diag(1 / gain); a literal 1 drops
-    # out
+    # Motion of each joint per motion by its drum's drawing: T diag(1 / gain); a literal 1 drops out
     gain: Vec = AS_DRAWN
 
     def motors(self, joints: Vec) -> Vec:
-        """T x: motor angles (or speeds) from joint angles (or speeds)."""
+        """Return T x: motor angles (or speeds) from joint angles (or speeds)."""
         joints = joints.map(_divide, self.gain)
         along = dot(self.own[Z], joints)
         return Vec(
@@ -44,7 +44,9 @@ class Coupling:
         )
 
     def joints(self, motors: Vec) -> Vec:
-        """The inverse of `motors`, with unstretched cables."""
+        """Return joint angles (or speeds) from motor angles (or speeds), with unstretched
+        cables.
+        """
         angles: list[Scalar] = []
         for i in range(N):
             rest = sub(motors[i], mul(self.ratio[i], motors[Z]))
@@ -54,7 +56,7 @@ class Coupling:
         return Vec(angles).map(mul, self.gain)
 
     def loads(self, forces: Vec) -> Vec:
-        """T^T f: joint torques (N m, N) from motor torques (N m)."""
+        """Return T^T f: joint torques (N m, N) from motor torques (N m)."""
         along = forces[Z]
         for i in range(N):
             along = add(along, mul(self.ratio[i], forces[i]))
@@ -64,15 +66,15 @@ class Coupling:
         return torques.map(_divide, self.gain)
 
     def carried(self, loads: Vec) -> Vec:
-        """T^-T f: motor forces (N m) that put `loads` (N m, N) on the joints, by the columns of
-        T^-1.
+        """Return T^-T f: motor torques (N m) that put `loads` (N m, N) on the joints, by the
+        columns of T^-1.
         """
         drawn, loads = dataclasses.replace(self, gain=AS_DRAWN), loads.map(mul, self.gain)
         columns = [drawn.joints(Vec(float(i == j) for j in range(N))) for i in range(N)]
         return Vec(dot(column, loads) for column in columns)
 
     def congruence(self, weights: Vec) -> list[list[Scalar]]:
-        """T^T diag(w) T, lower triangle filled (entry [i][j] with j <= i)."""
+        """Return T^T diag(w) T with the lower triangle filled (entry [i][j] with j <= i)."""
         inner: list[list[Scalar]] = [[0.0] * N for _ in range(N)]
         for i in range(N):
             inner[i][i] = add(inner[i][i], weights[i])
@@ -97,7 +99,10 @@ def _divide(a: Scalar, b: Scalar) -> Scalar:
 
 
 def _terms(own: Sequence[Vec], i: int, j: int) -> list[tuple[int, int, float]]:
-    """Where inner[i][j] goes in own^T inner own: (row, column, factor), lower triangle only."""
+    """Return the entries of own^T inner own that inner[i][j] adds to: (row, column, factor).
+
+    Only the lower triangle is listed.
+    """
     factors: dict[tuple[int, int], float] = {}
     for a, b in ((i, j),) if i == j else ((i, j), (j, i)):
         for row in range(N):
@@ -109,8 +114,8 @@ def _terms(own: Sequence[Vec], i: int, j: int) -> list[tuple[int, int, float]]:
 
 @cache
 def coupling(arm: ArmName, tool: str, software: str) -> Coupling:
-    """The coupling of one arm with one tool; the software variant decides the sign of the first
-    jaw.
+    """Return the coupling of one arm with one tool; `software` decides the sign of the
+    first jaw.
     """
     matrix = transmission.motor_matrix(arm, tool, software)
     ratio = tuple(matrix[i][Z] / matrix[Z][Z] if i > Z else 0.0 for i in range(N))
@@ -125,5 +130,5 @@ def coupling(arm: ArmName, tool: str, software: str) -> Coupling:
 
 
 def _clean(value: float, scale: float) -> float:
-    """The value, or 0 where it is only the rounding error of a difference."""
+    """Return the value, or 0 if it is only the rounding error of a difference."""
     return 0.0 if abs(value) <= 1e-9 * abs(scale) else value

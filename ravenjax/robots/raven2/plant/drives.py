@@ -1,44 +1,47 @@
-"""What acts on the joints of one arm: motors, encoders, brakes, cables, dry friction, stops.
+"""Forces on the joints of one arm: motors, encoders, brakes, cables, dry friction, hard stops.
 
 Motors
 ------
 
-From DAC counts to torque, and the shaft's equation of motion solved for one step.
+A motor turns DAC counts into torque. Its shaft's equation of motion is solved for one step:
 
-`Im w' = drive - tau_c sgn(w) - tau_v w - reaction_scale * lambda`, with torques after the gearbox,
-inertia and speed of the shaft (the authors' units, see models/raven2/mechanics.toml). Dry friction
-is decided with the joint's speed of the last step; a closed brake adds to it. The rest is implicit.
-The motor's speed at the end of the step is then affine in the link's, and can be eliminated from
-the links' equations: `w = (momentum + coupling * T q') * inverse`.
+    Im w' = drive - tau_c sgn(w) - tau_v w - reaction_scale * lambda
+
+Torques are after the gearbox; inertia and speed are those of the shaft (the authors' units, see
+models/raven2/mechanics.toml). Dry friction is decided with the joint's speed of the last step, and
+a closed brake adds to it. The other terms are implicit. The motor's speed at the end of the step is
+then affine in the link's speed, and can be eliminated from the links' equations:
+
+    w = (momentum + coupling * T q') * inverse
 
 Encoders
 --------
 
-Motor encoders: 4000 counts a turn on every motor (raven2: defines.h).
+Motor encoders have 4000 counts per turn on every motor (raven2: defines.h).
 
-The motor angle itself is kept as whole counts (int32) plus a fraction of one (within half a count).
-An angle near 900 rad in float32 swallows increments below 3e-5 rad a millisecond; a fraction of a
-count never does, and the reading is exact.
+The motor angle is stored as whole counts (int32) plus a fraction of a count (within half a count).
+An angle near 900 rad in float32 would lose increments below 3e-5 rad per millisecond. A fraction of
+a count never does, and the reading is exact.
 
 Cables
 ------
 
-Elastic cables between capstan and joint: the authors' exponential spring-damper, linearised once
-a step.
+Cables between capstan and joint are elastic: the authors' exponential spring-damper, linearised
+once per step.
 
-Stretch is kept in motor angle, `epsilon = m - T q` (rad), with T the motor matrix including all
-cable coupling, so that zero stretch is exactly where encoders, cable coupling of the control
-software and links agree. At the capstan it is `delta = a epsilon` (m) with a = capstan radius /
-gearbox ratio. The tension difference is `gamma = ke (exp(delta)
-- exp(-delta)) + 2 be delta'` (CSLDepend/raven2_sim, Li_DYN/two_arm_dyn.cpp). In motor coordinates it acts as `lambda
-= a gamma`: on the motor as `-reaction_scale * lambda`, on the joints as `T^T lambda` (energy is conserved).
+Stretch is stored in motor angle, `epsilon = m - T q` (rad), where T is the motor matrix with all
+cable coupling. At zero stretch encoders, cable coupling of the control software and links therefore
+agree exactly. At the capstan it is `delta = a epsilon` (m) with a = capstan radius / gearbox ratio.
+The tension difference is `gamma = ke (exp(delta) - exp(-delta)) + 2 be delta'`
+(CSLDepend/raven2_sim, Li_DYN/two_arm_dyn.cpp). In motor coordinates it acts as `lambda = a gamma`:
+on the motor as `-reaction_scale * lambda`, on the joints as `T^T lambda` (energy is conserved).
 
 Friction
 --------
 
-Dry friction as implicit damping, decided in each step.
+Dry friction is an implicit damping, decided in each step.
 
-`sign(velocity)` chatters at rest and a smoothed sign creeps. Here the force that carries a
+`sign(velocity)` chatters at rest, and a smoothed sign creeps. Instead, the force that carries a
 degree of freedom through the step is computed first: `drive = inertia * v + forces`, with the
 inertia divided by the step. If friction can hold this force, the damping becomes so large that the
 velocity ends at zero within `CREEP`. Otherwise the damping makes the friction force equal to its
@@ -48,24 +51,24 @@ force always opposes the velocity, and no iteration is needed.
 Brakes
 ------
 
-Power-off brakes on the three positioning motors. A documented assumption: no source gives their
-data.
+Power-off brakes act on the three positioning motors. This is a documented assumption: no source
+gives their data.
 
 The robot has brakes on the RE40 motors only; tool motors run free when unpowered. A brake engages
-and releases some time after the PLC's command and then adds dry friction of its holding torque to
-the motor: it slips above that.
+and releases some time after the PLC's command. An engaged brake adds dry friction of its holding
+torque to the motor, and slips above that torque.
 
 Hard stops
 ----------
 
-One-sided stiff springs, implicit like the cables.
+Hard stops are one-sided stiff springs, implicit like the cables.
 
-Positions are those the control software homes against (raven2: defines.h, homing.cpp, tools.cpp):
-shoulder 0 deg, elbow 137.5 deg, insertion 0.562 m, the tool's own angles. The other ends of the
-first three joints are not published: the soft limit plus the margin that the published end of elbow
-and insertion has. Stiffness is an assumption: metal on rubber, stiffer than the cable that presses
-the joint against it.
-"""  # noqa: E501
+Their positions are those against which the control software homes (raven2: defines.h, homing.cpp,
+tools.cpp): shoulder 0 deg, elbow 137.5 deg, insertion 0.562 m, and the tool's own angles. The other
+ends of the first three joints are not published. They are taken as the soft limit plus the margin
+that the published end of elbow and insertion has. The stiffness is an assumption: metal on rubber,
+stiffer than the cable that presses the joint against it.
+"""
 
 from __future__ import annotations
 
@@ -83,8 +86,9 @@ CREEP = 1e-7  # rad/s or m/s at most while stuck: 1 um or urad in 10 s
 
 
 def coulomb_damping(level: Scalar, drive: Scalar, inertia: Scalar) -> Scalar:
-    """Damping coefficient of a dry friction of `level` (N m, N) at `drive` (same unit),
-    `inertia` (level / speed).
+    """Return the damping coefficient of a dry friction.
+
+    level: friction (N m, N); drive: in the same unit; inertia: level / speed.
     """
     excess = jnp.maximum(jnp.abs(drive) - level, 0.0)
     return level * inertia / jnp.maximum(excess, inertia * CREEP)
@@ -96,33 +100,33 @@ RAD_PER_COUNT = (2.0 * math.pi) / 4000.0
 
 @record
 class Angle:
-    """A motor angle, from a reference count."""
+    """A motor angle, relative to a reference count."""
 
     count: Scalar  # whole counts, int32
     fraction: Scalar  # of a count, -0.5 to 0.5
 
 
 def at_angle(angle: Scalar) -> Angle:
-    """An angle (rad) as whole counts and a fraction."""
+    """Return an angle (rad) as whole counts and a fraction."""
     counts = angle * COUNTS_PER_RAD
     whole = jnp.floor(counts + 0.5)
     return Angle(count=as_int(whole), fraction=counts - whole)
 
 
 def advance(angle: Angle, turned: Scalar) -> Angle:
-    """The angle after turning by `turned` (rad)."""
+    """Return the angle after turning by `turned` (rad)."""
     moved = angle.fraction + turned * COUNTS_PER_RAD
     whole = jnp.floor(moved + 0.5)
     return Angle(count=angle.count + as_int(whole), fraction=moved - whole)
 
 
 def radians(angle: Angle, dtype: str) -> Scalar:
-    """The angle in rad; rounded to `dtype` once, no error accumulates."""
+    """Return the angle in rad; it is rounded to `dtype` once, so no error accumulates."""
     return (angle.count.astype(dtype) + angle.fraction) * RAD_PER_COUNT
 
 
 def noise_counts(rms_cnt: Scalar, key: Scalar, tick: Scalar, channel: int) -> Scalar:
-    """Reading error in whole counts, normal with `rms_cnt`, rounded to the nearest."""
+    """Return a reading error in whole counts: normal with `rms_cnt`, rounded to the nearest."""
     return as_int(jnp.floor(rms_cnt * counter_random.normal(key, tick, channel) + 0.5))
 
 
@@ -134,20 +138,22 @@ class Linear:
     damping: Scalar  # N m s/rad, stiffness of the coming step included
 
     def carried(self, arm: float, rate: Scalar) -> Scalar:
-        """What the cable carried in the step, N: stiffness and damping, at the stretch rate
-        (rad/s) of its end.
+        """Return the cable's force in the step, N, from stiffness and damping.
+
+        rate: stretch rate (rad/s) at the end of the step.
         """
         return (self.force + self.damping * rate) * (1.0 / arm)
 
 
 def tension(stiffness: Scalar, damping: Scalar, delta: Scalar, rate: Scalar) -> Scalar:
-    """gamma (N) at stretch `delta` (m) and `rate` (m/s)."""
+    """Return gamma (N) at stretch `delta` (m) and `rate` (m/s)."""
     return 2.0 * stiffness * _sinh(delta) + 2.0 * damping * rate
 
 
 def linearise(arm: float, stiffness: Scalar, damping: Scalar, stretch: Scalar, dt: float) -> Linear:
-    """Force and implicit damping over the coming `dt` (s): lever `arm` (m/rad), stretched by
-    `stretch` (rad).
+    """Return force and implicit damping over the coming `dt` (s).
+
+    arm: lever (m/rad); stretch: rad.
     """
     delta = arm * stretch
     slope = 2.0 * stiffness * _cosh(delta)
@@ -158,14 +164,15 @@ def linearise(arm: float, stiffness: Scalar, damping: Scalar, stretch: Scalar, d
 
 
 def resting_stretch(arm: float, stiffness: Scalar, force: Scalar) -> Scalar:
-    """Stretch (rad) at which the cable at rest carries `force` (N m in motor coordinates)."""
+    """Return the stretch (rad) at which the cable at rest carries `force` (N m in motor
+    coordinates).
+    """
     ratio = force / (2.0 * arm * stiffness)
     return jnp.log(ratio + jnp.sqrt(ratio * ratio + 1.0)) / arm
 
 
-# Stretches stay below 1 mm (about 5e-4 m at the published faults), where exp(d) - exp(-d) loses all
-# digits in
-# float32; these series are exact to 1e-10 relative up to 0.1 m.
+# Stretches stay below 1 mm (about 5e-4 m at the published faults). There exp(d) - exp(-d) loses all
+# digits in float32; these series are exact to 1e-10 relative up to 0.1 m.
 def _sinh(x: Scalar) -> Scalar:
     square = x * x
     return x * (1.0 + square * (1.0 / 6.0) * (1.0 + square * 0.05))
@@ -195,12 +202,12 @@ class ActuatorParams:
 
 @record
 class Eliminated:
-    """One motor with its cable, as the links see it in this step."""
+    """One motor with its cable, as the links' equations see it in this step."""
 
     momentum: Scalar  # N m, drive and inertia over the step
     coupling: Scalar  # N m s/rad, reaction per link speed
     inverse: Scalar  # rad/s per N m
-    resistance: Scalar  # N m s/rad, all but the cable
+    resistance: Scalar  # N m s/rad, all damping but the cable's
     force: Scalar  # N m on the joints (motor coordinates) if the links keep their speed
     stretch_rate: Scalar  # rad/s if the links keep their speed
     stiffening: Scalar  # N m s/rad, loss of that force per gain of link speed
@@ -209,10 +216,12 @@ class Eliminated:
 def limited(
     torque: Scalar, speed: Scalar, torque_limit: Scalar, stall_torque: Scalar, back_emf: Scalar
 ) -> Scalar:
-    """The part of a commanded `torque` (N m) that amplifier and supply allow at `speed` (rad/s).
+    """Return the part of a commanded `torque` (N m) that amplifier and supply allow at `speed`
+    (rad/s).
 
-    The amplifier is a current source until its current or the voltage `R i + k w` ends at a limit.
-    The current limit also holds for a motor that is driven faster than the supply could turn it.
+    The amplifier is a current source until its current, or the voltage `R i + k w`, reaches a
+    limit. The current limit also holds for a motor that is driven faster than the supply could turn
+    it.
     """
     induced = back_emf * speed
     torque = jnp.minimum(jnp.maximum(torque, -stall_torque - induced), stall_torque - induced)
@@ -255,24 +264,25 @@ def eliminate(
 @described
 @record
 class BrakeParams:
-    holding_torque: Scalar = (  # N m
-        0.4 * 12.25
-    )  # assumption: maxon AB 28, 0.4 N m at the shaft, times 12.25
+    # N m; assumption: maxon AB 28, 0.4 N m at the shaft, times 12.25
+    holding_torque: Scalar = 0.4 * 12.25
     engage_ticks: Scalar = 15  # ms; int32; assumed (relay and spring)
     release_ticks: Scalar = 20  # ms; int32; assumed (coil current rises)
 
 
 @record
 class BrakeState:
-    engaged: Scalar  # 1: gripping, int32
-    pending_ticks: Scalar  # ms for which the command has differed from that, int32
+    engaged: Scalar  # 1: engaged, int32
+    # ms for which the command has differed from the brake's state, int32
+    pending_ticks: Scalar
 
 
 def step_brakes(
     params: BrakeParams, state: BrakeState, commanded: Scalar
 ) -> tuple[BrakeState, Scalar]:
-    """One tick with the PLC's command (1: on). Out: dry friction that the brakes add to motors
-    1-3 (N m).
+    """Compute one tick with the PLC's command (1: on).
+
+    Returns the new state, and the dry friction that the brakes add to motors 1-3 (N m).
     """
     commanded = as_int(commanded)
     pending = jnp.where(commanded != state.engaged, state.pending_ticks + 1, 0)
@@ -304,7 +314,7 @@ class StopForce:
 
 
 def stop_params(tool: str) -> StopParams:
-    """Hard stops of an arm with that tool."""
+    """Return the hard stops of an arm with that tool."""
     instrument = find_tool(tool)
     low, high = limits.POSITIONING_LOWER, limits.POSITIONING_UPPER
     return StopParams(
@@ -317,7 +327,10 @@ def stop_params(tool: str) -> StopParams:
 
 
 def stop_force(params: StopParams, i: int, jpos: Scalar, jvel: Scalar, dt: float) -> StopForce:
-    """Joint `i` at `jpos` (rad, m) and `jvel` over the coming `dt` (s); zero within the range."""
+    """Return the stop force on joint `i` at `jpos` (rad, m) and `jvel` over the coming `dt` (s).
+
+    It is zero within the range.
+    """
     beyond = jnp.maximum(jpos - params.upper[i], 0.0) + jnp.minimum(jpos - params.lower[i], 0.0)
     damping = jnp.where(beyond != 0.0, params.stiffness[i] * (dt + SETTLING_S), 0.0)
     return StopForce(force=-params.stiffness[i] * beyond - damping * jvel, damping=damping)

@@ -1,30 +1,28 @@
-"""What makes a healthy robot's report wrong: joints, cable drums and links that are not what its
-software believes.
+"""Kinematic errors, which make a healthy robot's report wrong: joints, cable drums and links off
+their drawings.
 
 Three arms are distinguished:
 
-- the **true** arm: its links stand at angles that nobody measures, and are as they were built.
-  `robot.PlantOutput` has its joints, `tip` its tip;
-- the **reported** arm: the software turns encoder counts into joints by the ratios of the drawings
-  and by what homing took for zero, and joints into a tip by the drawings' links. Controller,
-  checks, report and cue know this arm only;
-- the **nominal model** starts at the reported pose and has the drawings' links: it stays where the
+- The **true** arm: its links are at angles that nobody measures, and have the lengths and twists
+  with which they were built. `robot.PlantOutput` has its joints, `tip` its tip.
+- The **reported** arm: the software turns encoder counts into joints by the ratios of the drawings
+  and by the zero that homing found, and joints into a tip by the drawings' links. Controller,
+  checks, report and cue know this arm only.
+- The **nominal model** starts at the reported pose and has the drawings' links: it stays where the
   report would be.
 
-With motor angles alike, true joints q are, of reported ones r and home pose h,
+With equal motor angles, the true joints q follow from the reported joints r and the home pose h:
 
     q = h + (1 + ratio_error) (r - h) + joint_offset
 
-and cable stretch comes on top, as it does without errors. Every error at 0 drops out of the traced
-code.
+Cable stretch is added, as without errors. Every error that is 0 drops out of the traced code.
 
-A camera does not know the robot's frame 0. The robot's place in its picture is fitted, and a rigid
-displacement is not seen as an error. `registered` does the same: before the run the true tip's
+A camera does not know the robot's frame 0. The robot's place in its picture is fitted, so a rigid
+displacement is not visible as an error. `registered` does the same: before the run the true tip's
 frame is moved so that true and reported tips agree best at POSES.
 
 Registration is the rigid motion that brings true tips onto reported tips at POSES, by least squares
-(Gauss-Newton; each step solves for a small rotation and a displacement). It does not change in a
-run.
+(Gauss-Newton; each step solves for a small rotation and a displacement). It is constant in a run.
 """
 
 from __future__ import annotations
@@ -49,7 +47,7 @@ _DEG = math.pi / 180.0
 @described
 @record
 class KinematicErrors:
-    """Errors of one arm. All are 0 but `scale` in the robot that its software assumes."""
+    """Kinematic errors of one arm. All but `scale` are 0 in the robot that its software assumes."""
 
     scale: Scalar
     joint_offset: Vec  # rad; m
@@ -76,36 +74,36 @@ MEASURED = {
     "links.tool_length": 2.25e-3,
     "links.wrist_length": 2.25e-3,
 }
-"""Standard deviation of each error where a campaign draws them (normal, mean 0); rad, m and shares.
+"""Standard deviation of each error if a campaign draws them (normal, mean 0); rad, m and shares.
 
-How large they are beside each other is *assumed*: homing against stops leaves more than machining
-does. Their common factor is fitted to the first half of a recording,
+Their relative sizes are *assumed*: homing against stops leaves larger errors than machining. Their
+common factor is fitted to the first half of a recording,
 `analysis/studies/healthy_robot/tip_error.py`. A recording of one arm in a part of its workspace
-cannot separate them; it shows the tip's error after registration. The shoulder has no
-offset, which would turn the frame and nothing else; the jaws have none, since they do not move
-their axis.
+cannot separate the errors; it shows the tip's error after registration. The shoulder has no offset,
+because an offset would only turn the frame. The jaws have none, because they do not move their
+axis.
 """
 
 
 def exact() -> KinematicErrors:
-    """No errors."""
+    """Return zero errors."""
     zero = Vec.full(7, 0.0)
     return KinematicErrors(1.0, zero, zero, built_links.as_drawn(), np.int32(0))
 
 
 def is_exact(errors: KinematicErrors) -> bool:
-    """Whether no error can be other than 0 in this trace."""
+    """Return whether all errors are known to be 0 in this trace."""
     numbers = tree.leaves((errors.joint_offset, errors.ratio_error, errors.links))
     return all(type(number) in (int, float) and number == 0 for number in numbers)
 
 
 def gain(errors: KinematicErrors) -> Vec:
-    """True motion of each joint per motion that the software assumes, 7."""
+    """Return the true motion of each joint per motion that the software assumes, 7."""
     return Vec(add(1.0, mul(errors.scale, error)) for error in errors.ratio_error)
 
 
 def true_joints(errors: KinematicErrors, reported: Vec) -> Vec:
-    """Where the links are (7, rad and m) when the software reports `reported` and cables are not
+    """Return the true joints (7, rad and m) if the software reports `reported` and no cable is
     stretched.
     """
     out = []
@@ -118,7 +116,7 @@ def true_joints(errors: KinematicErrors, reported: Vec) -> Vec:
 
 
 def register(arm: str, errors: KinematicErrors) -> Registration | None:
-    """The registration of the arm's frame 0; None: it is where the software assumes it."""
+    """Return the registration of the arm's frame 0; None: it is where the software assumes it."""
     if is_exact(errors) or (isinstance(errors.registered, np.integer) and not errors.registered):
         return None
     true = [_tip(arm, true_joints(errors, pose), errors) for pose in POSES]
@@ -126,7 +124,7 @@ def register(arm: str, errors: KinematicErrors) -> Registration | None:
 
 
 def tip(arm: str, errors: KinematicErrors, frame: Registration | None, jpos: Vec) -> Vec:
-    """True tip (3, m) with the links at the true joints `jpos` (7, rad and m)."""
+    """Return the true tip (3, m) with the links at the true joints `jpos` (7, rad and m)."""
     position = _tip(arm, jpos, errors)
     return position if frame is None else seen(frame, position)
 
@@ -141,7 +139,10 @@ def _tip(arm: str, jpos: Vec, errors: KinematicErrors) -> Vec:
 # --- registration ---
 
 STEPS = 4
-"""Of Gauss-Newton; from 20 degrees on the fourth changes nothing that single precision holds."""
+"""Number of Gauss-Newton steps.
+
+From 20 degrees the fourth step changes nothing that single precision holds.
+"""
 
 _RANGES = (
     (20 * _DEG, 50 * _DEG),
@@ -150,8 +151,9 @@ _RANGES = (
     (-45 * _DEG, 45 * _DEG),
     (0.0, 40 * _DEG),
 )
-"""Shoulder, elbow, insertion, roll, wrist: about where the recorded arm works
-(`camera_poses_left_arm`).
+"""Ranges of shoulder, elbow, insertion, roll, wrist: about where the recorded arm works.
+
+The recording is `camera_poses_left_arm`.
 """
 POSES = tuple(
     Vec(
@@ -163,26 +165,27 @@ POSES = tuple(
     )
     for a, b, c in itertools.product((0, 1), repeat=3)
 )
-"""Eight corners of those ranges: a quarter of all 32, in which each two joints take all four
-pairs of ends.
+"""Eight corners of those ranges: a quarter of all 32.
+
+In them any two joints have all four combinations of their ends.
 """
 
 
 @record
 class Registration:
-    """A rigid motion: from frame 0 of the true arm to that of its report."""
+    """A rigid motion from frame 0 of the true arm to frame 0 of the reported arm."""
 
     rotation: Vec  # 3 rows
     translation: Vec  # m, 3
 
 
 def seen(frame: Registration, point: Vec) -> Vec:
-    """A point (3, m) of the true arm's frame 0 in the registered one."""
+    """Return a point (3, m) of the true arm's frame 0 in the registered frame."""
     return matvec(frame.rotation, point) + frame.translation
 
 
 def fit(arm: str, true: list[Vec]) -> Registration:
-    """The registration from true tips (m) at POSES."""
+    """Return the registration from true tips (m) at POSES."""
     reported, solve = _normal_equations(arm)
     frame = _same()
     for _ in range(STEPS):
@@ -209,10 +212,11 @@ def _same() -> Registration:
 def _normal_equations(
     arm: str,
 ) -> tuple[tuple[tuple[float, ...], ...], tuple[tuple[float, ...], ...]]:
-    """Reported tips (m) at POSES, and the matrix [6, 3 poses] from residuals to rotation (rad)
-    and displacement (m).
+    """Return reported tips (m) at POSES, and the matrix from residuals to the registration.
+
+    The matrix [6, 3 poses] maps residuals to rotation (rad) and displacement (m).
     """
-    with at_once():  # it may be called for in a trace
+    with at_once():  # a trace may call this function
         tips = np.array([kinematics.forward(arm, pose).position for pose in POSES])
     design = np.zeros((len(tips), 3, 6))
     for one, (x, y, z) in zip(design, tips, strict=True):

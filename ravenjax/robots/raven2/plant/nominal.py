@@ -1,34 +1,35 @@
-"""The nominal model: what the instrument would do if nothing went wrong. Euler-Lagrange at joint
-torque level.
+"""The nominal model: the instrument's motion if nothing went wrong. Euler-Lagrange at joint torque
+level.
 
     M(q) q'' + C(q, q') q' + G(q) = tau - Kv q' - Kc sign(q')   first five joints; jaws locked in M
-    tau = kp (q_d - q) - kd q' + G(q)                            insertion: + ki times the integral of (q_d - q)
-    q'' = kp (q_d - q) - kd q'                                   each jaw, a double integrator
+    tau = kp (q_d - q) - kd q' + G(q)             insertion: + ki times the integral of (q_d - q)
+    q'' = kp (q_d - q) - kd q'                    each jaw, a double integrator
 
-PD on joints 1, 2, 4-7 and PID on joint 3, as the Raven-II surgical training simulator has it; its
-gains are not parameter_sets.
+The controller is PD on joints 1, 2, 4-7 and PID on joint 3, as in the Raven-II surgical training
+simulator. Its gains are not published.
 
-Gains, chosen once: the model has no rotors, so its loop is made dynamically similar to the robot's.
-The control software's PD acts on a motor of inertia Im with viscous friction tau_v; reflected link
-inertia adds little. Per unit of joint inertia I (the diagonal of M at the home pose) the model gets
-the same natural frequency, damping and friction dead band:
+Gains are chosen once. The model has no rotors, so its loop is made dynamically similar to the
+robot's. The control software's PD acts on a motor of inertia Im with viscous friction tau_v;
+reflected link inertia adds little. Per unit of joint inertia I (the diagonal of M at the home pose)
+the model gets the same natural frequency, damping and friction dead band:
 
-    kp = I KP g / J,  kd = I KD g / J,  Kv = I (tau_v + rho Fv / TR^2) / J,  Kc = I (tau_c + rho Fc / TR) / (J TR)
+    kp = I KP g / J,  kd = I KD g / J,
+    Kv = I (tau_v + rho Fv / TR^2) / J,  Kc = I (tau_c + rho Fc / TR) / (J TR)
 
 with J = Im + rho M / TR^2, KP and KD from raven2's r2params.yaml, g the gain from commanded to real
 torque, and Im, tau, F and the reaction share rho of the robot's parameter set
-(`parameter_sets.nominal`). Nothing is fitted to a published outcome. `Kv` and `Kc` of a jaw are zero; its viscous part is in its kd. ki: the robot's insertion has no integral; a slow
-one (time constant 4 s) removes the dead band's remainder without changing the lag on surgical
-motion.
+(`parameter_sets.nominal`). Nothing is fitted to a published outcome. `Kv` and `Kc` of a jaw are
+zero; its viscous part is in its kd. ki: the robot's insertion has no integral. A slow one (time
+constant 4 s) removes the remainder of the dead band without changing the lag on surgical motion.
 
-Integration is linearly implicit in gains and friction: stable at 1 kHz for any of them.
+Integration is linearly implicit in gains and friction, and stable at 1 kHz for any of them.
 
-The target of the nominal model is the operator's clean input, accumulated into a pose and solved for
-joints. No fault can change this input. Increments add up as in the robot. The model's inverse
-kinematics takes the model's joints as reference. Targets are clamped to the software's joint limits,
-and re-anchored where they clamp. While the pedal is up the model holds, and its target is its pose,
-as in the robot.
-"""  # noqa: E501
+The target of the nominal model is the operator's clean input, accumulated into a pose and solved
+for joints. No fault can change this input. Increments add up as in the robot. The model's inverse
+kinematics takes the model's joints as reference. Targets are clamped to the software's joint
+limits, and re-anchored where they are clamped. While the pedal is up the model holds, and its
+target is its pose, as in the robot.
+"""
 
 from __future__ import annotations
 
@@ -66,19 +67,17 @@ UM_PER_M = 1e6
 @described
 @record
 class TargetParams:
-    """Where targets are clamped: the software's joint limits, the same for every arm."""
+    """Limits to which targets are clamped: the software's joint limits, the same for every arm."""
 
-    lower: Vec  # 5: no jaws; rad, insertion m
-    upper: Vec  # 5: no jaws; rad, insertion m
+    lower: Vec  # 5, without the jaws; rad, insertion m
+    upper: Vec  # 5, without the jaws; rad, insertion m
 
 
 @record
 class Clean:
-    """The operator's command of this tick for one arm, as the console makes it, before anything
-    can corrupt it.
-    """
+    """The operator's command to one arm in this tick, as the console makes it, before any fault."""
 
-    # 3, um, int32: ITP-frame increment, or position in frame 0 where Setup.console is "absolute"
+    # 3, um, int32: ITP-frame increment, or position in frame 0 with Setup.console "absolute"
     delta_um: Vec
     quat: Vec  # x, y, z, w: ITP-frame increment, or orientation in frame 0
     grasp_mrad: Scalar  # mrad, int32: increment (positive closes), or opening
@@ -99,10 +98,11 @@ class NominalParams:
     kp: Vec  # N m/rad; insertion N/m; jaws 1/s2
     kd: Vec  # N m s/rad; insertion N s/m; jaws 1/s
     ki: Scalar  # N/(m s)
-    kv: Vec  # N m s/rad; insertion N s/m; 5: no jaws
-    kc: Vec  # N m; insertion N; 5: no jaws
+    kv: Vec  # N m s/rad; insertion N s/m; 5, without the jaws
+    kc: Vec  # N m; insertion N; 5, without the jaws
     mass_scale: Scalar
-    resync: Scalar  # int32; 1: where it is measured
+    # int32; 1: the model follows the robot's measured pose while the pedal is up
+    resync: Scalar
     target: TargetParams
 
 
@@ -125,8 +125,9 @@ class NominalOutput:
 def params(
     setup: RavenSetup, arm: ArmName, parameter_set: str = parameter_sets.DEFAULT
 ) -> NominalParams:
-    """The gains derived above, for a robot with the mechanics `parameter_set`
-    (`parameter_sets.Name`).
+    """Return the gains derived above, for a robot with the mechanics `parameter_set`.
+
+    parameter_set: one of `parameter_sets.Name`.
     """
     values = parameter_sets.parameter_set(parameter_sets.nominal(parameter_set))
     motor = values.actuators
@@ -158,7 +159,7 @@ def params(
 
 
 def init(setup: RavenSetup, arm: ArmName, params: NominalParams, jpos0: Vec) -> NominalState:
-    """The state at rest at `jpos0` (rad, m), which is also its target."""
+    """Return the state at rest at `jpos0` (rad, m), which is also its target."""
     dtype = setup.precision.real
     jpos = Vec(jnp.asarray(x, dtype) for x in jpos0)
     still = Vec(jnp.asarray(0.0, dtype) for _ in range(7))
@@ -175,12 +176,12 @@ def step(
     clean: Clean,
     measured: Vec,
 ) -> tuple[NominalState, NominalOutput]:
-    """One tick (1 ms) of the model under the operator's clean command; it holds still while the
-    pedal is up.
+    """Compute one tick (1 ms) under the operator's clean command; the model holds while the pedal
+    is up.
 
-    measured: the robot's joints as its control software has them (rad, m). The measured
-    pose hangs a little below the desired one. With each lift of the pedal the robot takes it for
-    the desired pose, and sags on. `NominalParams.resync` lets the model follow, so that clutching
+    measured: the robot's joints as its control software has them (rad, m). The measured pose is a
+    little below the desired one. At each lift of the pedal the robot takes the measured pose as the
+    desired one, and sinks further. `NominalParams.resync` lets the model follow, so that clutching
     alone adds no error.
     """
     stands = (params.resync != 0) & (clean.engaged == 0)
@@ -194,7 +195,7 @@ def step(
 
 
 def observe(arm: ArmName, state: NominalState) -> NominalOutput:
-    """Tip and joints of a state."""
+    """Return tip and joints of a state."""
     return NominalOutput(
         jpos=state.jpos,
         tip_position=kinematics.forward(arm, state.jpos).position,
@@ -206,16 +207,15 @@ def observe(arm: ArmName, state: NominalState) -> NominalOutput:
 def track(
     setup: RavenSetup, arm: ArmName, params: NominalParams, state: NominalState, jpos_d: Vec
 ) -> NominalState:
-    """The dynamics alone: one tick towards the joint target `jpos_d` (rad, m)."""
+    """Compute the dynamics alone: one tick towards the joint target `jpos_d` (rad, m)."""
     dt = TICK_S
     jpos, jvel = state.jpos, state.jvel
     error = jpos_d - jpos
     integral = state.integral + dt * error[INSERTION]
-    # Jaws are locked: at their home angles, where their few grams sit about the same axis.
+    # Jaws are locked at their home angles; their few grams are near the same axis.
     locked = Vec((*jpos[:LAGRANGE], *limits.HOME_JPOS[LAGRANGE:]))
     turning = Vec((*jvel[:LAGRANGE], 0.0, 0.0))
-    # The controller's G(q) cancels the model's to the last digit: both are left out, whatever
-    # gravity is.
+    # The controller's G(q) cancels the model's exactly. Both are left out, for any gravity.
     mass, bias = link_dynamics.mass_matrix_and_bias(
         setup, arm, locked, turning, Vec.full(3, 0.0), params.mass_scale
     )
@@ -244,13 +244,13 @@ def track(
 
 
 def target_params(setup: RavenSetup) -> TargetParams:
-    """Limits with the first arm's tool, as the software has them."""
+    """Return the limits with the first arm's tool, as in the software."""
     allowed = limits.soft_limits(setup.tools[0], setup.software)
     return TargetParams(Vec(allowed.lower[:5]), Vec(allowed.upper[:5]))
 
 
 def init_target(setup: RavenSetup, arm: ArmName, jpos: Vec) -> TargetState:
-    """A target at the joints' own pose."""
+    """Return a target at the joints' own pose."""
     pose = kinematics.forward(arm, jpos)
     return TargetState(
         position_um=pose.position.map(lambda p: to_int32(p * UM_PER_M)),
@@ -268,8 +268,8 @@ def step_target(
     clean: Clean,
     jpos: Vec,
 ) -> TargetState:
-    """One tick: the target after the operator's command, for a model that stands at `jpos` (rad,
-    m).
+    """Return the target after the operator's command of one tick, for a model at `jpos`
+    (rad, m).
     """
     engaged = clean.engaged != 0
     position_um, quat, grasp_mrad = _moved(setup, arm, state, clean)
@@ -299,21 +299,22 @@ def _moved(
 ) -> tuple[Vec, Vec, Scalar]:
     if setup.console == "absolute":
         return clean.delta_um, clean.quat, clean.grasp_mrad
-    gain, lowest_deg = (
-        (1, -10.0) if setup.software == "raven2" else (2, -30.0)
-    )  # local_io.cpp of either
+    # local_io.cpp of raven2 and of the fork
+    gain, lowest_deg = (1, -10.0) if setup.software == "raven2" else (2, -30.0)
     lowest, highest = int(math.radians(lowest_deg) * 1000.0), int(math.radians(90.0) * 1000.0)
     position_um = state.position_um + mapping.position_from_itp(arm, clean.delta_um)
     quat = mapping.quat_mul(mapping.quat_from_itp(arm, clean.quat), state.quat)
     square = quat[0] * quat[0] + quat[1] * quat[1] + quat[2] * quat[2] + quat[3] * quat[3]
     grasp = jnp.minimum(jnp.maximum(state.grasp_mrad - gain * clean.grasp_mrad, lowest), highest)
-    # One Newton step of 1/sqrt: a quaternion of single precision stays on the unit sphere for ever.
+    # One Newton step of 1/sqrt keeps a quaternion of single precision on the unit sphere
+    # permanently.
     return position_um, quat * (1.5 - 0.5 * square), as_int(grasp)
 
 
 def _clamp(setup: RavenSetup, params: TargetParams, jpos: Vec, yaw: Scalar) -> tuple[Vec, Scalar]:
-    """Joints within the limits, and whether any was at or beyond one. Jaws keep the unclamped
-    yaw.
+    """Return joints within the limits, and whether any was at or beyond a limit.
+
+    Jaws keep the unclamped yaw.
     """
     angles, reached = list(jpos), False
     for i, (low, high) in enumerate(zip(params.lower, params.upper, strict=True)):

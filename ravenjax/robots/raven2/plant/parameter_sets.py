@@ -18,7 +18,7 @@ from ravenjax.robots.raven2.plant.drives import ActuatorParams
 Name = Literal["power_consistent", "traj3", "A", "B", "C", "D", "E", "matlab_main", "matlab_global"]
 
 DEFAULT: Name = "power_consistent"
-"""What a campaign's robot is made of unless it says otherwise."""
+"""Default parameter set of a campaign's robot."""
 PUBLISHED = get_args(Name)[1:]
 """The authors' sets."""
 
@@ -36,7 +36,7 @@ class ParameterSet(NamedTuple):
 
 @functools.cache
 def parameter_set(name: str) -> ParameterSet:
-    """The set of that name, or a UserError that lists the names."""
+    """Return the set of that name. Raises UserError, which lists the names."""
     if name not in get_args(Name):
         raise UserError(unknown("parameter set", name, get_args(Name)))
     file = _file()
@@ -60,7 +60,8 @@ def _file() -> dict[str, Any]:
 
 
 def nominal(name: str) -> str:
-    """The set from which the nominal model of a robot with set `name` has its gains and friction.
+    """Return the set from which the nominal model of a robot with set `name` takes gains and
+    friction.
 
     The authors' sets differ as robots of one kind do, and share one model.
     """
@@ -68,9 +69,10 @@ def nominal(name: str) -> str:
 
 
 def tells_tension(name: str) -> bool:
-    """Whether the cable forces of this set are those that statics allow, so that they can be
-    compared with a strength in N.
+    """Return whether the cable forces of this set agree with statics, so that they have a meaning
+    in N.
 
-    With the authors' law a motor pulls twelve times as hard at its cable as a real one.
+    Only such forces can be compared with a strength. With the authors' law a motor pulls twelve
+    times as hard at its cable as a real motor.
     """
     return name == DEFAULT

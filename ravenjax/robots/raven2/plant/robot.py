@@ -1,20 +1,20 @@
-"""The virtual robot: one arm's seven motors, cables, links and encoders, one millisecond a tick.
+"""The virtual robot: one arm's seven motors, cables, links and encoders, one millisecond per tick.
 
-Per substep, linearly implicit and without iteration: link inertia and bias forces once, at the
-start; cable stiffness and damping, viscous and dry friction at the end. Motors are eliminated one
-by one, which leaves one symmetric system in the joint accelerations:
+Each substep is linearly implicit, without iteration. Link inertia and bias forces are evaluated
+once, at the start; cable stiffness and damping, viscous and dry friction at the end. Motors are
+eliminated one by one, which leaves one symmetric system in the joint accelerations:
 
     (M/dt + Fv + T^T D T) dv = T^T lambda - bias - Fv v - Coulomb + stops + external
 
-Where the instrument touches something (`contact`), that force and its loss with speed are part of
-both sides.
+If the instrument touches something (`contact`), that force and its loss with speed are part of both
+sides.
 
-It is unconditionally stable: the authors' insertion cable (-1943 /s) and the instrument's grams
-need no small step.
+The scheme is unconditionally stable: the authors' insertion cable (-1943 /s) and the instrument's
+small masses need no small step.
 
-State is offsets from where the run began: motor angles as whole encoder counts and a fraction,
-cable stretch by itself, and the links follow from both. No small difference of large numbers is
-ever formed, so float32 loses nothing that an encoder sees.
+The state is stored relative to the start of the run. Motor angles are whole encoder counts and a
+fraction, cable stretch is stored separately, and the links follow from both. No small difference of
+large numbers is ever formed, so float32 loses nothing that an encoder can resolve.
 """
 
 from __future__ import annotations
@@ -52,13 +52,15 @@ ARM_CHANNELS = 16
 @described
 @record
 class PlantParams:
-    """Parameters of one arm, any of which may vary from run to run. quantities.toml has ranges."""
+    """Parameters of one arm, all of which may vary from run to run. quantities.toml has their
+    ranges.
+    """
 
     actuators: drives.ActuatorParams
     brakes: drives.BrakeParams
     cable_stiffness: Vec  # N/m; ke
     cable_damping: Vec  # N s/m; be
-    cable_strength: Vec  # N; read where Setup.cables is not "unwatched"
+    cable_strength: Vec  # N; only used if Setup.cables is not "unwatched"
     link_coulomb: Vec  # N m; insertion N
     link_viscous: Vec  # N m s/rad; insertion N s/m
     stops: drives.StopParams
@@ -80,12 +82,14 @@ class PlantState:
     mvel: Vec  # rad/s
     jvel: Vec  # rad/s; insertion m/s
     brakes: drives.BrakeState
-    intact: Vec | None  # 1: whole, 0: the cable has parted; where Setup.cables is "break"
+    # 1: whole, 0: the cable is broken; only if Setup.cables is "break"
+    intact: Vec | None
     tick: Scalar  # ms, int32: counter of the noise
-    # joints at the reference counts with unstretched cables, rad; insertion m; constant in a run
+    # Joints at the reference counts with unstretched cables, rad; insertion m; constant in a run
     jpos_ref: Vec
     count_ref: Vec  # counts, int32, whole motor counts at the reference; constant in a run
-    # of the true arm; constant in a run; None: as its software believes
+    # Registration of the true arm; constant in a run; None: frame 0 is where the software assumes
+    # it
     frame: kinematic_errors.Registration | None
 
 
@@ -93,9 +97,10 @@ class PlantState:
 class PlantSignal:
     current_cmd: Vec  # DAC counts as written to USB, int32
     brakes: Scalar  # 1: brakes commanded on, int32 or bool
-    torque_scale: Vec  # 1, nominally 1.0: times each motor's constant
-    cable_scale: Vec  # 1, nominally 1.0: times stiffness and damping of each cable
-    friction_scale: Vec  # 1, nominally 1.0: times friction of each motor and link
+    torque_scale: Vec  # 1, nominally 1.0: factor on each motor's torque constant
+    # 1, nominally 1.0: factor on stiffness and damping of each cable
+    cable_scale: Vec
+    friction_scale: Vec  # 1, nominally 1.0: factor on friction of each motor and link
     external_torque: Vec  # N m; insertion N, nominally 0.0: load on each joint
 
 
@@ -107,15 +112,15 @@ class PlantOutput:
     mpos: Vec  # rad, of the motor shafts
     mvel: Vec  # rad/s
     stretch: Vec  # rad of motor angle
-    tension: Vec  # N, tension difference of each cable at rest in this stretch
-    # N, largest magnitude of each cable's tension difference in this tick, its damping included
+    tension: Vec  # N, static tension difference of each cable at this stretch
+    # N, largest magnitude of each cable's tension difference in this tick, with damping
     carried: Vec
-    brakes: Scalar  # 1: brakes grip, int32
-    touch: contact.Touch | None = None  # in this tick; where there is contact
+    brakes: Scalar  # 1: brakes are engaged, int32
+    touch: contact.Touch | None = None  # forces in this tick; only with contact
 
 
 def nominal_signal(current_cmd: Vec, brakes: Scalar) -> PlantSignal:
-    """A signal without any fault; the literal ones and zeros drop out of the traced code."""
+    """Return a signal without any fault; the literal ones and zeros drop out of the traced code."""
     one = Vec.full(N, 1.0)
     return PlantSignal(current_cmd, brakes, one, one, one, Vec.full(N, 0.0))
 
@@ -123,7 +128,8 @@ def nominal_signal(current_cmd: Vec, brakes: Scalar) -> PlantSignal:
 def params(
     setup: RavenSetup, arm: ArmName, parameter_set: str = parameter_sets.DEFAULT
 ) -> PlantParams:
-    """Documented values; `parameter_set` names one of `parameter_sets.Name`."""
+    """Return the documented values; `parameter_set` is one of `parameter_sets.Name`."""
+    # m/s2; magnitude of Li_DYN, direction of both Li_DYN and grav_comp.cpp
     return PlantParams(
         **parameter_sets.parameter_set(parameter_set)._asdict(),
         brakes=drives.BrakeParams(),
@@ -133,11 +139,9 @@ def params(
         cable_stiffness_scale=1.0,
         motor_constant_scale=1.0,
         mass_scale=1.0,
-        gravity=Vec(
-            (-9.81, 0.0, 0.0)
-        ),  # m/s2; magnitude of Li_DYN, direction of both Li_DYN and grav_comp.cpp
-        # Assumed where noise is drawn: an edge's jitter as large as a count's rounding, and one
-        # count of the DAC.
+        gravity=Vec((-9.81, 0.0, 0.0)),
+        # Assumed if noise is drawn: an edge's jitter as large as a count's rounding, and one count
+        # of the DAC.
         encoder_noise=12.0**-0.5 if setup.noise else 0.0,
         torque_noise=transmission.TORQUE_PER_COUNT[0] if setup.noise else 0.0,
         noise_key=np.uint32(0),
@@ -145,8 +149,10 @@ def params(
 
 
 def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> PlantState:
-    """At rest, brakes on, each cable stretched by its share of gravity. The software assumes the
-    links at `jpos0` (rad, m); kinematic errors may move them from there."""
+    """Return the state at rest, brakes on, each cable stretched by its share of gravity.
+
+    The software assumes the links at `jpos0` (rad, m); kinematic errors may move them from there.
+    """
     geometry, errors = _coupling(setup, arm, params), params.kinematic_errors
     dtype = setup.precision.real
     jpos0 = Vec(jnp.asarray(x, dtype) for x in jpos0)
@@ -194,10 +200,10 @@ def step(
     signal: PlantSignal,
     touched: contact.ContactParams | None = None,
 ) -> tuple[PlantState, PlantOutput]:
-    """One tick (1 ms, `setup.substeps` steps) under the DAC command just written; the next tick
-    reads `PlantOutput`.
+    """Compute one tick (1 ms, `setup.substeps` steps) under the DAC command just written.
 
-    touched: parameters of what the instrument touches; None: it touches nothing.
+    The next tick reads `PlantOutput`. touched: parameters of what the instrument touches; None: it
+    touches nothing.
     """
     under_way = _ArmTick(setup, arm, params, state, signal, touched)
     for _ in range(setup.substeps):
@@ -213,7 +219,7 @@ def step_all(
     signals: tuple[PlantSignal, ...],
     touched: contact.ContactParams | None,
 ) -> tuple[tuple[PlantState, PlantOutput], ...]:
-    """`step` of every arm. Two arms with contact touch tissue and each other.
+    """Compute `step` for every arm. Two arms with contact touch tissue and each other.
 
     The force between the two is solved with both arms' equations, so it is the same on both.
     """
@@ -264,9 +270,10 @@ class _ArmTick:
         return _jpos(self._geometry, self.state, self.setup.precision.real)
 
     def equations(self, pushed: Vec | None = None) -> tuple[tuple[Vec, ...], Vec]:
-        """A 7x7 system (its lower triangle) and its right side (N m, N), whose solution is the
-        speeds that the joints gain in the coming substep. pushed: load of the other instrument on
-        the joints.
+        """Return a 7x7 system (its lower triangle) and its right side (N m, N).
+
+        Its solution is the speeds that the joints gain in the coming substep. pushed: load of the
+        other instrument on the joints.
         """
         params, state, signal, dt = self.params, self.state, self.signal, self.dt
         motor = params.actuators
@@ -329,8 +336,9 @@ class _ArmTick:
         return tuple(Vec(row) for row in system), Vec(right)
 
     def move(self, gained: Vec, pressed: tuple[Vec, Scalar] | None = None) -> None:
-        """One substep, in which the joints gain these speeds (rad/s, m/s). pressed: direction and
-        size (N) of the other instrument's force.
+        """Compute one substep, in which the joints gain these speeds (rad/s, m/s).
+
+        pressed: direction and magnitude (N) of the other instrument's force.
         """
         state = self.state
         if self._tips:
@@ -366,7 +374,7 @@ class _ArmTick:
         self._carried.append(Vec(carried).map(jnp.abs))
 
     def end(self) -> tuple[PlantState, PlantOutput]:
-        """The state after the tick, and what can be seen of it."""
+        """Return the state after the tick, and its outputs."""
         dtype, state = self.setup.precision.real, self.state
         state = replace(
             state,
@@ -395,8 +403,9 @@ def observe(
     state: PlantState,
     cable_scale: Vec | None = None,
 ) -> PlantOutput:
-    """What can be seen of a state: encoders, and the truth. cable_scale: as in `PlantSignal`;
-    None: whole cables.
+    """Return the outputs of a state: encoders, and the true motion.
+
+    cable_scale: as in `PlantSignal`; None: whole cables.
     """
     scale = _whole(state, Vec.full(N, 1.0) if cable_scale is None else cable_scale)
     tension = Vec(
@@ -440,25 +449,28 @@ def observe(
 
 
 def tip(arm: ArmName, params: PlantParams, state: PlantState, jpos: Vec) -> Vec:
-    """True tip (3, m, registered frame 0) with the links at `jpos`, as in `PlantOutput`."""
+    """Return the true tip (3, m, registered frame 0) with the links at `jpos`, as in
+    `PlantOutput`.
+    """
     return kinematic_errors.tip(arm, params.kinematic_errors, state.frame, jpos)
 
 
 def _whole(state: PlantState, cable_scale: Vec) -> Vec:
-    """Share of each cable's stiffness and damping that is left; 0 of a cable that has parted."""
+    """Return the remaining share of each cable's stiffness and damping; 0 for a broken cable."""
     return cable_scale if state.intact is None else cable_scale.map(mul, state.intact)
 
 
 def _stiffness(params: PlantParams, i: int, scale: Scalar) -> Scalar:
-    """Stiffness of cable i, N/m; 0 where it is cut."""
+    """Return the stiffness of cable i, N/m; 0 if it is cut."""
     return mul(scale, params.cable_stiffness[i] * params.cable_stiffness_scale)
 
 
 def _drive(
     setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantState, signal: PlantSignal
 ) -> Vec:
-    """Motor torques (N m after gearbox, positive motor direction) of the DAC command, constant
-    over the tick.
+    """Return the motor torques of the DAC command, constant over the tick.
+
+    They are in N m after the gearbox, positive in motor direction.
     """
     motor = params.actuators
     signs = transmission.tau_signs(arm, _tool(setup, arm), setup.software)
@@ -490,7 +502,7 @@ def _coupling(setup: RavenSetup, arm: ArmName, params: PlantParams) -> Coupling:
 
 
 def _nominal_coupling(setup: RavenSetup, arm: ArmName) -> Coupling:
-    """The coupling that the software assumes."""
+    """Return the coupling that the software assumes."""
     return coupling(arm, _tool(setup, arm), setup.software)
 
 

@@ -1,1 +1,1 @@
-"""The control software driven alone."""
+"""The control software alone, driven from Python."""

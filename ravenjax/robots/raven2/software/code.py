@@ -1,4 +1,6 @@
-"""The control software as transitions, which are traced once for each setup; and what it wrote."""
+"""The control software as transitions, which are traced once for each setup, and the results of
+cycles.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,7 @@ ARITHMETICS = ("compiled", "interpreted")
 
 @dataclasses.dataclass(frozen=True)
 class Output:
-    """What one cycle wrote."""
+    """The output of one cycle."""
 
     dac: tuple[tuple[int, ...], ...]  # per arm 7 signed counts, as written to USB
     output_pins: int  # byte to the PLC: run level (bits 0, 1), FP (2), READY (3), watchdog (4)
@@ -35,23 +37,23 @@ class Output:
 
     @functools.cached_property
     def signals(self) -> control.ControlSignals:
-        """Everything that crossed the seams of the control software in this cycle."""
+        """All signals at the seams of the control software in this cycle."""
         return self._kind.read(self._row)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Outputs:
-    """What each of some cycles wrote."""
+    """The outputs of several cycles."""
 
     dac: np.ndarray  # [cycles, arms, 7] int32, signed counts, as written to USB
     output_pins: np.ndarray  # [cycles] int32, bytes to the PLC
-    # everything that crossed the seams of the control software, each number an array [cycles]
+    # All signals at the seams of the control software, each number an array [cycles]
     signals: control.ControlSignals
 
 
 @dataclasses.dataclass(frozen=True)
 class TransitionCode:
-    """Transitions of one setup by name, the kinds of their records, and how they are computed."""
+    """Transitions of one setup by name, the kinds of their records, and their arithmetic."""
 
     transitions: dict[str, StateTransition]
     kinds: dict[str, RecordKind]
@@ -59,8 +61,8 @@ class TransitionCode:
 
     @functools.cached_property
     def machine(self) -> TransitionMachine:
-        """Runs the transitions on this machine."""
-        # No campaign, but the folder where any compiled code is kept.
+        """The machine that runs the transitions on this computer."""
+        # Not a campaign: this is the folder in which any compiled code is cached.
         from ravenjax.campaign import compile_cache
 
         if self.arithmetic == "interpreted":
@@ -73,8 +75,10 @@ class TransitionCode:
 def code(
     setup: RavenSetup, params: RecordKind, state: RecordKind, arithmetic: str
 ) -> TransitionCode:
-    """The code of a setup whose parameters and state are of these kinds: "cycle" is one
-    millisecond, "receive" takes one packet that arrives before the last of a cycle.
+    """Return the code of a setup whose parameters and state are of these kinds.
+
+    Transition "cycle" is one millisecond. "receive" takes one packet that arrives before the last
+    packet of a cycle.
     """
     entering = row_kind(setup)
     shapes = params.shapes(), state.shapes(), entering.shapes()

@@ -5,8 +5,8 @@ pins out.
     output = software.step(encoders, packet=datagram, pins=0b11 << 6)
     output.dac[0], output.output_pins, output.signals.runlevel
 
-Put your own plant or hardware behind it. It is the tick's own control software, evaluated in the
-original's mixed arithmetic (float32 stored, float64 in between), in the original's order
+Connect your own plant or hardware to it. It is the control software of the tick, evaluated in the
+original's mixed arithmetic (float32 stored, float64 in between) and in the original's order
 (`original.evaluation`): every number equals the original's. It runs compiled, or one operation at a
 time in Python, with the same bits (`engines.cpu.transition`).
 """
@@ -43,17 +43,17 @@ Datagram = bytes | bytearray | memoryview
 
 
 class ControlSoftware:
-    """Raven-II control software, one `step` a millisecond.
+    """Raven-II control software that runs one millisecond per `step`.
 
-    It starts as if homing had just completed, in cartesian mode: raven2 in run level 0, waiting for
-    the PLC; the 2015 fork in pedal-down, for its simulator builds have no PLC. Arms are in
-    mechanism order, gold first; joints in the order shoulder, elbow, insertion, tool_roll, wrist,
-    grasp1, grasp2.
+    It starts as if homing had just completed, in cartesian mode. raven2 starts in run level 0 and
+    waits for the PLC. The 2015 fork starts in pedal-down, because its simulator builds have no PLC.
+    Arms are in mechanism order, gold first. Joints are in the order shoulder, elbow, insertion,
+    tool_roll, wrist, grasp1, grasp2.
 
-    It starts at the home pose, or where `jpos`, `encoders` or `state` say; then the first
-    pedal-down asks for what is there. Give one of them for a robot that stands elsewhere: its jaws
-    would jump to the opening of the home pose, as the original takes over a measured opening only
-    where it is more than 45 deg off.
+    It starts at the home pose, or at the pose that `jpos`, `encoders` or `state` give. The first
+    pedal-down then commands the present pose. Give one of them for a robot in another pose.
+    Otherwise its jaws would jump to the opening of the home pose, because the original takes over a
+    measured opening only if it is more than 45 deg off.
     """
 
     def __init__(
@@ -73,15 +73,18 @@ class ControlSoftware:
         state: control.ControlState | None = None,
         arithmetic: Literal["compiled", "interpreted"] = "compiled",
     ) -> None:
-        """`tools`: one per arm, the software's own if left out. `level`: an overdrive level
-        ("beginner", "moderate", "advanced", "fork2015"). `enc_offset`: encoder counts at motor
-        angle 0, a number, [7] or [arms, 7]. `runlevel`: the one to start in, 0 to 3. `params`:
-        changes any other parameter. `precision`: other widths than the original's.
+        """Prepare the control software in its start state.
 
-        One of these says where it starts: `jpos`, joints [arms, 7] in rad and m, taken to the
-        nearest encoder counts; `encoders`, counts [arms, 7] as `step` takes them; `state`, the
-        `state` of another one, which it continues to the bit. `arithmetic`: "interpreted" gives the
-        same bits, 100 times slower. Raises UserError."""
+        `tools`: one per arm, by default the software's own. `level`: an overdrive level
+        ("beginner", "moderate", "advanced", "fork2015"). `enc_offset`: encoder counts at motor
+        angle 0, a number, [7] or [arms, 7]. `runlevel`: the run level at the start, 0 to 3.
+        `params`: changes any other parameter. `precision`: number widths other than the original's.
+
+        At most one of these gives the start. `jpos`: joints [arms, 7] in rad and m, rounded to
+        encoder counts. `encoders`: counts [arms, 7] as for `step`. `state`: the `state` of another
+        instance, which is continued bit for bit. `arithmetic`: "interpreted" gives the same bits,
+        100 times slower. Raises UserError.
+        """
         checked.known("software", software, DEFAULT_TOOLS)
         checked.known("policy", policy, overdrive.POLICIES)
         checked.known("console", console, SIZE_BYTES)
@@ -116,7 +119,7 @@ class ControlSoftware:
             self.params = _parameters(
                 setup, level, policy, np.broadcast_to(offsets, (len(names), 7))
             )
-            """What is set in it."""
+            """The present parameters."""
             if params is not None:
                 self.params = _changed(self.params, params)
             initial = control.init(setup, runlevel=runlevel)
@@ -137,7 +140,7 @@ class ControlSoftware:
         self._take_memory(initial)
 
     def _take_memory(self, initial: control.ControlState) -> None:
-        """Take memory for the state and for one cycle's rows."""
+        """Allocate memory for the state and for one cycle's rows."""
         kinds = self.code.kinds
         self._state, self._row = kinds["state"].row(initial), InputRows(self.setup)
         self._out = buffer(1, kinds["signals"].layout.bytes)
@@ -155,14 +158,14 @@ class ControlSoftware:
         pins: int | Sequence[int] = 0,
         read_ok: bool | Sequence[bool] = True,
     ) -> Output:
-        """One 1 ms cycle.
+        """Run one 1 ms cycle.
 
-        `encoders`: [arms, 7] counts as unpacked from USB, integers; an int32 array is the quickest.
-        `packet`: what arrived since the last cycle, 124-byte ITP datagrams (shorter ones are
-        dropped, as the robot does) or `Packet`s. `pins`: input byte of each board (one number: of
-        all), bits 7..6 the PLC's run level. `read_ok`: whether each board's read succeeded; where
-        not, its last encoders and pins are used again. UserError names the argument that is wrong;
-        nothing has happened then.
+        `encoders`: [arms, 7] counts as unpacked from USB, integers; an int32 array is the fastest.
+        `packet`: packets since the last cycle, as 124-byte ITP datagrams (shorter ones are dropped,
+        as in the robot) or `Packet`s. `pins`: input byte of each board (one number: for all
+        boards); bits 7..6 are the PLC's run level. `read_ok`: whether each board's read succeeded;
+        after a failed read the board's last encoders and pins are used again. Raises UserError,
+        which names the wrong argument; the state is then unchanged.
         """
         row, arms = self._row, len(self.setup.arms)
         counts = checked.counts("encoders", encoders, arms)
@@ -181,13 +184,14 @@ class ControlSoftware:
     def run(
         self, encoders: Any, packets: Any = None, pins: Any = 0, read_ok: Any = True
     ) -> Outputs:
-        """Many 1 ms cycles in one call: the same as a `step` for each, and quicker.
+        """Run many 1 ms cycles in one call, which is faster than a `step` for each and gives the
+        same results.
 
-        `encoders`: [cycles, arms, 7] counts. `packets`: a list with one entry a cycle, each as
-        `step` takes it; None: no packets. `pins` and `read_ok`: one of all, [cycles] or [cycles,
+        `encoders`: [cycles, arms, 7] counts. `packets`: a list with one entry per cycle, each as
+        for `step`; None: no packets. `pins` and `read_ok`: one value for all, [cycles] or [cycles,
         arms]. Returns `dac` [cycles, arms, 7], `output_pins` [cycles] and `signals`, whose numbers
-        are arrays [cycles]: half a kilobyte a cycle and arm. UserError names the argument that is
-        wrong; nothing has happened then.
+        are arrays [cycles]: half a kilobyte per cycle and arm. Raises UserError, which names the
+        wrong argument; the state is then unchanged.
         """
         arms = len(self.setup.arms)
         counts = checked.counts("encoders", encoders, arms, many=True)
@@ -223,7 +227,7 @@ class ControlSoftware:
         return Outputs(np.stack(dac, axis=1), signals.pins_out, signals)
 
     def __copy__(self) -> ControlSoftware:
-        """Another one in the same state, which goes its own way."""
+        """Return a copy in the same state that runs independently."""
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__)
         other._take_memory(self.state)
@@ -234,13 +238,11 @@ class ControlSoftware:
 
     @property
     def state(self) -> control.ControlState:
-        """Everything the software remembers, the checks' histories among it; another one may
-        start with it.
-        """
+        """The whole state, with the checks' histories; another instance may start with it."""
         return self.code.kinds["state"].read(self._state)
 
     def _receive_all(self, packets: Sequence[Datagram | Packet | None]) -> None:
-        """Take packets that arrive before the last of a cycle."""
+        """Take packets that arrive before the last packet of a cycle."""
         for packet in packets:
             self._row.enter(packet)
             self._receive()
@@ -269,7 +271,7 @@ class ControlSoftware:
 def _parameters(
     setup: RavenSetup, level: str | None, policy: str, offsets: np.ndarray
 ) -> control.ControlParams:
-    """The software's parameters, with those that have an argument replaced."""
+    """Return the software's parameters, with those replaced that have an argument."""
     own = control.params(setup)
     return replace(
         own,
@@ -282,7 +284,7 @@ def _parameters(
 
 
 def _changed(own: control.ControlParams, change: Any) -> control.ControlParams:
-    """The parameters as `change` returns them, each number in its own type."""
+    """Return the parameters that `change` returns, each number in its own type."""
     if not callable(change):
         raise UserError(
             f"params is {shown(change)}, expected a function that takes the ControlParams and"

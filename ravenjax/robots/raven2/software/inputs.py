@@ -1,5 +1,6 @@
-"""Checks the arguments of `ControlSoftware` and `VirtualRobot`. Each error names the argument, what
-was got and what is expected.
+"""Checks the arguments of `ControlSoftware` and `VirtualRobot`.
+
+Each error names the argument, the value it got, and what is expected.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ Shape = tuple[int | None, ...]
 
 
 def known(what: str, word: Any, words: Iterable[str]) -> Any:
-    """The word, if it is one of `words`."""
+    """Return the word if it is one of `words`. Raises UserError otherwise."""
     words = list(words)
     if not isinstance(word, str) or word not in words:
         raise UserError(
@@ -35,7 +36,7 @@ def known(what: str, word: Any, words: Iterable[str]) -> Any:
 
 
 def arm_names(given: Any) -> tuple[Any, ...]:
-    """The arms, each once, in mechanism order."""
+    """Return the arms, each once, in mechanism order."""
     expected = f"expected a list of {' and '.join(ARMS)}, each at most once, {ARMS[0]} first"
     if isinstance(given, str | bytes) or not isinstance(given, Iterable):
         raise UserError(f"arms is {shown(given)}, {expected}; write arms=['{ARMS[0]}'] for one arm")
@@ -46,7 +47,7 @@ def arm_names(given: Any) -> tuple[Any, ...]:
 
 
 def tool_names(given: Any, arms: Sequence[str], software: str) -> tuple[str, ...]:
-    """One tool per arm; None: the software's own."""
+    """Return one tool per arm; None gives the software's own tools."""
     if given is None:
         return tuple(DEFAULT_TOOLS[software][arm] for arm in arms)
     if isinstance(given, str | bytes) or not isinstance(given, Iterable):
@@ -62,7 +63,7 @@ def tool_names(given: Any, arms: Sequence[str], software: str) -> tuple[str, ...
 
 
 def whole(what: str, given: Any, low: int, high: int) -> int:
-    """A whole number from `low` to `high`, and no truth value."""
+    """Return a whole number from `low` to `high`; truth values are refused."""
     try:
         number = operator.index(given)
     except TypeError:
@@ -73,7 +74,7 @@ def whole(what: str, given: Any, low: int, high: int) -> int:
 
 
 def flag(what: str, given: Any) -> int:
-    """0 or 1."""
+    """Return 0 or 1."""
     if not isinstance(given, bool | np.bool_ | int | np.integer) or given not in (0, 1):
         raise UserError(f"{what} is {shown(given)}, expected True or False")
     return int(given)
@@ -82,12 +83,13 @@ def flag(what: str, given: Any) -> int:
 def counts(
     what: str, given: Any, arms: int, many: bool = False, repeated: bool = False
 ) -> np.ndarray:
-    """Whole numbers of 32 bits [arms, 7]; many: [cycles, arms, 7]; repeated: or one number, or 7,
-    for all of them.
+    """Return whole numbers of 32 bits [arms, 7].
+
+    many: [cycles, arms, 7]; repeated: one number, or 7, are accepted for all.
     """
     is_plain = type(given) is np.ndarray and given.dtype == np.int32 and not many
     if is_plain and given.shape == (arms, 7):
-        return given  # at once: a robot's clock ticks
+        return given  # returned early, because a robot's clock ticks
     shapes: dict[str, Shape] = {"[arms, 7]": (arms, 7)}
     if many:
         shapes = {"[cycles, arms, 7]": (None, arms, 7)}
@@ -99,8 +101,10 @@ def counts(
 def per_board(
     what: str, given: Any, arms: int, highest: int, cycles: int | None = None
 ) -> np.ndarray:
-    """Whole numbers 0 to `highest` (1: or truth values): one for all boards or one an arm. cycles:
-    one for all, [cycles, 1] or [cycles, arms].
+    """Return whole numbers 0 to `highest` (1: also truth values), one for all boards or one per
+    arm.
+
+    cycles: one for all, [cycles, 1] or [cycles, arms].
     """
     if type(given) in (int, bool) and 0 <= given <= highest and (highest == 1 or given is not True):
         return np.asarray(given, np.int32)
@@ -114,7 +118,7 @@ def per_board(
 def _wholes(
     what: str, given: Any, shapes: Mapping[str, Shape], limits: tuple[int, int]
 ) -> np.ndarray:
-    """An array of whole numbers, of one of `shapes`, in which None is any length."""
+    """Return an array of whole numbers with one of `shapes`, in which None is any length."""
     array = _array(what, given, shapes, "iub" if limits == (0, 1) else "iu", "integers")
     low, high = limits
     if array.size and (array.min() < low or array.max() > high):
@@ -160,7 +164,7 @@ def _array(
 
 
 def joints(what: str, given: Any, arms: int) -> list[list[float]]:
-    """[arms, 7] joint positions, rad and m, anywhere within a turn and within a metre."""
+    """Return [arms, 7] joint positions, rad and m, anywhere within a turn and within a metre."""
     array = _array(what, given, {"[arms, 7]": (arms, 7)}, "iuf", "numbers in rad and m")
     angle, travel = limits.position("position of the joint")
     for place, value in np.ndenumerate(array):
@@ -175,7 +179,7 @@ def joints(what: str, given: Any, arms: int) -> list[list[float]]:
 
 
 def packet(setup: RavenSetup, given: Packet) -> Packet:
-    """A packet's numbers; quaternions may hold any number, NaN among them, as a datagram may."""
+    """Return a packet's numbers; quaternions may hold any number, also NaN, as in a datagram."""
     sequence = whole("packet.sequence", given.sequence, INT32[0], 2**32 - 1)
     plain = dataclasses.replace(
         given,
@@ -187,7 +191,7 @@ def packet(setup: RavenSetup, given: Packet) -> Packet:
 
 
 def record_like(what: str, given: Any, example: Any, finite: bool = False) -> Any:
-    """A record of the structure of `example`, each number checked and in its own type."""
+    """Return a record of the structure of `example`, each number checked and in its own type."""
     if dataclasses.is_dataclass(example):
         kind: Any = type(example)
         if type(given) is not kind:

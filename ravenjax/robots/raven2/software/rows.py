@@ -1,7 +1,6 @@
-"""What enters the control software in one cycle, as a row of bytes that compiled code reads where
-it stands.
+"""Inputs of the control software in one cycle, as a row of bytes that compiled code reads in place.
 
-A datagram stands in it as it came over the wire, and is not unpacked.
+A datagram is stored in it as it came over the wire, and is not unpacked.
 """
 
 from __future__ import annotations
@@ -30,15 +29,17 @@ from ravenjax.robots.raven2.stages.usb import UsbIn
 
 
 def row_type(setup: RavenSetup) -> np.dtype:
-    """One row; quaternions in the width that they are evaluated in, which is a datagram's own in
-    the original.
+    """Return the type of one row.
+
+    Quaternions have the width in which they are evaluated, which in the original is that of a
+    datagram.
     """
     arms, wide = len(setup.arms), np.dtype(setup.precision.wide)
     fields: list[Any] = [
         (name, wide if name in TURNS else dtype, *shape) for name, dtype, *shape in U_STRUCT.descr
     ]
     row: list[Any] = [
-        ("size", "<i4"),  # before the packet: aligns the quaternions
+        ("size", "<i4"),  # before the packet, which aligns the quaternions
         ("packet", fields),
         ("received", "<i4"),
         ("enc_val", "<i4", (arms, 7)),
@@ -50,7 +51,7 @@ def row_type(setup: RavenSetup) -> np.dtype:
 
 
 def row_kind(setup: RavenSetup) -> RecordKind:
-    """The record of a row, and where its numbers stand."""
+    """Return the record of a row, and the offsets of its numbers."""
     row, slots = row_type(setup), [ARMS.index(arm) for arm in setup.arms]
     place = _places(row)
     packet = place["packet"]
@@ -76,7 +77,7 @@ def row_kind(setup: RavenSetup) -> RecordKind:
 
 
 def _places(dtype: np.dtype, start: int = 0) -> Any:
-    """Offset of each number of a type, by the names of its fields."""
+    """Return the offset of each number of a type, by the names of its fields."""
     if dtype.fields:
         return {name: _places(field[0], start + field[1]) for name, field in dtype.fields.items()}
     return start + dtype.base.itemsize * np.arange(np.prod(dtype.shape, dtype=int)).reshape(
@@ -85,7 +86,7 @@ def _places(dtype: np.dtype, start: int = 0) -> Any:
 
 
 class InputRows:
-    """Rows of some cycles, to be filled: each wholly, before it is used."""
+    """Rows of several cycles, to be filled; each must be filled completely before it is used."""
 
     def __init__(self, setup: RavenSetup, cycles: int = 1) -> None:
         self.setup, dtype = setup, row_type(setup)
@@ -103,7 +104,7 @@ class InputRows:
     def enter(self, packet: bytes | bytearray | memoryview | Packet | None, cycle: int = 0) -> None:
         """Write what arrives in a cycle: a datagram of any length, a checked packet, or nothing.
 
-        The missing end of a short datagram reads 0; the software drops it.
+        The missing end of a short datagram is 0; the software drops such a datagram.
         """
         if packet is None:
             self._packets[cycle] = self._still

@@ -1,10 +1,10 @@
-"""Where the control software starts: a state that stands at given encoder counts.
+"""Start state of the control software at given encoder counts.
 
-Homing is not simulated. The state at a pose is that of the original after an
-E-stop in that pose: measured pose, desired pose and accumulators are equal. The first pedal-down
-then asks for the present pose. One number may differ from the original's: the accumulated jaw
-opening, which it resets only where it is more than 45 deg off (raven2: local_io.cpp). After homing
-in that pose the two agree.
+Homing is not simulated. The state at a pose is that of the original after an E-stop in that pose:
+measured pose, desired pose and accumulators are equal. The first pedal-down therefore commands the
+present pose. One number may differ from the original's: the accumulated jaw opening, which the
+original resets only if it is more than 45 deg off (raven2: local_io.cpp). After homing in that pose
+the two agree.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ravenjax.robots.raven2.stages.estimator import RAD_PER_COUNT
 def encoders_at(
     setup: RavenSetup, params: control.ControlParams, jpos: Sequence[Sequence[float]]
 ) -> list[list[int]]:
-    """The counts [arms, 7] nearest to joints [arms, 7], rad and m."""
+    """Return the counts [arms, 7] nearest to joints [arms, 7], rad and m."""
 
     counts = []
     for arm, tool, estimator, joints in zip(
@@ -42,7 +42,7 @@ def encoders_at(
 
 
 def in_e_stop(state: control.ControlState) -> control.ControlState:
-    """The same state in E-stop."""
+    """Return the same state in E-stop."""
     machine = replace(state.state_machine, runlevel=np.int32(run_levels.E_STOP))
     return replace(state, state_machine=machine)
 
@@ -50,8 +50,9 @@ def in_e_stop(state: control.ControlState) -> control.ControlState:
 def standing(
     state: control.ControlState, after: control.ControlState, signals: control.ControlSignals
 ) -> control.ControlState:
-    """`state`, with the arms at rest where they were measured in one cycle in E-stop. That cycle
-    left `after` and `signals`.
+    """Return `state` with the arms at rest where they were measured in one cycle in E-stop.
+
+    after, signals: state and signals after that cycle.
     """
     places = [arm.pos for arm in after.cartesian]
     return replace(

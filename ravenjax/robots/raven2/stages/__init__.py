@@ -1,1 +1,1 @@
-"""The control software and the PLC: one stage a file, named as the robot names it."""
+"""The control software and the PLC: one stage per file, with the robot's name for the stage."""

@@ -1,9 +1,9 @@
 """Cartesian control: measured tip pose, desired tip pose, inverse kinematics with joint limits ->
 jpos_d.
 
-raven2: r2_kinematics.cpp, rt_raven.cpp. Arms are solved in mechanism order; where one has no
-acceptable solution, it and those after it keep their last jpos_d, without any stop. A target beyond
-a joint limit is clamped, and the desired pose becomes that of the clamped joints.
+raven2: r2_kinematics.cpp, rt_raven.cpp. Arms are solved in mechanism order. If an arm has no
+acceptable solution, it and the arms after it keep their last jpos_d, and nothing stops. A target
+beyond a joint limit is clamped, and the desired pose becomes that of the clamped joints.
 """
 
 from __future__ import annotations
@@ -31,13 +31,12 @@ from ravenjax.stages.check import CheckHistory
 class Arm:
     """One arm's poses and joint targets."""
 
-    pos: StoredPose  # measured in the last cycle
+    pos: StoredPose  # pose measured in the last cycle
     pos_d: StoredPose
     jpos_d: Vec  # 7, rad and m, held while inverse kinematics rejects
     ik_reject: CheckHistory  # margin: pi minus the cost of the best solution
-    joint_limit: (
-        CheckHistory  # margin: distance to the nearer limit as a fraction of the joint's range
-    )
+    # margin: distance to the nearer limit as a fraction of the joint's range
+    joint_limit: CheckHistory
 
 
 State = tuple[Arm, ...]
@@ -47,16 +46,14 @@ State = tuple[Arm, ...]
 class CartesianParams:
     """Software joint limits, the same for every arm, as float32 numbers."""
 
-    lower: Annotated[
-        Vec, limits.position("lower soft limit of the joint in the control software")
-    ]  # 5: no jaws
-    upper: Annotated[
-        Vec, limits.position("upper soft limit of the joint in the control software")
-    ]  # 5: no jaws
+    # 5: without the jaws
+    lower: Annotated[Vec, limits.position("lower soft limit of the joint in the control software")]
+    # 5: without the jaws
+    upper: Annotated[Vec, limits.position("upper soft limit of the joint in the control software")]
 
 
 def params(setup: RavenSetup) -> CartesianParams:
-    """The software's own limits: those of the first mechanism's tool serve every arm."""
+    """Return the software's own limits: those of the first mechanism's tool apply to every arm."""
     number = np.dtype(setup.precision.wide).type
     ranges, _ = joint_limits(setup)
     return CartesianParams(
@@ -65,7 +62,7 @@ def params(setup: RavenSetup) -> CartesianParams:
 
 
 def init(setup: RavenSetup, jpos: tuple[Vec, ...]) -> State:
-    """At rest at `jpos`, wanting to stay there."""
+    """Return the state of a robot at rest at `jpos`, with this pose as the desired one."""
     number = np.dtype(setup.precision.narrow).type
 
     def at_rest(i: int, arm: ArmName) -> Arm:
@@ -77,8 +74,9 @@ def init(setup: RavenSetup, jpos: tuple[Vec, ...]) -> State:
 
 
 def measure(setup: RavenSetup, arm: ArmName, jpos: Vec) -> StoredPose:
-    """Pose of the tip at measured joints, as stored. The jaws' difference and sum are rounded
-    before they are used.
+    """Return the pose of the tip at measured joints, as stored.
+
+    The jaws' difference and sum are rounded before they are used.
     """
     pose = evaluation(setup).forward(arm, wide(setup, jpos), _yaw(setup, jpos))
     return stored_pose.store(setup, pose, to_int32((jpos[5] + jpos[6]) * 1000.0))
@@ -89,18 +87,20 @@ def _yaw(setup: RavenSetup, jpos: Vec) -> Scalar:
 
 
 def _reference(setup: RavenSetup, jpos: Vec) -> Vec:
-    """Measured joints from which solutions are judged, with jaws that give the rounded yaw."""
+    """Return the measured joints from which solutions are judged, with jaws that give the rounded
+    yaw.
+    """
     yaw = _yaw(setup, jpos)
     return Vec((*wide(setup, Vec(jpos[:5])), -yaw, yaw))
 
 
 def follow(state: State, condition: Scalar) -> State:
-    """Where `condition`, the desired poses become those last measured."""
+    """Return the state in which the desired poses are those last measured, if `condition` holds."""
     return tuple(replace(arm, pos_d=where(condition, arm.pos, arm.pos_d)) for arm in state)
 
 
 def sense(setup: RavenSetup, state: State, jpos: tuple[Vec, ...]) -> State:
-    """Enter this cycle's measured poses."""
+    """Store this cycle's measured poses."""
     return per_arm(setup, lambda i, arm: replace(state[i], pos=measure(setup, arm, jpos[i])))
 
 
@@ -112,8 +112,9 @@ def solve(
     active: Scalar,
     jpos: tuple[Vec, ...],
 ) -> tuple[State, Scalar]:
-    """Inverse kinematics of all arms where `active`; returns the state and whether any target
-    was clamped (bool).
+    """Solve the inverse kinematics of all arms if `active`.
+
+    Returns the state, and whether any target was clamped (bool).
     """
     forward, inverse, *_ = evaluation(setup)
     proceed = active
@@ -153,8 +154,11 @@ def solve(
 def _clamp(
     setup: RavenSetup, params: CartesianParams, jpos: Vec, yaw: Scalar
 ) -> tuple[Vec, Scalar, Scalar]:
-    """Shoulder to wrist within their software limits and yaw above its lower one; whether any was
-    at or beyond its limit; the smallest distance to one, as a fraction of the joint's range."""
+    """Clamp shoulder to wrist to their software limits, and the yaw to its lower limit.
+
+    Returns the joints; whether any was at or beyond its limit; and the smallest distance to a
+    limit, as a fraction of the joint's range.
+    """
     values, at_limit, spares = [], [], []
     _, lowest_yaw = joint_limits(setup)
     for value, low, high in zip(jpos[:5], params.lower, params.upper, strict=True):

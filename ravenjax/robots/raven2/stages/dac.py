@@ -1,5 +1,6 @@
-"""Torque to DAC (raven2: t_to_DAC_val.cpp, utils.cpp): float32, truncated toward zero, saturated
-to 16 bits.
+"""Converts torque to DAC counts: float32, truncated toward zero, saturated to 16 bits.
+
+raven2: t_to_DAC_val.cpp, utils.cpp.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ HIGHEST, LOWEST = 32767, -32768
 def step(
     setup: RavenSetup, arm: ArmName, tool: str, tau_d: Vec, enabled: Scalar, otherwise: Vec
 ) -> Vec:
-    """DAC counts (7 int32) of capstan torques (N m) where `enabled`, elsewhere `otherwise`."""
+    """Return DAC counts (7 int32) of capstan torques (N m) if `enabled`, else `otherwise`."""
     amps = stored.amps_per_torque(arm, tool, setup.software)
 
     def command(i: int) -> Scalar:
@@ -28,7 +29,7 @@ def step(
 
 
 def stored_counts(counts: Vec, enabled: Scalar, otherwise: Vec) -> Vec:
-    """Counts (7 int32) saturated to 16 bits where `enabled`, elsewhere `otherwise`."""
+    """Return counts (7 int32) saturated to 16 bits if `enabled`, else `otherwise`."""
     return counts.map(lambda count, rest: _stored(count, enabled, rest), otherwise)
 
 

@@ -1,7 +1,8 @@
-"""Estimator: motor positions and velocities from encoder counts, joints by forward cable coupling.
+"""Estimates motor positions and velocities from encoder counts, and joints by forward cable
+coupling.
 
-raven2: state_estimate.cpp, fwd_cable_coupling.cpp. raven2 differentiates the raw counts; the 2015
-fork differentiates them after a third-order Butterworth low-pass of 120 Hz.
+raven2: state_estimate.cpp, fwd_cable_coupling.cpp. raven2 differentiates the raw counts. The 2015
+fork first filters them by a third-order Butterworth low-pass of 120 Hz.
 """
 
 from __future__ import annotations
@@ -22,7 +23,10 @@ RAD_PER_COUNT = 2.0 * stored.PI * (1.0 / transmission.ENCODER_COUNTS)
 
 LOW_PASS_INPUT = (0.02864, 0.08591, 0.08591, 0.02864)
 LOW_PASS_OUTPUT = (1.5189, -0.9600, 0.2120)
-"""Butterworth, 120 Hz at 1 kHz, on x[k]..x[k-3] and y[k-1]..y[k-3]; raven2: state_estimate.cpp."""
+"""Butterworth low-pass, 120 Hz at 1 kHz: coefficients on x[k]..x[k-3] and on y[k-1]..y[k-3].
+
+Source: raven2 state_estimate.cpp.
+"""
 
 
 @record
@@ -43,21 +47,19 @@ class EstimatorParams:
 @record
 class EstimatorState:
     started: Scalar  # int32 flag; the first sample fills the history
-    inputs: tuple[
-        Vec, ...
-    ]  # latest first: unfiltered motor angles, rad; one of them in raven2, three in the fork
-    outputs: tuple[
-        Vec, ...
-    ]  # latest first: filtered motor angles, rad; none in raven2, three in the fork
+    # unfiltered motor angles, rad, latest first; one of them in raven2, three in the fork
+    inputs: tuple[Vec, ...]
+    # filtered motor angles, rad, latest first; none in raven2, three in the fork
+    outputs: tuple[Vec, ...]
 
 
 def params(setup: RavenSetup, arm: ArmName) -> EstimatorParams:
-    """Encoders that read 0 at motor angle 0."""
+    """Return the parameters of encoders that read 0 at motor angle 0."""
     return EstimatorParams(Vec.full(7, np.int32(0)))
 
 
 def init(setup: RavenSetup) -> EstimatorState:
-    """No sample yet."""
+    """Return the state before the first sample."""
     zero = Vec.full(7, np.dtype(setup.precision.narrow).type(0.0))
     inputs, outputs = (1, 0) if setup.software == "raven2" else (3, 3)
     return EstimatorState(np.int32(0), (zero,) * inputs, (zero,) * outputs)
@@ -71,7 +73,7 @@ def step(
     state: EstimatorState,
     enc_val: Vec,
 ) -> tuple[EstimatorState, Vec, Vec]:
-    """One sample of one arm; returns the state, mpos (rad) and mvel (rad/s)."""
+    """Process one sample of one arm. Return the state, mpos (rad) and mvel (rad/s)."""
     signs = transmission.encoder_signs(arm, tool, setup.software)
     counts = narrow(setup, enc_val) * signs
     angle = narrow(setup, RAD_PER_COUNT * wide(setup, counts - narrow(setup, params.enc_offset)))
@@ -97,8 +99,11 @@ def step(
 
 
 def joints(setup: RavenSetup, arm: ArmName, tool: str, mpos: Vec) -> Vec:
-    """Joint positions (rad, m). Products with a reciprocal ratio and sums in the wide type,
-    products of a coupling constant and a rounded joint in the narrow one, one rounding per joint.
+    """Return joint positions (rad, m).
+
+    Products with a reciprocal ratio, and sums, are computed in the wide type. Products of a
+    coupling constant and a rounded joint are computed in the narrow type. Each joint is rounded
+    once.
     """
     per, kappa = stored.TR.map(lambda ratio: 1.0 / ratio), stored.wrist_coupling(tool)
     signs = transmission.coupling_signs(arm, tool, setup.software)
@@ -126,8 +131,9 @@ def joints(setup: RavenSetup, arm: ArmName, tool: str, mpos: Vec) -> Vec:
 
 
 def joint_velocities(setup: RavenSetup, mvel: Vec) -> Vec:
-    """Joint velocities (rad/s, m/s): without coupling, and 0 for the tool joints, as the
-    original leaves them.
+    """Return joint velocities (rad/s, m/s).
+
+    As in the original they are without coupling, and 0 for the tool joints.
     """
     zero = narrow(setup, 0.0)
     return Vec((*(mvel[i] / stored.TR[i] for i in range(3)), *(zero,) * 4))

@@ -27,22 +27,19 @@ def _gain(unit: str, meaning: str) -> Quantity:
 
 @record
 class MotorControlParams:
-    """Of seven motors: gains on their angles, of torque after the gearbox. No integral clamp and
-    no anti-windup.
+    """Gains of seven motors, from motor angle to torque after the gearbox.
+
+    There is no integral clamp and no anti-windup.
     """
 
-    kp: Annotated[
-        Vec, _gain("N m/rad", "proportional gain of the motor controller")
-    ]  # raven2: params/r2params.yaml
-    kd: Annotated[
-        Vec, _gain("N m s/rad", "derivative gain of the motor controller")
-    ]  # the same file
-    ki: Annotated[
-        Vec, _gain("N m/(rad s)", "integral gain of the motor controller")
-    ]  # the same file
-    mvel_d: Annotated[
-        Vec, Quantity("rad/s", -1e4, 1e4, "desired motor velocity, 0 in raven2")
-    ]  # where nothing sets it
+    # raven2: params/r2params.yaml
+    kp: Annotated[Vec, _gain("N m/rad", "proportional gain of the motor controller")]
+    # raven2: params/r2params.yaml
+    kd: Annotated[Vec, _gain("N m s/rad", "derivative gain of the motor controller")]
+    # raven2: params/r2params.yaml
+    ki: Annotated[Vec, _gain("N m/(rad s)", "integral gain of the motor controller")]
+    # default of the original
+    mvel_d: Annotated[Vec, Quantity("rad/s", -1e4, 1e4, "desired motor velocity, 0 in raven2")]
 
 
 @record
@@ -54,7 +51,7 @@ class MotorControlState:
 
 
 def params(setup: RavenSetup, arm: ArmName) -> MotorControlParams:
-    """The gains of the robot's parameter file."""
+    """Return the gains of the robot's parameter file."""
     fork = setup.software == "fork2015"
     jaw_kp, jaw_ki = (0.02, 0.0) if fork else (0.05, 0.05)
     damping = 0.012 if arm == "gold" else 0.010
@@ -72,12 +69,11 @@ def params(setup: RavenSetup, arm: ArmName) -> MotorControlParams:
 
 
 def init(setup: RavenSetup, arm: ArmName, tool: str, jpos: Vec) -> MotorControlState:
-    """At rest on `jpos`, nothing integrated."""
+    """Return the state of an arm at rest at `jpos`, with zero integrals."""
     number = np.dtype(setup.precision.narrow).type
     rest, zero = Vec(number(float(j)) for j in jpos), number(0.0)
-    positioning = targets(
-        setup, arm, tool, rest, Vec.full(7, zero)
-    )  # the tool motors then follow the insertion motor
+    # the tool motors then follow the insertion motor
+    positioning = targets(setup, arm, tool, rest, Vec.full(7, zero))
     motors = targets(setup, arm, tool, rest, positioning)
     return MotorControlState(
         motors.map(number), Vec.full(7, zero), Vec.full(7, zero), Vec.full(3, zero)
@@ -85,8 +81,10 @@ def init(setup: RavenSetup, arm: ArmName, tool: str, jpos: Vec) -> MotorControlS
 
 
 def targets(setup: RavenSetup, arm: ArmName, tool: str, jpos_d: Vec, mpos: Vec) -> Vec:
-    """Desired motor positions (rad): joints' shares narrow, the *measured* insertion motor's
-    share wide.
+    """Return desired motor positions (rad).
+
+    The joints' contributions are computed in the narrow type, that of the *measured* insertion
+    motor in the wide type.
     """
     ratio, kappa = stored.TR, stored.wrist_coupling(tool)
     signs = transmission.coupling_signs(arm, tool, setup.software)
@@ -123,10 +121,10 @@ def torques(
     mpos_d: Vec,
     measured: tuple[Vec, Vec, Vec],
 ) -> MotorControlState:
-    """Capstan torques of one arm; `measured` is (jpos, mpos, mvel).
+    """Return the state with the capstan torques of one arm; `measured` is (jpos, mpos, mvel).
 
-    PID in pedal-down (also while soft-E-stopped: only the DAC is zeroed then), plus gravity
-    wherever `active` (run level 2 and above); below that everything keeps its last value.
+    The PID acts in pedal-down, also during a soft E-stop, which only sets the DAC to zero. Gravity
+    torque is added if `active` (run level 2 and above). Below that everything keeps its last value.
     """
     jpos, mpos, mvel = measured
     error = mpos_d - mpos
@@ -144,5 +142,5 @@ def torques(
 
 
 def gravity(setup: RavenSetup, arm: ArmName, jpos: Vec) -> Vec:
-    """Torque that holds joints 1-3 against gravity, N m at the capstan."""
+    """Return the torque that holds joints 1-3 against gravity, N m at the capstan."""
     return narrow(setup, evaluation(setup).gravity_torque(arm, wide(setup, jpos)))

@@ -1,8 +1,9 @@
-"""Network: which datagrams reach the robot. Size and sequence rules (raven2: network_layer.cpp).
+"""Decides which datagrams the robot accepts, by size and sequence number (raven2:
+network_layer.cpp).
 
-The sequence number is unsigned on the wire; here it is an int32 whose bits are compared as
+The sequence number is unsigned on the wire. Here it is an int32 whose bits are compared as
 unsigned. The checksum exists but is not verified. A datagram longer than the structure is cut and
-accepted, a shorter one is dropped.
+accepted; a shorter one is dropped.
 """
 
 from __future__ import annotations
@@ -23,23 +24,26 @@ RESET_GAP = 1000
 
 @record
 class NetworkState:
-    last: Scalar  # int32, sequence number last taken as the stream's position
+    last: Scalar  # int32, sequence number of the stream's present position
     size: CheckHistory  # margin: bytes above the size of the structure
-    zero: CheckHistory  # sequence 0, reserved
-    skip: CheckHistory  # a gap: this packet is lost as well
+    zero: CheckHistory  # trips on sequence number 0, which is reserved
+    skip: CheckHistory  # trips on a gap: this packet is lost as well
     duplicate: CheckHistory
-    reset: CheckHistory  # far behind: the stream is taken to restart, this packet is lost
+    # far behind: the stream is considered restarted; this packet is lost
+    reset: CheckHistory
     out_of_sequence: CheckHistory  # behind, but not far
 
 
 def init(setup: RavenSetup) -> NetworkState:
-    """A robot that has heard nothing: the first accepted packet is number 1."""
+    """Return the state of a robot that has received nothing: the first accepted packet is
+    number 1.
+    """
     return NetworkState(np.int32(0), *(check.init(setup) for _ in range(6)))
 
 
 def _below(a: Scalar, b: Scalar) -> Scalar:
-    """a < b of the bits as unsigned numbers: flipping the top bit maps their order onto that of
-    int32.
+    """Return a < b for the bits as unsigned numbers; flipping the top bit maps their order to
+    int32's.
     """
     return (a ^ INT32_MIN) < (b ^ INT32_MIN)
 
@@ -47,8 +51,9 @@ def _below(a: Scalar, b: Scalar) -> Scalar:
 def step(
     setup: RavenSetup, state: NetworkState, tick: Scalar, packet: Packet
 ) -> tuple[NetworkState, Scalar]:
-    """Apply the rules to the packet of this cycle; returns the state and whether it is accepted
-    (bool).
+    """Apply the rules to the packet of this cycle.
+
+    Returns the state and whether the packet is accepted (bool).
     """
     received = packet.received != 0
     spare = packet.size - SIZE_BYTES[setup.console]
@@ -60,9 +65,8 @@ def step(
     accepted = numbered & (number == last + 1)
     skip = numbered & _below(last + 1, number)
     duplicate = numbered & (number == last)
-    behind = (
-        numbered & _below(number, last) & ~accepted
-    )  # `accepted`: 0xFFFFFFFF is followed by 0, which is dropped
+    # `accepted`: 0xFFFFFFFF is followed by 0, which is dropped
+    behind = numbered & _below(number, last) & ~accepted
     far = (_below(RESET_GAP, last)) & _below(number, last - RESET_GAP)
     reset = behind & far
     new_last = jnp.where(accepted | skip | reset, number, last)

@@ -1,10 +1,10 @@
 """Overdrive detection: the only check on the DAC commands (raven2: overdrive_detect.cpp).
 
-Per mechanism and joint, in order; grasp2 (index 7 of the original's eight) is never looked at. Over
-the instant limit, the joint's command becomes 0 and the soft E-stop is raised; the other joints are
-still written in that cycle. Over the joint's own limit, the policy decides: none, clip, or a
-counter shared by all joints and arms that nothing but a trip or an instant trip resets. The 2015
-fork clips at every run level and has no policies.
+It goes through mechanisms and joints in order; grasp2 (index 7 of the original's eight) is never
+checked. Over the instant limit, the joint's command becomes 0 and the soft E-stop is raised; the
+other joints are still written in that cycle. Over the joint's own limit, the policy decides: do
+nothing, clip, or count. The counter is shared by all joints and arms, and only a trip or an instant
+trip resets it. The 2015 fork clips at every run level and has no policies.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from ravenjax.stages.check import CheckHistory
 
 NO_REGULATION, SOFT_REGULATION, HARD_REGULATION = 0, 1, 2
 POLICIES = ("no_regulation", "soft_regulation", "hard_regulation")
-"""Their names, by number."""
+"""Names of the policies, by number."""
 """Policies; raven2: defines.h."""
 
 LEVELS: dict[str, tuple[int, ...]] = {
@@ -34,12 +34,13 @@ LEVELS: dict[str, tuple[int, ...]] = {
     "advanced": (5000, 5000, 4000, 3000, 3000, 3800, 3800),
     "fork2015": (10000, 10000, 8000, 6000, 2700, 4800, 4800),
 }
-"""DAC counts per joint by safety level; raven2: defines.h, init.cpp, and the same files of the
-2015 fork.
+"""DAC counts per joint, by safety level.
+
+raven2: defines.h, init.cpp, and the same files of the 2015 fork.
 """
 
 MAX_INST_DAC = {"raven2": 20000, "fork2015": 12000}
-"""DAC counts; raven2: defines.h."""
+"""Instant limit in DAC counts; raven2: defines.h."""
 
 HARD_SAMPLES = 10
 """The shared counter trips on the next over-limit sample above this; raven2:
@@ -63,7 +64,7 @@ class OverdriveParams:
             read_when=("software", "raven2"),
         ),
     ]
-    dac_max: Annotated[  # 7, int32; that of grasp2 is unused, as in the original
+    dac_max: Annotated[  # 7, int32; the limit of grasp2 is unused, as in the original
         Vec,
         Quantity(
             "counts",
@@ -91,7 +92,7 @@ class OverdriveParams:
 class OverdriveState:
     counter: Scalar  # int32 over-limit samples, shared by all joints and arms
     instant: CheckHistory  # margin: counts below the instant limit
-    # a tick in which some command was clipped; margin: counts below the joint limit
+    # Trips in a tick in which some command was clipped; margin: counts below the joint limit
     clip: CheckHistory
     hard: CheckHistory  # the shared counter tripped; margin: samples left
 
@@ -99,8 +100,9 @@ class OverdriveState:
 def params(
     setup: RavenSetup, level: str | None = None, policy: int = SOFT_REGULATION
 ) -> OverdriveParams:
-    """The limits of a safety level; the default is "moderate" for raven2 and the fork's own
-    table for the fork.
+    """Return the limits of a safety level.
+
+    The default is "moderate" for raven2 and the fork's own table for the fork.
     """
     level = level or ("moderate" if setup.software == "raven2" else "fork2015")
     if level not in LEVELS:
@@ -113,7 +115,7 @@ def params(
 
 
 def init(setup: RavenSetup) -> OverdriveState:
-    """Nothing counted."""
+    """Return the state before the first tick."""
     return OverdriveState(np.int32(0), *(check.init(setup) for _ in range(3)))
 
 
@@ -125,8 +127,9 @@ def step(
     runlevel: Scalar,
     current_cmd: tuple[Vec, ...],
 ) -> tuple[OverdriveState, tuple[Vec, ...], Scalar]:
-    """Check the commands of all arms; returns the state, the commands to write and whether to
-    raise the soft E-stop.
+    """Check the commands of all arms.
+
+    Returns the state, the commands to write, and whether to raise the soft E-stop.
     """
     fork = setup.software == "fork2015"
     regulated = (runlevel == runlevel) if fork else (runlevel >= 1)
@@ -172,8 +175,10 @@ def step(
 
 
 def _counted(counter: Scalar, instant: Scalar, over: Scalar, hard: Scalar) -> tuple[Scalar, Scalar]:
-    """The shared counter after one joint, and whether it trips on it; under the other policies a
-    joint over its limit resets it."""
+    """Return the shared counter after one joint, and whether it trips on this joint.
+
+    Under the other policies a joint over its limit resets the counter.
+    """
     counting = over & hard
     trip = counting & (counter > HARD_SAMPLES)
     restarted = instant | trip | (over & ~hard)

@@ -1,21 +1,22 @@
 """The programmable logic controller between control computer and motor power. A documented
 assumption.
 
-No source publishes the PLC's program: start and E-stop buttons, brake relays and watchdog time-out
-live there. What the control software implies (raven2: defines.h, state_machine.cpp,
-update_atmel_io.cpp) and what is assumed here:
+No source publishes the PLC's program, which contains start and E-stop buttons, brake relays and
+watchdog time-out. The following is implied by the control software (raven2: defines.h,
+state_machine.cpp, update_atmel_io.cpp) or assumed here:
 
-- it puts a run level on its pins PS0, PS1 (bits 6 and 7 of the input byte; bits 7..6 read as a
-  number);
-- E-STOP (0) to INIT (1) by the start button, while the watchdog lives and the E-stop button is out;
-  it is pressed automatically where `auto_start` says so, never after a trip;
-- INIT to PEDAL_UP (2) when the software reports READY; PEDAL_UP to PEDAL_DOWN (3) while the foot
-  pedal pin is set and the software is ready, back to PEDAL_UP otherwise;
-- any level to E-STOP when the watchdog pin has had no edge for longer than 1.5 of its 50 ms
-  periods, or by the E-stop button. A trip latches: a person must press start;
-- it has the output pins of each USB board: it misses the watchdog of any board, and pedal and READY
-  count where all boards say so;
-- brakes are commanded on in E-STOP and PEDAL_UP. Their relay delay belongs to the virtual robot's
+- The PLC puts a run level on its pins PS0, PS1 (bits 6 and 7 of the input byte; bits 7..6 read as a
+  number).
+- It goes from E-STOP (0) to INIT (1) by the start button, while the watchdog lives and the E-stop
+  button is out. With `auto_start` the button is pressed automatically, but never after a trip.
+- It goes from INIT to PEDAL_UP (2) when the software reports READY. It goes from PEDAL_UP to
+  PEDAL_DOWN (3) while the foot pedal pin is set and the software is ready, and back to PEDAL_UP
+  otherwise.
+- It goes from any level to E-STOP when the watchdog pin has had no edge for longer than 1.5 of its
+  50 ms periods, or by the E-stop button. A trip latches: a person must press start.
+- It reads the output pins of each USB board. It trips if the watchdog of any board is missing;
+  pedal and READY count if all boards report them.
+- It commands the brakes on in E-STOP and PEDAL_UP. Their relay delay is part of the virtual robot's
   brakes.
 """
 
@@ -36,7 +37,7 @@ from ravenjax.stages.check import CheckHistory
 
 # Output byte of the control computer, bit numbers (raven2: defines.h).
 PIN_FP, PIN_READY, PIN_WATCHDOG = 2, 3, 4
-# Input byte: the run level occupies bits 6 and 7.
+# Input byte: the run level is in bits 6 and 7.
 PIN_RUNLEVEL = 6
 
 CAUSE_NONE, CAUSE_WATCHDOG, CAUSE_BUTTON = 0, 1, 2
@@ -64,17 +65,17 @@ class PlcState:
     tick: Scalar  # ms since the start, int32
     runlevel: Scalar  # 0..3, int32
     watchdog: tuple[Scalar, ...]  # watchdog pin of each board at the last tick, int32
-    quiet_ticks: tuple[Scalar, ...]  # ms since its last edge, int32
-    alive_ticks: Scalar  # ms in E-STOP with a living watchdog, int32
-    trip_cause: Scalar  # CAUSE_* of the first trip since start was pressed, latched; int32
-    watchdog_lost: (
-        CheckHistory  # trips by the watchdog; margin: ms left before one, negative: tripped
-    )
+    quiet_ticks: tuple[Scalar, ...]  # ms since the last edge of each watchdog pin, int32
+    alive_ticks: Scalar  # ms in E-STOP with a watchdog that has edges, int32
+    # CAUSE_* of the first trip since start was pressed, latched; int32
+    trip_cause: Scalar
+    # trips by the watchdog; margin: ms left before one, negative: tripped
+    watchdog_lost: CheckHistory
 
 
 @record
 class PlcSignal:
-    output_pins: tuple[Scalar, ...]  # byte that each board holds for the PLC, int32
+    output_pins: tuple[Scalar, ...]  # output byte that each board presents to the PLC, int32
     estop_button: Scalar  # bool, pressed
     start_button: Scalar  # bool, pressed
 
@@ -88,10 +89,10 @@ class PlcOutput:
 def init(
     setup: RavenSetup, params: PlcParams, runlevel: int = PEDAL_UP, boards: int = 1
 ) -> PlcState:
-    """Starts in `runlevel`: PEDAL_UP for a robot that is homed and ready, E_STOP for one just
+    """Return a PLC in `runlevel`: PEDAL_UP for a homed and ready robot, E_STOP for one just
     switched on.
 
-    boards: those whose pins may differ; 1 where all are written alike.
+    boards: number of boards whose pins may differ; 1 if all are written alike.
     """
     zero = jnp.int32(0)
     return PlcState(
@@ -106,19 +107,19 @@ def init(
 
 
 def input_pins(runlevel: Scalar) -> Scalar:
-    """The byte that the control computer reads from each board, int32."""
+    """Return the byte that the control computer reads from each board, int32."""
     return (runlevel & 3) << PIN_RUNLEVEL
 
 
 def brakes_commanded(runlevel: Scalar) -> Scalar:
-    """1 where the level holds the arm by its brakes, int32."""
+    """Return 1 if the brakes hold the arm at this run level, int32."""
     return as_int((runlevel == E_STOP) | (runlevel == PEDAL_UP))
 
 
 def step(
     setup: RavenSetup, params: PlcParams, state: PlcState, signal: PlcSignal
 ) -> tuple[PlcState, PlcOutput]:
-    """One tick: read the software's pins, decide the run level."""
+    """Compute one tick: read the software's pins and decide the run level."""
     common_pins = reduce(operator.and_, signal.output_pins)
     pedal = (common_pins >> PIN_FP) & 1
     ready = (common_pins >> PIN_READY) & 1

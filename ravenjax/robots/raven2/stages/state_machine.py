@@ -1,9 +1,9 @@
 """State machine: run level from the PLC's pins, initialisation sublevels, soft E-stop flag.
 
 raven2: state_machine.cpp, init.cpp, rt_process_preempt.cpp. Homing is not simulated: the process
-starts as if it had completed, in cartesian mode, so sublevel 3 sets `initialized` and the PLC may
-go on to pedal-up. After an E-stop the robot passes sublevels 0, 1, 2 (11 cycles) and 3 again, as it
-does on the real one when its mode is cartesian.
+starts as if homing had completed, in cartesian mode. Sublevel 3 therefore sets `initialized`, and
+the PLC may go on to pedal-up. After an E-stop the robot passes sublevels 0, 1, 2 (11 cycles) and 3
+again, as the real robot does in cartesian mode.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ravenjax.stages import check
 from ravenjax.stages.check import CheckHistory
 
 MISMATCHES = 4
-"""Cycles in which the pins must ask for another level before it is adopted; raven2:
+"""Cycles in which the pins must show another level before it is adopted; raven2:
 state_machine.cpp.
 """
 
@@ -43,19 +43,22 @@ class StateMachineState:
     sublevel: Scalar  # int32
     initialized: Scalar  # int32 flag, the READY pin
     soft_estopped: Scalar  # int32 flag: DACs are 0 and the watchdog is silent
-    mismatches: Scalar  # int32 cycles, never reset by matching ones
+    mismatches: Scalar  # int32 cycles, never reset by matching cycles
     settling: Scalar  # int32 cycles spent in sublevel 2, kept when it is left early
-    estop: CheckHistory  # run level 0 entered
-    soft_estop: CheckHistory  # soft E-stop raised
+    estop: CheckHistory  # trips when run level 0 is entered
+    soft_estop: CheckHistory  # trips when the soft E-stop is raised
 
 
 def params(setup: RavenSetup) -> StateMachineParams:
-    """raven2 follows the PLC; the simulator builds of the 2015 fork leave the state machine out."""
+    """Return the parameters.
+
+    raven2 obeys the PLC; the simulator builds of the 2015 fork leave the state machine out.
+    """
     return StateMachineParams(np.int32(setup.software == "raven2"))
 
 
 def init(setup: RavenSetup, runlevel: int) -> StateMachineState:
-    """A robot at `runlevel`, homed."""
+    """Return the state of a homed robot at `runlevel`."""
     ready = runlevel > E_STOP
     sublevel = 3 if ready else 0
     zero, unseen = np.int32(0), check.init(setup)
@@ -67,7 +70,7 @@ def init(setup: RavenSetup, runlevel: int) -> StateMachineState:
 def desired_runlevel(
     params: StateMachineParams, state: StateMachineState, pins: tuple[Scalar, ...]
 ) -> Scalar:
-    """The run level that the input pins ask for: bits 7..6 as a number, the lowest over boards."""
+    """Return the run level on the input pins: bits 7..6 as a number, the lowest of all boards."""
     levels = [(byte >> 6) & 3 for byte in pins]
     lowest = levels[0]
     for level in levels[1:]:
@@ -76,9 +79,7 @@ def desired_runlevel(
 
 
 def adopt(state: StateMachineState, tick: Scalar, desired: Scalar) -> StateMachineState:
-    """Adopt the desired run level on the fourth mismatching cycle, counted over all cycles since
-    the last adoption.
-    """
+    """Adopt the desired run level on the fourth mismatching cycle since the last adoption."""
     mismatch = desired != state.runlevel
     count = state.mismatches + as_int(mismatch)
     changed = mismatch & (count >= MISMATCHES)
@@ -96,8 +97,10 @@ def adopt(state: StateMachineState, tick: Scalar, desired: Scalar) -> StateMachi
 
 
 def initialise(setup: RavenSetup, state: StateMachineState) -> tuple[StateMachineState, Scalar]:
-    """Advance the sublevels; also whether the desired pose follows the last measured one in this
-    cycle (bool).
+    """Advance the sublevels.
+
+    Returns the state, and whether the desired pose follows the last measured one in this cycle
+    (bool).
     """
     level, sub = state.runlevel, state.sublevel
     in_init = level == INIT
@@ -118,8 +121,10 @@ def initialise(setup: RavenSetup, state: StateMachineState) -> tuple[StateMachin
 
 
 def raise_soft_estop(state: StateMachineState, tick: Scalar, tripped: Scalar) -> StateMachineState:
-    """Set the flag: it acts on the watchdog at once, on the DACs from the next cycle, until run
-    level 0 is entered.
+    """Set the soft E-stop flag.
+
+    It acts on the watchdog immediately, and on the DACs from the next cycle until run level 0 is
+    entered.
     """
     return replace(
         state,

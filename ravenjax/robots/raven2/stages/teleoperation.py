@@ -1,9 +1,10 @@
 """Teleoperation: the accumulator between packets and the desired pose (raven2: local_io.cpp,
 mapping.cpp).
 
-Increments add up here at every run level; the device takes the sum over in pedal-down whenever the
-update flag is set. Whenever the desired pose is set by something else (pedal up, joint limit,
-initialisation), the accumulator's origin is reset to it, so the console slips instead of jumping.
+Increments add up at every run level. In pedal-down the device takes over the sum whenever the
+update flag is set. Whenever something else sets the desired pose (pedal up, joint limit,
+initialisation), the accumulator's origin is reset to that pose. The console's pose therefore slips
+instead of jumping.
 """
 
 from __future__ import annotations
@@ -27,8 +28,9 @@ from ravenjax.stages import check
 from ravenjax.stages.check import CheckHistory
 
 GRASP_RESET_MRAD = 785
-"""The accumulated opening is only reset when it is more than 45 deg = 785.4 mrad off; raven2:
-local_io.cpp.
+"""The accumulated opening is only reset if it is more than 45 deg = 785.4 mrad off.
+
+raven2: local_io.cpp.
 """
 
 NO_PACKET_SEQUENCE = 111
@@ -78,31 +80,33 @@ class TeleoperationParams:
 
 @record
 class Accumulator:
-    """What one arm is asked to do."""
+    """Commands of the console to one arm, accumulated."""
 
     pose: StoredPose
-    quaternion: Vec  # (x, y, z, w), orientation in the wide type, never re-normalised
+    # (x, y, z, w), orientation in the wide type, never re-normalised
+    quaternion: Vec
 
 
 @record
 class TeleoperationState:
     arms: tuple[Accumulator, ...]
-    updated: Scalar  # int32 flag: the accumulator changed since the device last looked
+    # int32 flag: the accumulator has changed since the device last read it
+    updated: Scalar
     age_ticks: Scalar  # int32 cycles since the last update
     surgeon_mode: Scalar  # int32, 1 engaged
-    last_seq: Scalar  # int32, of the last accepted packet
+    last_seq: Scalar  # int32, sequence number of the last accepted packet
     timeout: CheckHistory  # margin: cycles left
 
 
 def params(setup: RavenSetup) -> TeleoperationParams:
-    """raven2: gain 1, -10..90 deg; 2015 fork: gain 2, -30..90 deg."""
+    """Return the parameters: raven2: gain 1, -10..90 deg; 2015 fork: gain 2, -30..90 deg."""
     gain, lowest_deg = (1, -10.0) if setup.software == "raven2" else (2, -30.0)
     lowest, highest = (int(math.radians(deg) * 1000.0) for deg in (lowest_deg, 90.0))
     return TeleoperationParams(np.int32(gain), np.int32(lowest), np.int32(highest), np.int32(5000))
 
 
 def init(setup: RavenSetup, poses: tuple[StoredPose, ...]) -> TeleoperationState:
-    """The accumulators at `poses`, no packet received."""
+    """Return the accumulators at `poses`, before the first packet."""
     return TeleoperationState(
         per_arm(setup, lambda i, _: Accumulator(poses[i], _quaternion(setup, poses[i]))),
         updated=np.int32(0),
@@ -124,7 +128,7 @@ def accumulate(
     accepted: Scalar,
     packet: Packet,
 ) -> TeleoperationState:
-    """Take over an accepted packet: add its increments, or its poses where the console sends
+    """Add the increments of an accepted packet, or take over its poses if the console sends
     absolute ones.
     """
     take = _taken_absolute if setup.console == "absolute" else _added
@@ -149,8 +153,8 @@ def _added(
     increment = mapping.rotation_from_itp(
         arm, mapping.matrix_from_quat(wide(setup, packet.quat[i]))
     )
-    # The original conjugates a homogeneous transform: a row of NaN makes its translation NaN, cast
-    # to INT32_MIN.
+    # The original conjugates a homogeneous transform: a row of NaN makes its translation NaN, which
+    # is cast to INT32_MIN.
     moves = mapping.position_from_itp(arm, packet.delta[i])
     moves = moves.map(
         lambda p, row: jnp.where((row[0] + row[1] + row[2]) * 0.0 == 0.0, p, INT32_MIN), increment
@@ -186,8 +190,9 @@ def hand_over(
     pedal_down: Scalar,
     desired: tuple[StoredPose, ...],
 ) -> tuple[TeleoperationState, tuple[StoredPose, ...]]:
-    """Once a cycle: the master timeout, then the device's desired poses (the sum, in pedal-down,
-    if it was updated).
+    """Apply the master timeout, and return the device's desired poses. Call once per cycle.
+
+    The desired poses are the sum if the robot is in pedal-down and the sum was updated.
     """
     fresh = state.updated != 0
     age = jnp.where(fresh, 0, state.age_ticks + 1)
@@ -209,7 +214,7 @@ def hand_over(
 def reset_origin(
     setup: RavenSetup, state: TeleoperationState, reset: Scalar, desired: tuple[StoredPose, ...]
 ) -> TeleoperationState:
-    """Where `reset`, restart every arm's accumulator from the desired pose; this counts as an
+    """Restart every arm's accumulator from the desired pose if `reset`; this counts as an
     update.
     """
 

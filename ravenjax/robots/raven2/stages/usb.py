@@ -1,8 +1,9 @@
-"""USB: what the control software has of the boards, and the boards of it (raven2: get_,
+"""USB transfers between control software and boards (raven2: get_USB_packet.cpp,
 put_USB_packet.cpp).
 
-Transfers that fail are ignored by the loop: what the board last delivered is used again, and what
-was last written to it stays. DAC commands and output pins travel in one message.
+The loop ignores failed transfers. After a failed read it uses the last delivered values again;
+after a failed write the board keeps the last written values. DAC commands and output pins travel in
+one message.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ AnyUsb = TypeVar("AnyUsb", "UsbIn", "UsbOut")
 
 @record
 class UsbIn:
-    """What came from the boards, one board per arm."""
+    """Values last read from the boards, one board per arm."""
 
     enc_val: tuple[Vec, ...]  # per arm 7 int32 counts, after unpacking
     pins: tuple[Scalar, ...]  # per arm int32 input byte of the PLC; bits 6, 7: run level
@@ -29,28 +30,29 @@ class UsbIn:
 
 @record
 class UsbOut:
-    """What the boards hold, one board per arm."""
+    """Values that the boards hold, one board per arm."""
 
     current_cmd: tuple[Vec, ...]  # per arm 7 int32 DAC counts
     pins: tuple[Scalar, ...]  # per arm int32 output byte to the PLC
 
 
 def init(setup: RavenSetup) -> UsbIn:
-    """Boards that have delivered nothing."""
+    """Return the values of boards that have delivered nothing."""
     return UsbIn(
         per_arm(setup, lambda *_: Vec.full(7, np.int32(0))), per_arm(setup, lambda *_: np.int32(0))
     )
 
 
 def init_out(setup: RavenSetup) -> UsbOut:
-    """Boards that nothing was written to."""
+    """Return the values of boards to which nothing was written."""
     zero = jnp.int32(0)
     return UsbOut(per_arm(setup, lambda *_: Vec.full(7, zero)), per_arm(setup, lambda *_: zero))
 
 
 def transfer(held: AnyUsb, message: AnyUsb, ok: tuple[Scalar, ...]) -> AnyUsb:
-    """What a side has after this cycle: the message where the board's transfer succeeded (int32 1),
-    else as before.
+    """Return the values on the receiving side after this cycle.
+
+    They are those of the message where the board's transfer succeeded (int32 1), else unchanged.
     """
     done = tuple(flag != 0 for flag in ok)
     new, old = vars(message), vars(held)

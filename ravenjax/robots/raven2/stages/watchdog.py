@@ -1,4 +1,6 @@
-"""Output pins and watchdog square wave to the PLC (raven2: update_atmel_io.cpp, defines.h)."""
+"""Sets the output pins to the PLC, with the watchdog square wave (raven2: update_atmel_io.cpp,
+defines.h).
+"""
 
 from __future__ import annotations
 
@@ -10,16 +12,16 @@ from ravenjax.robots.raven2.setup import RavenSetup
 
 HIGH_CYCLES, PERIOD_CYCLES = 25, 50
 FP, READY, WD = 2, 3, 4
-"""Bits of the output byte after the two of the run level; raven2: defines.h."""
+"""Bit numbers in the output byte, after the two bits of the run level; raven2: defines.h."""
 
 
 @record
 class WatchdogState:
-    counter: Scalar  # int32 cycles, also counts while the wave is off
+    counter: Scalar  # int32 cycles; also counts while the wave is off
 
 
 def init(setup: RavenSetup) -> WatchdogState:
-    """Start of a high phase (its first one is 26 cycles long)."""
+    """Return the state at the start of a high phase (its first one is 26 cycles long)."""
     return WatchdogState(np.int32(0))
 
 
@@ -30,7 +32,7 @@ def step(
     surgeon_mode: Scalar,
     initialized: Scalar,
 ) -> tuple[WatchdogState, Scalar]:
-    """One cycle; returns the state and the output byte (int32)."""
+    """Compute one cycle. Return the state and the output byte (int32)."""
     silent = soft_estopped != 0
     restart = ~silent & (state.counter >= PERIOD_CYCLES)
     high = ~silent & (state.counter <= HIGH_CYCLES)
