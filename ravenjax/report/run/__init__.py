@@ -1,1 +1,1 @@
-"""Reports on single runs: their events in words, their figures, and the ranking of the worst runs."""
+"""Reports on single runs: their events in words, figures, and the ranking of the worst runs."""
