@@ -35,7 +35,9 @@ SERIES = tuple(name for name in PALETTE if name.startswith("series"))
 
 
 def series(number: int) -> str:
-    """Return the name of the colour of a curve by its number. The names repeat after the last one."""
+    """Return the name of the colour of a curve by its number. The names repeat after the
+    last one.
+    """
     return SERIES[number % len(SERIES)]
 
 

@@ -85,7 +85,9 @@ def rate(value: Rate) -> str:
 
 
 def estimate(value: Estimate, unit: str = "") -> str:
-    """Write an estimate with its interval: 12 ms (9–15). An unknown bound or value becomes a dash."""
+    """Write an estimate with its interval: 12 ms (9–15). An unknown bound or value becomes
+    a dash.
+    """
     if not math.isfinite(value.value):
         return DASH
     unit = f" {unit}" if unit else ""

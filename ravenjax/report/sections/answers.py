@@ -42,7 +42,9 @@ class ClassRow(NamedTuple):
 
 
 def scale(rows: Sequence[ClassRow]) -> float:
-    """Return the share at which the drawn intervals of these rows end: a round number, at most 1."""
+    """Return the share at which the drawn intervals of these rows end: a round number, at
+    most 1.
+    """
     ends = (
         np.fmax(row.evaded.value, row.evaded.high) for row in rows if row.evaded.n
     )  # a bound may be NaN

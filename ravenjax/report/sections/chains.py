@@ -349,7 +349,9 @@ def _by(ticks: np.ndarray, harm: np.ndarray) -> np.ndarray:
 
 
 def _leads(seams: Sequence[chain.SignalTicks], harm: np.ndarray) -> np.ndarray:
-    """Return how long before harm each seam showed each run, ms [seams, runs]; 0: not before harm."""
+    """Return how long before harm each seam showed each run, ms [seams, runs]; 0: not
+    before harm.
+    """
     if not seams:
         return np.zeros((0, len(harm)), np.int64)
     return np.stack(

@@ -77,7 +77,9 @@ class DetectorThreshold(NamedTuple):
 
 
 class ThresholdAlarms(NamedTuple):
-    """When a detector first gave an alarm at one threshold, in every run of the table; -1: never."""
+    """When a detector first gave an alarm at one threshold, in every run of the table; -1:
+    never.
+    """
 
     name: str
     threshold: float

@@ -125,7 +125,9 @@ def drawn(runs: Runs) -> PairSample:
 
 
 def crossed(frame: pd.DataFrame, facts: pd.DataFrame) -> bool:
-    """Return whether there are pairs: runs in which nobody reacts, and runs in which somebody does."""
+    """Return whether there are pairs: runs in which nobody reacts, and runs in which
+    somebody does.
+    """
     actions = facts["action"].unique().tolist()
     return run_facts.ACTION in frame and len(actions) > 1 and 0 in actions
 

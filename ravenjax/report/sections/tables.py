@@ -296,7 +296,9 @@ def check_rows(runs: Runs) -> list[dict[str, Any]]:
 
 
 def cause_rows(runs: Runs) -> list[dict[str, Any]]:
-    """Return which check decided the response to distinct faults, by response, most frequent first."""
+    """Return which check decided the response to distinct faults, by response, most
+    frequent first.
+    """
     counts = ", ".join(f"count(*) FILTER (response = {text(name)}) AS {name}" for name in CAUSED)
     rows = runs.table.rows(
         f"SELECT response_cause::VARCHAR AS cause, {counts} FROM {runs.those('sample AND faulty')} "
