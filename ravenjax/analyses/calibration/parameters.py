@@ -31,11 +31,9 @@ class Unknown(NamedTuple):
     """
 
     name: str
-    fields: tuple[
-        str, ...
-        # Fields of LoopParams, separated by dots: plant.actuators.coulomb. A ratio changes all of them
-        # by the same factor.
-    ]
+    # Fields of LoopParams, separated by dots: plant.actuators.coulomb. A ratio changes all of them
+    # by the same factor.
+    fields: tuple[str, ...]
     joint: int | None  # joint of fields with seven values; None: fields with one
     # Standard deviation: of the logarithm of a ratio, else in the field's unit.
     spread: float

@@ -40,10 +40,8 @@ class Score:
     kind: Kind
     signal: str  # field of the robot's view
     channels: tuple[int, ...]  # indices in the field; (): the field is a single number
-    labels: tuple[
-        str, ...
-        # Name of each channel, such as joints and axes; ("",) for a single number.
-    ]
+    # Name of each channel, such as joints and axes; ("",) for a single number.
+    labels: tuple[str, ...]
     units: tuple[str, ...]  # of each channel
     # Of each channel, in its unit: the value at which it scores 1.
     scales: tuple[float, ...]

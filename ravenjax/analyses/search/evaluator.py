@@ -54,10 +54,8 @@ class Evaluator:
         compile_cache.enable()
         self.template, self.wanted = template, tuple(wanted)
         self._margins = margins
-        self._plan = plan.make_plan(
-            template.config
-            # One run per case: settings that select code are equal for all points.
-        )
+        # One run per case: settings that select code are equal for all points.
+        self._plan = plan.make_plan(template.config)
         self.shape = runner.shape_of(self._plan)
         if complaints := [
             complaint for outcome in wanted for complaint in outcome.complaints(self.shape)

@@ -138,7 +138,5 @@ def _beside(name: str, available: set[str]) -> str:
     own = name.removeprefix("golden_")
     if name not in available and own in available:
         return quoted(own)
-    return (
-        quoted(name) if name in available else "-1"
-        # Nobody reacts in these runs, so only the time of a reaction is unknown.
-    )
+    # Nobody reacts in these runs, so only the time of a reaction is unknown.
+    return quoted(name) if name in available else "-1"

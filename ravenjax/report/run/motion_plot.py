@@ -62,10 +62,8 @@ def motion_plot(courses: Sequence[TipCourse], out: Path, name: str, title: str) 
 def _draw(grid: np.ndarray, course: TipCourse) -> None:
     before = np.column_stack([course.recorded, _speed(course.recorded_s, course.recorded)]) * 1e3
     replayed = len(course.replayed_s) > 0
-    last = (
-        int(np.argmax(course.replayed_s)) + 1 if replayed else 0
-        # A part may be played backwards after it ends; only the way forward is drawn.
-    )
+    # A part may be played backwards after it ends; only the way forward is drawn.
+    last = int(np.argmax(course.replayed_s)) + 1 if replayed else 0
     after_s = course.replayed_s[:last]
     after = (
         np.column_stack(

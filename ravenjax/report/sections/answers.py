@@ -72,10 +72,8 @@ class Knowledge(NamedTuple):
     # Lead over the motion. It excludes cues at the motion's own limit or beyond, which cannot come
     # before it.
     lead: Lead
-    lower: (
-        LowerCue | None
-        # If the cue of the verdicts is such a cue: the nearest cue below the limit, or None.
-    )
+    # If the cue of the verdicts is such a cue: the nearest cue below the limit, or None.
+    lower: LowerCue | None
     never: Rate  # not known by the end of the run
     # True if the campaign has detectors. They count at their lowest threshold without a false
     # alarm.
@@ -104,10 +102,8 @@ class Changed(NamedTuple):
     # definitions.
     leads: bool
     lower: int  # number of cues for which it is a finding
-    better: (
-        Announced | None
-        # The cue that announces most without a false cue, if it is another one and leads.
-    )
+    # The cue that announces most without a false cue, if it is another one and leads.
+    better: Announced | None
 
 
 def knowledge(runs: Runs) -> Knowledge:

@@ -34,10 +34,8 @@ class ContactRow(NamedTuple):
     impulse_n_s: ContactQuantiles
     vessel: Rate  # faults that pressed the vessel harder than their golden run
     vessel_n: float  # N, the largest force of the vessel
-    instruments: (
-        Rate | None
-        # Faults that pressed the instruments on each other harder; None for a single arm.
-    )
+    # Faults that pressed the instruments on each other harder; None for a single arm.
+    instruments: Rate | None
     instruments_n: float | None  # N, the largest force between instruments
 
 

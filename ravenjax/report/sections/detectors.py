@@ -96,10 +96,8 @@ class DetectorRow(NamedTuple):
     name: str
     what: str  # kind and settings, in words
     thresholds: list[DetectorThreshold]
-    roc: (
-        CurveBand | None
-        # None for a check or a cue, and if runs do not differ in the outcome or are all of one fault.
-    )
+    # None for a check or a cue, and if runs do not differ in the outcome or are all of one fault.
+    roc: CurveBand | None
     recall: CurveBand | None
     auc: Estimate | None
 

@@ -59,10 +59,8 @@ class Counterfactual(NamedTuple):
     everything: Promise  # of all candidates together
     # Share of faults that each random set of the same size covers.
     random: np.ndarray
-    strangers: (
-        Rate | None
-        # Faults covered by sets that were selected without the fault's group; None: there is one group.
-    )
+    # Faults covered by sets that were selected without the fault's group; None: there is one group.
+    strangers: Rate | None
     scale_hours: float  # of fault-free motion that sets the scales
 
     @property

@@ -36,10 +36,8 @@ class Hazards(NamedTuple):
     unit: np.ndarray
     robots: bool  # True if units are robots
     harm_ms: np.ndarray  # int
-    lead_ms: (
-        np.ndarray
-        # Int [runs, candidates, margins]: harm minus first alarm; below 0 if there is none before harm.
-    )
+    # Int [runs, candidates, margins]: harm minus first alarm; below 0 if there is none before harm.
+    lead_ms: np.ndarray
 
     @property
     def count(self) -> int:

@@ -38,10 +38,8 @@ class FreeMotion(NamedTuple):
     """
 
     peaks: np.ndarray  # float32 [motions, runs, candidates], largest score over the run
-    hours: (
-        np.ndarray
-        # [motions, runs], in which detectors can alarm; 0 for a run without a valid outcome.
-    )
+    # [motions, runs], in which detectors can alarm; 0 for a run without a valid outcome.
+    hours: np.ndarray
 
     @property
     def motions(self) -> int:

@@ -162,10 +162,8 @@ def hours_needed(per_hour: float, runs: int = 1) -> float:
     """Return the total hours of motions, each with `runs` runs, that demonstrate a rate if none
     alarms; rounded up to two digits.
     """
-    hours = (
-        2.05 * runs * hours_to_show(per_hour)
-        # Half of the motions state the rate, and a few of their seconds are not live.
-    )
+    # Half of the motions state the rate, and a few of their seconds are not live.
+    hours = 2.05 * runs * hours_to_show(per_hour)
     digits = 10 ** (math.floor(math.log10(hours)) - 1)
     return round(math.ceil(hours / digits) * digits, 10)
 

@@ -48,17 +48,13 @@ class SearchRange:
 class Brackets:
     """The point at which the answer becomes yes, for each cell."""
 
-    state: (
-        np.ndarray
-        # text [cells]: CROSSING, NEVER, ALWAYS, or INVALID if an answer was not valid.
-    )
+    # text [cells]: CROSSING, NEVER, ALWAYS, or INVALID if an answer was not valid.
+    state: np.ndarray
     # [cells], largest number below the crossing with a no; NaN without one.
     low: np.ndarray
     high: np.ndarray  # [cells], smallest number with a yes; NaN without one
-    changes: tuple[
-        tuple[tuple[float, float], ...], ...
-        # Of each cell, the intervals of the scan in which the answer changes.
-    ]
+    # Of each cell, the intervals of the scan in which the answer changes.
+    changes: tuple[tuple[tuple[float, float], ...], ...]
     steps: int  # number of steps after the scan
 
     @property
@@ -94,10 +90,8 @@ def bracket(
         steps += 1
         tried = within.spread(low[active], high[active], sections + 1)
         tried = np.where(whole[active], np.clip(np.rint(tried), low[active], high[active]), tried)
-        if (
-            sections == 2
-            # A bracket of whole numbers more than one apart contains another one.
-        ):
+        # A bracket of whole numbers more than one apart contains another one.
+        if sections == 2:
             inner = np.clip(tried[1], low[active] + 1.0, high[active] - 1.0)
             tried[1] = np.where(whole[active], inner, tried[1])
         answer = np.zeros(tried.shape)

@@ -39,10 +39,8 @@ def draw(numbers: dict[str, Any]) -> Figure:
     panel = _bars if numbers["method"] == "sobol" else _effects
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(1.8 + 2.9 * max(1, len(outcomes)), height), layout="constrained")
-        shared = (
-            numbers["method"] == "sobol"
-            # All indices lie between 0 and 1, but effects have different units.
-        )
+        # All indices lie between 0 and 1, but effects have different units.
+        shared = numbers["method"] == "sobol"
         panes = figure.subplots(
             max(1, len(cases)), max(1, len(outcomes)), sharex=shared, sharey=shared, squeeze=False
         )
