@@ -1,5 +1,5 @@
-"""What `ravenjax reproduce`, `ravenjax credibility` and `ravenjax evidence --credibility` do with
-the studies.
+"""Implements the study commands: `ravenjax reproduce`, `ravenjax credibility` and `ravenjax
+evidence --credibility`.
 """
 
 from __future__ import annotations
@@ -88,8 +88,8 @@ def credibility(folder: Path, out: Path | None) -> None:
 
 
 def model_credibility(folder: Path) -> ModelCredibility:
-    """What studies say of the simulator, its numbers from their findings in `folder`. Raises
-    UserError.
+    """Return what studies say of the simulator, with numbers from their findings in `folder`.
+    Raises UserError.
     """
     records = findings_files.records(folder, studies.NAMES)
     if not records:
