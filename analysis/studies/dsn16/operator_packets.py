@@ -1,8 +1,8 @@
-"""Scenario A of the targeted attacks (DSN 2016): the operator's packets displaced by D for 1 to 128
-packets.
+"""Study of scenario A of the targeted attacks (DSN 2016): the operator's packets displaced by D for
+1 to 128 packets.
 
-The counts are predicted blind: the published ones were withheld on purpose. What the text states in
-words is judged.
+The counts are predicted blind, because the published ones were withheld on purpose. The statements
+of the publication's text are tested.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ OUTCOMES = {"jump": "P(jump)", "stop": "P(E-stop)", "ik": "P(IK reject)"}
 
 
 VARIANTS = (*read_variants("dsn16_a"), *detector.TRAINING)
-"""The baseline, every ablation, and the motions that the detector learns from."""
+"""The baseline, every ablation, and the motions from which the detector learns."""
 
 
 def compare(context: Context) -> Findings:
-    """What is predicted by displacement and duration, and what each open question is worth."""
+    """Return predictions by displacement and duration, and how much each open question matters."""
     computed = {v.name: v for v in VARIANTS if v.name in context.folders}
     trained = [v.name for v in detector.TRAINING]
     runs = {
