@@ -21,7 +21,7 @@ LINK_1_IZZ = (
 )  # kg m^2 about its centre of mass, with the CAD tensor of link 2
 # kg m^2, moved from link 1 Izz to link 2 as diag(1, 1, 0), which makes link 2's tensor physical.
 LINK_2_SHIFT = 0.008
-# M along x3, y3, z3; extent of the tool carriage in raven2_sim's left arm meshes.
+# m along x3, y3, z3; extent of the tool carriage in raven2_sim's left arm meshes.
 CARRIAGE_SIZE = (
     0.09,
     0.13,

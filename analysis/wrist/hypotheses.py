@@ -126,10 +126,8 @@ class Course:
         return cls(times, joints, desired, clock, target, on_clock(carried), signals)
 
 
-HYPOTHESES: dict[
-    str, tuple[tuple[str, ...], str]
-    # Parameters in addition to the usual ones, and the signal on which they depend.
-] = {
+# Parameters in addition to the usual ones, and the signal on which they depend.
+HYPOTHESES: dict[str, tuple[tuple[str, ...], str]] = {
     OWN: ((), ""),
     "another integral gain": (("ki",), ""),
     "another proportional gain": (("kp",), ""),

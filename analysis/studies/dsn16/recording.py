@@ -34,7 +34,7 @@ DATA, FILE = "RAVENJAX_DATA", "recording_gold_joints123.parquet"
 JOINTS = ("shoulder", "elbow", "insertion")
 SETUP = RavenSetup(software="fork2015", precision=REFERENCE)
 ARM, TOOL = "gold", "r_grasper"
-# Rad; the recording lacks the tool joints, which are held at home.
+# rad; the recording lacks the tool joints, which are held at home.
 TOOL_POSE = (
     0.0,
     0.0,

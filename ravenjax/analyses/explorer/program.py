@@ -1,23 +1,23 @@
-"""A campaign's tick as WebAssembly with all that a page needs to run it, as one JSON object.
+"""Compiles a campaign's tick to WebAssembly, and returns it as JSON with all data to run it on a page.
 
-`description` makes it. Numbers are single precision or 32-bit integers, binaries and motion base64
+`description` returns the object. Numbers are single precision or 32-bit integers, binaries and motion base64
 of little-endian words. `static/engine.js` reads it:
 
     {
       "arms": ["gold"],
-      "ticks": 3000,                 ms of a run, a tick each
-      "cue": 0,                      the haptic set that the verdict counts
-      "parameters": [                what a question may change, in the order of a run's inputs
+      "ticks": 3000,                 ms of a run, one tick each
+      "cue": 0,                      the haptic set of the verdict
+      "parameters": [                what a reader may change, in the order of a run's inputs
         {"path": "operator.scale", "value": 0.1, "type": "float32", "unit": "", "low": 0, "high": 1, "whole": false,
          "meaning": "tip motion per hand motion"}, ..],
       "observe_ms": null,            observation after the last fault ends, or null: to the end of the run
-      "slots": 1,                    faults that a run may have, at most
-      "channels": [                  where faults strike; a fault's code is the channel's place in this list, from 1
+      "slots": 1,                    largest number of faults of a run
+      "channels": [                  where faults act; a fault's code is the channel's place in this list, from 1
         {"site": "usb_out", "arm": "gold", "channel": "shoulder", "effects": ["overwrite", "latch_offset"]}, ..],
       "effects": {"overwrite": {"code": 0}, ..},
                                      "channel", "plain", "constant" where an effect of the network stands for another
       "triggers": {"time": 0}, "fields": {"code": "int32", .., "key": "uint32"}, "forever": 1073741824,
-      "motion": "suture",            the campaign's own among `motions`; "" where it is a recording
+      "motion": "suture",            the campaign's own, a key of `motions`; "" for a recording
       "motions": {"suture": ".."},   base64, operators' motions: float32 columns one after the other
       "programs": {"outcomes": PROGRAM, "replay": PROGRAM},
       "verdict": {                   the words of outcomes, and what each check counts as
@@ -29,17 +29,17 @@ of little-endian words. `static/engine.js` reads it:
       "worker": ".."                 text of static/worker.js: a page starts it from a Blob
     }
 
-A PROGRAM is a module and where its numbers stand in memory, in bytes:
+A PROGRAM is a module with the places of its numbers in memory, in bytes:
 
     {
       "binary": "..",                base64 of a WebAssembly module; it imports env.__linear_memory, nothing else
       "width": 4,                    robots side by side in a vector
       "inputs": {"types": ["float32", ..], "offsets": [0, 16, ..], "bytes": 176},    parameters, then slots' fields
-      "group_inputs": {..},          the same, one number each: of what all lanes share
+      "group_inputs": {..},          the same, one number each: inputs that all lanes share
       "results": {"types": .., "offsets": .., "bytes": ..}, "outcomes": ["active_ticks", ..],
       "state_bytes": 4704, "group_state_bytes": 144, "held_bytes": 2112, "row_bytes": 264,
-      "series": 6,                   numbers that a golden run leaves in each tick, and a faulty run reads
-      "outputs": [                   of `replay` alone: 32-bit words that go out in each tick behind the series
+      "series": 6,                   numbers that a golden run stores in each tick, and a faulty run reads
+      "outputs": [                   only of `replay`: 32-bit words written in each tick after the series
         {"name": "gold/jpos", "shape": [7], "types": ["float32", ..], "scales": [1.0, ..]}, ..]
     }
 """  # noqa: E501

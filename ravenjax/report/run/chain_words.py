@@ -86,7 +86,7 @@ def check_rows(one: Chain) -> list[tuple[str, ...]]:
 
 
 def as_dict(one: Chain) -> dict[str, Any]:
-    """The chain as plain values for JSON."""
+    """Return the chain as plain values for JSON."""
     first = one.first
     return {
         **{name: value for name, value in one._asdict().items() if name not in ("links", "checks")},

@@ -69,7 +69,7 @@ def table(one: Propagation) -> list[tuple[str, ...]]:
 
 
 def as_dict(one: Propagation) -> dict[str, Any]:
-    """The summary as plain values for JSON."""
+    """Return the summary as plain values for JSON."""
     return one._asdict() | {
         "hidden": one.hidden._asdict(),
         "lead_ms": one.lead_ms._asdict(),

@@ -46,7 +46,7 @@ WEIGHTS = (1, 10, 100, 1000)
 """Number of false cues that a missed hazard weighs, if one hazard comes per hour."""
 FALSE_PER_HOUR = (0.5, 1, 10, 60)
 _WEIGHT, _LIMIT = "a missed hazard weighs {} times a false cue", "false cues an hour: at most {}"
-"""The two kinds of rules."""
+"""Texts of the two kinds of rules for the choice of a threshold."""
 MOST_LISTED = 3
 """Thresholds that are listed individually. Of more, the least and the greatest are named."""
 _ENDS = ("low", "high")

@@ -26,7 +26,7 @@ _WHOLE = "together"
 
 
 class RobotRate(NamedTuple):
-    """One rate."""
+    """The rate of one question, with its interval for one more robot."""
 
     name: str
     # K of n faults on all robots; the 95 % interval is for one robot.
