@@ -19,7 +19,7 @@ from studies.study import plain, standings, targets
 
 
 def reproduce(name: str | None, out: Path, engine: str, keep: Path | None, as_json: bool) -> None:
-    """As the command."""
+    """Run `ravenjax reproduce`."""
     if name is None:
         rows = [
             (one.name, one.title, ", ".join(one.targets), f"{one.minutes:g}")
@@ -72,7 +72,7 @@ def reproduce(name: str | None, out: Path, engine: str, keep: Path | None, as_js
 
 
 def credibility(folder: Path, out: Path | None) -> None:
-    """As the command."""
+    """Run `ravenjax credibility`."""
     records = findings_files.records(folder, studies.NAMES)
     if not records:
         raise UserError(

@@ -198,8 +198,8 @@ def _at(rows: Mapping[str, Mapping[str, Any]], key: str) -> Mapping[str, Any]:
 
 # --- acceptance targets ---
 #
-# A target is met where every line of a study that belongs to it and has a band is inside the band;
-# one without such a line, or without a prediction on any of them, is not judged.
+# A target is met if all its lines with a band are inside their bands. A target is not judged if it
+# has no such line, or if none of these lines has a prediction.
 
 
 class Target(NamedTuple):

@@ -22,8 +22,7 @@ WITHHELD = (
     " missed here."
 )
 OUTCOMES = {"jump": "P(jump)", "stop": "P(E-stop)", "ik": "P(IK reject)"}
-
-"""Variants that tell where a jump in one packet comes from."""
+"""Counted columns of the runs, and their names in tables."""
 
 
 VARIANTS = (*read_variants("dsn16_a"), *detector.TRAINING)
