@@ -228,7 +228,7 @@ class Statics(NamedTuple):
     peak: float  # N, on the way to the stop
     torque: float  # N m at the joint
     speed: float  # rad/s, largest of the motor
-    # Mm at 0.3 m of arm, pushed by LOAD_NM while its controller holds it.
+    # mm at 0.3 m of arm, pushed by LOAD_NM while its controller holds it.
     given_way: float
 
 

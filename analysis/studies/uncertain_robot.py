@@ -233,7 +233,7 @@ class RobotRates(NamedTuple):
     """One robot under the same faults as every other."""
 
     name: str
-    # Bool [faults], columns EVENTS, and `kind` and `layer`; index: number of the fault.
+    # bool [faults], columns EVENTS, and `kind` and `layer`; index: number of the fault.
     events: pd.DataFrame
 
     @property

@@ -250,7 +250,7 @@ class Watched(NamedTuple):
     alarms: Mapping[str, Sequence[RunAlarms]]  # for the same keys: alarms of each run
     # [runs] largest step of motor velocity inside the window, divided by its 99.9 % threshold.
     largest_mvel: np.ndarray
-    # Bool [runs]: the reported tip moved more than 1 mm within two packets, the text's definition
+    # bool [runs]: the reported tip moved more than 1 mm within two packets, the text's definition
     # of a jump.
     leaps: np.ndarray
     # [runs, 3, 7] rad and m, reported in the packets of the first jump's steps; NaN: no jump.
@@ -332,7 +332,7 @@ class JumpJoints(NamedTuple):
 
     # [runs, 5] signed share of the steps' length that each joint makes when it alone moves.
     shares: np.ndarray
-    # Bool [runs]: with tool joints held, both steps still exceed the limit.
+    # bool [runs]: with tool joints held, both steps still exceed the limit.
     positioning: np.ndarray
     tool: np.ndarray  # bool [runs]: the same with joints 1-3 held
 

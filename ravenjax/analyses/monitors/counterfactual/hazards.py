@@ -36,7 +36,7 @@ class Hazards(NamedTuple):
     unit: np.ndarray
     robots: bool  # True if units are robots
     harm_ms: np.ndarray  # int
-    # Int [runs, candidates, margins]: harm minus first alarm; below 0 if there is none before harm.
+    # int [runs, candidates, margins]: harm minus first alarm; below 0 if there is none before harm.
     lead_ms: np.ndarray
 
     @property
