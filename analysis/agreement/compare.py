@@ -1,15 +1,16 @@
-"""Do two ways to compute the same run agree? Prints Markdown tables; asserts nothing.
+"""Compares two ways to compute the same run. Prints Markdown tables and asserts nothing.
 
     python analysis/agreement/compare.py [exact] [verdicts] [printed] [substeps] [arithmetic]
 
-exact       engines mjx and xla, tick by tick in float64: every signal of faulty runs verdicts
-engines mjx and xla in float32: the verdicts of the 2 100 runs of every_layer.toml printed
-engines xla and simd in float32: the verdicts of 10 500 runs, five times every group of
-every_layer.toml substeps    one, two and four plant steps per tick: the verdicts of
-campaigns/quick.toml arithmetic  the control software in float32 and in the original's mixed
-arithmetic: the DAC commands
+- exact: engines mjx and xla, tick by tick in float64: every signal of faulty runs
+- verdicts: engines mjx and xla in float32: the verdicts of the 2 100 runs of every_layer.toml
+- printed: engines xla and simd in float32: the verdicts of 10 500 runs, five times every group of
+  every_layer.toml
+- substeps: one, two and four plant steps per tick: the verdicts of campaigns/quick.toml
+- arithmetic: the control software in float32 and in the original's mixed arithmetic: the DAC
+  commands
 
-Without a name all five, about 15 minutes on 4 cores.
+Without a name all five run, which takes about 15 minutes on 4 cores.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ QUICK = "quick.toml"
 # --------------------
 
 TICKS, BOUND_TICKS = 400, 100
-# of the motion: the pedal is down from the first tick on and the hand moves from tick 60 on
+# Rows of the motion. The pedal is down from the first tick on, and the hand moves from tick 60 on.
 SKIPPED_ROWS = 440
 
 EXACT_FAULTS = (
@@ -64,7 +65,9 @@ EXACT_FAULTS = (
 
 
 def exact_campaign() -> dict:
-    """One run for each of EXACT_FAULTS, striking from tick 30 on for 40 ms."""
+    """Return a campaign with one run for each of EXACT_FAULTS, each acting from tick 30 on for 40
+    ms.
+    """
     groups = [
         {
             "name": f"{site} {channel}",
@@ -89,7 +92,7 @@ def exact_campaign() -> dict:
 
 
 def exact() -> Iterator[str]:
-    """Largest difference of any signal, in units of max(1, magnitude)."""
+    """Yield the largest difference of any signal, in units of max(1, magnitude)."""
     ready = plan.make_plan(rj.load_campaign(exact_campaign()), precision=REFERENCE)
     longer = plan.operator_motion(
         rj.load_campaign(exact_campaign(), [f"campaign.duration_s={2 * TICKS / 1e3}"])
@@ -142,7 +145,7 @@ def exact() -> Iterator[str]:
 
 
 def _gap(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """[ticks]"""
+    """Return the difference in each tick, [ticks]."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
     same = (a == b) | (np.isnan(a) & np.isnan(b))
     with np.errstate(invalid="ignore"):
@@ -154,12 +157,12 @@ def _gap(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def verdicts() -> Iterator[str]:
-    """Engines xla and mjx."""
+    """Compare engines xla and mjx."""
     yield from _verdicts(rj.load_campaign(EVERY_LAYER), "xla", "mjx")
 
 
 def printed() -> Iterator[str]:
-    """Engines xla and simd, on five times as many runs."""
+    """Compare engines xla and simd, on five times as many runs."""
     groups = rj.load_campaign(EVERY_LAYER).group
     more = [
         f"group.{i}.runs={5 * (group.runs or 0)}" for i, group in enumerate(groups) if group.runs
@@ -168,7 +171,7 @@ def printed() -> Iterator[str]:
 
 
 def _verdicts(config: CampaignConfig, *engines: str) -> Iterator[str]:
-    """Verdicts of two engines, and every run in which they differ with its margins."""
+    """Yield the verdicts of two engines, and every run in which they differ with its margins."""
     frames = {}
     for name in engines:
         begin = time.perf_counter()
@@ -220,7 +223,7 @@ def _fault(row: pd.Series) -> str:
 
 
 HAZARDS = ("unintended", "loss", "false_report")
-"""Beginnings of the columns of each hazard that is judged by a distance."""
+"""Prefixes of the columns of each hazard that is judged by a distance."""
 
 
 def _difference(a: pd.Series, b: pd.Series, rules: Rules) -> tuple[str, ...]:
@@ -255,7 +258,7 @@ SUBSTEPS = (1, 2, 4)
 
 
 def substeps() -> Iterator[str]:
-    """Verdict shares of quick.toml's faulty runs with 1, 2 and 4 plant steps per tick."""
+    """Yield verdict shares of quick.toml's faulty runs with 1, 2 and 4 plant steps per tick."""
     frames = []
     for n in SUBSTEPS:
         frame = runner.run_campaign(
@@ -299,7 +302,7 @@ START_TICKS = 300  # until the pedal is down and the arm has settled
 
 
 def arithmetic() -> Iterator[str]:
-    """Share of ticks whose DACs are those of the original's arithmetic, and the largest
+    """Yield the share of ticks whose DACs equal those of the original's arithmetic, and the largest
     difference.
     """
     opened, closed = [], []
@@ -356,15 +359,15 @@ PRECISIONS: dict[str, Precision] = {"float32": CAMPAIGN, "mixed": ORIGINAL}
 
 
 def _run(config: CampaignConfig, precision: Precision):
-    """Every signal of the fault-free run."""
+    """Return every signal of the fault-free run."""
     ready = plan.make_plan(config, precision)
     kernel = ScanKernel(ready.program, LANE_MULTIPLE, keep_signals=True)
     return kernel.run_signals(Block(*ready.lanes([0], LANE_MULTIPLE), None), ready.columns)[1]
 
 
 def _driven(config: CampaignConfig, signals) -> tuple[np.ndarray, np.ndarray]:
-    """DACs [ticks, 7] of the control software driven alone, in the original's arithmetic and in
-    float32.
+    """Return DACs [ticks, 7] of the control software driven alone, in the original's arithmetic and
+    in float32.
     """
     ready = plan.make_plan(config)
     setup, arm = ready.program.setup, config.campaign.arms
@@ -385,7 +388,7 @@ def _driven(config: CampaignConfig, signals) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _dac_difference(a: np.ndarray, b: np.ndarray) -> tuple[str, str, str, str]:
-    """How far two [ticks, 7] DACs are apart."""
+    """Return the difference of two DAC series [ticks, 7]."""
     gap = np.abs(a - b)
     tool = gap[:, 3:].max(axis=1)
     return (
@@ -405,7 +408,7 @@ def _share(rate) -> str:
 
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[str]], title: str) -> Iterator[str]:
-    """A Markdown table."""
+    """Write a Markdown table."""
     yield f"{title}:\n"
     yield f"| {' | '.join(heads)} |"
     yield f"|{'---|' * len(heads)}"
@@ -414,7 +417,7 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]], title: str) -> It
 
 
 def machine() -> str:
-    """Processor, cores and versions."""
+    """Return processor, cores and versions."""
     info = Path("/proc/cpuinfo")
     text = info.read_text() if info.is_file() else ""
     model = next(
@@ -445,7 +448,7 @@ PARTS: dict[str, Callable[[], Iterator[str]]] = {
 
 
 def main(names: Sequence[str]) -> None:
-    """Print the parts asked for."""
+    """Print the requested parts."""
     if unknown := [name for name in names if name not in PARTS]:
         sys.exit(f"unknown part {unknown[0]!r}, expected some of {', '.join(PARTS)}")
     compile_cache.enable()

@@ -1,3 +1,3 @@
-"""`ravenjax bench`: how fast this machine runs the tick, with each engine and beside MuJoCo's
-own ways.
+"""Implements `ravenjax bench`: how fast this machine runs the tick, with each engine and compared
+with MuJoCo's own ways.
 """

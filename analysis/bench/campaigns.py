@@ -1,7 +1,7 @@
-"""Whole campaigns kept in memory: what one costs by its number of runs, and by when faults strike.
+"""Times whole campaigns kept in memory, by number of runs and by the time at which faults begin.
 
-Up to its fault a run is its golden run. An engine that goes on from there computes only what comes
-after, and with `campaign.observe_ms` only so much of that.
+Until its fault a run equals its golden run. An engine that continues from there computes only the
+ticks after it, and with `campaign.observe_ms` only part of these.
 """
 
 from __future__ import annotations
@@ -15,16 +15,20 @@ from ravenjax.engines import selection
 from ravenjax.numbers.setup import CAMPAIGN
 
 SIZES = {"cuda": (4096, 65_536, 1_048_576), "simd": (256, 4096, 16_384)}
-"""Engine -> runs of a campaign."""
+"""Runs of a campaign, by engine."""
 TICKS = {"cuda": 10_000, "simd": 1000}
 FAULT_TICKS, OBSERVE_MS, FAULT_MS = 10_000, 1000, 10
-"""Of a run; how long half of the runs are observed after their fault; how long that lasts."""
+"""Ticks of a run; how long half of the runs are observed after their fault; duration of the
+fault.
+"""
 STARTS_MS = (0, 2500, 5000, 7500, 9000)
-"""When faults strike. At the first there is nothing to go on from."""
+"""Times at which faults begin. At the first there is no golden run to continue from."""
 
 
 def measure_sizes(seconds: float) -> list[dict[str, Any]]:
-    """Campaigns of each size. The first traces and compiles, and is shown beside its repeats."""
+    """Time campaigns of each size. The first run traces and compiles, and is shown beside its
+    repeats.
+    """
     name = selection.fastest(CAMPAIGN)[0]
     rows = []
     for runs in SIZES[name]:
@@ -40,7 +44,7 @@ def measure_sizes(seconds: float) -> list[dict[str, Any]]:
 
 
 def fault_campaign(runs: int, start_ms: int, observe_ms: int | None) -> dict[str, Any]:
-    """The keys of the campaign that is timed, all its faults at one time."""
+    """Return the keys of the timed campaign, in which all faults begin at one time."""
     keys = workload.campaign_keys(runs, FAULT_TICKS)
     keys["group"][0]["fault"][0] |= {"start_ms": start_ms, "duration_ms": FAULT_MS}
     if observe_ms is not None:
@@ -49,7 +53,9 @@ def fault_campaign(runs: int, start_ms: int, observe_ms: int | None) -> dict[str
 
 
 def measure_fault_times(seconds: float, runs: int = 0) -> list[dict[str, Any]]:
-    """By when faults strike. runs: of each campaign; 0: what an engine does in about a second."""
+    """Time campaigns by the start of their faults. `runs`: of each campaign; 0: as many as an
+    engine computes in about a second.
+    """
     name = selection.fastest(CAMPAIGN)[0]
     runs = runs or (2**17 if name == "cuda" else 1024 * machine.count_usable_cpus())
     ways = [(start, observe) for observe in (None, OBSERVE_MS) for start in STARTS_MS]
@@ -58,7 +64,7 @@ def measure_fault_times(seconds: float, runs: int = 0) -> list[dict[str, Any]]:
         config = loading.from_dict(fault_campaign(runs, start, observe))
         run = functools.partial(runner.run_campaign, config, None, name)
         if start == STARTS_MS[0]:
-            # traces and compiles
+            # The first call traces and compiles.
             run()
         times = workload.repeat(run, 0.8 * seconds / len(ways))
         row = {"engine": name, "runs": runs, "fault_at_ms": start, "observe_ms": observe}

@@ -1,4 +1,4 @@
-"""Whole commands from the shell, each in a process of its own: what a user waits for."""
+"""Times whole commands from the shell, each in a separate process: the time that a user waits."""
 
 from __future__ import annotations
 
@@ -15,15 +15,17 @@ from bench.process import ROOT, Finished
 from ravenjax.campaign import compile_cache
 
 OTHER_VALUES = ("--set", "campaign.seed=7")
-"""Draws other values for faults and parameters of the same form."""
+"""Options that draw other values for faults and parameters of the same form."""
 NOTHING, AGAIN, OTHERS = ", nothing cached", " again", " with other values"
-"""Of the form that is run: neither traced nor compiled before, with the same values, with
-others.
+"""State of the cache for the form: neither traced nor compiled before; run with the same values;
+run with other values.
 """
 
 
 def list_commands(folder: Path) -> dict[str, tuple[str, ...]]:
-    """What is run -> what is written after `ravenjax`; results go to `folder`."""
+    """Return a map from the name of a command to the words after `ravenjax`. Results go to
+    `folder`.
+    """
     run = ("run", "quick", "--no-report", "--out")
     return {
         f"run quick{NOTHING}": (*run, str(folder / "0")),
@@ -37,7 +39,9 @@ def list_commands(folder: Path) -> dict[str, tuple[str, ...]]:
 def list_large_commands(
     folder: Path, runs: int = 1_000_000, ticks: int = 10_000
 ) -> dict[str, tuple[str, ...]]:
-    """The same for a campaign of a million ten-second runs, which a GPU takes seconds for."""
+    """Return the commands for a campaign of a million ten-second runs, which takes a GPU
+    seconds.
+    """
     file = folder / "large.toml"
     file.write_text(tomlkit.dumps(workload.campaign_keys(runs, ticks)))
     run, what = ("run", str(file), "--no-report", "--out"), f"run of {runs:,} runs of {ticks} ms"
@@ -48,7 +52,7 @@ def list_large_commands(
 
 
 def run_command(folder: Path, *tokens: str, root: Path = ROOT) -> Finished:
-    """`ravenjax` of the package in `root` with these words; its cache is in `folder`."""
+    """Run `ravenjax` of the package in `root` with these words. Its cache is in `folder`."""
     cache = {compile_cache.VARIABLE: str(folder / "cache")}
     command = [sys.executable, "-m", "ravenjax.cli", *tokens]
     try:
@@ -58,14 +62,16 @@ def run_command(folder: Path, *tokens: str, root: Path = ROOT) -> Finished:
 
 
 def measure(seconds: float) -> list[dict[str, Any]]:
-    """`ravenjax run` with an empty cache, again, and with other values of the same form; and what
-    lists campaigns. In rounds, each with a cache of its own, as many as fit into `seconds`.
+    """Time `ravenjax run` with an empty cache, again, and with other values of the same form; and
+    the command that lists campaigns.
+
+    The commands run in rounds, each with a separate cache, as many as fit into `seconds`.
     """
     return _measure(seconds, list_commands)
 
 
 def measure_large(seconds: float) -> list[dict[str, Any]]:
-    """The large campaign with an empty cache, and with other values."""
+    """Time the large campaign with an empty cache, and with other values."""
     return _measure(seconds, list_large_commands)
 
 

@@ -1,5 +1,5 @@
-"""Full ticks per second of an engine, driven as a campaign drives it: blocks side by side, one
-golden run for all.
+"""Measures full ticks per second of an engine, driven as a campaign drives it: blocks side by side,
+with one golden run for all.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from ravenjax.numbers.lazy import jax
 from ravenjax.numbers.setup import CAMPAIGN
 
 PRINTING = ("simd", "cuda")
-"""Engines that print the traced tick themselves; the others leave it to XLA."""
+"""Engines that generate code for the traced tick themselves. The others leave this to XLA."""
 SIZES = {"cuda": (4096, 65_536, 811_008), "simd": (16, 256, 4096, 16_384)}
-"""Engine -> runs of a batch."""
+"""Runs of a batch, by engine."""
 XLA_SIZES = {"cpu": (1024,), "gpu": (65_536, 524_288)}
-"""Backend of JAX -> runs of a batch of `xla` and `mjx`. XLA compiles each for 10 to 60 s."""
+"""Runs of a batch of `xla` and `mjx`, by JAX's backend. XLA needs 10 to 60 s to compile each."""
 TICKS = {"cuda": 3000, "simd": 1000, "xla": 200, "mjx": 20}
-"""Engine -> ticks of a run."""
+"""Ticks of a run, by engine."""
 
 
 def measure(seconds: float, name: str) -> list[dict[str, Any]]:
-    """Measure the engine of that name for about so long beyond its start. Raises UserError where
-    there is none.
+    """Measure the engine with a name for about `seconds` after its start. Raises UserError if it
+    does not exist.
     """
     engine = selection.select(name, CAMPAIGN)
     sizes = SIZES.get(name) or XLA_SIZES.get(jax.default_backend(), XLA_SIZES["gpu"])
@@ -64,11 +64,13 @@ def measure_batches(
 
 
 def _time_start(engine: Engine, kernel: Kernel, work: Workload, runs: int) -> dict[str, float]:
-    """Seconds until the first kernel is ready; and those of a kernel whose tick is traced."""
+    """Return the seconds until the first kernel is ready, and those of a kernel whose tick is
+    already traced.
+    """
     block = work.golden_runs(kernel.lanes)
     start = {"start_s": workload.measure_once(lambda: kernel.prepare(block, work.motion))}
     if engine.name in PRINTING:
-        # Kernels of printing engines name the program that they print.
+        # Kernels of code-generating engines name the program that they compile.
         again: Any = engine.compile(work.program, runs)
         traced.forget()
         traced.forms(again.program, block, work.motion)

@@ -1,4 +1,4 @@
-"""What the benchmark runs on: CPUs, the limit of its control group, GPUs, versions."""
+"""Describes the machine of a benchmark: CPUs, the limit of its control group, GPUs, versions."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ PACKAGES = ("ravenjax", "jax", "jaxlib", "numpy", "llvmlite", "mujoco", "pandas"
 
 
 def count_usable_cpus() -> int:
-    """Threads that can be busy at a time: CPUs that this process may use, and no more than its
-    control group allows.
+    """Return the number of threads that can be busy at a time: CPUs that this process may use,
+    limited by its control group.
     """
     cpus, limit = len(os.sched_getaffinity(0)), read_quota()
     return max(1, min(cpus, int(limit + 0.5))) if limit < cpus else cpus
 
 
 def describe() -> dict[str, Any]:
-    """This machine. Starts no work on any device."""
+    """Describe this machine. Starts no work on any device."""
     from ravenjax.engines.cpu import jit
     from ravenjax.engines.gpu import device as cuda_device
     from ravenjax.robots.raven2 import ROBOT
@@ -49,14 +49,16 @@ def describe() -> dict[str, Any]:
         "no_gpu": no_gpu,
         "system": f"{platform.platform()}, Python {platform.python_version()}",
         "versions": {name: importlib.metadata.version(name) for name in PACKAGES},
-        # two results of the same code have the same
+        # Equal for two results of the same code.
         "code": manifest.code_hash(ROBOT),
     }
 
 
 def order_cpus(allowed: Iterable[int], cpus: Path = CPUS) -> list[tuple[int, bool]]:
-    """The allowed CPUs in the order in which to use them: first one of each real core, then their
-    hyper-threads. Beside each whether it shares its core with an earlier one.
+    """Return the allowed CPUs in the order of use: first one of each real core, then their
+    hyper-threads.
+
+    Each comes with whether it shares its core with an earlier one.
     """
     first, second, cores = [], [], set[str]()
     for cpu in sorted(allowed):
@@ -67,8 +69,9 @@ def order_cpus(allowed: Iterable[int], cpus: Path = CPUS) -> list[tuple[int, boo
 
 
 def read_quota(groups: Path = GROUPS, own: Path = OWN_GROUP) -> float:
-    """CPUs' worth of time that the control groups of this process allow, the least of its own and
-    of those above it; inf where they set no limit.
+    """Return the CPU time that the control groups of this process allow, in CPUs.
+
+    It is the least of the limits of its own group and of those above it; inf without a limit.
     """
     limits = [math.inf]
     path = next((s[3:] for s in _read(own).splitlines() if s.startswith("0::")), "/")
@@ -87,7 +90,7 @@ def _cpu_name() -> str:
 
 
 def _read(path: Path) -> str:
-    """What a file says; "" where it cannot be read."""
+    """Return the content of a file; "" if it cannot be read."""
     try:
         return path.read_text(encoding="utf-8").strip()
     except (OSError, UnicodeDecodeError):

@@ -1,8 +1,8 @@
-"""MuJoCo's own ways to step the same arm: rigid bodies alone, without motors, cables, control
+"""Times MuJoCo's own ways to step the same arm: rigid bodies only, without motors, cables, control
 software, faults or cue.
 
-Joint limits and contacts are off, which spares both the constraint solver: the least work that they
-can do.
+Joint limits and contacts are off, so that neither needs the constraint solver. This is the least
+work that they can do.
 """
 
 # MuJoCo's compiled module carries no types.
@@ -29,7 +29,7 @@ PUBLISHED = "published model, target A2: at most 11 us"
 
 
 def make_arm() -> mujoco.MjModel:
-    """The gold arm alone."""
+    """Return a model of the gold arm alone."""
     model = copy.copy(arm_model.one_arm("gold"))
     model.opt.timestep = STEP_S
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
@@ -39,7 +39,7 @@ def make_arm() -> mujoco.MjModel:
 def measure_rollout(
     seconds: float, batches: Sequence[int] = (256, 1024, 4096, 16384), steps: int = 100
 ) -> list[dict[str, Any]]:
-    """C MuJoCo's `mujoco.rollout` with one thread for each CPU, by number of robots."""
+    """Time C MuJoCo's `mujoco.rollout` with one thread per CPU, by number of robots."""
     from mujoco import rollout
 
     threads = machine.count_usable_cpus()
@@ -58,7 +58,7 @@ def measure_rollout(
 
 
 def measure_published_model(seconds: float, steps: int = 20_000) -> list[dict[str, Any]]:
-    """The published three-joint model of one robot, explicit Euler at 1 ms as printed, in
+    """Time the published three-joint model of one robot, explicit Euler at 1 ms as published, in
     float64, on one core.
     """
     import jax
@@ -83,9 +83,10 @@ def measure_published_model(seconds: float, steps: int = 20_000) -> list[dict[st
 def measure_mjx_step(
     seconds: float, implementation: str = "jax", batches: Sequence[int] = (), steps: int = 100
 ) -> list[dict[str, Any]]:
-    """MJX: `jax.vmap(mjx.step)` by number of robots, the loop over steps inside `jit`.
+    """Time MJX: `jax.vmap(mjx.step)` by number of robots, with the loop over steps inside `jit`.
 
-    implementation: MJX's own in `jax`, or MuJoCo Warp (`warp`), which needs the package warp-lang.
+    `implementation`: MJX's own in `jax`, or MuJoCo Warp (`warp`), which needs the package
+    warp-lang.
     """
     import jax
     import jax.numpy as jnp
@@ -132,7 +133,7 @@ def _measure_jax(
         "steps": steps,
         "device": str(jax.config.jax_default_device or jax.devices()[0]),
         "compile_s": time.perf_counter() - began,
-        # XLA counts the body of the loop once.
+        # XLA counts the loop body once.
         "flops_per_step": float((compiled.cost_analysis() or {}).get("flops", 0.0)) / robots,
     }
     run = functools.partial(compiled, start)
@@ -148,7 +149,9 @@ def _measure(
     seconds: float,
     settings: int = 1,
 ) -> list[dict[str, Any]]:
-    """steps: of all robots, in `work` once. settings: among which the seconds are divided."""
+    """Time one setting. `steps`: of all robots in one call of `work`. `settings`: number of
+    settings that share the seconds.
+    """
     work()
     times = workload.repeat(work, seconds / settings)
     rates = {"steps_per_s": steps / min(times), "us_per_step": 1e6 * min(times) / steps}

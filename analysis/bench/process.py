@@ -1,6 +1,6 @@
-"""Commands and functions in a process of their own, with their time and their peak memory.
+"""Runs commands and functions in a separate process, and measures their time and peak memory.
 
-What they break, fill or pin is gone with the process, and the benchmark goes on.
+A failure, used memory or CPU affinity ends with the process, so the benchmark continues.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 """Folder of the package that runs."""
 LONGEST_REASON = 300
 """Characters; compilers write pages."""
-# ru_maxrss starts with the memory of the process that forks, so a small process starts the command.
+# ru_maxrss starts with the memory of the forking process, so a small process starts the command.
 _LAUNCHER = """
 import json, os, subprocess, sys, time
 begin = time.perf_counter()
@@ -39,11 +39,11 @@ json.dump(getattr(importlib.import_module(module), name)(*arguments), answer)
 
 
 class Finished(NamedTuple):
-    """A command that ended well."""
+    """A command that ended without an error."""
 
     output: str
     seconds: float  # from start to exit
-    cpu_s: float  # of all cores
+    cpu_s: float  # over all cores
     peak_mb: float  # resident
 
 
@@ -54,10 +54,11 @@ def run_command(
     folder: Path | None = None,
     root: Path = ROOT,
 ) -> Finished:
-    """Run a command with the package in `root`. It and all that it started end with this call.
+    """Run a command with the package in `root`. The command and all its child processes end with
+    this call.
 
-    environment: variables beside those of this process. Raises RuntimeError, in one line, for a
-    command that fails or takes longer than `limit_s` seconds.
+    `environment`: variables in addition to those of this process. Raises RuntimeError, with a
+    message of one line, for a command that fails or takes longer than `limit_s` seconds.
     """
     path = os.pathsep.join(
         filter(None, [str(root), str(root / "analysis"), os.environ.get("PYTHONPATH")])
@@ -95,7 +96,8 @@ def call(
     environment: Mapping[str, str],
     limit_s: float | None = None,
 ) -> tuple[Any, float]:
-    """(What a module's function returns, peak memory in MB); arguments and answer travel as JSON.
+    """Return (result of a module's function, peak memory in MB). Arguments and result are passed as
+    JSON.
 
     Raises RuntimeError as `run_command` does.
     """

@@ -1,8 +1,8 @@
-"""The bare kernel beside whole campaigns on 1, 2, 4 .. cores or GPUs.
+"""Times the bare kernel and whole campaigns on 1, 2, 4 .. cores or GPUs.
 
-Each core or GPU gets as much work however many there are. The bare kernel's blocks are made before
-the clock starts: what it loses, it loses to shared cores, clocks and memory. What campaigns lose
-beyond that, they lose to what surrounds it.
+Each core or GPU gets the same amount of work for any number of them. The bare kernel's blocks are
+made before the clock starts, so its losses come from shared cores, clocks and memory. Further
+losses of campaigns come from the code around the kernel.
 """
 
 from __future__ import annotations
@@ -20,30 +20,34 @@ from ravenjax.numbers.setup import CAMPAIGN
 
 
 class Work(NamedTuple):
-    """What each core or GPU is given."""
+    """The work of each core or GPU."""
 
     lanes: int = 256  # runs of the bare kernel
-    kernel_ticks: int = 10_000  # of a run of the bare kernel
-    runs: int = 8192  # of a campaign
-    ticks: int = 3000  # of a campaign's run
+    kernel_ticks: int = 10_000  # ticks of a run of the bare kernel
+    runs: int = 8192  # runs of a campaign
+    ticks: int = 3000  # ticks of a campaign's run
 
 
 GPU_WORK = Work(405_504, 10_000, 2**18, 10_000)
-"""The lanes fill an H200 eight times."""
+"""Work of a GPU. The lanes fill an H200 eight times."""
 
 
 def count_up(total: int) -> list[int]:
-    """1, 2, 4 .. and `total`."""
+    """Return 1, 2, 4 .. and `total`."""
     return sorted({2**k for k in range(total.bit_length())} | {total})
 
 
 def count_cores(real: int, threads: int, usable: int) -> list[int]:
-    """1, 2, 4 .. real cores, all of them, and all hyper-threads; none beyond what is usable."""
+    """Return 1, 2, 4 .. real cores, all real cores, and all hyper-threads, limited to what is
+    usable.
+    """
     return sorted({n for n in (*count_up(real), threads) if n <= usable} | {min(usable, threads)})
 
 
 def measure_cores(seconds: float, work: Work | None = None) -> list[dict[str, Any]]:
-    """Measure each number of cores, for about so long in all. This process stays on the last."""
+    """Measure each number of cores, for about `seconds` in total. This process stays on the last
+    one.
+    """
     order = machine.order_cpus(os.sched_getaffinity(0))
     real = sum(not shared for _, shared in order)
     numbers = count_cores(real, len(order), machine.count_usable_cpus())
@@ -61,14 +65,14 @@ def measure_gpus(
 ) -> list[dict[str, Any]]:
     """Measure all GPUs that this process sees, `number` of them."""
     selected = selection.select(engine, CAMPAIGN, compile_cache.objects())
-    # While one block runs, the next is packed.
+    # While one block runs, the next one is packed.
     return [{"gpus": number} | _measure(selected, number, 2 * number, work, seconds)]
 
 
 def _measure(
     engine: Engine, number: int, blocks: int, work: Work, seconds: float
 ) -> dict[str, Any]:
-    """Full ticks a second of `blocks` blocks of the bare kernel, and of a campaign."""
+    """Return full ticks per second of `blocks` blocks of the bare kernel, and of a campaign."""
     load = Workload(work.kernel_ticks)
     kernel = engine.compile(load.program, work.lanes * number)
     lanes = min(kernel.size(work.lanes * number // blocks), kernel.lanes)

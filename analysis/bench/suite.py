@@ -1,7 +1,7 @@
-"""The whole benchmark in one run, part by part, within a time.
+"""Runs the whole benchmark, part by part, within a time limit.
 
-Each part runs in a process of its own. The most telling come first: where time is short, the last
-are left out.
+Each part runs in a separate process. The most informative parts come first. If time is short, the
+last ones are left out.
 """
 
 from __future__ import annotations
@@ -26,30 +26,31 @@ from ravenjax.campaign import compile_cache
 from ravenjax.errors import UserError
 
 FULL_S, QUICK_S = 160.0, 35.0
-"""s, of the whole benchmark where nothing else is asked for."""
+"""s, default time of the whole benchmark: full and quick."""
 LEAST_S, LONGEST_S = 5.0, 86_400.0
-"""s that may be asked for."""
+"""Least and largest time in s that may be requested."""
 LATE_S = 12.0
-"""s that the last part may be late before it is ended."""
+"""s that the last part may exceed its time before it is ended."""
 VISIBLE = "CUDA_VISIBLE_DEVICES"
 
 
 class Part(NamedTuple):
-    """Something that is measured by itself."""
+    """One part of the benchmark, measured in a separate process."""
 
     name: str
-    table: str  # to which its rows belong; what `--only` takes for it
-    work: Callable[..., list[dict[str, Any]]]  # seconds to measure, then `arguments` -> rows
-    fixed_s: float  # s on two quiet cores before it measures: imports, tracing, compiling
-    longest_s: float  # s to measure, beyond which more says no more
+    table: str  # table of its rows; `--only` takes this name
+    work: Callable[..., list[dict[str, Any]]]  # maps (seconds to measure, then `arguments`) to rows
+    fixed_s: float  # s on two idle cores before it measures: imports, tracing, compiling
+    longest_s: float  # s to measure; more time would not improve the result
     arguments: tuple[Any, ...] = ()
-    quick: bool = False  # part of a quick run, too
-    gpus: int = 0  # how many it needs
-    cached: bool = False  # finds what parts before it traced and compiled, as it times none of it
+    quick: bool = False  # also part of a quick run
+    gpus: int = 0  # number of GPUs that it needs
+    # Uses traces and compiled code of earlier parts, because it times neither.
+    cached: bool = False
 
 
 def list_parts(gpus: int) -> list[Part]:
-    """All parts, in the order in which they are measured, on a machine with so many GPUs."""
+    """Return all parts, in the order in which they are measured, for a machine with `gpus` GPUs."""
     engine = engines.measure
     return [
         Part("engine cuda", "engines", engine, 8, 20, ("cuda",), True, gpus=1),
@@ -78,9 +79,11 @@ def measure(
     only: Sequence[str] = (),
     tell: Callable[[str], None] = lambda _: None,
 ) -> dict[str, list[dict[str, Any]]]:
-    """Table -> rows, measured for about `total_s` seconds; `tell` hears what comes next.
+    """Return rows by table, measured for about `total_s` seconds. `tell` is called with the next
+    part.
 
-    only: these tables alone. Compiled code is neither taken from the user's cache nor left in it.
+    `only`: limits the run to these tables. Compiled code is neither taken from the user's cache nor
+    left in it.
     """
     end, load = time.perf_counter() + total_s, os.getloadavg()[0]
     host, _ = process.call(machine.describe, environment={}, limit_s=total_s + LATE_S)
@@ -126,15 +129,15 @@ def measure(
 
 
 def share_time(left_s: float, parts: Sequence[Part]) -> float:
-    """s that the first of the parts may measure, so that all of them fit."""
+    """Return the seconds that the first of the parts may measure, so that all of them fit."""
     spare = left_s - sum(part.fixed_s for part in parts)
     wanted = sum(part.longest_s for part in parts)
     return parts[0].longest_s * min(1.0, max(0.1, spare / wanted)) if wanted else 0.0
 
 
 def compute_ratios(found: dict[str, list[dict[str, Any]]]) -> list[dict[str, Any]]:
-    """Full ticks a second of each printing engine over every other's ticks or steps a second, each
-    at its best.
+    """Return the ratio of the full ticks per second of each code-generating engine to the ticks or
+    steps per second of all others, each at its best.
     """
     rates: dict[str, float] = {}
     for row in found.get("peers", []):
@@ -168,7 +171,7 @@ Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
 
 
 def make_tables(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[Table]:
-    """Each table of which there are rows; a column for each key."""
+    """Return each table that has rows, with one column per key."""
     tables = []
     for name, title in TITLES.items():
         if rows := found.get(name):
@@ -179,7 +182,7 @@ def make_tables(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[Table]
 
 
 def write_markdown(title: str, command: str, tables: Sequence[Table]) -> str:
-    """A page of tables."""
+    """Write a page of tables."""
     parts = [f"# {title}", f"Written by `{command}`."]
     for name, columns, rows in tables:
         lines = [" | ".join(row) for row in (columns, ("---",) * len(columns), *rows)]
@@ -204,7 +207,7 @@ def _text(value: Any) -> str:
 def bench(
     json: bool, quick: bool, markdown: Path | None, only: Sequence[str], seconds: float | None
 ) -> int:
-    """The exit code of `ravenjax bench`."""
+    """Run the benchmark and return the exit code of `ravenjax bench`."""
     from ravenjax.cli import console, terminal
 
     if markdown is not None and not markdown.absolute().parent.is_dir():

@@ -1,7 +1,8 @@
-"""What is timed: a campaign of one arm and one fault slot, and blocks of its runs, no two alike.
+"""Defines the timed work: a campaign of one arm and one fault slot, and blocks of its runs, all
+different.
 
-All runs share their parameters, as those of one campaign group do. What they have in common (the
-clean packet, the nominal model) is computed once for all of them.
+All runs share their parameters, as those of one campaign group do. Their common parts (the clean
+packet, the nominal model) are computed once for all of them.
 """
 
 from __future__ import annotations
@@ -23,15 +24,15 @@ from ravenjax.faults.fault import Faults
 from ravenjax.numbers.vec import replace
 
 PATTERN_RUNS = 256
-"""Rows of the fault table; later runs repeat them with another value."""
+"""Rows of the fault table. Later runs repeat them with another value."""
 DAC_CNT = 20_000.0
-"""Faults overwrite a DAC command by up to so many counts, either way."""
+"""Faults overwrite a DAC command by up to this many counts, in either direction."""
 GOLDEN = 0.6180339887498949
-"""Multiples of it, modulo 1, fill an interval evenly without ever repeating."""
+"""Multiples of this number, modulo 1, fill an interval evenly without repeating."""
 
 
 def campaign_keys(runs: int, ticks: int) -> dict[str, Any]:
-    """The keys of the campaign file that is timed: suturing with the gold arm, a DAC command
+    """Return the keys of the timed campaign file: suturing with the gold arm, with a DAC command
     overwritten after every check.
     """
     fault = {
@@ -50,38 +51,38 @@ def campaign_keys(runs: int, ticks: int) -> dict[str, Any]:
 
 
 def campaign(runs: int, ticks: int) -> CampaignConfig:
-    """The campaign that is timed."""
+    """Return the timed campaign."""
     return loading.from_dict(campaign_keys(runs, ticks))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Workload:
-    """The program, and runs of it by number."""
+    """The program, and its runs by number."""
 
     ticks: int  # of a run
 
     @cached_property
     def plan(self) -> Plan:
-        """Its campaign, planned."""
+        """Return the planned campaign."""
         return plan.make_plan(campaign(PATTERN_RUNS, self.ticks))
 
     @property
     def program(self) -> TickProgram:
-        """What picks code."""
+        """Return the settings that select code."""
         return self.plan.program
 
     @property
     def motion(self) -> tuple[np.ndarray, ...]:
-        """Columns of the operator's motion."""
+        """Return the columns of the operator's motion."""
         return self.plan.columns
 
     def golden_runs(self, lanes: int) -> Block:
-        """A block without faults."""
+        """Return a block without faults."""
         return Block(*self.plan.lanes([0], lanes, harmless=True), None)
 
     def block(self, first: int, runs: int, lanes: int, reference: np.ndarray) -> Block:
-        """Runs `first` and following, the last repeated to fill the block; reference: of their
-        golden run.
+        """Return run `first` and the following runs, with the last one repeated to fill the block.
+        `reference`: of their golden run.
         """
         number = first + np.minimum(np.arange(lanes), runs - 1)
         varied, faults = self.plan.lanes(number % PATTERN_RUNS, lanes)
@@ -91,28 +92,28 @@ class Workload:
         return Block(varied, Faults(slots), shared)
 
     def blocks(self, kernel: Kernel, runs: int, lanes: int) -> list[Block]:
-        """So many runs in blocks of at most `lanes` lanes; their golden run is computed."""
+        """Return `runs` runs in blocks of at most `lanes` lanes. Their golden run is computed."""
         golden = kernel.run(self.golden_runs(kernel.size(1)), self.motion).reference[:, :, 0]
         sizes = [(first, min(lanes, runs - first)) for first in range(0, runs, lanes)]
         return [self.block(first, rows, kernel.size(rows), golden) for first, rows in sizes]
 
     def run(self, kernel: Kernel, blocks: Sequence[Block], threads: int) -> None:
-        """Run the blocks, so many side by side."""
+        """Run the blocks, `threads` at a time."""
         with ThreadPoolExecutor(threads) as pool:
             for _ in pool.map(lambda block: kernel.run(block, self.motion), blocks):
                 pass
 
 
 def measure_once(work: Callable[[], object]) -> float:
-    """Seconds that `work` takes this once."""
+    """Return the seconds of a single call of `work`."""
     start = time.perf_counter()
     work()
     return time.perf_counter() - start
 
 
 def repeat(work: Callable[[], object], seconds: float, most: int = 9) -> list[float]:
-    """Seconds of `work`, done as often as it fits into `seconds`; once at least, `most` times at
-    most.
+    """Return the seconds of each call of `work`, repeated as often as fits into `seconds`, between
+    once and `most` times.
     """
     times: list[float] = []
     while not times or (len(times) < most and sum(times) + times[-1] <= seconds):

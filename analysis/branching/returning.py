@@ -1,11 +1,11 @@
-"""How many runs come back to their golden run: `python analysis/branching/returning.py [CAMPAIGN
-[RUNS]]`.
+"""Counts the runs that return to their golden run: `python analysis/branching/returning.py
+[CAMPAIGN [RUNS]]`.
 
-From then on nothing could change any more but by another window, and the rest of such a run would
-be its golden run's. A run is taken to be back from the tick on from which every time series of it
-is its golden run's to the bit, up to the end: motors, cables, links, encoders, the software's
-poses, torques and commands, PLC, brakes, nominal model and cue. What is remembered and not in a
-series may still differ, so there are at most so many.
+From the return on, only another fault window could change the run, so the rest of such a run equals
+its golden run's. A run counts as returned from the tick from which every time series equals its
+golden run's to the bit, until the end: motors, cables, links, encoders, the software's poses,
+torques and commands, PLC, brakes, nominal model and cue. State that is in no series may still
+differ, so the count is an upper bound.
 """
 
 from __future__ import annotations
@@ -23,7 +23,9 @@ from ravenjax.engines.interface import Block, Tracer
 
 
 def series_of(ready: Plan, tracer: Tracer, block: Block) -> tuple[np.ndarray, np.ndarray]:
-    """Every number of a run that a trace keeps, as bits [ticks, numbers], and its own reference."""
+    """Return every number of a run that a trace keeps, as bits [ticks, numbers], and the golden
+    run's.
+    """
     result, signals = tracer.kernel.run_signals(block, ready.columns)
     kept = ready.config.robot.part("campaign").series(ready.program.setup, signals)
     columns = [
@@ -36,8 +38,8 @@ def series_of(ready: Plan, tracer: Tracer, block: Block) -> tuple[np.ndarray, np
 
 
 def back_from(run: np.ndarray, golden: np.ndarray) -> int:
-    """The tick from which on a run is its golden run; the number of ticks where it is not in the
-    end.
+    """Return the tick from which a run equals its golden run; the number of ticks if it does not at
+    the end.
     """
     apart = np.flatnonzero((run != golden).any(axis=1))
     return 0 if not len(apart) else int(apart[-1]) + 1

@@ -1,16 +1,19 @@
-"""How much backlash do the recorded arms admit? Prints Markdown.
+"""Bounds the backlash of the recorded arms from above. Prints Markdown.
 
     RAVENJAX_DATA=FOLDER python analysis/calibration/backlash.py
 
 The recordings have motors and no joints, and the virtual robot has no backlash. A gap behind a
-motor shows where the motor turns back: until the gap is crossed, it does not carry the joint's
-share of the dry friction. So the torque that the recorded error implies (PID of its controller)
-reaches its new level no sooner than the gap ends: the motor's travel until it has made 90 % of the
-way is an upper bound of the gap, as all else that softens a reversal is counted, too. Beside it
-stands the same of the virtual robot asked for the same, which turns back without a gap. Where that
-is as large, the measure sees the controller and the recording bounds nothing smaller.
+motor shows when the motor turns back: until the gap is crossed, the motor does not carry the
+joint's share of the dry friction. So the torque that the recorded error implies (PID of its
+controller) does not reach its new level before the gap ends. The motor's travel until the torque
+has made 90 % of the change is therefore an upper bound of the gap. It also includes everything else
+that softens a reversal.
 
-Level before and after: medians over the middle 40 % of the strokes. A stroke turns by at least
+The same measure is computed for the virtual robot with the same desired motion, which turns back
+without a gap. If it is as large there, the measure sees only the controller, and the recording
+bounds nothing smaller.
+
+Levels before and after are medians over the middle 40 % of the strokes. A stroke turns by at least
 `LEAST` of the joint's range of motion in the recording.
 """
 
@@ -41,8 +44,8 @@ MIDDLE = (0.3, 0.7)
 def torques(
     logged: LoggedRobot, joints: np.ndarray, period_ms: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Motor angles (rad) and what the controller then asks of the motors (N m), [n, 7] each,
-    smoothed alike.
+    """Return motor angles (rad) and the torques that the controller then commands (N m), [n, 7]
+    each, with the same smoothing.
     """
     tool = logged.setup.tools[logged.setup.arms.index(logged.arm)]
     period = period_ms * 1e-3
@@ -70,7 +73,7 @@ def torques(
 
 
 def turns(angle: np.ndarray, least: float) -> list[int]:
-    """Rows at which the angle [n] turns back after at least `least` of travel."""
+    """Return the rows at which the angle [n] turns back after at least `least` of travel."""
     ends, extreme, sign = [0], 0, 0
     for k in range(1, len(angle)):
         ahead = sign * (angle[k] - angle[extreme])
@@ -85,8 +88,8 @@ def turns(angle: np.ndarray, least: float) -> list[int]:
 
 
 def travels(angle: np.ndarray, torque: np.ndarray) -> np.ndarray:
-    """Motor travel (rad) after each reversal until the torque has made REACHED of its way to the
-    new level.
+    """Return the motor travel (rad) after each reversal until the torque has made REACHED of its
+    way to the new level.
     """
     ends = turns(angle, LEAST * np.ptp(angle))
     travel = []
@@ -103,7 +106,7 @@ def travels(angle: np.ndarray, torque: np.ndarray) -> np.ndarray:
 
 
 def rows(name: str, logged: LoggedRobot, period_ms: float) -> list[tuple[str, ...]]:
-    """Each joint of one recorded arm beside the virtual one."""
+    """Return one row per joint of a recorded arm, with the virtual arm's values."""
     whole = logged.log.compared(0, len(logged.log.desired))
     params = position_loop.params(robot.params(logged.setup, logged.arm))
     sides = [
@@ -129,7 +132,7 @@ def rows(name: str, logged: LoggedRobot, period_ms: float) -> list[tuple[str, ..
 
 
 def main() -> None:
-    """Both recorded arms."""
+    """Print the results of both recorded arms."""
     lines: list[tuple[str, ...]] = []
     for name, file, read, period_ms in (
         ("the authors' arm", mechanics.THREE_JOINTS, mechanics.three_joints, 1.0),

@@ -1,10 +1,11 @@
-"""Do 90 % intervals of `ravenjax calibrate` hold nine of ten hidden values? Prints Markdown.
+"""Tests whether 90 % intervals of `ravenjax calibrate` contain nine of ten hidden values. Prints
+Markdown.
 
     python analysis/calibration/cover.py [LOGS] [SECONDS]
 
-Virtual robots with everything that a log is asked for drawn from the beliefs before, each in a log
-of its own. If the intervals are right, the number of values inside is binomial with 0.9 or more;
-those of one log are not independent, so that the number of each log is printed, too.
+All parameters that a log can estimate are drawn from their priors for each virtual robot, which has
+a separate log. If the intervals are right, the number of values inside is binomial with 0.9 or
+more. Values of one log are not independent, so the number for each log is printed too.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from ravenjax.robots.raven2.plant import robot
 
 
 def main(logs: int = 20, seconds: float = 14.0) -> None:
-    """Calibrate so many logs and count."""
+    """Calibrate `logs` logs and count."""
     wanted = parameters.unknowns(range(7))
     plant = robot.params(virtual_log.SETUP, "gold")
     base = parameters.believed(plant, wanted)

@@ -1,12 +1,12 @@
-"""Do derivatives of the tick help `ravenjax calibrate`? Prints Markdown.
+"""Tests whether derivatives of the tick help `ravenjax calibrate`. Prints Markdown.
 
     python analysis/calibration/gradients.py [SECONDS] [xla]
 
-The slopes of one virtual log by all that it is asked for, three ways: differences of replays to
-both sides on engine `simd`, which is what the fit takes; forward-mode derivatives of the same tick
-(`jax.jvp`) on the same engine, a lane a parameter; and, where it is wanted, `jax.jvp` of the replay
-by XLA. Encoders and DAC count in no whole numbers here: where they do, a derivative is 0 and a
-small difference is chance, which the last column shows.
+The slopes of one virtual log by all estimated parameters are computed in three ways. The fit uses
+differences of replays to both sides on engine `simd`. The second way is forward-mode derivatives of
+the same tick (`jax.jvp`) on the same engine, with one lane per parameter. The third, optional, is
+`jax.jvp` of the replay by XLA. Encoders and DAC do not round to whole counts here. With rounding a
+derivative is 0 and a small difference is chance, as the last column shows.
 """
 
 from __future__ import annotations
@@ -49,10 +49,10 @@ class TangentParams:
 
 @record
 class TangentState:
-    """The replay's state and how it changes."""
+    """The replay's state and its derivative."""
 
     replay: Any
-    change: tuple[Scalar, ...]  # of the state's real numbers, in order
+    change: tuple[Scalar, ...]  # derivatives of the state's real numbers, in order
 
 
 def _is_real(leaf: Any) -> bool:
@@ -60,7 +60,7 @@ def _is_real(leaf: Any) -> bool:
 
 
 def _reals(tree: Any) -> tuple[tuple[Scalar, ...], Callable[[tuple[Scalar, ...]], Any]]:
-    """The real numbers of a record, and what puts others in their places."""
+    """Return the real numbers of a record, and a function that replaces them."""
     leaves, form = jax.tree.flatten(tree)
     reals = tuple(jnp.asarray(leaf, "float32") for leaf in leaves if _is_real(leaf))
 
@@ -72,7 +72,7 @@ def _reals(tree: Any) -> tuple[tuple[Scalar, ...], Callable[[tuple[Scalar, ...]]
 
 
 def init(setup: ReplaySetup, params: TangentParams) -> TangentState:
-    """As `replays.init`."""
+    """Return the initial state, as `replays.init` does."""
     values, back = _reals(params.replay)
     along, _ = _reals(params.along)
     state, change = jax.jvp(lambda *v: _reals(replays.init(setup, back(v)))[0], values, along)
@@ -89,7 +89,7 @@ def advance(
     motion: Any,
     golden: Any,
 ) -> tuple[TangentState, tuple[Scalar, ...], tuple[()]]:
-    """As `replays.advance`; what goes out are derivatives of the joints."""
+    """Compute one cycle, as `replays.advance` does. The output is derivatives of the joints."""
     values, back = _reals(params.replay)
     along, _ = _reals(params.along)
     reals, state_back = _reals(state.replay)
@@ -106,12 +106,12 @@ def advance(
 
 
 def series_length(setup: ReplaySetup) -> int:
-    """Joints."""
+    """Return the number of joints."""
     return replays.series_length(setup)
 
 
 def outcomes(setup: ReplaySetup, params: TangentParams, state: TangentState) -> dict[str, Any]:
-    """None but that it has run."""
+    """Return only the number of ticks that ran."""
     return replays.outcomes(setup, params.replay, state.replay)
 
 
@@ -121,7 +121,7 @@ def outcomes(setup: ReplaySetup, params: TangentParams, state: TangentState) -> 
 def derivatives(
     setup: ReplaySetup, base: LoopParams, wanted: list[Unknown], steps: np.ndarray, log: JointLog
 ) -> Callable[[], np.ndarray]:
-    """jax.jvp of the tick on engine `simd`: [k, T, 7]."""
+    """Return jax.jvp of the tick on engine `simd`: [k, T, 7]."""
     here, there = (parameters.values(base, wanted, (steps + d)[None]) for d in (0.0, 1e-4))
     replay = ReplayParams(base, Vec(np.float32(x) for x in log.start))
     still = jax.tree.map(lambda x: 0.0 if isinstance(x, float) else x * 0, replay)
@@ -148,7 +148,9 @@ def derivatives(
 def by_scan(
     setup: ReplaySetup, base: LoopParams, wanted: list[Unknown], steps: np.ndarray, log: JointLog
 ) -> Callable[[], np.ndarray]:
-    """jax.jvp of a scan of the tick, compiled by XLA for one parameter: [T, 7] of the first."""
+    """Return jax.jvp of a scan of the tick, compiled by XLA for one parameter: [T, 7] of the first
+    parameter.
+    """
     motion = tuple(jnp.asarray(column, "float32") for column in log.desired.T)
 
     def joints(steps: Any) -> Any:
@@ -169,7 +171,9 @@ def by_scan(
 
 
 def timed(run: Callable[[], np.ndarray], repeats: int = 3) -> tuple[np.ndarray, float, float]:
-    """What it gives, and seconds of processor time: the first time less another, and another."""
+    """Return the result, and seconds of processor time: of the first call beyond a later one, and
+    of a later call.
+    """
     times = []
     for _ in range(repeats):
         start = time.process_time()
@@ -179,14 +183,14 @@ def timed(run: Callable[[], np.ndarray], repeats: int = 3) -> tuple[np.ndarray, 
 
 
 def agreement(slopes: np.ndarray, other: np.ndarray) -> str:
-    """Least cosine and the median one between slopes [k, T, 7] in the encoder's counts."""
+    """Return the least and the median cosine between slopes [k, T, 7] in the encoder's counts."""
     a, b = ((x / fit.FINEST).reshape(len(x), -1) for x in (slopes, other))
     cosines = (a * b).sum(axis=1) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1)
     return f"{np.median(cosines):.3f} ({cosines.min():.2f})"
 
 
 def main(seconds: float = 7.0, xla: bool = False) -> None:
-    """Time the three and compare."""
+    """Time the three ways and compare."""
     wanted = list(parameters.unknowns(range(7)))
     count = len(wanted)
     base = parameters.believed(robot.params(virtual_log.SETUP, "gold"), wanted)
@@ -225,7 +229,7 @@ def main(seconds: float = 7.0, xla: bool = False) -> None:
         "cosine with the first: median (least)",
     )
     print(markdown_table(columns, rows), flush=True)
-    if xla:  # of one parameter; compiling it takes minutes
+    if xla:  # for a single parameter, because compiling takes minutes
         slope, compiling, each = timed(by_scan(smooth, base, wanted, hidden, log))
         row = (
             "derivative of the scan, xla",

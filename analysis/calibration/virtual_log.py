@@ -1,4 +1,4 @@
-"""Logs of virtual robots whose parameters are known, to check what a calibration says of them."""
+"""Makes logs of virtual robots with known parameters, to check calibrations."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ RATE_HZ = np.array([0.31, 0.43, 0.37, 0.29, 0.41, 0.34, 0.47])
 
 
 def swept(cycles: int) -> np.ndarray:
-    """Desired joints [cycles, 7] along slow sines, rad and m."""
+    """Return desired joints [cycles, 7] along slow sines, rad and m."""
     return MIDDLE + SWEEP * np.sin(2.0 * np.pi * RATE_HZ * np.arange(cycles)[:, None] * 1e-3)
 
 
 def recorded(
     base: LoopParams, wanted: Sequence[Unknown], steps: np.ndarray, desired: np.ndarray
 ) -> LoggedRobot:
-    """A log of the robot that `steps` [k] (spreads) move `base` to, asked for `desired` [T, 7],
-    every PERIOD_MS.
+    """Return a log of the robot to which `steps` [k] (spreads) move `base`, with desired joints
+    `desired` [T, 7], sampled every PERIOD_MS.
     """
     cycles = np.arange(PERIOD_MS - 1, len(desired), PERIOD_MS)
     empty = JointLog(

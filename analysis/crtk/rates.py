@@ -1,11 +1,11 @@
-"""Rate, age and loss of what a robot tells over CRTK: `python analysis/crtk/rates.py ros1|ros2
+"""Measures rate, age and loss of a robot's CRTK messages: `python analysis/crtk/rates.py ros1|ros2
 [SECONDS]`.
 
-A robot, and the peer of tests/train/robot_link/crtk, which drives it meanwhile, run as processes
-of their own on this machine. All readings of one moment carry one stamp, so that a stamp that came
-on one topic and not on another was lost there; a moment of which nothing came at all is a gap. Ages
-are of two processes on one clock: stamp of the tick to arrival in the peer. Over ROS 1 a `roscore`
-must run.
+The robot and the peer of tests/train/robot_link/crtk, which drives the robot meanwhile, run as
+separate processes on this machine. All readings of one moment carry one stamp. So a stamp that
+arrived on one topic and not on another was lost there. A moment of which nothing arrived is a gap.
+Ages are measured on one clock, from the stamp of the tick to arrival in the peer process. With ROS
+1, a `roscore` must run.
 """
 
 from __future__ import annotations

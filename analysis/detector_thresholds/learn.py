@@ -1,13 +1,13 @@
-"""Learns the steps that detector `steps` measures in, from motion without faults. Prints what
-stands in the package.
+"""Learns the step sizes in which detector `steps` measures, from fault-free motion. Prints the
+numbers that the package contains.
 
     python analysis/detector_thresholds/learn.py
 
-Every generated motion, 20 s each, at teleoperation scales 0.05 and 0.1, with encoder and torque
-noise, both arms, present software. The rule is the published one: the percentile of all steps of 1
-ms of all runs, per variable and joint; 99.8 to 99.9 was published without saying which for which,
-so it is 99.85 for all. Ticks before the pedal is down and the first half second of a run are left
-out.
+It runs every generated motion, 20 s each, at teleoperation scales 0.05 and 0.1, with encoder and
+torque noise, both arms, and present software. The rule is the published one: the percentile of all
+steps of 1 ms of all runs, per variable and joint. The publication gives 99.8 to 99.9 without saying
+which applies to which variable, so 99.85 is used for all. Ticks before the pedal is down and the
+first half second of a run are left out.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from ravenjax.stages import detectors
 SCALES = (0.05, 0.1)
 SECONDS = 20.0
 PERCENTILE = 99.85
-ARMED_AFTER = 500  # ms, as the detectors are
+ARMED_AFTER = 500  # ms, as for detectors
 
 
 def steps(motion: str) -> np.ndarray:
-    """|step| [steps, 3 variables, 3 joints] of both arms at every scale."""
+    """Return |step| [steps, 3 variables, 3 joints] of both arms at every scale."""
     config = loading.from_dict(
         {
             "campaign": {"name": motion, "duration_s": SECONDS, "arms": list(ARMS), "noise": True},
@@ -64,7 +64,7 @@ def steps(motion: str) -> np.ndarray:
 
 
 def main() -> None:
-    """Print the steps learned."""
+    """Print the learned steps."""
     pooled = np.concatenate([steps(motion) for motion in MOTIONS])
     learned = np.percentile(pooled, PERCENTILE, axis=0)
     print(

@@ -1,8 +1,8 @@
-"""Two commits beside each other: their checkouts take turns, so that load and clocks change for
-both alike.
+"""Compares two commits. Their checkouts run in turn, so that load and clock rates affect both
+alike.
 
-git worktree add ../other COMMIT
-python analysis/engines/beside.py ../other [SECONDS]
+    git worktree add ../other COMMIT
+    python analysis/engines/beside.py ../other [SECONDS]
 
 Both run with the Python and the packages of this environment.
 """
@@ -22,7 +22,7 @@ from bench import commands, machine, process, suite, workload
 from ravenjax.campaign import compile_cache
 
 BESIDE_RUNS, BESIDE_TICKS = 4096, 3000
-"""Of the campaign that is run twice in a process, the second time measured."""
+"""Runs and ticks of the campaign that is run twice in a process. The second run is measured."""
 _RUN_TWICE = """
 import json, os, sys, time
 cpus, campaign = json.loads(sys.argv[1])
@@ -37,9 +37,10 @@ print(json.dumps([time.perf_counter() - begin, os.path.realpath(ravenjax.__file_
 
 
 def compare(there: Path, seconds: float, here: Path = process.ROOT) -> list[dict[str, Any]]:
-    """Measure commands and campaigns `here` and in another checkout in turn, for about so long.
+    """Measure commands and campaigns in turn, in `here` and in the checkout `there`, for about
+    `seconds`.
 
-    Only what every commit has is used. Raises RuntimeError for a command that fails.
+    Uses only features that every commit has. Raises RuntimeError for a command that fails.
     """
     times: dict[str, dict[str, list[float]]] = {}
     sides = [("here", here), ("there", there)]
@@ -60,7 +61,7 @@ def compare(there: Path, seconds: float, here: Path = process.ROOT) -> list[dict
 
 
 def _measure_once(root: Path, folder: Path) -> dict[str, float]:
-    """What is measured -> s, of one checkout."""
+    """Return the seconds of each measured item for one checkout."""
     times = {
         f"ravenjax {what}": commands.run_command(folder, *tokens, root=root).seconds
         for what, tokens in commands.list_commands(folder).items()

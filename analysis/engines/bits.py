@@ -1,12 +1,12 @@
-"""Do two engines give the same bits in whole campaigns? Prints a Markdown table and ends with 1
-where they do not.
+"""Tests whether two engines give the same bits in whole campaigns. Prints a Markdown table, and
+exits with 1 if they do not.
 
-    python analysis/engines/bits.py quick gated.toml [--engines simd cuda] [--set campaign.contact=true]
+    python analysis/engines/bits.py quick gated.toml [--engines simd cuda] [--set KEY=VALUE]
 
-Each campaign, bundled or a file, is run by both engines; every column of the result table is
-compared, bits and all. Of engine xla, which has other last bits, see the runs in which a verdict or
-any other word differs, and the largest difference of an outcome in mm.
-"""  # noqa: E501
+Both engines run each campaign, which is bundled or a file. Every bit of every column of the result
+table is compared. Engine xla has other last bits. For it, see the runs in which a verdict or any
+other word differs, and the largest difference of an outcome in mm.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ import ravenjax as rj
 
 
 def unequal(one: pd.DataFrame, other: pd.DataFrame) -> list[str]:
-    """Columns that are not equal in every bit; NaN equals NaN of the same bits."""
+    """Return columns that are not equal in every bit. NaN equals NaN of the same bits."""
     if list(one) != list(other) or len(one) != len(other):
         return ["columns or rows"]
     return [name for name in one if not _same(one[name].to_numpy(), other[name].to_numpy())]
@@ -34,13 +34,13 @@ def _same(a: np.ndarray, b: np.ndarray) -> bool:
 
 
 def words(one: pd.DataFrame, other: pd.DataFrame) -> int:
-    """Runs in which a column of words or a yes or no differs."""
+    """Return the runs in which a column of words or booleans differs."""
     named = [name for name in one if one[name].dtype.kind not in "fiu"]
     return int((one[named].astype(str) != other[named].astype(str)).any(axis=1).sum())
 
 
 def farthest(one: pd.DataFrame, other: pd.DataFrame) -> str:
-    """The outcome in mm that differs most, and by how much."""
+    """Return the outcome in mm that differs most, and the difference."""
     apart = {
         name: float((one[name] - other[name]).abs().max()) for name in one if name.endswith("_mm")
     }
@@ -49,7 +49,7 @@ def farthest(one: pd.DataFrame, other: pd.DataFrame) -> str:
 
 
 def main() -> int:
-    """Run and compare."""
+    """Run both engines and compare."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("campaigns", nargs="+")
     parser.add_argument("--engines", nargs=2, default=["simd", "cuda"])

@@ -1,10 +1,10 @@
-"""Engine wasm beside simd: speed in a browser and natively by threads, size of a page's code,
-agreement of verdicts.
+"""Compares engine wasm with simd: speed in a browser and natively by threads, size of a page's
+code, and agreement of verdicts.
 
-    python analysis/engines/browser.py       # some minutes; needs chromium and pip install playwright
+    python analysis/engines/browser.py       # some minutes; needs chromium and playwright
 
 Prints tables in Markdown; `wasm.md` keeps them.
-"""  # noqa: E501
+"""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ OPEN = """async ([description, threads, faults]) => {
 
 
 class Unfused(SimdEngine):
-    """Engine simd, its CPU's fused multiply-add left alone."""
+    """Engine simd, with the CPU's fused multiply-add unused."""
 
     def compile(self, program: TickProgram, runs: int) -> SimdKernel:
         kernel = super().compile(program, runs)
@@ -63,7 +63,9 @@ class Unfused(SimdEngine):
 
 
 class Narrow(SimdEngine):
-    """The same with vectors as wide as WebAssembly's, on any CPU of this kind."""
+    """Engine simd without fused multiply-add, with vectors as wide as WebAssembly's, on any CPU of
+    this kind.
+    """
 
     def compile(self, program: TickProgram, runs: int) -> SimdKernel:
         kernel = super().compile(program, runs)
@@ -79,8 +81,8 @@ class Narrow(SimdEngine):
 
 
 class Seconds(NamedTuple):
-    """What work took: by the clock, and of processors, which other work on the machine slows far
-    less.
+    """Duration of some work: by the clock, and in processor time, which other work on the machine
+    slows far less.
     """
 
     clock: float
@@ -88,7 +90,7 @@ class Seconds(NamedTuple):
 
 
 def processor_s() -> float:
-    """Seconds of processors that this process and those that it started have used."""
+    """Return seconds of processor time that this process and its child processes have used."""
     ticks, parents = {}, {}
     for path in Path("/proc").glob("[0-9]*/stat"):
         with contextlib.suppress(OSError):
@@ -102,7 +104,7 @@ def processor_s() -> float:
 
 
 def timed(work: Callable[[], object]) -> Seconds:
-    """The best of three times, each by itself."""
+    """Return the best of three separate timings."""
     best = Seconds(float("inf"), float("inf"))
     for _ in range(3):
         start, used = time.perf_counter(), processor_s()
@@ -114,7 +116,7 @@ def timed(work: Callable[[], object]) -> Seconds:
 
 
 def faults_of(ready: Plan, runs: np.ndarray) -> list[dict[str, Any]]:
-    """Runs of a plan as a page asks for them."""
+    """Return runs of a plan in the form in which a page requests them."""
     rows = ready.table.iloc[runs]
     names = ("site", "arm", "channel", "effect", "value", "start_ms", "duration_ms")
     table = pd.DataFrame({name: rows[f"fault0_{name}"].astype(object) for name in names})
@@ -122,7 +124,7 @@ def faults_of(ready: Plan, runs: np.ndarray) -> list[dict[str, Any]]:
 
 
 def some(ready: Plan, runs: np.ndarray) -> Plan:
-    """The plan of some runs of one golden run."""
+    """Return the plan of some runs of one golden run."""
     return dataclasses.replace(
         ready,
         rows=ready.rows.take(runs),
@@ -133,7 +135,7 @@ def some(ready: Plan, runs: np.ndarray) -> Plan:
 
 
 def native(ready: Plan, engine: Engine, threads: int) -> Seconds:
-    """Seconds of all runs, code made before."""
+    """Return the seconds of all runs, with code generated before."""
     work = Computation(ready, engine, QUIET, threads=threads)
     work.compile()
     return timed(lambda: list(work.blocks([range(ready.runs)])))
@@ -142,7 +144,7 @@ def native(ready: Plan, engine: Engine, threads: int) -> Seconds:
 def in_browser(
     description: dict[str, Any], faults: list[dict[str, Any]]
 ) -> tuple[dict[int, Seconds], float, str]:
-    """Seconds by threads; ms in which the browser compiles; which browser."""
+    """Return seconds by threads, the ms in which the browser compiles, and the browser's name."""
     script = Path(program.__file__).with_name("static").joinpath("engine.js").read_text()
     end = "window.openEngine = openEngine; window.loaded = true"
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
@@ -165,7 +167,7 @@ def in_browser(
 
 
 def speed(ready: Plan, description: dict[str, Any]) -> None:
-    """Speeds of the same runs, each to its end: rows of quick.toml that share a golden run."""
+    """Compare speeds over the same complete runs: rows of quick.toml that share a golden run."""
     faulty = np.flatnonzero(
         (ready.golden == np.bincount(ready.golden).argmax()) & (ready.faults["code"][:, 0] > 0)
     )
@@ -202,7 +204,7 @@ def speed(ready: Plan, description: dict[str, Any]) -> None:
 
 
 def table(config: Any, ready: Plan, engine: Engine) -> pd.DataFrame:
-    """The result table."""
+    """Return the result table."""
     parts = list(Computation(ready, engine, QUIET).blocks([range(ready.runs)]))
     own, golden = (
         {name: np.concatenate([part[k][name] for part in parts]) for name in parts[0][k]}
@@ -212,7 +214,7 @@ def table(config: Any, ready: Plan, engine: Engine) -> pd.DataFrame:
 
 
 def agreement(config: Any, ready: Plan) -> None:
-    """Verdicts and differences of all of quick.toml."""
+    """Return verdicts and differences of all of quick.toml."""
     unfused, fused = (table(config, ready, engine) for engine in (Unfused(), SimdEngine()))
     print(f"\n{len(fused)} runs.\n\n| simd without and with fusion | |\n|---|---|")
     names = (

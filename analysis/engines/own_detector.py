@@ -1,9 +1,9 @@
-"""What a detector of one's own costs: `python analysis/engines/own_detector.py [ROUNDS]`.
+"""Measures the cost of a user-defined detector: `python analysis/engines/own_detector.py [ROUNDS]`.
 
-Operations of the printed tick in each run, counted, and processor time of engine simd on one core.
-In each round every variant runs the same 128 runs of 1 s once, in another order; a variant's share
-is the median over rounds of its time by that of the tick without a detector, with a bootstrapped 95
-% interval.
+It counts operations of the generated tick in each run, and measures processor time of engine simd
+on one core. In each round every variant runs the same 128 runs of 1 s once, in another order. A
+variant's share is the median over rounds of its time divided by that of the tick without a
+detector, with a bootstrapped 95 % interval.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ VARIANTS = {
 
 
 class Prepared(NamedTuple):
-    """A variant that can run."""
+    """A compiled variant."""
 
     operations: int  # in each run
     kernel: Any
@@ -80,7 +80,7 @@ class Prepared(NamedTuple):
 
 
 def prepared(text: str, folder: Path) -> Prepared:
-    """The benchmark's tick under a detector of that text; "": under none."""
+    """Return the benchmark's tick with a detector of that text; "": without one."""
     work = Workload(TICKS)
     if text:
         file = folder / f"detector{len(list(folder.iterdir()))}.py"
@@ -91,7 +91,7 @@ def prepared(text: str, folder: Path) -> Prepared:
         watched = loading.from_dict(
             raw | {"detector": [{"name": "own", "file": str(file), "threshold": [1.0]}]}
         )
-        work.__dict__["plan"] = plan.make_plan(watched)  # in place of the cached property
+        work.__dict__["plan"] = plan.make_plan(watched)  # replaces the cached property
     kernel = SimdEngine().compile(work.program, PATTERN_RUNS)
     kernel.prepare(work.golden_runs(kernel.lanes), work.motion)
     reference = kernel.run(work.golden_runs(kernel.size(1)), work.motion).reference[:, :, 0]
@@ -100,7 +100,7 @@ def prepared(text: str, folder: Path) -> Prepared:
 
 
 def timed(variants: dict[str, Prepared], rounds: int) -> dict[str, np.ndarray]:
-    """Processor time of each variant in each round, s [rounds]."""
+    """Return the processor time of each variant in each round, s [rounds]."""
     times: dict[str, list[float]] = {name: [] for name in variants}
     order, rng = list(variants.items()), random.Random(1)
     for _ in range(rounds):

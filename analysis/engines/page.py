@@ -1,11 +1,11 @@
-"""How long a reader waits for the page of `ravenjax explore`.
+"""Measures how long a reader waits for the page of `ravenjax explore`.
 
     python analysis/engines/page.py [CAMPAIGN] [ROUNDS]    # needs playwright and Chromium
 
-Opens the page from a file in Chromium with graphics in software, each time in a browser of its own.
-By the clock: when 400 points of the map, and all, are there after opening; in the last browser the
-longest task of the page's main thread while it opens, after a control moves, while a run opens and
-while a hand scrubs.
+Opens the page from a file in Chromium with graphics in software, each time in a new browser. By the
+clock, it measures when 400 points of the map, and all points, are there after opening. In the last
+browser it measures the longest task of the page's main thread: while the page opens, after a
+control moves, while a run opens, and while the user scrubs through time.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ new PerformanceObserver((list) => list.getEntries().forEach((one) => window.task
 
 
 def longest(shown: Page) -> str:
-    """Of the tasks since the last call; the browser tells those of 50 ms and more."""
+    """Return the longest task since the last call. The browser reports tasks of 50 ms and more."""
     tasks = shown.evaluate("window.tasks.splice(0)")
     return f"{max(tasks):.0f} ms" if tasks else "below 50 ms"
 
@@ -47,7 +47,7 @@ def filled(shown: Page) -> None:
 
 
 def used(shown: Page) -> dict[str, str]:
-    """Longest task while the page is used."""
+    """Return the longest task while the page is used."""
     found = {"while it opens and fills the map": longest(shown)}
     shown.select_option("#channel", index=1)
     filled(shown)
@@ -74,7 +74,7 @@ def main(campaign: str = "quick", rounds: str = "5") -> None:
                 executable_path=shutil.which("chromium"), args=ARGUMENTS
             )
             shown = browser.new_page(viewport={"width": 1366, "height": 900})
-            time.sleep(3.0)  # the browser itself starts
+            time.sleep(3.0)  # time for the browser's own start
             shown.add_init_script(WATCH)
             shown.goto(place.as_uri())
             filled(shown)

@@ -1,11 +1,11 @@
-"""Memory of the explorer's page while somebody uses it without a pause: it should not grow.
+"""Measures memory of the explorer's page during uninterrupted use. It should not grow.
 
     python analysis/engines/page_memory.py [CAMPAIGN] [MINUTES]    # needs playwright and Chromium
 
-Another start of the fault, another joint and so another map, another run and another moment, again
-and again. Prints once a minute the rounds so far, the page's own heap after a collection, and the
-proportional resident memory (PSS) of all processes of the browser, the worker that draws the robot
-among them.
+The script repeatedly selects another start of the fault, another joint and so another map, another
+run and another moment. Once a minute it prints the number of rounds, the page's own heap after a
+collection, and the proportional resident memory (PSS) of all processes of the browser. These
+include the worker that draws the robot.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ EVERY_S = 60.0
 
 
 def one_round(shown: Page, number: int) -> None:
-    """Another start, map, run and moment."""
+    """Select another start, map, run and moment."""
     shown.select_option("#channel", index=number % 3)
     shown.locator("#f-start_ms-number").fill(str(600 + 37 * number % 800))
     filled(shown)
@@ -40,13 +40,13 @@ def one_round(shown: Page, number: int) -> None:
 
 
 def heap_mb(session: CDPSession) -> float:
-    """Of the page, after a collection."""
+    """Return the heap of the page after a collection."""
     session.send("HeapProfiler.collectGarbage")
     return session.send("Runtime.getHeapUsage")["usedSize"] / 1e6
 
 
 def browser_mb() -> float:
-    """PSS of all processes below this one."""
+    """Return the PSS of all processes below this one."""
     return sum(map(_pss_mb, _below(os.getpid())))
 
 
@@ -62,7 +62,7 @@ def _below(process: int) -> list[int]:
 def _pss_mb(process: int) -> float:
     try:
         lines = Path(f"/proc/{process}/smaps_rollup").read_text().splitlines()
-    except OSError:  # it ended meanwhile
+    except OSError:  # the process ended meanwhile
         return 0.0
     return next(
         (int(line.split()[1]) * 1024 / 1e6 for line in lines if line.startswith("Pss:")), 0.0

@@ -1,11 +1,12 @@
-"""The machine's peak, measured: independent fused multiply-adds in registers, all cores or the
-whole GPU at once; and what share of it the fastest engine's ticks are.
+"""Measures the machine's peak rate of operations, and the share of it that the fastest engine's
+ticks reach.
 
-python analysis/engines/peak.py [simd | cuda]
+    python analysis/engines/peak.py [simd | cuda]
 
-Each counts as one operation, as in a tick. The best of many short bursts is taken. A tick's selects
-and integer operations may go through further units, its divisions and roots take several turns of
-one: the ratio says how near the tick comes to the rate of multiply-adds, no more.
+The peak is that of independent fused multiply-adds in registers, on all cores or the whole GPU at
+once. Each counts as one operation, as in a tick. The best of many short bursts is taken. A tick's
+selects and integer operations may use other units, and its divisions and roots take several cycles
+of one. So the ratio only shows how near the tick comes to the rate of multiply-adds.
 """
 
 from __future__ import annotations
@@ -26,11 +27,11 @@ from bench.workload import Workload
 from ravenjax.engines.cpu import jit
 
 CHAINS = 12
-"""Independent chains a thread: more than latency times pipes (4 x 2), few enough for 16
+"""Independent chains per thread: more than latency times pipes (4 x 2), and few enough for 16
 registers.
 """
 _GPU_ROUNDS, _GPU_THREADS, _GPU_BLOCKS, _GPU_LAUNCHES = 4096, 256, 64, 8
-"""Threads of a block; blocks a multiprocessor."""
+"""Rounds, threads per block, blocks per multiprocessor, and launches."""
 
 _CUDA = f"""
 extern "C" __global__ void peak(float* room, int rounds) {{
@@ -47,7 +48,7 @@ extern "C" __global__ void peak(float* room, int rounds) {{
 
 
 def measure_cpu(seconds: float, rounds: int = 1_000_000) -> float:
-    """Operations a second of all cores that this process may use."""
+    """Return operations per second of all cores that this process may use."""
     threads, width = machine.count_usable_cpus(), jit.host().width
     peak = jit.compile(_llvm(width), ["peak"]).function("peak", [ctypes.c_void_p, ctypes.c_int64])
     rooms = [np.array([0.5, 1.0, 0.0], np.float32) for _ in range(threads)]
@@ -62,14 +63,14 @@ def measure_cpu(seconds: float, rounds: int = 1_000_000) -> float:
 
 
 def measure_gpus(seconds: float) -> float:
-    """Operations a second of all visible GPUs. Raises UserError where there is none."""
+    """Return operations per second of all visible GPUs. Raises UserError if there is none."""
     from ravenjax.engines.gpu import device as cuda_device
 
     return sum(measure_gpu(seconds, device) for device in cuda_device.devices())
 
 
 def measure_gpu(seconds: float, device: Any) -> float:
-    """Operations a second of one GPU."""
+    """Return operations per second of one GPU."""
     from ravenjax.engines.gpu import device as cuda_device
 
     code = cuda_device.compile(_CUDA, device.architecture, ())
@@ -89,7 +90,7 @@ def measure_gpu(seconds: float, device: Any) -> float:
 
 
 def _llvm(width: int) -> str:
-    """void peak(float room[3], long rounds)."""
+    """Return the LLVM IR of void peak(float room[3], long rounds)."""
     wide, chains = f"<{width} x float>", range(CHAINS)
     step = f"call {wide} @llvm.fma.v{width}f32({wide} %x{{k}}, {wide} %a, {wide} %b)"
     if "fma" not in jit.host().features and width != 4:
@@ -130,7 +131,7 @@ done:
 
 
 def main(engine: str = "simd") -> None:
-    """Print the peak of what a printing engine runs on, and the engine's share of it."""
+    """Print the peak of the hardware of a code-generating engine, and the engine's share of it."""
     peak = measure_gpus(4.0) if engine == "cuda" else measure_cpu(2.0)
     rate = max(row["ticks_per_s"] for row in engines.measure(10.0, engine))
     share = rate * tick_operations.count(Workload(1000)).per_lane / peak

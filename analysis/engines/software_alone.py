@@ -1,7 +1,9 @@
-"""How fast the control software driven alone is, on one core: a call a cycle, many cycles a
-call, and interpreted. 1 000 cycles a second are needed behind real hardware.
+"""Measures how fast the control software alone runs on one core: with one cycle per call, many
+cycles per call, and interpreted.
 
-python analysis/engines/software_alone.py
+    python analysis/engines/software_alone.py
+
+Real hardware needs 1 000 cycles per second.
 """
 
 from __future__ import annotations
@@ -24,13 +26,15 @@ from ravenjax.robots.raven2.software.control_software import ControlSoftware
 
 PINS = run_levels.PEDAL_DOWN << 6
 SWAY_COUNTS = 200
-"""Encoder counts that each motor sways by: numbers differ from cycle to cycle, and no check
+"""Encoder counts by which each motor sways. Numbers then differ from cycle to cycle, and no check
 trips.
 """
 
 
 def measure(seconds: float, cycles: int = 2000, interpreted_cycles: int = 200) -> dict[str, float]:
-    """Cycles a second of both arms, a datagram in each, each of three ways at its best."""
+    """Return cycles per second of both arms with a datagram in each cycle, for each of three ways
+    at its best.
+    """
     encoders, datagrams = make_inputs(cycles)
 
     def rate(arithmetic: str, cycles: int, in_a_call: bool) -> float:
@@ -54,13 +58,15 @@ def measure(seconds: float, cycles: int = 2000, interpreted_cycles: int = 200) -
 
 
 def make_software(arithmetic: str = "compiled") -> ControlSoftware:
-    """Both arms at home, the pedal down."""
+    """Return software with both arms at home and the pedal down."""
     home = [list(HOME_JPOS)] * 2
     return ControlSoftware(jpos=home, runlevel=run_levels.PEDAL_DOWN, arithmetic=arithmetic)
 
 
 def make_inputs(cycles: int) -> tuple[np.ndarray, list[bytes]]:
-    """Encoders [cycles, arms, 7] that sway around home, and datagrams of small increments."""
+    """Return encoders [cycles, arms, 7] that sway around home, and datagrams of small
+    increments.
+    """
     home = np.array(make_software().state.usb.enc_val)
     phase = np.arange(cycles)[:, None, None] * (2 * math.pi / 500) + np.arange(14).reshape(2, 7)
     encoders = (home + SWAY_COUNTS * np.sin(phase)).astype(np.int32)

@@ -1,7 +1,7 @@
-"""Operations of the timed tick by stage, as the printing engines compute them: what to shorten
-first.
+"""Counts operations of the timed tick by stage, as the code-generating engines compute them, to
+find the stages worth optimising.
 
-python analysis/engines/tick_operations.py
+    python analysis/engines/tick_operations.py
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from ravenjax.ir.regions import Region, arrange
 from ravenjax.ir.time_loop import Split, split
 
 _FREE = ("neg", "bitcast", "constant", "input")
-"""Operations that become part of others, or none."""
+"""Operations without a cost: they become part of others, or disappear."""
 STAGES = frozenset(("stages", "plant", "console"))
-"""Folders of a robot, or of any, whose files are stages."""
+"""Folders, of a robot or common to all, whose files are stages."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Operations:
-    """Scalar operations of one tick by stage, without those that only some ticks need; a fused
-    multiply-add is one.
+    """Scalar operations of one tick by stage, without those that only some ticks need. A fused
+    multiply-add counts as one.
     """
 
     lane: Mapping[str, int]  # in every run
@@ -39,7 +39,7 @@ class Operations:
 
     @property
     def per_lane(self) -> int:
-        """All in every run."""
+        """Return all operations in every run."""
         return sum(self.lane.values())
 
 
@@ -59,8 +59,8 @@ def count(workload: Workload) -> Operations:
 
 
 def stage(eqn: core.JaxprEqn) -> str:
-    """The file and function of a stage in which an equation was traced, of the tick itself
-    otherwise; "" if unknown.
+    """Return the file and function of the stage in which an equation was traced, or of the tick
+    itself; "" if unknown.
     """
     traceback: Any = eqn.source_info.traceback
     if traceback is None:
@@ -73,8 +73,10 @@ def stage(eqn: core.JaxprEqn) -> str:
 
 
 def by_stage(parted: Split) -> Mapping[str, Counter[str]]:
-    """Operations by stage of the "lane" part and of the "shared" part; those without cost are left
-    out, and those of a lane that only some ticks need."""
+    """Return operations by stage of the "lane" part and of the "shared" part.
+
+    Operations without cost, and lane operations that only some ticks need, are left out.
+    """
     step, loop = parted.loop.step, parted.loop
     leaving = [*(step.outputs[k] for k in parted.lane_state), *step.outputs[loop.states :]]
     of_groups = [*parted.row, *(step.outputs[k] for k in parted.shared_state)]

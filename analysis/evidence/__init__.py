@@ -1,1 +1,3 @@
-"""Evidence for a risk file: tables and an argument whose numbers lead to runs and checksums."""
+"""Writes evidence for a risk file: tables, and an argument whose numbers are linked to runs and
+checksums.
+"""

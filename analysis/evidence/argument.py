@@ -33,7 +33,7 @@ SHAPES = {"goal": "rect", "strategy": "lean-r", "solution": "circle", "context":
 
 
 def say_evading(source: Source) -> str:
-    """How many of the faults evade the checks, as the report's first sentence says it."""
+    """Say how many of the faults evade the checks, in the words of the report's first sentence."""
     head = tables.headline(source.runs, source.record)
     evaded = head["evaded"]
     if not evaded.n:
@@ -51,7 +51,7 @@ def say_evading(source: Source) -> str:
 
 
 def say_complete(source: Source) -> str:
-    """How many of the runs are there, and how many have no valid outcome."""
+    """Say how many of the runs are complete, and how many have no valid outcome."""
     record, failed = source.record, source.runs.count("failed")
     without = "each with a valid outcome"
     if failed:
@@ -61,8 +61,8 @@ def say_complete(source: Source) -> str:
 
 
 def say_hazards(source: Source) -> list[str]:
-    """Of each hazard that occurs, how many distinct faults ended in it, and of how many a check
-    told.
+    """Say, for each hazard that occurs, how many distinct faults ended in it, and how many of these
+    a check reported.
     """
     lines = []
     rows = tables.verdict_matrix(source.runs)
@@ -83,7 +83,7 @@ def say_hazards(source: Source) -> list[str]:
 
 
 def say_all(source: Source) -> list[str]:
-    """What a result says, in sentences."""
+    """Return what a result shows, as sentences."""
     lines = [say_evading(source), say_complete(source), *say_hazards(source)]
     return [f"{source.name}, {source.record.campaign}: {line}" for line in lines]
 
@@ -94,12 +94,15 @@ def build_argument(
     goals: Mapping[str, tuple[str, str]],
     links: Mapping[str, tuple[Item, ...]],
 ) -> list[Node]:
-    """Nodes, the top goal first. place: where the evidence is; goals: file there -> (goal that it
-    is for, sha256); links: file there that is of no result -> files that it names."""
+    """Return the nodes, top goal first.
+
+    `place`: folder of the evidence. `goals`: maps a file there to (the goal that it supports,
+    sha256). `links`: maps a file there that belongs to no result to the files that it names.
+    """
     nodes: list[Node] = []
 
     def add(letter: str, text: str, *below: str, **fields: object) -> str:
-        """A node of the kind that the letter begins; its name."""
+        """Add a node of the kind given by the first letter, and return its name."""
         name = f"{letter}{1 + sum(node.kind == KINDS[letter] for node in nodes)}"
         fields |= {"name": name, "kind": KINDS[letter], "text": text, "supported_by": below}
         nodes.append(Node.model_validate(fields))
@@ -145,7 +148,7 @@ def build_argument(
 
 
 def _number_from_the_top(nodes: Sequence[Node]) -> list[Node]:
-    """The nodes in reading order, numbered in it."""
+    """Return the nodes in reading order, numbered in that order."""
     by_name, names = {node.name: node for node in nodes}, dict[str, str]()
     counts = dict.fromkeys(KINDS.values(), 0)
     letters = {kind: letter for letter, kind in KINDS.items()}
@@ -171,7 +174,7 @@ def _number_from_the_top(nodes: Sequence[Node]) -> list[Node]:
 
 
 def write_json(evidence: EvidenceRecord) -> str:
-    """All of it: the notice, what the results say, and each node."""
+    """Write the notice, the statements of the results, and each node as JSON."""
     states = {node.status for node in evidence.nodes}
     whole = {
         "notice": evidence.notice,
@@ -190,7 +193,9 @@ def write_json(evidence: EvidenceRecord) -> str:
 
 
 def write_mermaid(evidence: EvidenceRecord) -> str:
-    """Goals, strategies and contexts as a flowchart; of the files those that are broken alone."""
+    """Write goals, strategies and contexts as a flowchart. Of the files, only broken ones are
+    shown.
+    """
     return "\n".join(_mermaid(evidence)) + "\n"
 
 

@@ -1,4 +1,4 @@
-"""What `ravenjax evidence` does: writes evidence, or computes its checksums again."""
+"""Implements `ravenjax evidence`: writes evidence, or computes its checksums again."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def evidence(
     credibility: Path | None,
     as_json: bool,
 ) -> int:
-    """The exit code of the command."""
+    """Run the command and return its exit code."""
     if check is not None:
         if folders or out is not None or xlsx or credibility is not None:
             raise UserError(
@@ -50,7 +50,7 @@ def evidence(
 
 
 def _tell_files(paths: list[Path], result: Any, as_json: bool) -> None:
-    """What the results say, and which files tell more."""
+    """Print what the results say, and which files hold the details."""
     digest = sha256(paths[-1])
     if as_json:
         plain = _plain(result) | {"files": [str(path) for path in paths], "record_sha256": digest}
@@ -64,7 +64,7 @@ def _tell_files(paths: list[Path], result: Any, as_json: bool) -> None:
 
 
 def _tell_check(place: Path, result: Any, as_json: bool) -> None:
-    """How many checksums hold, and each that does not."""
+    """Print how many checksums hold, and each that does not."""
     if as_json:
         return console.emit_json(_plain(result))
     items = [node for node in result.nodes if node.item is not None]

@@ -1,6 +1,6 @@
 """Counts unsafe control actions, the table of a system-theoretic process analysis (STPA).
 
-The mapping is `KINDS`, its first line that applies decides. A control action is what passes a site
+`KINDS` defines the mapping: its first matching line decides. A control action is what passes a site
 of the robot's loop: the operator's packets at the console and network, set points in the process
 model, motor commands at the DAC.
 """
@@ -18,11 +18,11 @@ from ravenjax.vocabulary.effects import NETWORK_EFFECTS
 
 
 class Kind(NamedTuple):
-    """One kind of unsafe control action, and which runs are mapped to it."""
+    """One kind of unsafe control action, and the runs that are mapped to it."""
 
     name: str
     meaning: str  # the mapping in words
-    sql: str  # of facts `f` and results `r`
+    sql: str  # over facts `f` and results `r`
 
 
 _LATE = ", ".join(text(NETWORK_EFFECTS[name].channel) for name in ("duplicate", "delay"))
@@ -57,7 +57,7 @@ KINDS = (
     ),
     Kind("provided wrongly", "any other unintended motion", "f.unintended"),
 )
-"""In the order in which they are tried."""
+"""Kinds in the order in which they are tried."""
 
 
 class ControlAction(NamedTuple):
@@ -73,14 +73,15 @@ class ControlAction(NamedTuple):
     hazard: str
     rate: Rate  # of the distinct faults at this site
     interval: str
-    evaded: int  # those of which no check told, with an unintended motion
-    alarms: int  # those of which a check told a person or stopped the robot
+    evaded: int  # of these: faults with an unintended motion that no check reported
+    # Of these: faults that a check reported to a person, or for which it stopped the robot.
+    alarms: int
     groups: str
     example_runs: str
 
 
 def count_control_actions(source: Source) -> list[ControlAction]:
-    """Those of one result, by site, the most frequent kind first; none without faults."""
+    """Return the lines of one result, by site, most frequent kind first; none without faults."""
     runs = source.runs
     if "fault0_site" not in runs.names:
         return []

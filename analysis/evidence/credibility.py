@@ -2,8 +2,8 @@
 files.
 
 Categories are those of FDA's guidance *Assessing the Credibility of Computational Modeling and
-Simulation in Medical Device Submissions* (November 2023). Who calls brings the statements; here
-each file is sought and its checksum taken.
+Simulation in Medical Device Submissions* (November 2023). The caller provides the statements. This
+module finds each file and computes its checksum.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ GOAL = (
 
 
 class CredibilityStatement(NamedTuple):
-    """What is known of the model, and where."""
+    """One statement about the model, and the files that support it."""
 
     category: str
     name: str
@@ -34,15 +34,15 @@ class CredibilityStatement(NamedTuple):
 
 
 class ModelCredibility(NamedTuple):
-    """All that is known of the model."""
+    """All statements about the model."""
 
-    categories: tuple[str, ...]  # all there are, in the guidance's order
+    categories: tuple[str, ...]  # all categories, in the guidance's order
     statements: tuple[CredibilityStatement, ...]
-    root: Path  # of the repository; files are named from there
+    root: Path  # of the repository; file names are relative to it
 
 
 def link_files(model: ModelCredibility, place: Path) -> tuple[Item, ...]:
-    """Each file that is there, once, from the folder of the evidence, with its checksum."""
+    """Return each existing file once, relative to the folder of the evidence, with its checksum."""
     files = dict.fromkeys(file for one in model.statements for file in one.files if file.is_file())
     return tuple(
         Item(file=Path(os.path.relpath(file, place)).as_posix(), sha256=sha256(file))
@@ -51,7 +51,7 @@ def link_files(model: ModelCredibility, place: Path) -> tuple[Item, ...]:
 
 
 def write_report(model: ModelCredibility, sources: Sequence[Source], place: Path) -> str:
-    """The report, in Markdown; `place` is the folder of the evidence."""
+    """Return the report in Markdown. `place` is the folder of the evidence."""
 
     def name_file(file: Path) -> str:
         inside = file.is_relative_to(model.root)

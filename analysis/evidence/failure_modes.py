@@ -20,18 +20,18 @@ from ravenjax.vocabulary.effects import EFFECTS
 
 NOBODY = "nobody"
 _AFTER = "median({0} - f.active_ms) FILTER (f.active_ms >= 0 AND {0} >= f.active_ms)"
-"""SQL: median delay of an event after the fault's first effect, of the runs in which it came."""
+"""SQL: median delay of an event after the fault's first effect, over the runs in which it came."""
 
 
 class FailureMode(NamedTuple):
-    """One line; delays are medians after the fault's first effect, ms, of the runs in which the
+    """One line. Delays are medians after the fault's first effect, ms, over the runs in which the
     event came.
     """
 
     result: str
     campaign: str
     group: str
-    library_hazards: str  # ids, by the group's name
+    library_hazards: str  # ids, from the group's name
     library_titles: str
     site: str
     effect: str
@@ -40,18 +40,18 @@ class FailureMode(NamedTuple):
     hazard: str  # the end effect
     detected_by: str
     evades: bool
-    rate: Rate  # of the distinct faults of this group, site and effect
+    rate: Rate  # over the distinct faults of this group, site and effect
     interval: str
     told_after_ms: float  # NaN: never
     cue_after_ms: float
     hazard_after_ms: float
-    failed_runs_of_group: int  # without a valid outcome, in no rate
+    failed_runs_of_group: int  # without a valid outcome, counted in no rate
     example_runs: str
 
 
 def count_failure_modes(source: Source) -> list[FailureMode]:
-    """Those of one result, by group, site and effect, the most frequent end first; none without
-    faults.
+    """Return the lines of one result, by group, site and effect, most frequent end first; none
+    without faults.
     """
     runs = source.runs
     if "fault0_site" not in runs.names:
@@ -106,8 +106,8 @@ def _row(source: Source, line: tuple[Any, ...], n: int, failed: int) -> FailureM
 
 
 def _detection(response: str, cause: str, cued: bool) -> Iterator[str]:
-    """Who noticed: a check that stopped or told, a check that limited and told nobody, the
-    haptic cue.
+    """Say who noticed the fault: a check that stopped the robot or informed a person, a check that
+    only limited, or the haptic cue.
     """
     if response != "silent":
         did = {"limited": " (limited, told nobody)", "stopped": " (stopped the robot)"}.get(

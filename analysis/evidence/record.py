@@ -1,5 +1,5 @@
-"""The record of written evidence: nodes of the argument with checksums of their files, and the
-check of these.
+"""Reads, writes and checks the record of written evidence: nodes of the argument with checksums of
+their files.
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ NOTICE = (
     "This is output of a simulation. It makes no claim of conformity with any standard, regulation"
     " or guidance, it is no risk assessment, and it says nothing of how often a fault occurs."
 )
-"""What evidence is not; every file carries it that can."""
+"""A statement of what evidence is not. Every file that can carry it does."""
 FILE = "evidence.json"
 VERSION = 1
 Status = Literal["holds", "open", "broken"]
-"""As it was written; not finished, as where runs are missing; it rests on something that is no
-longer what it was.
+"""Status of a node. holds: as it was written. open: not finished, for example because runs are
+missing. broken: a file that it rests on has changed.
 """
 
 
 class Item(BaseModel):
-    """What a solution is: a file to the byte, or what of a manifest decides outcomes."""
+    """The content of a solution: a whole file, or the part of a manifest that decides outcomes."""
 
     model_config = ConfigDict(frozen=True)
 
-    file: str  # from the folder of the evidence
+    file: str  # relative to the folder of the evidence
     sha256: str
     of: Literal["file", "campaign"] = "file"
-    links: tuple[Item, ...] = ()  # files that it names, which must be what they were, too
+    links: tuple[Item, ...] = ()  # files that it names, which must be unchanged too
 
 
 class Node(BaseModel):
@@ -49,35 +49,35 @@ class Node(BaseModel):
 
     model_config = ConfigDict(frozen=True)
 
-    name: str  # G1, S1, Sn1, C1
+    name: str  # such as G1, S1, Sn1, C1
     kind: Literal["goal", "strategy", "solution", "context"]
     text: str
     supported_by: tuple[str, ...] = ()
     in_context_of: tuple[str, ...] = ()
     status: Status = "holds"
-    reason: str = ""  # of another status than `holds`
-    item: Item | None = None  # of a solution
+    reason: str = ""  # reason for a status other than `holds`
+    item: Item | None = None  # the content of a solution
 
 
 class EvidenceRecord(BaseModel):
-    """What `ravenjax evidence` wrote. Times are UTC, ISO 8601."""
+    """The output of `ravenjax evidence`. Times are UTC, ISO 8601."""
 
     model_config = ConfigDict(frozen=True)
 
     version: int = VERSION
     notice: str = NOTICE
     written: str
-    checked: str | None = None  # when checksums were last computed again
-    sentences: tuple[str, ...]  # the results, a sentence each
-    nodes: tuple[Node, ...] = Field(min_length=1)  # the top goal first
+    checked: str | None = None  # time at which checksums were last computed again
+    sentences: tuple[str, ...]  # the results, one sentence each
+    nodes: tuple[Node, ...] = Field(min_length=1)  # the top goal comes first
 
     def of_status(self, status: Status) -> list[Node]:
-        """Nodes of a status, in order."""
+        """Return the nodes of a status, in order."""
         return [node for node in self.nodes if node.status == status]
 
 
 def fill_template(name: str, **values: object) -> str:
-    """A page in Markdown from the template of that name in this folder."""
+    """Fill the Markdown template of that name in this folder."""
     templates = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent),
         undefined=jinja2.StrictUndefined,
@@ -87,8 +87,8 @@ def fill_template(name: str, **values: object) -> str:
 
 
 def read_record(folder: Path) -> EvidenceRecord:
-    """The record in a folder. Raises StoreError where there is none, it is damaged, or newer
-    than this reader.
+    """Return the record in a folder. Raises StoreError if it is missing, damaged, or newer than
+    this reader.
     """
     path = folder / FILE
     again = "Write it again with `ravenjax evidence DIR... --out FOLDER`."
@@ -122,13 +122,13 @@ def read_record(folder: Path) -> EvidenceRecord:
 
 
 def write_record(folder: Path, evidence: EvidenceRecord) -> None:
-    """Replace the record in one step."""
+    """Replace the record atomically."""
     text = evidence.model_dump_json(indent=1) + "\n"
     write_aside(folder / FILE, lambda target: target.write_text(text, encoding="utf-8"))
 
 
 def check_record(folder: Path, evidence: EvidenceRecord) -> EvidenceRecord:
-    """The evidence with the present status of each node. folder: where it lies."""
+    """Return the evidence with the present status of each node. `folder`: of the evidence."""
     items = {node.name: node.item for node in evidence.nodes if node.item is not None}
     problems = threads.mapped(lambda item: _find_problem(folder, item), items.values(), READERS)
     nodes = judge(evidence.nodes, dict(zip(items, problems, strict=True)))
@@ -136,8 +136,8 @@ def check_record(folder: Path, evidence: EvidenceRecord) -> EvidenceRecord:
 
 
 def _find_problem(folder: Path, item: Item) -> str:
-    """What is wrong with a file that evidence in `folder` rests on, or with one that it links,
-    "" where nothing is.
+    """Return what is wrong with a file on which evidence in `folder` rests, or with a file that it
+    links; "" if nothing is.
     """
     path = Path(os.path.normpath(folder / item.file))
     try:
@@ -155,17 +155,18 @@ def _find_problem(folder: Path, item: Item) -> str:
 
 
 def judge(nodes: Sequence[Node], problems: Mapping[str, str]) -> tuple[Node, ...]:
-    """Each node with its status: broken where its file is, or where anything that it rests on is
-    broken. A status `open` stays, where nothing is broken.
+    """Return each node with its status: broken if its file is, or if any node that it rests on is
+    broken.
 
-    problems: of each solution, "" where nothing is wrong.
+    A status `open` stays if nothing is broken. `problems`: of each solution, "" if nothing is
+    wrong.
     """
     by_name = {node.name: node for node in nodes}
     reasons: dict[str, str] = {}
 
     def find_reason(name: str) -> str:
         if name not in reasons:
-            # before its supports, so that a record with a circle ends
+            # Set before visiting its supports, so that a record with a cycle terminates.
             reasons[name] = problems.get(name, "")
             below = [other for other in by_name[name].supported_by if find_reason(other)]
             if below and not reasons[name]:

@@ -1,4 +1,4 @@
-"""Opens the result folders that evidence is about."""
+"""Opens the result folders that evidence is based on."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ _DECIDES = {
     "code_hash",
     "shard",
 }
-"""Fields of a manifest that decide outcomes, or what they are called; the others tell of starts
-and times.
+"""Fields of a manifest that decide outcomes, and their names in words. The other fields describe
+starts and times.
 """
 
 
 class Source(NamedTuple):
     """One result."""
 
-    name: str  # R1, R2 ...: two campaigns may be called alike
+    name: str  # R1, R2 ...: two campaigns may have the same name
     folder: Path
     record: Manifest
     runs: Runs
@@ -51,8 +51,8 @@ class Source(NamedTuple):
 
 @contextlib.contextmanager
 def opened(folders: Sequence[Path]) -> Iterator[list[Source]]:
-    """Open result folders, in order. Raises UserError where one is named twice, StoreError
-    as `Runs.open`.
+    """Open result folders, in order. Raises UserError if one is named twice, and StoreError as
+    `Runs.open` does.
     """
     seen: set[Path] = set()
     for folder in folders:
@@ -72,8 +72,8 @@ def opened(folders: Sequence[Path]) -> Iterator[list[Source]]:
 
 
 def identify(record: Manifest) -> str:
-    """sha256 of what of a manifest decides outcomes: starting a finished campaign again does not
-    change it.
+    """Return the sha256 of the part of a manifest that decides outcomes. Starting a finished
+    campaign again does not change it.
     """
     plain = json.loads(record.model_dump_json(include=_DECIDES))
     text = json.dumps(plain, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
@@ -81,12 +81,12 @@ def identify(record: Manifest) -> str:
 
 
 EXAMPLES = 3
-"""Runs that are named for a number: the first in the order of the fault table."""
+"""Number of runs that are listed for a number: the first in the order of the fault table."""
 EXAMPLE_RUNS = f"array_to_string(arg_min(r.run_id, f.row, {EXAMPLES}), ' ')"
-"""SQL: ids of the first few of a group of rows."""
+"""SQL: ids of the first few rows of a group."""
 SAMPLED, ENUMERATED = "Wilson, 95 %", "none: not all of the faults were drawn"
 
 
 def interval_in_words(rate: Rate) -> str:
-    """How the interval of a rate was made."""
+    """Return how the interval of a rate was computed."""
     return ENUMERATED if math.isnan(rate.low) else SAMPLED

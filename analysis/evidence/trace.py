@@ -32,17 +32,17 @@ COLUMNS = (
     "part",
     "part_sha256",
 )
-"""Of the trace; `in_rates`: the run stands for its fault in every rate, others repeat it or have
-a reaction.
+"""Columns of the trace. `in_rates`: the run counts for its fault in every rate. Other runs repeat
+it or have a reaction.
 """
 BATCH = 20_000
-"""Rows that are taken together; each becomes Python objects."""
+"""Rows that are read together. Each becomes Python objects."""
 TRACED = tuple(name for name in verdict.HAZARDS if name != "none")
 
 
 def count_matrix(sources: Sequence[Source]) -> Iterator[dict[str, Any]]:
-    """One line a group with faults: how many distinct faults ended in each hazard; the trace has
-    their runs.
+    """Return one line per group with faults: how many distinct faults ended in each hazard. The
+    trace has their runs.
     """
     for source in sources:
         cube = source.runs.cube()
@@ -60,8 +60,8 @@ def count_matrix(sources: Sequence[Source]) -> Iterator[dict[str, Any]]:
 
 
 def write_trace(path: Path, sources: Sequence[Source]) -> None:
-    """Every valid run with a fault and a hazard, one line a run, by result and hazard, a batch
-    at a time.
+    """Write every valid run with a fault and a hazard, one line per run, by result and hazard, in
+    batches.
     """
     with open(path, "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")

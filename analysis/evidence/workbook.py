@@ -1,4 +1,6 @@
-"""Writes the tables as one workbook (XLSX). The package that writes it is an extra."""
+"""Writes the tables as one workbook (XLSX). The package that writes it is an optional
+dependency.
+"""
 
 from __future__ import annotations
 
@@ -17,15 +19,13 @@ from ravenjax.outcomes import verdict
 FILE = "tables.xlsx"
 GOAL = "Each table is there for a spreadsheet, too."
 MOST_ROWS = 1_048_575
-"""Lines below the header that a sheet can have; of a longer table the rest stands in its CSV
-alone.
-"""
+"""Lines below the header that a sheet can have. The CSV has the further lines of a longer table."""
 _COUNTS = {"evaded", "alarms", "failed_runs_of_group", "index", "faults", "evade"}
 _COUNTS |= {name.replace(" ", "_") for name in verdict.HAZARDS}
 
 
 def require_writer() -> ModuleType:
-    """The package that writes workbooks. Raises UserError where it is not installed."""
+    """Import the package that writes workbooks. Raises UserError if it is not installed."""
     try:
         return importlib.import_module("xlsxwriter")
     except ImportError as error:
@@ -36,11 +36,12 @@ def require_writer() -> ModuleType:
 
 
 def write_workbook(path: Path, tables: Sequence[Path], most: int = MOST_ROWS) -> None:
-    """Tables (CSV) as sheets of a workbook, after a sheet that says what they are not. most: lines
-    of a sheet.
+    """Write tables (CSV) as sheets of a workbook, after a sheet that states what they are not.
+    `most`: lines per sheet.
 
-    What looks like a formula, a link or a number stays the text that it is: a run id such as 1e10
-    would be one. Raises OSError where the disk refuses, UserError as `require_writer`.
+    Text that looks like a formula, a link or a number stays text; for example, a run id such as
+    1e10 would be a number. Raises OSError if the disk refuses, and UserError as `require_writer`
+    does.
     """
     package = require_writer()
     options = {"constant_memory": True, "strings_to_formulas": False, "strings_to_urls": False}
@@ -57,12 +58,12 @@ def write_workbook(path: Path, tables: Sequence[Path], most: int = MOST_ROWS) ->
             for number, line in enumerate(lines):
                 first.write_string(number, 0, line)
     except package.exceptions.XlsxFileError as error:
-        # It wraps the error of the disk, and is none itself.
+        # The package wraps the disk's error in an exception that is no OSError.
         raise OSError(str(error)) from error
 
 
 def _write_sheet(sheet: Any, rows: Iterator[list[str]], most: int) -> int:
-    """Header and up to `most` lines; how many more there are."""
+    """Write the header and up to `most` lines, and return how many more there are."""
     header = next(rows)
     sheet.freeze_panes(1, 0)
     sheet.set_column(0, len(header) - 1, 18)
@@ -79,5 +80,5 @@ def _write_sheet(sheet: Any, rows: Iterator[list[str]], most: int) -> int:
 
 
 def _is_number(title: str) -> bool:
-    """Whether a column holds numbers."""
+    """Return whether a column holds numbers."""
     return title.startswith("rate_") or title.endswith("_ms") or title in _COUNTS

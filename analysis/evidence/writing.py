@@ -15,7 +15,7 @@ from ravenjax.store import manifest as manifests
 from ravenjax.store.files import require_writable, sha256, write_aside
 
 FOLDER = "evidence"
-"""In a result folder, where no other is named."""
+"""Default subfolder of a result folder."""
 README, JSON, MERMAID = "README.md", "argument.json", "argument.mmd"
 GOALS = {
     "trace_matrix.csv": "Each group of faults is counted by hazard.",
@@ -28,9 +28,9 @@ GOALS = {
     ),
     "control_actions.csv": "Each hazard of motion is an unsafe control action of a stated kind.",
 }
-"""Tables, and what each is for."""
+"""Tables, and the goal that each supports."""
 NO_ROWS = "result,campaign\n"
-"""A table without a line."""
+"""A table without lines."""
 
 
 def write(
@@ -39,15 +39,15 @@ def write(
     xlsx: bool = False,
     model: ModelCredibility | None = None,
 ) -> EvidenceRecord:
-    """Evidence of result folders into the folder `place`; what is there of the same names is
-    replaced.
+    """Write evidence of result folders into the folder `place`. Existing files of the same names
+    are replaced.
 
-    xlsx: the tables as one workbook, too. model: what the simulator's credibility rests on, for a
-    report of it. Raises UserError and StoreError as `sources.opened` and
-    `workbook.require_writer`, StoreError where the disk refuses.
+    `xlsx`: also write the tables as one workbook. `model`: evidence on the simulator's credibility,
+    for a report on it. Raises UserError and StoreError as `sources.opened` and
+    `workbook.require_writer` do, and StoreError if the disk refuses.
     """
     if xlsx:
-        # before any work
+        # Fail before any work.
         workbook.require_writer()
     with opened(folders) as sources:
         require_writable(place)
@@ -71,7 +71,7 @@ def write(
                 add_file(name, goal, _writer_of(text))
             else:
                 add_file(name, goal, lambda target: trace.write_trace(target, sources))
-        # Files of a former call would have other numbers than the tables.
+        # Files of an earlier call would contradict the new tables.
         for name in (workbook.FILE, credibility.FILE):
             (place / name).unlink(missing_ok=True)
         if xlsx:
@@ -105,10 +105,10 @@ def write(
 
 
 def check(place: Path) -> EvidenceRecord:
-    """Compute every checksum again, and write the argument as it stands now; the record stays as it
-    is.
+    """Compute every checksum again, and write the argument with the present status. The record
+    stays unchanged.
 
-    Raises StoreError as `record.read_record`, and where the disk refuses.
+    Raises StoreError as `record.read_record` does, and if the disk refuses.
     """
     evidence = records.check_record(place, records.read_record(place))
     _write_argument(place, evidence)
@@ -116,7 +116,7 @@ def check(place: Path) -> EvidenceRecord:
 
 
 def files(place: Path) -> list[Path]:
-    """What `write` wrote, in order."""
+    """Return the files that `write` wrote, in order."""
     extras = [name for name in (workbook.FILE, credibility.FILE) if (place / name).is_file()]
     return [place / name for name in (*GOALS, *extras, JSON, MERMAID, README, records.FILE)]
 

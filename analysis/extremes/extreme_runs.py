@@ -1,13 +1,14 @@
-"""Campaigns of random extreme runs that are all legal, and what must hold of whatever they do.
+"""Draws campaigns of random extreme but legal runs, and checks properties that must hold for every
+run.
 
-Each number draws one campaign: of software, build, mechanics, console, packets, detectors and
-operator one choice each; then groups of faults at any site, with any effect and the largest values
-that it takes, beside parameters at the ends of their ranges. Nothing is drawn that a file could not
-say.
+Each number draws one campaign: one choice each of software, build, mechanics, console, packets,
+detectors and operator. Then come groups of faults at any site, with any effect and the largest
+values that it takes, and parameters at the ends of their ranges. Nothing is drawn that a campaign
+file could not contain.
 
-A campaign is one form: engine `xla` compiles it once, whatever values its runs have. `form` shares
-all sites and parameters out to campaigns that have few sites each, since what compiling takes grows
-with the sites.
+A campaign has one form, which engine `xla` compiles once for all values of its runs. `form`
+distributes all sites and parameters over campaigns that have few sites each, because compile time
+grows with the number of sites.
 """
 
 from __future__ import annotations
@@ -42,19 +43,19 @@ from ravenjax.vocabulary.sites import Channel, Site
 
 DURATION_S = 0.5
 LATEST_MS = 160
-"""Of an onset: before the run's last packet, where those last long."""
+"""Latest onset: before the run's last packet, if packets last long."""
 RUNS, FORM_RUNS = 20, 67
-"""Of a group, of `campaign` and of `form`."""
+"""Runs per group, of `campaign` and of `form`."""
 FORMS = 15
-"""Campaigns of `form` that share out all sites and parameters."""
+"""Campaigns of `form` that together cover all sites and parameters."""
 LARGE = (0.0, 1.0, -1.0, 1e-30, 0.01, -0.3, 30.0, -1e3, 1e6, -1e9, 3e38, -3e38)
-"""Values of numbers that have no bounds."""
+"""Values for numbers without bounds."""
 WORDS = ("activated", "response", "hazard", "verdict", "failed")
 """Columns in which two engines must agree."""
 
 
 def campaign(number: int, groups: int) -> CampaignConfig:
-    """The campaign of that number, with so many groups of `RUNS` runs, at any sites."""
+    """Return the campaign of that number, with `groups` groups of `RUNS` runs, at any sites."""
     draw = random.Random(number)
     rows = _parameters()
     draw.shuffle(rows)
@@ -62,11 +63,11 @@ def campaign(number: int, groups: int) -> CampaignConfig:
 
 
 def form(number: int, groups: int) -> CampaignConfig:
-    """As `campaign`, at two sites: each `FORMS` numbers in a row have each site and each parameter
-    that there is once.
+    """Return a campaign at two sites. Any `FORMS` consecutive numbers cover each site and each
+    parameter.
 
-    A parameter that the drawn software or build lacks is left out of its form, and another takes
-    its place.
+    A parameter that the drawn software or build lacks is left out of its form, and another one
+    replaces it.
     """
     turn, place = divmod(number, FORMS)
     shared = random.Random(f"turn {turn}")
@@ -95,7 +96,7 @@ def _campaign(
     raw = _frame(draw, number)
     while not _is_legal(
         {**raw, "group": [{"name": "free"}]}
-    ):  # two of the choices do not go together
+    ):  # two of the choices exclude each other
         raw = _frame(draw, number)
     varied = _varied(draw, raw, parameters)
     rows: list[dict[str, Any]] = [{"name": "free"}]
@@ -103,15 +104,16 @@ def _campaign(
         group = _group(draw, f"g{len(rows)}", raw["campaign"]["arms"], varied, sites) | {
             "runs": runs
         }
-        if _is_legal(
-            {**raw, "group": [group]}
-        ):  # a word of DAC counts that is not to be stored as it is, for one
+        # For example, a word of DAC counts that must not be stored unchanged.
+        if _is_legal({**raw, "group": [group]}):
             rows.append(group)
     return loading.from_dict({**raw, "group": rows})
 
 
 def _is_legal(raw: dict[str, Any], planned: bool = False) -> bool:
-    """Whether a campaign is accepted; planned: also by what knows which parameters there are."""
+    """Return whether a campaign is accepted. `planned`: also check with the code that knows the
+    existing parameters.
+    """
     try:
         config = loading.from_dict(raw)
         if planned:
@@ -122,7 +124,7 @@ def _is_legal(raw: dict[str, Any], planned: bool = False) -> bool:
 
 
 def _frame(draw: random.Random, number: int) -> dict[str, Any]:
-    """What all runs have in common."""
+    """Draw the settings that all runs share."""
     software = draw.choice(("raven2", "raven2", "fork2015"))
     raw: dict[str, Any] = {
         "campaign": {
@@ -168,11 +170,11 @@ def _frame(draw: random.Random, number: int) -> dict[str, Any]:
 
 
 MOST_PARAMETERS = 12
-"""That vary in a campaign: each is a number that all runs carry along."""
+"""Largest number of parameters that vary in a campaign, because all runs carry each of them."""
 
 
 def _parameters() -> list[tuple[str, Quantity]]:
-    """All that the robot has."""
+    """Return all parameters of the robot."""
     return [
         row for row in bounds.rows(ROBOT) if not row[0].startswith("contact.")
     ]  # these campaigns have no contact
@@ -181,7 +183,7 @@ def _parameters() -> list[tuple[str, Quantity]]:
 def _varied(
     draw: random.Random, raw: dict[str, Any], parameters: Sequence[tuple[str, Quantity]]
 ) -> list[tuple[str, Quantity]]:
-    """Parameters that the runs of this campaign may vary, the first of these that it has."""
+    """Return the parameters that vary in this campaign: the first of `parameters` that it has."""
     varied: list[tuple[str, Quantity]] = []
     for path, quantity in parameters:
         if len(varied) == MOST_PARAMETERS:
@@ -202,8 +204,8 @@ def _group(
     varied: Sequence[tuple[str, Quantity]],
     sites: Sequence[Site],
 ) -> dict[str, Any]:
-    """Runs of up to two faults, with up to three parameters at or near an end of what they may
-    be.
+    """Draw runs of up to two faults, with up to three parameters at or near an end of their
+    range.
     """
     parameters = {
         path: {"choice": _at_the_ends(draw, quantity)}
@@ -224,7 +226,9 @@ def _at_the_ends(draw: random.Random, quantity: Quantity) -> list[float]:
 
 
 def _fault(draw: random.Random, arms: Sequence[str], sites: Sequence[Site]) -> dict[str, Any]:
-    """One slot: a site, channels of one kind, an effect and the largest values that it takes."""
+    """Draw one slot: a site, channels of one kind, an effect and the largest values that it
+    takes.
+    """
     site = draw.choice(sites)
     effects = [name for name in EFFECTS if name not in NETWORK_EFFECTS or site.name == "network"]
     effect = draw.choice(effects)
@@ -255,7 +259,7 @@ def _fault(draw: random.Random, arms: Sequence[str], sites: Sequence[Site]) -> d
 
 
 def _values(draw: random.Random, channel: Channel, effect: str) -> list[float]:
-    """The ends of what is legal there, and some of what lies between."""
+    """Return the ends of the legal range, and some values between them."""
     low, high, whole, _ = legal.legal(channel, effect)
     values = [
         x
@@ -268,7 +272,7 @@ def _values(draw: random.Random, channel: Channel, effect: str) -> list[float]:
 
 
 class EngineDifference(NamedTuple):
-    """A run of which two engines do not say the same."""
+    """A run for which two engines give different words."""
 
     run_id: str
     group: str
@@ -278,7 +282,7 @@ class EngineDifference(NamedTuple):
 
 
 def unsound(table: pd.DataFrame) -> Iterator[str]:
-    """What is wrong with the rows of a result table: one line for each column with numbers that
+    """Return the errors in the rows of a result table: one line for each column with numbers that
     are not finite.
     """
     failed = (table["failed"].astype(str) != "").to_numpy()
@@ -308,7 +312,7 @@ def unsound(table: pd.DataFrame) -> Iterator[str]:
 
 
 def differences(first: pd.DataFrame, second: pd.DataFrame) -> list[EngineDifference]:
-    """Every word in which two engines' tables of one campaign differ."""
+    """Return every word in which two engines' tables of one campaign differ."""
     if list(first["run_id"]) != list(second["run_id"]):
         raise ValueError("the tables are not of the same runs")
     out = []
@@ -328,7 +332,7 @@ def differences(first: pd.DataFrame, second: pd.DataFrame) -> list[EngineDiffere
 
 
 NUDGES = tuple(sign * times for times in range(1, 9) for sign in (1, -1))
-"""Last bits by which `nudged` moves numbers."""
+"""Number of last bits (ULPs) by which `nudged` moves numbers."""
 NUDGED = (
     "operator.scale",
     "plant.mass_scale",
@@ -336,14 +340,15 @@ NUDGED = (
     "nominal.mass_scale",
     "nominal.kp",
 )
-"""Numbers from which almost all others of a run follow, beside its faults' values."""
+"""Numbers that determine almost all others of a run, in addition to its faults' values."""
 
 
 def nudged(config: CampaignConfig, engine: str) -> Iterator[pd.DataFrame]:
-    """The campaign's table once for each of `NUDGES`: `NUDGED` and the faults' values so many last
-    bits beside theirs.
+    """Return the campaign's table once for each of `NUDGES`: `NUDGED` and the faults' values are
+    moved by that many last bits.
 
-    A run whose words change with them is decided by last bits, which no two engines need to share.
+    If a run's words change with them, last bits decide the run, and two engines need not agree on
+    it.
     """
     ready = plan.make_plan(config)
     program = ready.program
@@ -363,12 +368,12 @@ def nudged(config: CampaignConfig, engine: str) -> Iterator[pd.DataFrame]:
 
 
 def _moved(values: np.ndarray, bits: int) -> np.ndarray:
-    """Numbers so many last bits of a float32 beside what they are."""
+    """Move numbers by `bits` last bits of a float32."""
     return (values * (1.0 + bits * 2.0**-23)).astype(values.dtype)
 
 
 def _table(ready: plan.Plan, engine: str) -> pd.DataFrame:
-    """What `ravenjax.run` would return."""
+    """Return what `ravenjax.run` would return."""
     backend, shape, tables = (
         selection.select(engine, ready.program.setup.precision),
         runner.shape_of(ready),

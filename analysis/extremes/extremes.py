@@ -1,12 +1,13 @@
-"""Thousands of random extreme but legal runs: crashes, rows that are not sound, verdicts of two
-engines.
+"""Runs thousands of random extreme but legal runs, and reports crashes, unsound rows, and different
+verdicts of two engines.
 
-python analysis/extremes/extremes.py 8 125             # campaigns and groups of 20 runs each: 20
-008 runs python analysis/extremes/extremes.py 15:20 simd xla    # 15 forms of 20 groups of 67 runs
-at two sites: 20 115 runs
+    # 8 campaigns of 125 groups of 20 runs each: 20 008 runs
+    python analysis/extremes/extremes.py 8 125
+    # 15 forms of 20 groups of 67 runs at two sites: 20 115 runs
+    python analysis/extremes/extremes.py 15:20 simd xla
 
-Of a run that two engines tell differently, the first engine is asked whether last bits of its
-numbers decide it.
+If two engines judge a run differently, the first engine tests whether last bits of its numbers
+decide it.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from ravenjax.campaign.file.config import CampaignConfig
 
 
 def drawn(first: str, *others: str) -> tuple[Iterator[tuple[int, CampaignConfig]], Sequence[str]]:
-    """The campaigns that the command line asks for, by number, and the engines."""
+    """Return the campaigns that the command line selects, by number, and the engines."""
     if ":" not in first:
         groups, *engines = others
         return ((n, extremes.campaign(n, int(groups))) for n in range(int(first))), engines
@@ -33,7 +34,7 @@ def drawn(first: str, *others: str) -> tuple[Iterator[tuple[int, CampaignConfig]
 
 
 def main(*words: str) -> int:
-    """Run them, print what is found, and return the number of rows that are not as they must be."""
+    """Run them, print the findings, and return the number of invalid rows."""
     campaigns, engines = drawn(*words)
     engines = engines or ("simd",)
     wrong = 0
@@ -58,8 +59,8 @@ def main(*words: str) -> int:
 
 
 def _compare(config: CampaignConfig, engine: str, first: pd.DataFrame, other: pd.DataFrame) -> int:
-    """Print what two engines say differently; the number of runs of which last bits do not
-    decide it.
+    """Print the differences between two engines, and return the number of differing runs that last
+    bits do not decide.
     """
     apart = extremes.differences(first, other)
     if not apart:

@@ -1,8 +1,8 @@
-"""Write models/raven2/raven2.xml and its meshes: `python analysis/looks/build.py [FOLDER]`.
+"""Writes models/raven2/raven2.xml and its meshes: `python analysis/looks/build.py [FOLDER]`.
 
-Bodies carry the DH frames of the control software (raven2: src/raven/r2_kinematics.cpp), so that
-MuJoCo's qpos are its jpos. Gold is written out; green is its mirror image. Numbers and sources:
-models/raven2/PROVENANCE.md.
+Bodies have the DH frames of the control software (raven2: src/raven/r2_kinematics.cpp), so that
+MuJoCo's qpos equals its jpos. Gold is written out, and green is its mirror image. Numbers and
+sources: models/raven2/PROVENANCE.md.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import shapes
 
 MODEL = Path(__file__).resolve().parents[2] / "models" / "raven2"
 
-# signs of the axes of a link frame under which green is the mirror image of gold (tool at zero)
+# Signs of the axes of a link frame under which green is the mirror image of gold (tool at zero).
 FLIPPED = {
     "frame0": (1, -1, 1),
     "shoulder": (-1, -1, -1),
@@ -28,7 +28,8 @@ FLIPPED = {
     "insertion": (1, -1, 1),
     "tool_roll": (1, -1, 1),
     "wrist": (1, 1, -1),
-    "grasp1": (1, 1, 1),  # the jaws change places instead: each is its own mirror image
+    # Each jaw is its own mirror image, so the jaws swap instead.
+    "grasp1": (1, 1, 1),
     "grasp2": (1, 1, 1),
 }
 LIMITS_DEG = {  # raven2: defines.h, tools.cpp (r_grasper); insertion in m
@@ -45,8 +46,8 @@ HOME = (math.radians(30), math.radians(90), 0.40, 0.0, 0.0, math.radians(45), ma
 
 @dataclasses.dataclass(frozen=True)
 class Step:
-    """One joint's body in its parent: Rx(twist) Rz(turn), then `position` in the parent; deg and
-    m.
+    """One joint's body in its parent: Rx(twist) Rz(turn), then `position` in the parent;
+    deg and m.
     """
 
     joint: str
@@ -75,7 +76,7 @@ def numbers(values) -> str:
 
 
 def quaternion(twist: float, turn: float) -> tuple[float, ...]:
-    """Of Rx(twist) Rz(turn), deg."""
+    """Return the quaternion of Rx(twist) Rz(turn), deg."""
     (a, b), (c, d) = (
         (math.cos(math.radians(x) / 2), math.sin(math.radians(x) / 2)) for x in (twist, turn)
     )

@@ -1,11 +1,11 @@
-"""Inertial numbers of models/raven2/raven2.xml: the authors' links 1-3, the tool, and what makes
-the two fit together.
+"""Defines inertial numbers of models/raven2/raven2.xml: the authors' links 1-3, the tool, and
+corrections that make the two consistent.
 
-The authors' model (raven2_sim: Li_DYN) ends at link 3, tool included. Here the tool moves on joints
-of its own, so link 3 is the authors' less the tool: mass and first moment of all that hangs on the
+The authors' model (raven2_sim: Li_DYN) ends at link 3, tool included. Here the tool has separate
+joints, so link 3 is the authors' minus the tool. Mass and first moment of everything on the
 insertion joint in the reference tool pose (roll 0, wrist 0, jaws 45 deg) equal the authors'. The
-tensor of link 3 is that of a box of the carriage's size; the difference goes to link 2, which never
-turns relative to link 3, so that only their sum acts.
+tensor of link 3 is that of a box of the carriage's size. The difference goes to link 2, which never
+turns relative to link 3, so that only their sum matters.
 """
 
 from __future__ import annotations
@@ -19,19 +19,20 @@ SIN_75 = math.sin(math.radians(75))
 LINK_1_IZZ = (
     0.0045358983848622445 + 0.008 * SIN_75**2
 )  # kg m^2 about its centre of mass, with the CAD tensor of link 2
-# kg m^2, moved from link 1 Izz to link 2 as diag(1, 1, 0): makes link 2's tensor physical
+# kg m^2, moved from link 1 Izz to link 2 as diag(1, 1, 0), which makes link 2's tensor physical.
 LINK_2_SHIFT = 0.008
+# m along x3, y3, z3; extent of the tool carriage in raven2_sim's left arm meshes.
 CARRIAGE_SIZE = (
     0.09,
     0.13,
     0.11,
-)  # m along x3, y3, z3; extent of the tool carriage in raven2_sim's left arm meshes
+)
 
 
 @dataclasses.dataclass(frozen=True)
 class Inertial:
-    """Mass (kg), centre of mass (m) and central tensor (kg m^2), all in the frame of the body
-    that carries it.
+    """Mass (kg), centre of mass (m) and central tensor (kg m^2), all in the frame of the body that
+    carries it.
     """
 
     mass: float
@@ -46,7 +47,9 @@ class Inertial:
         return self.tensor + self.mass * _parallel(self.com)
 
     def placed(self, rotation: np.ndarray, position: np.ndarray) -> Inertial:
-        """The same body seen from a frame in which its own frame has this rotation and position."""
+        """Return the same body seen from a frame in which its own frame has this rotation and
+        position.
+        """
         return Inertial(
             self.mass, rotation @ self.com + position, rotation @ self.tensor @ rotation.T
         )
@@ -61,10 +64,11 @@ def _symmetric(xx: float, yy: float, zz: float, xy: float, xz: float, yz: float)
 
 
 def authors_links() -> tuple[Inertial, Inertial, Inertial]:
-    """Links 1-3 in DH frames 1-3 (raven2_sim: Li_DYN/two_arm_dyn.cpp, Li_DYN/Matlab/global_vars.m).
+    """Return links 1-3 in DH frames 1-3 (raven2_sim: Li_DYN/two_arm_dyn.cpp,
+    Li_DYN/Matlab/global_vars.m).
 
-    Link 2 is the CAD tensor; only the part of link 1's Izz that is left for it (0.012) is known,
-    Ixx and Iyy never act.
+    Link 2 has the CAD tensor. Of link 1's tensor only the remaining part of Izz (0.012) is known;
+    Ixx and Iyy never have an effect.
     """
     one = Inertial(0.503, np.array([0.00717636, 0.104721, -0.132424]), np.eye(3) * LINK_1_IZZ)
     two = Inertial(
@@ -88,15 +92,15 @@ def authors_links() -> tuple[Inertial, Inertial, Inertial]:
 
 
 def box(mass: float, com: tuple[float, float, float], size: tuple[float, float, float]) -> Inertial:
-    """A homogeneous box (full edge lengths, m)."""
+    """Return a homogeneous box (full edge lengths, m)."""
     x, y, z = size
     tensor = mass / 12.0 * np.diag([y * y + z * z, x * x + z * z, x * x + y * y])
     return Inertial(mass, np.array(com), tensor)
 
 
 def tool() -> dict[str, Inertial]:
-    """Instrument bodies in their own frames: roll (frame 4), wrist (frame 5), grasp1 and grasp2
-    (frame 6 at yaw 0).
+    """Return the instrument bodies in their own frames: roll (frame 4), wrist (frame 5), grasp1 and
+    grasp2 (frame 6 at yaw 0).
     """
     across, along = (
         4.385435e-4,
@@ -113,8 +117,8 @@ def tool() -> dict[str, Inertial]:
 
 
 def spindle_armature(joint: str) -> float:
-    """kg m^2 at the joint: the tool-adapter spindle that drives it, an aluminium disc of the
-    tool capstan's radius.
+    """Return kg m^2 at the joint of the tool-adapter spindle that drives it, an aluminium disc of
+    the tool capstan's radius.
     """
     radius, thickness, density = (
         10.905e-3,
@@ -139,7 +143,7 @@ def _rz(angle_deg: float) -> np.ndarray:
 
 
 def tool_in_link_3() -> list[Inertial]:
-    """The tool's bodies in DH frame 3, in the reference pose."""
+    """Return the tool's bodies in DH frame 3, in the reference pose."""
     bodies = tool()
     wrist_turn, wrist_at = _rx(90) @ _rz(-90), np.array([0, 0, -0.47])
     jaw_at = wrist_at + wrist_turn @ np.array([0.013, 0, 0])
@@ -152,7 +156,7 @@ def tool_in_link_3() -> list[Inertial]:
 
 
 def gold() -> dict[str, Inertial]:
-    """Every moving body of the gold arm."""
+    """Return every moving body of the gold arm."""
     one, two, three = authors_links()
     hanging = tool_in_link_3()
     mass = three.mass - sum(part.mass for part in hanging)

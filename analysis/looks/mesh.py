@@ -1,5 +1,5 @@
-"""Triangle meshes out of beams, swept strips, tubes and grids; written as OBJ text. Lengths in
-metres.
+"""Builds triangle meshes from beams, swept strips, tubes and grids, and writes them as OBJ text.
+Lengths are in metres.
 """
 
 from __future__ import annotations
@@ -26,11 +26,13 @@ class Mesh:
         return self
 
     def hexahedron(self, corners: np.ndarray) -> Mesh:
-        """Eight corners, index = 4 i + 2 j + k along three right-handed edge directions."""
+        """Add a hexahedron from eight corners, index = 4 i + 2 j + k along three right-handed edge
+        directions.
+        """
         return self.quads(corners, BOX_FACES)
 
     def beam(self, start, end, side, width: float, height: float) -> Mesh:
-        """Bar from start to end; `width` is measured along `side`, `height` across it."""
+        """Add a bar from start to end. `width` is measured along `side`, `height` across it."""
         start, end, side = (np.asarray(v, dtype=float) for v in (start, end, side))
         along = (end - start) / np.linalg.norm(end - start)
         side = side - along * (along @ side)
@@ -45,7 +47,9 @@ class Mesh:
         return self.hexahedron(np.array(corners))
 
     def strip(self, path: np.ndarray, side, width: float, height: float) -> Mesh:
-        """Rectangular bar along a polyline in the plane across `side`, mitred at its corners."""
+        """Add a rectangular bar along a polyline in the plane across `side`, mitred at its
+        corners.
+        """
         path, side = np.asarray(path, dtype=float), np.asarray(side, dtype=float)
         tangents = np.gradient(path, axis=0)
         tangents /= np.linalg.norm(tangents, axis=1)[:, None]
@@ -58,7 +62,7 @@ class Mesh:
         return self._loft(np.array(rings), 4)
 
     def tube(self, path: np.ndarray, radius, sides: int = 10) -> Mesh:
-        """Round bar along a polyline; one radius or one per point."""
+        """Add a round bar along a polyline, with one radius or one per point."""
         path = np.asarray(path, dtype=float)
         radii = np.broadcast_to(radius, len(path))
         tangents = np.gradient(path, axis=0)
@@ -74,7 +78,7 @@ class Mesh:
         return self._loft(np.array(rings), sides)
 
     def slab(self, top: np.ndarray, bottom: float) -> Mesh:
-        """Solid under a grid of points (rows x columns x 3) down to the height `bottom`."""
+        """Add a solid under a grid of points (rows x columns x 3) down to the height `bottom`."""
         rows, columns = top.shape[:2]
         low = top.copy()
         low[..., 2] = bottom
@@ -137,7 +141,7 @@ class Mesh:
 
 
 def smooth(points, count: int) -> np.ndarray:
-    """`count` points on a Catmull-Rom curve through `points`."""
+    """Return `count` points on a Catmull-Rom curve through `points`."""
     points = np.asarray(points, dtype=float)
     padded = np.vstack([2 * points[0] - points[1], points, 2 * points[-1] - points[-2]])
     out = []

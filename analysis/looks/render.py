@@ -1,7 +1,7 @@
-"""Render models/raven2/raven2.xml at home.
+"""Renders models/raven2/raven2.xml at home.
 
-`MUJOCO_GL=egl python analysis/looks/render.py FOLDER` writes one PNG per camera and raven2.png, the
-theatre with the close-up set into a corner, as shown in the README.
+`MUJOCO_GL=egl python analysis/looks/render.py FOLDER` writes one PNG per camera, and raven2.png for
+the README: the theatre with the close-up in a corner.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ MODEL = Path(__file__).resolve().parents[2] / "models" / "raven2" / "raven2.xml"
 
 
 def views(model: mujoco.MjModel, width: int, height: int) -> dict[str, Image.Image]:
-    """One picture per camera of the model, in the pose of key "home"; rendered at twice the size
-    for smooth edges.
+    """Return one picture per camera of the model, in the pose of key "home", rendered at twice the
+    size for smooth edges.
     """
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key("home").id)
@@ -49,7 +49,7 @@ def main(folder: Path) -> None:
     whole.paste(inset, (whole.width - inset.width - 18, 18))
     whole = whole.resize((960, 624), Image.Resampling.LANCZOS).point(
         lambda level: level & 0xFE
-    )  # halves the file
+    )  # halves the file size
     whole.save(folder / "raven2.png", optimize=True)
 
 

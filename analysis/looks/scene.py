@@ -1,5 +1,5 @@
-"""The operating scene around the arms: board, frames, phantom, vessel, light. World: x right, y
-away, z up; metres.
+"""Builds the operating scene around the arms: board, frames, phantom, vessel, light. World axes: x
+right, y away, z up; metres.
 """
 
 from __future__ import annotations
@@ -11,12 +11,14 @@ from pathlib import Path
 import numpy as np
 from mesh import Mesh, smooth
 
+# Of the green arm; gold has -x. Puts the tips 3 cm apart over the phantom at home.
 RCM = (
     0.028,
     -0.025,
     0.28,
-)  # of the green arm; gold has -x. Brings the tips 3 cm apart over the phantom at home
-TISSUE_TOP = 0.182  # height of the tissue under the tips: 2 cm below the jaw axes at home
+)
+# Height of the tissue under the tips: 2 cm below the jaw axes at home.
+TISSUE_TOP = 0.182
 FRAME_X, POST_Y, TOP = 0.283, (-0.14, 0.24), 0.56
 
 MATERIALS = {  # rgba, specular, shininess, reflectance
@@ -43,7 +45,7 @@ MATERIALS = {  # rgba, specular, shininess, reflectance
 
 
 def surface(x, y) -> np.ndarray:
-    """Height of the tissue: a gentle dome with soft folds and a rounded rim."""
+    """Return the height of the tissue: a gentle dome with soft folds and a rounded rim."""
     dome = 0.012 * (1 - (x / 0.085) ** 2 - 0.7 * (y / 0.07) ** 2)
     folds = 0.0012 * np.sin(95 * x + 40 * y) * np.cos(70 * y - 30 * x) + 0.0008 * np.sin(
         150 * y + 60 * x
@@ -257,7 +259,7 @@ def _board(world: ET.Element) -> None:
 
 
 def _extrusion(world: ET.Element, start, end, width: float = 0.04) -> None:
-    """Square aluminium profile with a dark groove on each face."""
+    """Add a square aluminium profile with a dark groove on each face."""
     start, end = np.array(start), np.array(end)
     along = np.argmax(np.abs(end - start))
     center, size = (start + end) / 2, np.full(3, width)

@@ -1,7 +1,7 @@
-"""What the arm looks like: visual shapes of each body, in the link frames of the gold arm.
+"""Defines what the arm looks like: visual shapes of each body, in the link frames of the gold arm.
 
-Sizes after the extents measured on raven2_sim's left arm meshes (raven_visualization) and a public
-photograph; the shapes are drawn anew. Green gets every shape mirrored by the signs of its link
+Sizes follow the extents measured on raven2_sim's left arm meshes (raven_visualization) and a public
+photograph. The shapes themselves are new. Green gets every shape mirrored by the signs of its link
 frame.
 """
 
@@ -35,7 +35,7 @@ RAIL_SIDE = np.array([0, COS_52, -SIN_52])  # -x3 in frame 2
 
 
 def _arc(radius: float, x: float, start: float, stop: float, count: int, sign: int) -> np.ndarray:
-    """Points around the x axis from -z (0 deg) towards +y (sign 1) or -y (sign -1)."""
+    """Return points around the x axis from -z (0 deg) towards +y (sign 1) or -y (sign -1)."""
     turns = np.radians(np.linspace(start, stop, count))
     return np.column_stack(
         [np.full(count, x), sign * radius * np.sin(turns), -radius * np.cos(turns)]
@@ -52,7 +52,7 @@ def _arc_truss(
     bays: int,
     sign: int,
 ):
-    """Two curved side frames with zigzag webs, joined by rods."""
+    """Add two curved side frames with zigzag webs, joined by rods."""
     for x in (-half, half):
         rims = [_arc(r, x, start, stop, 2 * bays + 1, sign) for r in (inner, outer)]
         for rim in rims:
@@ -119,7 +119,7 @@ def link2() -> Mesh:
 
 
 def jaw(side: int) -> Mesh:
-    """Slim jaw along x with its gripping face at y = 0; side +1 opens towards +y."""
+    """Return a slim jaw along x with its gripping face at y = 0. Side +1 opens towards +y."""
     mesh = Mesh()
     sections = [
         (-0.0022, 0.0020, 0.0017),
@@ -144,7 +144,7 @@ def jaw(side: int) -> Mesh:
 
 
 def cables() -> Mesh:
-    """White cable loops of the motor pack, frame 0 (x up, z inward)."""
+    """Return the white cable loops of the motor pack, in frame 0 (x up, z inward)."""
     mesh = Mesh()
     for (y, z), reach in zip([*THIN, THICK[1]], (0.08, 0.13, 0.10, 0.07, 0.11), strict=True):
         out = -0.58 - 0.3 * reach
@@ -209,7 +209,7 @@ class Pen:
         self._geom(kind, material, fromto=_text(ends), size=_text([radius]))
 
     def block(self, center, size, material: str) -> None:
-        """Full edge lengths, along the axes of the body's frame."""
+        """Add a block with full edge lengths, along the axes of the body's frame."""
         self._geom("box", material, pos=_text(self.signs * center), size=_text(np.array(size) / 2))
 
     def mesh(self, name: str, material: str) -> None:

@@ -1,14 +1,14 @@
-"""Whether monitors keep what they promise: 200 calibrations, with and without varied robots, and
-shifted robots.
+"""Tests whether monitors keep what they promise: 200 calibrations, with and without varied robots,
+and shifted robots.
 
     python analysis/monitors/pools.py FOLDER && python analysis/monitors/coverage.py FOLDER
 
-Half of a pool's operators stand for all operators that there are: 200 calibrations draw theirs from
-them with replacement, so each is an independent draw from a population whose false-alarm rate at
-any threshold is known exactly. The other half is fresh: no calibration has seen it, nor has the
-population. Beside the promised threshold stands the naive one, the plain quantile of all scores.
-Then the test for a shift: fresh operators of the same robots, drawn anew 200 times, and of shifted
-ones. Prints one table; writes nothing.
+Half of a pool's operators represent the population of operators. 200 calibrations draw theirs from
+them with replacement. So each is an independent draw from a population whose false-alarm rate at
+any threshold is known exactly. The other half is fresh: neither the calibrations nor the population
+contain it. The promised threshold is compared with the naive one, the plain quantile of all scores.
+Then follows the test for a shift: with fresh operators of the same robots, drawn 200 times, and of
+shifted robots. Prints one table and writes nothing.
 """
 
 from __future__ import annotations
@@ -33,28 +33,29 @@ FRESH_UNITS = 20
 
 
 class Coverage(NamedTuple):
-    """Of CALIBRATIONS thresholds from one pool, arrays [calibrations]."""
+    """Results of CALIBRATIONS thresholds from one pool, arrays [calibrations]."""
 
-    population: np.ndarray  # alarms an hour in the population that the calibrations are drawn from
-    loss: np.ndarray  # mean loss there: the promise is that it is at most TARGET.risk
+    # Alarms per hour in the population that the calibrations are drawn from.
+    population: np.ndarray
+    loss: np.ndarray  # mean loss there, promised to be at most TARGET.risk
     naive: np.ndarray  # mean loss of the naive threshold
-    fresh: np.ndarray  # alarms an hour in operations that nobody has seen
+    fresh: np.ndarray  # alarms per hour in fresh operations
     naive_fresh: np.ndarray
 
     @property
     def broken(self) -> int:
-        """Calibrations whose promise does not hold in the population."""
+        """Return the calibrations whose promise does not hold in the population."""
         return int((self.loss > TARGET.risk).sum())
 
 
 def naive_threshold(operations: threshold.OperationScores) -> float:
-    """The plain quantile of all scores at the target's risk; it promises nothing."""
+    """Return the plain quantile of all scores at the target's risk. It promises nothing."""
     return float(np.quantile(operations.score, 1.0 - TARGET.risk, method="higher"))
 
 
 def scores(peaks: Peaks) -> OperationScores:
-    """The joint score of each operation, in scales that every eighth operator has learned; of
-    the others.
+    """Return the joint score of each operation. Every eighth operator provides the scales and is
+    left out.
     """
     learns = peaks.unit % 8 == 0
     some = peaks.peak[learns]
@@ -66,7 +67,7 @@ def scores(peaks: Peaks) -> OperationScores:
 
 
 def halves(whole: OperationScores) -> tuple[OperationScores, OperationScores]:
-    """Population and fresh operators."""
+    """Return population and fresh operators."""
     units = np.unique(whole.unit)
     return whole.taken_from(units[::2]), whole.taken_from(units[1::2])
 
@@ -74,7 +75,7 @@ def halves(whole: OperationScores) -> tuple[OperationScores, OperationScores]:
 def drawn(
     population: OperationScores, rng: np.random.Generator, units: int = UNITS
 ) -> OperationScores:
-    """Units of the population, with replacement, each a unit of its own."""
+    """Draw units of the population with replacement. Each draw is a separate unit."""
     order = np.argsort(population.unit, kind="stable")
     each = len(order) // population.units  # operations of each
     rows = order.reshape(-1, each)[rng.integers(population.units, size=units)]
@@ -84,18 +85,19 @@ def drawn(
 
 
 def loss(whole: OperationScores, limit: float) -> float:
-    """Mean loss of an operation."""
+    """Return the mean loss of an operation."""
     return float(np.where(whole.score > limit, 1.0, TARGET.without_alarm(whole.hours)).mean())
 
 
 def rate(whole: OperationScores, limit: float) -> float:
-    """Operations with an alarm, an hour."""
+    """Return operations with an alarm, per hour."""
     return float((whole.score > limit).sum() / whole.hours.sum())
 
 
 def coverage(whole: OperationScores, one_each: bool, seed: int) -> Coverage:
-    """CALIBRATIONS independent ones. one_each: with one operation of each unit, which is Wilks'
-    order statistic.
+    """Return the results of CALIBRATIONS independent calibrations.
+
+    `one_each`: with one operation of each unit, which is Wilks' order statistic.
     """
     population, fresh = halves(whole)
     if one_each:
@@ -117,15 +119,17 @@ def coverage(whole: OperationScores, one_each: bool, seed: int) -> Coverage:
 
 
 def columns(peaks: Peaks, scale: np.ndarray) -> np.ndarray:
-    """Joint score and each term of the first operation of each operator, [operators, 1 + terms]."""
+    """Return joint score and each term of the first operation of each operator, [operators, 1 +
+    terms].
+    """
     _, first = np.unique(peaks.unit, return_index=True)
     peak = np.nan_to_num(peaks.peak[first], nan=np.inf)
     return np.column_stack([threshold.joint(peak[:, :, None], scale), peak])
 
 
 def shifts(same: np.ndarray, other: np.ndarray | None, seed: int) -> int:
-    """How many of CALIBRATIONS checks of FRESH_UNITS operators against UNITS others call a shift
-    at LEVEL.
+    """Return how many of CALIBRATIONS checks of FRESH_UNITS operators against UNITS others report a
+    shift at LEVEL.
     """
     rng, calls = np.random.default_rng(seed), 0
     for k in range(CALIBRATIONS):
@@ -139,7 +143,7 @@ def shifts(same: np.ndarray, other: np.ndarray | None, seed: int) -> int:
 
 
 def main() -> None:
-    """Print what was found."""
+    """Print the results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     folder = parser.parse_args().folder

@@ -1,10 +1,11 @@
-"""Fault-free operations for coverage.py: drawn robots, one robot, and robots that are shifted.
+"""Computes fault-free operations for coverage.py: of drawn robots, of one robot, and of shifted
+robots.
 
     python analysis/monitors/pools.py FOLDER [--operators 4000] [--engine auto]
 
-Three folders of scores: `drawn` (campaigns/drawn_robots.toml), `one` (the robot as it is known:
-noise and packets are drawn, nothing of the robot), `shifted` (drawn robots with 4 times the
-friction of the known one). No two share an operator. An interrupted call goes on.
+Writes three folders of scores: `drawn` (campaigns/drawn_robots.toml), `one` (the known robot: noise
+and packets are drawn, but no property of the robot), `shifted` (drawn robots with 4 times the
+friction of the known one). No two folders share an operator. An interrupted call can be continued.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ SHIFT = "parameters.plant.friction_scale=4"
 
 
 def campaign(name: str) -> CampaignConfig:
-    """The campaign of a pool."""
+    """Return the campaign of a pool."""
     if name == "one":
         config = loading.load("drawn_robots", ["campaign.kinematic_errors=none"])
         kept = {

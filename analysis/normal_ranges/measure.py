@@ -1,12 +1,12 @@
-"""Measures what each channel that a fault can strike does when nothing is wrong; writes
+"""Measures the fault-free range of each channel that a fault can act on, and writes
 normal_ranges.csv of hazards.
 
     python analysis/normal_ranges/measure.py
 
-Every generated motion, 20 s each, at teleoperation scales 0.05 and 0.1, both arms, present
-software, a console of increments, without noise. Minimum, 0.1 and 99.9 percentile and maximum over
-all ticks of all runs. Normal is where no command is clipped; at scale 0.2 the fastest moves are,
-for up to a fifth of the time.
+It runs every generated motion, 20 s each, at teleoperation scales 0.05 and 0.1, with both arms,
+present software, a console of increments, and without noise. The table has minimum, 0.1 and 99.9
+percentile, and maximum over all ticks of all runs. Normal means that no command is clipped. At
+scale 0.2 the fastest moves are clipped, for up to a fifth of the time.
 """
 
 from __future__ import annotations
@@ -46,12 +46,12 @@ NEUTRAL = {
     "friction_scale": 1.0,
     "external_torque": 0.0,
 }
-"""Sites that hold one number while nothing is wrong."""
+"""Sites that hold a single number without a fault."""
 
 
 def crossing(signals: Any, scale: float) -> dict[str, Any]:
-    """Site -> what crossed it, a signal as `vocabulary.sites` describes it, of all sites but
-    those in NEUTRAL.
+    """Return a map from site to the signal at it, as `vocabulary.sites` describes it, for all sites
+    except those in NEUTRAL.
     """
 
     def of(name: str) -> tuple[Any, ...]:
@@ -89,7 +89,7 @@ class _Fields:
 
 
 def runs() -> Iterator[tuple[Any, float]]:
-    """(signals, scale) of each fault-free run."""
+    """Yield (signals, scale) of each fault-free run."""
     for motion in MOTIONS:
         campaign = {"name": "normal", "duration_s": SECONDS, "arms": list(ARMS)}
         group = {"name": "fault_free", "parameters": {"operator.scale": list(SCALES)}}
@@ -111,8 +111,8 @@ def runs() -> Iterator[tuple[Any, float]]:
 
 
 def channels() -> Iterator[tuple[str, str, Channel, tuple[str | int, ...]]]:
-    """(site, arm or "", channel, path in the site's signal) of everything that a fault can
-    strike.
+    """Return (site, arm or "", channel, path in the site's signal) for everything that a fault can
+    act on.
     """
     for site in SITES.values():
         for i, arm in enumerate(ARMS if site.per_arm else ("",)):

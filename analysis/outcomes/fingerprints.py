@@ -23,7 +23,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-os.environ["RAVENJAX_CACHE"] = "off"  # a cached kernel is not printed
+os.environ["RAVENJAX_CACHE"] = "off"  # a cached kernel would not be generated
 
 import pandas as pd
 
@@ -35,18 +35,20 @@ from ravenjax.ir.time_loop import split
 FILE = Path(__file__).with_suffix(".json")
 CAMPAIGNS = Path(__file__).parents[2] / "campaigns"
 LIMIT = 3000
-"""Runs of a campaign, at most: enough for every group of all but the sampling campaigns."""
+"""Largest number of runs of a campaign: enough for every group, except in the sampling
+campaigns.
+"""
 
 
 def fingerprint(name: str) -> dict[str, Any]:
-    """Hashes of the kernels and of the result table of one bundled campaign."""
+    """Return hashes of the kernels and of the result table of one bundled campaign."""
     llvm_ir, cuda_c = set(), set()
     compile_loop = code.VectorCode.__init__
 
     def compile_and_hash(self, loop, shared, grouped, *rest):
         compile_loop(self, loop, shared, grouped, *rest)
         llvm_ir.add(sha256(self.kernel.text))
-        # The first is the tick's number, the others are the golden run's series.
+        # The first input is the tick's number. The others are the golden run's series.
         ticks = range(len(loop.step.inputs) - loop.lane_inputs - loop.states)
         parts = split(loop, range(shared) if grouped else (), ticks if grouped else ticks[:1])
         cuda_c.add(sha256(print_loop(parts, Form(), grouped).text))
@@ -65,13 +67,15 @@ def fingerprint(name: str) -> dict[str, Any]:
 
 
 def load(name: str) -> rj.CampaignConfig:
-    """The campaign with a limit; one that stops by itself ends at its first look instead."""
+    """Return the campaign with a limit. A campaign that stops early ends at its first look
+    instead.
+    """
     stops = rj.load_campaign(name).stop is not None
     return rj.load_campaign(name, ["stop.looks=[0.01]" if stops else f"campaign.limit={LIMIT}"])
 
 
 def table_hash(table: pd.DataFrame) -> str:
-    """sha256 over the names, types and values of all columns."""
+    """Return sha256 over the names, types and values of all columns."""
     digest = hashlib.sha256()
     for column in table:
         values = (
@@ -88,7 +92,7 @@ def table_hash(table: pd.DataFrame) -> str:
 
 
 def sha256(text: str) -> str:
-    """The first 16 digits."""
+    """Return the first 16 digits of the sha256."""
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

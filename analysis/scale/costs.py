@@ -1,13 +1,13 @@
-"""Measures what each step of a campaign costs beside the computing itself; writes costs.json beside
+"""Measures what each step of a campaign costs besides the computation, and writes costs.json beside
 this file.
 
     python analysis/scale/costs.py [FOLDER]
 
-FOLDER is on the disk whose writes are measured, default a temporary folder of this machine. Steps
-that compute are timed by the CPU time of this process, so other processes hardly disturb them;
-steps that wait for a disk by the clock. Each figure is the least of several repeats. The campaign
-is one group of Sobol draws with one fault slot, the usual shape. A Ray task is timed empty, with
-one local worker: what it takes of the process that starts it.
+FOLDER is on the disk whose writes are measured; by default a temporary folder of this machine.
+Steps that compute are timed by the CPU time of this process, so that other processes hardly disturb
+them. Steps that wait for a disk are timed by the clock. Each figure is the least of several
+repeats. The campaign is one group of Sobol draws with one fault slot, the usual shape. A Ray task
+is timed empty, with one local worker: the cost for the process that starts it.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ REPEATS = 3
 
 
 def campaign(runs: int) -> Plan:
-    """The plan of so many runs."""
+    """Return the plan of `runs` runs."""
     fault = {
         "site": "usb_out",
         "channel": ["shoulder", "elbow", "insertion"],
@@ -59,7 +59,7 @@ def campaign(runs: int) -> Plan:
 def least(
     work: Callable[[], Any], clock: Callable[[], float] = time.process_time, repeats: int = REPEATS
 ) -> float:
-    """Seconds of the quickest of several calls."""
+    """Return the seconds of the quickest of several calls."""
     found = []
     for _ in range(repeats):
         start = clock()
@@ -69,14 +69,14 @@ def least(
 
 
 def bytes_of(ready: Plan) -> int:
-    """Bytes that a plan holds for its runs."""
+    """Return the bytes that a plan holds for its runs."""
     arrays = [*ready.faults.values(), *ready.varied.values(), ready.golden]
     columns = [getattr(values, "codes", values) for values in ready.rows.columns.values()]
     return sum(array.nbytes for array in (*arrays, *columns))
 
 
 def main(folder: Path) -> dict[str, Any]:
-    """All costs: s, and B where the name says bytes."""
+    """Return all costs: in s, and in B if the name says bytes."""
     compile_cache.enable()
     plan_s = least(lambda: campaign(PLANNED), repeats=2)
     ready = campaign(CHUNKS[-1])
@@ -106,7 +106,7 @@ def main(folder: Path) -> dict[str, Any]:
 
 
 def ray_task(tasks: int = 300) -> float:
-    """CPU seconds of this process for each empty Ray task with a small argument."""
+    """Return CPU seconds of this process for each empty Ray task with a small argument."""
     import ray
 
     ray.init(num_cpus=1, include_dashboard=False, log_to_driver=False, logging_level=logging.ERROR)
@@ -133,7 +133,7 @@ def chunk_costs(
     folder: Path,
     record: manifest.Manifest,
 ) -> dict[str, Any]:
-    """What one chunk of so many rows costs at each step."""
+    """Return the cost of one chunk of `chunk` rows at each step."""
     share = ready.row_fields(slice(chunk))
     sent = pickle.dumps(share, protocol=5)
     repeats = REPEATS if chunk > 1024 else 5 * REPEATS
@@ -165,7 +165,7 @@ def chunk_costs(
 
 
 def folder_costs(folder: Path, record: manifest.Manifest, count: int = 2000) -> dict[str, float]:
-    """What the record of a folder costs for each of its parts."""
+    """Return the cost of a folder's record for each of its parts."""
     (folder / "parts").mkdir(parents=True)
     listed = [
         parts.Part(file=f"part-{i:09d}-{i:09d}.parquet", first=i, last=i, sha256="0" * 64, size=1)

@@ -1,13 +1,13 @@
-"""A campaign on 1 to 100 machines, simulated with the measured costs of costs.json; writes tables
-and a figure.
+"""Simulates a campaign on 1 to 100 machines with the measured costs of costs.json, and writes
+tables and a figure.
 
     python analysis/scale/machines.py
 
-A discrete-event model of executor `ray`: one coordinator (a Python process, one thing at a time)
-sends each chunk's rows, seats compute and make the part, the bytes come back over the coordinator's
-link, four writers store them. Each of these is a queue with a number of servers; a chunk passes
-them in turn. At most two chunks a seat are under way, as in the executor. Of shards the times are
-added up: they share nothing but the plan that each makes, and the merge.
+This is a discrete-event model of executor `ray`. One coordinator (a single-threaded Python process)
+sends each chunk's rows. Seats compute and make the part. The bytes come back over the coordinator's
+link, and four writers store them. Each of these is a queue with a number of servers, and a chunk
+passes them in turn. At most two chunks per seat are in progress, as in the executor. For shards the
+times are added: they share only the plan, which each makes, and the merge.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ HERE = Path(__file__).parent
 MACHINES = (1, 2, 5, 10, 20, 50, 100)
 CHUNKS = (1024, 4096, 16_384, 50_688, 202_752)
 TICKS = 3000
-"""Of a run; 1 ms each."""
+"""Ticks of a run; 1 ms each."""
 RUNS = 100_000_000
-"""Of the largest campaign."""
+"""Runs of the largest campaign."""
 LINK = 1.25e9
-"""B/s of the coordinator's network, each way: 10 Gbit/s."""
+"""B/s of the coordinator's network, in each direction: 10 Gbit/s."""
 WRITERS = 4
 NETWORK_PUT = 0.03
-"""s that a network file system takes more for a write that is flushed and renamed."""
+"""s that a network file system needs in addition for a write that is flushed and renamed."""
 
 
 @dataclass(frozen=True)
@@ -40,28 +40,29 @@ class Machine:
     """A kind of machine."""
 
     name: str
-    seats: int  # tasks side by side
-    ticks_per_s: float  # of a seat
-    # runs that a seat computes at once: four blocks of 64 lanes, or a full GPU; fewer take as long
+    seats: int  # tasks that run side by side
+    ticks_per_s: float  # ticks per second of a seat
+    # Runs that a seat computes at once: four blocks of 64 lanes, or a full GPU. Fewer runs take as
+    # long.
     wave: int
 
 
 @dataclass(frozen=True)
 class Step:
-    """What one chunk costs at one queue."""
+    """The cost of one chunk at one queue."""
 
     queue: str
     seconds: float
 
 
 class Queue:
-    """First come, first served by so many servers."""
+    """A first-come, first-served queue with a number of servers."""
 
     def __init__(self, servers: int) -> None:
         self.free, self.busy = [0.0] * servers, 0.0
 
     def serve(self, now: float, seconds: float) -> float:
-        """When a job that comes now is done."""
+        """Return the time at which a job that arrives now is done."""
         done = max(now, self.free[0]) + seconds
         heapq.heapreplace(self.free, done)
         self.busy += seconds
@@ -69,9 +70,10 @@ class Queue:
 
 
 def at(costs: dict[str, Any], name: str, chunk: int) -> float:
-    """A measured cost of a chunk of so many rows, a straight line between those measured.
+    """Return the cost of a chunk of `chunk` rows, by linear interpolation between measured costs.
 
-    A smaller chunk costs no more than a larger one: where it was measured so, something else ran.
+    A smaller chunk costs no more than a larger one. If a measurement shows otherwise, another
+    process disturbed it.
     """
     rows = [row["rows"] for row in costs["chunks"]]
     values = [row[name] for row in costs["chunks"]]
@@ -79,15 +81,15 @@ def at(costs: dict[str, Any], name: str, chunk: int) -> float:
 
 
 def kinds(costs: dict[str, Any]) -> tuple[Machine, Machine]:
-    """64 cores in tasks of four; eight H200 (analysis/engines/gpu.md: 4 369 M ticks/s each, in
-    waves of 50 688).
+    """Return the kinds of machines: 64 cores in tasks of four; eight H200 (analysis/engines/gpu.md:
+    4 369 M ticks/s each, in waves of 50 688).
     """
     core = 1 / min(row["compute_s_per_tick"] for row in costs["chunks"])
     return Machine("64 cores", 16, 4 * core, 256), Machine("8 GPUs", 8, 4.369e9, 50_688)
 
 
 def steps(costs: dict[str, Any], kind: Machine, chunk: int, ticks: int) -> list[Step]:
-    """What a chunk passes, in turn."""
+    """Return the queues that a chunk passes, in turn."""
     waves = -(-chunk // kind.wave) * kind.wave
     return [
         Step("coordinator", at(costs, "share_s", chunk) + costs["ray_task_s"]),
@@ -105,17 +107,20 @@ def steps(costs: dict[str, Any], kind: Machine, chunk: int, ticks: int) -> list[
 
 
 def simulate(way: list[Step], seats: int, chunks: int) -> tuple[list[float], dict[str, float]]:
-    """(when each chunk is done, sorted; share of its time that each queue is busy once all run)."""
+    """Return (when each chunk is done, sorted; share of its time that each queue is busy once all
+    run).
+    """
     servers = {step.queue: 1 for step in way} | {"seats": seats, "writers": WRITERS}
     queues = {name: Queue(count) for name, count in servers.items()}
     begun, done = min(2 * seats, chunks), []
-    events = [(0.0, 0, number) for number in range(begun)]  # time, step that begins, chunk
+    events = [(0.0, 0, number) for number in range(begun)]  # (time, step that begins, chunk)
     while events:
         now, step, number = heapq.heappop(events)
         if step == len(way):
             done.append(now)
             continue
-        if way[step].queue == "link in" and begun < chunks:  # a task has ended, the next is sent
+        # A task has ended, so the next one is sent.
+        if way[step].queue == "link in" and begun < chunks:
             heapq.heappush(events, (now, 0, begun))
             begun += 1
         heapq.heappush(
@@ -130,7 +135,7 @@ def simulate(way: list[Step], seats: int, chunks: int) -> tuple[list[float], dic
 
 
 def steady(done: list[float]) -> float:
-    """Chunks a second in the middle third of a campaign."""
+    """Return chunks per second in the middle third of a campaign."""
     first, last = len(done) // 3, 2 * len(done) // 3
     return (last - first) / (done[last] - done[first]) if done[last] > done[first] else 0.0
 
@@ -138,7 +143,7 @@ def steady(done: list[float]) -> float:
 def table(
     costs: dict[str, Any], kind: Machine, ticks: int
 ) -> Iterator[tuple[int, int, float, float, str]]:
-    """(machines, chunk, runs/s, share of what they could compute, what is busiest) of each
+    """Return (machines, chunk, runs/s, share of their computing rate, busiest queue) for each
     number and size.
     """
     for machines in MACHINES:
@@ -159,7 +164,7 @@ def table(
 def whole(
     costs: dict[str, Any], kind: Machine, machines: int, runs: int, chunk: int, ticks: int
 ) -> float:
-    """s of a campaign of so many runs from the first chunk that is sent to the last that is
+    """Return the seconds of a campaign from the first chunk that is sent to the last that is
     stored.
     """
     done, _ = simulate(steps(costs, kind, chunk, ticks), machines * kind.seats, -(-runs // chunk))
@@ -167,7 +172,7 @@ def whole(
 
 
 def shards(costs: dict[str, Any], kind: Machine, machines: int, chunk: int) -> dict[str, float]:
-    """s of each step of the largest campaign as so many shards."""
+    """Return the seconds of each step of the largest campaign, split into shards."""
     mine, parts = RUNS / machines, RUNS / machines / chunk
     per_chunk = steps(costs, kind, chunk, TICKS)[2].seconds
     return {
@@ -188,7 +193,7 @@ def shards(costs: dict[str, Any], kind: Machine, machines: int, chunk: int) -> d
 
 
 def markdown(costs: dict[str, Any]) -> str:
-    """The tables."""
+    """Return the tables in Markdown."""
     out = []
     for kind in kinds(costs):
         out += [
@@ -242,8 +247,8 @@ def markdown(costs: dict[str, Any]) -> str:
 
 
 def draw(costs: dict[str, Any]) -> None:
-    """Runs a second over machines, for each chunk size; the dashed line is what they could
-    compute.
+    """Draw runs per second over machines, for each chunk size. The dashed line is their computing
+    rate.
     """
     import matplotlib
 

@@ -1,9 +1,10 @@
-"""Memory of a campaign of many short runs, read from the kernel while it runs: it should not grow.
+"""Measures the memory of a campaign of many short runs while it runs. It should not grow.
 
     python analysis/scale/memory.py [--runs 1000000] [--duration 0.5] [--workers N]
 
-Prints resident memory of this process (and of all workers, where there are any) at 0, 10, 50 and
-100 % of the runs, beside that of the plan, which is the one thing that grows with their number.
+Prints resident memory of this process (and of all workers, if there are any), read from the kernel,
+at 0, 10, 50 and 100 % of the runs. It also prints the memory of the plan, the only part that grows
+with the number of runs.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ def main() -> None:
 
 
 def _resident(process: int) -> float:
-    """Resident memory, MiB; 0 of a process that is gone."""
+    """Return resident memory, MiB; 0 for a process that has ended."""
     try:
         text = Path(f"/proc/{process}/status").read_text()
     except OSError:

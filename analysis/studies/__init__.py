@@ -1,5 +1,7 @@
-"""Published experiments run again, and studies of our own: what was published, what ravenjax
-predicts, side by side. `ravenjax reproduce NAME` runs one.
+"""Repeats published experiments and runs the project's own studies, and compares published results
+with predictions.
+
+`ravenjax reproduce NAME` runs one study.
 """
 
 from __future__ import annotations
@@ -29,11 +31,11 @@ NAMES = {
     "haptic_cue": "haptic_cue",
     "hand": "hand",
 }
-"""The module of each study, in the order in which they are listed; each has one name STUDY."""
+"""The module of each study, in the order in which studies are listed. Each module defines STUDY."""
 
 
 def find(name: str) -> Study:
-    """The study of that name. Raises UserError."""
+    """Return the study with a name. Raises UserError."""
     if name not in NAMES:
         raise UserError(
             f"unknown study {name!r}, expected one of {', '.join(NAMES)}{suggestion(name, NAMES)}"

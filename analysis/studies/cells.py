@@ -1,4 +1,4 @@
-"""Numbers and tables of findings as Markdown: what stands in a cell."""
+"""Writes numbers and tables of findings as Markdown."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from ravenjax.report import wording
 
 
 def number(value: float | None) -> str:
-    """Three significant digits; a dash for what is no number."""
+    """Write three significant digits; a dash for NaN or infinity."""
     return wording.DASH if value is None else wording.number(value)
 
 
 def span(low: float | None, high: float | None) -> str:
-    """`0.7 to 2.5`; an infinite end is null in a record."""
+    """Write a range: `0.7 to 2.5`. An infinite end is null in a record."""
     if low is None or high is None:
         return f"at most {number(high)}" if low is None else f"at least {number(low)}"
     return number(low) if low == high else f"{number(low)} to {number(high)}"
 
 
 def with_interval(estimate: Mapping[str, Any], unit: str = "") -> str:
-    """`0.51 mm (0.43 to 0.58)`, of an estimate as findings.json has it; without brackets where
-    it has no interval.
+    """Write an estimate of findings.json with its interval: `0.51 mm (0.43 to 0.58)`. Without an
+    interval there are no brackets.
     """
     text = f"{number(estimate['value'])} {unit}".rstrip()
     if estimate["low"] is None or estimate["high"] is None:
@@ -31,9 +31,7 @@ def with_interval(estimate: Mapping[str, Any], unit: str = "") -> str:
 
 
 def counted_over(estimate: Mapping[str, Any]) -> str:
-    """`36 segments`: what an estimate was counted over or read from; empty where that is not
-    known.
-    """
+    """Write what an estimate was counted over or read from: `36 segments`; "" if unknown."""
     return (
         f"{wording.count(estimate['n'])} {estimate['of']}".rstrip()
         if estimate["n"]
@@ -42,17 +40,17 @@ def counted_over(estimate: Mapping[str, Any]) -> str:
 
 
 def cell(value: str | float | None) -> str:
-    """A cell of a table of findings."""
+    """Write a cell of a table of findings."""
     return value if isinstance(value, str) else number(value)
 
 
 def table(columns: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
-    """A Markdown table."""
+    """Write a Markdown table."""
     heads = [escaped(column) for column in columns]
     body = ["| " + " | ".join(map(escaped, row)) + " |" for row in rows]
     return "\n".join(["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads), *body])
 
 
 def escaped(text: str) -> str:
-    """Text that stays in one cell."""
+    """Escape text so that it stays in one cell."""
     return " ".join(text.split()).replace("|", r"\|")

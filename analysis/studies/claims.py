@@ -1,17 +1,17 @@
-"""What each study claims and what that rests on: data in `claims/NAME.toml`, one file a study, as
-Markdown for a study's page and for one page over all studies.
+"""Writes what each study claims and which evidence supports it, as Markdown.
 
-Terms and their order are those of the guidance *Assessing the Credibility of Computational Modeling
-and Simulation in Medical Device Submissions* (FDA, November 2023). What several claims rest on
-stands once, in `claims/model.toml`.
+The data are in `claims/NAME.toml`, one file per study. They become part of a study's page, and of
+one page over all studies. Terms and their order are those of the guidance *Assessing the
+Credibility of Computational Modeling and Simulation in Medical Device Submissions* (FDA, November
+2023). Evidence that several claims share is in `claims/model.toml`.
 
-A text may hold numbers of findings, each by its name in braces. `numbers` says where it is read, so
-that none is typed:
+A text may hold numbers of findings, each by its name in braces. `numbers` says where each is read,
+so that no number is typed by hand:
 
     answer = "The predicted mean is {mean}, over {mean.over}; published is {mean.published}."
     numbers.mean = { line = "mean tip error of all segments" }
 
-In patterns of a line's quantity, a table's title, a row or a column, * stands for any text.
+In patterns for a line's quantity, a table's title, a row or a column, * matches any text.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from studies import cells
 from studies.study import standings
 
 Record = Mapping[str, Any]
-"""findings.json."""
+"""Content of findings.json."""
 
 FOLDER = Path(__file__).parent / "claims"
 
@@ -55,47 +55,49 @@ class _Strict(BaseModel):
 
 
 class Quotation(_Strict):
-    """Where a number of findings is read: one of a line, a cell, a target, or lines in bands."""
+    """The place of a number in findings: a line, a cell, a target, or a count of lines inside their
+    bands.
+    """
 
     line: str = ""  # quantity of a line
-    table: str = ""  # title of a table; with row and column
+    table: str = ""  # title of a table; used with row and column
     row: tuple[str, ...] = ()  # first cells of the row
     column: str = ""
-    target: str = ""  # A1: what its lines say
-    inside: str = ""  # quantities of lines, of which those inside their band are counted
+    target: str = ""  # target such as A1; quotes what its lines say
+    inside: str = ""  # Quantities of lines; those inside their band are counted.
 
 
 class Evidence(_Strict):
-    """Something that speaks for or against, and where to look at it."""
+    """Evidence for or against a claim, and the places that show it."""
 
     category: Category
     text: str
-    tests: tuple[str, ...] = ()  # tests/... or analysis/..., a test's name behind ::
-    pages: tuple[str, ...] = ()  # docs/... or models/..., a heading's anchor behind #
+    tests: tuple[str, ...] = ()  # tests/... or analysis/..., with a test's name after ::
+    pages: tuple[str, ...] = ()  # docs/... or models/..., with a heading's anchor after #
     tables: tuple[str, ...] = ()  # titles of tables of the study's findings
 
 
 class ModelEvidence(Evidence):
-    """What several claims rest on."""
+    """Evidence that several claims share."""
 
-    name: str  # by which claims name it
-    study: str = ""  # whose findings its tables and numbers are of
+    name: str  # name by which claims refer to it
+    study: str = ""  # study whose findings its tables and numbers come from
     numbers: dict[str, Quotation] = {}
 
 
 class Claim(_Strict):
     """One answer of a study, in the guidance's order, and what would change it."""
 
-    title: str  # what is claimed about, without its number
-    question: str  # of interest
+    title: str  # subject of the claim, without its number
+    question: str  # question of interest
     context_of_use: str  # what the model is used for to answer it
-    influence: Level  # of the model, beside other evidence, on the answer
-    consequence: Level  # of a wrong answer, for the decision that rests on it
-    risk: str  # why influence and consequence are so
+    influence: Level  # influence of the model on the answer, beside other evidence
+    consequence: Level  # consequence of a wrong answer for the decision that uses it
+    risk: str  # reason for influence and consequence
     answer: str
-    rests_on: tuple[str, ...]  # names of evidence of the model
-    evidence: tuple[Evidence, ...]  # of this claim alone
-    goal: str = ""  # what was set before the prediction was made; empty for nothing
+    rests_on: tuple[str, ...]  # names of shared evidence of the model
+    evidence: tuple[Evidence, ...]  # evidence of this claim alone
+    goal: str = ""  # goal that was set before the prediction; "" for none
     adequate_for: str
     not_adequate_for: str
     what_would_change_it: str
@@ -107,7 +109,7 @@ class _StudyFile(_Strict):
 
 
 class _ModelFile(_Strict):
-    about: tuple[str, ...]  # paragraphs that begin the page
+    about: tuple[str, ...]  # first paragraphs of the page
     evidence: tuple[ModelEvidence, ...]
 
 
@@ -123,7 +125,7 @@ def _read(model: type[_F], path: Path) -> _F:
 
 @cache
 def of_study(name: str) -> tuple[Claim, ...]:
-    """The claims of a study; none where it has no file. Raises UserError."""
+    """Return the claims of a study; none if it has no file. Raises UserError."""
     path = FOLDER / f"{name}.toml"
     return _read(_StudyFile, path).claim if path.is_file() else ()
 
@@ -134,7 +136,7 @@ def _model_file() -> _ModelFile:
 
 
 def of_model() -> dict[str, ModelEvidence]:
-    """What several claims rest on, by its name. Raises UserError."""
+    """Return the shared evidence, by its name. Raises UserError."""
     return {row.name: row for row in _model_file().evidence}
 
 
@@ -142,29 +144,33 @@ def of_model() -> dict[str, ModelEvidence]:
 
 ABSENT = "(not in these findings)"
 NOT_PREDICTED = "(not predicted)"
-"""Where a line has no prediction, as without a recording that is not in the repository."""
+"""Text for a line without a prediction, for example because a recording is not in the
+repository.
+"""
 _UNITS = {"1/h": "an hour", "per hour": "an hour"}
 
 
 class Quoted(NamedTuple):
-    """A number as words."""
+    """A number in words."""
 
     text: str
     over: str = ABSENT  # what it was counted over
     published: str = ABSENT
-    band: str = ABSENT  # of agreement
+    band: str = ABSENT  # band of agreement
 
     def __format__(self, spec: str) -> str:
         return format(self.text, spec)
 
 
 def filled(text: str, numbers: Mapping[str, Quotation], record: Record | None) -> str:
-    """The text with its numbers; without findings each is said to be absent."""
+    """Return the text with its numbers filled in. Without findings, each number is marked as
+    absent.
+    """
     return text.format_map({name: quoted(one, record) for name, one in numbers.items()})
 
 
 def quoted(one: Quotation, record: Record | None) -> Quoted:
-    """What the findings say at that place."""
+    """Return the number that the findings have at a place."""
     if record is None:
         return Quoted(ABSENT)
     if one.target:
@@ -203,7 +209,7 @@ def _matching(pattern: str, rows: Sequence[Record], key: str) -> list[Record]:
 
 
 def fits(pattern: str, text: str) -> bool:
-    """Whether a text is as the pattern, in which * stands for any text."""
+    """Return whether a text matches the pattern, in which * stands for any text."""
     return re.fullmatch(".*".join(map(re.escape, pattern.split("*"))), text, re.DOTALL) is not None
 
 
@@ -211,7 +217,7 @@ def fits(pattern: str, text: str) -> bool:
 
 
 def section(record: Record) -> str:
-    """The claims of one study, for its own page; empty where it has none."""
+    """Return the claims of one study for its own page; "" if it has none."""
     rows = of_study(record["study"]["name"])
     about = (
         "In the order of FDA's guidance on the credibility of computational models (November"
@@ -221,9 +227,10 @@ def section(record: Record) -> str:
 
 
 def page(records: Mapping[str, Record], home: str = "") -> str:
-    """The page over studies, by their names in the order of the page.
+    """Return the page over studies. `records`: by their names in the order of the page.
 
-    home: folder of the page in the repository; pages of docs/ are then links, and code otherwise.
+    `home`: folder of the page in the repository. With it, pages of docs/ become links; without it,
+    code.
     """
     in_short = [
         (
@@ -255,7 +262,9 @@ def page(records: Mapping[str, Record], home: str = "") -> str:
 
 
 def answers(record: Record) -> list[str]:
-    """One line for each claim of a study: title, answer, what that is not adequate for."""
+    """Return one line per claim of a study: title, answer, and what the answer is not
+    adequate for.
+    """
     return [
         f"{claim.title}: {filled(claim.answer, claim.numbers, record)} Not adequate for "
         f"{filled(claim.not_adequate_for, claim.numbers, record)}"
@@ -264,7 +273,9 @@ def answers(record: Record) -> list[str]:
 
 
 def anchor(heading: str) -> str:
-    """Of a heading, as the documentation's site and GitHub make it where no two are alike."""
+    """Return the anchor of a heading, as the documentation's site and GitHub make it if headings
+    are unique.
+    """
     return re.sub(r"\s", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower())
 
 

@@ -1,5 +1,5 @@
-"""What `ravenjax reproduce`, `ravenjax credibility` and `ravenjax evidence --credibility` do with
-the studies.
+"""Implements the study commands: `ravenjax reproduce`, `ravenjax credibility` and `ravenjax
+evidence --credibility`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from studies.study import plain, standings, targets
 
 
 def reproduce(name: str | None, out: Path, engine: str, keep: Path | None, as_json: bool) -> None:
-    """As the command."""
+    """Run `ravenjax reproduce`."""
     if name is None:
         rows = [
             (one.name, one.title, ", ".join(one.targets), f"{one.minutes:g}")
@@ -72,7 +72,7 @@ def reproduce(name: str | None, out: Path, engine: str, keep: Path | None, as_js
 
 
 def credibility(folder: Path, out: Path | None) -> None:
-    """As the command."""
+    """Run `ravenjax credibility`."""
     records = findings_files.records(folder, studies.NAMES)
     if not records:
         raise UserError(
@@ -88,8 +88,8 @@ def credibility(folder: Path, out: Path | None) -> None:
 
 
 def model_credibility(folder: Path) -> ModelCredibility:
-    """What studies say of the simulator, its numbers from their findings in `folder`. Raises
-    UserError.
+    """Return what studies say of the simulator, with numbers from their findings in `folder`.
+    Raises UserError.
     """
     records = findings_files.records(folder, studies.NAMES)
     if not records:

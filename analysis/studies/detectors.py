@@ -1,9 +1,9 @@
-"""Which detector knows first, and how often does it cry wolf: every detector beside the robot's
-checks and the cue.
+"""Study: which detector knows of a fault first, and how many false alarms does it give?
 
-The faulty runs of four motions are pooled; kinds of faults are resampled. An alarm of a faulty run
-counts from the fault's first effect on. Thresholds are chosen by false alarms an hour on motion
-without a fault, never by what they catch.
+Every detector is compared with the robot's checks and the cue. Faulty runs of four motions are
+pooled, and kinds of faults are resampled. An alarm of a faulty run counts from the fault's first
+effect on. Thresholds are chosen by false alarms per hour on fault-free motion, and never by what
+they detect.
 """
 
 from __future__ import annotations
@@ -47,22 +47,24 @@ from studies.study import (
 )
 
 FREE = "free/"
-"""Begin of the names of groups without faults."""
+"""Prefix of the names of groups without faults."""
 SCALE = "param:operator.scale"
 CHECKS, STOPS, CUE = "built-in checks, flag or stop", "built-in checks, stop", "haptic cue, 3 mm"
 OTHERS = (CHECKS, STOPS, CUE)
-"""What speaks beside the detectors; each has one threshold."""
+"""Sources of alarms beside the detectors. Each has one threshold."""
 
 
 class FaultyScores(NamedTuple):
-    """Activated faulty runs, one entry a run; times in ms from the start of the run, -1: never."""
+    """Activated faulty runs, one entry per run; times in ms from the start of the run, -1:
+    never.
+    """
 
     detectors: tuple[DetectorRecord, ...]
     cell: np.ndarray  # int, equal for runs of one fault
     kind: np.ndarray  # int, equal for runs of one kind of fault (`kinds`)
     family: np.ndarray  # int, stratum of the kind
-    motion: np.ndarray  # int, number of the campaign that it is of
-    layer: np.ndarray  # words
+    motion: np.ndarray  # int, number of the campaign of the run
+    layer: np.ndarray  # layer of the fault, in words
     active_ms: np.ndarray
     unintended_ms: np.ndarray  # when the unintended motion began
     hazard: np.ndarray  # words of `ravenjax.outcomes`
@@ -70,23 +72,25 @@ class FaultyScores(NamedTuple):
     leapt: np.ndarray  # bool, the true tip jumped
     score: np.ndarray  # [runs, detectors]
     first_ms: tuple[np.ndarray, ...]  # of each detector [runs, thresholds]
-    others_ms: Mapping[str, np.ndarray]  # of OTHERS
+    others_ms: Mapping[str, np.ndarray]  # for each of OTHERS
     duration_ms: int
-    rules: Rules  # of the words
+    rules: Rules  # rules of the outcomes
 
     @property
     def unintended(self) -> np.ndarray:
-        """Which runs had an unintended motion."""
+        """Return which runs had an unintended motion."""
         return self.unintended_ms >= 0
 
     @property
     def faults(self) -> Units:
-        """Kinds of faults of the runs, over which intervals are."""
+        """Return the kinds of faults of the runs, which are the units of intervals."""
         return units.units(self.kind, self.family)
 
     def spoke_ms(self, name: str, threshold: float) -> np.ndarray:
-        """When a detector, or one of OTHERS (any threshold), first spoke of the fault, -1:
-        never. Key-, ValueError.
+        """Return when a detector, or one of OTHERS (at any threshold), first gave an alarm because
+        of the fault; -1: never.
+
+        Raises KeyError and ValueError.
         """
         if name in self.others_ms:
             return self.others_ms[name]
@@ -94,11 +98,11 @@ class FaultyScores(NamedTuple):
         return self.first_ms[d][:, self.detectors[d].thresholds.index(threshold)]
 
     def once(self) -> FaultyScores:
-        """One run of each fault, the motions in turn."""
+        """Return one run of each fault, taking the motions in turn."""
         return self.where(motions_alike.one_of_each_fault(self.cell, self.motion))
 
     def where(self, chosen: np.ndarray) -> FaultyScores:
-        """Those of `chosen`, a mask or indices."""
+        """Return the runs that `chosen` selects, a mask or indices."""
         return self._replace(
             **{name: getattr(self, name)[chosen] for name in _BY_RUN},
             first_ms=tuple(times[chosen] for times in self.first_ms),
@@ -122,26 +126,29 @@ _BY_RUN = (
 
 
 class FreeScores(NamedTuple):
-    """Runs without a fault, one entry a run."""
+    """Runs without a fault, one entry per run."""
 
     detectors: tuple[DetectorRecord, ...]
-    robot: np.ndarray  # words: as modelled, uncertain robot ..
-    recording: np.ndarray  # words, which motion; runs of one resemble each other
+    robot: np.ndarray  # in words: as modelled, uncertain robot ..
+    recording: np.ndarray  # in words: the motion; runs of one recording resemble each other
     scale: np.ndarray
     hours: np.ndarray  # in pedal-down
     score: np.ndarray  # [runs, detectors]
     alarms: tuple[np.ndarray, ...]  # of each detector [runs, thresholds]: separate alarms
-    others: Mapping[str, np.ndarray]  # of OTHERS: 1 where a check tripped, pulses of the cue
+    # For each of OTHERS: 1 if a check tripped, and the pulses of the cue.
+    others: Mapping[str, np.ndarray]
 
     def count(self, name: str, threshold: float) -> np.ndarray:
-        """Separate false alarms of each run. KeyError, ValueError as `FaultyScores.spoke_ms`."""
+        """Return the number of separate false alarms of each run. Raises KeyError and ValueError as
+        `FaultyScores.spoke_ms` does.
+        """
         if name in self.others:
             return self.others[name]
         d = detector_names(self.detectors).index(name)
         return self.alarms[d][:, self.detectors[d].thresholds.index(threshold)]
 
     def where(self, chosen: np.ndarray) -> FreeScores:
-        """Those of `chosen`."""
+        """Return the runs that `chosen` selects."""
         return self._replace(
             **{name: getattr(self, name)[chosen] for name in _FREE_BY_RUN},
             alarms=tuple(counts[chosen] for counts in self.alarms),
@@ -149,15 +156,19 @@ class FreeScores(NamedTuple):
         )
 
     def per_hour(self, counts: np.ndarray) -> StudyEstimate:
-        """`per_hour` of these runs."""
+        """Apply `per_hour` to these runs."""
         return per_hour(counts, self.hours, self.recording)
 
 
 def per_hour(
     counts: np.ndarray, hours: np.ndarray, recording: np.ndarray, of: str = "alarms"
 ) -> StudyEstimate:
-    """Rate of `counts` [runs] over `hours` [runs], its interval by resampling recordings, none with
-    too few of them; where none came the exact Poisson one, as if the hours were independent."""
+    """Return the rate of `counts` [runs] over `hours` [runs], with an interval by resampling
+    recordings.
+
+    There is no interval for too few recordings. For a count of zero, the interval is the exact
+    Poisson one, as if the hours were independent.
+    """
     total, all_hours = int(counts.sum()), float(hours.sum())
     exact = alarm_rate(total, all_hours)
     low, high = exact.low, exact.high
@@ -171,20 +182,22 @@ _FREE_BY_RUN = ("robot", "recording", "scale", "hours", "score")
 
 
 def detector_names(detectors: Sequence[DetectorRecord]) -> list[str]:
-    """Name of each."""
+    """Return the name of each detector."""
     return [detector.name for detector in detectors]
 
 
 def read_faulty(folders: Sequence[Path]) -> FaultyScores:
-    """Activated faulty runs of campaigns that differ in their motion alone. ValueError where
-    their faults differ.
+    """Read activated faulty runs of campaigns that differ only in their motion. Raises ValueError
+    if their faults differ.
     """
     read = [(folder.read_all(path), manifest.read(path)) for path in folders]
     return pooled([frame for frame, _ in read], read[0][1])
 
 
 def pooled(frames: Sequence[pd.DataFrame], made: Manifest) -> FaultyScores:
-    """As `faulty`, of result tables at hand; `made`: manifest of the first."""
+    """Pool result tables in memory, as `read_faulty` does with folders. `made`: manifest of the
+    first.
+    """
     return _joined([_faulty(one, made) for one in motions_alike.activated(frames, made)])
 
 
@@ -247,8 +260,9 @@ def _joined(parts: Sequence[FaultyScores]) -> FaultyScores:
 
 
 def read_free(folders: Sequence[tuple[str, Path]]) -> FreeScores:
-    """Runs without a fault of campaigns, each with the name of its recording; where there is noise,
-    the robot as modelled is called another one."""
+    """Read fault-free runs of campaigns, each with the name of its recording. With noise, the robot
+    as modelled gets another name.
+    """
     parts = [alone(folder.read_all(path), manifest.read(path), name) for name, path in folders]
     return parts[0]._replace(
         **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _FREE_BY_RUN},
@@ -260,12 +274,14 @@ def read_free(folders: Sequence[tuple[str, Path]]) -> FreeScores:
 
 
 def alone(frame: pd.DataFrame, header: Manifest, recording: str) -> FreeScores:
-    """As `free`, of one result table at hand; its faulty runs are left out."""
+    """Return the fault-free runs of one result table in memory, as `read_free` does. Faulty runs
+    are left out.
+    """
     noise = header.config["campaign"]["noise"]
     group = frame["group"].astype(str)
     rows = group.str.startswith(FREE) & (frame["failed"] == "")
     if not noise:
-        rows &= group != FREE + MORE_NOISE  # as modelled once more
+        rows &= group != FREE + MORE_NOISE  # a further group as modelled
     frame = frame.loc[rows]
     robot = frame["group"].astype(str).str.removeprefix(FREE).to_numpy(object)
     if noise:
@@ -299,10 +315,9 @@ def alone(frame: pd.DataFrame, header: Manifest, recording: str) -> FreeScores:
 
 
 def _tripped(frame: pd.DataFrame, *actions: checks.Action) -> np.ndarray:
-    """1 for each run in which a check of these actions tripped, else 0.
+    """Return 1 for each run in which a check with these actions tripped, else 0.
 
-    A run without a fault is its own golden run, so that its column `response` is silent whatever
-    the checks did.
+    A run without a fault is its own golden run, so its column `response` is always silent.
     """
     columns = [
         f"check_{name}_count" for name in checks.names(frame) if ROBOT.check(name).action in actions
@@ -312,7 +327,7 @@ def _tripped(frame: pd.DataFrame, *actions: checks.Action) -> np.ndarray:
 
 AS_MODELLED, UNCERTAIN, NOISE, MORE_NOISE = "as modelled", "uncertain robot", "noise", "more noise"
 NOISY = {AS_MODELLED: NOISE, UNCERTAIN: f"{UNCERTAIN}, {NOISE}"}
-"""What a group without faults is called where the campaign has noise."""
+"""Names of the groups without faults in a campaign with noise."""
 
 
 class Areas(NamedTuple):
@@ -326,7 +341,9 @@ class Areas(NamedTuple):
     def estimate(
         self, d: int, confidence: float = 0.95, of: str = "positive runs"
     ) -> StudyEstimate:
-        """One area with its normal interval, within 0..1; of: what the positive runs are."""
+        """Return one area with its normal interval, within 0..1. `of`: what the positive
+        runs are.
+        """
         low, high = _interval(self.value[d], self.covariance[d, d], confidence)
         return StudyEstimate(
             float(self.value[d]), max(0.0, low), min(1.0, high), self.positives, of
@@ -335,8 +352,11 @@ class Areas(NamedTuple):
     def difference(
         self, d: int, than: int, confidence: float = 0.95
     ) -> tuple[StudyEstimate, float]:
-        """Area d minus area `than` of the same runs, and the two-sided p-value that they are alike;
-        1 where they are the same score."""
+        """Return area d minus area `than` of the same runs, and the two-sided p-value that they are
+        equal.
+
+        p is 1 if both are the same score.
+        """
         from scipy.stats import norm
 
         gap = float(self.value[d] - self.value[than])
@@ -352,10 +372,10 @@ class Areas(NamedTuple):
 
 
 def areas(score: np.ndarray, positive: np.ndarray, kind: np.ndarray) -> Areas:
-    """Areas of score [runs, detectors] against positive (bool [runs]); `kind` [runs] is each run's
-    cluster.
+    """Return areas of score [runs, detectors] against positive (bool [runs]). `kind` [runs] is each
+    run's cluster.
 
-    ValueError where lengths differ or a score is NaN.
+    Raises ValueError if lengths differ or a score is NaN.
     """
     from scipy.stats import rankdata
 
@@ -370,7 +390,7 @@ def areas(score: np.ndarray, positive: np.ndarray, kind: np.ndarray) -> Areas:
     if not m or not n:
         return Areas(np.full(detectors, np.nan), np.full((detectors, detectors), np.nan), m, n)
     rank = rankdata(score, axis=0)
-    # share of the other class that a run beats, a tie counting half
+    # Share of the other class that a run beats. A tie counts half.
     beats = np.empty_like(rank)
     beats[positive] = (rank[positive] - rankdata(score[positive], axis=0)) / n
     beats[~positive] = 1.0 - (rank[~positive] - rankdata(score[~positive], axis=0)) / m
@@ -389,7 +409,7 @@ def areas(score: np.ndarray, positive: np.ndarray, kind: np.ndarray) -> Areas:
 
 
 def _more(units: int) -> float:
-    """Correction for few clusters."""
+    """Return the correction for a small number of clusters."""
     return units / (units - 1) if units > 1 else np.nan
 
 
@@ -401,11 +421,11 @@ def _interval(value: float, variance: float, confidence: float) -> tuple[float, 
 
 
 PER_HOUR = 1.0
-"""False alarms an hour that an operating point may have had."""
+"""False alarms per hour that an operating point may have."""
 
 
 PUBLISHED = ("steps/all/1", 1.0)
-"""The published rule: each step over its 99.8 to 99.9 percentile, all three together, one
+"""The published rule: each step over its 99.8 to 99.9 percentile, all three together, for one
 millisecond.
 """
 FORK = ("derivative_sum", 55.0)
@@ -413,24 +433,24 @@ FORK = ("derivative_sum", 55.0)
 CLIP = ("overdrive", 1.0)
 """The control software's own clip limit."""
 RESAMPLES = 400
-"""Of a rate's interval."""
+"""Number of resamples for a rate's interval."""
 MOVED = "runs with unintended motion"
-"""What rates are of."""
+"""What rates are counted over."""
 TIP_ERROR = "tip_error"
 """The detector whose score is the distance in mm of the reported tip from the model."""
 BY_DEFINITION = StudyEstimate(math.nan, of="by definition")
-"""In place of what the definitions alone decide: no finding."""
+"""Replaces a number that the definitions alone decide and that is no finding."""
 
 
 class Chosen(NamedTuple):
-    """A detector at its threshold, NaN where it has none."""
+    """A detector at its threshold; NaN if it has none."""
 
     name: str
     threshold: float
 
     @property
     def told(self) -> str:
-        """In words."""
+        """Return it in words."""
         return (
             self.name
             if math.isnan(self.threshold)
@@ -442,17 +462,17 @@ class Point(NamedTuple):
     """One detector at one threshold. Rates are fractions."""
 
     name: str
-    threshold: float  # NaN: has none
-    false: StudyEstimate  # alarms an hour
-    caught: StudyEstimate  # of runs with an unintended motion, those with an alarm
-    before: StudyEstimate  # of them, those with the alarm before the motion began
+    threshold: float  # NaN: without a threshold
+    false: StudyEstimate  # false alarms per hour
+    caught: StudyEstimate  # of runs with an unintended motion: those with an alarm
+    before: StudyEstimate  # of these runs: those with the alarm before the motion began
 
 
 def threshold_for(free: FreeScores, name: str, per_hour: float = PER_HOUR) -> float | None:
-    """Lowest threshold of a detector from which on false alarms come at most so often; None if
-    never.
+    """Return the lowest threshold from which on a detector's false alarms do not exceed the rate;
+    None if there is none.
 
-    ValueError without any hours.
+    Raises ValueError without any hours.
     """
     if not free.hours.sum() > 0:
         raise ValueError(f"no motion without a fault to choose a threshold of {name} on")
@@ -466,7 +486,7 @@ def threshold_for(free: FreeScores, name: str, per_hour: float = PER_HOUR) -> fl
 
 
 def point(faulty: FaultyScores, free: FreeScores, name: str, threshold: float) -> Point:
-    """What a detector, or one of OTHERS (threshold NaN), does at a threshold."""
+    """Return the performance of a detector, or one of OTHERS (threshold NaN), at a threshold."""
     return Point(
         name,
         threshold,
@@ -477,11 +497,12 @@ def point(faulty: FaultyScores, free: FreeScores, name: str, threshold: float) -
 
 
 def by_definition(faulty: FaultyScores, name: str, threshold: float) -> bool:
-    """Whether the definitions alone decide that an alarm comes with the unintended motion or after
-    it.
+    """Return whether the definitions alone decide that an alarm comes with the unintended motion or
+    after it.
 
-    So the distance of the tip from the model at the motion's limit or beyond (but for what the
-    reported tip differs from the true one), and a stop: the robot is not live then.
+    This holds for the distance of the tip from the model at the motion's limit or beyond (except
+    for the difference between reported and true tip). It also holds for a stop, because the robot
+    is then not live.
     """
     far = faulty.rules.threshold_mm if name == CUE else threshold if name == TIP_ERROR else math.nan
     return name == STOPS or far >= faulty.rules.limit_mm
@@ -494,8 +515,8 @@ def median_times(
     end_ms: float,
     faults: Units,
 ) -> tuple[StudyEstimate, StudyEstimate]:
-    """Medians of the delay and of the lead of `latencies`, intervals over kinds of faults; one
-    entry a fault.
+    """Return medians of the delay and of the lead of `latencies`, with intervals over kinds of
+    faults; one entry per fault.
     """
     came = first_ms >= 0
     spoke = np.where(came, first_ms, end_ms)
@@ -505,8 +526,11 @@ def median_times(
 
 
 def share(hit: np.ndarray, among: np.ndarray, faults: Units, of: str) -> StudyEstimate:
-    """Rate of `hit` among `among` (bool [runs]), its interval over kinds of faults (`units.rate`);
-    faults: kinds of the runs. NaN where there are none."""
+    """Return the rate of `hit` among `among` (bool [runs]), with its interval over kinds of faults
+    (`units.rate`).
+
+    `faults`: kinds of the runs. The rate is NaN if no run is among them.
+    """
     mine = faults.where(among)
     rate = units.rate(hit[among], mine, resamples=RESAMPLES)
     return StudyEstimate(
@@ -515,17 +539,17 @@ def share(hit: np.ndarray, among: np.ndarray, faults: Units, of: str) -> StudyEs
 
 
 def others(faulty: FaultyScores, free: FreeScores) -> list[Point]:
-    """The robot's checks and the haptic cue."""
+    """Return the performance of the robot's checks and the haptic cue."""
     return [point(faulty, free, name, np.nan) for name in OTHERS]
 
 
 def caught(faulty: FaultyScores, name: str, threshold: float) -> StudyEstimate:
-    """Share of the runs with an unintended motion that have an alarm at a threshold."""
+    """Return the share of the runs with an unintended motion that have an alarm at a threshold."""
     return share(faulty.spoke_ms(name, threshold) >= 0, faulty.unintended, faulty.faults, MOVED)
 
 
 def before(faulty: FaultyScores, name: str, threshold: float) -> StudyEstimate:
-    """Share of them with the alarm before the motion began."""
+    """Return the share of these runs with the alarm before the motion began."""
     if by_definition(faulty, name, threshold):
         return BY_DEFINITION
     spoke_ms = faulty.spoke_ms(name, threshold)
@@ -534,12 +558,12 @@ def before(faulty: FaultyScores, name: str, threshold: float) -> StudyEstimate:
 
 
 def hundred(value: StudyEstimate) -> StudyEstimate:
-    """A fraction in percent."""
+    """Convert a fraction to percent."""
     return StudyEstimate(100 * value.value, 100 * value.low, 100 * value.high, value.n, value.of)
 
 
 def percent(value: StudyEstimate) -> str:
-    """63.2 % (60.1–66.4 %) of 812."""
+    """Write 63.2 % (60.1–66.4 %) of 812."""
     if value.of == BY_DEFINITION.of:
         return wording.DASH
     if not value.n:
@@ -553,7 +577,7 @@ def percent(value: StudyEstimate) -> str:
 
 
 def plain(value: StudyEstimate, show: Callable[[float], str] = wording.number) -> str:
-    """12 (10 to 15); a dash for what is not known."""
+    """Write 12 (10 to 15); a dash if unknown."""
     if not np.isfinite(value.value):
         return wording.DASH
     ends = (
@@ -561,11 +585,11 @@ def plain(value: StudyEstimate, show: Callable[[float], str] = wording.number) -
         if np.isfinite([value.low, value.high]).any()
         else ""
     )
-    return show(value.value + 0.0) + ends  # no -0
+    return show(value.value + 0.0) + ends  # avoids -0
 
 
 def rate(value: StudyEstimate) -> str:
-    """0.8 (0 to 2.1); 3 alarms in 4.0 h."""
+    """Write 0.8 (0 to 2.1); 3 alarms in 4.0 h."""
     return f"{plain(value)}; {wording.count(value.n)} in {value.of.rpartition(' in ')[2]}"
 
 
@@ -574,11 +598,11 @@ def _told(value: tuple[float, float, float], n: int) -> StudyEstimate:
 
 
 CLUTCHED = "clutched"
-"""Begin of the recordings in which the pedal goes up and down."""
+"""Prefix of the recordings in which the pedal goes up and down."""
 
 
 def layer_table(faulty: FaultyScores, chosen: Sequence[Chosen]) -> Table:
-    """Unintended motion caught, by layer of the fault."""
+    """Return the share of unintended motion detected, by layer of the fault."""
     moved = faulty.where(faulty.unintended)
     parts = {layer: moved.where(moved.layer == layer) for layer in layers_of(moved.layer)}
     rows = []
@@ -600,7 +624,7 @@ def layer_table(faulty: FaultyScores, chosen: Sequence[Chosen]) -> Table:
 
 
 def robot_table(faulty: FaultyScores, free: FreeScores, main: Sequence[str]) -> Table:
-    """What an uncertain robot and noise do to false alarms, and to the threshold that would be
+    """Return how an uncertain robot and noise change false alarms, and the threshold that would be
     needed.
     """
     modelled = free.where(free.robot == AS_MODELLED)
@@ -646,8 +670,8 @@ def robot_table(faulty: FaultyScores, free: FreeScores, main: Sequence[str]) -> 
 def condition_table(
     faulty: FaultyScores, fast: FaultyScores, modelled: FreeScores, main: Sequence[str]
 ) -> Table:
-    """What the motion that a threshold must be quiet on does to the threshold, and so to what is
-    caught.
+    """Return how the motion on which a threshold must be quiet changes the threshold, and so the
+    share detected.
     """
     still_down = unclutched(modelled)
     conditions = (
@@ -693,7 +717,7 @@ def condition_table(
 
 
 def hazard_table(faulty: FaultyScores, main: Sequence[str]) -> Table:
-    """How areas depend on what a detector is to tell."""
+    """Return how areas depend on what a detector is to detect."""
     listed = detector_names(faulty.detectors)
     calm = (faulty.hazard == "none") & ~faulty.jumped & ~faulty.leapt
     kinds = {
@@ -725,18 +749,18 @@ def hazard_table(faulty: FaultyScores, main: Sequence[str]) -> Table:
 
 
 def layers_of(layer: np.ndarray) -> list[str]:
-    """Layers that there are among those of some runs [runs], in the robot's order."""
+    """Return the layers among some runs [runs], in the robot's order."""
     there = set(layer.tolist())
     return [name for name in (*LAYERS.values(), OTHER_LAYER) if name in there]
 
 
 def unclutched(free: FreeScores) -> FreeScores:
-    """Motion in which the pedal stays down."""
+    """Return motion in which the pedal stays down."""
     return free.where(~np.char.startswith(free.recording.astype(str), CLUTCHED))
 
 
 def at_scale(free: FreeScores, scale: float) -> FreeScores:
-    """Motion of one scale."""
+    """Return motion of one scale."""
     return free.where(np.isclose(free.scale, scale))
 
 
@@ -748,13 +772,15 @@ CAMPAIGN = "detectors.toml"
 FAST = "suture_fast"
 NOISY_RECORDINGS = tuple((motion, 11) for motion in ("suture", "reach", "peg_transfer", "palpate"))
 FREE_RUNS, FREE_RUNS_NOISY = 32, 8
-"""Runs of the groups without faults, which come first: all, and those of the first two groups."""
+"""Numbers of runs of the groups without faults, which come first: of all, and of the first two
+groups.
+"""
 FREE_S = 120
 MAIN = (PUBLISHED[0], "derivative_sum", "tip_error", "overdrive")
 
 
 def compare(context: Context) -> Findings:
-    """All detectors over the same runs."""
+    """Compare all detectors over the same runs."""
     faulty = read_faulty([context.folders[name] for name in MOTIONS])
     fast = read_faulty([context.folders[FAST]])
     free = read_free(
@@ -768,7 +794,7 @@ def compare(context: Context) -> Findings:
 
 
 def findings(faulty: FaultyScores, fast: FaultyScores, free: FreeScores) -> Findings:
-    """As `compare`, of runs at hand. `fast`: the faults at twice the scale."""
+    """Compare runs in memory, as `compare` does. `fast`: the faults at twice the scale."""
     modelled = free.where(free.robot == AS_MODELLED)
     auc = areas(faulty.score, faulty.unintended, faulty.kind)
     points = {name: _quiet(faulty, modelled, name) for name in detector_names(faulty.detectors)}

@@ -1,5 +1,6 @@
-"""Runs a study, and writes and reads its files: findings as JSON, Markdown and HTML. The same
-findings give the same bytes, and neither times nor places are in them.
+"""Runs a study, and writes and reads its files: findings as JSON, Markdown and HTML.
+
+Equal findings give equal bytes. Files contain neither times nor paths.
 """
 
 from __future__ import annotations
@@ -25,20 +26,20 @@ from studies import cells, claims
 from studies.study import Context, Findings, Study, Variant, plain, standings, targets
 
 Record = Mapping[str, Any]
-"""findings.json."""
+"""Content of findings.json."""
 
 JSON, PAGE, HTML, CREDIBILITY = "findings.json", "findings.md", "findings.html", "credibility.md"
 RUNS = "runs"
-"""Folder of a study's campaigns, inside the study's own."""
+"""Subfolder of a study for its campaigns."""
 
 
 def reproduce(
     study: Study, out: Path, engine: str = "auto", on_progress: OnProgress | None = None
 ) -> Findings:
-    """Run a study, or finish it where OUT/NAME holds a part of it, and write its findings there.
+    """Run a study, or finish it if OUT/NAME holds a part of it, and write its findings there.
 
-    on_progress: told how far all campaigns of the study are together. Raises UserError and
-    StoreError for what the user can mend; finished parts stay.
+    `on_progress`: called with the progress over all campaigns of the study. Raises UserError and
+    StoreError for errors that the user can fix. Finished parts stay.
     """
     folder = out / study.name
     configs = {
@@ -86,7 +87,7 @@ def reproduce(
 def _provenance(
     study: Study, configs: Mapping[str, CampaignConfig], folders: Mapping[str, Path]
 ) -> dict[str, Any]:
-    """Everything that decides a study's findings."""
+    """Return everything that decides a study's findings."""
     records = {name: manifest.read(folder) for name, folder in folders.items()}
     first = next(iter(records.values()), None)
 
@@ -116,7 +117,9 @@ def _provenance(
 
 
 def _without_folder(text: str) -> str:
-    """An override without the folders of this machine: an absolute path becomes the file's name."""
+    """Return an override without folders of this machine: an absolute path becomes the
+    file's name.
+    """
     key, equals, value = text.partition("=")
     bare = value.strip("\"'")
     return f"{key}{equals}{PurePath(bare).name}" if bare.startswith(("/", "~")) else text
@@ -126,7 +129,7 @@ def _without_folder(text: str) -> str:
 
 
 def write(study: Study, findings: Findings, made: Record, folder: Path) -> None:
-    """Write all files of these findings into `folder`. Raises StoreError where the disk refuses."""
+    """Write all files of these findings into `folder`. Raises StoreError if the disk refuses."""
     require_writable(folder)
     about = {
         name: plain(getattr(study, name))
@@ -148,7 +151,7 @@ def keep(source: Path, target: Path) -> None:
 
 
 def read(folder: Path) -> dict[str, Any]:
-    """The record of findings that a folder holds. Raises StoreError."""
+    """Return the record of findings in a folder. Raises StoreError."""
     try:
         return parsed((folder / JSON).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
@@ -158,12 +161,14 @@ def read(folder: Path) -> dict[str, Any]:
 
 
 def records(folder: Path, names: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Those of the studies that the folder holds, in the order of `names`. Raises StoreError."""
+    """Return the records of those studies that the folder holds, in the order of `names`. Raises
+    StoreError.
+    """
     return {name: read(folder / name) for name in names if (folder / name / JSON).is_file()}
 
 
 def write_credibility(folder: Path, names: Iterable[str]) -> Path:
-    """Write the page over the studies that the folder holds. Raises StoreError."""
+    """Write the page over the studies in the folder. Raises StoreError."""
     path = folder / CREDIBILITY
     _write(path, claims.page(records(folder, names)))
     return path
@@ -188,8 +193,8 @@ _LEGEND = (
 
 
 def line_rows(findings: Findings) -> list[tuple[str, ...]]:
-    """The lines as a terminal has room for them, columns as in BRIEF_COLUMNS: numbers without
-    their origin.
+    """Return the lines in the columns BRIEF_COLUMNS for a terminal: numbers without their
+    origin.
     """
     return [
         tuple(cell.partition(";")[0] for cell in _line(line)[:-1])
@@ -198,10 +203,10 @@ def line_rows(findings: Findings) -> list[tuple[str, ...]]:
 
 
 def page(record: Record, with_claims: bool) -> str:
-    """The Markdown page of a record.
+    """Return the Markdown page of a record.
 
-    with_claims: with what the study's claims rest on; findings that are kept leave them to the page
-    over all studies.
+    `with_claims`: include what the study's claims rest on. Findings that are kept leave this to the
+    page over all studies.
     """
     study, lines = record["study"], record["lines"]
     standing = standings(lines)

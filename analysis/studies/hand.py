@@ -1,4 +1,6 @@
-"""The cue as a force on a hand: what robot and nominal model do when both follow it."""
+"""Study: the cue as a force on a hand, and what robot and nominal model do when both follow that
+hand.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,7 @@ class MeasuredTime(NamedTuple):
     stimulus: str
     ms: float
     source: str
-    applies: str  # to whom
+    applies: str  # the situation to which it applies
 
 
 MEASURED = (
@@ -81,12 +83,12 @@ MEASURED = (
         "an operator who has never had a cue",
     ),
 )
-"""By time. Nobody has measured surgeons at this cue. Drivers' times hold the foot's way from one
-pedal to the other.
+"""Published times, sorted. Nobody has measured surgeons at this cue. Drivers' times include the
+foot's way from one pedal to the other.
 """
 
 DEFAULT_MS = 250.0
-"""Of `[reaction] delay_ms`, assumed."""
+"""Default of `[reaction] delay_ms`, assumed."""
 
 DELAYS_MS = tuple(sorted({*(one.ms for one in MEASURED), DEFAULT_MS}))
 
@@ -106,66 +108,70 @@ class HandRuns(NamedTuple):
 
 
 class HandPairs(NamedTuple):
-    """Faults that changed a bit, one row each in the same order: under a force, and under none."""
+    """Faults that changed a bit, one row each in the same order: with a force, and without."""
 
     on: HandRuns
     off: HandRuns
 
     @property
     def faults(self) -> Units:
-        """Kinds of these faults."""
+        """Return the kinds of these faults."""
         return kinds.of(self.off.facts["group"])
 
     @property
     def stopped(self) -> np.ndarray:
-        """Pairs in which a check stopped one of the robots, bool [pairs]: then the model alone
-        follows the hand.
+        """Return pairs in which a check stopped one of the robots, bool [pairs]. Then only the
+        model follows the hand.
         """
         on, off = ((part.frame["response"] == "stopped").to_numpy(bool) for part in self)
         return on | off
 
     def where(self, chosen: np.ndarray) -> HandPairs:
-        """Those of `chosen` (bool [pairs])."""
+        """Return the pairs that `chosen` selects (bool [pairs])."""
         return HandPairs(
             *(HandRuns(part.frame.loc[chosen], part.facts.loc[chosen]) for part in self)
         )
 
     def change(self, column: str) -> np.ndarray:
-        """A column under the force minus under none, [pairs]."""
+        """Return the change of a column, with the force minus without, [pairs]."""
         on, off = (part.frame[column].to_numpy(float) for part in self)
         return on - off
 
 
 class HandEffect(NamedTuple):
-    """What a force on the hand changed, over the faults in which it moved one; intervals over
+    """What a force on the hand changed, over the faults in which it moved one. Intervals are over
     kinds of faults.
     """
 
-    pairs: int  # faults
-    pulled: int  # of them, faults in which the hand moved
-    kinds: Units  # of the latter
+    pairs: int  # number of faults
+    pulled: int  # of these: faults in which the hand moved
+    kinds: Units  # kinds of faults in which the hand moved
     hand: Estimate  # mm, mean of the largest displacement
     model: Estimate  # mm, mean change of the root mean square distance from the model
     golden: Estimate  # mm, mean change of the root mean square distance from the golden run
-    # mean absolute change of the distance from the model, by what the tip was asked to move
+    # Mean absolute change of the distance from the model, as a fraction of the commanded motion of
+    # the tip.
     model_share: Estimate
     golden_share: Estimate  # the same of the distance from the golden run
     cue_ms: Estimate  # mean change of the cue's time
     pulses: Estimate  # mean change of the number of separate pulls
     path: Estimate  # mean change of the tip's path, as a share of the path
-    unintended: tuple[int, int]  # faults with an unintended motion: under no force, under the force
-    difference: Estimate  # of their shares of all pairs
+    unintended: tuple[int, int]  # faults with an unintended motion: without and with the force
+    difference: Estimate  # difference of their shares of all pairs
 
 
 def read(path: Path) -> HandRuns:
-    """The runs of a result folder. Raises StoreError."""
+    """Read the runs of a result folder. Raises StoreError."""
     frame, header = folder.read_all(path), manifest.read(path)
     return HandRuns(frame, run_facts.of(frame, header))
 
 
 def paired(runs: HandRuns, newtons: float, grip: float) -> HandPairs:
-    """Every fault that changed a bit, with that force per unit and that grip, and under no force.
-    ValueError where the campaign has no such runs."""
+    """Return every fault that changed a bit, with that force per unit and that grip, and without a
+    force.
+
+    Raises ValueError if the campaign has no such runs.
+    """
     at_grip = np.isclose(runs.frame[GRIP_COLUMN], grip)
     on, off = (at_grip & np.isclose(runs.frame[NEWTONS_COLUMN], value) for value in (newtons, 0.0))
     if not on.any() or on.sum() != off.sum():
@@ -183,7 +189,7 @@ def paired(runs: HandRuns, newtons: float, grip: float) -> HandPairs:
 
 
 def effect(pairs: HandPairs, scale: float) -> HandEffect:
-    """What the force changed; scale: teleoperation scale."""
+    """Return what the force changed. `scale`: teleoperation scale."""
     moved = (pairs.on.frame["hand_mm"] > 0).to_numpy()
     pulled = pairs.where(moved)
     among = pulled.faults
@@ -216,12 +222,12 @@ def _ratio(above: np.ndarray, below: np.ndarray | float, among: Units) -> Estima
 
 CAMPAIGN = "reacting_operator.toml"
 SAMPLED = 1500
-"""Faults of the campaign that are sampled; they come first, so that a limit leaves out the
+"""Number of sampled faults of the campaign. They come first, so that a limit leaves out the
 library.
 """
-SCALE, KP, CAP = 0.1, 4.5, 0.05  # of the campaign; device units per m, device units
+SCALE, KP, CAP = 0.1, 4.5, 0.05  # as in the campaign; device units per m, device units
 MIDDLE, ENDS = 0.5, (0.0, 1.0)
-"""Grips: at the first the force is varied, at the others it is the strongest or none."""
+"""Grips. At the first the force is varied; at the others it is either the strongest or none."""
 FORCES = {
     3.3: "one device unit is 3.3 N",
     66.0: "the cap is 3.3 N",
@@ -236,7 +242,9 @@ SIZES_MM = (5.0, 10.0, 20.0)
 
 
 def compare(context: Context) -> Findings:
-    """Effects of the force by its size and grip, its nulls, and reaction times."""
+    """Compare effects of the force by its size and grip, with their null models, and reaction
+    times.
+    """
     force, grip, turned = (read(context.folders[name]) for name in (FORCE, GRIP, TURNED))
     settings = [(force, newtons, MIDDLE) for newtons in FORCES] + [
         (grip, STRONG, end) for end in ENDS
@@ -362,8 +370,8 @@ def _changed(effects: Effects) -> Table:
 
 
 def _loop() -> Table:
-    """Gain of the loop from the model through the cue and the hand back to the model, of a robot
-    that stands still.
+    """Return the gain of the loop from the model through the cue and the hand back to the model,
+    for a robot at rest.
     """
     rows = []
     for newtons, words in FORCES.items():

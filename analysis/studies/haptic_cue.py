@@ -1,10 +1,10 @@
-"""The haptic cue: what is felt of which fault, when, how strongly, how often for nothing, and at
-which threshold.
+"""Study of the haptic cue: which faults are felt, when and how strongly, how many false cues come,
+and which threshold is best.
 
-All sets of threshold and gains are felt in the same runs; nobody reacts. A cue of a faulty run
-counts from the fault's first effect on, and only where the golden run had none by then. A threshold
-costs weight x (share of hazards missed) + false cues an hour; the weight is not known, so it is
-swept, and kinds of faults and recordings are drawn anew to tell how sure a choice is.
+All sets of threshold and gains are evaluated in the same runs, and nobody reacts. A cue of a faulty
+run counts from the fault's first effect on, and only if the golden run had none by then. A
+threshold costs weight x (share of hazards missed) + false cues per hour. The weight is unknown, so
+it is swept. Kinds of faults and recordings are resampled to show how certain a choice is.
 """
 
 from __future__ import annotations
@@ -60,19 +60,19 @@ from studies.study import (
 
 RESAMPLES = 2000
 WEIGHTS = (1.0, 10.0, 100.0, 1_000.0, 10_000.0, 100_000.0)
-"""In tables."""
+"""Weights shown in tables."""
 SURE = 0.95
 """Share of resamples that a set must win to be named."""
 
 
 class Counts(NamedTuple):
-    """Sums of each unit that is drawn anew: kinds of faults [kinds, sets] and recordings
+    """Sums over each unit that is resampled: kinds of faults [kinds, sets] and recordings
     [recordings, sets].
     """
 
     missed: np.ndarray
     hazards: np.ndarray  # [kinds]
-    kinds: Units  # each a row, by stratum
+    kinds: Units  # one row per kind, by stratum
     false: np.ndarray
     hours: np.ndarray  # [recordings]
 
@@ -81,21 +81,23 @@ class Winners(NamedTuple):
     """The choice at each weight."""
 
     weight: np.ndarray  # [weights]
-    winner: np.ndarray  # [weights], number of the set
+    winner: np.ndarray  # [weights], number of the winning set
     wins: np.ndarray  # [weights, sets], share of resamples in which it wins; sums to 1
     cost: np.ndarray  # [weights, sets], false cues an hour
 
     @property
     def sure(self) -> np.ndarray:
-        """Whether the choice at each weight is sure enough to be named, bool [weights]."""
+        """Return whether the choice at each weight is certain enough to be named, bool
+        [weights].
+        """
         return self.wins[np.arange(len(self.weight)), self.winner] >= SURE
 
 
 def counts(
     missed: np.ndarray, faults: Units, false: np.ndarray, hours: np.ndarray, recording: np.ndarray
 ) -> Counts:
-    """Sums of missed (bool [hazards, sets]) by kind of fault and of false cues [runs, sets] by
-    recording.
+    """Return sums of missed (bool [hazards, sets]) by kind of fault, and of false cues [runs, sets]
+    by recording.
     """
     free = units_of(recording)
     return Counts(
@@ -110,12 +112,12 @@ def counts(
 def choose(
     found: Counts, weights: np.ndarray, resamples: int = RESAMPLES, seed: int = 0
 ) -> Winners:
-    """The cheapest set at each weight, the highest-numbered of equals (the highest threshold, where
-    sets rise).
+    """Return the cheapest set at each weight; of equals the highest-numbered one (the highest
+    threshold, if sets rise).
 
-    Resampling knows nothing of a rate of which no event was seen: such a rate is drawn from what a
-    Poisson count of 0 leaves open, an exponential distribution of mean 1 / hours, whose 97.5 % are
-    the end of the exact interval. ValueError without hazards or hours.
+    Resampling cannot represent a rate with no observed event. Such a rate is drawn from an
+    exponential distribution of mean 1 / hours, whose 97.5 % quantile is the end of the exact
+    interval for a Poisson count of 0. Raises ValueError without hazards or hours.
     """
     if not len(found.hazards) or not found.hours.sum() > 0:
         raise ValueError("a choice needs hazards and motion without a fault")
@@ -140,7 +142,7 @@ def choose(
 
 
 def _cheapest(cost: np.ndarray) -> np.ndarray:
-    """Last of the cheapest [..., sets]; equal but for rounding is equal."""
+    """Return the last of the cheapest [..., sets]. Costs that differ only by rounding are equal."""
     near = cost <= cost.min(axis=-1, keepdims=True) * (1 + 1e-12)
     return cost.shape[-1] - 1 - np.argmax(near[..., ::-1], axis=-1)
 
@@ -150,7 +152,7 @@ def _won(chosen: np.ndarray, sets: int) -> np.ndarray:
 
 
 def _by(among: Units, values: np.ndarray) -> np.ndarray:
-    """Sums [units, ...] of values [n, ...]."""
+    """Return sums [units, ...] of values [n, ...]."""
     total = np.zeros((among.count, *values.shape[1:]))
     np.add.at(total, among.unit, values)
     return total
@@ -158,43 +160,45 @@ def _by(among: Units, values: np.ndarray) -> np.ndarray:
 
 UNINTENDED, INJURY, JUMP = "unintended motion", "injury-capable motion", "jump of the true tip"
 KINDS = (UNINTENDED, INJURY, JUMP)
-"""What a cue is to tell; the first is a hazard of `ravenjax.outcomes`."""
+"""What a cue is to announce. The first is a hazard of `ravenjax.outcomes`."""
 
 
 class FaultyCues(NamedTuple):
-    """Activated faulty runs, one entry a run; times in ms from the start of the run, -1: never."""
+    """Activated faulty runs, one entry per run; times in ms from the start of the run, -1:
+    never.
+    """
 
     cues: tuple[CueRecord, ...]
     published: int  # number of the published set
     cell: np.ndarray  # int, equal for runs of one fault
     kind: np.ndarray  # int, equal for runs of one kind of fault (`kinds`)
     family: np.ndarray  # int, stratum of the kind
-    motion: np.ndarray  # int, number of the campaign that it is of
+    motion: np.ndarray  # int, number of the campaign of the run
     active_ms: np.ndarray
     unintended_ms: np.ndarray  # when the unintended motion began
     kinds: np.ndarray  # bool [runs, KINDS]
-    first_ms: np.ndarray  # [runs, cues], felt because of the fault
-    force: np.ndarray  # [runs, cues], largest, device units
-    felt_ms: np.ndarray  # [runs, cues], how long
+    first_ms: np.ndarray  # [runs, cues], time at which the fault was felt
+    force: np.ndarray  # [runs, cues], largest force, device units
+    felt_ms: np.ndarray  # [runs, cues], duration
     duration_ms: int
-    rules: Rules  # of the words
+    rules: Rules  # rules of the outcomes
 
     @property
     def unintended(self) -> np.ndarray:
-        """Which runs had an unintended motion."""
+        """Return which runs had an unintended motion."""
         return self.kinds[:, KINDS.index(UNINTENDED)]
 
     @property
     def faults(self) -> Units:
-        """Kinds of faults of the runs, over which intervals are."""
+        """Return the kinds of faults of the runs, which are the units of intervals."""
         return units_of(self.kind, self.family)
 
     def where(self, chosen: np.ndarray) -> FaultyCues:
-        """Those of `chosen`, a mask or indices."""
+        """Return the runs that `chosen` selects, a mask or indices."""
         return self._replace(**{name: getattr(self, name)[chosen] for name in _BY_RUN})
 
     def once(self) -> FaultyCues:
-        """One run of each fault, the motions in turn."""
+        """Return one run of each fault, taking the motions in turn."""
         return self.where(motions_alike.one_of_each_fault(self.cell, self.motion))
 
 
@@ -213,18 +217,18 @@ _BY_RUN = (
 
 
 class FreeCues(NamedTuple):
-    """Runs without a fault, one entry a run."""
+    """Runs without a fault, one entry per run."""
 
     cues: tuple[CueRecord, ...]
-    robot: np.ndarray  # words
-    recording: np.ndarray  # words, motion and seed
+    robot: np.ndarray  # in words
+    recording: np.ndarray  # in words: motion and seed
     scale: np.ndarray
     hours: np.ndarray  # in pedal-down
     count: np.ndarray  # [runs, cues], separate pulses
-    felt_hours: np.ndarray  # [runs, cues], how long
+    felt_hours: np.ndarray  # [runs, cues], duration
 
     def where(self, chosen: np.ndarray) -> FreeCues:
-        """Those of `chosen`."""
+        """Return the runs that `chosen` selects."""
         return self._replace(**{name: getattr(self, name)[chosen] for name in _FREE_BY_RUN})
 
 
@@ -232,27 +236,29 @@ _FREE_BY_RUN = ("robot", "recording", "scale", "hours", "count", "felt_hours")
 
 
 def default_sets(cues: Sequence[CueRecord], published: int) -> list[int]:
-    """Numbers of the sets with the published gains, by rising threshold."""
+    """Return the numbers of the sets with the published gains, by rising threshold."""
     own = cues[published]
     alike = [k for k, cue in enumerate(cues) if _gains(cue) == _gains(own)]
     return sorted(alike, key=lambda k: cues[k].threshold_mm)
 
 
 def sets_at(cues: Sequence[CueRecord], threshold_mm: float) -> list[int]:
-    """Numbers of the sets of one threshold."""
+    """Return the numbers of the sets with one threshold."""
     return [k for k, cue in enumerate(cues) if cue.threshold_mm == threshold_mm]
 
 
 def read_faulty(folders: Sequence[Path]) -> FaultyCues:
-    """Activated faulty runs of campaigns that differ in their motion alone. ValueError where
-    their faults differ.
+    """Read activated faulty runs of campaigns that differ only in their motion. Raises ValueError
+    if their faults differ.
     """
     read = [(folder.read_all(path), manifest.read(path)) for path in folders]
     return pooled([frame for frame, _ in read], read[0][1])
 
 
 def pooled(frames: Sequence[pd.DataFrame], made: Manifest) -> FaultyCues:
-    """As `faulty`, of result tables at hand; `made`: manifest of the first."""
+    """Pool result tables in memory, as `read_faulty` does with folders. `made`: manifest of the
+    first.
+    """
     parts = [_faulty(one, made) for one in motions_alike.activated(frames, made)]
     return parts[0]._replace(
         **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _BY_RUN}
@@ -293,7 +299,7 @@ def _faulty(runs: Activated, made: Manifest) -> FaultyCues:
 
 
 def read_free(folders: Sequence[tuple[str, Path]]) -> FreeCues:
-    """Runs without a fault of campaigns, each with the name of its recording."""
+    """Read fault-free runs of campaigns, each with the name of its recording."""
     parts = [alone(folder.read_all(path), manifest.read(path), name) for name, path in folders]
     return parts[0]._replace(
         **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _FREE_BY_RUN}
@@ -301,7 +307,9 @@ def read_free(folders: Sequence[tuple[str, Path]]) -> FreeCues:
 
 
 def alone(frame: pd.DataFrame, made: Manifest, recording: str) -> FreeCues:
-    """As `free`, of one result table at hand; its faulty runs are left out."""
+    """Return the fault-free runs of one result table in memory, as `read_free` does. Faulty runs
+    are left out.
+    """
     frame = frame.loc[frame["group"].astype(str).str.startswith(FREE) & (frame["failed"] == "")]
     return FreeCues(
         made.cues,
@@ -321,7 +329,7 @@ def _gains(cue: CueRecord) -> tuple[float, float]:
 
 
 AT_CAP = 0.999
-"""Share of the cap from which on a force is at it: forces are stored as float32."""
+"""Share of the cap from which a force counts as capped, because forces are stored as float32."""
 SLOW = 0.1
 """Largest scale of motion that is called slow."""
 SHOWN_MM = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
@@ -329,20 +337,20 @@ SHOWN_MM = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
 
 
 class CueResult(NamedTuple):
-    """One set. Rates are fractions, times ms."""
+    """One haptic set. Rates are fractions, times ms."""
 
-    missed: StudyEstimate  # of runs with unintended motion, never felt
-    before: StudyEstimate  # of those, felt before it began
-    others: StudyEstimate  # of the other faulty runs, felt
+    missed: StudyEstimate  # of runs with unintended motion: never felt
+    before: StudyEstimate  # of these: felt before it began
+    others: StudyEstimate  # of the other faulty runs: felt
     delay_ms: StudyEstimate  # median, from the fault's first effect
-    lead_ms: StudyEstimate  # median, over the unintended motion
-    force: str  # median and quartiles of the largest where felt
-    at_cap: StudyEstimate  # of the unintended motions that are felt, those at the cap
-    felt_ms: str  # median and quartiles of the time with force where felt
+    lead_ms: StudyEstimate  # median, before the unintended motion
+    force: str  # median and quartiles of the largest force, where felt
+    at_cap: StudyEstimate  # of the unintended motions that are felt: those at the cap
+    felt_ms: str  # median and quartiles of the time with force, where felt
 
 
 def missed(faulty: FaultyCues, sets: Sequence[int], before: bool = False) -> np.ndarray:
-    """Which runs were never told by each set, or not `before` their unintended motion: bool
+    """Return which runs had no cue of each set, or none `before` their unintended motion: bool
     [runs, sets].
     """
     first = faulty.first_ms[:, list(sets)]
@@ -353,8 +361,8 @@ def missed(faulty: FaultyCues, sets: Sequence[int], before: bool = False) -> np.
 def sums(
     faulty: FaultyCues, free: FreeCues, sets: Sequence[int], kind: str, before: bool = False
 ) -> Counts:
-    """What a choice among `sets` is made of, for hazards of one of KINDS; `before`: a cue after
-    it began is missed.
+    """Return the sums for a choice among `sets`, for hazards of one of KINDS. `before`: a cue after
+    the hazard began counts as missed.
     """
     hazards = faulty.where(faulty.kinds[:, KINDS.index(kind)])
     return counts(
@@ -367,14 +375,16 @@ def sums(
 
 
 def by_definition(faulty: FaultyCues, k: int) -> bool:
-    """Whether set number k fires at the limit of the unintended motion or beyond: but for what the
-    reported tip differs from the true one, its cue comes as the motion begins or later, by the
-    definitions alone."""
+    """Return whether set number k fires at the limit of the unintended motion or beyond.
+
+    By the definitions alone, its cue then comes as the motion begins or later, except for the
+    difference between reported and true tip.
+    """
     return faulty.cues[k].threshold_mm >= faulty.rules.limit_mm
 
 
 def felt(faulty: FaultyCues, k: int) -> CueResult:
-    """What set number k tells of faults that make an unintended motion."""
+    """Return what set number k announces of faults that cause an unintended motion."""
     moved = faulty.unintended
     first = faulty.first_ms[:, k]
     cued = first >= 0
@@ -404,13 +414,13 @@ def felt(faulty: FaultyCues, k: int) -> CueResult:
 
 
 def false_cues(free: FreeCues, k: int, robot: str) -> StudyEstimate:
-    """False cues an hour of set k with one robot."""
+    """Return false cues per hour of set k with one robot."""
     mine = free.where(free.robot == robot)
     return per_hour(mine.count[:, k], mine.hours, mine.recording, "cues")
 
 
 def false_time(free: FreeCues, k: int, robot: str) -> str:
-    """Share of motion without a fault in which set k pulls, with one robot."""
+    """Return the share of fault-free motion in which set k pulls, with one robot."""
     mine = free.where(free.robot == robot)
     hours = float(mine.hours.sum())
     value = float(mine.felt_hours[:, k].sum()) / hours
@@ -424,7 +434,7 @@ def false_time(free: FreeCues, k: int, robot: str) -> str:
 
 
 def threshold_table(faulty: FaultyCues, free: FreeCues, sets: Sequence[int]) -> Table:
-    """What each threshold does, with the published gains."""
+    """Return what each threshold does, with the published gains."""
     rows = []
     for k in sets:
         result = felt(faulty, k)
@@ -460,7 +470,7 @@ def threshold_table(faulty: FaultyCues, free: FreeCues, sets: Sequence[int]) -> 
 
 
 def choice_table(faulty: FaultyCues, sets: Sequence[int], winners: Winners) -> Table:
-    """What the data choose at each weight, and how sure that is."""
+    """Return what the data choose at each weight, and how certain the choice is."""
     published = sets.index(faulty.published)
     rows = []
     for weight, winner, wins, cost, sure in zip(*winners, winners.sure, strict=True):
@@ -493,8 +503,8 @@ def choice_table(faulty: FaultyCues, sets: Sequence[int], winners: Winners) -> T
 
 
 def rules_table(faulty: FaultyCues, free: FreeCues, sets: Sequence[int]) -> Table:
-    """What is chosen where what is to be told, a miss or the motion without a fault is something
-    else.
+    """Return what is chosen under other rules: other hazards, another meaning of a miss, or other
+    fault-free motion.
     """
     modelled = free.where(free.robot == AS_MODELLED)
     slow = modelled.where(modelled.scale <= SLOW + 1e-9)
@@ -541,7 +551,7 @@ def rules_table(faulty: FaultyCues, free: FreeCues, sets: Sequence[int]) -> Tabl
 
 
 def gain_table(faulty: FaultyCues, modelled: FreeCues, numbers: Sequence[int]) -> Table:
-    """What the gains change at some sets' thresholds."""
+    """Return what the gains change at some sets' thresholds."""
     rows = []
     for mm in dict.fromkeys(faulty.cues[k].threshold_mm for k in numbers):
         for k in sets_at(faulty.cues, mm):
@@ -570,7 +580,7 @@ def gain_table(faulty: FaultyCues, modelled: FreeCues, numbers: Sequence[int]) -
 
 
 def motion_table(free: FreeCues, sets: Sequence[int]) -> Table:
-    """False cues an hour by motion and scale."""
+    """Return false cues per hour by motion and scale."""
     modelled = free.where(free.robot == AS_MODELLED)
     columns = [k for k in sets if free.cues[k].threshold_mm in SHOWN_MM]
     motion = np.array([name.rpartition(" ")[0] for name in modelled.recording], object)
@@ -608,17 +618,17 @@ def motion_table(free: FreeCues, sets: Sequence[int]) -> Table:
 
 
 def _with_count(value: StudyEstimate) -> str:
-    """12 (10 to 15); 8 of them."""
+    """Write 12 (10 to 15); 8 of them."""
     return f"{plain(value)}; {wording.count(value.n)}"
 
 
 def damper(cue: CueRecord) -> str:
-    """Damping in device units per mm/s, without an exponent."""
+    """Write damping in device units per mm/s, without an exponent."""
     return np.format_float_positional(cue.kd_s_per_mm, trim="-")
 
 
 def _quartiles(values: np.ndarray) -> str:
-    """Median (first to third quartile)."""
+    """Write the median (first to third quartile)."""
     if not len(values):
         return wording.DASH
     low, middle, high = (wording.number(float(one)) for one in np.percentile(values, [25, 50, 75]))
@@ -628,11 +638,11 @@ def _quartiles(values: np.ndarray) -> str:
 CAMPAIGN = "haptic_sweep.toml"
 FREE_RUNS, FREE_S = 32, 120
 EARLY_MM = 1.0
-"""A threshold below the limit of the unintended motion, which is compared whatever the choice."""
+"""A threshold below the limit of the unintended motion, which is compared for any choice."""
 
 
 class _Choice(NamedTuple):
-    """Sets that are compared: those with the published gains, by rising threshold, and the
+    """The sets that are compared: those with the published gains, by rising threshold, and the
     winners among them.
     """
 
@@ -641,19 +651,21 @@ class _Choice(NamedTuple):
 
     @property
     def numbers(self) -> list[int]:
-        """Numbers of the sets that win at any weight of the tables, by rising threshold."""
+        """Return the numbers of the sets that win at any weight of the tables, by rising
+        threshold.
+        """
         return [self.sets[k] for k in np.unique(self.winners.winner)]
 
 
 def compare(context: Context) -> Findings:
-    """All sets over the same runs."""
+    """Compare all sets over the same runs."""
     faulty = read_faulty([context.folders[name] for name in MOTIONS])
     free = read_free([(f"{m} {s}", context.folders[f"free_{m}_{s}"]) for m, s in RECORDINGS])
     return findings(faulty, free)
 
 
 def findings(faulty: FaultyCues, free: FreeCues) -> Findings:
-    """As `compare`, of runs at hand."""
+    """Compare runs in memory, as `compare` does."""
     modelled = free.where(free.robot == AS_MODELLED)
     sets = default_sets(faulty.cues, faulty.published)
     choice = _Choice(
@@ -736,7 +748,7 @@ def _lines(
 
 
 def _range(values: Sequence[float], wins: np.ndarray) -> tuple[float, float]:
-    """Between which values 95 % of the resamples chose."""
+    """Write the values between which 95 % of the resamples chose."""
     below = np.cumsum(wins)
     low, high = (int(np.searchsorted(below, end - 1e-9)) for end in (0.025, 0.975))
     return values[low], values[min(high, len(values) - 1)]

@@ -1,10 +1,11 @@
-"""Kinds of faults: the independent units of every study that pools faults.
+"""Defines kinds of faults: the independent units of every study that pools faults.
 
-A kind is a hazard of the library, with all its cases, or a group of a campaign. The author of a
-list of hazards or of a campaign picks kinds; the values within a kind are a grid of that author, or
-drawn from ranges of that author. Faults of one kind resemble each other: they strike the same
-signal with the same effect. So what is said of faults in general rests on the number of kinds.
-Strata are the families that groups are named by: library/, sampled/, boundary/.
+A kind is a hazard of the library with all its cases, or a group of a campaign. The author of a list
+of hazards or of a campaign chooses kinds. The values within a kind are a grid of that author, or
+drawn from ranges of that author. Faults of one kind resemble each other, because they act on the
+same signal with the same effect. So the precision of a statement on faults in general depends on
+the number of kinds. Strata are the families by which groups are named: library/, sampled/,
+boundary/.
 """
 
 from __future__ import annotations
@@ -30,29 +31,32 @@ NOTE = (
     f" with fewer than {FEW}. A share is of this design's faults. It is no probability, and another"
     " mix of faults has another share."
 )
-"""Below tables."""
+"""Note below tables."""
 
 
 def names(group: ArrayLike) -> np.ndarray:
-    """Kind of each fault by its group's name, words [faults]."""
+    """Return the kind of each fault by its group's name, words [faults]."""
     return _each(group, kind_of)
 
 
 def families(group: ArrayLike) -> np.ndarray:
-    """Family of each fault by its group's name, words [faults]; "" of a name without one."""
+    """Return the family of each fault by its group's name, words [faults]; "" for a name without
+    one.
+    """
     return _each(group, lambda name: LIBRARY if hazards_of(name) else name.rpartition("/")[0])
 
 
 def of(group: ArrayLike) -> Units:
-    """Kinds and families of faults as units and strata."""
+    """Return kinds and families of faults as units and strata."""
     return units(names(group), families(group))
 
 
 def difference(first: np.ndarray, second: np.ndarray, among: Units) -> Estimate:
-    """Rate of `first` minus rate of `second` (bool [pairs]) with its interval over kinds.
+    """Return the rate of `first` minus the rate of `second` (bool [pairs]) with its interval over
+    kinds.
 
-    Where no pair differs a resample cannot show a difference either: then Bonett and Price's
-    interval of as many pairs as there are kinds.
+    If no pair differs, a resample cannot show a difference either. Then the interval is Bonett and
+    Price's, with as many pairs as there are kinds.
     """
     if not len(first):
         return Estimate(math.nan, math.nan, math.nan)
@@ -63,7 +67,7 @@ def difference(first: np.ndarray, second: np.ndarray, among: Units) -> Estimate:
 
 
 def count(among: Units) -> str:
-    """52 kinds; 7 kinds, few."""
+    """Write 52 kinds; 7 kinds, few."""
     words = f"{wording.count(among.count)} kind{'s' if among.count != 1 else ''}"
     return f"{words}, few" if among.count < FEW else words
 

@@ -1,5 +1,7 @@
-"""Is the virtual robot's mechanics a real one's? Statics, a recorded motor's load, and two arms'
-following errors; the recordings lie where RAVENJAX_DATA says.
+"""Study: does the virtual robot's mechanics resemble a real robot's?
+
+It compares statics, a recorded motor's load, and the following errors of two arms. RAVENJAX_DATA
+names the folder of the recordings.
 """
 
 from __future__ import annotations
@@ -34,14 +36,14 @@ DATA = recording.DATA
 SUPPLY_V = 48.0
 SEVEN_PERIOD_MS = 4.94  # 8 144 rows in 40 s, received in bursts
 LOG_SETUP = RavenSetup(software="fork2015", arms=("gold",), tools=("r_grasper",))
-"""Also of the arm with seven joints: its first jaw follows the insertion like its second, unlike
-raven2's today.
+"""Setup for the recordings, also of the arm with seven joints. Unlike in today's raven2, that arm's
+first jaw follows the insertion like its second.
 """
 
 
 def three_joints(path: Path) -> LoggedRobot:
-    """The authors' arm in teleoperation, 21 s at 1 kHz; what it was asked for is found from its
-    PD law.
+    """Return the log of the authors' arm in teleoperation, 21 s at 1 kHz. The desired joints are
+    computed from its PD law.
     """
     log = joint_log.read_joint_log(
         path, "gold", LOG_SETUP.tools[0], LOG_SETUP.software, position_loop.FORK2015, period_ms=1.0
@@ -50,7 +52,9 @@ def three_joints(path: Path) -> LoggedRobot:
 
 
 def seven_joints(path: Path) -> LoggedRobot:
-    """Another arm, driven along circles by its own controller with today's gains, 40 s."""
+    """Return the log of another arm, driven along circles by its own controller with today's gains,
+    40 s.
+    """
     log = joint_log.read_joint_log(
         path,
         "gold",
@@ -62,10 +66,10 @@ def seven_joints(path: Path) -> LoggedRobot:
     return LoggedRobot(log, LOG_SETUP, "gold", position_loop.RAVEN2)
 
 
-WINDOW_MS, ORDER = 41, 3  # of the Savitzky-Golay filter
+WINDOW_MS, ORDER = 41, 3  # settings of the Savitzky-Golay filter
 MOVING_RAD_S = 1.0
 STRETCHES = 20
-"""Pieces of the recording, about a second each, over which the bootstrap goes."""
+"""Pieces of the recording, about a second each, that the bootstrap resamples."""
 
 
 class LoadShare(NamedTuple):
@@ -73,12 +77,13 @@ class LoadShare(NamedTuple):
 
     inertia: tuple[float, float, float]  # J, kg m2 in the equation's units: value, low, high
     scale: tuple[float, float, float]  # rho, 1
-    torque_share: float  # standard deviation of the load's part of the torque by that of the torque
+    # Standard deviation of the load's part of the torque divided by that of the torque.
+    torque_share: float
 
 
 class TorqueError(NamedTuple):
-    """Absolute errors of a motor's torque on the second half of a recording, fitted to the
-    first; N m, [3] each.
+    """Absolute errors of a motor's torque on the second half of a recording, fitted to the first
+    half; N m, [3] each.
     """
 
     model: str
@@ -91,7 +96,7 @@ class _Joint(NamedTuple):
 
     columns: np.ndarray  # [n, 5] acceleration, load, speed, direction, 1
     torque: np.ndarray  # [n] N m
-    place: np.ndarray  # [n] place in the recording, 0 to 1
+    place: np.ndarray  # [n] position in the recording, 0 to 1
 
 
 MODELS: dict[str, tuple[tuple[int, ...], float]] = {
@@ -102,13 +107,13 @@ MODELS: dict[str, tuple[tuple[int, ...], float]] = {
     "the same and the load, 12.25 times (statics)": ((0, 2, 3, 4), transmission.GP42),
     "the same and the load, fitted": ((0, 1, 2, 3, 4), 0.0),
 }
-"""Columns that are fitted, and how many times the load is taken as given."""
+"""Columns that are fitted, and the factor of the load that is taken as given."""
 COMPARED = tuple(MODELS)[2:5]
-"""Without the load, as the authors have it, and as statics have it."""
+"""Models without the load, with the authors' load, and with the load of statics."""
 
 
 def of_recording(log: JointRecording) -> list[LoadShare]:
-    """Of shoulder, elbow and insertion; needs 64 bits."""
+    """Return load shares of shoulder, elbow and insertion. Needs 64-bit numbers."""
     return [
         _fit(joint.columns, joint.torque, (joint.place * STRETCHES).astype(int))
         for joint in _moving(log)
@@ -116,8 +121,8 @@ def of_recording(log: JointRecording) -> list[LoadShare]:
 
 
 def held_out(log: JointRecording) -> list[TorqueError]:
-    """How well each of MODELS, fitted to the first half, predicts the torque of the second;
-    needs 64 bits.
+    """Return how well each of MODELS, fitted to the first half, predicts the torque of the second.
+    Needs 64-bit numbers.
     """
     joints = _moving(log)
     errors = []
@@ -134,7 +139,7 @@ def held_out(log: JointRecording) -> list[TorqueError]:
 
 
 def _predicted(joint: _Joint, fitted: tuple[int, ...], load: float) -> np.ndarray:
-    """Torque of the second half."""
+    """Return the predicted torque of the second half."""
     first, columns, fixed = joint.place < 0.5, joint.columns[:, fitted], load * joint.columns[:, 1]
     best, *_ = np.linalg.lstsq(columns[first], (joint.torque - fixed)[first], rcond=None)
     return columns[~first] @ best + fixed[~first]
@@ -172,8 +177,8 @@ def _moving(log: JointRecording) -> list[_Joint]:
 
 
 def _load(angle: Any, speed: Any, acceleration: Any) -> jax.Array:
-    """Torque (N m, motor coordinates) that rigid links ask of motors 1-3, cables unstretched;
-    [3] each.
+    """Return the torque (N m, motor coordinates) that rigid links require of motors 1-3, with
+    unstretched cables; [3] each.
     """
 
     def joints(three: Any, still: bool) -> Vec:
@@ -191,7 +196,7 @@ def _load(angle: Any, speed: Any, acceleration: Any) -> jax.Array:
 
 
 def _fit(columns: np.ndarray, torque: np.ndarray, stretch: np.ndarray) -> LoadShare:
-    """Least squares, and the same over resampled stretches."""
+    """Fit by least squares, and repeat over resampled stretches."""
     pieces = [stretch == s for s in np.unique(stretch)]
     squares = np.array([columns[p].T @ columns[p] for p in pieces])
     products = np.array([columns[p].T @ torque[p] for p in pieces])
@@ -216,18 +221,19 @@ KP = nominal.KP[0]  # N m per rad of motor, after the gearbox
 
 
 class Statics(NamedTuple):
-    """Of the shoulder."""
+    """Statics of the shoulder."""
 
     who: str
-    tension: float  # N, pressed on its stop by COUNTS
-    peak: float  # N, on the way there
+    tension: float  # N, pressed against its stop by COUNTS
+    peak: float  # N, on the way to the stop
     torque: float  # N m at the joint
     speed: float  # rad/s, largest of the motor
-    given_way: float  # mm of 0.3 m of arm, pushed by LOAD_NM while its controller holds it
+    # mm at 0.3 m of arm, pushed by LOAD_NM while its controller holds it.
+    given_way: float
 
 
 def of_robot(name: str) -> Statics:
-    """The virtual robot with the set `name`; needs 64 bits."""
+    """Return the statics of the virtual robot with the set `name`. Needs 64-bit numbers."""
     params = robot.params(STATICS_SETUP, "gold", name)
     sign = transmission.tau_signs("gold", "r_grasper", "raven2")
     pressed = _run(params, int(-sign[0]) * COUNTS, 0.0, 0.0)
@@ -244,8 +250,8 @@ def of_robot(name: str) -> Statics:
 
 
 def by_hand() -> Statics:
-    """Motor torque through gear and drum; 48 V by the back EMF; the controller's stiffness at
-    the joint.
+    """Return motor torque through gear and drum, speed at 48 V from the back EMF, and the
+    controller's stiffness at the joint.
     """
     torque = COUNTS * transmission.TORQUE_PER_COUNT[0]
     ratio = transmission.TR[0]
@@ -265,8 +271,8 @@ def by_hand() -> Statics:
 def _run(
     params: robot.PlantParams, counts: int, kp: float, load: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Cable tension (N), motor speed (rad/s) and joint (rad) of the shoulder, [TICKS], with a
-    spring at the motors.
+    """Return cable tension (N), motor speed (rad/s) and joint (rad) of the shoulder, [TICKS], with
+    a spring at the motors.
     """
     drive = transmission.tau_signs("gold", "r_grasper", "raven2")
     state = robot.init(STATICS_SETUP, "gold", params, Vec(HOME_JPOS))
@@ -299,15 +305,15 @@ def _run(
 
 OURS, AUTHORS = "power_consistent", "traj3"
 BAND = (0.75, 1.25)
-"""A following error within a quarter of the recorded one."""
+"""Band of agreement: a following error within a quarter of the recorded one."""
 FITTED = {THREE_JOINTS: (0, 1, 2), SEVEN_JOINTS: (3, 4, 5, 6)}
-"""Joints whose friction and offsets are of which recording's first half."""
+"""Recording whose first half gives the friction and offsets of each joint."""
 FITTED_KINDS = ("friction", "offsets")
 ARMS = {THREE_JOINTS: "the authors' arm", SEVEN_JOINTS: "the arm of 2018"}
 
 
 def compare(context: Context) -> Findings:
-    """Lines of following errors, and the tables behind them."""
+    """Return lines of following errors, and the tables behind them."""
     from ravenjax.numbers.lazy import jax
 
     with jax.enable_x64(True):
@@ -348,14 +354,16 @@ def compare(context: Context) -> Findings:
 
 
 def _fitted(logged: LoggedRobot, name: str) -> Calibration:
-    """The set's friction and offsets found anew, from the set itself."""
+    """Return the set with its friction and offsets fitted again, starting from the set."""
     return logged.calibrated(
         robot.params(logged.setup, "gold", OURS), unknowns(FITTED[name], FITTED_KINDS)
     )
 
 
 def _lines(name: str, judged: Sequence[FollowingError], joints: Sequence[int]) -> Iterator[Line]:
-    """The share of the recorded following error that the virtual robot has, joint by joint."""
+    """Return the ratio of the virtual robot's following error to the recorded one, joint by
+    joint.
+    """
     log, ours = judged[0].following, judged[1].following
     for j in joints:
         blind = "" if j in FITTED[name] else ", with the friction of the other"
@@ -373,7 +381,7 @@ def _lines(name: str, judged: Sequence[FollowingError], joints: Sequence[int]) -
 def _notes(
     lines: Sequence[Line], judged: Mapping[str, Sequence[FollowingError]]
 ) -> tuple[str, ...]:
-    """How many joints are inside the band, also of the authors' law."""
+    """Return how many joints are inside the band, also for the authors' law."""
     if not lines:
         return ()
     authors = [
@@ -454,8 +462,8 @@ def _reaction(rows: Sequence[LoadShare]) -> Table:
 
 
 def _load_note(rows: Sequence[TorqueError]) -> str:
-    """Where the load at the gear's ratio predicts better than the rotor alone, and than the load
-    of the authors.
+    """Return where the load at the gear's ratio predicts better than the rotor alone, and than the
+    authors' load.
     """
     mean = {one.model: one.mean for one in rows}
     rotor, authors, statics_ = (mean[model] for model in COMPARED)
@@ -475,7 +483,7 @@ def _load_note(rows: Sequence[TorqueError]) -> str:
 
 
 def _agreement(scale: Sequence[float]) -> str:
-    """Which law's number is inside the band."""
+    """Return which law's number is inside the band."""
     laws = {"statics": transmission.GP42, "authors": 1.0}
     inside = [law for law, number in laws.items() if scale[1] <= number <= scale[2]]
     return " and ".join(inside) if inside else "neither"
@@ -489,8 +497,8 @@ def _band(values: Sequence[float]) -> str:
 def _tabulate_following(
     title: str, rows: Sequence[FollowingError], joints: Sequence[int]
 ) -> tables.Rows:
-    """Root mean square following error of the log and of each model, with the model's share of
-    the log's.
+    """Return a table of root mean square following errors of the log and of each model, with the
+    model's ratio to the log's.
     """
     log = rows[0].following
     cells = []

@@ -1,5 +1,5 @@
-"""Campaigns that differ in whose motion it is alone: their faulty runs side by side, and
-fault-free recordings.
+"""Pools campaigns that differ only in their motion: faulty runs side by side, and fault-free
+recordings.
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ RECORDINGS = (
     *((motion, seed) for motion in ("suture", "reach", "peg_transfer") for seed in (11, 12)),
     *((motion, 11) for motion in ("palpate", "circle", "clutched")),
 )
-"""Motion and seed of each recording without a fault; none is one of the faulty motions."""
+"""Motion and seed of each fault-free recording. None is one of the faulty motions."""
 
 
 class Activated(NamedTuple):
-    """The activated faulty runs of one motion that gave a valid outcome."""
+    """The activated faulty runs of one motion that had a valid outcome."""
 
     frame: pd.DataFrame  # rows of the result table
-    facts: pd.DataFrame  # as run_facts.of, the same rows
-    cell: np.ndarray  # [rows] number of the fault, the same in every motion
-    kind: np.ndarray  # [rows] number of its kind (`kinds`), the same in every motion
+    facts: pd.DataFrame  # from run_facts.of, for the same rows
+    cell: np.ndarray  # [rows] number of the fault, equal in every motion
+    kind: np.ndarray  # [rows] number of its kind (`kinds`), equal in every motion
     family: np.ndarray  # [rows] number of the kind's stratum
     motion: int
 
 
 def activated(frames: Sequence[pd.DataFrame], made: Manifest) -> Iterator[Activated]:
-    """Of each motion; `made`: manifest of the first. ValueError where the faults of two motions
-    differ.
+    """Return the activated runs of each motion. `made`: manifest of the first. Raises ValueError if
+    the faults of two motions differ.
     """
     distinct = run_facts.of(frames[0], made)["distinct"].to_numpy()
     faults = kinds.of(frames[0]["group"])
@@ -61,17 +61,18 @@ def activated(frames: Sequence[pd.DataFrame], made: Manifest) -> Iterator[Activa
 
 
 def one_of_each_fault(cell: np.ndarray, motion: np.ndarray) -> np.ndarray:
-    """Places [faults] of one run of each fault, the motions in turn. `cell` and `motion` are
-    those of the runs.
+    """Return indices [faults] of one run of each fault, taking the motions in turn. `cell` and
+    `motion` are those of the runs.
     """
     motions = np.unique(motion)
     exact = motion == motions[cell % len(motions)]
-    order = np.lexsort((~exact, cell))  # where that run was not activated, another of the fault
+    # If that run was not activated, take another run of the fault.
+    order = np.lexsort((~exact, cell))
     return np.sort(order[np.unique(cell[order], return_index=True)[1]])
 
 
 def faulty(campaign: str) -> tuple[Variant, ...]:
-    """The campaign with its faults under each of MOTIONS."""
+    """Return the campaign with its faults under each of MOTIONS."""
     others = (
         Variant(
             motion, campaign, (f"operator.motion={motion}",), f"Does the motion matter? {motion}"
@@ -84,7 +85,9 @@ def faulty(campaign: str) -> tuple[Variant, ...]:
 def fault_free(
     campaign: str, motion: str, seed: int, runs: int, seconds: float, question: str
 ) -> Variant:
-    """A recording of one motion without faults: the first `runs` of a campaign, each so long."""
+    """Return a fault-free recording of one motion: the first `runs` of a campaign, each of length
+    `seconds`.
+    """
     overrides = (
         f"campaign.limit={runs}",
         f"campaign.duration_s={seconds}",

@@ -1,9 +1,9 @@
-"""Would the haptic cue have helped? The same faults with an operator who reacts and with one who
-feels nothing.
+"""Study: would the haptic cue have helped?
 
-A measure compares the robot with something, and a reaction may change that something, too: who
-slows down takes the nominal model along, who corrects pushes it away. A measure is asked only of
-reactions for which it means the same as without one.
+The same faults are run with an operator who reacts and with one who feels nothing. A measure
+compares the robot with a reference, and a reaction may change that reference too. An operator who
+slows down slows the nominal model as well, and one who corrects pushes it away. So a measure is
+applied only to reactions for which it means the same as without a reaction.
 """
 
 from __future__ import annotations
@@ -50,23 +50,23 @@ from studies.study import (
 )
 
 SIZES_MM = (LIMIT_MM, 5.0, 10.0, 20.0)
-"""Sizes of motion; at the first the published cue fires, too: it is reached when the operator is
-told, not before.
+"""Sizes of motion. At the first one the published cue fires too, so that motion is reached when the
+operator feels the cue, not before.
 """
 
 
 class Measure(NamedTuple):
-    """One thing that is counted."""
+    """One quantity that is counted."""
 
     name: str
     hits: Callable[
         [pd.DataFrame, pd.DataFrame], np.ndarray
-    ]  # result table, its facts -> bool [runs]
+    ]  # maps (result table, its facts) to bool [runs]
     fair: tuple[int, ...]  # actions for which it means the same as without one
 
 
 def excursion(size_mm: float) -> Measure:
-    """Unintended motion of more than that, live or not."""
+    """Return the measure of unintended motion of more than a size, live or not."""
     return Measure(
         f"unintended motion of more than {size_mm:g} mm, live or not",
         lambda frame, facts: (frame[EXCURSION] > size_mm).to_numpy(),
@@ -75,7 +75,9 @@ def excursion(size_mm: float) -> Measure:
 
 
 def live(size_mm: float) -> Measure:
-    """Off the nominal model by more than that, while the robot is live."""
+    """Return the measure of a distance from the nominal model above a size, while the robot is
+    live.
+    """
 
     def hits(frame: pd.DataFrame, facts: pd.DataFrame) -> np.ndarray:
         here, golden = frame["peak_live_deviation_mm"], frame["golden_peak_live_deviation_mm"]
@@ -97,10 +99,10 @@ class ReactionRuns(NamedTuple):
     frame: pd.DataFrame
     facts: pd.DataFrame
     end_ms: int
-    limit_mm: float  # of the hazards in facts
+    limit_mm: float  # limit of the hazards in `facts`
 
     def where(self, chosen: np.ndarray) -> ReactionRuns:
-        """Those of `chosen` (bool [runs])."""
+        """Return the runs that `chosen` selects (bool [runs])."""
         return self._replace(frame=self.frame.loc[chosen], facts=self.facts.loc[chosen])
 
 
@@ -109,41 +111,44 @@ class Contrast(NamedTuple):
 
     n: int  # distinct faults, each one pair
     kinds: Units  # of these faults
-    without: int  # faults that have it where nobody reacts
-    with_: int  # with the reaction
-    # with the reaction minus without, fraction of the faults: negative is what it avoids
+    without: int  # faults that have it if nobody reacts
+    with_: int  # faults that have it with the reaction
+    # With the reaction minus without, as a fraction of the faults. A negative difference means that
+    # the reaction avoids it.
     difference: Estimate
     avoided: (
-        Rate  # of the faults that have it where nobody reacts, those without it with the reaction
+        # Of the faults that have it if nobody reacts: those without it with the reaction.
+        Rate
     )
-    affected: Units  # kinds of the faults that have it where nobody reacts
-    caused: int  # faults that have it with the reaction alone
-    p: float  # exact, labels exchanged kind by kind; NaN where no pair differs
+    affected: Units  # kinds of the faults that have it if nobody reacts
+    caused: int  # faults that have it only with the reaction
+    p: float  # exact, labels exchanged kind by kind; NaN if no pair differs
     acted: int  # pairs in which the operator acted
-    reacted: Units  # kinds of their faults
-    needed: Estimate  # reactions for each one avoided; infinite where none is
+    reacted: Units  # kinds of faults of these pairs
+    # Number of reactions for each one avoided; infinite if none is avoided.
+    needed: Estimate
 
 
 def read(path: Path) -> ReactionRuns:
-    """The runs of a result folder. Raises StoreError."""
+    """Read the runs of a result folder. Raises StoreError."""
     frame, header = folder.read_all(path), manifest.read(path)
     frame[EXCURSION] = frame[["unintended_mm", "unintended_off_mm"]].max(axis=1)
     return ReactionRuns(frame, run_facts.of(frame, header), header.duration_ms, header.limit_mm)
 
 
 def paired(runs: ReactionRuns, action: int) -> Pairs:
-    """Every fault that changed a bit where nobody reacts, with this action and without one."""
+    """Return every fault that changed a bit if nobody reacts, with this action and without one."""
     every = reactions.pairs(runs.frame, runs.facts, action)
     return every.where(every.without_facts["activated"].to_numpy())
 
 
 def kinds_of(pairs: Pairs) -> Units:
-    """Kinds of the faults of these pairs."""
+    """Return the kinds of the faults of these pairs."""
     return kinds.of(pairs.with_facts["group"])
 
 
 def contrast_of(pairs: Pairs, measure: Measure) -> Contrast:
-    """The measure over these pairs."""
+    """Return the measure over these pairs."""
     with_ = measure.hits(pairs.with_frame, pairs.with_facts)
     without = measure.hits(pairs.without_frame, pairs.without_facts)
     acted = (pairs.with_frame["reaction_ms"] >= 0).to_numpy()
@@ -166,10 +171,10 @@ def contrast_of(pairs: Pairs, measure: Measure) -> Contrast:
 
 
 def needed(difference: Estimate) -> Estimate:
-    """Number needed to treat from a difference of rates (negative: fewer), infinite where nothing
-    is avoided.
+    """Return the number needed to treat from a difference of rates (negative: fewer); infinite if
+    nothing is avoided.
 
-    Its interval is the reciprocal of the difference's (Altman, BMJ 317, 1998); an end that includes
+    Its interval is the reciprocal of the difference's (Altman, BMJ 317, 1998). An end that includes
     no effect is infinite.
     """
 
@@ -183,7 +188,7 @@ def needed(difference: Estimate) -> Estimate:
 
 
 def adjusted(contrasts: Sequence[Contrast]) -> list[float]:
-    """Holm's p of each, of all of them together; NaN where no pair differs."""
+    """Return Holm's p of each contrast, adjusted over all; NaN if no pair differs."""
     return [
         finding.adjusted
         for finding in holm({str(k): one.p for k, one in enumerate(contrasts)}).values()
@@ -194,14 +199,14 @@ def adjusted(contrasts: Sequence[Contrast]) -> list[float]:
 
 
 def by_design(pairs: Pairs) -> Mapping[str, np.ndarray]:
-    """Sampled faults, and those of the library."""
+    """Return pairs of sampled faults, and pairs of the library."""
     group = pairs.with_facts["group"].astype(str)
     sampled = group.str.startswith("sampled/").to_numpy()
     return {"sampled faults": sampled, "hazards of the library": ~sampled}
 
 
 def by_layer(pairs: Pairs) -> Mapping[str, np.ndarray]:
-    """Layer of the first fault, in the robot's order."""
+    """Return pairs by layer of the first fault, in the robot's order."""
     from ravenjax.robots.raven2.declaration import LAYERS
 
     layer = pairs.with_facts["layer"].to_numpy()
@@ -212,31 +217,33 @@ DELAYS_MS = (150, 250, 400)
 
 
 class Advance(NamedTuple):
-    """How far ahead of unintended motion of one size the cue came, over runs in which nobody
+    """How long before unintended motion of one size the cue came, over runs in which nobody
     reacted.
     """
 
     threshold_mm: float
     size_mm: float | None  # None: a jump of the true tip
-    kinds: Units  # of the faults that make the motion
-    lead: Lead  # ms; its bands take faults as independent
-    # motions with the cue before them; this and what follows with intervals over kinds of faults
+    kinds: Units  # kinds of the faults that cause the motion
+    lead: Lead  # ms; its bands assume that faults are independent
+    # Motions with the cue before them. This and the following fields have intervals over kinds of
+    # faults.
     before: Rate
     half_ms: Estimate  # lead that half of the motions have or exceed
     quarter_ms: Estimate
-    late: dict[
-        int, Rate
-    ]  # reaction time, ms -> share of motions that come too soon for it, or without a cue
+    # Maps a reaction time in ms to the share of motions that come too soon for it, or without a
+    # cue.
+    late: dict[int, Rate]
 
 
 def unreacted(runs: ReactionRuns) -> ReactionRuns:
-    """Runs with a fault that changed a bit, in which nobody reacts."""
+    """Return runs with a fault that changed a bit, in which nobody reacts."""
     return runs.where((runs.facts["activated"] & (runs.facts["action"] == 0)).to_numpy())
 
 
 def began_ms(runs: ReactionRuns, jump: bool = False) -> np.ndarray:
-    """When the unintended motion of each run exceeded the limit of its campaign; `jump`: when its
-    true tip jumped. NaN: never."""
+    """Return when the unintended motion of each run exceeded the limit of its campaign. `jump`:
+    when its true tip jumped. NaN: never.
+    """
     if jump:
         came = np.where(runs.frame["jump_tip"], runs.frame["jump_tip_first_ms"], -1)
     else:
@@ -245,16 +252,17 @@ def began_ms(runs: ReactionRuns, jump: bool = False) -> np.ndarray:
 
 
 def leads_ms(runs: ReactionRuns, cue: int, jump: bool = False) -> np.ndarray:
-    """Time from cue to motion of every run, negative: the cue came after; NaN: no motion; -inf:
-    no cue.
+    """Return the time from cue to motion of every run. Negative: the cue came after; NaN: no
+    motion; -inf: no cue.
     """
     cued, began = run_facts.warned(runs.frame, cue), began_ms(runs, jump)
     return np.where(np.isnan(began), np.nan, np.where(cued >= 0, began - cued, -np.inf))
 
 
 def advance(runs: ReactionRuns, cue: int, threshold_mm: float, jump: bool = False) -> Advance:
-    """Of runs in which nobody reacts; `cue`: number of the haptic set with that threshold;
-    `jump`: as `began_ms`.
+    """Return the advance over runs in which nobody reacts.
+
+    `cue`: number of the haptic set with that threshold. `jump`: as in `began_ms`.
     """
     lead, began = leads_ms(runs, cue, jump), began_ms(runs, jump)
     moved = ~np.isnan(lead)
@@ -289,11 +297,13 @@ class FreeReactions(NamedTuple):
     motion: str
     scale: float
     threshold_mm: float
-    first: AlarmRate  # first cues in the time up to them
+    first: AlarmRate  # rate of first cues over the time up to them
 
 
 def free_reactions(runs: ReactionRuns, thresholds_mm: tuple[float, ...]) -> list[FreeReactions]:
-    """By scale and threshold, of the haptic sets in their order; failed runs are left out."""
+    """Return reactions by scale and threshold, with the haptic sets in their order. Failed runs are
+    left out.
+    """
     valid = runs.frame.loc[~runs.facts["failed"]]
     results = []
     for scale, mine in valid.groupby(SCALE):
@@ -301,7 +311,7 @@ def free_reactions(runs: ReactionRuns, thresholds_mm: tuple[float, ...]) -> list
             first = mine[f"cue{cue}_first_ms"].to_numpy()
             cued = first >= 0
             live = mine["pedal_down_ms"].to_numpy()
-            began = runs.end_ms - live  # the motion is live to its end, once it began
+            began = runs.end_ms - live  # once the motion is live, it stays live to its end
             exposed = np.where(cued, np.maximum(first - began, 0), live).sum() / MS_PER_HOUR
             results.append(
                 FreeReactions(
@@ -331,14 +341,14 @@ SAME = "Columns and intervals as in the first table."
 
 
 def action_words(action: int) -> str:
-    """An action."""
+    """Write an action in words."""
     return MEANINGS[ACTIONS[action]]
 
 
 def contrast_rows(
     found: Sequence[tuple[tuple[Cell, ...], Contrast]],
 ) -> tuple[tuple[Cell, ...], ...]:
-    """Rows of COLUMNS, each behind its own heads."""
+    """Return rows of COLUMNS, each after its own head columns."""
     p = adjusted([one for _, one in found])
     return tuple(
         (
@@ -360,7 +370,7 @@ def contrast_rows(
 def split(
     title: str, head: str, pairs: Pairs, classes: Mapping[str, np.ndarray], by: Sequence[Measure]
 ) -> Table:
-    """What lifting the pedal changes, by class of fault."""
+    """Return what lifting the pedal changes, by class of fault."""
     rows = [
         ((name, measure.name), contrast_of(pairs.where(mine), measure))
         for name, mine in classes.items()
@@ -371,7 +381,9 @@ def split(
 
 
 def variants(found: Iterable[tuple[str, Pairs]], by: Sequence[Measure]) -> Table:
-    """What lifting the pedal changes under other cues and other operators, sampled faults alone."""
+    """Return what lifting the pedal changes under other cues and other operators, for sampled
+    faults only.
+    """
     questions = [(name, part, measure) for name, part in found for measure in by]
     rows = contrast_rows(
         [((name, measure.name), contrast_of(part, measure)) for name, part, measure in questions]
@@ -388,12 +400,12 @@ def variants(found: Iterable[tuple[str, Pairs]], by: Sequence[Measure]) -> Table
 
 
 def idle_rate(pairs: Pairs) -> Rate:
-    """Of the reactions, those to a fault that has no hazard even where nobody reacts."""
+    """Return the share of reactions to a fault that has no hazard even if nobody reacts."""
     return _of_reactions(pairs, (pairs.without_facts["hazard"] == "none").to_numpy())
 
 
 def unmoved_rate(pairs: Pairs) -> Rate:
-    """Of the reactions, those to a fault that makes no unintended motion even where nobody
+    """Return the share of reactions to a fault that causes no unintended motion even if nobody
     reacts.
     """
     return _of_reactions(pairs, ~pairs.without_facts["unintended"].to_numpy(bool))
@@ -405,7 +417,7 @@ def _of_reactions(pairs: Pairs, holds: np.ndarray) -> Rate:
 
 
 def advance_table(found: Sequence[Advance]) -> Table:
-    """How much time the cue leaves."""
+    """Return how much time the cue leaves."""
     return Table(
         "From the cue to the unintended motion, where nobody reacts",
         (
@@ -441,14 +453,14 @@ def advance_table(found: Sequence[Advance]) -> Table:
 
 
 def defined(one: Advance) -> bool:
-    """Whether the cue fires at the size of the motion or above: the definitions alone decide
-    that it is no earlier.
+    """Return whether the cue fires at the size of the motion or above. Then, by the definitions
+    alone, it is not earlier.
     """
     return one.size_mm is not None and one.threshold_mm >= one.size_mm
 
 
 def sites(pairs: Pairs, by: Measure, drawn_groups: Collection[str]) -> Table:
-    """What lifting the pedal avoids, kind by kind of fault; kinds without such a motion are left
+    """Return what lifting the pedal avoids, by kind of fault. Kinds without such a motion are left
     out.
     """
     group = pairs.with_facts["group"].to_numpy().astype(str)
@@ -486,22 +498,22 @@ def sites(pairs: Pairs, by: Measure, drawn_groups: Collection[str]) -> Table:
 
 
 def avoided(found: Contrast) -> str:
-    """52 of 230, 22.6 % (7.1–45.7 %); 31 kinds; a dash where no fault has it."""
+    """Write 52 of 230, 22.6 % (7.1–45.7 %); 31 kinds. It is a dash if no fault has it."""
     return of_kinds(found.avoided, found.affected)
 
 
 def of_kinds(found: Rate, among: Units) -> str:
-    """As `rate`, with the number of kinds behind it."""
+    """Write a rate as `rate` does, with the number of kinds behind it."""
     return f"{rate(found)}; {kinds.count(among)}" if found.n else wording.DASH
 
 
 def size(size_mm: float | None) -> str:
-    """A size of motion."""
+    """Write a size of motion."""
     return "jump of the true tip" if size_mm is None else f"unintended motion of {size_mm:g} mm"
 
 
 def rate(found: Rate) -> str:
-    """52 of 230, 22.6 % (7.1–45.7 %); a dash without runs."""
+    """Write 52 of 230, 22.6 % (7.1–45.7 %). It is a dash without runs."""
     if not found.n:
         return wording.DASH
     share = f"{found.k} of {found.n}, {wording.percent(found.value)}"
@@ -509,7 +521,7 @@ def rate(found: Rate) -> str:
 
 
 def number(found: Estimate) -> str:
-    """A number with its interval; ∞ for an end without bound."""
+    """Write a number with its interval; ∞ for an unbounded end."""
     if math.isnan(found.value):
         return wording.DASH
     if math.isnan(found.low) and math.isnan(found.high):
@@ -523,17 +535,17 @@ def number(found: Estimate) -> str:
 def _number(value: float) -> str:
     return (
         "∞" if math.isinf(value) else wording.number(value + 0.0, 2 if abs(value) < 10 else 3)
-    )  # no -0
+    )  # avoids -0
 
 
 CAMPAIGN, FREE = "reacting_operator.toml", "reacting_operator_free.toml"
 BASELINE = "pairs"
 SAMPLED = 1500
-"""Faults of the campaign that are sampled; they come first, so that a limit leaves out the
+"""Number of sampled faults of the campaign. They come first, so that a limit leaves out the
 library.
 """
 THRESHOLDS_MM = (3.0, 1.0, 2.0, 5.0)
-"""Of the campaigns' haptic sets, in their order."""
+"""Thresholds of the campaigns' haptic sets, in their order."""
 BLOCKS = {
     "threshold": {
         "threshold_1": ("threshold 1 mm", ("haptics.threshold_mm=[1]",)),
@@ -558,8 +570,11 @@ BLOCKS = {
         "every_pull": ("every pull is felt", ("parameters.reaction.felt_force={choice=[0.0]}",)),
     },
 }
-"""Block -> variant -> its words, and what it changes. The baseline stands among the thresholds.
-What is no longer drawn is still a choice, of one: a design of as many axes draws the same faults.
+"""Maps a block to its variants, their words, and what they change. The baseline is listed among the
+thresholds.
+
+A parameter that is no longer drawn stays a choice with a single value, because a design with as
+many axes draws the same faults.
 """
 MOTIONS = ("suture", "peg_transfer")
 DRAWN_SIZES = (5.0, 10.0)
@@ -571,7 +586,7 @@ EARLY = {1.0: "threshold 1 mm", 2.0: "threshold 2 mm"}
 
 
 def compare(context: Context) -> Findings:
-    """Pairs, other cues and operators, times, and the price on fault-free motion."""
+    """Compare pairs, other cues and operators, times, and the cost on fault-free motion."""
     runs = read(context.folders[BASELINE])
     pairs = {action: paired(runs, action) for action in (RELEASE, SLOW, CORRECT)}
     others = [(block, words, part) for block, words, part in _variants(context, pairs[RELEASE])]
@@ -619,14 +634,14 @@ def _variants(context: Context, baseline: Pairs) -> Iterator[tuple[str, str, Pai
 
 
 def _timed(size_mm: float) -> str:
-    """Variant in which nobody reacts and this size is the limit; that of the smallest is the
-    baseline.
+    """Return the variant in which nobody reacts and this size is the limit. For the smallest size
+    it is the baseline.
     """
     return f"timed_{size_mm:g}"
 
 
 def _advances(timed: Sequence[ReactionRuns]) -> list[Advance]:
-    """Of motions of each size, and of jumps, at each threshold."""
+    """Return the advances before motions of each size, and before jumps, at each threshold."""
     alone = [unreacted(runs) for runs in timed]
     return [
         advance(runs, cue, threshold, jump)
@@ -644,8 +659,8 @@ def _lines(
     advances: list[Advance],
     free: list[FreeReactions],
 ) -> Iterator[Line]:
-    """early: thresholds below the smallest motion -> pairs of sampled faults with a lifted
-    pedal.
+    """Return the lines. `early`: maps thresholds below the smallest motion to pairs of sampled
+    faults with a lifted pedal.
     """
     released = pairs[RELEASE]
     for measure in map(excursion, SIZES_MM[1:]):

@@ -1,8 +1,9 @@
-"""Time series of many runs of a campaign: the tick as vector code that tells a few chosen signals,
-compiled once.
+"""Computes time series of many runs of a campaign, with a vectorised tick that outputs a few chosen
+signals.
 
-They come from the code of engine `simd`, whatever engine the campaign ran on: on a CPU the same
-bits, from a GPU the last digits may differ. Each run is measured at once and its series dropped.
+The code is compiled once. It comes from engine `simd`, whatever engine the campaign ran on. On a
+CPU the bits are the same; from a GPU the last digits may differ. Each run is measured immediately
+and its series dropped.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from ravenjax.store import manifest
 
 T = TypeVar("T")
 Series = Mapping[str, np.ndarray]
-"""Name of SIGNALS -> [ticks] or [ticks, k], of the first arm."""
+"""Maps a name of SIGNALS to [ticks] or [ticks, k], of the first arm."""
 
 Row = Mapping[str, Any]
 """A row of the result table."""
@@ -46,16 +47,14 @@ SIGNALS: dict[str, tuple[Callable[[Any], Any], float]] = {
     "tip_error_mm": (
         lambda signals: signals.haptics[0].distance,
         1e3,
-    ),  # mm, measured tip to nominal model
+    ),  # mm, from measured tip to nominal model
     "cue_force": (lambda signals: signals.haptics[0].force[0], 1.0),  # device units, first cue
 }
-"""Name -> where it stands in `tick.TickSignals`, and the factor to its unit here."""
+"""Maps a name to its place in `tick.TickSignals` and the factor to its unit here."""
 
 
 class Recorder:
-    """Measures runs on their time series; campaigns whose programs are alike share compiled
-    code.
-    """
+    """Measures runs on their time series. Campaigns with equal programs share compiled code."""
 
     def __init__(self) -> None:
         self._codes: dict[Hashable, _Code] = {}
@@ -66,11 +65,11 @@ class Recorder:
         measured: Callable[[Row, Series], T],
         chosen: Callable[[pd.DataFrame], Sequence[int]] | None = None,
     ) -> list[T]:
-        """What `measured` makes of each run of result folder `path`: of its row of the result table
-        and its series.
+        """Return what `measured` computes for each run of result folder `path`, from its row of the
+        result table and its series.
 
-        chosen: indices of the runs wanted, of the result table; None takes all. Raises StoreError
-        as `read_all`.
+        `chosen`: indices of the wanted runs in the result table; None takes all. Raises StoreError
+        as `read_all` does.
         """
         config = validated(manifest.read(path).config)
         table = results.read_all(path).set_index("index", drop=False)
@@ -95,7 +94,7 @@ class Recorder:
 
 
 class _Code:
-    """The loop of a program that tells SIGNALS in each tick."""
+    """The loop of a program that outputs SIGNALS in each tick."""
 
     def __init__(self, ready: Plan) -> None:
         from ravenjax.numbers.lazy import jax
@@ -124,10 +123,10 @@ class _Code:
         return Block(*ready.lanes(rows, self.width), None)
 
     def run(self, ready: Plan, rows: Sequence[int]) -> Iterator[dict[str, np.ndarray]]:
-        """The series of these rows, at most `width`, one after another."""
+        """Return the series of these rows, at most `width` of them, one after another."""
         ticks, real = self.program.ticks, np.dtype(self.program.setup.precision.real)
         inputs = traced.inputs(self.program, self._block(ready, rows))
-        # Only outcomes, unused here, look at a golden run.
+        # Only outcomes, which are unused here, read a golden run.
         golden = np.zeros(
             (1, self._series) if self._code.grouped else (1, self._series, self.width), real
         )
@@ -137,8 +136,8 @@ class _Code:
             yield self._named(np.ascontiguousarray(out[:, :, lane].T))
 
     def _named(self, columns: np.ndarray) -> dict[str, np.ndarray]:
-        """columns: [numbers, ticks], whole numbers and truth values as the bits of 32-bit
-        integers.
+        """Name the columns. `columns`: [numbers, ticks], with integers and booleans as the bits of
+        32-bit integers.
         """
         series, first = {}, 0
         for (name, dtypes), (_, factor) in zip(self._dtypes, SIGNALS.values(), strict=True):
@@ -153,12 +152,12 @@ class _Code:
 
 
 def _numbers(params: Any) -> str:
-    """Every number of a parameter record, as text that tells two records apart."""
+    """Return every number of a parameter record as text that distinguishes two records."""
     from ravenjax.numbers.lazy import jax
 
     return repr([np.asarray(leaf).item() for leaf in jax.tree.leaves(params)])
 
 
 def rises(active: np.ndarray) -> list[int]:
-    """Ticks at which `active`, bool [ticks], becomes true."""
+    """Return the ticks at which `active`, bool [ticks], becomes true."""
     return np.flatnonzero(active & ~np.concatenate([[False], active[:-1]])).tolist()

@@ -1,8 +1,9 @@
-"""What a study is: a published experiment as campaigns, and its findings beside what was published.
+"""Defines a study: a published experiment as campaigns, and its findings compared with the
+published numbers.
 
-What was published is data in `published/*.toml`, each number with its source. A finding never says
-"right" or "wrong": it holds both numbers, both intervals, the acceptance band where there is one,
-and, where the two differ, the likely reason.
+Published numbers are data in `published/*.toml`, each with its source. A finding never says "right"
+or "wrong". It holds both numbers, both intervals, the acceptance band if there is one, and the
+likely reason if the two differ.
 """
 
 from __future__ import annotations
@@ -25,12 +26,14 @@ Cell = str | int | float
 
 @dataclasses.dataclass(frozen=True)
 class Variant:
-    """One campaign of a study: the baseline, or that with one open question answered otherwise."""
+    """One campaign of a study: the baseline, or the baseline with one open question answered
+    differently.
+    """
 
-    name: str  # also its folder
+    name: str  # also the name of its folder
     campaign: str  # file name of a bundled campaign
     overrides: tuple[str, ...] = ()  # key.path=value, as --set takes them
-    question: str = ""  # what this variant answers otherwise; "" for the baseline
+    question: str = ""  # what this variant answers differently; "" for the baseline
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,25 +43,25 @@ class StudyEstimate:
     value: float
     low: float = math.nan  # NaN: no interval is known
     high: float = math.nan
-    n: int = 0  # independent units behind it; 0: not a count
+    n: int = 0  # number of independent units; 0: not a count
     of: str = ""  # what n counts: "runs", "cells", "read off Figure 9, about +-1 count"
 
 
 @dataclasses.dataclass(frozen=True)
 class Line:
-    """One published quantity beside the prediction."""
+    """One published quantity and its prediction."""
 
-    quantity: str  # "P(jump), 8 ms"
-    unit: str  # "", "mm", "%", ...
+    quantity: str  # such as "P(jump), 8 ms"
+    unit: str  # such as "", "mm", "%"
     published: StudyEstimate | None
     predicted: StudyEstimate | None
-    band: tuple[float, float] | None = None  # of acceptance, ends included
-    target: str = ""  # acceptance target, "A1"
-    reason: str = ""  # likely reason where both differ
+    band: tuple[float, float] | None = None  # acceptance band, ends included
+    target: str = ""  # acceptance target, such as "A1"
+    reason: str = ""  # likely reason if both differ
 
     @property
     def passed(self) -> bool | None:
-        """Whether the prediction is in its band; None without band or prediction."""
+        """Return whether the prediction is in its band; None without band or prediction."""
         if self.band is None or self.predicted is None:
             return None
         return bool(self.band[0] <= self.predicted.value <= self.band[1])
@@ -66,7 +69,7 @@ class Line:
 
 @dataclasses.dataclass(frozen=True)
 class Table:
-    """Anything that is more than one number a quantity."""
+    """Results that have more than one number per quantity."""
 
     title: str
     columns: tuple[str, ...]
@@ -75,19 +78,19 @@ class Table:
 
 
 def own_line(quantity: str, unit: str, found: StudyEstimate | None) -> Line:
-    """A quantity of which nothing was published."""
+    """Return a line for a quantity without a published value."""
     return Line(quantity, unit, None, found)
 
 
 def table(title: str, rows: Sequence[Mapping[str, Cell]], note: str = "") -> Table:
-    """The table of rows by column; all have the columns of the first."""
+    """Return the table of rows by column. All rows have the columns of the first."""
     columns = tuple(rows[0]) if rows else ()
     return Table(title, columns, tuple(tuple(row.values()) for row in rows), note)
 
 
 @dataclasses.dataclass(frozen=True)
 class Findings:
-    """What a study found."""
+    """The findings of a study."""
 
     lines: tuple[Line, ...]
     tables: tuple[Table, ...] = ()
@@ -96,7 +99,7 @@ class Findings:
 
 @dataclasses.dataclass(frozen=True)
 class Context:
-    """What a study's comparison gets: one finished result folder a variant."""
+    """Input of a study's comparison: one finished result folder per variant."""
 
     folders: Mapping[str, Path]
     engine: str = "auto"
@@ -104,7 +107,7 @@ class Context:
 
 @dataclasses.dataclass(frozen=True)
 class Study:
-    """A published experiment, or a question of our own."""
+    """A published experiment, or a question of the project itself."""
 
     name: str
     title: str
@@ -112,21 +115,21 @@ class Study:
     question: str
     variants: tuple[Variant, ...]
     compare: Callable[[Context], Findings]
-    targets: tuple[str, ...] = ()  # acceptance targets that it prints
-    minutes: float = 1.0  # on two cores, roughly
+    targets: tuple[str, ...] = ()  # acceptance targets that the study reports
+    minutes: float = 1.0  # approximate duration on two cores
 
 
 def study(
     name: str, variants: tuple[Variant, ...], compare: Callable[[Context], Findings]
 ) -> Study:
-    """The study of that name in studies.toml."""
+    """Return the study with a name in studies.toml."""
     about = tomllib.loads((HERE / "studies.toml").read_text(encoding="utf-8"))[name]
     targets = tuple(about.pop("targets", ()))
     return Study(name, variants=variants, compare=compare, targets=targets, **about)
 
 
 def plain(value: Any) -> Any:
-    """A finding as JSON can hold it: dataclasses as tables, NaN as null."""
+    """Convert a finding to JSON values: dataclasses become tables, NaN becomes null."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
         return fields | {"passed": value.passed} if isinstance(value, Line) else fields
@@ -138,7 +141,9 @@ def plain(value: Any) -> Any:
 
 
 def read_variants(study: str) -> tuple[Variant, ...]:
-    """The variants of `variants/STUDY.toml`, all of one campaign; the first is the baseline."""
+    """Return the variants of `variants/STUDY.toml`, all of one campaign. The first is the
+    baseline.
+    """
     content = tomllib.loads((HERE / "variants" / f"{study}.toml").read_text(encoding="utf-8"))
     return tuple(
         Variant(row["name"], content["campaign"], tuple(row["overrides"]), row["question"])
@@ -147,8 +152,9 @@ def read_variants(study: str) -> tuple[Variant, ...]:
 
 
 def read_notes(study: str, **values: object) -> tuple[str, ...]:
-    """The paragraphs of `notes/STUDY.md`: assumptions, what is not reproduced; with these values
-    where the text has their names in braces.
+    """Return the paragraphs of `notes/STUDY.md`: assumptions, and what is not reproduced.
+
+    Names in braces are replaced by these values.
     """
     text = (HERE / "notes" / f"{study}.md").read_text(encoding="utf-8")
     return tuple(part.format(**values) for part in text.strip().split("\n\n"))
@@ -157,8 +163,8 @@ def read_notes(study: str, **values: object) -> tuple[str, ...]:
 class Published:
     """The published numbers and acceptance bands of `published/NAME.toml`, by key.
 
-    A number that stands in print has a `source`; one that was read off a plot also has the reading
-    `error`, or `low` and `high`. A band is what counts as agreement; its `source` says who set it.
+    A printed number has a `source`. A number read off a plot also has the reading `error`, or `low`
+    and `high`. A band defines agreement; its `source` says who set it.
     """
 
     def __init__(self, name: str) -> None:
@@ -167,18 +173,20 @@ class Published:
         self.bands = {row["key"]: row for row in content.get("band", ())}
 
     def value(self, key: str) -> float:
-        """A published number. KeyError where there is none of that key."""
+        """Return a published number. Raises KeyError for an unknown key."""
         return _at(self.numbers, key)["value"]
 
     def estimate(self, key: str) -> StudyEstimate:
-        """A published number with its interval and source. KeyError as `value`."""
+        """Return a published number with its interval and source. Raises KeyError as
+        `value` does.
+        """
         row = _at(self.numbers, key)
         value, error = row["value"], row.get("error", math.nan)
         low, high = row.get("low", value - error), row.get("high", value + error)
         return StudyEstimate(value, low, high, of=row["source"])
 
     def band(self, key: str) -> tuple[float, float]:
-        """Low and high end. KeyError where there is no band of that key."""
+        """Return the low and high end of a band. Raises KeyError for an unknown key."""
         return _at(self.bands, key)["low"], _at(self.bands, key)["high"]
 
 
@@ -190,8 +198,8 @@ def _at(rows: Mapping[str, Mapping[str, Any]], key: str) -> Mapping[str, Any]:
 
 # --- acceptance targets ---
 #
-# A target is met where every line of a study that belongs to it and has a band is inside the band;
-# one without such a line, or without a prediction on any of them, is not judged.
+# A target is met if all its lines with a band are inside their bands. A target is not judged if it
+# has no such line, or if none of these lines has a prediction.
 
 
 class Target(NamedTuple):
@@ -205,19 +213,19 @@ class Target(NamedTuple):
 
     @property
     def definition(self) -> str:
-        """`A1: share of runs with a jump, ... (DSN 2016, Figure 9 b). Band: ...`."""
+        """Return `A1: share of runs with a jump, ... (DSN 2016, Figure 9 b). Band: ...`."""
         return f"{self.id}: {self.title} ({self.source}). Band: {self.band}."
 
 
 @cache
 def targets() -> dict[str, Target]:
-    """Every target, by its id."""
+    """Return every target by its id."""
     tables = tomllib.loads((HERE / "targets.toml").read_text(encoding="utf-8"))
     return {name: Target(name, **row) for name, row in tables.items()}
 
 
 class TargetStanding(NamedTuple):
-    """How the lines of a target stand."""
+    """How many lines of a target are inside their bands."""
 
     id: str
     inside: int
@@ -226,7 +234,7 @@ class TargetStanding(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """`A1 not met: 6 of 9 lines inside their band`."""
+        """Return `A1 not met: 6 of 9 lines inside their band`."""
         if not self.judged:
             why = "with a band has a prediction" if self.bands else "has a band"
             return f"{self.id} not judged: no line of it {why}"
@@ -236,7 +244,9 @@ class TargetStanding(NamedTuple):
 
 
 def standings(lines: Sequence[Mapping[str, Any]]) -> list[TargetStanding]:
-    """Each target that lines (as in findings.json) belong to, in the order of the lines."""
+    """Return the standing of each target of these lines (as in findings.json), in the order of the
+    lines.
+    """
     found = []
     for name in dict.fromkeys(line["target"] for line in lines if line["target"]):
         mine = [line for line in lines if line["target"] == name]

@@ -1,9 +1,9 @@
-"""Which conclusions depend on the robot? The same faults on robots that differ in what nobody
-knows exactly.
+"""Study: which conclusions depend on uncertain properties of the robot?
 
-The published sets are eight hand-tuned descriptions of the same joints by the same authors; what
-they disagree about measures what is not known. Where they agree, or say nothing, a range is an
-assumption and says so.
+The same faults are run on robots that differ in properties that nobody knows exactly. The published
+sets are eight hand-tuned descriptions of the same joints by the same authors, so their disagreement
+measures the uncertainty. Where they agree or give no value, a range is an assumption and is marked
+as one.
 """
 
 from __future__ import annotations
@@ -54,36 +54,36 @@ from studies.study import (
 class Uncertain(NamedTuple):
     """One parameter of the robot that is not known exactly."""
 
-    path: str  # as a campaign names it
+    path: str  # name in a campaign
     words: str
-    law: str  # distribution, as a campaign file writes it
-    low: float  # ends of the range, at which it is tried alone
+    law: str  # distribution, in the form of a campaign file
+    low: float  # ends of the range, at which it is varied alone
     high: float
-    nominal: float  # the value of the robot as it is known
+    nominal: float  # value of the robot as it is known
     source: str
 
     @property
     def unit(self) -> str:
-        """As the robot's record says."""
+        """Return the unit from the robot's record."""
         return bounds.of(ROBOT, self.path)[0].unit
 
     @property
     def column(self) -> str:
-        """Of the result table."""
+        """Return the column of the result table."""
         return f"param:{self.path}"
 
     @property
     def drawn(self) -> str:
-        """Override that draws it for each run."""
+        """Return the override that draws it for each run."""
         return f"parameters.{self.path}={self.law}"
 
     @property
     def crossed(self) -> str:
-        """Override that runs every fault at both ends."""
+        """Return the override that runs every fault at both ends."""
         return f"cross.{self.path}=[{self.low:g}, {self.high:g}]"
 
     def values(self, frame: pd.DataFrame) -> np.ndarray:
-        """Its value in each run of a result table."""
+        """Return its value in each run of a result table."""
         nominal = pd.Series(self.nominal, frame.index)
         return (
             frame[self.column].fillna(self.nominal) if self.column in frame else nominal
@@ -208,7 +208,9 @@ SETS = parameter_sets.PUBLISHED
 
 
 FEWEST_EXPECTED, TABLES_DRAWN = 5, 9999
-"""A count below which the chi-squared law no longer holds (Cochran 1954); tables drawn then."""
+"""Expected count below which the chi-squared distribution no longer holds (Cochran 1954), and
+number of tables drawn then.
+"""
 
 EVENTS = {
     "evaded": "evades the checks: unintended motion, and nobody is told",
@@ -221,7 +223,7 @@ EVENTS = {
     "jump": "jump of the reported tip",
     "injury": "injury-capable motion",
 }
-"""What is concluded of a fault; each is a rate over the faults that changed a bit."""
+"""Events of a fault. Each is a rate over the faults that changed a bit."""
 
 
 FAULT_NUMBER = "fault"
@@ -231,41 +233,41 @@ class RobotRates(NamedTuple):
     """One robot under the same faults as every other."""
 
     name: str
-    events: (
-        pd.DataFrame
-    )  # bool [faults], columns EVENTS, and `kind` and `layer`; index: number of the fault
+    # bool [faults], columns EVENTS, and `kind` and `layer`; index: number of the fault.
+    events: pd.DataFrame
 
     @property
     def faults(self) -> Units:
-        """Kinds of the faults."""
+        """Return the kinds of the faults."""
         return units.units(self.events["kind"].to_numpy())
 
     def rate(self, event: str) -> Rate:
-        """Share of the faults with that event, its interval over kinds of faults."""
+        """Return the share of faults with that event, with its interval over kinds of faults."""
         return units.rate(self.events[event].to_numpy(), self.faults)
 
     def where(self, layer: str) -> RobotRates:
-        """Faults of one layer."""
+        """Return the faults of one layer."""
         return self._replace(events=self.events.loc[self.events["layer"] == layer])
 
 
 class ParameterEffect(NamedTuple):
-    """An event at the ends of one parameter, all else alike."""
+    """An event at both ends of one parameter, with all other parameters equal."""
 
     event: str
     parameter: Uncertain
     low: Rate
     high: Rate
-    difference: Estimate  # high minus low, fraction, of pairs; its interval over kinds of faults
+    # High minus low, fraction, over pairs; its interval is over kinds of faults.
+    difference: Estimate
     p: float  # exact, both ends exchanged kind by kind
 
 
 def read(path: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Result table and events of a folder: runs with a fault that changed a bit, and a valid
-    outcome.
+    """Return the result table and events of a folder, for runs with a valid outcome and a fault
+    that changed a bit.
 
-    The table has a column more, `fault`: which of the campaign's faults it is, the same number in
-    every variant.
+    The table has an additional column `fault`: the number of the campaign's fault, equal in every
+    variant.
     """
     frame, header = folder.read_all(path), manifest.read(path)
     frame[FAULT_NUMBER] = numbered(frame["pair"].to_numpy())
@@ -275,14 +277,14 @@ def read(path: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
 
 
 def numbered(pair: np.ndarray) -> np.ndarray:
-    """Faults by their order in the campaign, from 0, of the column `pair`: runs of one fault
-    share a number.
+    """Number faults by their order in the campaign, from 0, from the column `pair`. Runs of one
+    fault share a number.
     """
     return np.unique(pair, return_inverse=True)[1]
 
 
 def events(frame: pd.DataFrame, facts: pd.DataFrame) -> pd.DataFrame:
-    """EVENTS of each run, its `layer` and the `kind` of its fault."""
+    """Return EVENTS of each run, its `layer` and the `kind` of its fault."""
     warned = (facts["warned_ms"] >= 0) & (facts["warned_ms"] < facts["unintended_ms"])
     return pd.DataFrame(
         {
@@ -304,8 +306,8 @@ def events(frame: pd.DataFrame, facts: pd.DataFrame) -> pd.DataFrame:
 def robots_at_ends(
     frame: pd.DataFrame, found: pd.DataFrame, parameter: Uncertain
 ) -> tuple[RobotRates, RobotRates]:
-    """The robots at both ends of a parameter that was crossed, on faults that changed a bit in
-    both.
+    """Return the robots at both ends of a crossed parameter, on faults that changed a bit
+    in both.
     """
     values = parameter.values(frame)
 
@@ -324,7 +326,7 @@ def robots_at_ends(
 def parameter_effects(
     ends: Mapping[Uncertain, tuple[RobotRates, RobotRates]],
 ) -> list[ParameterEffect]:
-    """Of every event and parameter."""
+    """Return the effect of every parameter on every event."""
     return [
         ParameterEffect(
             event,
@@ -342,12 +344,12 @@ def parameter_effects(
 
 
 def holm_findings(p: Sequence[float]) -> list[Finding]:
-    """Holm over all of them together."""
+    """Apply Holm's adjustment over all of them."""
     return list(holm({str(k): one for k, one in enumerate(p)}).values())
 
 
 class InputLevel(NamedTuple):
-    """Runs of one level of an input: its name, the input's least and greatest value there."""
+    """Runs of one level of an input: its name, and the input's least and greatest value there."""
 
     name: str
     least: float
@@ -359,8 +361,8 @@ class Dependence(NamedTuple):
     """Whether a rate depends on one input.
 
     levels: the lowest, (middle) and highest third of the input. difference: rate in the last level
-    minus rate in the first. p: of independence, NaN where the input or the outcome never varies;
-    adjusted: by Holm over all inputs asked about; depends: adjusted p below 1 - confidence.
+    minus rate in the first. p: of independence, NaN if the input or the outcome never varies.
+    adjusted: by Holm over all inputs. depends: adjusted p is below 1 - confidence.
     """
 
     name: str
@@ -373,7 +375,7 @@ class Dependence(NamedTuple):
 
 
 def judge(measured: Sequence[Dependence], confidence: float) -> list[Dependence]:
-    """The same with p adjusted for all of them, the clearest first."""
+    """Return the dependences with p adjusted for all of them, clearest first."""
     findings = holm({one.name: one.p for one in measured}, confidence)
     results = [
         one._replace(adjusted=findings[one.name].adjusted, depends=findings[one.name].rejected)
@@ -383,8 +385,10 @@ def judge(measured: Sequence[Dependence], confidence: float) -> list[Dependence]
 
 
 def thirds(values: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """Level of each value [n] by its rank, int [n], and the levels' names: equal values stay
-    together, and both extremes have a level of their own."""
+    """Return the level of each value [n] by its rank, int [n], and the levels' names.
+
+    Equal values stay together, and each extreme has its own level.
+    """
     from scipy.stats import rankdata
 
     if not len(values) or values.min() == values.max():
@@ -400,7 +404,7 @@ def thirds(values: np.ndarray) -> tuple[np.ndarray, list[str]]:
 def dependences_by_thirds(
     frame: pd.DataFrame, flags: pd.DataFrame, parameters: Sequence[Uncertain]
 ) -> list[tuple[str, Dependence]]:
-    """Each event by thirds of each parameter, of robots all of whose parameters were drawn; p by
+    """Return each event by thirds of each parameter, for robots with all parameters drawn; p by
     Holm over all.
     """
     inputs = {one.path: one.values(frame) for one in parameters}
@@ -417,12 +421,13 @@ def dependences_by_thirds(
 def dependences(
     hit: np.ndarray, inputs: Mapping[str, np.ndarray], confidence: float = 0.95, seed: int = 0
 ) -> list[Dependence]:
-    """Whether the rate of `hit` (bool [n]) depends on each numeric input [n], the clearest first.
+    """Return whether the rate of `hit` (bool [n]) depends on each numeric input [n], clearest
+    first.
 
-    Mann-Whitney's test sees a rate that rises or falls, the chi-squared test over thirds one that
-    is worst at both ends or in the middle; p is twice the lesser (Bonferroni). Where a third
-    expects fewer than 5 hits or misses, the latter is by tables drawn with `seed`. Runs are taken
-    as independent, and a run without a value (NaN) is left out of that input.
+    Mann-Whitney's test detects a rate that rises or falls. The chi-squared test over thirds detects
+    a rate that is worst at both ends or in the middle. p is twice the lesser (Bonferroni). If a
+    third expects fewer than 5 hits or misses, the latter test uses tables drawn with `seed`. Runs
+    are assumed to be independent. A run without a value (NaN) is left out for that input.
     """
     outcome = np.asarray(hit).astype(bool)
     measured = [
@@ -454,7 +459,9 @@ def _measured(
 
 
 def _p(hit: np.ndarray, member: np.ndarray, values: np.ndarray, seed: int) -> float:
-    """p of independence of hit [n] from its level (one-hot [n, levels]) and from the values [n]."""
+    """Return p of independence of hit [n] from its level (one-hot [n, levels]) and from the values
+    [n].
+    """
     from scipy.stats import MonteCarloMethod, chi2_contingency, mannwhitneyu
     from scipy.stats.contingency import expected_freq
 
@@ -478,9 +485,12 @@ def _p(hit: np.ndarray, member: np.ndarray, values: np.ndarray, seed: int) -> fl
 def rounding(
     known: RobotRates, ends: Mapping[Uncertain, tuple[RobotRates, RobotRates]]
 ) -> tuple[float, int]:
-    """Largest difference of a rate (fraction) between the known robot and ends that are the known
-    robot, and how many such ends there are: what rounding alone decides, of runs at the edge of an
-    event. NaN and 0 without such an end."""
+    """Return the largest difference of a rate (fraction) between the known robot and ends that
+    equal the known robot, and their number.
+
+    This is the effect of rounding alone, from runs at the edge of an event. Return NaN and 0
+    without such an end.
+    """
     same = [
         robot
         for one, pair in ends.items()
@@ -497,7 +507,7 @@ def rounding(
 
 
 class RateRange(NamedTuple):
-    """Lowest and highest rate of an event over robots, and which robots have them."""
+    """Lowest and highest rate of an event over robots, and the robots that have them."""
 
     low: Rate
     low_robot: str
@@ -506,14 +516,16 @@ class RateRange(NamedTuple):
 
 
 def over(listed: Sequence[RobotRates], event: str) -> RateRange:
-    """Of one event."""
+    """Return the range for one event."""
     rates = [(robot.rate(event), robot.name) for robot in listed]
     low, high = min(rates, key=lambda one: one[0].value), max(rates, key=lambda one: one[0].value)
     return RateRange(*low, *high)
 
 
 def rates_by_layer(listed: Sequence[RobotRates], event: str) -> dict[str, list[Rate]]:
-    """Rate of an event by layer of the fault, one a robot, in the robot's order of layers."""
+    """Return the rate of an event by layer of the fault, one per robot, in the robot's order of
+    layers.
+    """
     rates = {}
     for name in LAYERS.values():
         parts = [robot.events.loc[robot.events["layer"] == name, event] for robot in listed]
@@ -531,8 +543,11 @@ SEARCHED_FAULT = {
     "start_ms": 1000,
     "duration_ms": 32,
 }
-"""An addition to the motor command behind every check, held for 32 ms, on each positioning joint: a
-fault that moves the instrument by its size and not by how long it lasts."""
+"""A fault that adds to the motor command after every check, held for 32 ms, on each positioning
+joint.
+
+Such a fault moves the instrument by its size and not by its duration.
+"""
 SEARCHES: dict[str, dict[str, Any]] = {
     "morris": {"kind": "morris", "trajectories": 60, "levels": 8},
     "sobol": {"kind": "sobol", "n": 128},
@@ -542,20 +557,20 @@ SEARCHES: dict[str, dict[str, Any]] = {
 class Index(NamedTuple):
     """Indices of one parameter for one fault: value, and ends of the 95 % interval."""
 
-    case: str  # joint that the fault strikes
+    case: str  # joint that the fault acts on
     parameter: Uncertain
-    mean_mm: float  # of the outcome over robots
+    mean_mm: float  # mean of the outcome over robots
     deviation_mm: float
     effect: tuple[float, float, float]  # Morris: mean |effect|, mm over the range
-    spread: float  # Morris: its deviation, mm
+    spread: float  # Morris: standard deviation of the effect, mm
     total: tuple[float, float, float]  # Sobol: total index
     first: tuple[float, float, float]  # Sobol: first order
-    runs: int  # of both
+    runs: int  # runs of both methods
 
 
 def find(out: Path, engine: str) -> list[Index]:
-    """Run both searches into folders inside `out`; indices of every joint and parameter. Raises
-    UserError.
+    """Run both searches into folders inside `out`, and return indices of every joint and parameter.
+    Raises UserError.
     """
     records: dict[str, dict[str, Any]] = {}
     for name, search in SEARCHES.items():
@@ -571,8 +586,8 @@ def find(out: Path, engine: str) -> list[Index]:
 
 
 def indices(records: Mapping[str, Mapping[str, Any]]) -> list[Index]:
-    """Of the records of both searches, by joint in their order and by total index, greatest
-    first.
+    """Return the indices from the records of both searches, by joint in their order and by total
+    index, greatest first.
     """
     by_path = {one.path: one for one in PARAMETERS}
     morris, sobol = records["morris"], records["sobol"]
@@ -615,7 +630,7 @@ def _template(search: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def drawn(parameters: Sequence[Uncertain]) -> dict[str, Any]:
-    """Path -> distribution, as a campaign's table `parameters` has it."""
+    """Return a map from path to distribution, in the form of a campaign's table `parameters`."""
     return {one.path: tomllib.loads(f"law = {one.law}")["law"] for one in parameters}
 
 
@@ -628,7 +643,7 @@ NONE = "none of those tried"
 
 
 def parameter_table(listed: Sequence[Uncertain]) -> Table:
-    """Ranges and their sources."""
+    """Return ranges and their sources."""
     return table(
         "What is not known of the robot",
         [
@@ -653,8 +668,8 @@ def conclusion_table(
     drawn: Sequence[tuple[str, Dependence]],
     words: Mapping[str, str],
 ) -> Table:
-    """Each conclusion, its range over robots, and what it depends on. words: path -> parameter
-    in words.
+    """Return each conclusion, its range over robots, and what it depends on. `words`: maps a path
+    to the parameter in words.
     """
     judged = holm_findings([one.p for one in found])
     rows = []
@@ -695,7 +710,7 @@ def conclusion_table(
 
 
 def ends_table(found: Sequence[ParameterEffect]) -> Table:
-    """Every rate at both ends of every parameter."""
+    """Return every rate at both ends of every parameter."""
     judged = holm_findings([one.p for one in found])
     return table(
         "One parameter at a time, the same faults",
@@ -720,7 +735,7 @@ def ends_table(found: Sequence[ParameterEffect]) -> Table:
 
 
 def thirds_table(drawn: Sequence[tuple[str, Dependence]], words: Mapping[str, str]) -> Table:
-    """Rates by thirds of each parameter."""
+    """Return rates by thirds of each parameter."""
     rows = []
     for event, one in drawn:
         by_level = {level.name: rate(share(level.rate.k, level.rate.n)) for level in one.levels}
@@ -756,7 +771,7 @@ def thirds_table(drawn: Sequence[tuple[str, Dependence]], words: Mapping[str, st
 
 
 def layer_table(listed: Sequence[RobotRates], event: str) -> Table:
-    """Whether the order of layers depends on the robot."""
+    """Return whether the order of layers depends on the robot."""
     rates_of = rates_by_layer(listed, event)
     places: dict[str, list[int]] = {name: [] for name in rates_of}
     for k in range(len(listed)):
@@ -782,7 +797,7 @@ def layer_table(listed: Sequence[RobotRates], event: str) -> Table:
 
 
 def sensitivity_table(found: Sequence[Index], outcome: str) -> Table:
-    """Morris and Sobol."""
+    """Return the table of Morris and Sobol indices."""
     return table(
         "What decides how far an unchecked command throws the tip",
         [
@@ -813,23 +828,23 @@ def sensitivity_table(found: Sequence[Index], outcome: str) -> Table:
 
 
 def percent(found: Rate) -> str:
-    """12.3 %."""
+    """Write 12.3 %."""
     return wording.percent(found.value)
 
 
 def points(difference: Estimate) -> str:
-    """A difference of rates in points, with its interval."""
+    """Write a difference of rates in points, with its interval."""
     return number(Estimate(*(100.0 * value for value in difference)))
 
 
 def signed(difference: float) -> str:
-    """+1.2, in points."""
+    """Write a signed number: +1.2, in points."""
     text = wording.number(100.0 * difference, 2)
     return f"+{text}" if difference > 0 else text
 
 
 def number(found: Estimate) -> str:
-    """A number with its interval."""
+    """Write a number with its interval."""
     if math.isnan(found.value):
         return wording.DASH
     value, low, high = (wording.number(end + 0.0, 2) for end in found)
@@ -839,14 +854,14 @@ def number(found: Estimate) -> str:
 CAMPAIGN = "uncertain_robot.toml"
 KNOWN = "known"
 SEEDS = (1, 2, 3)
-"""Of as many draws of faults and robots together."""
+"""Seeds, each of a separate draw of faults and robots together."""
 LAYER_EVENT = "unintended"
 WORDS = {one.path: one.words for one in PARAMETERS}
 
 
 def compare(context: Context) -> Findings:
-    """Rates on every robot, one parameter at a time and all together, and what decides how far a
-    fault throws.
+    """Compare rates on every robot, with one parameter varied at a time and with all, and find what
+    decides how far a fault moves the tip.
     """
     frame, flags = read(context.folders[KNOWN])
     base = RobotRates("known robot", flags.set_axis(pd.Index(frame[FAULT_NUMBER])))
@@ -871,7 +886,7 @@ def compare(context: Context) -> Findings:
 
 
 def _alone(parameter: Uncertain) -> str:
-    """Variant in which a parameter is at both ends."""
+    """Return the variant in which a parameter is at both ends."""
     return "alone_" + parameter.path.removeprefix("plant.").replace(".", "_")
 
 

@@ -1,15 +1,15 @@
-"""Pictures of the training page: each task, role and size of screen, the scene's second pictures,
-and as a protanope sees them.
+"""Takes pictures of the training page: each task, role and screen size, the scene's second
+pictures, and as a protanope sees them.
 
     python analysis/training/screens.py FOLDER [--scenario first_steps,touch] [--scene]
     python analysis/training/screens.py docs/pictures --scenario creep --fault
 
 Starts a session of each scenario, presses the pedal and moves; writes
-FOLDER/SCENARIO-ROLE-SIZE[-protanope].png. With --scene in 3D, drawn in software where there is no
-graphics card, at 1366 px: before the start, driving, and each second picture. With --fault the
-picture of the README, FOLDER/training.webp: the scenario's first hazard at work, the cue pulling. A
-page that is drawn in software is silent for longer than a console may be, so these sessions wait
-longer.
+FOLDER/SCENARIO-ROLE-SIZE[-protanope].png. With --scene the pictures are in 3D at 1366 px, drawn in
+software if there is no graphics card: before the start, while driving, and each second picture.
+With --fault it takes the picture of the README, FOLDER/training.webp: the scenario's first hazard
+is active and the cue pulls. A page that is drawn in software is silent for longer than a console
+may be, so these sessions allow a longer silence.
 """
 
 from __future__ import annotations
@@ -43,12 +43,13 @@ from ravenjax.train.session import console_arbiter
 console_arbiter.GONE_MS = 20000
 main()
 """
-FAULT_MM = 3.2  # of tip error, for the picture of a fault: the cue pulls
-DOWN_MS = 400  # down toward the tissue, not onto it
+# Tip error in the picture of a fault, at which the cue pulls.
+FAULT_MM = 3.2
+DOWN_MS = 400  # ms of motion down toward the tissue, without contact
 
 
 def main() -> None:
-    """Take them."""
+    """Take the pictures."""
     parser = argparse.ArgumentParser()
     parser.add_argument("folder", type=Path)
     parser.add_argument("--scenario", default=SCENARIOS)
@@ -145,7 +146,7 @@ def _fault(browser: Browser, urls: dict[str, str], base: Path) -> None:
     page.keyboard.down(PEDAL)
     while not page.inner_text("#pedal-state").startswith(
         "down, d"
-    ):  # it was silent in the background
+    ):  # the page was silent in the background
         page.keyboard.up(PEDAL)
         page.wait_for_timeout(DOWN_MS)
         page.keyboard.down(PEDAL)
@@ -161,7 +162,7 @@ def _fault(browser: Browser, urls: dict[str, str], base: Path) -> None:
 
 
 def _drive(page: Page, wait_ms: int) -> None:
-    """Steps on the pedal, goes down a little, and stays on the pedal."""
+    """Press the pedal, move down a little, and keep the pedal pressed."""
     page.keyboard.down(PEDAL)
     page.wait_for_timeout(wait_ms - DOWN_MS)
     page.keyboard.down(DOWN)

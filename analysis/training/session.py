@@ -1,14 +1,14 @@
-"""A session that somebody drives from a browser for some minutes: its start, its loop, its page and
-its memory.
+"""Measures a session that is driven from a browser for some minutes: its start, its loop, its page
+and its memory.
 
     python analysis/training/session.py [--minutes 10] [--contact | --without-contact]
 
 Starts `ravenjax train`, opens the operator's page in Chromium without the scene, holds the pedal
-and moves the arm to and fro. Prints proportional resident memory (PSS, MiB) of each process of the
-session, twice a minute, and the growth from the second minute on; then one line of JSON: s from the
-shell to the page's first answer, pictures a second, ms from a key to mark and tip (medians), and
-the loop's own account of its ticks. --contact and --without-contact drive the scenario `touch`, as
-it is and without forces of contact.
+and moves the arm to and fro. Twice a minute it prints proportional resident memory (PSS, MiB) of
+each process of the session, and at the end the growth from the second minute on. Then it prints one
+line of JSON: s from the shell to the page's first answer, pictures per second, ms from a key to
+mark and tip (medians), and the loop's own record of its ticks. --contact and --without-contact
+drive the scenario `touch`, with and without forces of contact.
 """
 
 from __future__ import annotations
@@ -123,8 +123,8 @@ def _to_and_fro(page: Page) -> None:
 
 
 def _memory(process: int) -> dict[str, float]:
-    """Name and MiB of the process and of those below it, by number; shared memory divided among
-    those that have it.
+    """Return name and MiB of the process and its descendants, by process number. Shared memory is
+    divided among the processes that share it.
     """
     out: dict[str, float] = {}
     for one in (process, *_below(process)):

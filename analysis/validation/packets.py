@@ -1,10 +1,11 @@
-"""How long packets of the console last in the public recordings. Prints; asserts nothing.
+"""Measures how long packets of the console last in the public recordings. Prints and asserts
+nothing.
 
     python analysis/validation/packets.py [FOLDER]
 
 FOLDER holds recording_gold_joints123, operator_positions, recording_gold_7joints and
-console_itp_packets (.parquet); by default $RAVENJAX_DATA, then ../shared/data beside the
-repository. `ravenjax.vocabulary.packets` says what follows.
+console_itp_packets (.parquet). The default is $RAVENJAX_DATA, then ../shared/data beside the
+repository. `ravenjax.vocabulary.packets` states the conclusions.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 
 CONSOLE_BEGINS_MS = 200.0
-"""Before it the recorded console waits for the robot."""
+"""Before this time the recorded console waits for the robot."""
 
 
 def line(what: str, lengths: np.ndarray) -> None:
@@ -52,7 +53,7 @@ def main() -> None:
     print(f"recording_gold_7joints: {100.0 * repeats.mean():.2f} % of rows, 4.94 ms apart, repeat")
     ms = (
         pd.read_parquet(folder / "console_itp_packets.parquet")["arrival_us"].to_numpy() * 1e-6
-    )  # they are ns
+    )  # times are in ns
     ms = ms[ms > CONSOLE_BEGINS_MS]
     for phase in (0.0, 0.25, 0.5, 0.75):
         line(f"console, cycle begins at {phase:g} ms", arrivals.lengths(ms - phase))

@@ -1,19 +1,20 @@
-"""How far the virtual robot is from the recorded one. Prints; asserts nothing.
+"""Measures how far the virtual robot is from the recorded one. Prints and asserts nothing.
 
     python analysis/validation/recording.py [FOLDER]
 
-FOLDER holds recording_gold_joints123.parquet: 21 s of a real gold arm in pedal-down
-teleoperation, motors of shoulder, elbow and insertion at 1 kHz (public repository
-CSLDepend/raven2_sim); by default $RAVENJAX_DATA, then ../shared/data beside the repository.
-Three views:
+FOLDER holds recording_gold_joints123.parquet: 21 s of a real gold arm in pedal-down teleoperation,
+motors of shoulder, elbow and insertion at 1 kHz (public repository CSLDepend/raven2_sim). The
+default is $RAVENJAX_DATA, then ../shared/data beside the repository. There are three views:
 
-1. the authors' own model, re-initialised from the recording every 1 and 20 ms and never (their
-   published behaviour);
-2. the virtual robot under the recorded DAC, re-initialised in the same way; 3. the virtual robot
-   in closed loop under the control software's PD law with the 2015 fork's estimator. What the
-   real robot was asked to do is not in the file, but its PD law can be inverted: mpos_d = mpos +
-   (tau + KD mvel) / KP. The arm is asked for that, and, as an earlier rebuild was, for the
-   recording itself through a 20 Hz low-pass.
+1. The authors' own model, re-initialised from the recording every 1 and 20 ms and never (their
+published behaviour).
+
+2. The virtual robot under the recorded DAC, re-initialised in the same way.
+
+3. The virtual robot in closed loop under the control software's PD law with the 2015 fork's
+estimator. The file lacks the desired motion, but the PD law can be inverted: mpos_d = mpos + (tau +
+KD mvel) / KP. The arm is driven by this desired motion. For comparison with an earlier rebuild, it
+is also driven by the recording itself through a 20 Hz low-pass.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ from studies.dsn16.recording import ARM, FILE, JOINTS, SETUP, closed_loop, start
 
 
 def windows(values: np.ndarray, length: int) -> np.ndarray:
-    """[W, length, 3]"""
+    """Return windows [W, length, 3]."""
     count = len(values) // length
     return values[: count * length].reshape(count, length, 3)
 
@@ -49,7 +50,9 @@ def rms(error: np.ndarray) -> np.ndarray:
 
 
 def authors_windows(angle, speed, dac, length: int) -> tuple[np.ndarray, np.ndarray]:
-    """Their Euler model re-initialised every `length` ms: rms errors of motor angle (rad) and speed (rad/s)."""  # noqa: E501
+    """Return rms errors of motor angle (rad) and speed (rad/s) of the authors' Euler model,
+    re-initialised every `length` ms.
+    """
 
     def window(start_angle, start_speed, counts):
         state = authors.initial(Vec(start_angle), Vec(start_speed))
@@ -64,7 +67,9 @@ def authors_windows(angle, speed, dac, length: int) -> tuple[np.ndarray, np.ndar
 
 
 def robot_windows(angle, speed, dac, length: int) -> tuple[np.ndarray, np.ndarray]:
-    """The virtual robot, started in the same way: links where the motors say, cables carrying gravity."""  # noqa: E501
+    """Return the errors of the virtual robot, started in the same way: links from the motors,
+    cables carrying gravity.
+    """
     params = robot.params(SETUP, ARM)
 
     def window(start_angle, start_speed, counts):
@@ -83,7 +88,7 @@ def robot_windows(angle, speed, dac, length: int) -> tuple[np.ndarray, np.ndarra
 
 
 def compare(window, angle, speed, dac, length: int) -> tuple[np.ndarray, np.ndarray]:
-    # A state at row k is moved by the DAC of row k to row k + 1.
+    # A state at row k is moved to row k + 1 by the DAC of row k.
     starts, ends = windows(angle[:-1], length)[:, 0], windows(angle[1:], length)
     found_angle, found_speed = jax.jit(jax.vmap(window))(
         starts, windows(speed[:-1], length)[:, 0], windows(dac[:-1], length)
@@ -99,7 +104,7 @@ def row(label: str, *groups: np.ndarray) -> None:
 
 def report_closed_loop(label: str, asked, angle, speed, dac, parameter_set: str = "traj3") -> None:
     found = closed_loop(asked, angle[0], speed[0], parameter_set)
-    settle = 200  # ms: the first instants hold the start from unknown cable stretch
+    settle = 200  # ms left out, because the initial cable stretch is unknown
     mpos = found["mpos"][settle:, :3]
     row(f"{label}: motor rms", rms(mpos - angle[settle:]))
     ratio = np.array(transmission.TR[:3])

@@ -1,18 +1,20 @@
-"""Why does the recorded wrist lag more in the later half of its recording? Tries what could make
-it; prints Markdown.
+"""Tests hypotheses on why the recorded wrist lags more in the later half of its recording. Prints
+Markdown.
 
     RAVENJAX_DATA=FOLDER python analysis/wrist/hypotheses.py
 
-The wrist's motor by itself: its controller, its inertia, dry and viscous friction of motor and
-joint, and the rigid tool cable that the recorded joints 1-3 carry along. On the later half it has
-the following error of the whole robot's replay within a few per cent. Each hypothesis adds one
-number or two. It is fitted to 1 to 10 s of the recording and asked for 10 to 20 s, and the other
-way round; the later half of the recording is not looked at. There the three of `JUDGED` are judged,
-once each, beside the wrist's own friction alone. About 10 minutes on one core.
+The model is the wrist's motor alone: its controller, its inertia, dry and viscous friction of motor
+and joint, and the rigid tool cable that the recorded joints 1-3 carry along. On the later half its
+following error equals that of the whole robot's replay within a few per cent.
 
-Fits are by the cross-entropy method with a fixed seed: another one moves the first column by up to
-0.1, the second by up to 0.3. The wrist's bend counts from the median of what it was asked for, 0.40
-rad.
+Each hypothesis adds one number or two. It is fitted to 1 to 10 s of the recording and tested on 10
+to 20 s, and vice versa. The later half of the recording is not used for this. On it, the three
+hypotheses of `JUDGED` are judged once each, beside the wrist's own friction alone. The script takes
+about 10 minutes on one core.
+
+Fits use the cross-entropy method with a fixed seed. Another seed moves the first column by up to
+0.1 and the second by up to 0.3. The wrist's bend is measured from the median of its desired angle,
+0.40 rad.
 """
 
 from __future__ import annotations
@@ -43,14 +45,14 @@ JUDGED = (
     "level grows with the jaws' angle",
     "level grows with the wrist's bend",
 )
-"""Their shares are within a quarter both ways round in the first half; of the first one with
-another seed.
+"""Hypotheses whose shares are within a quarter in both directions in the first half. For the first
+one this holds with another seed.
 """
 
 Values = Mapping[str, np.ndarray]
 
-# logarithm of the centre, spread of the logarithm: of friction wide, as nothing is known of the
-# wrist's
+# Logarithm of the centre, and spread of the logarithm. The spread of friction is wide, because
+# nothing is known of the wrist's.
 USUAL = {
     "motor": (np.log(0.01), 0.8),  # N m
     "link": (np.log(0.003), 1.0),  # N m after the gearbox
@@ -64,7 +66,7 @@ MORE = {
     "band": (np.log(0.2), 1.0),  # rad of the motor
     "stick": (np.log(0.6), 1.0),
 }
-OFFSETS = {"bias": 0.008, "pull": 0.3}  # spreads, around zero
+OFFSETS = {"bias": 0.008, "pull": 0.3}  # spreads, centred at zero
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,13 +77,14 @@ class Course:
     joints: np.ndarray  # [n, 7] measured
     desired: np.ndarray  # [n, 7]
     clock: np.ndarray  # [T] s
-    target: np.ndarray  # [T] rad of the wrist's motor, without what is carried
-    carried: np.ndarray  # [T] rad that joints 1-3 turn every tool motor by
-    signals: dict[str, np.ndarray]  # [T]: what friction or a pull may follow
+    # [T] rad, desired angle of the wrist's motor, without the carried part.
+    target: np.ndarray
+    carried: np.ndarray  # [T] rad by which joints 1-3 turn every tool motor
+    signals: dict[str, np.ndarray]  # [T] signals that friction or a pull may depend on
 
     @classmethod
     def read(cls) -> Course:
-        """That of the arm of 2018. Raises FileNotFoundError."""
+        """Read the recording of the arm of 2018. Raises FileNotFoundError."""
         path = recording.locate(mechanics.SEVEN_JOINTS)
         if path is None:
             raise FileNotFoundError(f"{mechanics.SEVEN_JOINTS}: set {recording.DATA} to its folder")
@@ -123,9 +126,8 @@ class Course:
         return cls(times, joints, desired, clock, target, on_clock(carried), signals)
 
 
-HYPOTHESES: dict[
-    str, tuple[tuple[str, ...], str]
-] = {  # what is fitted beside the usual, the signal it follows
+# Parameters in addition to the usual ones, and the signal on which they depend.
+HYPOTHESES: dict[str, tuple[tuple[str, ...], str]] = {
     OWN: ((), ""),
     "another integral gain": (("ki",), ""),
     "another proportional gain": (("kp",), ""),
@@ -144,7 +146,7 @@ HYPOTHESES: dict[
 
 
 def replay(course: Course, name: str, values: Values, end_s: float) -> np.ndarray:
-    """Wrist joint [rows before `end_s`, K] of K candidates, rad."""
+    """Return the wrist joint [rows before `end_s`, K] of K candidates, rad."""
     steps, count = min(int(end_s / STEP_S), len(course.clock)), len(values["motor"])
     ratio = transmission.TR[WRIST]
     signal = course.signals.get(HYPOTHESES[name][1], np.zeros(len(course.clock)))
@@ -184,8 +186,8 @@ def replay(course: Course, name: str, values: Values, end_s: float) -> np.ndarra
 def _slid(
     drive: np.ndarray, slope: np.ndarray, motor: np.ndarray, link: np.ndarray, carried: float
 ) -> np.ndarray:
-    """Speed w at which `slope w + motor sgn(w) + link sgn(w - carried) = drive`, or where
-    friction holds it.
+    """Return the speed w at which `slope w + motor sgn(w) + link sgn(w - carried) = drive`, or the
+    speed at which friction holds it.
     """
     low, high = min(0.0, carried), max(0.0, carried)
     between = (drive + (link - motor) * (1.0 if carried >= 0.0 else -1.0)) / slope
@@ -196,8 +198,8 @@ def _slid(
 def shares(
     course: Course, joints: np.ndarray, part: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Following error, and distance from the recording, by the recorded following error over
-    `part` (s); [K] each.
+    """Return the following error, and the distance from the recording, divided by the recorded
+    following error over `part` (s); [K] each.
     """
     times = course.times[: len(joints)]
     there = (times >= part[0]) & (times < part[1])
@@ -213,8 +215,8 @@ def shares(
 
 
 def _values(steps: np.ndarray, names: list[str]) -> dict[str, np.ndarray]:
-    """Candidates [K, parameters] by name; what is not fitted is as in the set of gains, or
-    absent.
+    """Return candidates [K, parameters] by name. Parameters that are not fitted are as in the set
+    of gains, or absent.
     """
     count = len(steps)
     usual = {
@@ -233,7 +235,7 @@ def _values(steps: np.ndarray, names: list[str]) -> dict[str, np.ndarray]:
 
 
 def fitted(course: Course, name: str, part: tuple[float, float]) -> dict[str, np.ndarray]:
-    """The candidate nearest to the recording over `part`."""
+    """Return the candidate nearest to the recording over `part`."""
     names = [*USUAL, "bias", *HYPOTHESES[name][0]]
     centre = np.array([0.0 if n in OFFSETS else (USUAL | MORE)[n][0] for n in names])
     spread = np.array([OFFSETS[n] if n in OFFSETS else (USUAL | MORE)[n][1] for n in names])

@@ -1,1 +1,1 @@
-"""Analyses of a campaign or of a recording, one a folder."""
+"""Contains analyses of a campaign or of a recording, one per folder."""

@@ -1,1 +1,3 @@
-"""Charts, tables and pages, the same in a browser and in print. They need no result table."""
+"""Makes charts, tables and pages that look the same in a browser and in print. Needs no result
+table.
+"""

@@ -1,4 +1,6 @@
-"""Charts as data: axes and marks in the units of the data. `drawing` draws them."""
+"""Describes charts as data: axes and marks in the units of the data. The module `drawing` draws
+them.
+"""
 
 from __future__ import annotations
 
@@ -13,14 +15,13 @@ from numpy.typing import ArrayLike
 EMPTY = np.zeros(0)
 DASH, NARROW = "–", "\u202f"
 RESOLUTION = 1 / 400
-"""Share of a step curve's height. Values that differ by less may be drawn as one, so no larger
-step is lost.
-"""
+"""Fraction of a step curve's height below which steps may be merged. No larger step is lost."""
 
 
 def round_values(low: float, high: float, most: int, *, log: bool = False) -> list[float]:
-    """At most about `most` round numbers from low to high, with one below and one above where these
-    are not round themselves.
+    """Return at most about `most` round numbers from low to high.
+
+    If the ends are not round themselves, the list has one number below and one above them.
     """
     from matplotlib.ticker import LogLocator, MaxNLocator
 
@@ -30,28 +31,28 @@ def round_values(low: float, high: float, most: int, *, log: bool = False) -> li
 
 @dataclasses.dataclass(frozen=True)
 class ChartAxis:
-    """One axis: what is shown, and how it is told."""
+    """One axis: what it shows, and how its values are written."""
 
     title: str
     low: float
     high: float
-    # fractions, told in percent
+    # Values are fractions, written in percent.
     share: bool = False
     log: bool = False
-    # of numbers in words: "ms"
+    # Unit of numbers in words, such as "ms".
     unit: str = ""
-    # a value that is marked, as zero where values lie on both sides of it
+    # A value that is marked, such as zero if values lie on both sides of it.
     line: float | None = None
-    # of places 0, 1, 2 ..., the first on top; then there are no numbers
+    # Names of the places 0, 1, 2 ..., the first on top. They replace the numbers.
     names: tuple[str, ...] = ()
 
     def label(self, value: float) -> str:
-        """A tick: 12,000; 0.05; as a share 5 %."""
+        """Return the text of a tick: 12,000; 0.05; as a share 5 %."""
         text = f"{100 * value if self.share else value:,.8g}".replace("-", "−")
         return f"{text}{NARROW}%" if self.share else text
 
     def words(self, value: float) -> str:
-        """A number with its unit; one decimal more than a tick of its size."""
+        """Return a number with its unit, with one decimal more than a tick of its size."""
         if not np.isfinite(value):
             return DASH
         if self.share:
@@ -60,7 +61,7 @@ class ChartAxis:
         return f"{text} {self.unit}".rstrip().replace("-", "−")
 
     def spread(self, value: float, low: float, high: float) -> str:
-        """A number with its interval, where it has one."""
+        """Return a number with its interval, if it has one."""
         words = self.words(value)
         if not (np.isfinite(low) and np.isfinite(high)):
             return words
@@ -72,17 +73,17 @@ class Curve:
     """A line, straight or in steps, and its band; arrays [points]."""
 
     name: str
-    # a name of the palette
+    # Name of a colour of the palette.
     colour: str
     x: np.ndarray
     y: np.ndarray
-    # no band: empty
+    # Empty: the curve has no band.
     low: np.ndarray = dataclasses.field(default_factory=lambda: EMPTY)
     high: np.ndarray = dataclasses.field(default_factory=lambda: EMPTY)
-    # each value holds until the next x
+    # Each value holds until the next x.
     step: bool = False
     dashed: bool = False
-    # False: drawn when somebody asks for it
+    # False: the curve is hidden until the reader selects it.
     visible: bool = True
     in_legend: bool = True
 
@@ -98,11 +99,11 @@ class Curve:
         start: float | None = None,
         end: float | None = None,
     ) -> Curve:
-        """A step curve [n] with the points that can be told apart: the first, the last, and each at
-        which a value of curve or band leaves the interval of RESOLUTION of the point before.
+        """Return a step curve [n] reduced to distinguishable points: the first, the last, and each
+        at which curve or band leaves the interval of RESOLUTION around the previous point.
 
-        start: x below it are drawn there (a logarithmic axis has no zero), the last of them holds.
-        end: the last value is held until there. x must not fall.
+        `start`: points with smaller x are drawn at `start`, because a logarithmic axis has no zero;
+        the last of them holds. `end`: the last value is held until `end`. x must not decrease.
         """
         across = np.asarray(x, float)
         values = np.stack([np.asarray(part, float) for part in (y, low, high) if np.size(part)])
@@ -119,7 +120,7 @@ class Curve:
         return Curve(name, colour, across, *values, step=True)
 
     def at(self, x: float) -> tuple[float, float, float]:
-        """Value and band at x; NaN outside of the curve and without a band."""
+        """Return value and band at x; NaN outside of the curve and without a band."""
         if not len(self.x) or not self.x[0] <= x <= self.x[-1]:
             return np.nan, np.nan, np.nan
         place = int(np.searchsorted(self.x, x, side="right")) - 1
@@ -134,22 +135,22 @@ class Curve:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Dots:
-    """Marks with the intervals that they have; arrays [marks]."""
+    """Marks, with intervals where they exist; arrays [marks]."""
 
     name: str
     colour: str
     x: np.ndarray
     y: np.ndarray
-    # no intervals: empty
+    # Empty: the marks have no intervals.
     x_low: np.ndarray = dataclasses.field(default_factory=lambda: EMPTY)
     x_high: np.ndarray = dataclasses.field(default_factory=lambda: EMPTY)
     y_low: np.ndarray = dataclasses.field(default_factory=lambda: EMPTY)
     y_high: np.ndarray = dataclasses.field(default_factory=lambda: EMPTY)
-    # diameters, px; () for 8
+    # Diameters, px; () means 8.
     size: tuple[float, ...] = ()
-    # beside the marks
+    # Labels beside the marks.
     texts: tuple[str, ...] = ()
-    # what each mark is, in words
+    # Descriptions of the marks, in words.
     tips: tuple[str, ...] = ()
     diamond: bool = False
     visible: bool = True
@@ -168,19 +169,19 @@ class Numbers(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Chart:
-    """One chart. Marks of one name are shown and hidden together."""
+    """One chart. Marks that share a name are shown and hidden together."""
 
     title: str
     x: ChartAxis
     y: ChartAxis
     marks: tuple[Mark, ...]
-    # px of the drawn area
+    # Height of the drawn area, px.
     height: int = 300
-    # a unit is as long upwards as along
+    # A unit has the same length on both axes.
     equal: bool = False
 
     def legend(self) -> list[tuple[str, str, bool]]:
-        """Name, colour and whether it is shown, of each thing in the legend."""
+        """Return name, colour and visibility of each entry of the legend."""
         entries: dict[str, tuple[str, str, bool]] = {}
         for mark in self.marks:
             if mark.in_legend and mark.name:
@@ -188,7 +189,7 @@ class Chart:
         return list(entries.values())
 
     def words(self) -> str:
-        """One sentence that describes the chart to a reader who cannot see it."""
+        """Return one sentence that describes the chart to a reader who cannot see it."""
         names = [name for name, *_ in self.legend()]
         of = f", of {'; '.join(names)}" if names else ""
         return (
@@ -197,7 +198,9 @@ class Chart:
         )
 
     def values(self) -> str:
-        """What the page's reader of values needs, as JSON: axes, and each curve point by point."""
+        """Return the data that the page's script needs to show values, as JSON: axes, and each
+        curve point by point.
+        """
         content: dict[str, Any] = {
             name: {
                 key: getattr(axis, key) for key in ("title", "low", "high", "log", "share", "unit")
@@ -216,7 +219,7 @@ class Chart:
         return json.dumps(content, allow_nan=False, separators=(",", ":"))
 
     def numbers(self) -> list[Numbers]:
-        """The chart's numbers as tables, for a reader who cannot see it."""
+        """Return the chart's numbers as tables, for a reader who cannot see it."""
         heads = ("", self.x.title, self.y.title)
         tables = [
             self._curve_numbers([mark for mark in self.marks if isinstance(mark, Curve)]),

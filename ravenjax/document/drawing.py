@@ -1,7 +1,7 @@
 """Draws a chart with matplotlib: on axes, for print, and as SVG for a page.
 
-On a page colours are the style sheet's custom properties, so that both of its schemes hold for
-charts, and groups say of which series they are, so that the page's script can hide them.
+On a page, colours are custom properties of the style sheet, so that charts follow its light and
+dark schemes. SVG groups name their series, so that the page's script can hide them.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from ravenjax.document.figure_style import INK, SOFT, STYLE
 from ravenjax.document.palette import PALETTE
 
 WIDTHS = {"wide": 520, "narrow": 330}
-"""Widths of the drawings for a page, px; the style sheet shows one of them."""
+"""Widths of the drawings for a page, px. The style sheet shows one of them."""
 ABOUT = 76
 """Height of titles and ticks, px."""
 BAND, FAINT, MANY = 0.16, 0.07, 3
-"""How much a band covers; the second where more than MANY overlap."""
+"""Opacity of a band. FAINT applies if more than MANY bands overlap."""
 LONGEST = 0.05
-"""Letters of a name beside an axis, a px of the width; longer ones are cut, the table of numbers
-has them whole.
+"""Largest number of letters of a name beside an axis, per px of the width. Longer names are cut;
+the table of numbers has the full names.
 """
 PRINTED = 0.6
-"""Size of dots and lines in print, times that on a page."""
+"""Size of dots and lines in print, relative to a page."""
 PAGE_STYLE: dict[Any, Any] = STYLE | {
     "font.size": 12,
     "axes.facecolor": "none",
@@ -62,21 +62,21 @@ _NAMES = {colour.light: name for name, colour in reversed(PALETTE.items())} | {
 _REPLACED = tuple(
     (re.compile(pattern, re.DOTALL), replacement)
     for pattern, replacement in (
-        # the style sheet says it
+        # The page's style sheet provides this.
         (r"<metadata>.*?</metadata>|<style.*?</style>", ""),
         (r"font-(?:size|family): [^;\"]*;? ?", ""),
         (r'id="mark (\S+) (\w+) \d+"', r'class="mark \2" data-series="\1"'),
         (r'id="hit"', 'class="hit"'),
         (r"<a xlink:href=(([\"']).*?\2) target=\"_blank\">(.*?)</a>", r"<g data-tip=\1>\3</g>"),
-        # a saved drawing declares no such prefix
+        # A saved drawing does not declare the prefix xlink.
         ("xlink:href", "href"),
     )
 )
 
 
 def page_drawings(chart: Chart, described_by: str, kinds: Sequence[str] = ()) -> Markup:
-    """The chart as SVG, once for each of `kinds` of WIDTHS; described_by: id of the element that
-    holds its numbers.
+    """Return the chart as SVG, once for each of `kinds` of WIDTHS. `described_by`: id of the
+    element that holds its numbers.
     """
     with matplotlib.rc_context(PAGE_STYLE):
         drawings = [_page_drawing(chart, kind, described_by) for kind in kinds or WIDTHS]
@@ -109,14 +109,14 @@ def _property(colour: str) -> str:
 
 
 def with_own_ids(svg: str, prefix: str) -> str:
-    """SVG with ids that no other drawing of a page has."""
+    """Return SVG whose ids are unique on a page, by a prefix."""
     svg = re.sub(r'\bid="([^"]+)"', rf'id="{prefix}-\1"', svg)
     svg = re.sub(r'(xlink:href|href)="#([^"]+)"', rf'\1="#{prefix}-\2"', svg)
     return re.sub(r"url\(#([^)]+)\)", rf"url(#{prefix}-\1)", svg)
 
 
 def print_figure(chart: Chart, width: float) -> Figure:
-    """The chart with its legend, for print; width in inches."""
+    """Return the chart with its legend, for print; `width` in inches."""
     names = [name for name, _, visible in chart.legend() if visible]
     size = (width, 1.2 + chart.height / 150 + 0.13 * len(names))
     figure = Figure(figsize=size, layout="constrained")
@@ -124,7 +124,7 @@ def print_figure(chart: Chart, width: float) -> Figure:
     draw(chart, axes)
     axes.set(xlabel=chart.x.title, ylabel="" if chart.y.names else chart.y.title)
     handles, labels = axes.get_legend_handles_labels()
-    # of marks of one name the first
+    # Of marks with the same name, keep the first.
     by_name = dict(zip(reversed(labels), reversed(handles), strict=True))
     shown = [name for name in names if name in by_name]
     if shown:
@@ -135,8 +135,9 @@ def print_figure(chart: Chart, width: float) -> Figure:
 
 
 def draw(chart: Chart, axes: Axes, *, page: bool = False, longest: int = 1000) -> None:
-    """Draw on empty axes; legend and titles are the caller's. page: with what the page's script
-    needs, and with what is not shown at first.
+    """Draw on empty axes. The caller adds legend and titles.
+
+    `page`: add what the page's script needs, and draw curves that are hidden at first.
     """
     series = {name: number for number, (name, *_) in enumerate(chart.legend())}
     marks = [mark for mark in chart.marks if page or mark.visible]

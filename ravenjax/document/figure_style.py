@@ -1,6 +1,6 @@
-"""Settings of matplotlib that all figures share. Text stays text, and no file holds a date.
+"""Defines matplotlib settings that all printed figures share.
 
-Printed ones by matplotlib's settings: text stays text, no file holds a date.
+Text stays text, and files hold no date.
 """
 
 from __future__ import annotations

@@ -1,4 +1,6 @@
-"""Style, script and filters that all pages share, and pages from Markdown that need no network."""
+"""Provides style, script and filters that all pages share, and makes pages from Markdown that work
+without a network.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +19,8 @@ _TEMPLATES = resources.files("ravenjax.document") / "templates"
 
 
 def environment(*packages: str) -> jinja2.Environment:
-    """Templates of these packages (their folders `templates`) and of this one, with what every
-    page needs.
+    """Return a template environment for these packages (their folders `templates`) and this one,
+    with what every page needs.
     """
     templates = jinja2.Environment(
         loader=jinja2.ChoiceLoader(
@@ -44,7 +46,7 @@ def environment(*packages: str) -> jinja2.Environment:
 
 
 def _drawings(chart: Chart, described_by: str, *kinds: str) -> Markup:
-    # slow to import, and most pages have no chart
+    # Imported here because the import is slow and most pages have no chart.
     from ravenjax.document.drawing import page_drawings
 
     return page_drawings(chart, described_by, kinds)
@@ -55,16 +57,16 @@ def _values(chart: Chart) -> Markup:
 
 
 def data(json: str) -> Markup:
-    """JSON text for a <script>: nothing in it ends the element."""
+    """Escape JSON text for a <script>, so that nothing in it ends the element."""
     return Markup(json.replace("<", "\\u003c"))
 
 
 def from_markdown(text: str, drawings: Mapping[str, str] | None = None) -> str:
-    """A page of Markdown (CommonMark with tables) whose first heading is its title.
+    """Return a page from Markdown (CommonMark with tables) whose first heading is its title.
 
-    drawings: SVG text by the file name that the Markdown's images have; they stand in the page
-    themselves. Other images become their description. A table is named by the heading before it,
-    and headings get anchors and a list of links.
+    `drawings`: SVG text by the file names of the Markdown's images; these are embedded in the page.
+    Other images are replaced by their description. A table is named by the heading before it.
+    Headings get anchors and a list of links.
     """
     from markdown_it import MarkdownIt
 
@@ -78,7 +80,7 @@ def from_markdown(text: str, drawings: Mapping[str, str] | None = None) -> str:
     )
     body = re.sub(
         r"(<tr>\s*)<td([^>]*)>(.*?)</td>", r"\1<th\2>\3</th>", body, flags=re.DOTALL
-    )  # a row's name heads it
+    )  # the first cell of a row is its heading
     title, body, sections = _with_headings(body)
     page = environment().get_template("markdown.html.j2")
     return with_scopes(page.render(title=title, body=Markup(body), sections=sections))
@@ -95,8 +97,8 @@ def _picture(image: re.Match[str], drawings: Mapping[str, str]) -> str:
 
 
 def inline(text: str, name: str) -> str:
-    """An SVG file's text as an element of a page: without prologue and links to itself that
-    other drawings share.
+    """Return an SVG file's text as an element of a page: without the prologue, and without ids that
+    collide with other drawings.
     """
     from ravenjax.document.drawing import with_own_ids
 
@@ -107,8 +109,9 @@ def inline(text: str, name: str) -> str:
 
 
 def _with_headings(body: str) -> tuple[str, str, list[tuple[str, str]]]:
-    """Title, the body below it, and id and words of each of its sections; tables get captions,
-    and places to scroll.
+    """Return the title, the body below it, and id and words of each section.
+
+    Tables get captions and a scrollable container.
     """
     heading = re.search(r"<h1>(.*?)</h1>\n?", body, re.DOTALL)
     title = heading[1] if heading else ""
@@ -135,5 +138,5 @@ def _with_headings(body: str) -> tuple[str, str, list[tuple[str, str]]]:
 
 
 def _plain(html: str) -> str:
-    """Words of a piece of HTML."""
+    """Return the words of a piece of HTML."""
     return str(Markup(html).striptags())

@@ -1,5 +1,6 @@
-"""Colours of charts by meaning, on light and on dark paper. They differ in every colour
-blindness.
+"""Defines chart colours by meaning, for light and dark backgrounds.
+
+The colours remain distinguishable in every form of colour blindness.
 """
 
 from __future__ import annotations
@@ -8,10 +9,10 @@ from typing import NamedTuple
 
 
 class Colour(NamedTuple):
-    """One colour; print takes the light one."""
+    """One colour in its light and dark variant. Print uses the light one."""
 
     light: str  # on white
-    dark: str  # on dark paper
+    dark: str  # on a dark background
 
 
 CUE, RESPONSE, SAME = "cue", "response", "same"
@@ -19,7 +20,7 @@ PALETTE = {
     CUE: Colour("#c2410c", "#f0824a"),  # vermilion and blue differ in every colour blindness
     RESPONSE: Colour("#0072b2", "#4aa8dd"),
     SAME: Colour("#7d848c", "#9aa3ad"),
-    "series0": Colour("#0072b2", "#4aa8dd"),  # from here on after Okabe and Ito
+    "series0": Colour("#0072b2", "#4aa8dd"),  # the series follow Okabe and Ito
     "series1": Colour("#c2410c", "#f0824a"),
     "series2": Colour("#009e73", "#2fc598"),
     "series3": Colour("#8b2a6b", "#d884b8"),
@@ -28,18 +29,20 @@ PALETTE = {
     "series6": Colour("#b65c94", "#e7a8cd"),
     "series7": Colour("#5b6470", "#b4bcc5"),
 }
-"""Colour of each name."""
+"""Colours by name."""
 SERIES = tuple(name for name in PALETTE if name.startswith("series"))
-"""Names of several curves side by side."""
+"""Names of the colours for several curves in one chart."""
 
 
 def series(number: int) -> str:
-    """Name of the colour of the curve of this number; after the last the first comes again."""
+    """Return the name of the colour of a curve by its number. The names repeat after the
+    last one.
+    """
     return SERIES[number % len(SERIES)]
 
 
 def css() -> str:
-    """The custom properties of a style sheet, --NAME, for both schemes."""
+    """Return the custom properties --NAME of a style sheet, for both schemes."""
     light, dark = (
         " ".join(f"--{name}: {getattr(colour, scheme)};" for name, colour in PALETTE.items())
         for scheme in ("light", "dark")

@@ -1,4 +1,6 @@
-"""Adds the scope of each heading to the tables of a page, for screen readers."""
+"""Adds the scope of each heading to the tables of a page, for screen readers, and writes Markdown
+tables.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +12,11 @@ _WIDE = re.compile(r"""\b(colspan|rowspan)=["']?(\d+)""")
 
 
 def with_scopes(html: str) -> str:
-    """HTML with `scope` in every <th> that has none: of a column in thead and tfoot, else of a row;
-    of a group of them where it spans several."""
+    """Return HTML with `scope` in every <th> that has none.
+
+    The scope is a column in thead and tfoot, else a row; it is a group if the heading spans several
+    columns or rows.
+    """
     part = ""
 
     def heading(tag_match: re.Match[str]) -> str:
@@ -31,7 +36,7 @@ def with_scopes(html: str) -> str:
 
 
 def markdown_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table in Markdown."""
+    """Return a table in Markdown."""
     cells = [columns, tuple("---" for _ in columns), *rows]
     return "\n".join(
         "| " + " | ".join(" ".join(cell.split()).replace("|", "\\|") for cell in row) + " |"

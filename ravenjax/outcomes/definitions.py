@@ -1,4 +1,4 @@
-"""The words of a verdict with a campaign's own numbers, as report, terminal and documentation
+"""Gives the words of a verdict with a campaign's own numbers, as report, terminal and documentation
 print them.
 """
 
@@ -13,24 +13,26 @@ from ravenjax.outcomes.verdict import HALT_MS
 from ravenjax.vocabulary.robot import Robot
 
 OVERLOADED = "overloaded cable"
-"""The word of an outcome that only mechanics with real tensions have."""
+"""Word of an outcome that only mechanics with real tensions have."""
 
 
 class Definition(NamedTuple):
-    """One word."""
+    """One word and its meaning."""
 
     kind: str  # response, hazard, cue or other
     word: str
     meaning: str
 
     def clause(self) -> str:
-        """The meaning as a part of a sentence: "a check told a person, and the robot went on"."""
+        """Return the meaning as a part of a sentence: "a check told a person, and the robot went
+        on".
+        """
         sentences = self.meaning.rstrip(".").split(". ")
         return ", and ".join(sentence[0].lower() + sentence[1:] for sentence in sentences)
 
 
 def rows(rules: Rules, robot: Robot) -> list[Definition]:
-    """Every word, responses first, each kind from the strongest to the weakest."""
+    """Return every word: responses first, each kind from the strongest to the weakest."""
     terms = {
         "limit": f"{rules.limit_mm:g} mm",
         "threshold": f"{rules.threshold_mm:g} mm",

@@ -1,7 +1,7 @@
-"""Events of runs, each one expression over columns of the result table that DuckDB evaluates.
+"""Defines events of runs as SQL expressions over columns of the result table, for DuckDB.
 
-One definition serves stop rules, report and search, on Parquet files, Arrow tables and DataFrames
-alike.
+Stop rules, report and search share these definitions, on Parquet files, Arrow tables and
+DataFrames.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ if TYPE_CHECKING:
 
 
 class Rules(NamedTuple):
-    """What a campaign chose of the definitions."""
+    """A campaign's choices in the definitions."""
 
     cue: int = 0  # haptic set of the verdict
-    threshold_mm: float = LIMIT_MM  # its own
+    threshold_mm: float = LIMIT_MM  # threshold of that haptic set
     jump: str = "jump_code"  # column of the jump rule
-    limit_mm: float = LIMIT_MM  # of hazards
-    built_in: str = "response"  # column of what the built-in checks did by themselves
+    limit_mm: float = LIMIT_MM  # limit of hazards
+    built_in: str = "response"  # column of what the built-in checks alone did
     stopping: tuple[
         tuple[int, str], ...
-    ] = ()  # number and name of each detector that presses the E-stop
+    ] = ()  # Number and name of each detector that presses the E-stop.
 
 
 def _among(words: Iterable[str]) -> str:
@@ -37,8 +37,10 @@ def _among(words: Iterable[str]) -> str:
 
 
 def beyond_golden_sql(column: str) -> str:
-    """Time of what came first, -1 where it never came or the golden run had it by then: as
-    `verdict.beyond_golden`.
+    """Return SQL for the time of an event that came first; -1 if it never came or the golden run
+    had it by then.
+
+    It matches `verdict.beyond_golden`.
     """
     own, golden = f'"{column}"', f'"golden_{column}"'
     return (
@@ -47,8 +49,10 @@ def beyond_golden_sql(column: str) -> str:
 
 
 def check_ms_sql(name: str) -> str:
-    """When a check first did what it does not in the golden run, -1 if never: as
-    `verdict.responses`.
+    """Return SQL for the time at which a check first acted differently from the golden run, -1 if
+    never.
+
+    It matches `verdict.responses`.
     """
     own = f'"check_{name}_first_ms"'
     more = f'"check_{name}_count" > "golden_check_{name}_count"'
@@ -70,13 +74,13 @@ UNWATCHED = (
     "but the tensions of this robot's cables are not known: with a Raven-II take"
     " campaign.parameter_set = 'power_consistent'"
 )
-"""Why a table may have no event `cable_overload`."""
+"""Reason why a table may lack the event `cable_overload`."""
 
 VALID_SQL = "failed = ''"
 
 
 def sql(name: str, rules: Rules) -> str:
-    """The expression of an event under a campaign's rules."""
+    """Return the expression of an event under a campaign's rules."""
     return EVENTS[name]["sql"].format(
         untold=_among(UNTOLD),
         told=_among(TOLD),
@@ -88,25 +92,25 @@ def sql(name: str, rules: Rules) -> str:
 
 
 def meaning(name: str, rules: Rules) -> str:
-    """An event in words, with the campaign's own numbers."""
+    """Return an event's meaning in words, with the campaign's own numbers."""
     return EVENTS[name]["meaning"].format(
         limit=f"{rules.limit_mm:g} mm", threshold=f"{rules.threshold_mm:g} mm"
     )
 
 
 def columns(names: Sequence[str], rules: Rules) -> list[str]:
-    """Columns of the result table that these events and `failed` need."""
+    """Return the columns of the result table that these events and `failed` need."""
     text = " ".join(sql(name, rules) for name in names)
     words = re.findall(r"[a-z_][a-z0-9_]*", re.sub(r"'[^']*'", "", text))
     return list(dict.fromkeys(["failed", *words]))
 
 
 def happened(table: pa.Table, names: Sequence[str], rules: Rules) -> np.ndarray:
-    """Which rows are valid, and of which events each is a case: bool [1 + names, rows]; `valid`
-    first.
+    """Return which rows are valid, and in which rows each event happened: bool [1 + names, rows],
+    `valid` first.
 
-    table: Arrow, with `columns` of the result table. Of a run without a valid outcome an event says
-    nothing.
+    `table`: Arrow, with `columns` of the result table. For a run without a valid outcome an event
+    has no meaning.
     """
     import duckdb
     import numpy as np

@@ -1,6 +1,7 @@
-"""Response, hazard and verdict of each run, from what the engines count: NumPy, a column at a time.
+"""Computes response, hazard and verdict of each run from the engines' counts, column by column with
+NumPy.
 
-Definitions stand in the package's docstring.
+The package's docstring defines these words.
 """
 
 from __future__ import annotations
@@ -18,20 +19,23 @@ PUBLISHED_CUE_MM = 3.0
 """Distance between nominal model and robot at which the published cue fires (IROS 2016)."""
 
 LIMIT_MM = PUBLISHED_CUE_MM
-"""Distance of a hazard where a campaign's `[outcomes] limit_mm` says nothing else."""
+"""Default of a campaign's `[outcomes] limit_mm`: the distance at which a hazard begins."""
 
 HALT_MS = 200
-"""Time out of pedal-down that is noticed: the largest visual delay that operators put up with is
-150 to 200 ms. It is known as a sum: a flickering pedal is up for a few ms at a time, in which no
-brake closes, and for tens of ms in all."""
+"""Time out of pedal-down that counts as noticeable. The largest visual delay that operators accept
+is 150 to 200 ms.
+
+The time is a sum: a flickering pedal is up for a few ms at a time, in which no brake closes, and
+for tens of ms in total.
+"""
 
 RESPONSES = ("stopped", "flagged", "limited", "silent")
-"""What checks did, the strongest first: the built-in ones, and added ones that do more than
-watch.
+"""What the checks did, strongest first. This covers the built-in checks, and added checks that do
+more than watch.
 """
 
 HAZARDS = ("unintended motion", "loss of motion", "false report", "none")
-"""What became of the motion, the gravest first."""
+"""What became of the motion, gravest first."""
 
 CUES = ("cue", "no cue")
 
@@ -40,10 +44,10 @@ VERDICTS = tuple(
 )
 
 TOLD = ("stopped", "flagged")
-"""Responses of which a person learns."""
+"""Responses that a person learns of."""
 
 UNTOLD = ("limited", "silent")
-"""Responses of which nobody does."""
+"""Responses that nobody learns of."""
 
 SILENT = RESPONSES.index("silent")
 _NONE = HAZARDS.index("none")
@@ -59,16 +63,16 @@ class Response(NamedTuple):
     response: np.ndarray  # index of RESPONSES
     cause: np.ndarray  # index of `causes`
     ms: np.ndarray  # when first, of the strongest kind; -1: silent
-    told_ms: np.ndarray  # the first flag or stop; -1: none
+    told_ms: np.ndarray  # time of the first flag or stop; -1: none
     causes: tuple[str, ...]  # "" for none, then the cause of each check
 
 
 def responses(outcomes: Outcomes, golden: Outcomes, robot: Robot) -> Response:
-    """What the checks did in each run beyond what they did in its golden run.
+    """Return what the checks did in each run beyond what they did in its golden run.
 
-    Checks trip on fault-free motion too: a command is clipped, the first packet of a stream lost.
-    Only what the fault changed counts: a check that tripped more often than in the golden run, or
-    first tripped sooner than there. golden: its `check_*_count` and `check_*_first_ms`.
+    Checks trip on fault-free motion too: a command is clipped, or the first packet of a stream is
+    lost. A check counts only if it tripped more often than in the golden run, or first tripped
+    sooner. `golden`: its `check_*_count` and `check_*_first_ms`.
     """
     counted = [name for name in checks.names(outcomes) if robot.check(name).action != "watch"]
     return _responses(outcomes, golden, robot, counted, None)
@@ -77,13 +81,13 @@ def responses(outcomes: Outcomes, golden: Outcomes, robot: Robot) -> Response:
 def built_in_responses(
     outcomes: Outcomes, golden: Outcomes, robot: Robot, detectors: Iterable[int] = ()
 ) -> Response:
-    """What the built-in checks did. In a run whose course an added part changed, only what they
-    did before that counts.
+    """Return what the built-in checks did. In a run whose course an added part changed, only their
+    actions before that change count.
 
-    detectors: those that may stop the robot, by their numbers; golden has their
-    `detector<d>_threshold0_*`. A stop by an added check makes built-in checks trip, too: the
-    software E-stop, then the PLC. Only a run without that part shows what the robot would have
-    done without it. What tripped before would have tripped anyway.
+    `detectors`: numbers of those that may stop the robot; `golden` has their
+    `detector<d>_threshold0_*`. A stop by an added check makes built-in checks trip too: the
+    software E-stop, then the PLC. Only a run without that part shows what the robot would have done
+    without it. Trips before the change would have come anyway.
     """
     names = checks.names(outcomes)
     own = [
@@ -107,10 +111,11 @@ def _acts(check: Check) -> bool:
 def _first_otherwise(
     outcomes: Outcomes, golden: Outcomes, trips: list[tuple[str, str]]
 ) -> np.ndarray:
-    """When the first of those tripped that trip otherwise than in the golden run, ms; -1: none
-    does.
+    """Return the time in ms at which the first of these checks tripped differently from the golden
+    run; -1: none did.
 
-    trips: columns of how often and when first. Not before the fault: until then the two are one.
+    `trips`: columns of count and first time. The time is not before the fault, because both runs
+    are identical until then.
     """
     onset = np.asarray(outcomes["first_active_ms"])
     earliest = np.full(len(onset), np.iinfo(np.int32).max)
@@ -125,8 +130,11 @@ def _first_otherwise(
 def _responses(
     outcomes: Outcomes, golden: Outcomes, robot: Robot, names: list[str], until: np.ndarray | None
 ) -> Response:
-    """What these checks did. until: ms [rows], what is later does not count, nor, at the same time,
-    what `follows`; -1: all counts."""
+    """Return what these checks did.
+
+    `until`: ms [rows]. Later trips do not count, and at the same time trips of `follows` do not
+    count either; -1: all trips count.
+    """
     onset = np.asarray(outcomes["first_active_ms"])
     response = np.full(len(onset), SILENT, np.int8)
     cause = np.zeros(len(onset), np.int8)
@@ -137,14 +145,14 @@ def _responses(
             [np.asarray(columns[f"check_{name}_{what}"]) for what in ("count", "first_ms")]
             for columns in (outcomes, golden)
         )
-        if np.array_equal(own, usual) and np.array_equal(ms, usual_ms):  # of most checks
+        if np.array_equal(own, usual) and np.array_equal(ms, usual_ms):  # true for most checks
             continue
         sooner = beyond_golden(ms, usual_ms) >= 0
         more = (own > usual) | sooner
         if not more.any():
             continue
-        # Where the golden run has tripped by then, the first trip may precede the fault; the
-        # response does not.
+        # If the golden run had tripped by then, the first trip may precede the fault. The response
+        # may not.
         ms = np.where(sooner, ms, np.maximum(ms, onset))
         if until is not None:
             more = more & ((until < 0) | (ms < until + (not robot.check(name).follows)))
@@ -159,10 +167,10 @@ def _responses(
 
 
 def hazards(outcomes: Any, stopped: np.ndarray) -> np.ndarray:
-    """Index of HAZARDS for each run: the gravest that it has.
+    """Return the gravest hazard of each run as an index of HAZARDS.
 
-    outcomes: unintended_first_ms, loss_first_ms, false_report_first_ms, halted_ms,
-    golden_halted_ms. stopped: bool [rows], a check stopped the robot.
+    `outcomes`: unintended_first_ms, loss_first_ms, false_report_first_ms, halted_ms,
+    golden_halted_ms. `stopped`: bool [rows], True if a check stopped the robot.
     """
     halted = halts(
         np.asarray(outcomes["halted_ms"]), np.asarray(outcomes["golden_halted_ms"]), stopped
@@ -179,17 +187,17 @@ def hazards(outcomes: Any, stopped: np.ndarray) -> np.ndarray:
 
 
 def halts(halted_ms: Any, golden_halted_ms: Any, stopped: Any) -> Any:
-    """Whether the time out of pedal-down with the pedal held is a loss of motion: bool, arrays
-    [rows] or numbers.
+    """Return whether the time out of pedal-down with the pedal held is a loss of motion: bool,
+    arrays [rows] or numbers.
 
-    stopped: a check stopped the robot.
+    `stopped`: a check stopped the robot.
     """
     return (halted_ms - golden_halted_ms > HALT_MS) & np.logical_not(stopped)
 
 
 def beyond_golden(first_ms: Any, golden_first_ms: Any) -> np.ndarray:
-    """Time [rows] of what came first in each run, -1 where it never came or the golden run had
-    it by then, too.
+    """Return the time [rows] of an event that came first in each run; -1 if it never came or the
+    golden run had it by then.
     """
     own, golden = np.asarray(first_ms), np.asarray(golden_first_ms)
     return np.where((own >= 0) & ~((golden >= 0) & (golden <= own)), own, -1)
@@ -198,8 +206,8 @@ def beyond_golden(first_ms: Any, golden_first_ms: Any) -> np.ndarray:
 def verdicts(
     response: np.ndarray, hazard: np.ndarray, cue: np.ndarray, valid: np.ndarray
 ) -> np.ndarray:
-    """Index of (*VERDICTS, "") for each run: "" where it has no valid outcome. cue: bool, beyond
-    the golden run.
+    """Return the verdict of each run as an index of (*VERDICTS, ""); "" if it has no valid outcome.
+    `cue`: bool, beyond the golden run.
     """
     place = (response.astype(np.int16) * len(HAZARDS) + hazard) * len(CUES) + ~cue
     return np.where(valid, place, len(VERDICTS))

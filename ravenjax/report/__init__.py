@@ -1,1 +1,3 @@
-"""The report of a result folder: the page, figures for print, and the comparison of two results."""
+"""Writes reports about a result folder: an HTML page, figures for print, and a comparison of two
+folders.
+"""

@@ -1,9 +1,9 @@
-"""Compares two result folders of campaigns that share faults, run by run: configuration, outcomes
-and rates.
+"""Compares the configurations, outcomes and rates of two result folders whose campaigns share
+faults.
 
-Runs are paired by run id. Those that are left are paired by their faults and by the varied
-parameters that both campaigns have; where one fault occurs several times, in the order of the
-tables.
+Runs are paired by run id. The remaining runs are paired by their faults and by the varied
+parameters that both campaigns have. Where one fault occurs several times, its runs are paired in
+the order of the tables.
 """
 
 from __future__ import annotations
@@ -41,35 +41,36 @@ RATES = (
 )
 """Events of `ravenjax.outcomes` whose rates are compared."""
 WORDS = {"response": RESPONSES, "hazard": HAZARDS, "cue": CUES}
-"""What a run's verdict consists of."""
+"""The parts of a run's verdict, and the words that each part can have."""
 SIDES = ("first", "second")
 
 
 class ComparedPairs(NamedTuple):
-    """How many runs were paired."""
+    """Numbers of paired and unpaired runs."""
 
     by_run_id: int
     by_fault: int
-    unpaired: tuple[int, int]  # runs of either folder
-    compared: int  # pairs with a fault in which both runs have a valid outcome
-    faults: int = 0  # different faults of those
-    sampled: bool = False  # whether these were drawn, in both campaigns
+    unpaired: tuple[int, int]  # runs without a partner in each folder
+    # pairs that have a fault and a valid outcome on both sides
+    compared: int
+    faults: int = 0  # different faults among the compared pairs
+    sampled: bool = False  # True if both campaigns drew their faults
 
 
 class RateChange(NamedTuple):
-    """One event in both folders, among the compared pairs."""
+    """The rate of one event in both folders, over the compared pairs."""
 
     name: str
     meaning: str
     first: Rate
     second: Rate
-    difference: Estimate  # second minus first, a fraction
+    difference: Estimate  # second minus first, as a fraction
     first_only: int
     second_only: int
 
 
 class Transition(NamedTuple):
-    """How many runs went from one word to another."""
+    """The number of runs whose outcome changed from one word to another."""
 
     first: str
     second: str
@@ -77,7 +78,7 @@ class Transition(NamedTuple):
 
 
 class RunChange(NamedTuple):
-    """One fault in both folders."""
+    """The outcome of one fault in both folders."""
 
     run_ids: tuple[str, str]
     fault: str
@@ -86,7 +87,7 @@ class RunChange(NamedTuple):
 
 
 class FolderComparison(NamedTuple):
-    """Two result folders."""
+    """The complete comparison of two result folders."""
 
     folders: tuple[Path, Path]
     campaigns: tuple[str, str]
@@ -95,18 +96,19 @@ class FolderComparison(NamedTuple):
     environment: Sequence[Change]  # engine, device, code, versions
     pairs: ComparedPairs
     rates: Sequence[RateChange]
-    transitions: dict[str, Sequence[Transition]]  # of each of WORDS, every one that occurred
+    # for each key of WORDS: all transitions that occurred
+    transitions: dict[str, Sequence[Transition]]
     changed: Sequence[RunChange]  # the most changed first
 
     def sentences(self) -> list[str]:
-        """What the comparison is of, in words."""
+        """Return sentences that describe what is compared."""
         return wording.sentences("comparison.txt.j2", **self._asdict())
 
 
 def compare(first: Path, second: Path, most: int = 10) -> FolderComparison:
-    """Compare two result folders; `most`: runs that are listed as changed.
+    """Compare two result folders and list at most `most` changed runs.
 
-    Raises StoreError as `query.open_folder`, UserError where they share no fault.
+    Raises StoreError as `query.open_folder` does, and UserError if the folders share no fault.
     """
     if most < 0:
         raise UserError(f"--most {most}: expected a number of runs, 0 for none")
@@ -135,7 +137,7 @@ def compare(first: Path, second: Path, most: int = 10) -> FolderComparison:
 
 
 def _made(record: Manifest) -> dict[str, Any]:
-    """By what a folder was computed."""
+    """Return the engine, device, code and versions that computed a folder."""
     return {
         "engine": record.engine,
         "device": record.device,
@@ -145,7 +147,7 @@ def _made(record: Manifest) -> dict[str, Any]:
 
 
 def _pair(table: ResultTable, folders: tuple[Path, Path]) -> ComparedPairs:
-    """Make the table `pairs` (first, second: rows of either folder)."""
+    """Create the table `pairs` with columns first and second: row numbers in either folder."""
     keys = _keys(table)
     table.run(
         "CREATE TABLE pairs AS SELECT a.row AS first, b.row AS second, true AS same "
@@ -175,15 +177,16 @@ def _pair(table: ResultTable, folders: tuple[Path, Path]) -> ComparedPairs:
 
 
 def _keys(table: ResultTable) -> tuple[str, str]:
-    """The columns of either folder that distinguish its runs and that the other may have too, as
-    SQL.
+    """Return SQL for the pairing keys of each folder: the columns that distinguish its runs and
+    that the other folder may have too.
     """
     types = [table.types(f"runs_{side}") for side in SIDES]
     faults = sorted({name for one in types for name in one if name.startswith("fault")})
     shared = sorted(name for name in types[0] if name.startswith("param:") and name in types[1])
 
     def column(name: str, own: dict[str, str]) -> str:
-        if name not in own:  # a slot that this campaign does not have is an empty one
+        # a slot that this campaign lacks counts as empty
+        if name not in own:
             return "NULL"
         if own[name] in ("DOUBLE", "FLOAT"):
             return f"CASE WHEN isnan({quoted(name)}) THEN NULL ELSE 0 + {quoted(name)}::DOUBLE END"
@@ -191,7 +194,7 @@ def _keys(table: ResultTable) -> tuple[str, str]:
 
     def key(own: dict[str, str]) -> str:
         slots = {name: f"{name.partition('_')[0]}_site" for name in faults}
-        # what an empty slot holds besides its site says nothing
+        # Other columns of an empty slot carry no information.
         filled = [
             (
                 f"CASE WHEN {quoted(slot)} <> '' THEN {column(name, own)} END"
@@ -206,8 +209,8 @@ def _keys(table: ResultTable) -> tuple[str, str]:
 
 
 def _judge(table: ResultTable, side: str, record: Manifest, key: str) -> None:
-    """Make the table `judged_<side>`: of each run its outcome by the campaign's own rules, and
-    its fault by `key`.
+    """Create the table `judged_<side>` with each run's fault (`key`) and its outcome under the
+    rules of its own campaign.
     """
     names = list(table.types(f"runs_{side}"))
     happened = {
@@ -233,14 +236,14 @@ _JOINED = (
 
 
 def _faults(table: ResultTable) -> np.ndarray:
-    """The number of the fault of each compared pair."""
+    """Return the fault number of each compared pair."""
     return table.frame(f"SELECT a.fault AS fault FROM {_JOINED} ORDER BY pairs.first")[
         "fault"
     ].to_numpy()
 
 
 def _sampled(table: ResultTable, records: tuple[Manifest, Manifest]) -> bool:
-    """Whether the compared faults were drawn, by the records of both campaigns."""
+    """Return whether the records of both campaigns show that the compared faults were drawn."""
     for side, record in zip("ab", records, strict=True):
         sources = draws.groups(record.config)
         present = {
@@ -254,7 +257,9 @@ def _sampled(table: ResultTable, records: tuple[Manifest, Manifest]) -> bool:
 def _rate(
     table: ResultTable, name: str, records: tuple[Manifest, Manifest], among: Units | None
 ) -> RateChange:
-    """among: the faults of the pairs, None where they were not drawn."""
+    """Return the change of one event's rate. `among`: fault of each pair; None if faults were not
+    drawn.
+    """
     hits = table.frame(
         f"SELECT a.{quoted('is_' + name)} AS first, b.{quoted('is_' + name)} AS second FROM"
         f" {_JOINED} ORDER BY pairs.first"
@@ -280,7 +285,9 @@ def _transitions(table: ResultTable, word: str) -> list[Transition]:
 
 
 def _changed(robot: Robot, table: ResultTable, most: int) -> list[RunChange]:
-    """Runs whose verdict or unintended motion differs, by how much the latter does."""
+    """Return runs whose verdict or unintended motion differs, largest change of unintended motion
+    first.
+    """
     rows = table.rows(
         "SELECT pairs.first, a.run_id, b.run_id, a.verdict, b.verdict, a.unintended_mm,"
         f" b.unintended_mm FROM {_JOINED} AND (a.verdict <> b.verdict OR a.unintended_mm <>"

@@ -1,4 +1,7 @@
-"""Writes a table of the page as CSV. A rate becomes the columns k, n, value, low and high."""
+"""Writes a table of the page as CSV.
+
+A rate becomes the columns k, n, value, low and high.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +16,11 @@ from pydantic import BaseModel
 
 
 def text(rows: Iterable[Any]) -> str:
-    """Rows (mappings or named tuples, nested) as CSV with a header; empty where there are none.
+    """Return rows (mappings or named tuples, possibly nested) as CSV with a header; empty if there
+    are no rows.
 
-    Nested values become columns joined by "_"; lists, arrays and curves belong to figures and are
-    left out. What is not a number is empty.
+    Nested values become columns joined by "_". Lists, arrays and curves belong to figures and are
+    left out. NaN and infinite numbers become empty cells.
     """
     flat = [dict(_flat("", row)) for row in rows]
     names = list(dict.fromkeys(name for row in flat for name in row))

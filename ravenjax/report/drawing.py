@@ -1,4 +1,4 @@
-"""Curves and axes that several figures of the report share, and the writing of figures as files."""
+"""Defines curves and axes that several figures of the report share, and writes figures as files."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FIRST_MS = 1.0
-"""Where a logarithmic axis of time begins; times are whole milliseconds."""
+"""Start of a logarithmic time axis, in ms. Times are whole milliseconds."""
 
 _DATELESS: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 
 
 def save_figure(figure: Figure, path: Path, dpi: int = 160) -> None:
-    """Write a figure as the kind that its file's ending names (.svg, .png or .pdf), without a date.
-    dpi: of a .png."""
+    """Write a figure in the format of its file name's ending (.svg, .png or .pdf), without a date.
+    `dpi` applies to .png.
+    """
     kind = path.suffix.lstrip(".") or "png"
     write_aside(
         path,
@@ -33,22 +34,22 @@ def save_figure(figure: Figure, path: Path, dpi: int = 160) -> None:
 def incidence_curve(
     curve: Incidence, name: str, colour: str, end_ms: int, band: bool = True
 ) -> Curve:
-    """The curve of delays on an axis of `log_time`: it begins with the share that came within the
-    first millisecond.
+    """Return the curve of delays for an axis of `log_time`. It begins with the share of events
+    within the first millisecond.
 
-    band: with its own; of enumerated faults it has none.
+    `band`: draw the confidence band. Enumerated faults have none.
     """
     edges = (curve.low, curve.high) if band else ()
     return Curve.steps(name, colour, curve.time, curve.fraction, *edges, start=FIRST_MS, end=end_ms)
 
 
 def log_time(end_ms: int) -> ChartAxis:
-    """Axis of delays after a fault's first effect."""
+    """Return a logarithmic axis of delays after a fault's first effect."""
     end = max(float(end_ms), 10 * FIRST_MS)
     return ChartAxis("time after the fault's first effect, ms", FIRST_MS, end, log=True, unit="ms")
 
 
 def share_axis(title: str, curves: list[Curve]) -> ChartAxis:
-    """From 0 to above all curves, at most to 1."""
+    """Return an axis of shares from 0 to above all curves, at most to 1."""
     most = max((float(curve.y.max()) for curve in curves if len(curve.y)), default=0.0)
     return ChartAxis(title, 0.0, min(1.0, 1.1 * most) if most else 1.0, share=True)

@@ -1,4 +1,4 @@
-"""Writes the report of a result folder as one HTML page that needs no network."""
+"""Writes the report of a result folder as one HTML page that works without a network."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FILE = "report.html"
 def build(folder: Path) -> Path:
     """Write report.html into a result folder and return its path.
 
-    Raises StoreError where the folder holds no readable result.
+    Raises StoreError if the folder holds no readable result.
     """
     folder = Path(folder)
     manifest = manifests.read(folder)
@@ -37,8 +37,8 @@ def build(folder: Path) -> Path:
 
 
 def render(runs: Runs, manifest: Manifest, folder: Path) -> str:
-    """The page of a result table; `folder` is what the replay commands name, and where traces
-    are looked for.
+    """Return the page of a result table. `folder` appears in the replay commands and is searched
+    for traces.
     """
     cue = manifest.cues[manifest.verdict_cue] if manifest.cues else None
     head = tables.headline(runs, manifest)

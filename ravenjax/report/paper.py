@@ -1,5 +1,6 @@
-"""Draws the main figures of a campaign for print, as SVG and PDF: verdicts, time to know, ROC,
-trade-off of the cue.
+"""Draws the main figures of a campaign for print, as SVG and PDF.
+
+The figures show verdicts, time to know, ROC curves, and the trade-off of the cue.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from ravenjax.report.sections import answers, cues, detectors, tables, time_to_k
 from ravenjax.store import manifest as manifests
 from ravenjax.store.files import require_writable
 
-WIDTH = 7.0  # in, two columns of a page
+WIDTH = 7.0  # inches, two columns of a page
 OUTCOMES = {
     "stopped": (PALETTE[RESPONSE].light, "stopped"),
     "flagged": ("#56b4e9", "flagged"),
@@ -33,18 +34,21 @@ OUTCOMES = {
     "limited": ("#a9c7d6", "limited, no hazard"),
     "quiet": ("#d5d2cb", "nothing"),
 }
-"""Colour and label of each outcome of a valid run, as on the page."""
+"""Colour and label of each outcome of a valid run, as on the HTML page."""
 MOST_GROUPS = 40
 
 
 def write(folder: Path, out: Path) -> list[Path]:
-    """Draw the figures of a result folder into `out`, each as .svg and .pdf, and return their
+    """Write the figures of a result folder into `out`, each as .svg and .pdf, and return their
     paths.
 
-    verdicts: share of each group's faults by outcome. time_to_know: cue, built-in response and
-    first possible knowledge after the first effect. roc: where the campaign has detectors.
-    tradeoff: missed hazards over false cues. A figure for which there are no runs is left out.
-    Raises StoreError where the folder holds no readable result or `out` cannot be written.
+    - verdicts: share of each group's faults by outcome.
+    - time_to_know: cue, built-in response and first possible knowledge after the first effect.
+    - roc: only if the campaign has detectors.
+    - tradeoff: missed hazards over false cues.
+
+    A figure without runs is left out. Raises StoreError if the folder holds no readable result or
+    `out` cannot be written.
     """
     folder, out = Path(folder), Path(out)
     manifest = manifests.read(folder)
@@ -68,7 +72,7 @@ def write(folder: Path, out: Path) -> list[Path]:
 
 
 def verdicts(runs: Runs) -> Figure | None:
-    """Share of each group's faults by outcome; None without faults."""
+    """Return a figure of each group's faults by outcome; None if there are no faults."""
     rows = [row for row in tables.group_rows(runs) if row["faulty"]][:MOST_GROUPS]
     if not rows:
         return None
@@ -92,20 +96,20 @@ def verdicts(runs: Runs) -> Figure | None:
 
 
 def how_soon(runs: Runs) -> Figure | None:
-    """Cue, built-in response and first possible knowledge after the first effect; None where no
-    fault had one.
+    """Return a figure of cue, built-in response and first possible knowledge after the first
+    effect; None if no fault had an effect.
     """
     curves, _ = time_to_know.incidence_curves(runs, runs.once(answers.knowledge).delay)
     return print_figure(curves, WIDTH / 2) if curves else None
 
 
 def roc(runs: Runs) -> Figure | None:
-    """ROC curve of each detector; None without detectors."""
+    """Return a figure with the ROC curve of each detector; None if there are no detectors."""
     chart = detectors.roc_chart(detectors.rows(runs)) if runs.manifest.detectors else None
     return print_figure(chart, WIDTH / 2) if chart else None
 
 
 def tradeoff(runs: Runs) -> Figure | None:
-    """Missed hazards over false cues, by haptic set; None without."""
+    """Return a figure of missed hazards over false cues, by haptic set; None if there are none."""
     chart = cues.tradeoff(cues.rows(runs))
     return print_figure(chart, WIDTH / 2) if chart else None

@@ -18,22 +18,22 @@ DASH = "–"
 
 
 def count(value: float) -> str:
-    """1234 -> 1,234."""
+    """Write an integer with separators: 1234 -> 1,234."""
     return f"{int(value):,}"
 
 
 def many(value: float, noun: str) -> str:
-    """1,234 runs, 1 run."""
+    """Write a count with its noun: 1,234 runs, 1 run."""
     return f"{count(value)} {noun}{'' if value == 1 else 's'}"
 
 
 def number(value: float, digits: int = 3) -> str:
-    """`digits` significant digits without exponent for usual sizes; a dash for what is not
-    finite.
+    """Write a number with `digits` significant digits, without an exponent for usual sizes. NaN and
+    infinity become a dash.
     """
     if not math.isfinite(value):
         return DASH
-    value += 0.0  # no minus before a zero
+    value += 0.0  # turns -0.0 into 0.0, which has no minus sign
     if value == 0 or 1e-6 <= abs(value) < 1e7:
         decimals = max(0, digits - 1 - math.floor(math.log10(abs(value)))) if value else 0
         text = f"{value:,.{decimals}f}"
@@ -44,7 +44,7 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def hours(value: float) -> str:
-    """A time given in hours in the unit that suits it: 34 s, 12 min, 7.4 h."""
+    """Write a time given in hours in a suitable unit: 34 s, 12 min, 7.4 h."""
     if not math.isfinite(value):
         return DASH
     for most, unit, factor in ((1 / 30, "s", 3600.0), (2.0, "min", 60.0)):
@@ -58,16 +58,16 @@ def _decimals(fraction: float) -> int:
 
 
 def percent(fraction: float) -> str:
-    """0.156 -> 15.6 %; a second decimal close to 0 and 100 %."""
+    """Write a fraction in percent: 0.156 -> 15.6 %. Values close to 0 or 100 % get a second
+    decimal.
+    """
     if math.isnan(fraction):
         return DASH
     return f"{100 * fraction:.{_decimals(fraction)}f}{NARROW}%"
 
 
 def interval(rate: Rate) -> str:
-    """14.1–17.3 %, of a rate's confidence interval; empty where it has none, as nothing was
-    sampled.
-    """
+    """Write a rate's confidence interval: 14.1–17.3 %. It is empty if nothing was sampled."""
     if not rate.n:
         return "no runs"
     if math.isnan(rate.low):
@@ -77,14 +77,16 @@ def interval(rate: Rate) -> str:
 
 
 def rate(value: Rate) -> str:
-    """15.6 % (14.1–17.3 %), of a rate; without an interval the percentage alone."""
+    """Write a rate with its interval: 15.6 % (14.1–17.3 %). Without an interval, write only the
+    percentage.
+    """
     bounds = interval(value)
     return percent(value.value) + (f" ({bounds})" if bounds else "")
 
 
 def estimate(value: Estimate, unit: str = "") -> str:
-    """12 ms (9–15), of an estimate; a bound that is not known is a dash, and so is the whole
-    where nothing is known.
+    """Write an estimate with its interval: 12 ms (9–15). An unknown bound or value becomes
+    a dash.
     """
     if not math.isfinite(value.value):
         return DASH
@@ -95,7 +97,7 @@ def estimate(value: Estimate, unit: str = "") -> str:
 
 
 def signed_points(difference: float) -> str:
-    """−3.1 points, of a difference of rates."""
+    """Write a difference of rates: −3.1 points."""
     if not math.isfinite(difference):
         return DASH
     text = f"{100 * difference:+.1f}"
@@ -103,21 +105,21 @@ def signed_points(difference: float) -> str:
 
 
 def point_bounds(value: Estimate) -> str:
-    """−4.0 to −2.2, the interval of a difference of rates in points."""
+    """Write the interval of a difference of rates: −4.0 to −2.2."""
     if not (math.isfinite(value.low) and math.isfinite(value.high)):
         return ""
     return f"{100 * value.low:+.1f} to {100 * value.high:+.1f}".replace("-", "−")
 
 
 def points(value: Estimate) -> str:
-    """−3.1 points (−4.0 to −2.2)."""
+    """Write a difference of rates with its interval: −3.1 points (−4.0 to −2.2)."""
     bounds = point_bounds(value)
     return signed_points(value.value) + (f" ({bounds})" if bounds else "")
 
 
 def bounds(value: Estimate, decimals: int | None = None) -> str:
-    """9–15, the interval of an estimate; empty where nothing is known. decimals: of rounded
-    numbers.
+    """Write the interval of an estimate: 9–15. It is empty if nothing is known. `decimals`: number
+    of decimals.
     """
     low, high = (
         bound if decimals is None else round(bound, decimals) for bound in (value.low, value.high)
@@ -126,12 +128,12 @@ def bounds(value: Estimate, decimals: int | None = None) -> str:
 
 
 def hundredths(value: float) -> str:
-    """−0.04, at most two decimals."""
+    """Write a number with at most two decimals: −0.04."""
     return number(round(value, 2)) if math.isfinite(value) else DASH
 
 
 def span(low: float, high: float) -> str:
-    """9–15, or −4 to 2 where a bound is negative; an unknown bound is open."""
+    """Write a range: 9–15, or −4 to 2 if a bound is negative. An unknown bound is left open."""
     if math.isfinite(low) and math.isfinite(high):
         return (
             f"{number(low)}{DASH}{number(high)}" if low >= 0 else f"{number(low)} to {number(high)}"
@@ -140,8 +142,8 @@ def span(low: float, high: float) -> str:
 
 
 def fault(row: Mapping[str, Any], robot: Robot = robots.USUAL) -> str:
-    """The faults of one result row in a phrase: usb_out gold shoulder, overwrite 500 counts, 9
-    ms from 1,200 ms.
+    """Describe the faults of one result row in a phrase: usb_out gold shoulder, overwrite 500
+    counts, 9 ms from 1,200 ms.
     """
     slots = range(sum(name.startswith("fault") and name.endswith("_site") for name in row))
     return (
@@ -150,7 +152,7 @@ def fault(row: Mapping[str, Any], robot: Robot = robots.USUAL) -> str:
 
 
 def fault_in_slot(row: Mapping[str, Any], slot: int, robot: Robot) -> str:
-    """One fault of a result row in a phrase, "" where the slot is empty."""
+    """Describe one fault of a result row in a phrase; "" if the slot is empty."""
     site, arm, channel, effect, value, trigger, start, length, every, period = (
         row[f"fault{slot}_{key}"] for key in _FAULT_KEYS
     )
@@ -190,7 +192,7 @@ _UNIT_WORDS = {"cnt": "counts", "1": "", "bits": ""}
 
 
 def _magnitude(robot: Robot, site: str, channel: str, effect: str, value: float) -> str:
-    """The value of a fault as its effect takes it, with its unit where this version knows the
+    """Write the value of a fault as its effect takes it, with its unit if this version knows the
     channel.
     """
     text = number(value, 5)
@@ -225,12 +227,14 @@ FILTERS = {
         point_bounds,
     )
 }
-"""The words of this module as filters of templates."""
+"""The functions of this module that templates use as filters."""
 
 
 @functools.cache
 def text_templates(package: str) -> jinja2.Environment:
-    """Templates of plain text in a package's folder `templates`, with FILTERS."""
+    """Return an environment for plain-text templates in a package's folder `templates`, with
+    FILTERS.
+    """
     templates = jinja2.Environment(
         loader=jinja2.PackageLoader(package),
         undefined=jinja2.StrictUndefined,
@@ -242,5 +246,5 @@ def text_templates(package: str) -> jinja2.Environment:
 
 
 def sentences(template: str, **values: Any) -> list[str]:
-    """A template of the report, a sentence a line."""
+    """Return a filled template of the report as a list of sentences, one per line."""
     return text_templates("ravenjax.report").get_template(template).render(values).splitlines()

@@ -1,3 +1,3 @@
-"""Statistics, free of robots: intervals, comparisons, bootstrap, alarms, sensitivity, sample
-sizes.
+"""Provides statistics that are independent of robots: intervals, comparisons, bootstrap, alarms,
+sensitivity, sample sizes.
 """

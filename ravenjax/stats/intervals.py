@@ -1,9 +1,9 @@
-"""Confidence intervals of a rate k/n.
+"""Computes confidence intervals of a rate k/n.
 
-Wilson for display, Clopper-Pearson for guarantees (never covers less than promised); both from
-statsmodels' proportion_confint (Brown, Cai, DasGupta, Statistical Science 16, 2001). They take the
-n trials as independent: repeats of a deterministic run are not, so count distinct faults, or
-resample clusters (`bootstrap.clusters`).
+Wilson is for display and Clopper-Pearson for guarantees, because it never covers less than
+promised. Both come from statsmodels' proportion_confint (Brown, Cai, DasGupta, Statistical Science
+16, 2001). They assume that the n trials are independent. Repeats of a deterministic run are not, so
+count distinct faults, or resample clusters (`bootstrap.clusters`).
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from numpy.typing import ArrayLike
 
 Method = Literal["wilson", "clopper_pearson"]
 
-_NAMES = {"wilson": "wilson", "clopper_pearson": "beta"}  # as proportion_confint calls them
+_NAMES = {"wilson": "wilson", "clopper_pearson": "beta"}  # names in proportion_confint
 
 
 class Rate(NamedTuple):
-    """k of n with its confidence interval; value, low and high are fractions, NaN where n is 0."""
+    """k of n with its confidence interval. value, low and high are fractions, NaN if n is 0."""
 
     k: int
     n: int
@@ -29,12 +29,13 @@ class Rate(NamedTuple):
     high: float
 
 
-_NONE = Rate(0, 0, np.nan, np.nan, np.nan)  # one object, since tuples with different NaN differ
+# A single object, because tuples with NaN compare unequal.
+_NONE = Rate(0, 0, np.nan, np.nan, np.nan)
 
 
 class Estimate(NamedTuple):
-    """A value with its confidence interval, in the unit of what was estimated; arrays of one
-    shape for a curve.
+    """A value with its confidence interval, in the unit of the estimate. For a curve, arrays of one
+    shape.
     """
 
     value: Any
@@ -43,20 +44,22 @@ class Estimate(NamedTuple):
 
 
 def wilson(k: int, n: int, confidence: float = 0.95) -> Rate:
-    """Rate with its Wilson score interval. ValueError unless 0 <= k <= n and 0 < confidence < 1."""
+    """Return a rate with its Wilson score interval. Raises ValueError unless 0 <= k <= n and 0 <
+    confidence < 1.
+    """
     return rates([k], [n], confidence, "wilson")[0]
 
 
 def clopper_pearson(k: int, n: int, confidence: float = 0.95) -> Rate:
-    """Rate with its exact (Clopper-Pearson) interval. ValueError unless 0 <= k <= n and 0 <
-    confidence < 1.
+    """Return a rate with its exact (Clopper-Pearson) interval. Raises ValueError unless 0 <= k <= n
+    and 0 < confidence < 1.
     """
     return rates([k], [n], confidence, "clopper_pearson")[0]
 
 
 def share(k: int, n: int) -> Rate:
-    """k of the n cells of a design without an interval: nothing was sampled. ValueError unless 0
-    <= k <= n.
+    """Return the share k of n cells of a design without an interval, because nothing was sampled.
+    Raises ValueError unless 0 <= k <= n.
     """
     return wilson(k, n)._replace(low=np.nan, high=np.nan)
 
@@ -64,10 +67,10 @@ def share(k: int, n: int) -> Rate:
 def rates(
     k: ArrayLike, n: ArrayLike, confidence: float = 0.95, method: Method = "wilson"
 ) -> list[Rate]:
-    """Rates k[i] of n[i] with their intervals: thousands at the price of one.
+    """Return rates k[i] of n[i] with their intervals, computed in one vectorised call.
 
-    k and n are whole numbers of one shape [m] or a number each. ValueError unless 0 <= k <= n and 0
-    < confidence < 1.
+    k and n are whole numbers of one shape [m] or a number each. Raises ValueError unless 0 <= k <=
+    n and 0 < confidence < 1.
     """
     hits, trials = (
         np.atleast_1d(part) for part in np.broadcast_arrays(np.asarray(k, int), np.asarray(n, int))
@@ -87,10 +90,10 @@ def rates(
 def bounds(
     k: np.ndarray, n: np.ndarray, confidence: float = 0.95, method: Method = "wilson"
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper bounds [m] of the rates k/n, NaN where n is 0; k may be a fraction, as an
-    expected count is.
+    """Return lower and upper bounds [m] of the rates k/n, NaN if n is 0. k may be a fraction, such
+    as an expected count.
 
-    Where k is 0 the lower bound is 0, and where k is n the upper is 1.
+    If k is 0 the lower bound is 0, and if k is n the upper bound is 1.
     """
     return bounds_at(k, n, alpha_of(confidence), method)
 
@@ -98,7 +101,9 @@ def bounds(
 def bounds_at(
     k: np.ndarray, n: np.ndarray, alpha: float, method: Method = "wilson"
 ) -> tuple[np.ndarray, np.ndarray]:
-    """As `bounds`, with alpha = 1 - confidence, which may be too small for a confidence below 1."""
+    """Return the result of `bounds` for alpha = 1 - confidence, which may be too small for a
+    confidence below 1 in floating point.
+    """
     from statsmodels.stats.proportion import proportion_confint  # slow to import
 
     if method not in _NAMES:
@@ -112,18 +117,19 @@ def bounds_at(
 
 
 def alpha_of(confidence: float) -> float:
-    """1 - confidence, the chance to miss. ValueError unless 0 < confidence < 1."""
+    """Return 1 - confidence, the chance to miss. Raises ValueError unless 0 < confidence < 1."""
     if not 0 < confidence < 1:
         raise ValueError(f"a confidence lies between 0 and 1, as 0.95 does, got {confidence}")
     return 1 - confidence
 
 
 def rate_difference(k1: int, n1: int, k2: int, n2: int, confidence: float = 0.95) -> Estimate:
-    """Rate of k1 of n1 minus rate of k2 of n2 independent runs, with its interval; NaN where a
-    group is empty.
+    """Return the rate of k1 of n1 minus the rate of k2 of n2 independent runs, with its interval;
+    NaN if a group is empty.
 
-    Newcombe's square-and-add of two Wilson intervals (Stat. Med. 17, 1998, method 10). Runs of the
-    same faults are not independent: use `paired`. ValueError on impossible counts.
+    The interval is Newcombe's square-and-add of two Wilson intervals (Stat. Med. 17, 1998, method
+    10). Runs of the same faults are not independent: use `paired`. Raises ValueError on impossible
+    counts.
     """
     from statsmodels.stats.proportion import confint_proportions_2indep  # slow to import
 

@@ -1,7 +1,8 @@
-"""Delays to an event that may never come: a run that ends without it is censored, not dropped.
+"""Analyses delays to an event that may never come. A run that ends without the event is censored,
+not dropped.
 
-Censoring is taken as uninformative: a run that a stop ended early would have gone on like the
-others.
+Censoring is assumed to be uninformative: a run that a stop ended early would have continued like
+the others.
 """
 
 from __future__ import annotations
@@ -17,23 +18,26 @@ from ravenjax.stats.intervals import Estimate, Rate, alpha_of, wilson
 
 
 class Delays(NamedTuple):
-    """Delays of runs, arrays [m]: `count` runs had the event after `time` where `came`, else were
-    watched so long. Times are whole milliseconds, so a few thousand differ, however many runs.
+    """Delays of runs, arrays [m]: `count` runs had the event after `time` if `came`, else they were
+    observed for that time without it.
+
+    Times are whole milliseconds, so there are at most a few thousand different ones for any number
+    of runs.
     """
 
-    # any unit; of lags, alarm minus harm: negative before it
+    # Any unit. For lags: alarm minus harm, negative if the alarm came first.
     time: np.ndarray
     came: np.ndarray
     count: np.ndarray
 
     @property
     def n(self) -> int:
-        """Runs in all."""
+        """Return the number of runs."""
         return int(self.count.sum())
 
 
 NONE = Delays(np.zeros(0, int), np.zeros(0, bool), np.zeros(0, int))
-"""Of no runs."""
+"""The delays of no runs."""
 
 
 class Incidence(NamedTuple):
@@ -41,7 +45,8 @@ class Incidence(NamedTuple):
     confidence band.
     """
 
-    time: np.ndarray  # as given, increasing, from 0 (a lead time: from the least)
+    # In the given unit, increasing, from 0 (for a lead time: from the least).
+    time: np.ndarray
     fraction: np.ndarray
     low: np.ndarray
     high: np.ndarray
@@ -49,16 +54,16 @@ class Incidence(NamedTuple):
     n: int
 
     def quantile(self, fraction: float) -> float:
-        """First time by which `fraction` of the runs had the event; NaN where that is never
+        """Return the first time by which `fraction` of the runs had the event; NaN if that is never
         reached.
         """
         return _first(self.time, self.fraction, fraction)
 
     def quantile_interval(self, fraction: float) -> Estimate:
-        """`quantile` with its interval: the times whose band holds `fraction`.
+        """Return `quantile` with its interval: the times whose band contains `fraction`.
 
-        Brookmeyer, Crowley, Biometrics 38, 1982. A bound is NaN where the runs are too few or end
-        too early for it.
+        The method is from Brookmeyer, Crowley, Biometrics 38, 1982. A bound is NaN if the runs are
+        too few or end too early for it.
         """
         return Estimate(
             self.quantile(fraction),
@@ -69,9 +74,9 @@ class Incidence(NamedTuple):
 class Lead(NamedTuple):
     """How long before the harm the alarm came, over all harmed runs.
 
-    lag: incidence of the alarm over alarm minus harm (negative: before the harm), runs without an
-    alarm censored where their observation ended. before: rate of harmed runs whose alarm came
-    strictly before the harm. alarmed: in how many it came at all.
+    lag: incidence of the alarm over alarm minus harm (negative: before the harm). Runs without an
+    alarm are censored at the end of their observation. before: rate of harmed runs whose alarm came
+    strictly before the harm. alarmed: number of runs with an alarm.
     """
 
     lag: Incidence
@@ -80,26 +85,28 @@ class Lead(NamedTuple):
     n: int
 
     def quantile(self, fraction: float) -> Estimate:
-        """Lead that this fraction of the harmed runs had or exceeded, with its interval; negative:
-        after the harm.
+        """Return the lead that this fraction of the harmed runs had or exceeded, with its interval.
+        Negative: after the harm.
 
-        NaN where fewer runs had an alarm while they were watched; a bound is NaN where it is not
-        known.
+        The result is NaN if fewer runs had an alarm during observation. A bound is NaN if it is
+        unknown.
         """
         value, low, high = self.lag.quantile_interval(fraction)
         return Estimate(-value, -high, -low)
 
 
 def incidence(delays: Delays, confidence: float = 0.95) -> Incidence:
-    """Incidence over time of an event. The band is pointwise, by Greenwood's variance of
+    """Return the incidence of an event over time. The band is pointwise, by Greenwood's variance of
     log(-log).
     """
     return _curve(delays, 0.0, confidence)
 
 
 def lead(lags: Delays, confidence: float = 0.95) -> Lead:
-    """Lead of an alarm over the harm; `lags`: alarm minus harm of the harmed runs, without an
-    alarm the end of observation minus it, so that a detector cannot gain by missing.
+    """Return the lead of an alarm over the harm.
+
+    `lags`: alarm minus harm of the harmed runs. Without an alarm it is the end of observation minus
+    harm, censored, so that a detector cannot gain by missing.
     """
     start = float(lags.time.min(initial=0))
     before = int(lags.count[lags.came & (lags.time < 0)].sum())
@@ -110,11 +117,11 @@ def lead(lags: Delays, confidence: float = 0.95) -> Lead:
 def quantile(
     delay: ArrayLike, happened: ArrayLike, fraction: float, among: Units, confidence: float = 0.95
 ) -> Estimate:
-    """Time by which `fraction` of the runs had the event, as `Incidence.quantile`, its interval by
-    resampling units.
+    """Return the time by which `fraction` of the runs had the event, as `Incidence.quantile` does,
+    with an interval by resampling units.
 
-    Runs as for `incidence`, but that times may be negative, as lags are. A bound is NaN where
-    resamples reach the fraction too rarely to tell it, or where there are too few units.
+    Runs are as in `incidence`, but times may be negative, as lags are. A bound is NaN if resamples
+    reach the fraction too rarely, or if there are too few units.
     """
     times, came = np.asarray(delay, float), np.asarray(happened).astype(bool)
     if not len(times):
@@ -129,7 +136,7 @@ def quantile(
 
 
 def median(values: np.ndarray, count: np.ndarray) -> float:
-    """Median of values [m], each of which occurs `count` times; NaN without values."""
+    """Return the median of values [m], each of which occurs `count` times; NaN without values."""
     if not count.sum():
         return float("nan")
     order = np.argsort(values)
@@ -139,7 +146,7 @@ def median(values: np.ndarray, count: np.ndarray) -> float:
 
 
 def _curve(delays: Delays, start: float, confidence: float) -> Incidence:
-    # the formulas of scipy.stats.ecdf, which takes no counts
+    # These are the formulas of scipy.stats.ecdf, which takes no counts.
     from scipy.special import ndtri
 
     alpha = alpha_of(confidence)
@@ -158,8 +165,8 @@ def _curve(delays: Delays, start: float, confidence: float) -> Incidence:
         error = np.sqrt(np.cumsum(died / (risk * (risk - died))) / np.log(staying) ** 2)
         middle, half = np.log(-np.log(staying)), ndtri(1 - alpha / 2) * error
         low, high = 1 - np.exp(-np.exp(middle - half)), 1 - np.exp(-np.exp(middle + half))
-    # no value before the first event and after the last: the neighbour's or the trivial bound
-    # stands
+    # Before the first event and after the last there is no value: use the neighbour's or the
+    # trivial bound.
     low = np.maximum.accumulate(np.nan_to_num(low, nan=0.0))
     high = np.minimum.accumulate(np.nan_to_num(high, nan=1.0)[::-1])[::-1]
     return Incidence(
@@ -173,13 +180,13 @@ def _curve(delays: Delays, start: float, confidence: float) -> Incidence:
 
 
 def _order(times: np.ndarray, came: np.ndarray) -> np.ndarray:
-    """Places [n] by rising time, of runs at one time those with the event first."""
+    """Return indices [n] that sort runs by time. At equal times, runs with the event come first."""
     return np.lexsort((~came, times))
 
 
 def _staying(weight: np.ndarray, came: np.ndarray, order: np.ndarray) -> np.ndarray:
-    """Kaplan-Meier share still without event after each run of `order`, of weighted runs [b, n]:
-    [b, n].
+    """Return the Kaplan-Meier share still without event after each run of `order`, for weighted
+    runs [b, n]: [b, n].
     """
     mine = weight[:, order]
     at_risk = mine[:, ::-1].cumsum(axis=1)[:, ::-1]
@@ -190,5 +197,5 @@ def _staying(weight: np.ndarray, came: np.ndarray, order: np.ndarray) -> np.ndar
 def _first(time: np.ndarray, fraction: np.ndarray, wanted: float) -> float:
     reached = np.flatnonzero(
         fraction >= wanted - 1e-12
-    )  # 11 of 22 are a half, whatever a product of factors rounds to
+    )  # rounding, so that 11 of 22 are exactly a half
     return float(time[reached[0]]) if len(reached) else float("nan")

@@ -1,4 +1,6 @@
-"""Many hypotheses at once: p-values adjusted so that a promise holds for all of them together."""
+"""Tests many hypotheses at once, with p-values adjusted so that a guarantee holds for all of them
+together.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,9 @@ from ravenjax.stats.intervals import alpha_of
 
 
 class Finding(NamedTuple):
-    """p-value of one hypothesis, the same adjusted for its family, and whether it is rejected."""
+    """p-value of one hypothesis, the p-value adjusted for its family, and whether it is
+    rejected.
+    """
 
     p: float
     adjusted: float
@@ -19,11 +23,11 @@ class Finding(NamedTuple):
 
 
 def holm(p: Mapping[str, float], confidence: float = 0.95) -> dict[str, Finding]:
-    """Holm's step-down: with this confidence not one rejection is wrong, whatever the dependence
-    (Holm 1979).
+    """Apply Holm's step-down: with this confidence no rejection is wrong, for any dependence (Holm
+    1979).
 
-    Named p-values in, findings out in the same order. A NaN p (nothing to test) is not part of the
-    family and never rejected.
+    Takes named p-values and returns findings in the same order. A NaN p (nothing to test) is not
+    part of the family and never rejected.
     """
     from statsmodels.stats.multitest import multipletests  # slow to import
 

@@ -1,11 +1,9 @@
-"""The rate of one more unit, drawn as these were: how units differ, and how well their mean is
-known.
+"""Estimates the rate of one more unit, drawn like the observed ones.
 
 The share that a unit's trials show differs from its rate by chance. The beta-binomial model
-(Skellam, JRSS B 10, 1948) separates the two: rates of units are beta distributed, trials
-binomial. Its mean and its intra-class correlation have uniform priors, the latter in its root;
-they are integrated over a grid, so that an interval is wide where chance explains the
-differences.
+(Skellam, JRSS B 10, 1948) separates the two: rates of units are beta distributed, and trials are
+binomial. Its mean and the square root of its intra-class correlation have uniform priors. They are
+integrated over a grid, so that an interval is wide if chance explains the differences.
 """
 
 from __future__ import annotations
@@ -18,9 +16,9 @@ from numpy.typing import ArrayLike
 from ravenjax.stats.intervals import Rate, alpha_of
 
 FEWEST = 5
-"""With fewer units there is no interval: they do not show how units differ."""
+"""Number of units below which there is no interval, because they do not show how units differ."""
 GRID = 31
-_NEGLIGIBLE = 12.0  # of a log likelihood, below its maximum
+_NEGLIGIBLE = 12.0  # difference of log likelihood from its maximum
 
 
 class UnitRate(NamedTuple):
@@ -28,15 +26,15 @@ class UnitRate(NamedTuple):
 
     rate: Rate
     units: int
-    # standard deviation of the units' rates, the posterior's mean; NaN where it cannot be told
+    # Standard deviation of the units' rates, the posterior's mean; NaN if it cannot be estimated.
     deviation: float
 
 
 def rate(k: ArrayLike, n: ArrayLike, confidence: float = 0.95) -> UnitRate:
-    """k of n trials of each unit [units]; units without trials are left out.
+    """Return the rate for k of n trials of each unit [units]. Units without trials are left out.
 
-    Without an interval (NaN) below FEWEST units, or where no unit has a second trial: chance then
-    explains any difference between units.
+    The interval is NaN for fewer than FEWEST units, or if no unit has a second trial, because
+    chance then explains any difference between units.
     """
     hits, trials = np.asarray(k, float), np.asarray(n, float)
     hits, trials = hits[trials > 0], trials[trials > 0]
@@ -47,15 +45,15 @@ def rate(k: ArrayLike, n: ArrayLike, confidence: float = 0.95) -> UnitRate:
     mean, root, weight = _posterior(hits, trials)
     alpha = alpha_of(confidence)
     low, high = (_quantile(mean, root, weight, q) for q in (alpha / 2.0, 1.0 - alpha / 2.0))
-    if not 0 < total < among:  # the prior alone would tell how units differ
+    if not 0 < total < among:  # the prior alone would decide how units differ
         return UnitRate(Rate(total, among, value, low, high), count, np.nan)
     deviation = float((weight * root * np.sqrt(mean * (1.0 - mean))).sum())
     return UnitRate(Rate(total, among, value, low, high), count, deviation)
 
 
 def _posterior(hits: np.ndarray, trials: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean, root of the intra-class correlation and weight at the points of a grid, [GRID**2]
-    each.
+    """Return mean, root of the intra-class correlation and weight at the points of a grid,
+    [GRID**2] each.
     """
     total, among = hits.sum(), trials.sum()
     middle = np.log((total + 0.5) / (among - total + 0.5))
@@ -73,7 +71,7 @@ def _posterior(hits: np.ndarray, trials: np.ndarray) -> tuple[np.ndarray, np.nda
     mean, root = (points.ravel() for points in np.meshgrid(means, roots, indexing="ij"))
     logarithm = _likelihood(hits, trials, mean, root) + np.log(
         mean * (1.0 - mean)
-    )  # uniform in the mean
+    )  # uniform prior in the mean
     weight = np.exp(logarithm - logarithm.max())
     return mean, root, weight / weight.sum()
 
@@ -81,7 +79,7 @@ def _posterior(hits: np.ndarray, trials: np.ndarray) -> tuple[np.ndarray, np.nda
 def _likelihood(
     hits: np.ndarray, trials: np.ndarray, mean: np.ndarray, root: np.ndarray
 ) -> np.ndarray:
-    """Logarithm of the beta-binomial's at each mean and root."""
+    """Return the logarithm of the beta-binomial likelihood at each mean and root."""
     from scipy.stats import betabinom
 
     first, second = (part[..., None] for part in _beta(*np.broadcast_arrays(mean, root)))
@@ -89,13 +87,13 @@ def _likelihood(
 
 
 def _beta(mean: np.ndarray, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The two numbers of the beta distribution."""
+    """Return the two parameters of the beta distribution."""
     size = 1.0 / root**2 - 1.0
     return mean * size, (1.0 - mean) * size
 
 
 def _quantile(mean: np.ndarray, root: np.ndarray, weight: np.ndarray, wanted: float) -> float:
-    """Of the mixture of beta distributions, by bisection."""
+    """Return a quantile of the mixture of beta distributions, by bisection."""
     from scipy.special import betainc
 
     one, other = _beta(mean, root)

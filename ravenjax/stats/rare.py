@@ -1,6 +1,6 @@
-"""The probability of an event too rare to be met by chance.
+"""Estimates the probability of an event that is too rare for plain sampling.
 
-A limit state g maps unit-cube points [n, d] to margins [n]; the event is margin <= 0. Each
+A limit state g maps unit-cube points [n, d] to margins [n]. The event is margin <= 0. Each
 coordinate is the quantile of an independent input. g is called with batches and must give the same
 margin for the same point.
 """
@@ -22,9 +22,11 @@ _MOST_LEVELS = 12
 
 
 class RareEvent(NamedTuple):
-    """Probability of the event with its interval; cov: coefficient of variation of the estimate
-    (NaN where no event was met); runs: evaluations of the limit state; levels: margins that subset
-    simulation went through, falling."""
+    """Probability of the event with its interval.
+
+    cov: coefficient of variation of the estimate (NaN if the event was never met). runs:
+    evaluations of the limit state. levels: margins that subset simulation went through, falling.
+    """
 
     probability: float
     low: float
@@ -37,10 +39,11 @@ class RareEvent(NamedTuple):
 def monte_carlo(
     g: LimitState, d: int, n: int, *, seed: int = 0, batch: int = 10_000, confidence: float = 0.95
 ) -> RareEvent:
-    """Plain Monte Carlo with n points, at most `batch` at a time; Clopper-Pearson interval.
+    """Estimate by plain Monte Carlo with n points, at most `batch` at a time, with the
+    Clopper-Pearson interval.
 
-    Needs some 100 / probability runs for a cov of 10 %. The result does not depend on batch.
-    ValueError where g returns NaN.
+    A cov of 10 % needs about 100 / probability runs. The result does not depend on `batch`. Raises
+    ValueError if g returns NaN.
     """
     random = np.random.default_rng(seed)
     hits = sum(
@@ -61,27 +64,29 @@ def subset(
     seed: int = 0,
     confidence: float = 0.95,
 ) -> RareEvent:
-    """Subset simulation (Au, Beck, Prob. Eng. Mech. 16, 2001) by OpenTURNS: each level keeps the
-    `share` of the per_level points with the least margins and walks on from them, so 1e-6 costs
-    some 6 levels.
+    """Estimate by subset simulation (Au, Beck, Prob. Eng. Mech. 16, 2001), with OpenTURNS.
 
-    g is called with batches of per_level * share points: as many chains as there are seeds, of 1 /
-    share steps each. The cov counts the correlation along the chains as far as Au and Beck do, and
-    is somewhat too small; the interval is lognormal with it (one level alone: Clopper-Pearson).
-    The margin must show how near a run is to the event. Where the event is not reached in 12
-    levels, since it is rarer, impossible, or the margin is flat, the probability is given as 0,
-    and the upper bound is what the first level's independent points assure. Check it against
-    `monte_carlo` where the event has a probability of 1e-2 to 1e-3. Deterministic by seed; the
-    state of OpenTURNS' generator is left as it was. per_level * share and 1 / share are whole
-    numbers of at least 2. ValueError where g returns NaN; UserError where OpenTURNS is not
-    installed.
+    Each level keeps the `share` of the per_level points with the least margins and continues Markov
+    chains from them, so 1e-6 needs about 6 levels. g is called with batches of per_level * share
+    points: one chain per seed, of 1 / share steps each.
+
+    The cov includes the correlation along the chains as far as Au and Beck do, and is somewhat too
+    small. The interval is lognormal with this cov (for a single level: Clopper-Pearson). The margin
+    must show how near a run is to the event. If the event is not reached in 12 levels, it is rarer
+    or impossible, or the margin is flat. The probability is then given as 0, with the upper bound
+    that the first level's independent points ensure. Compare with `monte_carlo` for an event with a
+    probability of 1e-2 to 1e-3.
+
+    The result is deterministic for a seed, and the state of OpenTURNS' generator is restored.
+    per_level * share and 1 / share must be whole numbers of at least 2. Raises ValueError if g
+    returns NaN, and UserError if OpenTURNS is not installed.
     """
     from scipy.stats import lognorm
 
     alpha = alpha_of(confidence)
     chains = round(per_level * share)
     try:
-        import openturns as ot  # slow to import, and an extra
+        import openturns as ot  # slow to import, and an optional dependency
     except ImportError:
         raise UserError(
             "subset simulation needs OpenTURNS, which is not installed: pip install"
@@ -96,7 +101,8 @@ def subset(
             if runs >= _MOST_LEVELS * per_level:
                 raise _Unreached
             values = _margins(g, np.asarray(points))
-        except BaseException as error:  # a signal, too: OpenTURNS passes on its text only
+        # Also catches signals, because OpenTURNS passes on only the text of an exception.
+        except BaseException as error:
             failure = error
             raise _Ended from None
         runs += len(values)
@@ -110,8 +116,8 @@ def subset(
     )
     algorithm = ot.SubsetSampling(event)
     algorithm.setConditionalProbability(share)
-    # one block, one step of every chain: larger blocks repeat seeds and leave chains of one step,
-    # with twice the error
+    # One block is one step of every chain. Larger blocks repeat seeds and leave chains of one step,
+    # with twice the error.
     algorithm.setBlockSize(chains)
     algorithm.setMaximumOuterSampling(round(1 / share))
     state = ot.RandomGenerator.GetState()
@@ -124,9 +130,8 @@ def subset(
             return RareEvent(0.0, 0.0, none.high, math.nan, runs)
         if failure is not None:
             raise failure from None
-        if (
-            0.0 not in algorithm.getThresholdPerStep()
-        ):  # reached, but a last level of events alone has no variance for it
+        # The event was reached, but a last level that holds only events has no variance.
+        if 0.0 not in algorithm.getThresholdPerStep():
             raise
     finally:
         ot.RandomGenerator.SetState(state)
@@ -137,11 +142,11 @@ def subset(
         (rate,) = rates(round(probability * per_level), per_level, confidence, "clopper_pearson")
         cov = math.sqrt((1 - probability) / (probability * per_level))
         return RareEvent(rate.value, rate.low, rate.high, cov, runs, levels)
-    # Au and Beck's sum over all levels; OpenTURNS leaves the first one out of its own
+    # Au and Beck's sum over all levels. OpenTURNS omits the first level.
     step = reached / np.append(1.0, reached[:-1])
     correlation = np.nan_to_num(
         np.array(algorithm.getGammaPerStep())
-    )  # nan where step is 1, which has no variance
+    )  # NaN if step is 1, which has no variance
     cov = math.sqrt(np.sum((1 + correlation) * (1 - step) / (step * per_level)))
     low, high = lognorm.ppf(
         [alpha / 2, 1 - alpha / 2], math.sqrt(math.log1p(cov**2)), scale=probability
@@ -150,11 +155,11 @@ def subset(
 
 
 class _Ended(Exception):
-    """`failure` has ended the sampling."""
+    """Raised after `failure` has ended the sampling."""
 
 
 class _Unreached(Exception):
-    """The largest number of levels passed without an event."""
+    """Raised after the largest number of levels without an event."""
 
 
 def _margins(g: LimitState, points: np.ndarray) -> np.ndarray:

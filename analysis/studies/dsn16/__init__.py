@@ -1,3 +1,3 @@
-"""Targeted attacks and the dynamic model (DSN 2016): both scenarios, the detector and its
-thresholds, the recording.
+"""Repeats the targeted attacks and the dynamic model of DSN 2016: both scenarios, the detector and
+its thresholds, and the recording.
 """

@@ -1,9 +1,10 @@
-"""What both scenarios of the targeted attacks share: runs counted by cell, packets, levers,
-variants of open questions, and what the text of the publication states.
+"""Holds what both scenarios of the targeted attacks share: runs counted by cell, packets, levers,
+variants of open questions, and statements of the publication's text.
 
-A cell is one fault (a value and a duration); the runs in it differ in the packet that it starts at.
-Values, durations and onsets are a fixed grid, so a predicted share has no interval. How long a
-packet lasts was not published: packets last as on a recorded arm, other lengths stand beside them.
+A cell is one fault (a value and a duration). Its runs differ in the packet at which the fault
+starts. Values, durations and onsets are a fixed grid, so a predicted share has no interval. The
+length of a packet was not published. Packets here last as on a recorded arm, and results for other
+lengths are shown beside them.
 """
 
 from __future__ import annotations
@@ -33,15 +34,15 @@ from ravenjax.store.folder import read_all
 from studies.study import Line, StudyEstimate, Table
 
 DURATIONS = (1, 2, 4, 8, 16, 32, 64, 128)
-"""Packets that a fault lasts, in both scenarios."""
+"""Durations of a fault in packets, in both scenarios."""
 
 
 def inside(ended: np.ndarray, start: np.ndarray, duration: np.ndarray) -> np.ndarray:
-    """Whether a first jump counts for the published analysis when it only looks at packets t1 to t1
-    + d + 1.
+    """Return whether a first jump counts if the published analysis only looks at packets t1 to t1 +
+    d + 1.
 
-    ended: packet that ends the second long step, as the monitor notes it, 0 never; the jump's own
-    packet is two before. start, duration: packets.
+    `ended`: packet that ends the second long step, as the monitor notes it, 0 for never. The jump's
+    own packet is two earlier. `start`, `duration`: in packets.
     """
     packet = np.asarray(ended) - 2
     return (
@@ -50,14 +51,16 @@ def inside(ended: np.ndarray, start: np.ndarray, duration: np.ndarray) -> np.nda
 
 
 class CellShares(NamedTuple):
-    """A share in each cell."""
+    """The share of runs with an event in each cell."""
 
-    values: np.ndarray  # [V] of the fault, ascending
+    values: np.ndarray  # [V] values of the fault, ascending
     durations: np.ndarray  # [D] packets, ascending
-    shares: np.ndarray  # [V, D], NaN where there is no run
+    shares: np.ndarray  # [V, D], NaN for a cell without a run
 
     def of(self, duration: int) -> np.ndarray:
-        """Of all values held for so many packets, [V]. KeyError where there is no such duration."""
+        """Return the shares of all values held for `duration` packets, [V]. Raises KeyError for an
+        unknown duration.
+        """
         place = np.flatnonzero(self.durations == duration)
         if not len(place):
             raise KeyError(
@@ -67,12 +70,12 @@ class CellShares(NamedTuple):
 
     @property
     def by_size(self) -> np.ndarray:
-        """The shares with values in the order of their magnitude, [V, D]."""
+        """Return the shares with values in the order of their magnitude, [V, D]."""
         return self.shares[np.argsort(np.abs(self.values))]
 
 
 def means(value: np.ndarray, duration: np.ndarray, hit: np.ndarray) -> CellShares:
-    """Share of runs with `hit` (bool [n]) in each cell of value [n] and duration [n]."""
+    """Return the share of runs with `hit` (bool [n]) in each cell of value [n] and duration [n]."""
     values, row = np.unique(value, return_inverse=True)
     durations, column = np.unique(duration, return_inverse=True)
     place, size = row * len(durations) + column, len(values) * len(durations)
@@ -84,7 +87,7 @@ def means(value: np.ndarray, duration: np.ndarray, hit: np.ndarray) -> CellShare
 
 
 def rate(cells: np.ndarray) -> StudyEstimate:
-    """Mean of the cells' shares [n], in %. ValueError for none."""
+    """Return the mean of the cells' shares [n], in %. Raises ValueError for no cells."""
     shares = np.asarray(cells, float)
     if shares.ndim != 1 or not len(shares):
         raise ValueError(f"a rate over cells needs shares [n], got shape {shares.shape}")
@@ -92,20 +95,23 @@ def rate(cells: np.ndarray) -> StudyEstimate:
 
 
 class Bias(NamedTuple):
-    """Signs of differences, prediction minus publication."""
+    """Signs of the differences, prediction minus publication."""
 
     above: int
     below: int
-    p: float  # two-sided, of as uneven a split of fair signs; 1 where there is no difference at all
+    # Two-sided p-value of the split under fair signs; 1 if there is no difference.
+    p: float
 
     @property
     def words(self) -> str:
-        """The split in words."""
+        """Return the split in words."""
         return f"{self.above} above, {self.below} below"
 
 
 def bias(predicted: np.ndarray, published: np.ndarray, reading_error: float = 0.0) -> Bias:
-    """Exact sign test; a difference within the reading error of the publication is none."""
+    """Apply the exact sign test. A difference within the reading error of the publication does not
+    count.
+    """
     from scipy.stats import binomtest
 
     apart = np.asarray(predicted, float) - np.asarray(published, float)
@@ -115,7 +121,7 @@ def bias(predicted: np.ndarray, published: np.ndarray, reading_error: float = 0.
 
 
 def in_band(value: float, band: tuple[float, float]) -> bool:
-    """Whether a value lies in a band, ends included."""
+    """Return whether a value lies in a band, ends included."""
     return bool(band[0] <= value <= band[1])
 
 
@@ -123,7 +129,9 @@ LEVERS: Mapping[str, tuple[str, ...]] = {
     f"suture_{lever}mm": (f"operator.start.insertion_m={insertion}",)
     for lever, insertion in ((110, 0.372), (145, 0.336), (180, 0.300))
 }
-"""The stitches of the baseline with the insertion drawn back at the start."""
+"""Variants by name. They are the stitches of the baseline with the insertion drawn back at the
+start.
+"""
 
 
 class Lever(NamedTuple):
@@ -134,7 +142,7 @@ class Lever(NamedTuple):
 
     @property
     def words(self) -> str:
-        """As a range."""
+        """Return the lever as a range in words."""
         return (
             f"{self.low:.0f} mm"
             if round(self.low) == round(self.high)
@@ -143,15 +151,17 @@ class Lever(NamedTuple):
 
 
 def lever(config: CampaignConfig, rows: np.ndarray) -> Lever:
-    """Of the gold arm's desired tip at these rows of the motion, ms. The first axis is the z axis
-    of the arm's frame 0."""
+    """Return the lever of the gold arm's desired tip at these rows of the motion, ms.
+
+    The first axis is the z axis of the arm's frame 0.
+    """
     tips = desired_tip(config)[np.asarray(rows, int)]
     distance = np.hypot(tips[:, 0], tips[:, 1]) * 1e3
     return Lever(float(distance.min()), float(distance.max()))
 
 
 def desired_tip(config: CampaignConfig) -> np.ndarray:
-    """Where the operator wants the gold tip, [ms, 3] m in frame 0."""
+    """Return the position that the operator wants for the gold tip, [ms, 3] m in frame 0."""
     from ravenjax.numbers.lazy import jax
 
     raven = of_raven(config)
@@ -172,17 +182,18 @@ CYCLES = "network.cycles_per_packet"
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PacketTicks:
-    """Of the runs of a campaign, in its order, as if nothing ever stopped them; packets count
-    from 1.
+    """Ticks at which packets arrive in the runs of a campaign, in its order, as if nothing ever
+    stopped them. Packets count from 1.
     """
 
-    ticks: np.ndarray  # int32 [runs, packets] at which each comes, ascending
-    # a packet is of the hand's place at its tick; else each is of the next row of the motion
+    ticks: np.ndarray  # int32 [runs, packets], ascending
+    # True if a packet holds the hand's place at its tick. Otherwise each packet holds the next row
+    # of the motion.
     by_time: bool
 
     def packet(self, index: np.ndarray, tick: np.ndarray) -> np.ndarray:
-        """Number of the newest packet in run `index` [n] at `tick` [n] (ms); 0 where the tick is
-        negative.
+        """Return the number of the newest packet in run `index` [n] at `tick` [n] (ms); 0 if the
+        tick is negative.
         """
         return np.array(
             [
@@ -193,13 +204,17 @@ class PacketTicks:
         )
 
     def motion_row(self, index: np.ndarray, packet: np.ndarray) -> np.ndarray:
-        """Row of the motion, a row a ms, that packet `packet` [n] of run `index` [n] is made of."""
+        """Return the row of the motion, one row per ms, from which packet `packet` [n] of run
+        `index` [n] is made.
+        """
         place = np.asarray(packet, int) - 1
         return self.ticks[index, place] if self.by_time else place
 
 
 def packet_ticks_of(ready: Plan) -> PacketTicks:
-    """Of a campaign that is planned. ValueError where its runs have several distributions."""
+    """Return the packet ticks of a planned campaign. Raises ValueError if its runs have several
+    distributions.
+    """
     runs, length = ready.runs, ready.config.campaign.ticks
     if PACKETS in ready.varied:
         raise ValueError(f"expected one distribution of packets for all runs, got varied {PACKETS}")
@@ -209,16 +224,16 @@ def packet_ticks_of(ready: Plan) -> PacketTicks:
 
 
 def regular(runs: int, length: int, cycles: int = 1) -> PacketTicks:
-    """Of `runs` runs of `length` ms in which each packet lasts `cycles`."""
+    """Return the ticks of `runs` runs of `length` ms in which each packet lasts `cycles`."""
     ticks = np.arange(0, length, cycles, dtype=np.int32)
     return PacketTicks(np.broadcast_to(ticks, (runs, len(ticks))), by_time=False)
 
 
 def drawn(shares: tuple[float, ...], keys: np.ndarray, length: int) -> PacketTicks:
-    """Of runs with these packet keys (uint32 [runs]) and lengths that have `shares`, for
-    `length` ms.
+    """Return the ticks of runs with these packet keys (uint32 [runs]) and lengths that have
+    `shares`, for `length` ms.
     """
-    packets = jnp.arange(length, dtype=jnp.int32)  # as many as there can be
+    packets = jnp.arange(length, dtype=jnp.int32)  # upper bound for the number of packets
     cycles = packet_clock.length(
         (shares,), np.int32(0), jnp.asarray(keys)[:, None], packets[None, :]
     )
@@ -234,7 +249,7 @@ def _cycles(ready: Plan) -> int:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class VariantRuns:
-    """One variant; arrays have one entry a faulty run."""
+    """One variant. Arrays have one entry per faulty run."""
 
     name: str
     config: CampaignConfig
@@ -243,26 +258,25 @@ class VariantRuns:
     value: np.ndarray  # DAC counts, or displacement in um
     duration: np.ndarray  # packets
     start: np.ndarray  # packet
-    jump_packet: np.ndarray  # that ends the first jump's second long step, 0: none
-    hits: Mapping[
-        str, np.ndarray
-    ]  # bool: jump, inside (the published window), stop, ik, missed (jump without a stop)
+    jump_packet: np.ndarray  # packet that ends the first jump's second long step, 0: none
+    # Bool: jump, inside (the published window), stop, ik, missed (jump without a stop).
+    hits: Mapping[str, np.ndarray]
 
     def counting(self, **hits: np.ndarray) -> VariantRuns:
-        """The same runs with more to count."""
+        """Return the same runs with further columns to count."""
         return dataclasses.replace(self, hits={**self.hits, **hits})
 
     def share(self, hit: str) -> CellShares:
-        """Share of runs with `hit` in each cell."""
+        """Return the share of runs with `hit` in each cell."""
         return means(self.value, self.duration, self.hits[hit])
 
     def percent(self, hit: str) -> np.ndarray:
-        """Of the cells of each duration, in its order."""
+        """Return the rate over the cells of each duration, in its order."""
         return 100.0 * self.share(hit).shares.mean(axis=0)
 
 
 def read_runs(name: str, folder: Path) -> VariantRuns:
-    """The runs of a finished folder."""
+    """Read the runs of a finished folder."""
     config = validated(manifest.read(folder).config)
     return runs_of(name, config, read_all(folder), packet_ticks_of(plan.make_plan(config)))
 
@@ -270,8 +284,8 @@ def read_runs(name: str, folder: Path) -> VariantRuns:
 def runs_of(
     name: str, config: CampaignConfig, table: pd.DataFrame, packets: PacketTicks
 ) -> VariantRuns:
-    """The valid faulty rows of a result table. A displacement's value is the group's (its slots
-    hold shares of it).
+    """Return the valid faulty rows of a result table. A displacement's value is the group's,
+    because its slots hold shares of it.
     """
     columns = {str(column): table[column].to_numpy() for column in table.columns}
     has_fault, valid = columns["fault0_site"] != "", columns["failed"] == ""
@@ -311,7 +325,9 @@ def _displacement(group: str, value: float) -> float:
 
 
 def stored(value: float, words: str = "wrap") -> int:
-    """What is left of an added DAC value where it is stored, without the small nominal command."""
+    """Return what is left of an added DAC value after storage, without the small nominal
+    command.
+    """
     whole = int(value)
     if words == "wrap":
         return (whole + 32768) % 65536 - 32768
@@ -319,7 +335,7 @@ def stored(value: float, words: str = "wrap") -> int:
 
 
 DECLARED = "as_declared"
-"""The variant that has the baseline which was declared before packets were measured."""
+"""The variant whose baseline was declared before packets were measured."""
 
 
 SENSITIVITY_NOTE = (
@@ -328,7 +344,7 @@ SENSITIVITY_NOTE = (
 )
 
 INSIDE = "jumps only inside t1 .. t1 + d + 1"
-"""The published window of a fault that begins in packet t1 and lasts d."""
+"""The published window of a fault that begins in packet t1 and lasts d packets."""
 
 
 class VariantCase(NamedTuple):
@@ -337,17 +353,17 @@ class VariantCase(NamedTuple):
     runs: VariantRuns
     question: str
     hit: str = "jump"  # column of the runs that is counted
-    label: str = ""  # where it is not the variant's name
+    label: str = ""  # label, if it differs from the variant's name
 
     @property
     def name(self) -> str:
-        """As it stands in tables."""
+        """Return the name used in tables."""
         return self.label or self.runs.name
 
 
 def other_jump_rules(base: VariantRuns, leaps: np.ndarray) -> list[VariantCase]:
-    """The baseline's own runs with other rules of what a jump is; leaps: bool [runs], the
-    text's.
+    """Return the baseline's own runs with other rules for a jump. `leaps`: bool [runs], by the
+    text's rule.
     """
     return [
         VariantCase(base, INSIDE, "inside", "inside_window"),
@@ -361,9 +377,10 @@ def other_jump_rules(base: VariantRuns, leaps: np.ndarray) -> list[VariantCase]:
 
 
 def shifts(case: VariantCase, baseline: VariantRuns, hit: str = "jump") -> tuple[float, int]:
-    """Mean difference to the baseline over all cells, in points, and how many cells change sides.
+    """Return the mean difference to the baseline over all cells, in points, and the number of cells
+    that change sides.
 
-    NaN and 0 where the two have different numbers of cells.
+    Return NaN and 0 if the two have different numbers of cells.
     """
     cells, base = case.runs.share(case.hit).by_size, baseline.share(hit).by_size
     if cells.shape != base.shape:
@@ -381,8 +398,8 @@ def sensitivity_table(
     hit: str = "jump",
     note: str = "",
 ) -> Table:
-    """Percent by duration of each case, and its distance from the baseline and, where it is
-    given, the publication.
+    """Return a table of percent by duration for each case, with its distance from the baseline and,
+    if given, from the publication.
     """
     heads = [
         "variant",
@@ -435,20 +452,20 @@ def _points(apart: float) -> str:
 
 
 SMALL_COUNTS = 800
-"""DAC: on the published trajectory the nominal shoulder command stays within it (comment in the
-fork's code).
+"""DAC counts within which the nominal shoulder command stays on the published trajectory (comment
+in the fork's code).
 """
 LARGE_COUNTS = 10000
-"""DAC: what the fork's own check lets pass to the shoulder."""
+"""DAC counts that the fork's own check allows for the shoulder."""
 
 
 HOLDS = " (1: holds)"
-"""How the quantity of a statement ends."""
+"""Ending of a statement's quantity."""
 
 
 def holds(quantity: str, published: bool | None, predicted: bool, reason: str) -> Line:
-    """A statement: 1 holds, 0 does not. published: whether the published counts bear it out,
-    None: there are none.
+    """Return a statement as a line: 1 if it holds, 0 if not. `published`: whether the published
+    counts support it; None without counts.
     """
     stated = StudyEstimate(
         1.0,
@@ -462,10 +479,10 @@ def holds(quantity: str, published: bool | None, predicted: bool, reason: str) -
 def scenario_b(
     runs: VariantRuns, moved: np.ndarray, jumps: np.ndarray, stops: np.ndarray
 ) -> tuple[Line, ...]:
-    """The four statements on scenario B.
+    """Return the four statements on scenario B.
 
-    moved: [runs] largest step of motor velocity in the window over its fault-free 99.9 % threshold.
-    jumps, stops: published percent by duration.
+    `moved`: [runs] largest step of motor velocity in the window, divided by its fault-free 99.9 %
+    threshold. `jumps`, `stops`: published percent by duration.
     """
     size, duration = np.abs([stored(value) for value in runs.value]), runs.duration
     jumped = runs.hits["jump"]
@@ -496,8 +513,8 @@ def scenario_b(
 def of_attack(
     runs: VariantRuns, jumps: np.ndarray | None = None, stops: np.ndarray | None = None
 ) -> tuple[Line, ...]:
-    """The two statements on either scenario; jumps, stops: published percent by duration, None
-    where withheld.
+    """Return the two statements on either scenario. `jumps`, `stops`: published percent by
+    duration, None if withheld.
     """
     jumped, stopped, missed = (runs.percent(hit) for hit in ("jump", "stop", "missed"))
     window = np.isin(DURATIONS, (2, 4, 8, 16))
@@ -527,7 +544,7 @@ def of_attack(
 
 
 def verdict(scenario: str, lines: Sequence[Line]) -> str:
-    """How a scenario fares against what the text states, in words; lines without a verdict do
+    """Say how a scenario's results compare with the text's statements. Lines without a verdict do
     not count.
     """
     judged = [line for line in lines if line.passed is not None]

@@ -1,10 +1,10 @@
-"""The authors' dynamic model of the gold arm's first three joints, exactly as published. Kept for
-regression.
+"""Implements the authors' dynamic model of the gold arm's first three joints, exactly as published,
+for regression tests.
 
-CSLDepend/raven2_sim, Li_DYN/two_arm_dyn.cpp: 12 states, explicit Euler or Runge-Kutta 4 at 1 ms, no
-cable coupling between joints, joint zeros at m/TR - pi, `sgn(0) = 0`, and in its third motor the
-cable tension of the *first* (a bug, behind `tension_bug`, off by default). Not part of the virtual
-robot: see `robot`.
+Source: CSLDepend/raven2_sim, Li_DYN/two_arm_dyn.cpp. The model has 12 states, explicit Euler or
+Runge-Kutta 4 at 1 ms, no cable coupling between joints, joint zeros at m/TR - pi, and `sgn(0) = 0`.
+Its third motor uses the cable tension of the *first* (a bug, enabled by `tension_bug`, off by
+default). It is not part of the virtual robot: see `robot`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ravenjax.numbers.vec import Scalar, Vec, record
 from ravenjax.robots.raven2.plant import parameter_sets
 
 GEARBOX = 12.25
-PI = 3.141592654  # as typed in the source's cable law
+PI = 3.141592654  # value in the source's cable law
 CAPSTAN_M = 5.675e-3  # m
 LINK_RADIUS = (63.095e-3, 56.298e-3, 1.0)  # m, m, 1
 JOINT_PER_MOTOR = (
@@ -31,14 +31,14 @@ GRAVITY_TERMS = (
     -0.02971000684,
     1.223025927,
     3.146266896,
-)  # of cos q1: 1, c2, s2, d s2
+)  # coefficients of cos q1: 1, c2, s2, d s2
 GRAVITY_TERMS_SIN = (
     -2.144340615,
     -2.374374248,
     0.3165424025,
     0.8143137936,
     0.0076895156,
-)  # of sin q1: 1 d c2 d*c2 s2
+)  # coefficients of sin q1: 1 d c2 d*c2 s2
 
 # Coefficients of 1, d, d^2 that multiply 1, cos q2, sin q2, cos^2 q2 and sin q2 cos q2 in M11, and
 # of the first three
@@ -63,7 +63,7 @@ M33 = 0.407
 
 @record
 class AuthorsState:
-    """Link and motor states, gold arm, in the authors' joint convention."""
+    """Link and motor states of the gold arm, in the authors' joint convention."""
 
     q: Vec  # rad, rad, m
     qd: Vec  # rad/s, rad/s, m/s
@@ -73,7 +73,7 @@ class AuthorsState:
 
 @record
 class Detail:
-    """What the equations pass through."""
+    """Intermediate results of the equations."""
 
     tension: Vec  # N, gamma
     reaction: Vec  # N m
@@ -94,7 +94,7 @@ class Rates:
 
 
 def mass_matrix(q: Vec) -> tuple[Vec, ...]:
-    """M(q), 3 x 3, kg m2 (insertion kg)."""
+    """Return M(q), 3 x 3, kg m2 (insertion kg)."""
     c2, s2, d = jnp.cos(q[1]), jnp.sin(q[1]), q[2]
     m11 = _sum(
         _poly(row, d) * shape
@@ -106,7 +106,7 @@ def mass_matrix(q: Vec) -> tuple[Vec, ...]:
 
 
 def bias_forces(q: Vec, qd: Vec) -> Vec:
-    """Coriolis (Christoffel symbols of M) and gravity forces, N m and N."""
+    """Return Coriolis (Christoffel symbols of M) and gravity forces, N m and N."""
     c2, s2, d = jnp.cos(q[1]), jnp.sin(q[1]), q[2]
     d11_2 = _sum(
         _poly(row, d) * slope
@@ -130,7 +130,9 @@ def bias_forces(q: Vec, qd: Vec) -> Vec:
 
 
 def gravity_forces(q: Vec) -> Vec:
-    """Gradient of the potential, N m and N; gravity of 9.81 m/s2 along -x of frame 0."""
+    """Return the gradient of the potential, N m and N, for gravity of 9.81 m/s2 along -x of frame
+    0.
+    """
     c1, s1, c2, s2, d = jnp.cos(q[0]), jnp.sin(q[0]), jnp.cos(q[1]), jnp.sin(q[1]), q[2]
     a, b = GRAVITY_TERMS, GRAVITY_TERMS_SIN
     of_cos = a[0] + a[1] * c2 + a[2] * s2 + a[3] * d * s2
@@ -146,8 +148,8 @@ def gravity_forces(q: Vec) -> Vec:
 
 
 def initial(mpos: Vec, mvel: Vec) -> AuthorsState:
-    """State at the first message: links from measured motors (rad, rad/s), cables unstretched,
-    no coupling.
+    """Return the state at the first message: links from measured motors (rad, rad/s), cables
+    unstretched, no coupling.
     """
     q = mpos.map(lambda m, ratio: m * ratio, Vec(JOINT_PER_MOTOR)) - Vec((math.pi, math.pi, 0.0))
     return AuthorsState(
@@ -158,7 +160,9 @@ def initial(mpos: Vec, mvel: Vec) -> AuthorsState:
 def rates(
     state: AuthorsState, dac: Vec, tension_bug: bool = False, parameter_set: str = "traj3"
 ) -> tuple[Rates, Detail]:
-    """Right-hand side for DAC counts in the gold arm's sign (positive drives a motor backwards)."""
+    """Return the right-hand side for DAC counts in the gold arm's sign (positive drives a motor
+    backwards).
+    """
     values = parameter_sets.parameter_set(parameter_set)
     motor = values.actuators
     zero = (PI, PI, 0.0)
@@ -189,7 +193,7 @@ def rates(
 def euler(
     state: AuthorsState, dac: Vec, dt: float = 1e-3, tension_bug: bool = False
 ) -> AuthorsState:
-    """One explicit Euler step."""
+    """Compute one explicit Euler step."""
     slope, _ = rates(state, dac, tension_bug)
     return _along(state, slope, dt)
 

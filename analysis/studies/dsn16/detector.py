@@ -1,9 +1,10 @@
-"""The published detector of DSN 2016: thresholds learned from fault-free steps, the alarms that
-they raise in a run, and which joints make the jumps that it is to see.
+"""Implements the published detector of DSN 2016: its thresholds, its alarms, and which joints make
+the jumps that it should detect.
 
-Steps are from one logged row to the next of motor position, motor velocity and joint position of
-the first three joints. An alarm is raised where, in one row, each of the three is over its
-threshold for some joint, motor velocity in that row and the next.
+Thresholds are learned from fault-free steps. A step is the change from one logged row to the next,
+of motor position, motor velocity and joint position of the first three joints. An alarm is raised
+if, in one row, each of the three exceeds its threshold for some joint, for motor velocity in that
+row and the next.
 """
 
 from __future__ import annotations
@@ -32,17 +33,17 @@ from studies.study import Line, StudyEstimate, Variant
 
 T = TypeVar("T")
 Series = Mapping[str, np.ndarray]
-"""Name -> [ticks] or [ticks, k], as `store.logs.time_series` names them."""
+"""Maps a name to [ticks] or [ticks, k], with names as in `store.logs.time_series`."""
 
 
 def measure(
     path: Path, measured: Callable[[int, Series], T], rows: Sequence[int] | None = None
 ) -> list[T]:
-    """What `measured` makes of each of these rows of the result folder `path` (None: all): of its
-    index and its series.
+    """Return what `measured` computes for each of these rows (None: all) of the result folder
+    `path`, from its index and its series.
 
-    Each run is measured at once and dropped: its signals take about 2 MB a second of it. Raises
-    StoreError as `manifest.read`.
+    Each run is measured immediately and dropped, because its signals take about 2 MB per second of
+    the run. Raises StoreError as `manifest.read` does.
     """
     compile_cache.enable()
     ready = plan.make_plan(validated(manifest.read(path).config))
@@ -56,18 +57,18 @@ def measure(
 
 
 class Log(NamedTuple):
-    """One run, a row a packet."""
+    """One run, with one row per packet."""
 
-    packet: np.ndarray  # [rows] number of each
-    mpos: np.ndarray  # [rows, 3] rad, as the control software has it
+    packet: np.ndarray  # [rows] packet numbers
+    mpos: np.ndarray  # [rows, 3] rad, as the control software reads them
     mvel: np.ndarray  # [rows, 3] rad/s
     jpos: np.ndarray  # [rows, 3] rad, rad, m
-    tip: np.ndarray  # [rows, 3] um, whole
-    joints: np.ndarray  # [rows, 7] rad and m, all of them
+    tip: np.ndarray  # [rows, 3] um, whole numbers
+    joints: np.ndarray  # [rows, 7] rad and m, all joints
 
 
 def log(series: Series) -> Log:
-    """Of the gold arm's time series."""
+    """Return the log from the gold arm's time series."""
     number = np.asarray(series["last_seq"])
     fresh = np.flatnonzero(np.diff(number, prepend=0))
     return Log(
@@ -85,18 +86,20 @@ JOINTS = ("shoulder", "elbow", "insertion")
 UNITS = {"mpos": ("rad",) * 3, "mvel": ("rad/s",) * 3, "jpos": ("rad", "rad", "m")}
 
 FIRST_PACKET = 500
-"""Before it the hands rest and the arm settles."""
+"""First packet that is used. Before it the hands rest and the arm settles."""
 
 TAIL = 20.0
-"""Steps that are kept for the bootstrap, times those above the percentile: no draw of runs
-leaves so few.
+"""Number of steps kept for the bootstrap, as a multiple of those above the percentile. No resample
+of runs needs more.
 """
 RESAMPLES = 1000
 SEED = 2016
 
 
 def steps(log: Log) -> np.ndarray:
-    """|step| [rows - 1, 3 variables, 3 joints]: row i is what happens from row i of the log to the next."""  # noqa: E501
+    """Return |step| [rows - 1, 3 variables, 3 joints]. Row i is the change from row i of the log to
+    the next.
+    """
     return np.stack([np.abs(np.diff(getattr(log, name), axis=0)) for name in VARIABLES], axis=1)
 
 
@@ -107,31 +110,35 @@ class Learned(NamedTuple):
 
     @property
     def maxima(self) -> np.ndarray:
-        """Largest step of each run, [runs, 3, 3]."""
+        """Return the largest step of each run, [runs, 3, 3]."""
         return self.pooled.max(axis=1)
 
     def percentile(self, percent: float) -> np.ndarray:
-        """Of all steps of all runs, [3, 3]: the code's threshold."""
+        """Return the percentile of all steps of all runs, [3, 3]: the threshold of the published
+        code.
+        """
         return np.percentile(self.pooled, percent, axis=(0, 1))
 
     def percentile_of_maxima(self, percent: float) -> np.ndarray:
-        """Of the runs' maxima, [3, 3]: the text's threshold."""
+        """Return the percentile of the runs' maxima, [3, 3]: the threshold of the published
+        text.
+        """
         return np.percentile(self.maxima, percent, axis=0)
 
 
 def fault_free(log: Log) -> np.ndarray:
-    """Steps [rows, 3, 3] of a fault-free run once it has begun to move."""
+    """Return steps [rows, 3, 3] of a fault-free run after it has begun to move."""
     return steps(log)[log.packet[:-1] >= FIRST_PACKET]
 
 
 def learn(runs: Iterable[np.ndarray]) -> Learned:
-    """From what `fault_free` gave of runs. ValueError for none."""
+    """Pool the results of `fault_free` for several runs. Raises ValueError for no runs."""
     return Learned(stacked(list(runs)))
 
 
 def stacked(series: Sequence[np.ndarray]) -> np.ndarray:
-    """[runs, rows, ..] of a series [rows, ..] a run, each cut to the shortest: runs have more
-    packets or fewer.
+    """Stack series [rows, ..] of runs to [runs, rows, ..], each cut to the shortest, because runs
+    differ in their number of packets.
     """
     if not series:
         raise ValueError("thresholds are learned from at least one run, got none")
@@ -140,8 +147,8 @@ def stacked(series: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def pooled_interval(values: np.ndarray, percent: float, confidence: float = 0.95) -> StudyEstimate:
-    """Percentile of `values` [runs, rows] with a block bootstrap: runs are drawn, their rows
-    stay together.
+    """Return a percentile of `values` [runs, rows] with a block bootstrap: runs are drawn, and
+    their rows stay together.
     """
     runs, rows = values.shape
     flat, owner = values.ravel(), np.repeat(np.arange(runs), rows)
@@ -153,7 +160,7 @@ def pooled_interval(values: np.ndarray, percent: float, confidence: float = 0.95
         times = np.stack(
             [np.bincount(index, minlength=runs) for index in indices]
         )  # how often each run was drawn
-        passed = np.cumsum(times[:, owner], axis=1)  # steps at least as large, of each resample
+        passed = np.cumsum(times[:, owner], axis=1)  # steps at least as large, in each resample
         return largest[np.minimum((passed <= beyond).sum(axis=1), len(largest) - 1)]
 
     band = bootstrap(runs, quantile, confidence, resamples=RESAMPLES, seed=SEED, batch=50)
@@ -163,8 +170,8 @@ def pooled_interval(values: np.ndarray, percent: float, confidence: float = 0.95
 
 
 def maxima_interval(maxima: np.ndarray, percent: float, confidence: float = 0.95) -> StudyEstimate:
-    """Percentile of the runs' maxima [runs] with its order-statistic interval; an end that no
-    run can give is NaN.
+    """Return a percentile of the runs' maxima [runs] with its order-statistic interval. An end that
+    no run can give is NaN.
     """
     from scipy.stats import quantile_test
 
@@ -176,20 +183,21 @@ def maxima_interval(maxima: np.ndarray, percent: float, confidence: float = 0.95
 
 
 class RunAlarms(NamedTuple):
-    """Which of a run's alarms came, inside the published window and anywhere."""
+    """Which alarms of a run came, inside the published window and anywhere."""
 
-    inside: tuple[
-        bool, bool, bool, bool
-    ]  # motor position, motor velocity, joint position, all three in one row
+    # Motor position, motor velocity, joint position, and all three in one row.
+    inside: tuple[bool, bool, bool, bool]
     anywhere: tuple[bool, bool, bool, bool]
     first: int  # packets from t1 to the first fused alarm inside the window, -1: none
 
 
 def run_alarms(log: Log, thresholds: np.ndarray, start: int, duration: int) -> RunAlarms:
-    """Of one run with a fault in packets `start` to `start + duration - 1`; thresholds [3, 3]."""
+    """Return the alarms of one run with a fault in packets `start` to `start + duration - 1`.
+    `thresholds`: [3, 3].
+    """
     position, velocity, joint = np.any(
         steps(log) > thresholds, axis=2
-    ).T  # each [rows - 1]: its joints are or-ed
+    ).T  # each [rows - 1], true if any joint exceeds its threshold
     velocity = velocity & np.append(velocity[1:], False)
     over = np.stack([position, velocity, joint, position & velocity & joint], axis=1)
     packet = log.packet[:-1]
@@ -204,7 +212,7 @@ def run_alarms(log: Log, thresholds: np.ndarray, start: int, duration: int) -> R
 
 
 def _four(found: np.ndarray) -> tuple[bool, bool, bool, bool]:
-    """Which columns of bool [rows, 4] are true anywhere."""
+    """Return which columns of bool [rows, 4] are true in any row."""
     return (
         bool(found[:, 0].any()),
         bool(found[:, 1].any()),
@@ -227,32 +235,30 @@ TRAINING = (
         "fault-free runs for the detector, second motion",
     ),
 )
-"""Two motions of 300 runs, as the 600 of the publication."""
+"""Two motions of 300 runs each, like the 600 runs of the publication."""
 
 LEAP_UM = 1000.0
 
 CHOSEN = "99.9 % of all steps"
-"""Of the thresholds, the one that single figures are given for."""
+"""The threshold for which single numbers are reported."""
 
 
 class Watched(NamedTuple):
-    """What the detector made of the runs of one variant, in the order of its frame."""
+    """The detector's results for the runs of one variant, in the order of its frame."""
 
-    thresholds: Mapping[str, np.ndarray]  # how they were learned -> [3, 3]
-    alarms: Mapping[str, Sequence[RunAlarms]]  # the same -> of each run
-    largest_mvel: (
-        np.ndarray
-    )  # [runs] largest step of motor velocity inside the window, over its 99.9 % threshold
-    leaps: (
-        np.ndarray
-    )  # bool [runs] the reported tip moved more than 1 mm within two packets: the text's jump
-    joints: (
-        np.ndarray
-    )  # [runs, 3, 7] rad and m, reported in the packets of the first jump's steps; NaN: no jump
+    thresholds: Mapping[str, np.ndarray]  # maps how they were learned to [3, 3]
+    alarms: Mapping[str, Sequence[RunAlarms]]  # for the same keys: alarms of each run
+    # [runs] largest step of motor velocity inside the window, divided by its 99.9 % threshold.
+    largest_mvel: np.ndarray
+    # bool [runs]: the reported tip moved more than 1 mm within two packets, the text's definition
+    # of a jump.
+    leaps: np.ndarray
+    # [runs, 3, 7] rad and m, reported in the packets of the first jump's steps; NaN: no jump.
+    joints: np.ndarray
 
 
 def learn_from_folders(folders: Mapping[str, Path]) -> Learned:
-    """From the training campaigns that are there."""
+    """Learn from the training campaigns that exist."""
     steps: list[np.ndarray] = []
     for variant in TRAINING:
         if variant.name in folders:
@@ -261,7 +267,7 @@ def learn_from_folders(folders: Mapping[str, Path]) -> Learned:
 
 
 def thresholds(learned: Learned) -> dict[str, np.ndarray]:
-    """The published choices, by name, [3, 3] each."""
+    """Return the published choices of thresholds, by name, [3, 3] each."""
     return {
         "99.8 % of all steps": learned.percentile(99.8),
         CHOSEN: learned.percentile(99.9),
@@ -271,7 +277,7 @@ def thresholds(learned: Learned) -> dict[str, np.ndarray]:
 
 
 def watch(folder: Path, runs: VariantRuns, thresholds: Mapping[str, np.ndarray]) -> Watched:
-    """Every faulty run of a folder under the detector's eyes."""
+    """Run the detector on every faulty run of a folder."""
     columns = (runs.start.tolist(), runs.duration.tolist(), runs.jump_packet.tolist())
     faults = dict(zip(runs.index.tolist(), zip(*columns, strict=True), strict=True))
 
@@ -293,8 +299,8 @@ def watch(folder: Path, runs: VariantRuns, thresholds: Mapping[str, np.ndarray])
 
 
 def jump_steps(found: Log, ended: int) -> np.ndarray:
-    """Joints [3, 7] in the packets of a jump's two steps, of which the second ends in packet
-    `ended`; 0: NaN.
+    """Return joints [3, 7] in the packets of a jump's two steps, of which the second ends in packet
+    `ended`; NaN if `ended` is 0.
     """
     if not ended:
         return np.full((3, found.joints.shape[1]), np.nan)
@@ -303,7 +309,7 @@ def jump_steps(found: Log, ended: int) -> np.ndarray:
 
 
 def leaps(found: Log) -> bool:
-    """Whether the reported tip moves more than 1 mm within one packet or two: the jump of the
+    """Return whether the reported tip moves more than 1 mm within one packet or two: a jump by the
     publication's text.
     """
     return any(
@@ -313,28 +319,26 @@ def leaps(found: Log) -> bool:
 
 
 POSITIONING = 3
-"""Joints that the detector watches, from the first on."""
+"""Number of joints that the detector observes, from the first on."""
 
 MOVERS = tuple(joint.replace("_", " ") for joint in ARM_JOINTS[:5])
-"""Joints that move the reported tip: the jaws turn about it."""
+"""Joints that move the reported tip. The jaws turn about it and do not."""
 
 
 class JumpJoints(NamedTuple):
-    """What joints do in the two long steps of each run's first jump; the joints of a run without
-    one are NaN.
+    """What joints do in the two long steps of each run's first jump. The joints of a run without a
+    jump are NaN.
     """
 
-    shares: (
-        np.ndarray
-    )  # [runs, 5] of the steps' length, that each joint makes when it alone moves; signed
-    positioning: (
-        np.ndarray
-    )  # bool [runs], with tool joints held both steps are still over the limit
-    tool: np.ndarray  # bool [runs], with joints 1-3 held they are
+    # [runs, 5] signed share of the steps' length that each joint makes when it alone moves.
+    shares: np.ndarray
+    # bool [runs]: with tool joints held, both steps still exceed the limit.
+    positioning: np.ndarray
+    tool: np.ndarray  # bool [runs]: the same with joints 1-3 held
 
     @property
     def kinds(self) -> tuple[np.ndarray, ...]:
-        """Of KINDS: bool [runs] each; runs without a jump are in none."""
+        """Return bool [runs] for each of KINDS. Runs without a jump are in none."""
         jumped, first, last = np.isfinite(self.shares[:, 0]), self.positioning, self.tool
         return (
             jumped & first & ~last,
@@ -345,8 +349,10 @@ class JumpJoints(NamedTuple):
 
 
 def attribute(joints: np.ndarray, limit_mm: float) -> JumpJoints:
-    """joints: [runs, 3, 7] (rad, m) of the gold arm, reported in the three packets of a jump;
-    limit of a step.
+    """Attribute jumps to joints.
+
+    `joints`: [runs, 3, 7] (rad, m) of the gold arm, reported in the three packets of a jump.
+    `limit_mm`: limit of a step.
     """
     before, after = joints[:, :-1], joints[:, 1:]  # [runs, 2 steps, 7]
     start = _tip(before)
@@ -372,29 +378,27 @@ def _moved(before: np.ndarray, after: np.ndarray, part: slice) -> np.ndarray:
 
 
 def _tip(joints: np.ndarray) -> np.ndarray:
-    """[.., 3] m of joints [.., 7]."""
+    """Return tips [.., 3] m of joints [.., 7]."""
     with jax.enable_x64(True):
         position = kinematics.forward("gold", Vec(np.moveaxis(joints, -1, 0))).position
     return np.stack([np.asarray(x) for x in position], axis=-1)
 
 
 class Visibility(NamedTuple):
-    """Which alarms of the detector come, inside the published window, with the CHOSEN
-    thresholds.
-    """
+    """Which alarms of the detector come inside the published window, with the CHOSEN thresholds."""
 
-    fused: np.ndarray  # bool [runs]: all three variables over their thresholds in one row
-    one: np.ndarray  # bool [runs]: at least one of them at some row
+    fused: np.ndarray  # bool [runs]: all three variables exceed their thresholds in one row
+    one: np.ndarray  # bool [runs]: at least one variable does in some row
 
     @classmethod
     def of(cls, watched: Watched) -> Visibility:
-        """Of the runs that were watched."""
+        """Return the visibility from watched runs."""
         inside = np.array([alarm.inside for alarm in watched.alarms[CHOSEN]], bool).reshape(-1, 4)
         return cls(inside[:, 3], np.any(inside[:, :3], axis=1))
 
 
 class JumpCase(NamedTuple):
-    """The runs of a variant, what makes their jumps, and what could be told of them."""
+    """The runs of a variant, the causes of their jumps, and the alarms that were possible."""
 
     runs: VariantRuns
     joints: JumpJoints
@@ -402,13 +406,13 @@ class JumpCase(NamedTuple):
 
 
 def jump_case(runs: VariantRuns, watched: Watched, limit_mm: float) -> JumpCase:
-    """Of one variant; limit_mm: of a step that counts."""
+    """Return the case of one variant. `limit_mm`: of a step that counts."""
     return JumpCase(runs, attribute(watched.joints, limit_mm), Visibility.of(watched))
 
 
 def visible_line(one: JumpCase) -> Line:
-    """Whether the published detector can see most of the predicted jumps: what it cannot see, it
-    was not scored on.
+    """Return a line on whether the published detector can see most of the predicted jumps. Jumps
+    that it cannot see are not in its published score.
     """
     jumped = np.isfinite(one.joints.shares[:, 0])
     runs = int(jumped.sum())
@@ -423,7 +427,7 @@ def visible_line(one: JumpCase) -> Line:
 
 
 def jump_note(cases: Iterable[JumpCase]) -> str:
-    """Who makes the jumps, in words."""
+    """Say which joints make the jumps."""
     return " ".join(_sentence(one) for one in cases)
 
 

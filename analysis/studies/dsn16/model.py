@@ -1,5 +1,5 @@
-"""The dynamic model of DSN 2016 against a recorded robot (its Figure 8): how far apart are the
-two in closed loop?
+"""Study: how far is the dynamic model of DSN 2016 from a recorded robot in closed loop (its Figure
+8)?
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from studies.study import (
 LOW_PASS_HZ = 20.0
 SETS = ("traj3", "A", "B", "C", "D", "E", "matlab_main", "matlab_global", "power_consistent")
 AUTHORS = "traj3"
-"""The published model whose lines these are."""
+"""The published model to which these lines belong."""
 
 
 class Error(NamedTuple):
@@ -36,8 +36,8 @@ class Error(NamedTuple):
 
 
 def error(asked: np.ndarray, log: recording.JointRecording, parameter_set: str = AUTHORS) -> Error:
-    """Of the virtual robot that is asked for motor angles `asked` (rad, [T, 3]) from the
-    beginning of `log`.
+    """Return the errors of the virtual robot that is given desired motor angles `asked` (rad, [T,
+    3]) from the beginning of `log`.
     """
     motors = recording.closed_loop(asked, log.angle[0], log.speed[0], parameter_set)["mpos"][
         :-1, :3
@@ -47,7 +47,9 @@ def error(asked: np.ndarray, log: recording.JointRecording, parameter_set: str =
 
 
 def compare(context: Context) -> Findings:
-    """The lines of A3, the same for every set of parameters, and predictions beside null models."""
+    """Return the lines of A3, which are the same for every set of parameters, and predictions
+    compared with null models.
+    """
     published = Published("dsn16_model")
     path = recording.find()
     if path is None:
@@ -106,7 +108,7 @@ def compare(context: Context) -> Findings:
 
 
 def _notes(published: Published, robot: Error, ahead: Sequence[HorizonError]) -> tuple[str, ...]:
-    """The largest errors, and whether bare rotors would meet the target."""
+    """Return the largest errors, and whether bare rotors would meet the target."""
     bands = [published.band(f"error.{joint}")[1] for joint in UNITS]
     rotors = [
         one
@@ -133,7 +135,7 @@ def _notes(published: Published, robot: Error, ahead: Sequence[HorizonError]) ->
 
 
 def _of_joints(values: np.ndarray) -> str:
-    """`0.11 deg (shoulder), 0.08 deg (elbow), 0.29 mm (insertion)`."""
+    """Write `0.11 deg (shoulder), 0.08 deg (elbow), 0.29 mm (insertion)`."""
     return ", ".join(
         f"{value:.3f} {unit} ({joint})"
         for value, (joint, unit) in zip(values.tolist(), UNITS.items(), strict=True)

@@ -1,5 +1,5 @@
-"""Scenario B of the targeted attacks (DSN 2016): a value on the shoulder's DAC behind the
-checks, 1 to 128 packets.
+"""Study of scenario B of the targeted attacks (DSN 2016): a value on the shoulder's DAC after the
+checks, for 1 to 128 packets.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ BASELINE = "baseline"
 
 
 VARIANTS = (*read_variants("dsn16_b"), *detector.TRAINING)
-"""The baseline, every ablation, and the motions that the detector learns from."""
+"""The baseline, every ablation, and the motions from which the detector learns."""
 
 
 def compare(context: Context) -> Findings:
-    """Published counts beside the predicted ones, and what each open question is worth."""
+    """Compare published and predicted counts, and show how much each open question matters."""
     published = Published("dsn16")
     computed = {v.name: v for v in VARIANTS if v.name in context.folders}
     trained = [v.name for v in detector.TRAINING]
@@ -100,14 +100,14 @@ def compare(context: Context) -> Findings:
 
 
 def _counts(published: Published, what: str) -> np.ndarray:
-    """Published counts in %, by duration."""
+    """Return published counts in %, by duration."""
     return np.array(
         [100.0 * published.value(f"b.{what}.{d}ms") / published.value("b.runs") for d in DURATIONS]
     )
 
 
 def _percent(published: Published, what: str, duration: int) -> StudyEstimate:
-    """A published count in % with its Wilson interval."""
+    """Return a published count in % with its Wilson interval."""
     from ravenjax.stats.intervals import wilson
 
     k, n = published.value(f"b.{what}.{duration}ms"), published.value("b.runs")
@@ -124,8 +124,8 @@ def _jumps(
     reason: Callable[[int], str],
     target: str = "",
 ) -> Iterator[Line]:
-    """P(jump) by duration of one trajectory, beside its band; reason: of the place of a duration
-    that is outside.
+    """Return P(jump) by duration for one trajectory, with its band. `reason`: maps the index of a
+    duration outside its band to the reason.
     """
     cells = runs.share("jump")
     for place, duration in enumerate(DURATIONS):
@@ -143,7 +143,7 @@ def _jumps(
 
 
 def _would_fit(cases: Sequence[VariantCase], place: int, band: tuple[float, float]) -> str:
-    """Which answers to an open question would put this duration into its band."""
+    """Return the answers to an open question that would put this duration into its band."""
     fitting = [(case.name, case.runs.percent(case.hit)[place]) for case in cases]
     inside = [
         f"{name} {percent:.0f}" for name, percent in fitting if attacks.in_band(percent, band)
@@ -157,13 +157,13 @@ def _would_fit(cases: Sequence[VariantCase], place: int, band: tuple[float, floa
 
 
 def _counted_inside(runs: VariantRuns) -> Callable[[int], str]:
-    """What another trajectory's rate would be if jumps counted inside the published window only."""
+    """Return another trajectory's rate if jumps counted only inside the published window."""
     inside = runs.percent("inside")
     return lambda place: f"inside t1 .. t1 + d + 1 alone it is {inside[place]:.1f} %"
 
 
 def _bias(runs: VariantRuns, jumps: np.ndarray, published: Published, target: str = "") -> Line:
-    """Sign test of prediction against publication over the durations."""
+    """Apply the sign test of prediction against publication over the durations."""
     sign = attacks.bias(runs.percent("jump"), jumps, 100.0 / published.value("b.runs"))
     return Line(
         f"bias: p of the sign test over durations; {runs.name}, lever {runs.lever.words}",
@@ -194,7 +194,7 @@ def _stops(base: VariantRuns, published: Published) -> Iterator[Line]:
 
 
 def _blind(base: VariantRuns) -> tuple[Line, ...]:
-    """Rates whose published values were withheld."""
+    """Return the rates whose published values were withheld."""
     return tuple(
         own_line(quantity, "%", attacks.rate(base.share(hit).shares.ravel()))
         for quantity, hit in (

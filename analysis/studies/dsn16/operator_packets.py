@@ -1,8 +1,8 @@
-"""Scenario A of the targeted attacks (DSN 2016): the operator's packets displaced by D for 1 to 128
-packets.
+"""Study of scenario A of the targeted attacks (DSN 2016): the operator's packets displaced by D for
+1 to 128 packets.
 
-The counts are predicted blind: the published ones were withheld on purpose. What the text states in
-words is judged.
+The counts are predicted blind, because the published ones were withheld on purpose. The statements
+of the publication's text are tested.
 """
 
 from __future__ import annotations
@@ -22,16 +22,15 @@ WITHHELD = (
     " missed here."
 )
 OUTCOMES = {"jump": "P(jump)", "stop": "P(E-stop)", "ik": "P(IK reject)"}
-
-"""Variants that tell where a jump in one packet comes from."""
+"""Counted columns of the runs, and their names in tables."""
 
 
 VARIANTS = (*read_variants("dsn16_a"), *detector.TRAINING)
-"""The baseline, every ablation, and the motions that the detector learns from."""
+"""The baseline, every ablation, and the motions from which the detector learns."""
 
 
 def compare(context: Context) -> Findings:
-    """What is predicted by displacement and duration, and what each open question is worth."""
+    """Return predictions by displacement and duration, and how much each open question matters."""
     computed = {v.name: v for v in VARIANTS if v.name in context.folders}
     trained = [v.name for v in detector.TRAINING]
     runs = {

@@ -1,10 +1,10 @@
-"""The virtual robot in the closed loop of the 2015 fork, asked for what a recorded one was asked
-for, and how far its predictions err beside null models.
+"""Runs the virtual robot in the closed loop of the 2015 fork with a recorded robot's desired
+motion, and compares its errors with those of null models.
 
 The public recording (CSLDepend/raven2_sim) holds 21 s of a real gold arm in pedal-down
-teleoperation: motors of shoulder, elbow and insertion at 1 kHz, and their DAC. What the robot was
-asked to do is not in it, but its PD law can be inverted: mpos_d = mpos + (tau + KD mvel) / KP. It
-lies where the environment variable RAVENJAX_DATA says. One recording is no sample: errors have no
+teleoperation: motors of shoulder, elbow and insertion at 1 kHz, and their DAC. It lacks the desired
+motion, but the PD law can be inverted: mpos_d = mpos + (tau + KD mvel) / KP. The environment
+variable RAVENJAX_DATA names its folder. A single recording is no sample, so errors have no
 interval.
 """
 
@@ -34,21 +34,22 @@ DATA, FILE = "RAVENJAX_DATA", "recording_gold_joints123.parquet"
 JOINTS = ("shoulder", "elbow", "insertion")
 SETUP = RavenSetup(software="fork2015", precision=REFERENCE)
 ARM, TOOL = "gold", "r_grasper"
+# rad; the recording lacks the tool joints, which are held at home.
 TOOL_POSE = (
     0.0,
     0.0,
     math.radians(45),
     math.radians(45),
-)  # rad; the recording has no tool joints: held at home
+)
 KP, KD = np.array((0.3, 0.3, 0.15)), np.array((0.008, 0.008, 0.012))  # raven2: params/r2params.yaml
 TOOL_KP, TOOL_KD = (0.09, 0.05, 0.02, 0.02), (0.001, 0.0, 0.0, 0.0)  # of the fork
 CONTROLLER = Controller(Vec((*KP, *TOOL_KP)), Vec((*KD, *TOOL_KD)), Vec.full(7, 0.0), filtered=True)
-"""Without the integral that `position_loop.FORK2015` has at the tool: the recording has no tool
-joints to drive.
+"""The fork's controller without the integral that `position_loop.FORK2015` has at the tool, because
+the recording has no tool joints.
 """
 
 Rows = Literal["asked", "dac"]
-"""What drives motors 1-3: desired angles (rad) in closed loop, DAC counts in open loop."""
+"""Input of motors 1-3: desired angles (rad) in closed loop, or DAC counts in open loop."""
 Run = Callable[[jax.Array, jax.Array, jax.Array], tuple[jax.Array, jax.Array, jax.Array, jax.Array]]
 
 
@@ -61,25 +62,25 @@ class JointRecording(NamedTuple):
 
     @property
     def asked(self) -> np.ndarray:
-        """Desired motor angles (rad) that its PD law implies."""
+        """Return the desired motor angles (rad) that the PD law implies."""
         torque = -self.dac / np.array(transmission.COUNTS_PER_NM[:3])
         return self.angle + (torque + KD * self.speed) / KP
 
 
 def find(environment: Mapping[str, str] | None = None) -> Path | None:
-    """The recording's file; None where it is not at hand."""
+    """Return the recording's file; None if it is not available."""
     return locate(FILE, environment)
 
 
 def locate(name: str, environment: Mapping[str, str] | None = None) -> Path | None:
-    """A public recording by the name of its file; None where it is not at hand."""
+    """Return a public recording by the name of its file; None if it is not available."""
     folder = (os.environ if environment is None else environment).get(DATA)
     path = Path(folder or ".") / name
     return path if folder and path.is_file() else None
 
 
 def read(path: Path) -> JointRecording:
-    """The recording, without its first row."""
+    """Read the recording, without its first row."""
     table = pd.read_parquet(path).iloc[1:]
     angle = np.radians(table[[f"mpos_{joint}_deg" for joint in JOINTS]].to_numpy(float))
     speed = np.radians(table[[f"mvel_{joint}_deg_s" for joint in JOINTS]].to_numpy(float))
@@ -87,15 +88,18 @@ def read(path: Path) -> JointRecording:
 
 
 def motors(three: np.ndarray, still: bool = False) -> Vec:
-    """Seven motors from three: the tool's follow the insertion and hold its joints."""
+    """Return seven motors from three. The tool's motors follow the insertion and hold its
+    joints.
+    """
     pose = Vec((0.0, 0.0, 0.0, *((0.0,) * 4 if still else TOOL_POSE)))
     tool = transmission.motor_from_joint(ARM, TOOL, pose, three[2], "fork2015")[3:]
     return Vec((three[0], three[1], three[2], *tool))
 
 
 def started(params: robot.PlantParams, angle: np.ndarray, speed: np.ndarray) -> robot.PlantState:
-    """Brakes off, motors at `angle` (rad, 3) and `speed` (rad/s, 3), links where loaded cables
-    then hold them.
+    """Return the state with brakes off and motors at `angle` (rad, 3) and `speed` (rad/s, 3).
+
+    Links start where loaded cables then hold them.
     """
     slack = transmission.joint_from_motor(ARM, TOOL, motors(angle), "fork2015")
     stretch = robot.init(SETUP, ARM, params, slack).stretch
@@ -112,11 +116,11 @@ def closed_loop(
     first_speed: np.ndarray,
     parameter_set: str = "traj3",
 ) -> dict[str, np.ndarray]:
-    """The fork's loop on the virtual robot: filtered encoders, PD, truncation; `asked` motor angles
-    (rad, [T, 3]).
+    """Run the fork's loop on the virtual robot: filtered encoders, PD, truncation. `asked`: desired
+    motor angles (rad, [T, 3]).
 
-    mpos and mvel [T, 7] (rad, rad/s), jpos [T, 7] (rad and m, of the links), dac [T, 7] (counts).
-    Needs 64 bits.
+    Return mpos and mvel [T, 7] (rad, rad/s), jpos [T, 7] (rad and m, of the links), dac [T, 7]
+    (counts). Needs 64-bit numbers.
     """
     run = jax.jit(loop("asked", robot.params(SETUP, ARM, parameter_set)))
     mpos, jpos, counts, speed = run(
@@ -129,11 +133,12 @@ def closed_loop(
 
 
 def loop(rows: Rows, params: robot.PlantParams, cables: Any = 1.0) -> Run:
-    """(first angle, first speed [3], rows [T, 3]) -> (mpos, jpos, dac, mvel), each [T, 7], to be
-    compiled.
+    """Return a function (first angle, first speed [3], rows [T, 3]) -> (mpos, jpos, dac, mvel),
+    each [T, 7], to be compiled.
 
-    rows: what is in them; the tool's motors are held at home by their controller. cables: times the
-    stiffness and damping of every cable; 0 with `position_loop.bare_rotors`.
+    `rows`: the meaning of the rows. The tool's motors are held at home by their controller.
+    `cables`: factor on stiffness and damping of every cable; use 0 with
+    `position_loop.bare_rotors`.
     """
     of_loop = replace(position_loop.params(params), cables=cables)
     pose = Vec((0.0, 0.0, 0.0, *TOOL_POSE))
@@ -164,7 +169,7 @@ def loop(rows: Rows, params: robot.PlantParams, cables: Any = 1.0) -> Run:
 
 
 def tips(mpos: np.ndarray) -> np.ndarray:
-    """Tip (m) of forward-coupled motor angles, tool joints ideal."""
+    """Return the tip (m) of forward-coupled motor angles, with ideal tool joints."""
 
     def tip(three):
         jpos = transmission.joint_from_motor(ARM, TOOL, motors(three), "fork2015")
@@ -174,26 +179,25 @@ def tips(mpos: np.ndarray) -> np.ndarray:
 
 
 RAD_PER_COUNT = 1.0 / (np.array(transmission.COUNTS_PER_NM[:3]) * KP)
-"""Motor angle that one DAC count stands for: what truncation leaves uncertain of
-`JointRecording.asked`.
-"""
+"""Motor angle of one DAC count: the uncertainty of `JointRecording.asked` due to truncation."""
 
 SAME_COUNTS = 1.02
-"""Two truncated numbers differ by less than one count where what they are of is the same; a
-little for printing.
+"""Two truncated numbers of equal values differ by less than one count. The excess allows for
+printing.
 """
 
 HALF_WINDOW = 10
-"""Rows on each side over which the speed is averaged that tells a hand at rest from a packet
-that repeats.
+"""Rows on each side over which the speed is averaged, to distinguish a resting hand from a repeated
+packet.
 """
 
 
 def of_robot(recording: JointRecording, counts_per_ms: float = 5.0) -> np.ndarray:
-    """Cycles that each desired position stands while the arm moves, int [packets].
+    """Return for how many cycles each desired position is repeated while the arm moves, int
+    [packets].
 
-    counts_per_ms: the fastest motor moves by so many RAD_PER_COUNT, so that a step of the hand
-    shows in the DAC.
+    `counts_per_ms`: least motion of the fastest motor, in RAD_PER_COUNT, at which a step of the
+    hand shows in the DAC.
     """
     change = np.diff(recording.asked, axis=0) / RAD_PER_COUNT
     repeats = np.all(np.abs(change) <= SAME_COUNTS, axis=1)
@@ -203,7 +207,7 @@ def of_robot(recording: JointRecording, counts_per_ms: float = 5.0) -> np.ndarra
 
 
 def of_positions(position: np.ndarray, um_per_ms: float = 10.0) -> np.ndarray:
-    """The same of desired positions at 1 kHz (um, [T, 3]) while the hand moves faster than
+    """Return the same from desired positions at 1 kHz (um, [T, 3]) while the hand moves faster than
     `um_per_ms`.
     """
     repeats = np.all(np.diff(position, axis=0) == 0, axis=1)
@@ -212,9 +216,10 @@ def of_positions(position: np.ndarray, um_per_ms: float = 10.0) -> np.ndarray:
 
 
 def run_lengths(repeats: np.ndarray, moving: np.ndarray) -> np.ndarray:
-    """Rows from a change to the next, int, of the runs in which every row is `moving` (bool [T]).
+    """Return the rows from one change to the next, int, for runs in which every row is `moving`
+    (bool [T]).
 
-    repeats: bool [T - 1], row i + 1 is as row i.
+    `repeats`: bool [T - 1], row i + 1 equals row i.
     """
     first = np.flatnonzero(~repeats) + 1
     at_rest = np.concatenate([[0], np.cumsum(~moving)])
@@ -224,25 +229,25 @@ def run_lengths(repeats: np.ndarray, moving: np.ndarray) -> np.ndarray:
 
 HORIZONS_MS = (20, 50, 128)
 EVERY_MS = 200
-"""From one start to the next."""
+"""Time from one start to the next."""
 CLOSED, OPEN, NO_LOOP = "closed loop", "open loop", "no loop"
-"""Driven by what the robot was asked for, by the recorded DAC, or by nothing."""
+"""Input of the robot: its desired motion, the recorded DAC, or none."""
 HELD_POSITION, HELD_VELOCITY = "null: hold the position", "null: hold the velocity"
 SETS = ("power_consistent", "traj3")
-"""Of the virtual robots that are compared."""
+"""Parameter sets of the virtual robots that are compared."""
 ROTORS = "null: bare rotors"
 
 
 class Model(NamedTuple):
-    """A virtual robot, or what is left of it with every cable cut."""
+    """A virtual robot, or its rotors with every cable cut."""
 
     name: str
     params: robot.PlantParams
-    cables: float  # times the stiffness and damping of every cable
+    cables: float  # factor on the stiffness and damping of every cable
 
 
 def virtual_robots(setup: RavenSetup, arm: ArmName) -> list[Model]:
-    """The virtual robot with each set, and the bare rotors of each."""
+    """Return the virtual robot with each set, and the bare rotors of each."""
     sets = {name: robot.params(setup, arm, name) for name in SETS}
     robots = [Model(f"virtual robot, {name}", params, 1.0) for name, params in sets.items()]
     rotors = [
@@ -253,31 +258,35 @@ def virtual_robots(setup: RavenSetup, arm: ArmName) -> list[Model]:
 
 
 class RecordedStretch(NamedTuple):
-    """A part of a recording that nothing was fitted to; [n, joints] each, rows `period_ms`
+    """A part of a recording to which nothing was fitted; arrays [n, joints], with rows `period_ms`
     apart.
     """
 
-    angle: np.ndarray  # by the motors, in the unit of its joint
-    speed: np.ndarray  # the same per s, from the row and earlier ones
+    angle: np.ndarray  # measured at the motors, in the unit of its joint
+    speed: np.ndarray  # per s, computed from the row and earlier ones
     period_ms: float
-    units: dict[str, str]  # joint -> deg or mm
+    units: dict[str, str]  # maps a joint to deg or mm
 
     def rows(self, horizon_ms: float) -> int:
-        """Rows to the one nearest to a horizon."""
+        """Return the number of rows nearest to a horizon."""
         return round(horizon_ms / self.period_ms)
 
     @property
     def starts(self) -> np.ndarray:
-        """Rows from which the short predictions start, the longest of which ends inside."""
+        """Return the rows from which short predictions start. The longest prediction ends inside
+        the part.
+        """
         return np.arange(0, len(self.angle) - self.rows(max(HORIZONS_MS)), self.rows(EVERY_MS))
 
 
 Ahead = Callable[[np.ndarray, int], np.ndarray]
-"""(starts [s], rows) -> joints of the next `rows` rows after each start, [s, rows, joints]."""
+"""Maps (starts [s], rows) to the joints of the next `rows` rows after each start, [s, rows,
+joints].
+"""
 
 
 class Predictor(NamedTuple):
-    """A robot or a null model of a stretch."""
+    """A robot or a null model that predicts a stretch."""
 
     loop: str
     model: str
@@ -289,13 +298,13 @@ class HorizonError(NamedTuple):
 
     loop: str
     model: str
-    horizon_ms: int | None  # None: the whole stretch from its beginning
+    horizon_ms: int | None  # None: the whole stretch, from its beginning
     mean: np.ndarray
     largest: np.ndarray
 
 
 def held(part: RecordedStretch) -> tuple[Predictor, Predictor]:
-    """The two null models that need no robot."""
+    """Return the two null models that need no robot."""
 
     def ahead(velocity: float) -> Ahead:
         def run(starts: np.ndarray, rows: int) -> np.ndarray:
@@ -310,7 +319,9 @@ def held(part: RecordedStretch) -> tuple[Predictor, Predictor]:
 
 
 def horizon_errors(part: RecordedStretch, models: Sequence[Predictor]) -> list[HorizonError]:
-    """Every model, and those of `held`, at every horizon and over the whole stretch."""
+    """Return the errors of every model, and of the models of `held`, at every horizon and over the
+    whole stretch.
+    """
     ends = [part.rows(horizon) for horizon in HORIZONS_MS]
     errors = []
     for loop, model, ahead in (*models, *held(part)):
@@ -337,17 +348,17 @@ LOOPS: dict[Rows, str] = {"asked": CLOSED, "dac": OPEN}
 
 
 def second_half(log: JointRecording) -> JointRecording:
-    """What no parameter of any set was fitted to here."""
+    """Return the half of the recording to which no parameter of any set was fitted here."""
     return JointRecording(*(part[len(log.angle) // 2 :] for part in log))
 
 
 def recorded_stretch(log: JointRecording) -> RecordedStretch:
-    """All of `log`, at the joints."""
+    """Return all of `log`, at the joints."""
     return RecordedStretch(log.angle * TO_JOINT, log.speed * TO_JOINT, 1.0, UNITS)
 
 
 def predictors_of(log: JointRecording) -> list[Predictor]:
-    """Every robot and its rotors in both loops; they need 64 bits."""
+    """Return every robot and its rotors in both loops. Needs 64-bit numbers."""
     models = virtual_robots(SETUP, ARM)
     predictors = []
     for rows, name in LOOPS.items():
@@ -359,7 +370,9 @@ def predictors_of(log: JointRecording) -> list[Predictor]:
 
 
 def _compiled(rows: Rows) -> Callable[..., jax.Array]:
-    """(parameters, cables, angles and speeds [s, 3], inputs [s, T, 3]) -> motors [s, T, 7]."""
+    """Compile (parameters, cables, angles and speeds [s, 3], inputs [s, T, 3]) -> motors
+    [s, T, 7].
+    """
 
     def run(params, cables, angle, speed, inputs):
         return jax.vmap(loop(rows, params, cables))(angle, speed, inputs)[0]
@@ -393,7 +406,7 @@ PREDICTION_NOTE = (
 
 
 def prediction_table(title: str, part: RecordedStretch, errors: Sequence[HorizonError]) -> Table:
-    """A row a model and horizon."""
+    """Return a table with one row per model and horizon."""
     rows = tuple(
         (
             one.loop,
@@ -408,7 +421,7 @@ def prediction_table(title: str, part: RecordedStretch, errors: Sequence[Horizon
 
 
 def prediction_sentences(part: RecordedStretch, errors: Sequence[HorizonError]) -> Iterator[str]:
-    """Of each virtual robot in each loop: where it predicts better than a held velocity, and
+    """Say for each virtual robot in each loop where it predicts better than a held velocity, and
     than every null model.
     """
     by_name = {(one.loop, one.model, one.horizon_ms): one for one in errors}
@@ -430,7 +443,7 @@ def prediction_sentences(part: RecordedStretch, errors: Sequence[HorizonError]) 
 
 
 def _robots(errors: Sequence[HorizonError]) -> dict[tuple[str, str], list[HorizonError]]:
-    """Errors of each virtual robot by loop and name, in the order of the table."""
+    """Return the errors of each virtual robot by loop and name, in the order of the table."""
     robots: dict[tuple[str, str], list[HorizonError]] = {}
     for one in errors:
         if not _is_null(one):
@@ -439,7 +452,7 @@ def _robots(errors: Sequence[HorizonError]) -> dict[tuple[str, str], list[Horizo
 
 
 def _nulls(errors: Sequence[HorizonError], beside: HorizonError) -> list[HorizonError]:
-    """Null models at the same horizon, in the same loop or in none."""
+    """Return null models at the same horizon, in the same loop or in none."""
     loops = (beside.loop, NO_LOOP)
     return [
         one
@@ -457,7 +470,7 @@ def _when(one: HorizonError) -> str:
 
 
 def _joints(part: RecordedStretch, better: np.ndarray) -> str:
-    """`every joint`, `no joint`, or `2 of 3 joints (shoulder, elbow)`."""
+    """Write `every joint`, `no joint`, or `2 of 3 joints (shoulder, elbow)`."""
     names = [joint for joint, is_better in zip(part.units, better, strict=True) if is_better]
     if len(names) in (0, len(part.units)):
         return "every joint" if names else "no joint"

@@ -1,5 +1,5 @@
-"""What the detector of the targeted attacks (DSN 2016) learns from fault-free runs, and how sure
-that is.
+"""Study: which thresholds does the detector of the targeted attacks (DSN 2016) learn from
+fault-free runs, and how certain are they?
 """
 
 from __future__ import annotations
@@ -28,12 +28,10 @@ BASELINE = "suture"
 NAMES = {"mpos": "motor position", "mvel": "motor velocity", "jpos": "joint position"}
 """Variables whose steps were published."""
 
-"""Plant steps a millisecond, and the variant that has them."""
-
 
 def deviation(values: np.ndarray) -> StudyEstimate:
-    """Standard deviation about 0 of steps [runs, rows], with its range over runs; steps have no
-    mean to speak of.
+    """Return the standard deviation about 0 of steps [runs, rows], with its range over runs. The
+    mean of steps is negligible.
     """
     by_run = np.sqrt(np.mean(np.square(values, dtype=float), axis=1))
     return StudyEstimate(
@@ -50,11 +48,13 @@ PERCENTILES = (99.8, 99.9)
 
 
 VARIANTS = read_variants("dsn16_thresholds")
-"""Two motions of 300 runs, and fewer runs of everything else."""
+"""Two motions of 300 runs, and fewer runs of all others."""
 
 
 def compare(context: Context) -> Findings:
-    """Fault-free steps beside the published ones; thresholds, which were not published."""
+    """Compare fault-free steps with the published ones, and show thresholds, which were not
+    published.
+    """
     published = Published("dsn16")
     learned, tips, runs_of = {}, {}, {}
     for variant in VARIANTS:
@@ -77,22 +77,23 @@ def compare(context: Context) -> Findings:
 
 
 def _joined(motions: Sequence[Learned]) -> Learned:
-    """Runs of all motions together."""
+    """Return the runs of all motions together."""
     return detector.learn(run for motion in motions for run in motion.pooled)
 
 
 class FaultFree(NamedTuple):
-    """What is measured of one run once it has begun to move."""
+    """Measurements of one run after it has begun to move."""
 
     steps: np.ndarray  # [rows, 3 variables, 3 joints] |step|
     tip: np.ndarray  # [rows, 3] um, steps of the reported tip
     error: np.ndarray  # [3] rad, root mean square of desired minus measured motor position
     dac: np.ndarray  # [3] counts, standard deviation of the commands
-    distance_mm: tuple[float, float]  # of the reported tip from the desired one: mean, largest
+    # Mean and largest distance of the reported tip from the desired one.
+    distance_mm: tuple[float, float]
 
 
 def _measured(row: int, series: Series) -> FaultFree:
-    """Of one run."""
+    """Measure one run."""
     trace, moving = log(series), np.asarray(series["last_seq"]) >= detector.FIRST_PACKET
     error = (series["gold/mpos_d"] - series["gold/mpos"])[moving, :3]
     distance = (
@@ -108,14 +109,16 @@ def _measured(row: int, series: Series) -> FaultFree:
 
 
 def tip_steps(found: Log) -> np.ndarray:
-    """Steps of the reported tip [rows, 3] um, of a fault-free run once it has begun to move."""
+    """Return steps of the reported tip [rows, 3] um, of a fault-free run after it has begun to
+    move.
+    """
     return np.diff(found.tip, axis=0)[found.packet[:-1] >= detector.FIRST_PACKET]
 
 
 def _spread(
     learned: Mapping[str, Learned], tips: Mapping[str, np.ndarray], published: Published
 ) -> Iterator[Line]:
-    """Standard deviations of steps, beside those of the fork's fault-free runs."""
+    """Return standard deviations of steps, compared with those of the fork's fault-free runs."""
     for name in (name for name in (BASELINE, SECOND) if name in learned):
         for v in ("mpos", "mvel"):
             for j, joint in enumerate(JOINTS):
@@ -160,8 +163,8 @@ def _largest(learned: Mapping[str, Learned], published: Published) -> Iterator[L
 
 
 def _integrator(learned: Mapping[str, Learned], published: Published) -> Iterator[Line]:
-    """Velocity steps of the insertion by plant steps a millisecond, beside a rebuild's by
-    integrator.
+    """Return velocity steps of the insertion by plant steps per millisecond, compared with a
+    rebuild's by integrator.
     """
     for name, key in ((BASELINE, "euler"), ("substeps_4", "rk4"), ("substeps_10", "converged")):
         if name in learned:
@@ -178,8 +181,8 @@ def _integrator(learned: Mapping[str, Learned], published: Published) -> Iterato
 
 
 def _tracking(runs_of: Mapping[str, Sequence[FaultFree]], published: Published) -> Iterator[Line]:
-    """How well motors and tip follow, beside a rebuild that followed the recording of one
-    published trajectory.
+    """Return how well motors and tip follow, compared with a rebuild that followed the recording of
+    one published trajectory.
     """
     reason = "another motion"
     for name in (name for name in (BASELINE, SECOND) if name in runs_of):
@@ -209,7 +212,7 @@ def _tracking(runs_of: Mapping[str, Sequence[FaultFree]], published: Published) 
 
 
 def _over(runs: Sequence[FaultFree], joint: int) -> tuple[StudyEstimate, StudyEstimate]:
-    """Motor error and DAC spread of a joint over runs."""
+    """Return motor error and DAC spread of a joint over runs."""
     return _range([float(one.error[joint]) for one in runs]), _range(
         [float(one.dac[joint]) for one in runs]
     )

@@ -1,3 +1,3 @@
-"""Published hazards and injections run again: the library, and the list of SAFECOMP 2015;
-outcome classes compared.
+"""Runs published hazards and injections again: the library, and the list of SAFECOMP 2015, with a
+comparison of outcome classes.
 """

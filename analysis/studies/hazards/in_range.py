@@ -1,4 +1,4 @@
-"""Whether a fault leaves its channels in their normal ranges."""
+"""Determines whether a fault leaves its channels in their normal ranges."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ from ravenjax.robots.raven2.declaration import SITES
 
 IN, OUT, EITHER = "in range", "out of range", "in and out of range"
 RUN_MS = 3000
-"""How long a window without end is taken to last, for what grows with it."""
+"""Assumed length of a window without end, for effects that grow with it."""
 
 
 def verdict(struck: Struck, arm: str = ARMS[0]) -> str:
-    """Whether what a fault makes of its channels lies in their normal ranges: IN, OUT or EITHER.
+    """Return whether the channel values under a fault lie in their normal ranges: IN, OUT or
+    EITHER.
 
-    EITHER: some of its values, channels or moments in, others out; also where a bit flips, whose
-    effect the number itself decides.
+    EITHER: some of its values, channels or moments are in range, others are not. It is also
+    returned for bit flips, whose effect depends on the number itself.
     """
     verdicts = set()
     for channel in struck.channels:
@@ -33,7 +34,7 @@ def verdict(struck: Struck, arm: str = ARMS[0]) -> str:
 
 
 def within(effect: str, values: Sequence[float], usual: ChannelRange, ticks: int = RUN_MS) -> str:
-    """IN, OUT or EITHER: where a channel may lie while an effect acts for `ticks` with any value
+    """Return IN, OUT or EITHER for a channel while an effect acts for `ticks` with any value
     between `values`.
     """
     spans = [reach(effect, value, usual, ticks) for value in values]
@@ -50,8 +51,8 @@ def within(effect: str, values: Sequence[float], usual: ChannelRange, ticks: int
 def reach(
     effect: str, value: float, usual: ChannelRange, ticks: int = RUN_MS
 ) -> tuple[float, float] | None:
-    """Least and greatest number that an effect makes of a channel that would stay in its normal
-    range; None: any.
+    """Return the least and greatest number that an effect makes of a channel that would stay in its
+    normal range; None: any.
     """
     low, high = usual.low, usual.high
     ends = {
@@ -72,7 +73,9 @@ def reach(
 
 
 def _stored(usual: ChannelRange, low: float, high: float) -> tuple[float, float] | None:
-    """A span as the channel holds it: 16-bit numbers wrap; None where a part of it does."""
+    """Return a range as the channel stores it. 16-bit numbers wrap; None if part of the
+    range does.
+    """
     if SITES[usual.site].channel(usual.channel).kind != "int16":
         return low, high
     turns = math.floor((low + 2**15) / 2**16)
@@ -82,7 +85,7 @@ def _stored(usual: ChannelRange, low: float, high: float) -> tuple[float, float]
 
 
 def _values(value: Numbers | None) -> list[tuple[Number, ...]]:
-    """Single values, and both ends of what is drawn."""
+    """Return single values, and both ends of drawn ranges."""
     if value is None:
         return [(0,)]
     if isinstance(value, dict):
@@ -92,7 +95,7 @@ def _values(value: Numbers | None) -> list[tuple[Number, ...]]:
 
 
 def _longest(duration: Any) -> int:
-    """The longest of the durations, ms; one without end as RUN_MS."""
+    """Return the longest of the durations, ms. A duration without end counts as RUN_MS."""
     listed = duration.values() if isinstance(duration, dict) else [duration]
     flat = [item for one in listed for item in (one if isinstance(one, tuple) else (one,))]
     return max(RUN_MS if item == "end" else int(item) for item in flat)

@@ -1,5 +1,5 @@
-"""The hazard library run through: outcome classes of every row, severities, and risk by hazard,
-class and reports.
+"""Study that runs the whole hazard library: outcome classes of every row, severities, and risk by
+hazard, class and reports.
 """
 
 from __future__ import annotations
@@ -41,11 +41,13 @@ MANIFEST: dict[str, tuple[str, ...]] = {
     "put_usb_jumps": ("B11",),
     "in_range": ("C06",),
 }
-"""Published shares of MCPS 2015 -> the rows of the library that are injected alike."""
+"""Maps published shares of MCPS 2015 to the rows of the library that are injected in the
+same way.
+"""
 
 
 def compare(context: Context) -> Findings:
-    """Every row of the library, and its risk."""
+    """Compare every row of the library, and its risk."""
     frame = folder.read_all(context.folders[BASELINE])
     outcomes = safecomp45.hazard_outcomes(frame)
     counts = risk.counts(frame)
@@ -63,8 +65,8 @@ def compare(context: Context) -> Findings:
 
 
 def report_risk(counts: risk.Counts) -> list[PoolRisk]:
-    """Categories of adverse event reports, and all that are simulated together; beside it
-    belongs `maude.CAVEAT`.
+    """Return risk by category of adverse event reports, and of all simulated categories together.
+    Show `maude.CAVEAT` beside it.
     """
     pools = [
         Pool(one.name, one.source, tuple(row.id for row in one.rows), one.share)
@@ -78,7 +80,9 @@ def report_risk(counts: risk.Counts) -> list[PoolRisk]:
 
 
 def documented(frame: pd.DataFrame, row: Hazard) -> tuple[int, int]:
-    """Runs of a row whose faults all have a value that the library documents, and all its runs."""
+    """Return the runs of a row in which all faults have a value that the library documents, and all
+    its runs.
+    """
     if not row.runnable:
         return 0, 0
     ids = frame["group"].astype(str).str.rpartition("/")[2]
@@ -93,7 +97,7 @@ def documented(frame: pd.DataFrame, row: Hazard) -> tuple[int, int]:
 
 
 def row_table(found: Sequence[HazardOutcome], values: dict[str, tuple[int, int]]) -> Table:
-    """One line a row that is run."""
+    """Return one line per row that is run."""
     return table(
         "Every hazard that is run",
         [
@@ -122,7 +126,7 @@ def row_table(found: Sequence[HazardOutcome], values: dict[str, tuple[int, int]]
 
 
 def documented_only_table() -> Table:
-    """Rows that cannot be run, and why."""
+    """Return the rows that cannot be run, with the reason."""
     return table(
         "Documented only",
         [
@@ -141,7 +145,9 @@ def documented_only_table() -> Table:
 
 
 def pool_table(title: str, rows: Sequence[PoolRisk], caveat: str = "") -> Table:
-    """Risk of classes or categories; one without a simulated hazard is listed as such."""
+    """Return the risk of classes or categories. One without a simulated hazard is listed as
+    such.
+    """
     return table(
         title,
         [
@@ -163,7 +169,7 @@ def pool_table(title: str, rows: Sequence[PoolRisk], caveat: str = "") -> Table:
 
 
 def _within(values: pd.Series, documented_values: object) -> pd.Series:
-    """Which values are among those that a plain group writes, or between the ends of what it
+    """Return which values are among those that a plain group writes, or between the ends of what it
     draws.
     """
     if documented_values is None:
@@ -205,8 +211,11 @@ def _lines(found: Sequence[HazardOutcome], published: Published) -> Iterator[Lin
 
 
 def _manifest(rows: Sequence[HazardOutcome], name: str) -> StudyEstimate | None:
-    """Share of activated runs that have a class (""; any but `none` and `message` alone), each row
-    counting alike; its interval is over rows."""
+    """Return the share of activated runs that have a class (""; any except `none` and `message`
+    alone).
+
+    Each row counts equally, and the interval is over rows.
+    """
     if not rows:
         return None
     hits = [one.counts[name] if name else one.valid - one.without_effect for one in rows]

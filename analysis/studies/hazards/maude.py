@@ -1,8 +1,8 @@
-"""Shares of adverse event reports by category, and the rows of the library that stand for each:
-`data/maude.toml`.
+"""Reads shares of adverse event reports by category, and the rows of the library that represent
+each, from `data/maude.toml`.
 
-They are shares of reports and no probabilities of a fault; `CAVEAT` belongs beside every number
-made with them.
+They are shares of reports and not probabilities of a fault. `CAVEAT` belongs beside every number
+computed from them.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Category(LibraryTable):
     ids: tuple[str, ...] = Field(default=(), description="these rows do")
 
     def covers(self, row: Hazard) -> bool:
-        """Whether a row of the library stands for this category."""
+        """Return whether a row of the library represents this category."""
         return (
             row.id in self.ids
             or any(h in self.hazards for h in row.hazards)
@@ -49,7 +49,9 @@ class Category(LibraryTable):
 
     @property
     def rows(self) -> tuple[Hazard, ...]:
-        """The runnable rows that stand for it; none: it is not simulated."""
+        """Return the runnable rows that represent it. Without any, the category is not
+        simulated.
+        """
         return tuple(row for row in library.rows() if row.runnable and self.covers(row))
 
 
@@ -63,7 +65,7 @@ class Reports(LibraryTable):
     @model_validator(mode="after")
     def _consistent(self) -> Reports:
         for one in self.category:
-            if abs(one.count / self.reports - one.share) > 0.001:  # printed in per mille
+            if abs(one.count / self.reports - one.share) > 0.001:  # the source gives per mille
                 raise ValueError(
                     f"{one.name}: {one.count} of {self.reports} reports is not a share of"
                     f" {one.share}"
@@ -73,5 +75,5 @@ class Reports(LibraryTable):
 
 @cache
 def reports() -> Reports:
-    """The categories of `data/maude.toml`."""
+    """Return the categories of `data/maude.toml`."""
     return Reports.model_validate(tomllib.loads((DATA / FILE).read_text(encoding="utf-8")))

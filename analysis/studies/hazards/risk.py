@@ -1,9 +1,8 @@
-"""How bad the runs of each hazard were, of pools of hazards, and of pools weighted against each
-other.
+"""Computes how severe the runs of each hazard were, of pools of hazards, and of weighted pools.
 
-A hazard's runs are a design over values and times that somebody chose, so a rate says what share of
-*these* runs did it, not how often it happens, and has no interval. Hazards of a pool count alike;
-how sure a pool's mean is rests on how many hazards it has, so that its interval resamples hazards.
+A hazard's runs are a design over values and times that somebody chose. So a rate is the share of
+*these* runs, not a frequency of occurrence, and has no interval. Hazards of a pool count equally.
+The certainty of a pool's mean depends on its number of hazards, so its interval resamples hazards.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from ravenjax.stats.bootstrap import units
 from ravenjax.stats.intervals import Estimate
 
 Counts = Mapping[str, np.ndarray]
-"""Hazard id -> valid runs of each severity, int [6]."""
+"""Maps a hazard id to the number of valid runs of each severity, int [6]."""
 
 
 @dataclass(frozen=True)
@@ -31,14 +30,14 @@ class Pool:
     name: str
     meaning: str
     hazards: tuple[str, ...]  # ids
-    weight: float = math.nan  # against other pools; NaN: none
+    weight: float = math.nan  # against other pools; NaN: no weight
 
 
 @dataclass(frozen=True)
 class PoolRisk:
-    """How bad the runs of a pool's hazards were."""
+    """The severity of the runs of a pool's hazards."""
 
-    pool: Pool  # with those of its hazards that have runs
+    pool: Pool  # with only those of its hazards that have runs
     mean: float  # as of one hazard; NaN: no hazard has runs, and no rates
     injury: Estimate | None
     silent: Estimate | None
@@ -47,10 +46,10 @@ class PoolRisk:
 def counts(
     frame: pd.DataFrame, cue: int | None = 0, limit_mm: float = LIMIT_MM
 ) -> dict[str, np.ndarray]:
-    """Hazard id -> valid runs of each severity, int [6], of the groups whose names begin with
-    hazards' ids.
+    """Return the number of valid runs of each severity by hazard id, int [6], for groups whose
+    names begin with hazards' ids.
 
-    A group that stands for several hazards counts for each. cue, limit_mm: as in
+    A group that represents several hazards counts for each. `cue`, `limit_mm`: as in
     `severity.severity`.
     """
     result: dict[str, np.ndarray] = {}
@@ -63,14 +62,14 @@ def counts(
 
 
 def by_pool(found: Counts, pool: Pool) -> PoolRisk:
-    """The hazards of a pool, each counting alike."""
+    """Return the risk of a pool's hazards, each counting equally."""
     ids = _run(found, pool)
     return _pooled(found, Pool(pool.name, pool.meaning, ids, pool.weight), [1.0] * len(ids))
 
 
 def together(found: Counts, pools: Sequence[Pool], name: str, meaning: str) -> PoolRisk:
-    """Pools against each other by their weights, those without a run left out; a hazard of two
-    counts in both.
+    """Return the risk of all pools by their weights. Pools without a run are left out, and a hazard
+    of two pools counts in both.
     """
     run = [(pool, ids) for pool in pools if (ids := _run(found, pool))]
     ids = tuple(one for _, own in run for one in own)
@@ -96,8 +95,9 @@ def _pooled(found: Counts, pool: Pool, weights: Sequence[float]) -> PoolRisk:
 
 
 def mean_over(shares: np.ndarray, hazard: Sequence[str], weight: np.ndarray) -> Estimate:
-    """Weighted mean of shares [n] of hazards with its interval over hazards (`units.ratio`); one
-    that stands twice is one unit."""
+    """Return the weighted mean of shares [n] of hazards with its interval over hazards
+    (`units.ratio`). A hazard that occurs twice is one unit.
+    """
     band = units.ratio(weight * shares, weight, units.units(np.array(hazard, object)))
     return Estimate(float(band.value), band.low, band.high)
 

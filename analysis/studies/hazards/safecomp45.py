@@ -1,8 +1,8 @@
-"""The list of 45 injections into the Raven-II that supplements SAFECOMP 2015, run again: outcome
-class of each row.
+"""Study that repeats the list of 45 injections into the Raven-II that supplements SAFECOMP 2015:
+outcome class of each row.
 
-How classes are compared, the same for every row of the library: a row *shows* a class where at
-least one activated run in ten has it. `message` alone counts as `none`, but where a message was
+Classes are compared by the same rule for every row of the library. A row *shows* a class if at
+least one activated run in ten has it. `message` alone counts as `none`, unless a message was
 published. Equal sets `agree`; sets with a class in common agree `partly`; others `differ`.
 """
 
@@ -35,33 +35,34 @@ AGREE, PARTLY, DIFFER = "agree", "partly", "differ"
 NOT_SIMULATED, UNPUBLISHED = "not simulated", "no outcome published"
 SEEN_SHARE = 0.1
 EFFECTS = tuple(name for name in classes.CLASSES if name not in ("none", "message"))
-"""Classes in which the fault had an effect on the robot."""
+"""Classes in which the fault affected the robot."""
 _NO_OUTCOME = {"withheld", "unpublished"}
 
 
 @dataclass(frozen=True)
 class HazardOutcome:
-    """What the runs of one row of the library did."""
+    """The outcomes of the runs of one row of the library."""
 
     hazard: Hazard
     runs: int
     activated: int
     failed: int
-    counts: Mapping[str, int]  # class -> activated, valid runs that have it
+    counts: Mapping[str, int]  # maps a class to the activated, valid runs that have it
     fitting: (
-        int  # activated, valid runs with a published class and no other; 0 where none is published
+        # Activated, valid runs with a published class and no other; 0 if none is published.
+        int
     )
     without_effect: int  # activated, valid runs of class `none`, or of `message` alone
     seen_share: float = SEEN_SHARE
 
     @property
     def valid(self) -> int:
-        """Activated runs with an outcome: what the counts are of."""
+        """Return the number of activated runs with an outcome, of which the counts are a part."""
         return self.activated - self.failed
 
     @property
     def shown(self) -> frozenset[str]:
-        """Classes that it shows."""
+        """Return the classes that it shows."""
         return _counted(
             {name for name, k in self.counts.items() if k and k >= self.seen_share * self.valid},
             self._published,
@@ -69,7 +70,7 @@ class HazardOutcome:
 
     @property
     def verdict(self) -> str:
-        """One of the words above."""
+        """Return the verdict: one of the words in the module docstring."""
         if not self.hazard.runnable:
             return NOT_SIMULATED
         if self._published & _NO_OUTCOME or "completion" in self.hazard.source:
@@ -80,14 +81,14 @@ class HazardOutcome:
 
     @property
     def reason(self) -> str:
-        """Why it was not simulated, or the likely reason of a difference."""
+        """Return why it was not simulated, or the likely reason of a difference."""
         if self.verdict == NOT_SIMULATED:
             return self.hazard.documented_only
         return self.hazard.departure if self.verdict in (PARTLY, DIFFER) else ""
 
     @property
     def said(self) -> str:
-        """Its classes with their counts, most frequent first."""
+        """Return its classes with their counts, most frequent first."""
         listed = sorted(self.counts.items(), key=lambda item: -item[1])
         return ", ".join(f"{name} {k}" for name, k in listed if k)
 
@@ -102,10 +103,10 @@ def hazard_outcomes(
     limit_mm: float = LIMIT_MM,
     seen_share: float = SEEN_SHARE,
 ) -> list[HazardOutcome]:
-    """One a row of the library, in its order, of the result table of a campaign whose groups are
+    """Return one outcome per row of the library, in its order, from a campaign whose groups are
     named by hazards.
 
-    rows: only these; None: the whole library. Rows without runs have zeros. limit_mm: as in
+    `rows`: only these; None: the whole library. Rows without runs have zeros. `limit_mm`: as in
     `classes.classify`.
     """
     class_flags = classes.classify(frame, limit_mm)
@@ -145,7 +146,7 @@ def _outcome(
 
 
 def _counted(shown: set[str], expected: frozenset[str]) -> frozenset[str]:
-    """The classes that are compared, of those that are there."""
+    """Return those of the shown classes that are compared."""
     if "message" in expected or "message" not in shown:
         return frozenset(shown)
     return frozenset(shown - {"message"} or {"none"})
@@ -154,28 +155,30 @@ def _counted(shown: set[str], expected: frozenset[str]) -> frozenset[str]:
 CAMPAIGN = "safecomp45.toml"
 BASELINE = "list"
 LENGTHS = ("every_cycle", "draws_2")
-"""Variants with other lengths of packets, and with others drawn."""
+"""Variants with another length of packets, and with other draws of it."""
 FIRST_USB = 24
-"""INJ 24 to 45 are USB and PLC, those before console and control software."""
+"""Number of the first injection of USB and PLC. Earlier ones are of console and control
+software.
+"""
 FIRST_PLC = 35
-"""INJ 35 to 45 act on the link to the PLC."""
+"""Number of the first injection into the link to the PLC."""
 OTHER_RULES: dict[str, dict[str, float]] = {
     "displaced from 1 mm": {"limit_mm": 1.0},
     "displaced from 5 mm": {"limit_mm": 5.0},
     "every class that is seen once": {"seen_share": 0.0},
     "classes of at least every second run": {"seen_share": 0.5},
 }
-"""Other limits of the comparison, to show how much hangs on them."""
+"""Other limits of the comparison, to show how much the result depends on them."""
 _UNSPOKEN = ("", "watchdog", "plc")
-"""First responses of a run in which no check of the control software spoke: the PLC alone, or
+"""First responses of a run in which no check of the control software responded: only the PLC, or
 nothing.
 """
 _DAC_CHECKS = ("overdrive", "hard_counter")
-"""Causes of a stop by the overdrive detection."""
+"""Causes of a stop by overdrive detection."""
 
 
 def compare(context: Context) -> Findings:
-    """Rows of the list beside the runs of each variant."""
+    """Compare rows of the list with the runs of each variant."""
     rows = injections()
     published = Published("safecomp")
     frames = {name: folder.read_all(path) for name, path in context.folders.items()}
@@ -192,18 +195,18 @@ def compare(context: Context) -> Findings:
 
 
 def injections() -> dict[int, Hazard]:
-    """Number in the list -> row of the library, in the list's order."""
+    """Return the row of the library for each number of the list, in the list's order."""
     numbered = {number_of(row): row for row in library.rows() if row.source.startswith("INJ ")}
     return dict(sorted(numbered.items()))
 
 
 def number_of(row: Hazard) -> int:
-    """A row's number in the list."""
+    """Return a row's number in the list."""
     return int(row.source.removeprefix("INJ "))
 
 
 def row_table(found: Sequence[HazardOutcome]) -> Table:
-    """One line a row of the list."""
+    """Return one line per row of the list."""
     return Table(
         "The 45 rows, published and predicted",
         (
@@ -230,7 +233,7 @@ def row_table(found: Sequence[HazardOutcome]) -> Table:
 
 
 def verdict_table(found: dict[str, list[HazardOutcome]]) -> Table:
-    """How many rows have each verdict in each variant, and which rows change theirs."""
+    """Return how many rows have each verdict in each variant, and which rows change theirs."""
     baseline = {one.hazard.id: one.verdict for one in found[BASELINE]}
     rows = []
     for name, outcomes in found.items():
@@ -252,15 +255,15 @@ def verdict_table(found: dict[str, list[HazardOutcome]]) -> Table:
 
 
 def normal(row: Hazard) -> str:
-    """Where a row's values lie beside the normal ranges of what they strike; "" where it is not
-    run.
+    """Return how a row's values compare with the normal ranges of the signals they change; "" if it
+    is not run.
     """
     verdicts = {in_range.verdict(fault) for case in row.case for fault in case.fault}
     return verdicts.pop() if len(verdicts) == 1 else in_range.EITHER if verdicts else ""
 
 
 def unintended(outcome: HazardOutcome) -> bool:
-    """Whether a row shows motion that nobody asked for."""
+    """Return whether a row shows motion that the operator did not command."""
     return bool({"jump", "displaced"} & outcome.shown)
 
 
@@ -292,7 +295,7 @@ def _agreement_lines(found: Sequence[HazardOutcome]) -> tuple[Line, ...]:
     ) -> Line:
         rows = sum(
             one.verdict in verdicts for one in of
-        )  # every row of the list: nothing is sampled
+        )  # the list is complete, so nothing is sampled
         value = StudyEstimate(100 * rows / len(of), n=len(of), of=words)
         return Line(quantity, "%", None, value, target="A7")
 
@@ -320,7 +323,7 @@ def _total_lines(
     usb = [one for one in found if number_of(one.hazard) >= FIRST_USB]
 
     def mostly(one: HazardOutcome, of: Sequence[str]) -> bool:
-        """Whether most activated runs of a row that is unavailable stopped for one of these
+        """Return whether most activated runs of a row that is unavailable stopped for one of these
         causes.
         """
         mine = causes.loc[
@@ -389,7 +392,7 @@ def _notes(found: Sequence[HazardOutcome]) -> tuple[str, ...]:
 
 
 def _packets_note(found: Mapping[str, Sequence[HazardOutcome]]) -> str:
-    """What hangs on how long packets last, in words."""
+    """Say what depends on the length of packets."""
     agreed = {
         name: sum(one.verdict == AGREE for one in found[name])
         for name in (BASELINE, *LENGTHS)

@@ -1,5 +1,6 @@
-"""How wrong is a healthy robot's report, and what does it change? A recording, drawn robots, and
-headlines.
+"""Study: how wrong is a healthy robot's reported tip, and what does the error change?
+
+It compares a recording with drawn robots, and the main results with and without kinematic errors.
 """
 
 from __future__ import annotations
@@ -49,22 +50,22 @@ SHARES = {
     "missed3": "unintended motion before the cue of 3 mm, or without one",
     "deeper": f"more than {severity.DEPTH_MM:g} mm deeper in the tissue than the golden run",
 }
-"""Of faults that changed a bit."""
+"""Events, as shares of faults that changed a bit."""
 
 
 class ScaledFaults(NamedTuple):
     """The same faults at every scale."""
 
-    events: Mapping[float, pd.DataFrame]  # scale -> bool [faults], columns SHARES
+    events: Mapping[float, pd.DataFrame]  # maps a scale to bool [faults], columns SHARES
     faults: Units  # kinds of the faults
 
     def share(self, event: str, scale: float) -> Rate:
-        """Of the faults, with its interval over kinds."""
+        """Return the share of the faults, with its interval over kinds."""
         return units.rate(self.events[scale][event].to_numpy(), self.faults)
 
     def change(self, event: str, scale: float) -> Estimate:
-        """Share at a scale minus share without kinematic errors, of pairs; its interval over
-        kinds.
+        """Return the share at a scale minus the share without kinematic errors, over pairs, with
+        its interval over kinds.
         """
         return kinds.difference(
             self.events[scale][event].to_numpy(), self.events[OFF][event].to_numpy(), self.faults
@@ -72,7 +73,7 @@ class ScaledFaults(NamedTuple):
 
 
 def scaled_faults(path: Path) -> ScaledFaults:
-    """Of a result folder with faults, those that changed a bit at every scale."""
+    """Return the faults of a result folder that changed a bit at every scale."""
     frame, header = folder.read_all(path), manifest.read(path)
     facts = run_facts.of(frame, header)
     valid = (facts["activated"] & facts["faulty"] & ~facts["failed"]).to_numpy()
@@ -89,7 +90,7 @@ def scaled_faults(path: Path) -> ScaledFaults:
 
 
 def _events(frame: pd.DataFrame, facts: pd.DataFrame) -> pd.DataFrame:
-    """SHARES of each run."""
+    """Return SHARES of each run."""
     warned = (facts["warned_ms"] >= 0) & (facts["warned_ms"] < facts["unintended_ms"])
     return pd.DataFrame(
         {
@@ -108,7 +109,7 @@ def _events(frame: pd.DataFrame, facts: pd.DataFrame) -> pd.DataFrame:
 
 
 def measured_robots(path: Path) -> dict[float, pd.DataFrame]:
-    """MEASURES of each robot [robots], by scale, of a result folder without faults."""
+    """Return MEASURES of each robot [robots], by scale, from a result folder without faults."""
     frame = folder.read_all(path)
     measures = pd.DataFrame(
         {
@@ -123,7 +124,7 @@ def measured_robots(path: Path) -> dict[float, pd.DataFrame]:
 
 
 def mean(robots: pd.DataFrame, measure: str) -> Estimate:
-    """Of a measure over robots, with a 95 % bootstrap interval over them."""
+    """Return the mean of a measure over robots, with a 95 % bootstrap interval over them."""
     values = robots[measure].to_numpy(float)
     band = units.ratio(values, 1.0, units.units(np.arange(len(values))))
     return Estimate(band.value, band.low, band.high)
@@ -132,15 +133,16 @@ def mean(robots: pd.DataFrame, measure: str) -> Estimate:
 FREE, FAULTS = "free", "faults"
 ROBOTS = 500
 EVERY, EVERY_OF_FIT = 60, 4
-"""Rows of the log between those that robots are compared at, and those that the arm's errors are
-fitted to: rows of one motion are 25 ms apart."""
+"""Spacing of the log's rows at which robots are compared, and at which the arm's errors are fitted.
+Rows of one motion are 25 ms apart.
+"""
 BAND = (0.1, 0.9)
-"""Quantiles of robots."""
+"""Quantiles over robots."""
 
 
 def compare(context: Context) -> Findings:
-    """Data against prediction, where the recording is at hand, and headlines without and with
-    kinematic errors.
+    """Compare data with predictions, if the recording is available, and the main results without
+    and with kinematic errors.
     """
     path = recording.locate(camera_log.FILE)
     log = None if path is None else camera_log.read(path)
@@ -160,8 +162,8 @@ def compare(context: Context) -> Findings:
 
 
 def _report_lines(log: CameraLog) -> Iterator[Line]:
-    """Of the half that was kept back: what cameras saw, and the middle robot with those of most
-    others.
+    """Yield lines over the half that was held back: the camera's measurements, and the middle robot
+    with those of most others.
     """
     _, second = tip_error.errors_of(log, log.camera)
     _, errors = tip_error.predicted(log.rows(slice(None, None, EVERY)), tip_error.draw(ROBOTS))
@@ -226,7 +228,7 @@ def _row(name: str, one: ErrorSize) -> tuple[str, ...]:
 
 
 def _drawn_rows(name: str, errors: np.ndarray) -> Iterator[tuple[str, ...]]:
-    """All robots' errors together, and the band of robots; errors [robots, rows]."""
+    """Return all robots' errors together, and the band over robots. `errors`: [robots, rows]."""
     yield _row(name, tip_error.size(errors.ravel()))
     sizes = [tip_error.size(one) for one in errors]
     columns = np.array([[*1e3 * one.quantiles, 100 * one.beyond, 1e3 * one.rms] for one in sizes])

@@ -1,10 +1,10 @@
-"""Which kinematic errors one recorded arm has: the most probable ones, and what they explain where
+"""Estimates the kinematic errors of one recorded arm, and how much they explain in data to which
 nothing was fitted.
 
-Gauss-Newton on the first half of a camera's log, beside a rigid motion and the point that the
-camera looks at, in the jaws' frame (known to nobody, and no error of the arm). Kinematic errors are
-normal before the log, with the spreads of MEASURED. Rows of one motion resemble each other: each
-motion counts as one reading of NOISE_M.
+Gauss-Newton runs on the first half of a camera's log. It also fits a rigid motion, and the point
+that the camera sees, in the jaws' frame (unknown, and not an error of the arm). The prior of the
+kinematic errors is normal, with the spreads of MEASURED. Rows of one motion resemble each other, so
+each motion counts as one reading with NOISE_M.
 """
 
 from __future__ import annotations
@@ -19,25 +19,24 @@ from studies.healthy_robot import rigid, tip_error
 from studies.healthy_robot.camera_log import CameraLog
 from studies.healthy_robot.tip_error import PATHS, SPREAD
 
-POINT_M = 0.01  # assumed: how far from the jaw axis a camera's point may be
-NOISE_M = 2e-3  # about the median of what is left
+# Assumed distance of a camera's point from the jaw axis, at most.
+POINT_M = 0.01
+NOISE_M = 2e-3  # about the median of the remaining error
 ITERATIONS = 15
 POINT = ("point",)
 """Part of the fit that belongs to the camera."""
 
 
 class ArmFit(NamedTuple):
-    """Of one arm."""
+    """The fit of one arm."""
 
-    values: np.ndarray  # [16] kinematic errors at PATHS; 0 where they were not fitted
-    left: tuple[
-        np.ndarray, np.ndarray
-    ]  # m, what is left of the tip errors on the first and the second half
-    own: tuple[np.ndarray, np.ndarray]  # m, tip errors of an arm that has `values` and nothing else
+    values: np.ndarray  # [16] kinematic errors at PATHS; 0 if not fitted
+    left: tuple[np.ndarray, np.ndarray]  # m, remaining tip errors on the first and the second half
+    own: tuple[np.ndarray, np.ndarray]  # m, tip errors of an arm with only `values`
 
 
 def fit(log: CameraLog, parts: Collection[str]) -> ArmFit:
-    """The most probable errors of some `parts`: joint_offset, ratio_error, links, point."""
+    """Return the most probable errors of some `parts`: joint_offset, ratio_error, links, point."""
     first, _ = log.halves
     open_ = np.array([path.partition(".")[0] in parts for path in PATHS])
     spread = np.concatenate([np.full(6, 1e3), np.full(3, POINT_M), SPREAD])
@@ -61,8 +60,8 @@ def fit(log: CameraLog, parts: Collection[str]) -> ArmFit:
 
 
 def _tips(x: jax.Array, joints: jax.Array, rotation: jax.Array) -> jax.Array:
-    """[n, 3] seen points (m): rigid motion x[:6] (rotation vector, displacement), point x[6:9],
-    errors x[9:].
+    """Return [n, 3] seen points (m), for rigid motion x[:6] (rotation vector, displacement), point
+    x[6:9], errors x[9:].
     """
     points = tip_error.true_tips(x[9:], joints) + rotation @ x[6:9]
     turn = jnp.array([[0.0, -x[2], x[1]], [x[2], 0.0, -x[0]], [-x[1], x[0], 0.0]])

@@ -1,10 +1,10 @@
-"""A recorded arm's tip as cameras saw it, beside what the arm reported:
+"""Reads a recorded arm's tip as cameras saw it and as the arm reported it:
 `camera_poses_left_arm.parquet`.
 
-A Raven-II (UC Berkeley, 2014; public repository rll/raven_2). Its frame has z upward and the remote
-centre at its origin; it is frame 0 of the gold arm but for the names of the axes. Of the 24 ways to
-name them this one alone gives joints within their limits at every row, and the instrument's roll
-near 0 where its jaws point straight down.
+The arm is a Raven-II (UC Berkeley, 2014; public repository rll/raven_2). The recording's frame has
+z upward and the remote centre at its origin. It is frame 0 of the gold arm except for the names of
+the axes. Of the 24 ways to name them, only one gives joints within their limits at every row, and
+the instrument's roll near 0 where its jaws point straight down.
 """
 
 from __future__ import annotations
@@ -29,35 +29,35 @@ BAD_M = 0.05
 """A row whose two positions are further apart than this, before any fit, is a bad frame."""
 
 
-_QUICK = {"xla_disable_hlo_passes": "fusion"}  # compiles in a third of the time; it runs once
+# Compiles in a third of the time, for code that runs once.
+_QUICK = {"xla_disable_hlo_passes": "fusion"}
 
 
 class CameraLog(NamedTuple):
-    """Rows by time; everything in the axes of frame 0, but where the camera's origin is nobody
-    says.
-    """
+    """Rows by time. Everything is in the axes of frame 0, but the camera's origin is unknown."""
 
     trajectory: np.ndarray  # [n] number of the motion
-    joints: np.ndarray  # [n, 7] rad and m, those of the reported pose, jaws closed
-    rotation: np.ndarray  # [n, 3, 3] reported, columns are the axes of the jaws
+    # [n, 7] rad and m, of the reported pose, with jaws closed.
+    joints: np.ndarray
+    rotation: np.ndarray  # [n, 3, 3] reported; columns are the axes of the jaws
     reported: np.ndarray  # [n, 3] m
     camera: np.ndarray  # [n, 3] m
 
     def rows(self, index: np.ndarray | slice) -> CameraLog:
-        """Some of its rows."""
+        """Return some of the log's rows."""
         return CameraLog(*(column[index] for column in self))
 
     @property
     def halves(self) -> tuple[CameraLog, CameraLog]:
-        """What is fitted to, and what is kept back: the first and the second half of the rows by
-        time.
+        """Return the part that is fitted to and the part that is held back: the first and second
+        half of the rows by time.
         """
         middle = len(self.joints) // 2
         return self.rows(slice(middle)), self.rows(slice(middle, None))
 
 
 def read(path: Path) -> CameraLog:
-    """The recording. Rows of the same moment count once. Raises UserError where columns are
+    """Read the recording. Rows of the same moment count once. Raises UserError if columns are
     missing.
     """
     table = pd.read_parquet(path)
@@ -79,8 +79,8 @@ def read(path: Path) -> CameraLog:
 
 
 def joints(position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """[n, 7] joints (rad, m) of poses [n, 3], [n, 3, 3] in frame 0: of the eight solutions that
-    nearest to home.
+    """Return [n, 7] joints (rad, m) of poses [n, 3], [n, 3, 3] in frame 0. Of the eight solutions,
+    the one nearest to home is taken.
     """
 
     def one(position: jax.Array, rotation: jax.Array) -> tuple[jax.Array, jax.Array]:

@@ -1,5 +1,5 @@
-"""The rigid motion between two sets of points, least squares with less weight for what is far
-off.
+"""Fits the rigid motion between two sets of points, by least squares with lower weight for distant
+points.
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 FAR_M = 2e-3
-"""Distances beyond this count linearly, as Huber's loss has it: bad frames of a camera do not
-decide the frame.
+"""Distances beyond this count linearly, as in Huber's loss, so that bad frames of a camera do not
+decide the result.
 """
 ITERATIONS = 10
 
@@ -22,13 +22,13 @@ class RigidMotion(NamedTuple):
     translation: np.ndarray  # [..., 3] m
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
-        """[..., n, 3] points, moved."""
+        """Return moved points, [..., n, 3]."""
         return points @ np.swapaxes(self.rotation, -1, -2) + self.translation[..., None, :]
 
 
 def fit(points: np.ndarray, onto: np.ndarray) -> RigidMotion:
-    """The motion that brings `points` [n, 3] onto the others [..., n, 3], m (Kabsch; reweighted
-    for Huber's loss).
+    """Return the motion that brings `points` [n, 3] onto the others [..., n, 3], m (Kabsch;
+    reweighted for Huber's loss).
     """
     weight, motion = np.ones(onto.shape[:-1]), RigidMotion(np.eye(3), np.zeros(3))
     for _ in range(ITERATIONS):
@@ -46,5 +46,5 @@ def fit(points: np.ndarray, onto: np.ndarray) -> RigidMotion:
 
 
 def huber(distance: np.ndarray) -> np.ndarray:
-    """Weight of the square of each distance, m."""
+    """Return the weight of the square of each distance, m."""
     return 1.0 / np.maximum(1.0, distance / FAR_M)

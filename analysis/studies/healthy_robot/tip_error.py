@@ -1,11 +1,12 @@
-"""How wrong a healthy arm's report is: what cameras saw, what drawn robots have, what one arm's
-parameters explain.
+"""Measures how wrong a healthy arm's reported tip is: as cameras saw it, in drawn robots, and as
+one arm's parameters explain it.
 
-Every number is of the distance between seen (or true) and reported tip after one rigid motion,
-fitted to the log's first half, so that nothing is known of its second. The log is of a single arm,
-and its cameras err, too. So what is fitted is one number: a common factor of the kinematic errors'
-distribution, with which half the drawn robots have a larger median error on the first half than
-cameras saw there. That gives all that was seen to the arm: an upper bound.
+Every number is a distance between seen (or true) and reported tip after one rigid motion. That
+motion is fitted to the log's first half, so that nothing is known of its second half. The log is
+from a single arm, and its cameras err too. So only one number is fitted: a common factor on the
+kinematic errors' distribution. With it, half the drawn robots have a larger median error on the
+first half than cameras saw there. This attributes the whole seen error to the arm, so it is an
+upper bound.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ PATHS, SPREAD = tuple(MEASURED), np.array(tuple(MEASURED.values()))
 
 
 class ErrorSize(NamedTuple):
-    """Of one arm's tip errors."""
+    """The size of one arm's tip errors."""
 
     quantiles: np.ndarray  # [4] m, at QUANTILES
     beyond: float  # share larger than LIMIT_M
@@ -38,7 +39,7 @@ class ErrorSize(NamedTuple):
 
 
 def size(errors: np.ndarray) -> ErrorSize:
-    """Of tip errors [n], m."""
+    """Return the size of tip errors [n], m."""
     return ErrorSize(
         np.quantile(errors, QUANTILES),
         float((errors > LIMIT_M).mean()),
@@ -47,8 +48,8 @@ def size(errors: np.ndarray) -> ErrorSize:
 
 
 def errors_of(log: CameraLog, true: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Tip errors [..., n] (m) on the first and on the second half of a log, of true or seen tips
-    [..., n, 3].
+    """Return tip errors [..., n] (m) on the first and on the second half of a log, for true or seen
+    tips [..., n, 3].
     """
     middle = len(log.joints) // 2
     motion = rigid.fit(log.reported[:middle], true[..., :middle, :])
@@ -57,7 +58,7 @@ def errors_of(log: CameraLog, true: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def with_values(values: jax.Array) -> KinematicErrors:
-    """The record that has `values` [16] at PATHS."""
+    """Return the record that has `values` [16] at PATHS."""
     exact = kinematic_errors.exact()
     entries = {path: values[k] for k, path in enumerate(PATHS)}
     offset, ratio = (
@@ -71,8 +72,8 @@ def with_values(values: jax.Array) -> KinematicErrors:
 
 
 def true_tips(values: jax.Array, joints: jax.Array) -> jax.Array:
-    """[n, 3] true tips (m, frame 0) of the arm with `values`, where its software reports joints
-    [n, 7].
+    """Return [n, 3] true tips (m, frame 0) of the arm with `values`, for joints [n, 7] that its
+    software reports.
     """
     errors = with_values(values)
     links = kinematic_errors.true_joints(errors, Vec(joints[:, i] for i in range(7)))
@@ -83,12 +84,12 @@ _tips_of_robots = jax.jit(jax.vmap(true_tips, in_axes=(0, None)))
 
 
 def draw(robots: int, seed: int = 0) -> np.ndarray:
-    """[robots, 16] kinematic errors at PATHS, as a campaign draws them."""
+    """Return [robots, 16] kinematic errors at PATHS, drawn as in a campaign."""
     return np.random.default_rng(seed).normal(size=(robots, len(PATHS))) * SPREAD
 
 
 def predicted(log: CameraLog, robots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """[robots, n] tip errors (m) of robots with errors [robots, 16], on the log's first and
+    """Return [robots, n] tip errors (m) of robots with errors [robots, 16], on the log's first and
     second half.
     """
     with jax.enable_x64(True):
@@ -96,8 +97,8 @@ def predicted(log: CameraLog, robots: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def factor(log: CameraLog, robots: np.ndarray) -> float:
-    """Times which MEASURED makes the middle robot's median error on the first half the one that
-    cameras saw.
+    """Return the factor on MEASURED at which the middle robot's median error on the first half
+    equals the one that cameras saw.
     """
     goal = float(np.median(errors_of(log, log.camera)[0]))
     low, high = 0.05, 4.0
@@ -109,8 +110,8 @@ def factor(log: CameraLog, robots: np.ndarray) -> float:
 
 
 def gaussian(log: CameraLog, seed: int = 0) -> np.ndarray:
-    """[n] tip errors of a null: in each axis alike, at each moment anew, of the first half's
-    root mean square, m.
+    """Return [n] tip errors of a null model: normal, independent at each moment and equal in each
+    axis, with the first half's root mean square, m.
     """
     deviation = size(errors_of(log, log.camera)[0]).rms / np.sqrt(3.0)
     normal = np.random.default_rng(seed).normal(size=(len(log.halves[1].joints), 3))

@@ -1,8 +1,8 @@
-"""Bursts of a constant on the shoulder's DAC (IROS 2016, Figures 4 and 5; targets A4, A5).
+"""Study of bursts of a constant on the shoulder's DAC (IROS 2016, Figures 4 and 5; targets A4, A5).
 
-The constant is not published, so none is chosen: whatever is said is said of every constant, or of
-all events of the published size. An event lasts from the onset of the fault for EVENT_TICKS, or
-until the robot stops: afterwards the nominal model goes on and the tip error says nothing.
+The constant is not published, so none is chosen: statements are about every constant, or about all
+events of the published size. An event lasts from the onset of the fault for EVENT_TICKS, or until
+the robot stops. After a stop the nominal model continues, and the tip error has no meaning.
 """
 
 from __future__ import annotations
@@ -31,32 +31,32 @@ from studies.study import (
 
 SHOULDER = 0
 EVENTS = 4
-"""Bursts that the paper shows, the last of which stops the robot."""
+"""Bursts that the paper shows. The last one stops the robot."""
 STOP = "overdrive"
 """Cause of a stop by the magnitude of the computed DAC command."""
 
 EVENT_TICKS = 600
 FAULT_TICKS = 300
 REACH_TICKS = FAULT_TICKS + 50
-"""After the onset; until then the shoulder's farthest point is looked for."""
+"""Ticks after the onset in which the shoulder's farthest point is searched."""
 REBOUND_TICKS = 300
-"""After the farthest point."""
+"""Ticks after the farthest point."""
 JUMP_UM = 100.0
-"""Step of the measured tip in 1 ms, twice running, the golden run's not: the published analysis
-code (DSN 2016).
+"""Limit of a step of the measured tip in 1 ms, exceeded twice in a row and not in the golden run: a
+jump by the published analysis code (DSN 2016).
 """
 
 
 @dataclasses.dataclass(frozen=True)
 class BurstEvent:
-    """What one burst did."""
+    """The effects of one burst."""
 
-    onset_ms: int  # of the run
+    onset_ms: int  # since the start of the run
     peak_mm: float  # largest tip error, measured tip to nominal model
-    cut: bool  # the robot stopped in it
-    rebound_deg: float  # of the shoulder, from its farthest point back; NaN where cut
-    rebound_ms: float  # NaN also where nothing goes back
-    cue_s: float  # onset of the cue after that of the fault, NaN: none
+    cut: bool  # the robot stopped during the event
+    rebound_deg: float  # of the shoulder, from its farthest point back; NaN if cut
+    rebound_ms: float  # NaN also if nothing goes back
+    cue_s: float  # onset of the cue after that of the fault; NaN: none
     force: float  # largest, device units
     jumped: bool  # by the rule of the published analysis code
 
@@ -66,12 +66,14 @@ class BurstRun:
     """One run of the campaign."""
 
     group: str
-    value: float  # of the fault: DAC counts or um a packet; NaN without
+    # Of the fault: DAC counts or um per packet; NaN without a fault.
+    value: float
     events: tuple[BurstEvent, ...]
     cause: str  # why the robot stopped, "" if it did not
-    stop_ms: int  # when, -1: never
+    stop_ms: int  # time of the stop; -1: never
     false_cues: int  # cues that began outside the events, before the stop
-    same_cue: bool  # the campaign's first cue is the series' own, to the millisecond
+    # The campaign's first cue equals the one of the series, to the millisecond.
+    same_cue: bool
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,13 +84,13 @@ class Criteria:
     a4: tuple[str, ...]
 
     def all_of_a4(self, run: BurstRun) -> bool:
-        """Whether the run meets every test of target A4."""
+        """Return whether the run meets every test of target A4."""
         return all(self.tests[name](run) for name in self.a4)
 
 
 def criteria(published: Published) -> Criteria:
-    """The bands of the file of published numbers, each asked of all four bursts; one cut short
-    has no rebound.
+    """Return the bands of the file of published numbers, each required of all four bursts. A burst
+    that is cut short has no rebound.
     """
     bands = {
         name: published.band(name)
@@ -117,9 +119,9 @@ def criteria(published: Published) -> Criteria:
 
 
 def run(row: Row, series: Series, golden_um: np.ndarray) -> BurstRun:
-    """Measure a run by its row of the result table and its series.
+    """Measure a run from its row of the result table and its series.
 
-    golden_um: measured tip of the golden run, um [ticks, 3].
+    `golden_um`: measured tip of the golden run, um [ticks, 3].
     """
     active = np.asarray(series["fault_active"], bool)
     end = len(active)
@@ -147,7 +149,7 @@ def run(row: Row, series: Series, golden_um: np.ndarray) -> BurstRun:
 
 
 def event(series: Series, onset: int, end: int, jumps: np.ndarray) -> BurstEvent:
-    """The burst from tick `onset` on, watched until tick `end`; `jumps`: ticks of all jumps of
+    """Measure the burst from tick `onset` until tick `end`. `jumps`: ticks of all jumps of
     the run.
     """
     force = series["cue_force"][onset:end]
@@ -168,8 +170,8 @@ def event(series: Series, onset: int, end: int, jumps: np.ndarray) -> BurstEvent
 
 
 def rebound(shoulder_deg: np.ndarray) -> tuple[float, float]:
-    """How far (deg) and how long (ms) a joint goes back from the farthest point that a burst
-    drove it to; [ticks].
+    """Return how far (deg) and how long (ms) a joint goes back from the farthest point to which a
+    burst drove it; [ticks].
     """
     away = shoulder_deg - shoulder_deg[0]
     far = int(np.argmax(np.abs(away[:REACH_TICKS])))
@@ -179,7 +181,9 @@ def rebound(shoulder_deg: np.ndarray) -> tuple[float, float]:
 
 
 def jump_ticks(position_um: np.ndarray, golden_um: np.ndarray) -> np.ndarray:
-    """Ticks at which the second of two long steps in a row ends; both [ticks, 3], um."""
+    """Return the ticks at which the second of two consecutive long steps ends; both arguments
+    [ticks, 3], um.
+    """
     long, usual = (
         np.linalg.norm(np.diff(tip, axis=0), axis=1) > JUMP_UM for tip in (position_um, golden_um)
     )
@@ -188,13 +192,13 @@ def jump_ticks(position_um: np.ndarray, golden_um: np.ndarray) -> np.ndarray:
 
 
 SMALL = 1500.0
-"""Counts; a larger constant stops the robot in the first burst."""
+"""Counts. A larger constant stops the robot in the first burst."""
 
 Runs = Mapping[Motion, Sequence[BurstRun]]
 
 
 def ranges(values: Sequence[float], step: float = 50.0) -> str:
-    """Sorted numbers, neighbours of one step joined: -200 to -100, +50."""
+    """Write sorted numbers, with neighbours of one step joined: -200 to -100, +50."""
     runs: list[list[float]] = []
     for value in values:
         if runs and value - runs[-1][-1] == step:
@@ -205,7 +209,7 @@ def ranges(values: Sequence[float], step: float = 50.0) -> str:
 
 
 def _by_value(bursts: Runs) -> list[tuple[float, list[BurstRun]]]:
-    """Runs of all motions by what was struck, in its order."""
+    """Return runs of all motions by the value of the fault, in its order."""
     key = operator.attrgetter("value")
     return [
         (value, list(runs)) for value, runs in itertools.groupby(sorted(flat(bursts), key=key), key)
@@ -256,7 +260,7 @@ def constants(bursts: Runs, rules: Criteria) -> Table:
 
 
 def _stops(runs: Sequence[BurstRun]) -> str:
-    """How many runs stopped in each burst."""
+    """Return how many runs stopped in each burst."""
     stopped = [len(one.events) for one in runs if one.cause]
     return (
         " ".join(str(stopped.count(number)) for number in range(1, EVENTS + 1))
@@ -266,7 +270,7 @@ def _stops(runs: Sequence[BurstRun]) -> str:
 
 
 def span(values: Iterable[float], form: str) -> str:
-    """Least to largest of those that are there."""
+    """Write the least and largest of the finite values."""
     there = [value for value in values if not math.isnan(value)]
     if not there:
         return "–"
@@ -299,7 +303,7 @@ def what_bands_depend_on(settings: Mapping[str, Runs], rules: Criteria) -> Table
 
 
 def stop_peaks(runs: Iterable[BurstRun]) -> list[float]:
-    """Tip error peaks, mm, of bursts that end in a stop, of constants that are at most SMALL."""
+    """Return tip error peaks, mm, of bursts that end in a stop, for constants of at most SMALL."""
     return [
         one.events[-1].peak_mm
         for one in runs
@@ -308,7 +312,7 @@ def stop_peaks(runs: Iterable[BurstRun]) -> list[float]:
 
 
 def stop_words(settings: Mapping[str, Runs], published: Published) -> str:
-    """At which tip error a burst stops the robot, by setting, in a sentence."""
+    """Say at which tip error a burst stops the robot, by setting, in a sentence."""
     peaks = [
         f"{span(stop_peaks(flat(runs)), '.1f')} mm ({name})"
         for number, (name, runs) in enumerate(settings.items())
@@ -322,12 +326,12 @@ def stop_words(settings: Mapping[str, Runs], published: Published) -> str:
 
 
 def flat(runs: Runs) -> list[BurstRun]:
-    """Of all motions."""
+    """Return the runs of all motions in one list."""
     return [one for of_motion in runs.values() for one in of_motion]
 
 
 def most_of_a4(runs: Iterable[BurstRun], rules: Criteria) -> int:
-    """The most bands of A4 that one run meets."""
+    """Return the largest number of A4's bands that one run meets."""
     return max(sum(rules.tests[name](one) for name in rules.a4) for one in runs)
 
 
@@ -335,7 +339,7 @@ CAMPAIGN = "seed_burst.toml"
 FREE, BURST, PACKETS = "fault_free", "burst", "packets"
 """Groups of the campaign, in its order."""
 CONSTANTS = 69
-"""Runs of group BURST."""
+"""Number of runs of group BURST."""
 
 MODELLED = "as modelled"
 EVERY_CYCLE, DRAWN = "a packet each cycle", ("packets in bursts", "other draws")
@@ -415,7 +419,7 @@ SETTINGS: dict[str, tuple[tuple[Motion, ...], tuple[str, ...], str]] = {
         "gains of the nominal model, which the paper does not print",
     ),
 }
-"""Open questions answered otherwise: with which motions, overrides, question."""
+"""Open questions answered differently: motions, overrides, question."""
 
 
 def _variants() -> tuple[Variant, ...]:
@@ -433,7 +437,7 @@ def _variants() -> tuple[Variant, ...]:
 
 
 def compare(context: Context) -> Findings:
-    """Measure every run and put its events beside the paper's four."""
+    """Measure every run and compare its events with the paper's four."""
     measured = _measured(context)
     published = Published("seed")
     rules = criteria(published)
@@ -453,7 +457,7 @@ def compare(context: Context) -> Findings:
 
 
 def _measured(context: Context) -> dict[str, dict[Motion, list[BurstRun]]]:
-    """Runs by setting and motion, the modelled one first."""
+    """Return runs by setting and motion, the modelled one first."""
     recorder = Recorder()
     by_setting = {MODELLED: {m: _runs(recorder, context, variant(m)) for m in MOTIONS}}
     for name, (motions, _, _) in SETTINGS.items():
@@ -462,11 +466,11 @@ def _measured(context: Context) -> dict[str, dict[Motion, list[BurstRun]]]:
 
 
 def _runs(recorder: Recorder, context: Context, name: str) -> list[BurstRun]:
-    """Each run of a campaign beside the fault-free one, which is the first.
+    """Return each run of a campaign with the fault-free one, which is the first.
 
-    Every run draws packets of its own, so that this is not quite its golden run. It is asked for
-    nothing but steps that are as long as a jump's, above 100 um, and a fault-free tip makes none
-    (59 um at most in suture and peg_transfer).
+    Every run draws its own packets, so the first run is not exactly its golden run. It is only used
+    to find steps as long as a jump's, above 100 um. A fault-free tip makes no such step (59 um at
+    most in suture and peg_transfer).
     """
     folder = context.folders[name]
     golden_um = recorder.measure(folder, lambda _, series: series["position"] * 1e6, lambda _: [0])[
@@ -486,8 +490,8 @@ def _of_group(runs: Runs, group: str) -> dict[Motion, list[BurstRun]]:
 def _acceptance(
     settings: Mapping[str, Runs], rules: Criteria, published: Published
 ) -> tuple[Line, ...]:
-    """For each band, and for all of A4, in how many runs it is met; at least one, as the
-    constant is not known.
+    """Return, for each band and for all of A4, in how many runs it is met. At least one is
+    required, as the constant is unknown.
     """
     every = flat(settings[MODELLED])
     texts = {
@@ -543,8 +547,8 @@ def _count(
 
 
 def _events(bursts: Runs, published: Published) -> tuple[Line, ...]:
-    """What goes with a tip error peak of the published size, whichever constant and motion made
-    it.
+    """Return what accompanies a tip error peak of the published size, for any constant and
+    motion.
     """
     low, high = published.band("a4.peak")
     sized = {

@@ -1,9 +1,9 @@
-"""Fault-free tip error of the training simulator at four teleoperation scales (IROS 2016, Figure
-3; targets A5, A6).
+"""Study of the fault-free tip error of the training simulator at four teleoperation scales (IROS
+2016, Figure 3; targets A5, A6).
 
-Tip error is what the cue sees, the distance from the tip that the control software measures to the
-nominal model's. The true tip's distance, and the measured one if both had begun at the same place,
-stand beside it.
+Tip error is the distance that triggers the cue: from the tip that the control software measures to
+the nominal model's. It is shown beside the true tip's distance, and the distance of the measured
+tip if both had begun at the same place.
 """
 
 from __future__ import annotations
@@ -30,28 +30,28 @@ from studies.study import (
 )
 
 REST_TICKS = 500
-"""The hand rests so long at the beginning of every generated motion, pedal down from tick 200
-on.
+"""Ticks for which the hand rests at the beginning of every generated motion. The pedal is down from
+tick 200 on.
 """
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class RunSegment:
-    """What one run shows from the first motion on, until its end or the robot's stop."""
+    """Measurements of one run from the first motion on, until its end or the robot's stop."""
 
-    group: str  # of the campaign: what is otherwise than modelled
+    group: str  # group of the campaign: what differs from the modelled robot
     scale: float
     peak_mm: float
     mean_mm: float
     true_mean_mm: float  # of the true tip
-    zeroed_mean_mm: float  # of the measured tip, its offset at rest taken off
+    zeroed_mean_mm: float  # of the measured tip, minus its offset at rest
     rest_mm: float  # tip error at rest, before the motion
     pulses: int  # of the cue
-    stop_ms: int  # when the robot stopped by itself, -1: never
+    stop_ms: int  # time at which the robot stopped, without a fault; -1: never
 
 
 def segment(row: Row, series: Series) -> RunSegment:
-    """Measure a run: its row of the result table, and its series."""
+    """Measure a run from its row of the result table and its series."""
     stop = int(row["check_estop_first_ms"])
     end = len(series["tip_error_mm"]) if stop < 0 else stop
     moving = slice(REST_TICKS, max(end, REST_TICKS + 1))
@@ -82,7 +82,7 @@ class Growth:
 
 
 def growth(scales: Sequence[float], values: Sequence[float]) -> Growth:
-    """Least squares; at least three scales."""
+    """Fit by least squares. Needs at least three scales."""
     x, y = np.asarray(scales, float), np.asarray(values, float)
     slope, at_zero = np.polyfit(x, y, 1)
     rest, about = y - slope * x - at_zero, y - y.mean()
@@ -94,7 +94,7 @@ def growth(scales: Sequence[float], values: Sequence[float]) -> Growth:
 
 
 def spread(values: Iterable[float]) -> tuple[float, float]:
-    """Least and largest."""
+    """Return the least and largest value."""
     every = list(values)
     return min(every), max(every)
 
@@ -102,13 +102,11 @@ def spread(values: Iterable[float]) -> tuple[float, float]:
 CAMPAIGN = "seed_fault_free.toml"
 SCALES = (0.05, 0.1, 0.15, 0.2)
 MODELLED = "as modelled"
-"""The campaign's first group; its four runs come first."""
+"""The campaign's first group. Its four runs come first."""
 
 
 NOISE = "noise"
-"""The campaign's group with noise of encoders and motors in the sizes that the robot has by
-itself.
-"""
+"""The campaign's group with noise of encoders and motors, in the robot's own sizes."""
 
 SETTINGS: dict[str, tuple[str, str]] = {
     **{
@@ -120,8 +118,8 @@ SETTINGS: dict[str, tuple[str, str]] = {
         "the control software of the 2015 simulator fork",
     ),
 }
-"""What only a campaign of its own can answer otherwise: its override, its question. Run for the
-first motion alone.
+"""Questions that need a separate campaign to be answered differently: override and question. Run
+only for the first motion.
 """
 
 
@@ -145,40 +143,40 @@ def _variants() -> tuple[Variant, ...]:
 
 @dataclasses.dataclass(frozen=True)
 class Setting:
-    """The segments of one answer to the open questions: by motion and scale."""
+    """The segments of one answer to the open questions, by motion and scale."""
 
     name: str
     segments: Mapping[Motion, Mapping[float, RunSegment]]
 
     def by_motion(self, of: Callable[[Mapping[float, RunSegment]], float]) -> dict[Motion, float]:
-        """A number of each motion's four segments."""
+        """Return a number computed from each motion's four segments."""
         return {motion: of(segments) for motion, segments in self.segments.items()}
 
     def at(self, scale: float, field: str) -> StudyEstimate:
-        """Mean over kinds of motion of a quantity at one scale."""
+        """Return the mean over kinds of motion of a quantity at one scale."""
         return over_kinds(self.by_motion(lambda segments: getattr(segments[scale], field)))
 
     def all_segments(self, field: str = "mean_mm") -> dict[Motion, float]:
-        """Mean over the four scales, of each motion."""
+        """Return the mean over the four scales, for each motion."""
         return self.by_motion(
             lambda segments: float(np.mean([getattr(segments[s], field) for s in SCALES]))
         )
 
     def lines(self, field: str, of: str) -> dict[Motion, float]:
-        """Slope, value at zero or explained share of a straight line through the four scales, of
-        each motion.
+        """Return slope, value at zero or explained share of a straight line through the four
+        scales, for each motion.
         """
         return self.by_motion(
             lambda found: getattr(growth(SCALES, [getattr(found[s], field) for s in SCALES]), of)
         )
 
     def line(self, field: str, of: str) -> StudyEstimate:
-        """Its mean over kinds of motion."""
+        """Return the mean of that number over kinds of motion."""
         return over_kinds(self.lines(field, of))
 
     def explained(self, field: str) -> StudyEstimate:
-        """Share of the variance that a line explains: mean over kinds, least and largest of a
-        motion.
+        """Return the share of the variance that a line explains: mean over kinds, and least and
+        largest of a motion.
         """
         low, high = spread(self.lines(field, "explained").values())
         mean = self.line(field, "explained")
@@ -192,7 +190,7 @@ class Setting:
 
 
 def compare(context: Context) -> Findings:
-    """Measure every segment and put it beside the paper's."""
+    """Measure every segment and compare it with the paper's."""
     settings = _measured(context)
     published = Published("seed")
     modelled, noisy = settings[MODELLED], settings[NOISE]
@@ -212,7 +210,7 @@ def compare(context: Context) -> Findings:
 
 
 def _measured(context: Context) -> dict[str, Setting]:
-    """Settings by name, the modelled one first, those of the campaign's groups before those of
+    """Return settings by name: the modelled one first, then the campaign's groups, then separate
     campaigns.
     """
     recorder = Recorder()
@@ -227,7 +225,9 @@ def _measured(context: Context) -> dict[str, Setting]:
 
 
 def _inside(settings: Mapping[str, Setting], band: tuple[float, float]) -> list[str]:
-    """Settings other than the modelled one whose mean of all segments is in the band, with it."""
+    """Return settings other than the modelled one whose mean of all segments is in the band, with
+    this mean.
+    """
     means = {
         name: over_kinds(setting.all_segments()).value
         for name, setting in settings.items()
@@ -429,7 +429,7 @@ def _motions(modelled: Setting) -> Table:
 
 
 def _cues(setting: Setting) -> str:
-    """In how many segments the cue fires, in words."""
+    """Say in how many segments the cue fires."""
     return f"{sum(s.pulses > 0 for s in setting.every)} of {len(setting.every)}"
 
 

@@ -1,5 +1,5 @@
-"""The operators of the training-simulator studies: the paper shows one unknown hand, these are
-generated motions.
+"""Defines the operators of the training-simulator studies. The paper shows one unknown hand; these
+are generated motions.
 """
 
 from __future__ import annotations
@@ -24,28 +24,28 @@ MOTIONS: tuple[Motion, ...] = (
     ("reach", 2),
     ("circle", 1),
 )
-"""Every generated motion with the pedal down throughout and the hand moving; the circle draws
-nothing.
+"""Every generated motion with the pedal down throughout and the hand moving. The circle has no
+random numbers.
 """
 
 CONFIDENCE = 0.95
 
 
 def overrides(motion: Motion) -> tuple[str, str]:
-    """That make a campaign run with this motion."""
+    """Return overrides that make a campaign run with this motion."""
     return f"operator.motion={motion[0]}", f"operator.seed={motion[1]}"
 
 
 def variant(motion: Motion, setting: str = "") -> str:
-    """Name of the variant with this motion and, if any, this setting."""
+    """Return the name of the variant with this motion and, if any, this setting."""
     return "_".join([f"{motion[0]}_{motion[1]}", *setting.split()])
 
 
 def over_kinds(values: Mapping[tuple[str, int], float]) -> StudyEstimate:
-    """Mean over kinds of motion of the mean over their seeds, with its t interval; `values` by
-    (kind, seed).
+    """Return the mean over kinds of motion of the mean over their seeds, with its t interval.
+    `values`: by (kind, seed).
 
-    Kinds are the independent units: seeds of one kind differ less among themselves than kinds do.
+    Kinds are the independent units, because seeds of one kind differ less than kinds do.
     """
     from scipy import stats
 

@@ -1,19 +1,20 @@
-"""Parameters of a robot from a log of it: which values make the virtual robot do what the logged
-one did?
+"""Estimates the parameters of a robot from a log of its joints.
+
+The question is which parameter values make the virtual robot move as the logged robot did.
 
     log -> replays with other parameters -> Gauss-Newton -> judgement on the rest of the log
 
-`joint_log` reads a log. `position_loop` is one cycle of the closed loop: the same controller,
-encoders of 4000 counts. `replays` makes it a loop that engines run, and runs many of one log.
-`parameters` are the unknowns with what is believed of them before. `fit` finds the most probable
-values, `calibrate` says how well the robot then predicts the part of the log that nothing was
-fitted to, beside models that know nothing of the arm.
+`joint_log` reads a log. `position_loop` is one cycle of the closed loop, with the same controller
+and encoders of 4000 counts. `replays` turns it into a loop for the engines, and runs many replays
+of one log. `parameters` defines the unknowns and the beliefs about them before the log. `fit` finds
+the most probable values. `calibrate` measures how well the robot then predicts the second half of
+the log, to which nothing was fitted, and compares it with models that know nothing of the arm.
 
-A log's joints are compared at the motors, where a Raven's encoders are: what lies behind the
-cables, backlash above all, shows itself only in what it does to the motors.
+A log's joints are compared at the motors, where a Raven's encoders are. Effects behind the cables,
+above all backlash, appear only through the motors.
 
-The covariance of a fit holds where the virtual robot is the logged one in all but the unknowns. On
-logs of 14 s of twenty virtual robots, each with 44 values drawn from the beliefs, 847 of 880 lay
-inside its 90 % intervals, at least 37 of 44 in each. For a real robot, which differs in more, it is
-a guide.
+The covariance of a fit is valid if the virtual robot differs from the logged one only in the
+unknowns. In a check with logs of 14 s from twenty virtual robots, each with 44 values drawn from
+the beliefs, 847 of 880 values lay inside their 90 % intervals, and at least 37 of 44 for each
+robot. A real robot differs in more ways, so there the covariance is only a guide.
 """

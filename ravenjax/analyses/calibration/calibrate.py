@@ -21,67 +21,66 @@ from ravenjax.robots.raven2.plant import robot
 from ravenjax.robots.raven2.setup import RavenSetup
 
 SETTLING = 1000
-"""Cycles at a log's beginning that are not compared: how the cables were loaded there is not
-known.
+"""Cycles at a log's beginning that are not compared, because the initial load of the cables is
+unknown.
 """
 SHORTEST = 4 * SETTLING
-"""Cycles of a log that can be fitted to and judged by."""
+"""Fewest cycles of a log that can be fitted to and judged by."""
 NORMAL_90 = 1.6449
-"""Standard deviations from the middle of a normal distribution to the ends of its middle 90 %."""
+"""Standard deviations from the mean of a normal distribution to the ends of its middle 90 %."""
 CONFOUNDED = 0.7
-"""Correlation from which two unknowns count as told together: half of the variance of each is
-the other's.
+"""Correlation from which two unknowns count as confounded: half of the variance of each is shared.
 """
 UNLIKELY = 3.0
-"""Standard deviations of the belief before: a value farther off says that the robot differs in
-more than is asked.
+"""Standard deviations of the prior belief. A value farther off suggests that the robot also differs
+in something that is not estimated.
 """
 LOG, ROTOR = "the recording", "null: bare rotors"
 
 
 class FollowingError(NamedTuple):
-    """Root mean squares over one part of a log, [7]; rad and m, nan where the log has no such
-    joint.
+    """Root mean squares over one part of a log, [7]; rad and m, NaN for joints that the log
+    lacks.
     """
 
     model: str
-    following: np.ndarray  # of measured or replayed minus desired joints
-    residual: np.ndarray  # of replayed minus measured joints
+    following: np.ndarray  # measured or replayed minus desired joints
+    residual: np.ndarray  # replayed minus measured joints
 
 
 @dataclasses.dataclass(frozen=True)
 class Calibration:
-    """What a log says of a robot."""
+    """The result of a calibration: what a log shows about a robot."""
 
     unknowns: tuple[Unknown, ...]
-    base: LoopParams  # the robot before
+    base: LoopParams  # the robot before calibration
     fit: fitting.Fit
 
     @property
     def before(self) -> np.ndarray:
-        """[k] values before, in their units."""
+        """Return the values before calibration [k], in their units."""
         return parameters.before(self.base, self.unknowns)
 
     @property
     def robot(self) -> LoopParams:
-        """The most probable one."""
+        """Return the most probable robot."""
         return parameters.apply(self.base, self.unknowns, self.fit.steps)
 
     @property
     def after(self) -> np.ndarray:
-        """[k] most probable values, in their units."""
+        """Return the most probable values [k], in their units."""
         return self._moved(self.fit.steps)
 
     @property
     def interval(self) -> tuple[np.ndarray, np.ndarray]:
-        """Ends of the 90 % interval of each, [k], in their units."""
+        """Return the ends of each 90 % interval, [k], in their units."""
         half = NORMAL_90 * self.told
         return self._moved(self.fit.steps - half), self._moved(self.fit.steps + half)
 
     @property
     def confounded(self) -> list[tuple[str, str, float]]:
-        """Pairs of unknowns that the log tells together rather than each, with the correlation
-        that the fit leaves.
+        """Return pairs of unknowns that the log determines only jointly, with the correlation that
+        the fit leaves.
         """
         correlation = self.fit.covariance / np.outer(self.told, self.told)
         pairs = zip(*np.triu_indices(len(self.unknowns), 1), strict=True)
@@ -93,22 +92,24 @@ class Calibration:
 
     @property
     def unlikely(self) -> list[tuple[str, float]]:
-        """Unknowns that the fit moved by UNLIKELY or more, with how far, in standard deviations
-        of the belief.
+        """Return unknowns that the fit moved by UNLIKELY or more, with the distance in standard
+        deviations of the belief.
         """
         rows = zip(self.unknowns, self.fit.steps.tolist(), strict=True)
         return [(one.path, steps) for one, steps in rows if abs(steps) >= UNLIKELY]
 
     def draws(self, number: int, seed: int = 0) -> np.ndarray:
-        """[number, k] robots that the log leaves likely, in spreads from the values before."""
+        """Return [number, k] robots that the log leaves likely, in spreads from the values
+        before.
+        """
         return np.random.default_rng(seed).multivariate_normal(
             self.fit.steps, self.fit.covariance, number
         )
 
     @property
     def told(self) -> np.ndarray:
-        """Standard deviation after the log by that before it, [k]: 1 where the log tells
-        nothing.
+        """Return the ratio of the standard deviations after and before the log, [k]: 1 if the log
+        contains no information.
         """
         return np.sqrt(np.diag(self.fit.covariance))
 
@@ -122,7 +123,7 @@ class Calibration:
 
 @dataclasses.dataclass(frozen=True)
 class LoggedRobot:
-    """A log with the robot that it is of: which arm, how its software strings the tool, which
+    """A log and its robot: the arm, the software's assumption about the tool's cables, and the
     controller.
     """
 
@@ -133,12 +134,14 @@ class LoggedRobot:
 
     @property
     def halves(self) -> tuple[JointLog, JointLog]:
-        """What is fitted to, and what is kept back; both are replayed from the log's beginning."""
+        """Return the part that is fitted to and the part that is held back. Both are replayed from
+        the log's beginning.
+        """
         whole = len(self.log.desired)
         return self.log.compared(SETTLING, whole // 2), self.log.compared(whole // 2, whole)
 
     def calibrated(self, plant: robot.PlantParams, unknowns: Sequence[Unknown]) -> Calibration:
-        """Fit `unknowns` of a robot to the log's first half. UserError where the log is too
+        """Fit `unknowns` of a robot to the log's first half. Raises UserError if the log is too
         short.
         """
         if len(self.log.desired) < SHORTEST:
@@ -157,8 +160,8 @@ class LoggedRobot:
         return Calibration(tuple(unknowns), base, best)
 
     def judged(self, part: JointLog, robots: Mapping[str, LoopParams]) -> list[FollowingError]:
-        """Following errors on `part` of the log itself, of `robots` by name, and of bare rotors
-        of the first.
+        """Return following errors on `part`: of the log itself, of `robots` by name, and of the
+        bare rotors of the first robot.
         """
         first = next(iter(robots.values()))
         rotors = replace(position_loop.params(position_loop.bare_rotors(first.plant)), cables=0.0)
@@ -176,7 +179,9 @@ class LoggedRobot:
         ]
 
     def replayed(self, part: JointLog, robots: Sequence[LoopParams]) -> np.ndarray:
-        """[K, n, 7] joints of robots where the log was measured, rad and m."""
+        """Return joints [K, n, 7] of replayed robots at the times at which the log was measured,
+        rad and m.
+        """
         return replays.robots(self._setup(parameters.unknowns((), ("delays",))), robots, part)
 
     def _setup(self, unknowns: Sequence[Unknown]) -> ReplaySetup:

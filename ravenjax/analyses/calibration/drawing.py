@@ -18,8 +18,8 @@ LOG, ROBOT, GREY = "#1b1f24", "#d9571b", "#5b6470"
 
 
 def errors(path: Path, log: JointLog, replayed: np.ndarray, until: int) -> None:
-    """Following errors by joint, as SVG. replayed: [n, 7] of the calibrated robot; until: last
-    cycle fitted to.
+    """Write following errors by joint as SVG. `replayed`: [n, 7] of the calibrated robot; `until`:
+    last cycle that was fitted to.
     """
     _save(
         path,
@@ -29,7 +29,7 @@ def errors(path: Path, log: JointLog, replayed: np.ndarray, until: int) -> None:
 
 
 def intervals(path: Path, calibrated: Calibration) -> None:
-    """90 % intervals of the parameters before and after the log, as SVG."""
+    """Write 90 % intervals of the parameters before and after the log as SVG."""
     rows = len(calibrated.unknowns)
     _save(path, (7.0, 1.2 + 0.22 * rows), lambda figure: _draw_intervals(figure, calibrated))
 

@@ -1,10 +1,10 @@
-"""Fits parameters to a log by Gauss-Newton on whole stretches of closed loop, with their
+"""Fits parameters to a log by Gauss-Newton on long stretches of closed loop, and estimates their
 covariance.
 
-The residual is measured minus replayed, joint by joint, in units of what no step takes away of it.
-That is correlated in time: every joint's squares count only for as many independent samples as it
-has (its integrated autocorrelation time). Beliefs before the log are normal and enter as one more
-squared residual each.
+The residual is measured minus replayed joints, scaled by the part of it that no step can remove.
+This residual is correlated in time. So each joint's squares count only for its number of
+independent samples, by the integrated autocorrelation time. Beliefs before the log are normal, and
+each enters as one more squared residual.
 """
 
 from __future__ import annotations
@@ -17,41 +17,44 @@ import numpy as np
 from ravenjax.analyses.calibration.position_loop import JOINTS
 from ravenjax.robots.raven2.geometry import transmission
 
-# spreads, to both sides: what two parameters do together is the small rest of what each does
+# Spreads, to both sides. The interaction of two parameters is a small difference of their separate
+# effects.
 DIFFERENCE = 0.1
 CANDIDATES = (1.0, 0.5, 0.2, 0.05)  # of a Gauss-Newton step, tried side by side
-FURTHER = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # spreads along each unknown, where no step is better
+# Spreads along each unknown, tried if no step is better.
+FURTHER = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)
 ITERATIONS = 40
-SCREENED = 3  # times as many draws as a slope takes
-LEAST = 10.0  # independent samples that any joint has
+SCREENED = 3  # draws, as a multiple of the replays of a slope
+LEAST = 10.0  # least number of independent samples of a joint
 WORTH = 1.0  # gain of a longer step, in squares
 FINEST = 2.0 * transmission.ENCODER_RAD / np.array([*transmission.TR])
-"""Two counts of the encoder at each joint, rad and m: whether a motor at rest shows a count more
+"""Two counts of the encoder at each joint, rad and m. Whether a motor at rest reads one count more
 or less is chance.
 """
-ENOUGH = 1e-3  # relative gain at which it ends
+ENOUGH = 1e-3  # relative gain below which the fit ends
 
 Predictor = Callable[[np.ndarray], np.ndarray]
-"""steps [K, k] (spreads) -> joints [K, n, 7] where they were measured; rad and m."""
+"""Maps steps [K, k] (in spreads) to joints [K, n, 7] at the times of measurement; rad and m."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Fit:
-    """The most probable parameters, in spreads from their values before, and the covariance
-    around them.
+    """The most probable parameters, in spreads from their values before, and the covariance around
+    them.
     """
 
     steps: np.ndarray  # [k]
     covariance: np.ndarray  # [k, k]
-    scale: np.ndarray  # [7] root mean square of each joint's residual, at least FINEST; rad and m
-    independent: np.ndarray  # [7] independent samples of each joint's residual
+    # [7] root mean square of each joint's residual, at least FINEST; rad and m.
+    scale: np.ndarray
+    independent: np.ndarray  # [7] number of independent samples of each joint's residual
     costs: tuple[
         tuple[float, float], ...
-    ]  # of each iteration, before and after it in the same weights
+    ]  # Costs before and after each iteration, both in the same weights.
 
     def weight(self, measured: np.ndarray) -> np.ndarray:
-        """Of each residual [n, 7], so that its squares add up to the joint's independent
-        samples.
+        """Return the weight of each residual [n, 7], chosen so that a joint's squares add up to its
+        number of independent samples.
         """
         there = ~np.isnan(measured)
         return np.where(
@@ -62,15 +65,16 @@ class Fit:
 def fit(
     predict: Predictor, measured: np.ndarray, unknowns: int, smooth: Predictor | None = None
 ) -> Fit:
-    """Gauss-Newton with slopes by differences; `measured` [n, 7], nan where it is not compared.
+    """Fit by Gauss-Newton with slopes by differences. `measured`: [n, 7], NaN where it is not
+    compared.
 
-    smooth: predictions without whole numbers, whose differences are the slopes; by default
-    `predict` itself. Where an encoder counts and a motor sticks, chance moves a joint by part of a
-    count. A small difference of counted joints shows little else, and a parameter that tells
-    nothing would seem to tell much.
+    `smooth`: predictions without rounding to whole counts, from which slopes are computed; by
+    default `predict` itself. If an encoder counts and a motor sticks, chance moves a joint by part
+    of a count. A small difference of counted joints would then be mostly chance, and an
+    uninformative parameter would seem informative.
 
-    It begins at the best of some draws from the beliefs, and where it ends it looks along each
-    unknown whether it is better further off: a joint that sticks has no slope that leads away.
+    The fit starts at the best of some draws from the beliefs. At its end it checks larger steps
+    along each unknown, because a joint that sticks has no slope.
     """
     there = ~np.isnan(measured)
     smooth = smooth or predict
@@ -111,12 +115,12 @@ def fit(
 
 
 def rows(unknowns: int) -> int:
-    """Replays side by side: as many as a slope takes."""
+    """Return the number of replays that run side by side: as many as a slope needs."""
     return max(1 + unknowns, len(CANDIDATES))
 
 
 def costs(at: Fit, measured: np.ndarray, predicted: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Of predictions [K, n, 7] and their steps [K, k], in the weights of `at`."""
+    """Return the costs of predictions [K, n, 7] and their steps [K, k], in the weights of `at`."""
     weight = at.weight(measured)
     return np.array(
         [
@@ -127,11 +131,11 @@ def costs(at: Fit, measured: np.ndarray, predicted: np.ndarray, steps: np.ndarra
 
 
 def _blind(measured: np.ndarray, predicted: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Costs of predictions [K, n, 7] where nothing is known of the noise: each joint's is all that
-    its residual is.
+    """Return the costs of predictions [K, n, 7] while the noise is unknown: each joint's whole
+    residual counts as noise.
 
-    -2 log likelihood of LEAST independent samples a joint, so that parameters far apart can be
-    compared.
+    The cost is -2 log likelihood of LEAST independent samples per joint, so that distant parameters
+    can be compared.
     """
     there = ~np.isnan(measured)
     errors = np.where(there, measured - predicted, 0.0)
@@ -140,15 +144,15 @@ def _blind(measured: np.ndarray, predicted: np.ndarray, steps: np.ndarray) -> np
 
 
 def _start(predict: Predictor, measured: np.ndarray, unknowns: int, rows: int) -> np.ndarray:
-    """The best of some draws from the beliefs, narrowed, and of what was believed."""
+    """Return the best of the prior values and of some draws from narrowed beliefs."""
     samples = np.random.default_rng(0).standard_normal((SCREENED * rows - 1, unknowns))
     draws = np.vstack([np.zeros(unknowns), 0.7 * samples])
     return draws[int(np.argmin(_blind(measured, padded(predict, draws, rows), draws)))]
 
 
 def padded(predict: Predictor, steps: np.ndarray, rows: int) -> np.ndarray:
-    """Predictions of any number of parameters, computed by `rows`, so that nothing is compiled
-    anew.
+    """Return predictions for any number of parameters, computed in batches of `rows`, so that
+    nothing is compiled again.
     """
     parts = [steps[at : at + rows] for at in range(0, len(steps), rows)]
     filled = [np.vstack([part, np.repeat(part[:1], rows - len(part), axis=0)]) for part in parts]
@@ -156,16 +160,18 @@ def padded(predict: Predictor, steps: np.ndarray, rows: int) -> np.ndarray:
 
 
 def squares(measured: np.ndarray, joints: np.ndarray, weight: np.ndarray) -> float:
-    """Sum of weighted squares of measured minus replayed joints [n, 7]; nan is not compared."""
+    """Return the sum of weighted squares of measured minus replayed joints [n, 7]. NaN is not
+    compared.
+    """
     return float((np.where(weight > 0.0, measured - joints, 0.0) ** 2 * weight**2).sum())
 
 
 def _unexplained(residual: np.ndarray, slopes: np.ndarray) -> np.ndarray:
-    """What no step of the unknowns takes away of the residual [n, 7], joints weighed alike: the
-    noise of the fit.
+    """Return the part of the residual [n, 7] that no step of the unknowns removes, with equal
+    weight on each joint: the noise of the fit.
 
-    What a step takes away is still to be fitted; counted as noise, which it would be much
-    correlated, it would keep the fit where it is.
+    The removable part is still to be fitted. It is strongly correlated, so if it counted as noise,
+    it would keep the fit from moving.
     """
     unit = np.maximum(np.sqrt((residual**2).mean(axis=0)), FINEST)
     columns = (slopes / unit).reshape(len(slopes), -1).T
@@ -174,8 +180,8 @@ def _unexplained(residual: np.ndarray, slopes: np.ndarray) -> np.ndarray:
 
 
 def _noise(residual: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Root mean square of each joint's residual, at least FINEST, and its independent samples;
-    [7] each.
+    """Return the root mean square of each joint's residual, at least FINEST, and its number of
+    independent samples; [7] each.
     """
     count = there.sum(axis=0)
     scale = np.sqrt((residual**2).sum(axis=0) / count.clip(1))
@@ -186,7 +192,9 @@ def _noise(residual: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _autocorrelation_time(series: np.ndarray) -> float:
-    """Integrated autocorrelation time of [n], samples; summed to the first sign change."""
+    """Return the integrated autocorrelation time of [n], in samples, summed up to the first sign
+    change.
+    """
     spectrum = np.abs(np.fft.rfft(series, 2 * len(series))) ** 2 if len(series) else np.zeros(1)
     correlation = (
         np.fft.irfft(spectrum, 2 * len(series))[: len(series)] if len(series) else np.zeros(1)

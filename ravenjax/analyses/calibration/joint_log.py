@@ -1,24 +1,25 @@
-"""The log of one arm: desired and measured joints on the clock of the control cycle.
+"""Reads the log of one arm: desired and measured joints on the clock of the control cycle.
 
-A table (.csv, .parquet) has a row a sample. Its columns are named by joint, shoulder to grasp2; a
-log may leave joints out. In the order of preference:
+A table (.csv, .parquet) has one row per sample. Its columns are named by joint, shoulder to grasp2.
+A log may leave joints out. Columns are used in this order of preference:
 
 - `jpos_d_JOINT` and `jpos_JOINT`: desired and measured joints, rad and m;
 - `mpos_d_JOINT` and `mpos_JOINT`: desired and measured motors, rad;
-- `dac_JOINT`, `mpos_JOINT` and perhaps `mvel_JOINT`: what the robot was asked for is found from its
-  PD law, for joints without an integral.
+- `dac_JOINT`, `mpos_JOINT` and optionally `mvel_JOINT`: the desired joints are computed from the
+  robot's PD law, for joints without an integral.
 
 A name may end in `_deg` (motors and angles) or `_deg_s`. Time is `time_s`; without it the samples
-are `period_ms` apart. Where there is `runlevel`, the longest stretch of raven2's pedal-down is the
-log.
+are `period_ms` apart. If there is a column `runlevel`, the longest stretch in raven2's pedal-down
+is the log.
 
-A bag of ROS 1 or ROS 2 becomes such a table, from one of
+A bag of ROS 1 or ROS 2 is converted to such a table, from one of
 
-- raven2's `raven_2/raven_state`: jpos and jpos_d of both arms in its slots, all times 180/pi, the
-  insertion too;
+- raven2's `raven_2/raven_state`: jpos and jpos_d of both arms in its slots, all multiplied by
+  180/pi, the insertion too;
 - CRTK's `/arm1/measured_js` and `/arm1/setpoint_js` (arm1 is gold, arm2 green), rad and m. raven2
-  publishes what it measures of one arm under the other's name (branch crtk,
-  src/raven/local_io.cpp), so that the measured joints of an arm are those that follow its setpoint.
+  publishes the measurements of one arm under the other arm's name (branch crtk,
+  src/raven/local_io.cpp). So the measured joints of an arm are taken to be those that follow its
+  setpoint.
 """
 
 from __future__ import annotations
@@ -41,28 +42,31 @@ from ravenjax.store.logs.topics import ARM_TOPICS
 
 ENDINGS = {"": 1.0, "_deg": np.pi / 180.0, "_deg_s": np.pi / 180.0}
 LONGEST_S = 6 * 3600.0
-"""Longest log: it is held in memory, a row a millisecond."""
+"""Longest log in seconds. It is held in memory, with one row per millisecond."""
 SLOTS = np.array([0, 1, 2, 4, 5, 6, 7])
-"""Places of the joints among the eight numbers of an arm in raven_state; the fourth is unused."""
+"""Positions of the joints among the eight numbers of an arm in raven_state. The fourth is unused.
+"""
 PER_STATE = np.pi / 180.0
 """rad and m per unit of raven_state."""
 
 
 class JointLog(NamedTuple):
-    """One arm. Columns are the seven joints: rad, and m for the insertion."""
+    """The log of one arm. Columns are the seven joints: rad, and m for the insertion."""
 
-    start: np.ndarray  # [7] joints where the log begins; nan where it has none
-    desired: np.ndarray  # [T, 7], a row a control cycle (1 ms)
-    measured: np.ndarray  # [n, 7], by the motors; nan where the log has none
+    start: np.ndarray  # [7] joints at the start of the log; NaN if missing
+    desired: np.ndarray  # [T, 7], one row per control cycle (1 ms)
+    measured: np.ndarray  # [n, 7], measured at the motors; NaN if missing
     cycles: np.ndarray  # [n] cycle after which each row was measured
 
     @property
     def joints(self) -> list[int]:
-        """The joints (0 to 6) that it has."""
+        """Return the joints (0 to 6) that the log has."""
         return np.flatnonzero(~np.isnan(self.measured).all(axis=0)).tolist()
 
     def compared(self, begin: int, end: int) -> JointLog:
-        """Its cycles up to `end`, of which those before `begin` are replayed but not compared."""
+        """Return the log's cycles up to `end`. Those before `begin` are replayed but not
+        compared.
+        """
         rows = self.cycles < end
         measured = np.where((self.cycles >= begin)[:, None], self.measured, np.nan)
         return JointLog(self.start, self.desired[:end], measured[rows], self.cycles[rows])
@@ -76,7 +80,9 @@ def read_joint_log(
     controller: Controller,
     period_ms: float | None = None,
 ) -> JointLog:
-    """The log of one arm. UserError where the file or its columns are not of these."""
+    """Read the log of one arm. Raises UserError if the file or its columns have no
+    supported form.
+    """
     if path.is_dir() or (path.is_file() and path.suffix in bags.SUFFIXES):
         table = _read_bag(path, arm)
     elif path.is_file() and path.suffix in files.TABLES:
@@ -95,7 +101,9 @@ def read_joint_log(
 
 
 def _pedal_down(path: Path, table: pd.DataFrame) -> pd.DataFrame:
-    """The longest stretch of rows in which the robot could move; all where no column says so."""
+    """Return the longest stretch of rows in which the robot could move; all rows if no column shows
+    it.
+    """
     where = ""
     if "runlevel" in table:
         live = table["runlevel"].to_numpy() == PEDAL_DOWN
@@ -109,7 +117,7 @@ def _pedal_down(path: Path, table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _times(path: Path, table: pd.DataFrame, period_ms: float | None) -> np.ndarray:
-    """Seconds from the first sample, [n]."""
+    """Return seconds since the first sample, [n]."""
     if period_ms is not None:
         times = np.arange(len(table)) * period_ms * 1e-3
     elif "time_s" in table:
@@ -135,7 +143,7 @@ def _times(path: Path, table: pd.DataFrame, period_ms: float | None) -> np.ndarr
 def _joints(
     path: Path, table: pd.DataFrame, arm: ArmName, tool: str, software: str, controller: Controller
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Desired [n, 7] and measured joints [n, 7], nan where the log has none; what it lacks is
+    """Return desired [n, 7] and measured joints [n, 7]. Missing joints are measured as NaN and
     desired at home.
     """
     desired, measured = _quantity(path, table, "jpos_d"), _quantity(path, table, "jpos")
@@ -143,7 +151,7 @@ def _joints(
         motors, targets = _quantity(path, table, "mpos"), _quantity(path, table, "mpos_d")
         counts = _quantity(path, table, "dac")
         if motors is not None and targets is None and counts is not None:
-            # The PD law solved for the desired angle; an integral hides it.
+            # The PD law is solved for the desired angle. An integral term would prevent this.
             speed = _quantity(path, table, "mvel")
             speed = np.gradient(motors, 1e-3, axis=0) if speed is None else speed
             signs = np.array([*transmission.tau_signs(arm, tool, software)], float)
@@ -158,7 +166,7 @@ def _joints(
                 " joint (as mpos_shoulder); its columns are"
                 f" {', '.join(map(str, table.columns[:12]))}"
             )
-        # An unknown motor hides its joint and those after it.
+        # If a motor is unknown, its joint and the following joints are unknown too.
         desired, measured = (
             np.stack(
                 [
@@ -174,7 +182,9 @@ def _joints(
 
 
 def _quantity(path: Path, table: pd.DataFrame, name: str) -> np.ndarray | None:
-    """Columns of a quantity [n, 7], nan where a joint is not logged; None where none is."""
+    """Return the columns of a quantity [n, 7], NaN for joints that are not logged; None if no joint
+    is logged.
+    """
     columns = np.full((len(table), len(JOINTS)), np.nan)
     for joint, word in enumerate(JOINTS):
         for ending, factor in ENDINGS.items():
@@ -184,7 +194,7 @@ def _quantity(path: Path, table: pd.DataFrame, name: str) -> np.ndarray | None:
 
 
 def _numbers(path: Path, table: pd.DataFrame, name: str) -> np.ndarray:
-    """A column [n]; nan where the log has nothing. UserError where it holds anything but
+    """Return a column [n], NaN for missing values. Raises UserError for values that are not
     numbers.
     """
     try:
@@ -200,7 +210,9 @@ def _numbers(path: Path, table: pd.DataFrame, name: str) -> np.ndarray:
 
 
 def _read_bag(path: Path, arm: ArmName) -> pd.DataFrame:
-    """The table of a bag: time_s, jpos_d_JOINT and jpos_JOINT; of raven_state runlevel, too."""
+    """Return the table of a bag: time_s, jpos_d_JOINT and jpos_JOINT, and runlevel from
+    raven_state.
+    """
     with bags.open_bag(path) as reader:
         kinds = {one.topic: one.msgtype for one in reader.connections}
         state = next((topic for topic, kind in kinds.items() if kind.endswith("/raven_state")), "")
@@ -237,7 +249,7 @@ def _read_bag(path: Path, arm: ArmName) -> pd.DataFrame:
 
 
 def _following(setpoint: bags.Joints, measured: bags.Joints) -> tuple[float, pd.DataFrame]:
-    """How far measured joints are from a setpoint, and both at the times at which both are
+    """Return how far measured joints are from a setpoint, and both at the times at which both are
     known.
     """
     begin, end = setpoint.time_ns[[0, -1]]

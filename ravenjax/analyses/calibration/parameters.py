@@ -1,4 +1,4 @@
-"""The parameters that a log is asked for: numbers of `LoopParams` with their prior
+"""Defines the parameters that a log can estimate: numbers of `LoopParams` with their prior
 distributions.
 """
 
@@ -19,42 +19,45 @@ from ravenjax.robots.raven2.plant import robot
 
 COMMAND_DELAY, SETPOINT_DELAY = "command_delay", "setpoint_delay"
 USUAL_DELAY_MS = 1.0
-"""Median of the belief: a frame of full-speed USB; with the spread below 90 % of it lie between
+"""Median of the prior: one frame of full-speed USB. With the spread below, 90 % of it lies between
 0.3 and 3.2 ms.
 """
 LONGEST_DELAY_MS = 6
 
 
 class Unknown(NamedTuple):
-    """One number that a log is asked for, normal before the log is seen; of a ratio the
+    """One number that is estimated from a log. Its prior is normal; for a ratio, the prior of its
     logarithm is.
     """
 
     name: str
-    fields: tuple[
-        str, ...
-    ]  # of LoopParams, dots between: plant.actuators.coulomb; a ratio moves all of them alike
-    joint: int | None  # of fields with seven; None: fields with one
-    spread: float  # standard deviation: of the logarithm of a ratio, else in the field's unit
-    ratio: bool  # whether it is estimated as a ratio to the value before
+    # Fields of LoopParams, separated by dots: plant.actuators.coulomb. A ratio changes all of them
+    # by the same factor.
+    fields: tuple[str, ...]
+    joint: int | None  # joint of fields with seven values; None: fields with one
+    # Standard deviation: of the logarithm of a ratio, else in the field's unit.
+    spread: float
+    # True if it is estimated as a ratio to the value before.
+    ratio: bool
 
     @property
     def path(self) -> str:
-        """`dry_friction.tool_roll`"""
+        """Return the name with its joint, such as `dry_friction.tool_roll`."""
         return self.name if self.joint is None else f"{self.name}.{JOINTS[self.joint]}"
 
 
-BELIEFS = {  # what may be asked for -> name, fields, spread, whether a ratio; why
+# Name, fields, spread and whether it is a ratio, with the reason.
+BELIEFS = {
     "friction": (
-        # two recorded arms differ by factors up to 1.7; how motor and joint share it is not told,
-        # and not asked
+        # Two recorded arms differ by factors up to 1.7. A log cannot separate motor from joint
+        # friction, so both change together.
         ("dry_friction", ("plant.actuators.coulomb", "plant.link_coulomb"), 0.6, True),
         ("viscous_friction", ("plant.actuators.viscous",), 1.0, True),
     ),
-    # N m; some 70 counts: the amplifier, and weight not modelled
+    # N m; about 70 counts: offset of the amplifier, and weight that is not modelled.
     "offsets": (("offset", ("plant.actuators.bias",), 0.02, False),),
-    # torque a count: published 0.94 to 1 of the controller's, gains 0.8 to 1; widened to both sides
-    # by assumption
+    # Torque per count: published as 0.94 to 1 of the controller's value, with gains of 0.8 to 1.
+    # Widened to both sides by assumption.
     "motors": (("motor_constant", ("plant.actuators.gain",), 0.1, True),),
     "cables": (
         (
@@ -62,24 +65,26 @@ BELIEFS = {  # what may be asked for -> name, fields, spread, whether a ratio; w
             ("plant.cable_stiffness",),
             0.5,
             True,
-        ),  # published sets 1 to 3 times; worn cables: assumed
-        ("cable_damping", ("plant.cable_damping",), 0.7, True),  # published sets 0.25 to 3 times
+            # Published values are 1 to 3 times this; the extension to worn cables is assumed.
+        ),
+        # Published values are 0.25 to 3 times this.
+        ("cable_damping", ("plant.cable_damping",), 0.7, True),
     ),
     "delays": (
-        # assumed, as in the study of an uncertain robot: from none to three frames of full-speed
-        # USB
+        # Assumed, as in the study of an uncertain robot: from none to three frames of full-speed
+        # USB.
         (COMMAND_DELAY, (COMMAND_DELAY,), 0.7, True),
-        # ms; assumed: whether a log's desired joints are those of its cycle or of a neighbour's
+        # ms, assumed: a log's desired joints may be those of its cycle or of a neighbouring one.
         (SETPOINT_DELAY, (SETPOINT_DELAY,), 1.0, False),
     ),
 }
-"""Inertia is not asked for: half a minute of a log leaves it as uncertain as it was."""
+"""Inertia is not estimated: half a minute of a log leaves it as uncertain as before."""
 ASKS = tuple(BELIEFS)
 
 
 def unknowns(joints: Sequence[int], asks: Sequence[str] = ASKS) -> tuple[Unknown, ...]:
-    """What is asked of a log that has these joints (0 to 6). UserError for an ask that is not of
-    ASKS.
+    """Return the unknowns to estimate from a log that has these joints (0 to 6). Raises UserError
+    for a name that is not in ASKS.
     """
     if invalid := [one for one in asks if one not in ASKS]:
         raise UserError(
@@ -96,18 +101,20 @@ def unknowns(joints: Sequence[int], asks: Sequence[str] = ASKS) -> tuple[Unknown
 
 
 def believed(plant: robot.PlantParams, wanted: Sequence[Unknown]) -> LoopParams:
-    """A robot before the log: with the usual delay where it is asked for, else with none."""
+    """Return a robot before the log. It has the usual delay if the delay is to be estimated, else
+    none.
+    """
     delayed = any(COMMAND_DELAY in one.fields for one in wanted)
     return replace(position_loop.params(plant), command_delay=USUAL_DELAY_MS if delayed else 0.0)
 
 
 def before(base: LoopParams, wanted: Sequence[Unknown]) -> np.ndarray:
-    """Their values in `base`, of the first field of each, [k]."""
+    """Return the values of the unknowns in `base`, from the first field of each, [k]."""
     return np.array([float(_number(base, one.fields[0], one.joint)) for one in wanted])
 
 
 def apply(base: LoopParams, wanted: Sequence[Unknown], steps: Any) -> LoopParams:
-    """`base` with each unknown moved by `steps` [k], in its spreads; may be traced."""
+    """Return `base` with each unknown moved by `steps` [k], in spreads. May be traced by JAX."""
     for k, one in enumerate(wanted):
         for field in one.fields:
             moved = moved_by(_number(base, field, one.joint), one, steps[k])
@@ -116,7 +123,7 @@ def apply(base: LoopParams, wanted: Sequence[Unknown], steps: Any) -> LoopParams
 
 
 def values(base: LoopParams, wanted: Sequence[Unknown], steps: np.ndarray) -> dict[str, np.ndarray]:
-    """Every number that `steps` [n, k] move, [n] by its path in `LoopParams`:
+    """Return every number that `steps` [n, k] move, [n], by its path in `LoopParams`:
     `plant.actuators.coulomb.shoulder`.
     """
     return {
@@ -129,7 +136,7 @@ def values(base: LoopParams, wanted: Sequence[Unknown], steps: np.ndarray) -> di
 
 
 def moved_by(value, one: Unknown, steps):
-    """A value (its unit) that is moved by `steps` spreads."""
+    """Return a value (in its unit) after it is moved by `steps` spreads."""
     exp = jnp.exp if isinstance(steps, jax.Array) else np.exp
     return value * exp(one.spread * steps) if one.ratio else value + one.spread * steps
 

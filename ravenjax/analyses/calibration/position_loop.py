@@ -1,8 +1,9 @@
-"""One cycle of a Raven's position loop on the virtual robot: encoders, PID on motor angles, DAC,
-mechanics.
+"""Computes one cycle of a Raven's position loop on the virtual robot: encoders, PID on motor
+angles, DAC, mechanics.
 
-The one definition for every replay of a recorded robot. The controller is raven2's: motor angles as
-encoders read them, perhaps low-passed as in the fork of 2015, counts cut to whole numbers.
+All replays of a recorded robot use this definition. The controller is raven2's: motor angles as
+encoders read them, optionally low-passed as in the fork of 2015, with DAC counts truncated to whole
+numbers.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from ravenjax.robots.raven2.stages.estimator import LOW_PASS_INPUT, LOW_PASS_OUT
 
 JOINTS = 7
 READINGS = 3
-"""Past readings that the filter takes."""
+"""Number of past readings that the filter uses."""
 
 
 class Controller(NamedTuple):
@@ -30,7 +31,8 @@ class Controller(NamedTuple):
     kp: Vec  # per rad
     kd: Vec  # per rad/s
     ki: Vec  # per rad s
-    filtered: bool  # whether encoders pass the 120 Hz filter first, as in the fork of 2015
+    # True if encoders pass the 120 Hz filter first, as in the fork of 2015.
+    filtered: bool
 
 
 RAVEN2 = Controller(  # raven2: params/r2params.yaml, gold arm
@@ -49,23 +51,26 @@ CONTROLLERS = {"raven2": RAVEN2, "fork2015": FORK2015}
 
 @record
 class LoopParams:
-    """Everything of a robot that a replay may change."""
+    """The parameters of a robot that a replay may change."""
 
     plant: robot.PlantParams
-    # ms from USB write to motor, at most Setup.command_delay; between whole ones a mixture
+    # ms from USB write to motor, at most Setup.command_delay. A fractional delay mixes the two
+    # neighbouring cycles.
     command_delay: Scalar
-    # ms by which the controller's desired joints lag those of the log; of the log, not the robot
+    # ms by which the controller's desired joints lag those of the log. A property of the log, not
+    # of the robot.
     setpoint_delay: Scalar
-    cables: Scalar  # times stiffness and damping of every cable; 0: all of them cut
+    # Factor on stiffness and damping of every cable; 0: all cables are cut.
+    cables: Scalar
 
 
 @record
 class LoopState:
-    """Between two cycles."""
+    """State between two cycles."""
 
     plant: robot.PlantState
-    readings: tuple[Vec, ...]  # rad, motors; latest first
-    outputs: tuple[Vec, ...]  # of the filter, rad; latest first; none where there is no filter
+    readings: tuple[Vec, ...]  # rad, motors, latest first
+    outputs: tuple[Vec, ...]  # Outputs of the filter, rad, latest first; empty without a filter.
     integral: Vec  # rad s, motors
     commands: tuple[
         Vec, ...
@@ -73,20 +78,20 @@ class LoopState:
 
 
 class Cycle(NamedTuple):
-    """What one cycle had."""
+    """Signals of one cycle."""
 
-    angle: Vec  # rad, motors as the controller has them
+    angle: Vec  # rad, motors as the controller reads them
     speed: Vec  # rad/s
     counts: Vec  # DAC, as written to USB
 
 
 def params(plant: robot.PlantParams) -> LoopParams:
-    """Parameters of a loop without a delay and with whole cables."""
+    """Return parameters of a loop without a delay and with intact cables."""
     return LoopParams(plant, 0.0, 0.0, 1.0)
 
 
 def bare_rotors(params: robot.PlantParams) -> robot.PlantParams:
-    """The null model of a robot: its motors with viscous friction alone. To be replayed with all
+    """Return the null model of a robot: motors with only viscous friction. Replay it with all
     `cables` cut.
     """
     free = Vec.full(JOINTS, 0.0)
@@ -100,7 +105,7 @@ def start(
     plant: robot.PlantState,
     whole: bool = True,
 ) -> LoopState:
-    """State of a robot that stands still and whose controller has integrated nothing."""
+    """Return the state of a robot at rest whose controller has integrated nothing."""
     zero = Vec(jnp.asarray(0.0, setup.precision.real) for _ in range(JOINTS))
     past = (readings(setup, arm, plant, whole),) * READINGS
     return LoopState(
@@ -113,7 +118,9 @@ def start(
 
 
 def readings(setup: RavenSetup, arm: ArmName, plant: robot.PlantState, whole: bool = True) -> Vec:
-    """Motor angles (rad) as encoders read them; not whole: as they are, which has a derivative."""
+    """Return motor angles (rad) as encoders read them. If not `whole`, return them unrounded, so
+    that they have a derivative.
+    """
     dtype = setup.precision.real
     turned = Vec(robot.drives.radians(motor, dtype) for motor in plant.motors)
     counts = Vec(
@@ -137,10 +144,10 @@ def cycle(
     written: Callable[[Vec], Vec] | None = None,
     whole: bool = True,
 ) -> tuple[LoopState, robot.PlantOutput, Cycle]:
-    """One millisecond.
+    """Compute one millisecond.
 
-    desired: motor angles (rad) for the insertion motor's measured one. written: the counts that are
-    written in place of the controller's. whole: encoders and DAC count in whole numbers.
+    `desired`: motor angles (rad) for the measured angle of the insertion motor. `written`: counts
+    that are written in place of the controller's. `whole`: encoders and DAC use whole counts.
     """
     tool = setup.tools[setup.arms.index(arm)]
     new = readings(setup, arm, state.plant, whole)
@@ -181,8 +188,8 @@ def _low_passed(new: Vec, state: LoopState) -> Vec:
 
 
 def _arriving(delay: Scalar, now: Vec, before: tuple[Vec, ...]) -> Vec:
-    """Counts that drive the motors in this cycle; where the delay is between two cycles, of each
-    by its share.
+    """Return the counts that drive the motors in this cycle. A fractional delay weights two
+    cycles.
     """
     if not before:
         return now

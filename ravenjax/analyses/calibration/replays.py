@@ -1,9 +1,9 @@
-"""Replays of one log with many parameters side by side, on the fastest engine of the machine's
+"""Replays one log with many parameters side by side, on the fastest engine of the machine's
 processor.
 
-This module is a `ravenjax.engines.interface.Loop`, which every engine runs: the motion's seven
-columns are the desired joints, a row a cycle; the series that goes out of a cycle are the joints
-that the motors then show.
+This module is a `ravenjax.engines.interface.Loop`, which every engine runs. The motion's seven
+columns are the desired joints, one row per cycle. The output series of a cycle has the joints that
+the motors then show.
 """
 
 from __future__ import annotations
@@ -41,12 +41,13 @@ ENGINE = "simd"
 
 @dataclasses.dataclass(frozen=True)
 class ReplaySetup(RavenSetup):
-    """What picks the code of a replay of one arm."""
+    """Settings that select the code of a replay of one arm."""
 
     controller: Controller = RAVEN2
-    shifted: bool = False  # whether the log's desired joints may be late
+    shifted: bool = False  # True if the log's desired joints may be late
     whole: bool = (
-        True  # encoders and DAC count in whole numbers; without, a replay has a derivative
+        # Encoders and DAC use whole counts; without them, a replay has a derivative.
+        True
     )
 
 
@@ -55,11 +56,11 @@ class ReplayParams:
     """Parameters of one replay."""
 
     loop: LoopParams
-    first: Vec  # joints where the log begins, rad and m
+    first: Vec  # joints at the start of the log, rad and m
 
 
 def init(setup: ReplaySetup, params: ReplayParams) -> LoopState:
-    """At rest at the joints first measured, brakes off."""
+    """Return the state at rest at the joints first measured, with brakes off."""
     (arm,) = setup.arms
     plant = robot.init(setup, arm, params.loop.plant, params.first)
     plant = replace(plant, brakes=replace(plant.brakes, engaged=jnp.int32(0)))
@@ -75,7 +76,9 @@ def advance(
     motion: tuple[Any, ...],
     golden: Any,
 ) -> tuple[LoopState, tuple[Scalar, ...], tuple[()]]:
-    """One cycle; see `ravenjax.engines.interface.Loop`. There are no faults and no golden run."""
+    """Compute one cycle; see `ravenjax.engines.interface.Loop`. There are no faults and no golden
+    run.
+    """
     (arm,), (tool,) = setup.arms, setup.tools
     row = Vec(column[now] for column in motion)
     if setup.shifted:
@@ -94,19 +97,19 @@ def advance(
 
 
 def series_length(setup: ReplaySetup) -> int:
-    """Joints that go out of a cycle."""
+    """Return the number of output values per cycle, one per joint."""
     return JOINTS
 
 
 def outcomes(setup: ReplaySetup, params: ReplayParams, state: LoopState) -> dict[str, Any]:
-    """The number of ticks that ran."""
+    """Return the number of ticks that ran."""
     return {"ticks": state.plant.tick}
 
 
 def setup_of(
     setup: RavenSetup, arm: ArmName, controller: Controller, wanted: Sequence[Unknown]
 ) -> ReplaySetup:
-    """What the replays of one arm need for what is asked."""
+    """Return the settings that replays of one arm need to estimate `wanted`."""
     fields = {field for one in wanted for field in one.fields}
     return ReplaySetup(
         software=setup.software,
@@ -122,14 +125,16 @@ def setup_of(
 def predictor(
     setup: ReplaySetup, base: LoopParams, wanted: Sequence[Unknown], log: JointLog
 ) -> Predictor:
-    """Replays of a log from its beginning, where the robot stands at the joints first measured."""
+    """Return a predictor that replays a log from its beginning. The robot starts at the joints
+    first measured.
+    """
     return _Replays(
         setup, base, tuple(parameters.values(base, wanted, np.zeros((1, len(wanted))))), log
     ).steps(wanted)
 
 
 def robots(setup: ReplaySetup, several: Sequence[LoopParams], log: JointLog) -> np.ndarray:
-    """[K, n, 7] of whole robots, where the log was measured."""
+    """Return joints [K, n, 7] of complete robots at the times at which the log was measured."""
     every = [dict(paths.leaves(one, setup)) for one in several]
     differ = [
         path
@@ -141,7 +146,7 @@ def robots(setup: ReplaySetup, several: Sequence[LoopParams], log: JointLog) -> 
 
 
 class _Replays:
-    """One log, compiled for some parameters that differ."""
+    """One log, compiled for a given choice of varying parameters."""
 
     def __init__(
         self, setup: ReplaySetup, base: LoopParams, varied: tuple[str, ...], log: JointLog
@@ -163,7 +168,7 @@ class _Replays:
         return lambda steps: self.run(parameters.values(self._base, wanted, steps), len(steps))
 
     def run(self, values: Mapping[str, np.ndarray], count: int) -> np.ndarray:
-        """[count, n, 7] of parameters [count] by path."""
+        """Return joints [count, n, 7] for parameters [count] by path."""
         if self._kernel is None:
             self._kernel = selection.select(ENGINE, self._program.setup.precision).compile(
                 self._program, count
@@ -186,5 +191,5 @@ class _Replays:
 
 
 def _plain(base: LoopParams) -> LoopParams:
-    """With Python's numbers in place of JAX's, which a program cannot hold."""
+    """Return parameters as Python numbers, because a program cannot hold JAX arrays."""
     return jax.tree.map(lambda x: float(x) if isinstance(x, jax.Array) else x, base)

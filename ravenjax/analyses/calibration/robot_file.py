@@ -11,13 +11,13 @@ from ravenjax.analyses.calibration.parameters import COMMAND_DELAY, LONGEST_DELA
 from ravenjax.robots.raven2.arms import ArmName
 
 DELAY = "usb.command_delay"
-"""What a campaign calls COMMAND_DELAY; of whole cycles."""
+"""Name of COMMAND_DELAY in a campaign, where it is in whole cycles."""
 
 
 def text(values: Mapping[str, np.ndarray], arm: ArmName, parameter_set: str, log: Path) -> str:
-    """TOML of numbers [n] by path in `LoopParams`; the n-th of all belong to one robot.
+    """Return TOML of numbers [n] by path in `LoopParams`. The n-th numbers together are one robot.
 
-    SETPOINT_DELAY is of the log and left out.
+    SETPOINT_DELAY belongs to the log and is left out.
     """
     number = len(next(iter(values.values())))
     rows = [
@@ -45,6 +45,6 @@ def text(values: Mapping[str, np.ndarray], arm: ArmName, parameter_set: str, log
 
 
 def _decimal(value: float) -> str:
-    """A number that TOML takes for a float."""
+    """Write a number so that TOML reads it as a float."""
     word = f"{value:.6g}"
     return word if "." in word or "e" in word else f"{value:.1f}"

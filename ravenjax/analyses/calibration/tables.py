@@ -1,5 +1,5 @@
-"""Tables of a calibration: following errors of the robots, and the parameters before and after the
-log.
+"""Makes the tables of a calibration: following errors of the robots, and the parameters before and
+after the log.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from ravenjax.analyses.calibration.calibrate import Calibration, FollowingError
 from ravenjax.robots.raven2.arms import JOINTS
 
 PER_UNIT = np.array((180.0 / np.pi,) * 2 + (1e3,) + (180.0 / np.pi,) * 4)
-"""deg and mm in which people read a joint, per rad and m."""
+"""Factors from rad and m to deg and mm for display."""
 UNITS = ("deg", "deg", "mm", "deg", "deg", "deg", "deg")
 TOLD = 0.5
-"""A parameter counts as told where the log at least halves its spread."""
+"""A parameter counts as determined if the log at least halves its spread."""
 
 
 class Rows(NamedTuple):
@@ -28,8 +28,8 @@ class Rows(NamedTuple):
 
 
 def by_joint(title: str, rows: Sequence[FollowingError], joints: Sequence[int]) -> Rows:
-    """Root mean square following error of the log and of each model, a row a joint, with the
-    model's share of the log's.
+    """Return root mean square following errors of the log and of each model, one row per joint,
+    with each model's ratio to the log.
     """
     log, *models = rows
     cells = [
@@ -49,7 +49,7 @@ def by_joint(title: str, rows: Sequence[FollowingError], joints: Sequence[int]) 
 
 
 def parameters(title: str, calibrated: Calibration) -> Rows:
-    """Every unknown before and after the log, its 90 % interval, and the share of its spread
+    """Return every unknown before and after the log, its 90 % interval, and the share of its spread
     that the log leaves.
     """
     low, high = calibrated.interval

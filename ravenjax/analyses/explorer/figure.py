@@ -1,7 +1,6 @@
-"""Shapes of the robot and its surroundings as JSON, for a page that draws them.
+"""Writes the shapes of the robot and its surroundings as JSON, for a page that draws them.
 
-A page turns joint positions into places of bodies by the
-tree of the model.
+The page computes the places of bodies from joint positions by the model's tree.
 """
 
 # MuJoCo's compiled module carries no types.
@@ -20,17 +19,17 @@ from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.dynamics import arm_model, body_shapes, scene_views
 
 STEPS = 65535
-"""Steps of a coordinate over the extent of a body's shapes: 1 m is known to 15 um."""
+"""Steps of a coordinate over the extent of a body's shapes: for 1 m, a step is 15 um."""
 KINDS = {int(mujoco.mjtJoint.mjJNT_HINGE): "hinge", int(mujoco.mjtJoint.mjJNT_SLIDE): "slide"}
 
 
 def description() -> dict[str, Any]:
-    """JSON: bodies in the model's order, parents first, and the cameras.
+    """Return JSON of the bodies in the model's order, parents first, and of the cameras.
 
-    A body: parent (index, -1: none), position (m) and quaternion (w first) in its parent, `joint`
-    (arm, index, kind, axis, anchor, home) or null, and meshes. A mesh: colour (sRGB, 0 to 1), `low`
-    and `size` (m) of a box, `corners` (base64, uint16 [n, 3], little-endian: low + size * corner /
-    STEPS) and `faces` (base64, uint16 [n, 3]).
+    A body has: parent (index, -1: none), position (m) and quaternion (w first) in its parent,
+    `joint` (arm, index, kind, axis, anchor, home) or null, and meshes. A mesh has: colour (sRGB, 0
+    to 1), `low` and `size` (m) of a box, `corners` (base64, uint16 [n, 3], little-endian: low +
+    size * corner / STEPS) and `faces` (base64, uint16 [n, 3]).
     """
     model = arm_model.scene()
     joints = {

@@ -19,7 +19,9 @@ INDEX = "index.html"
 
 @dataclasses.dataclass(frozen=True)
 class Card:
-    """What the index says of a campaign: its page's file name, or why it has none."""
+    """An entry of the index: the file name of a campaign's page, or the reason why it has
+    no page.
+    """
 
     campaign: str
     robot: str
@@ -30,11 +32,11 @@ class Card:
 
 
 def build(folder: Path, sources: Sequence[str | Path] = ()) -> list[Card]:
-    """Write the pages of campaign files, of all bundled campaigns without any, and their index;
-    return its cards.
+    """Write the pages of campaign files and their index, and return the index entries.
 
-    A campaign that cannot become a page has a card with the reason. Raises UserError for a source
-    that is no campaign, for two campaigns of one name, and where not one can become a page.
+    Without any files, all bundled campaigns are written. A campaign that cannot become a page gets
+    an entry with the reason. Raises UserError for a source that is not a campaign, for two
+    campaigns of one name, and if no campaign can become a page.
     """
     configs = [
         loading.load(source) for source in sources or resources.bundled("campaigns", "*.toml")
@@ -60,7 +62,7 @@ def build(folder: Path, sources: Sequence[str | Path] = ()) -> list[Card]:
 
 
 def render(cards: Sequence[Card]) -> str:
-    """The index as text."""
+    """Return the index as HTML text."""
     return (
         html.environment("ravenjax.analyses.explorer")
         .get_template("index.html.j2")

@@ -22,7 +22,8 @@ from ravenjax.document import html
 from ravenjax.store import files, manifest
 
 PREFIX = "page/"
-"""Before a module's name in the map; a bare name is what an import map may give an address."""
+"""Prefix of a module's name in the import map. An import map can give addresses only to bare names.
+"""
 _IMPORT = re.compile(
     r'(\bfrom\s+|\bimport\s+|\bimport\(|\bimport\.meta\.resolve\()"\./([\w-]+\.js)"'
 )
@@ -35,8 +36,8 @@ def build(source: str | Path, out: Path | None = None) -> Path:
     """Write the page of a campaign file, of a bundled campaign, or of a result folder, and return
     its path.
 
-    out: where; the folder's `explore.html`, or `NAME.explore.html` of a campaign here. Raises
-    UserError and StoreError.
+    `out`: the path; by default the folder's `explore.html`, or `NAME.explore.html` in the current
+    folder for a campaign. Raises UserError and StoreError.
     """
     folder = Path(source)
     if folder.is_dir():
@@ -55,8 +56,8 @@ def build(source: str | Path, out: Path | None = None) -> Path:
 
 
 def render(config: CampaignConfig, table: dict[str, Any] | None = None) -> str:
-    """The page as text; `table` as of `words.list_runs`. Raises UserError for a campaign that a
-    page cannot compute.
+    """Return the page as text. `table`: as from `words.list_runs`. Raises UserError for a campaign
+    that a page cannot compute.
     """
     data = {
         "campaign": words.campaign(config),
@@ -85,7 +86,7 @@ def render(config: CampaignConfig, table: dict[str, Any] | None = None) -> str:
 
 
 def _finite(value: Any) -> Any:
-    """JSON knows no number that is none or infinite: null."""
+    """Replace NaN and infinity by null, because JSON has no such numbers."""
     if isinstance(value, dict):
         return {key: _finite(one) for key, one in value.items()}
     if isinstance(value, list | tuple):
@@ -99,11 +100,11 @@ def _environment() -> jinja2.Environment:
 
 
 def import_map(folder: Traversable) -> str:
-    """JSON of an import map with every JavaScript module of the folder: a page opened from a file
-    may import no module by its address.
+    """Return JSON of an import map with every JavaScript module of the folder. A page opened from a
+    file cannot import modules by address.
 
-    The map names each module's text as a data URL; imports of `./name.js`, and
-    `import.meta.resolve` of it, become such of that name.
+    The map names each module's text as a data URL. Imports of `./name.js`, and
+    `import.meta.resolve` of it, are replaced by such names.
     """
     modules = sorted(
         (file for file in folder.iterdir() if file.name.endswith(".js")), key=lambda file: file.name

@@ -1,23 +1,23 @@
-"""A campaign's tick as WebAssembly with all that a page needs to run it, as one JSON object.
+"""Compiles a campaign's tick to WebAssembly, and returns it as JSON with all data to run it on a page.
 
-`description` makes it. Numbers are single precision or 32-bit integers, binaries and motion base64
+`description` returns the object. Numbers are single precision or 32-bit integers, binaries and motion base64
 of little-endian words. `static/engine.js` reads it:
 
     {
       "arms": ["gold"],
-      "ticks": 3000,                 ms of a run, a tick each
-      "cue": 0,                      the haptic set that the verdict counts
-      "parameters": [                what a question may change, in the order of a run's inputs
+      "ticks": 3000,                 ms of a run, one tick each
+      "cue": 0,                      the haptic set of the verdict
+      "parameters": [                what a reader may change, in the order of a run's inputs
         {"path": "operator.scale", "value": 0.1, "type": "float32", "unit": "", "low": 0, "high": 1, "whole": false,
          "meaning": "tip motion per hand motion"}, ..],
       "observe_ms": null,            observation after the last fault ends, or null: to the end of the run
-      "slots": 1,                    faults that a run may have, at most
-      "channels": [                  where faults strike; a fault's code is the channel's place in this list, from 1
+      "slots": 1,                    largest number of faults of a run
+      "channels": [                  where faults act; a fault's code is the channel's place in this list, from 1
         {"site": "usb_out", "arm": "gold", "channel": "shoulder", "effects": ["overwrite", "latch_offset"]}, ..],
       "effects": {"overwrite": {"code": 0}, ..},
                                      "channel", "plain", "constant" where an effect of the network stands for another
       "triggers": {"time": 0}, "fields": {"code": "int32", .., "key": "uint32"}, "forever": 1073741824,
-      "motion": "suture",            the campaign's own among `motions`; "" where it is a recording
+      "motion": "suture",            the campaign's own, a key of `motions`; "" for a recording
       "motions": {"suture": ".."},   base64, operators' motions: float32 columns one after the other
       "programs": {"outcomes": PROGRAM, "replay": PROGRAM},
       "verdict": {                   the words of outcomes, and what each check counts as
@@ -29,17 +29,17 @@ of little-endian words. `static/engine.js` reads it:
       "worker": ".."                 text of static/worker.js: a page starts it from a Blob
     }
 
-A PROGRAM is a module and where its numbers stand in memory, in bytes:
+A PROGRAM is a module with the places of its numbers in memory, in bytes:
 
     {
       "binary": "..",                base64 of a WebAssembly module; it imports env.__linear_memory, nothing else
       "width": 4,                    robots side by side in a vector
       "inputs": {"types": ["float32", ..], "offsets": [0, 16, ..], "bytes": 176},    parameters, then slots' fields
-      "group_inputs": {..},          the same, one number each: of what all lanes share
+      "group_inputs": {..},          the same, one number each: inputs that all lanes share
       "results": {"types": .., "offsets": .., "bytes": ..}, "outcomes": ["active_ticks", ..],
       "state_bytes": 4704, "group_state_bytes": 144, "held_bytes": 2112, "row_bytes": 264,
-      "series": 6,                   numbers that a golden run leaves in each tick, and a faulty run reads
-      "outputs": [                   of `replay` alone: 32-bit words that go out in each tick behind the series
+      "series": 6,                   numbers that a golden run stores in each tick, and a faulty run reads
+      "outputs": [                   only of `replay`: 32-bit words written in each tick after the series
         {"name": "gold/jpos", "shape": [7], "types": ["float32", ..], "scales": [1.0, ..]}, ..]
     }
 """  # noqa: E501
@@ -86,12 +86,16 @@ PARAMETERS = (
     "plant.motor_constant_scale",
     "plant.mass_scale",
 )
-"""What a question may change beside what the campaign varies: parameters, and all that begin so.
-Each one costs a little speed, as what follows from it is no longer known when code is printed."""
+"""Parameters that a page may change beyond those that the campaign varies: these, and all whose
+names begin with them.
+
+Each one costs a little speed, because values that depend on it are not constant when the code is
+generated.
+"""
 
 MOTION_BYTES = 3_000_000
-"""What all motions that a page offers may take together; of a longer operation it has the
-campaign's own alone.
+"""Largest size of all motions that a page offers. A page of a longer operation has only the
+campaign's own motion.
 """
 
 SERIES = (
@@ -117,14 +121,12 @@ SERIES = (
     "*/cue_force",
     "*/cable_tension",
 )
-"""Time series of a replay, as `store.logs.time_series` names them; * stands for any arm or
-number.
-"""
+"""Time series of a replay, as `store.logs.time_series` names them; * matches any arm or number."""
 
 
 def question_plan(config: CampaignConfig) -> Plan:
-    """The campaign's plan, its program open to every question of a page. Raises UserError for
-    what a page cannot do.
+    """Return the campaign's plan with a program that is open to every change that a page offers.
+    Raises UserError for what a page cannot do.
     """
     ready = plan.make_plan(config)
     if ready.keys:
@@ -149,7 +151,8 @@ def question_plan(config: CampaignConfig) -> Plan:
         covered.update(of_path)
         dtype = program.setup.precision.real if np.asarray(own).dtype.kind == "f" else np.int32
         values[path] = np.full(ready.runs, own, dtype)
-    # The program's own ends freeze lanes; a page stops them from outside, as printed code is.
+    # The program's own ends would freeze lanes. A page stops them from outside, as generated code
+    # is stopped.
     injection = program.setup.injection
     triggers = tuple(name for name in TRIGGER_CODES if name == "time" or name in injection.triggers)
     setup = dataclasses.replace(
@@ -164,7 +167,9 @@ def _asked(path: str) -> bool:
 
 
 def description(config: CampaignConfig) -> dict[str, Any]:
-    """The JSON object of a campaign, as above. Raises UserError."""
+    """Return the JSON object of a campaign that the module docstring describes. Raises
+    UserError.
+    """
     ready = question_plan(config)
     program = ready.program
     printable = traced.printable(program)
@@ -206,8 +211,8 @@ def _base64(content: bytes) -> str:
 
 
 def motion_name(config: CampaignConfig) -> str | None:
-    """The name of the campaign's generated motion, which a page may exchange; None where hands
-    are recorded or own.
+    """Return the name of the campaign's generated motion, which a page may exchange; None if the
+    motion is recorded or user-defined.
     """
     operator = getattr(config, "operator", None)
     names = config.generated_motions()
@@ -217,8 +222,8 @@ def motion_name(config: CampaignConfig) -> str | None:
 
 
 def motions(ready: Plan) -> dict[str, Any]:
-    """Name of the campaign's motion, and all that a page may exchange it for where that leaves
-    the page small.
+    """Return the name of the campaign's motion, and all motions that a page may use instead, if the
+    page stays small.
     """
     own = motion_name(ready.config)
     columns = {own or "": ready.columns}
@@ -237,8 +242,8 @@ def motions(ready: Plan) -> dict[str, Any]:
 
 
 def _motion(ready: Plan, name: str) -> tuple[np.ndarray, ...] | None:
-    """Columns of another motion; None where it begins elsewhere, which the printed program does
-    not know.
+    """Return columns of another motion; None if it begins at another place, which the compiled
+    program cannot take.
     """
     config, own = ready.config, ready.program
     operator = config.operator.model_copy(update={"motion": name})  # pyright: ignore[reportAttributeAccessIssue]
@@ -300,7 +305,7 @@ def _effects() -> dict[str, dict[str, Any]]:
 
 
 def _examples(ready: Plan) -> list[dict[str, Any]]:
-    """The first fault of each group."""
+    """Return the first fault of each group."""
     columns = {name: ready.rows.words(f"fault0_{name}").tolist() for name in table.WORDS}
     columns["start_ms"] = ready.rows.numbers("fault0_start_ms").tolist()
     first: dict[str, int] = {}
@@ -347,7 +352,7 @@ def _outcomes_program(tick: TracedTick, shared: int) -> dict[str, Any]:
 
 
 def _replay_program(ready: Plan, tick: TracedTick, shared: int) -> dict[str, Any]:
-    """One robot at a time, the numbers of some time series going out in each tick."""
+    """Return a program for one robot at a time that outputs some time series in each tick."""
     rows = _series(ready, tick)
     step, first = tick.loop.step, tick.loop.states + tick.series
     leaves = [step.outputs[first + leaf] for row in rows for leaf in row["leaves"]]
@@ -368,12 +373,12 @@ def _replay_program(ready: Plan, tick: TracedTick, shared: int) -> dict[str, Any
 
 
 def _series(ready: Plan, tick: TracedTick) -> list[dict[str, Any]]:
-    """Of each time series of `SERIES`, the signals' leaf that each of its numbers is, and the
-    factor before it.
+    """Return, for each time series of `SERIES`, the signal behind each of its numbers and its
+    factor.
 
-    Found by asking the robot for the series of signals of which one at a time is 1: a number that
-    is a multiple of one signal tells so. What is computed from several is left out: a page that
-    wants it computes it.
+    They are found by asking the robot for the series of signals that are 1 one at a time: a number
+    that is a multiple of one signal then shows it. Numbers computed from several signals are left
+    out; a page computes them itself.
     """
     dtypes = [np.dtype(dtype) for dtype in tree.leaves(tick.signals)]
     probe = [np.zeros(len(dtypes) + 1, dtype) for dtype in dtypes]

@@ -1,5 +1,5 @@
-"""The words of a page as JSON: sites, effects and checks, ranges of values, the campaign's file,
-and a result table.
+"""Writes the words of a page as JSON: sites, effects and checks, ranges of values, the campaign's
+file, and a result table.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ from ravenjax.vocabulary.effects import EFFECTS
 from ravenjax.vocabulary.sites import Channel, Site
 
 WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
-"""Sites, effects and units in words that need no manual."""
+"""Names of sites, effects and units that a reader understands without the manual."""
 UNASKED = ("periodic", "random")
-"""Effects that a page does not offer: a period is not among its controls, and random numbers are
-those of a row.
+"""Effects that a page does not offer: it has no control for a period, and random numbers depend on
+the row.
 """
 WIDER = 5.0
-"""A value's range on the page goes so many times beyond what the channel does without a fault."""
+"""Factor by which a value's range on the page exceeds the range of the channel without a fault."""
 
 
 def campaign(config: CampaignConfig) -> dict[str, Any]:
-    """JSON of all that the page's words, controls and commands need."""
+    """Return JSON of everything that the page's words, controls and commands need."""
     robot, arms, cues = config.robot, config.campaign.arms, config.haptics.cues()
     return {
         "name": config.campaign.name,
@@ -103,7 +103,7 @@ def _channel(site: Site, channel: Channel, arm: str) -> dict[str, Any]:
 
 
 def _values(config: CampaignConfig) -> dict[str, list[float]]:
-    """site/effect -> least and greatest value that the campaign's own faults have."""
+    """Return the least and greatest value of the campaign's own faults, by site/effect."""
     spans: dict[str, list[float]] = {}
     for group in config.model_dump(mode="json")["group"]:
         for fault in group.get("fault") or ():
@@ -124,23 +124,24 @@ def _numbers(value: Any) -> list[Any]:
 
 
 def _varied(config: CampaignConfig) -> list[str]:
-    """Parameters that have several values in the whole campaign."""
+    """Return the parameters that have several values in the whole campaign."""
     return [path for path, axis in config.parameters.items() if axis.kind != "fixed"] + [
         *config.cross
     ]
 
 
 def _file(value: Any) -> str:
-    """What a file is called where it lies beside another one."""
+    """Return a file's name without its folder, for a campaign file that lies beside it."""
     assert isinstance(value, Path), value
     return value.name
 
 
 def _toml(config: CampaignConfig) -> str:
-    """The campaign's file without cues, groups and what varies, which a page adds; what it reads
-    lies beside it.
+    """Return the campaign's file without cues, groups and varied parameters, which a page adds.
+    Files that it reads lie beside it.
 
-    The name of a motion that a page may exchange is the first line of [operator]."""
+    If a page may exchange the motion, its name is the first line of [operator].
+    """
     apart = {"group", "stop", "haptics", "cross"}
     content = config.model_dump(exclude_defaults=True, exclude=apart)
     tables = json.loads(json.dumps(content, default=_file))
@@ -156,7 +157,7 @@ def _toml(config: CampaignConfig) -> str:
 # --- the table of a result folder ---
 
 MOST = 20_000
-"""Rows of a table that go into a page, the first of them."""
+"""Largest number of table rows in a page. The first rows are taken."""
 _FURTHER = r"fault0_(trigger|every_ms)|fault[1-9]\d*_site"
 FAULT = ("site", "arm", "channel", "effect", "value", "start_ms", "duration_ms")
 MEASURES = (
@@ -176,9 +177,12 @@ MEASURES = (
 
 
 def list_runs(folder: Path, record: Manifest) -> dict[str, Any]:
-    """JSON: folder (its name), cue (number of the set that counts), runs (of the table), rows (of
-    them, MOST at most), columns: name -> list, and evading: see `_evading`. Left out are runs that
-    a page cannot ask for, see `_asked`."""
+    """Return JSON of a result table for a page.
+
+    It has: folder (its name), cue (number of the set of the verdict), runs (of the table), rows
+    (runs in the page, MOST at most), columns: name -> list, and evading: see `_evading`. Runs that
+    a page cannot compute are left out, see `_asked`.
+    """
     cue, names = record.verdict_cue, [column.name for column in schema.columns(record.shape)]
     columns = {
         "run_id": "run_id",
@@ -204,8 +208,8 @@ def list_runs(folder: Path, record: Manifest) -> dict[str, Any]:
 
 
 def _evading(folder: Path, record: Manifest) -> dict[str, float]:
-    """k of n distinct faults evade, as the report counts them; low and high are NaN where faults
-    were enumerated.
+    """Return that k of n distinct faults evade, as the report counts them. Low and high are NaN if
+    faults were enumerated.
     """
     runs = Runs.open(folder, record)
     try:
@@ -215,8 +219,8 @@ def _evading(folder: Path, record: Manifest) -> dict[str, float]:
 
 
 def _asked(frame: pd.DataFrame) -> pd.Series:
-    """Which runs a page can ask for: with one fault or none, of an effect that it offers, in one
-    window of time.
+    """Return which runs a page can compute: those with at most one fault, of an effect that it
+    offers, in one time window.
     """
     sites = frame.filter(regex=r"^fault\d+_site$").astype(str)
     if sites.empty:

@@ -1,7 +1,7 @@
-"""A folder with the C library of a robot: header, object, shared library, example.
+"""Writes a folder with the C library of a robot: header, object, shared library, example.
 
-The object needs no C compiler: it is emitted as the engines' code is. To link it into a shared
-library takes the system's compiler; where there is none, the object is what a program links.
+The object needs no C compiler, because it is emitted like the engines' code. Linking it into a
+shared library needs the system's compiler. Without one, a program links the object itself.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ CPUS = (PORTABLE, NATIVE)
 
 
 class CFolder(NamedTuple):
-    """What was written."""
+    """Paths of the files that were written."""
 
     header: Path
     object: Path
-    shared: Path | None  # None: no compiler linked it
+    shared: Path | None  # None if no compiler is installed
     example: Path
 
 
@@ -38,10 +38,11 @@ def write(
     robot: VirtualRobot | None = None,
     cpu: str = PORTABLE,
 ) -> CFolder:
-    """Write the library of both, as they are set and where they stand, raven2's own if left out.
+    """Write the library of control software and robot, with their current settings and state. The
+    default software is raven2's own.
 
-    cpu: "portable" runs on any CPU of this machine's kind; "native" may use all that this one has.
-    Both have the same bits. Raises UserError, also where the compiler refuses to link.
+    `cpu`: "portable" runs on any CPU of this machine's kind; "native" may use all features of this
+    CPU. Both give identical bits. Raises UserError, also if the compiler refuses to link.
     """
     if cpu not in CPUS:
         raise UserError(f"cpu is {cpu!r}, expected one of {', '.join(CPUS)}")
@@ -63,10 +64,10 @@ def write(
 
 
 def _linked(code: Path, shared: Path) -> Path | None:
-    """The shared library of an object; None where no compiler is there."""
+    """Link the shared library of an object; return None if no compiler is installed."""
     compiler = next((path for name in COMPILERS if (path := shutil.which(name))), None)
     if compiler is None:
-        shared.unlink(missing_ok=True)  # of an earlier object
+        shared.unlink(missing_ok=True)  # removes the library of an earlier object
         return None
     words = [compiler, "-shared", "-o", str(shared), str(code), "-lm"]
     result = subprocess.run(words, capture_output=True, text=True, check=False)

@@ -1,3 +1,3 @@
-"""Monitors: candidate checks as data, their calibration, and which of them would have detected
-faults.
+"""Defines monitors: candidate checks as data, their calibration, and a search for checks that would
+have detected faults.
 """

@@ -1,5 +1,5 @@
-"""`ravenjax monitor calibrate`: computes fault-free operations and writes the folder of a
-monitor.
+"""Implements `ravenjax monitor calibrate`: computes fault-free operations and writes the folder of
+a monitor.
 """
 
 from __future__ import annotations
@@ -28,21 +28,21 @@ SIGNALS = ("tip_error_bound", "boards_cmd_rate*")
 PER_HOUR, CONFIDENCE = 1.0, 0.95
 LENGTH_S, ROBOTS = 300.0, 16
 OnOperator = Callable[[int, int], None]
-"""Called with the operators that are computed, and with all that are wanted."""
+"""Called with the number of operators computed so far and the number wanted."""
 
 
 @dataclasses.dataclass
 class Request:
-    """What somebody wants of a monitor, checked. Raises UserError."""
+    """The settings of a monitor, checked. Raises UserError."""
 
     config: CampaignConfig
-    signals: Sequence[str] = ()  # names of the catalogue, * for any letters; (): SIGNALS
+    signals: Sequence[str] = ()  # names of the catalogue; * matches any letters; (): SIGNALS
     segments: str = ""  # as `Segments.parsed`
     per_hour: float = PER_HOUR
     confidence: float = CONFIDENCE
     length_s: float = LENGTH_S
     robots: int = ROBOTS
-    motions: Sequence[str] = ()  # (): every generated one of the robot
+    motions: Sequence[str] = ()  # (): every generated motion of the robot
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -58,7 +58,7 @@ class Request:
             self.stretches = Segments.parsed(self.segments) if self.segments else WHOLE
         except ValueError as error:
             raise UserError(str(error)) from None
-        # the campaign's own detectors are left out, and so are their parameters
+        # The campaign's own detectors are left out, and their parameters with them.
         rest = {
             path: axis
             for path, axis in self.config.parameters.items()
@@ -74,11 +74,11 @@ def calibrate(
     engine: str = "auto",
     on_operator: OnOperator = lambda *_: None,
 ) -> Calibrated:
-    """Compute what is missing of `hours` of fault-free operation in `out`, and write the monitor
+    """Compute the missing part of `hours` of fault-free operation in `out`, and write the monitor
     there.
 
-    hours: of operation, all operators and robots together; None: what the target needs. Raises
-    UserError and StoreError; finished operators stay, and the same call goes on.
+    `hours`: of operation, over all operators and robots; None: as many as the target needs. Raises
+    UserError and StoreError. Finished operators stay on disk, and the same call continues.
     """
     wanted = split_scores(chosen(request.config.robot, request.signals or SIGNALS))
     units = calibration.units_within(request.target, request.robots, hours)
@@ -106,7 +106,9 @@ def operate(
     engine: str,
     on_operator: OnOperator,
 ) -> Peaks:
-    """The operations of `units` operators, those that are missing in `out` computed first."""
+    """Return the operations of `units` operators. Those that are missing in `out` are computed
+    first.
+    """
     folder = out / FOLDER
     score_folder.open_folder(folder, described(config, design, wanted, segments))
     measured = measuring(config, wanted, segments, folder / "detectors")
@@ -119,8 +121,8 @@ def operate(
 
 
 def chosen(robot: Robot, patterns: Sequence[str]) -> list[Score]:
-    """The candidates of a robot that the patterns name, in its order. Raises UserError for one
-    that names none.
+    """Return the candidates of a robot that the patterns match, in the robot's order. Raises
+    UserError for a pattern without a match.
     """
     candidates = catalogue(robot)
     names = [score.name for score in candidates]
@@ -138,7 +140,7 @@ def chosen(robot: Robot, patterns: Sequence[str]) -> list[Score]:
 
 
 def motions(config: CampaignConfig) -> tuple[str, ...]:
-    """Generated motions that differ with their seed."""
+    """Return the generated motions that differ with their seed."""
     from ravenjax.store.access.fault_free import UNVARIED
 
     return tuple(motion for motion in config.generated_motions() if motion not in UNVARIED)
@@ -147,8 +149,8 @@ def motions(config: CampaignConfig) -> tuple[str, ...]:
 def measuring(
     config: CampaignConfig, wanted: tuple[Score, ...], segments: Segments, place: Path
 ) -> CampaignConfig:
-    """`config` with a detector for each term and segment in place of its own; their files are
-    written to `place`.
+    """Return `config` with a detector for each term and segment in place of its own detectors.
+    Their files are written to `place`.
     """
     place.mkdir(parents=True, exist_ok=True)
     raw = []
@@ -169,7 +171,7 @@ def measuring(
 def described(
     config: CampaignConfig, design: OperationDesign, wanted: tuple[Score, ...], segments: Segments
 ) -> dict[str, Any]:
-    """What decides the scores of operations, as JSON has it."""
+    """Return everything that decides the scores of operations, as JSON values."""
     left_out = {"group", "detector", "stop", "outcomes", "reaction"}
     content = config.model_dump(mode="json", exclude=left_out)
     for name in ("name", "description", "seed", "duration_s", "limit", "chunk", "observe_ms"):
@@ -194,12 +196,12 @@ def operate_afresh(
     engine: str = "auto",
     on_operator: OnOperator = lambda *_: None,
 ) -> Peaks:
-    """Operations in `out` of operators that the calibration in `folder` never had, measured as
-    there.
+    """Compute operations in `out` of operators that the calibration in `folder` did not use,
+    measured in the same way.
 
-    overrides: `key.path=value` of the campaign, as `parameters.plant.friction_scale=4`. robots: of
-    each operator; default the calibration's. Finished operators stay, and the same call goes on.
-    Raises UserError and StoreError.
+    `overrides`: `key.path=value` of the campaign, such as `parameters.plant.friction_scale=4`.
+    `robots`: number per operator; by default the calibration's. Finished operators stay on disk,
+    and the same call continues. Raises UserError and StoreError.
     """
     calibration.require_hours(hours)
     monitor, _ = writing.read(folder)

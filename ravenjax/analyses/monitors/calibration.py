@@ -1,8 +1,8 @@
-"""Calibrates a monitor on scores of operations: some give the scales, some the threshold, some test
-it.
+"""Calibrates a monitor on scores of operations: some operators give the scales, some the threshold,
+some test the monitor.
 
-Operators are dealt to three uses by their number, whatever their scores, so that more of them
-change no earlier one's.
+Operators are assigned to these three uses by their number and not by their scores. So additional
+operators do not change the use of earlier ones.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from ravenjax.stats.conformal.threshold import (
 )
 
 ROUND = 8
-"""Operators of a round: the first learns scales, CALIBRATES of them set the threshold, the
-others test it.
+"""Operators of a round: the first provides scales, CALIBRATES of them set the threshold, and the
+others test the monitor.
 """
 CALIBRATES = 4
 ROOM = 1.5
-"""Times the fewest units that are taken where nobody says how many hours: for pedal-up, and for
-an alarm or two.
+"""Factor on the fewest units if no hours are given. It leaves room for pedal-up time and for an
+alarm or two.
 """
 
 
 class Uses(NamedTuple):
-    """Which operations serve what, bool [operations]."""
+    """The use of each operation, bool [operations]."""
 
     scale: np.ndarray
     threshold: np.ndarray
@@ -45,18 +45,18 @@ class Uses(NamedTuple):
 
 
 class Test(NamedTuple):
-    """What the monitor did in operations that had no part in it."""
+    """What the monitor did in operations that had no part in its calibration."""
 
     units: int
     operations: int
-    hours: float  # of operations without an alarm, which are those that the promise is about
-    alarms: int  # operations with one
-    one_each: AlarmRate  # of the first operation of each unit, which are independent
+    hours: float  # hours of operations without an alarm, to which the promise refers
+    alarms: int  # operations with an alarm
+    one_each: AlarmRate  # over the first operation of each unit, which are independent
 
     @property
     def per_hour(self) -> float:
-        """Operations with an alarm an hour without one, over all operations: the rate that is
-        promised.
+        """Return operations with an alarm per hour without one, over all operations: the promised
+        rate.
         """
         if not self.hours:
             return float("inf" if self.alarms else "nan")
@@ -64,7 +64,7 @@ class Test(NamedTuple):
 
 
 class Calibrated(NamedTuple):
-    """A monitor and what it rests on."""
+    """A calibrated monitor and the data behind it."""
 
     monitor: Monitor
     target: FalseAlarmTarget
@@ -74,28 +74,30 @@ class Calibrated(NamedTuple):
 
 
 def uses(unit: np.ndarray) -> Uses:
-    """By the numbers of their operators."""
+    """Return the use of each operation, by the number of its operator."""
     place = unit % ROUND
     return Uses(place == 0, (place > 0) & (place <= CALIBRATES), place > CALIBRATES)
 
 
 def units_for(calibrating: int) -> int:
-    """Least number of operators of which so many set the threshold, and one or more test it."""
+    """Return the least number of operators of which `calibrating` set the threshold, and at least
+    one tests the monitor.
+    """
     rounds, rest = divmod(calibrating, CALIBRATES)
     return max(rounds * ROUND + (rest + 1 if rest else 0), CALIBRATES + 2)
 
 
 def require_hours(hours: float) -> None:
-    """UserError for what is no length of time."""
+    """Raise UserError if the hours are not a valid length of time."""
     if not math.isfinite(hours):
         raise UserError(f"--hours {hours}: expected a number above 0, as 20")
 
 
 def units_within(target: FalseAlarmTarget, robots: int, hours: float | None) -> int:
-    """How many operators to compute: what `hours` of operation hold, or what the target needs with
-    ROOM to spare.
+    """Return the number of operators to compute: as many as fit into `hours`, or as many as the
+    target needs, with ROOM to spare.
 
-    Raises UserError where the hours cannot do, with how many would.
+    Raises UserError if the hours are too few, with the number that would do.
     """
     fewest = units_for(target.fewest_clusters)
     if hours is None:
@@ -121,7 +123,9 @@ def calibrate(
     target: FalseAlarmTarget,
     robots: int,
 ) -> Calibrated:
-    """The monitor of `terms`. Raises UserError where the operations cannot carry the promise."""
+    """Return the monitor of `terms`. Raises UserError if the operations cannot support the
+    promise.
+    """
     by = uses(peaks.unit)
     valid = by.scale & np.isfinite(peaks.peak).all(axis=1)
     if not valid.any():
@@ -153,7 +157,9 @@ def calibrate(
 def _reason(
     calibrating: OperationScores, operations: int, target: FalseAlarmTarget, robots: int
 ) -> str:
-    """Why no threshold keeps the target, and what to do; operations: how many there are in all."""
+    """Return why no threshold keeps the target, and what to do. `operations`: their total
+    number.
+    """
     failed = float((~np.isfinite(calibrating.score)).mean())
     if failed:
         return (
@@ -173,15 +179,15 @@ def _reason(
 
 
 def joint(peaks: Peaks, scale: np.ndarray) -> np.ndarray:
-    """Score of each operation; infinite where a number was not finite. scale: float32 [terms,
-    segments].
+    """Return the score of each operation, infinite if a number was not finite. `scale`: float32
+    [terms, segments].
     """
     score = threshold.joint(peaks.peak.reshape(len(peaks.peak), *scale.shape), scale)
     return np.where(np.isnan(score), np.float32(np.inf), score)
 
 
 def test(operations: OperationScores, limit: float) -> Test:
-    """Alarms in operations that set nothing."""
+    """Count alarms in operations that had no part in the calibration."""
     alarms, first = operations.score > limit, operations.one_each()
     return Test(
         units=operations.units,

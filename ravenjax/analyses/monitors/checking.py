@@ -1,8 +1,8 @@
 """Tests whether fresh fault-free operations still resemble those of a monitor's calibration.
 
-Of each operator, result folder or log one operation counts, the first: whatever else there is of it
-shares its hands, or its robot. Every term is tested, and the joint score; together they keep the
-level (Holm).
+Only the first operation of each operator, result folder or log counts, because its other operations
+share the operator's motion or the robot. Every term is tested, and the joint score. Together the
+tests keep the level (Holm).
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ MS_PER_HOUR = 3.6e6
 def check(
     folder: Path, sources: Sequence[Path], level: float = 0.05, seed: int = 0
 ) -> pd.DataFrame:
-    """A row a score, the joint first: score, place (median place among the calibration's, 0 to 1),
-    p, adjusted (p of all together), martingale, shifted. attrs: level (chance that any is called
-    shifted where nothing changed), units, operations, hours, alarms (operations with one).
+    """Return one row per score, the joint score first.
 
-    Of the monitor in `folder`; sources: folders that it, or `ravenjax run`, wrote, or logs as
-    CSV.
+    Columns: score, place (median place among the calibration's scores, 0 to 1), p, adjusted (p over
+    all tests), martingale, shifted. attrs: level (chance that any score is called shifted although
+    nothing changed), units, operations, hours, alarms (operations with one).
 
-    A log has the columns of test_vector.csv: live, and what the monitor reads, a row a millisecond.
-    Raises StoreError and UserError.
+    The monitor is the one in `folder`. `sources`: folders that `ravenjax monitor` or `ravenjax run`
+    wrote, or logs as CSV. A log has the columns of test_vector.csv: live, and the monitor's inputs,
+    one row per millisecond. Raises StoreError and UserError.
     """
     if not 0 < level < 1:
         raise UserError(f"--level {level:g}: expected a number between 0 and 1, as 0.05")
@@ -49,14 +49,14 @@ def check(
     reference = pd.read_csv(folder / writing.REFERENCE).astype(np.float32)
     some = [_fresh(source, folder, monitor, record) for source in sources]
     _require_different(sources, some)
-    # units of different sources are different, and scores are those that all sources have
+    # Units of different sources are different. Only scores that all sources have are kept.
     fresh = pd.concat(some, keys=range(len(some)), names=["source"], join="inner")
     first = fresh.groupby(["source", "unit"]).head(1)
     results = {}
     for name in fresh.columns.drop(["unit", "hours"]):
         before, after = (_largest_if_none(one[name].to_numpy()) for one in (reference, first))
         both = np.concatenate([before, after])
-        if (both != both[0]).any():  # the same always: nothing to compare
+        if (both != both[0]).any():  # a constant score has nothing to compare
             results[name] = shift.shift(before, after, seed)
     findings = holm({name: one.p for name, one in results.items()}, 1.0 - level)
     table = pd.DataFrame(
@@ -84,11 +84,11 @@ def check(
 
 
 def series_scores(monitor: Monitor, live: np.ndarray, inputs: dict[str, np.ndarray]) -> np.ndarray:
-    """Largest of each term in each segment over a log, float32 [terms * segments]; 0 where it was
-    never live there.
+    """Return the largest value of each term in each segment over a log, float32 [terms * segments];
+    0 for segments in which it was never live.
 
-    live: bool [milliseconds]; inputs: float32 [milliseconds] by name. The same operations as the
-    part's.
+    `live`: bool [milliseconds]; `inputs`: float32 [milliseconds] by name. The arithmetic operations
+    are those of the generated part.
     """
     numbers = {
         name: np.nan_to_num(np.asarray(v, np.float32), nan=0.0, posinf=np.inf, neginf=-np.inf)
@@ -109,16 +109,18 @@ def series_scores(monitor: Monitor, live: np.ndarray, inputs: dict[str, np.ndarr
                 own = np.diff(own, prepend=own[:1])
         size = np.nan_to_num(
             np.abs(own), nan=0.0, posinf=np.inf
-        )  # what is no number is above none, as in the part
+        )  # NaN exceeds no threshold, as in the generated part
         for segment in range(monitor.segments.count):
             out[k, segment] = size[live & (place == segment)].max(initial=0.0)
     return out.ravel()
 
 
 def _fresh(source: Path, folder: Path, monitor: Monitor, record: dict[str, Any]) -> pd.DataFrame:
-    """Fresh operations, a row each: unit, hours, SCORE, and what else there is of
-    `writing.measured_names`. attrs: origin, what two sources that share operators have in common.
-    The first operation of each unit is tested.
+    """Return fresh operations, one row each: unit, hours, SCORE, and the available columns of
+    `writing.measured_names`.
+
+    attrs: origin, which is equal for sources that share operators. The first operation of each unit
+    is tested.
     """
     if (source / score_folder.FOLDER / score_folder.DESIGN).is_file():
         return _of_operations(source, folder, monitor, record)
@@ -135,9 +137,7 @@ def _fresh(source: Path, folder: Path, monitor: Monitor, record: dict[str, Any])
 def _of_operations(
     source: Path, folder: Path, monitor: Monitor, record: dict[str, Any]
 ) -> pd.DataFrame:
-    """Of a folder with operations of their own operators, which are no others' of the
-    calibration.
-    """
+    """Read a folder with operations of operators that the calibration did not use."""
     place, own = source / score_folder.FOLDER, folder / score_folder.FOLDER
     before, design = score_folder.read_design(own), score_folder.read_design(place)
     for key in ("signals", "segments", "code"):
@@ -156,8 +156,8 @@ def _of_operations(
 
 
 def _of_result(source: Path, monitor: Monitor, record: dict[str, Any]) -> pd.DataFrame:
-    """Of a campaign's runs without a fault that had the monitor as a detector: one operator, so
-    one unit.
+    """Read a campaign's fault-free runs that had the monitor as a detector. They are one operator,
+    so one unit.
     """
     own = manifest.read(source)
     digest = record["sha256"][code.PART]
@@ -205,7 +205,7 @@ def _of_result(source: Path, monitor: Monitor, record: dict[str, Any]) -> pd.Dat
 
 
 def _of_log(source: Path, monitor: Monitor, record: dict[str, Any]) -> pd.DataFrame:
-    """The operation of a log, cut to the length of the calibration's."""
+    """Read the operation of a log, cut to the length of the calibration's operations."""
     arms = record["monitor"].get("arms", ())
     if len(arms) > 1:
         raise UserError(
@@ -245,7 +245,9 @@ def _of_log(source: Path, monitor: Monitor, record: dict[str, Any]) -> pd.DataFr
 def _table(
     monitor: Monitor, unit: np.ndarray, hours: np.ndarray, peak: np.ndarray, origin: str
 ) -> pd.DataFrame:
-    """The table that `_fresh` describes. peak: what each term reached in each segment."""
+    """Return the table that `_fresh` describes. `peak`: largest value of each term in each
+    segment.
+    """
     scale = np.array(monitor.scales, np.float32)
     score = _largest_if_none(threshold.joint(peak.reshape(len(peak), *scale.shape), scale))
     columns = dict(zip(writing.measured_names(monitor), peak.T, strict=True))
@@ -255,15 +257,13 @@ def _table(
 
 
 def _largest_if_none(scores: np.ndarray) -> np.ndarray:
-    """The same, infinite where a number of the operation was not finite: one that failed is
-    above all others.
-    """
+    """Return the scores with infinity for NaN: an operation that failed ranks above all others."""
     return np.where(np.isnan(scores), np.float32(np.inf), scores)
 
 
 def _require_different(sources: Sequence[Path], some: Sequence[pd.DataFrame]) -> None:
-    """UserError where two sources have the same operators: units would count twice, or all but
-    one source for none.
+    """Raise UserError if two sources have the same operators, because their units would count
+    twice.
     """
     first: dict[str, Path] = {}
     for source, one in zip(sources, some, strict=True):

@@ -1,8 +1,8 @@
-"""Prints a monitor as a Python file for campaigns and as C99 for a robot's own software.
+"""Generates a monitor as a Python file for campaigns and as C99 for a robot's own software.
 
-Both are printed from the same terms. Every number is read as a float, and one that is no number as
-0, which also keeps an engine from joining the read with the subtraction that follows. The C does
-the operations of the Python file in their order, each rounded to float by itself (subtract, divide,
+Both are generated from the same terms. Every number is read as a float, and NaN is read as 0. This
+also keeps an engine from fusing the read with the subtraction that follows. The C code does the
+operations of the Python file in the same order, each rounded to float separately (subtract, divide,
 compare: there is no sum of products that a compiler could fuse). So any compiler that keeps IEEE
 arithmetic gives the same bits; -ffast-math does not keep it.
 """
@@ -20,7 +20,7 @@ from ravenjax.analyses.monitors.scores import Score
 from ravenjax.report import wording
 
 PART, HEADER, SOURCE, TEST = "monitor.py", "monitor.h", "monitor.c", "monitor_test.c"
-"""Files of a monitor; each has a template of its name."""
+"""Files of a monitor. Each has a template of the same name."""
 
 
 def write_part(
@@ -31,11 +31,12 @@ def write_part(
     segment: int | None = None,
     records: bool = False,
 ) -> str:
-    """The text of a Python file whose score is the largest of the terms, each over its scale.
+    """Return the text of a Python file whose score is the largest of the terms, each divided by its
+    scale.
 
-    terms: of one channel each. scales: of each term in each segment; None: the terms' own. segment:
-    the score is 0 outside of it. records: the part also remembers what it reads, as `read_NAME`,
-    and its score.
+    `terms`: each has one channel. `scales`: of each term in each segment; None: the terms' own
+    scales. `segment`: the score is 0 outside of it. `records`: the part also stores its inputs as
+    `read_NAME`, and its score.
     """
     scales = [term.scales * segments.count for term in terms] if scales is None else scales
     values = _values(terms, segments, scales)
@@ -50,7 +51,7 @@ def write_part(
 
 
 def write_c(monitor: Monitor, notes: Sequence[str]) -> dict[str, str]:
-    """The texts of the C files by name. notes: what the monitor promises, in lines."""
+    """Return the texts of the C files by name. `notes`: the promise of the monitor, as lines."""
     values = _values(monitor.terms, monitor.segments, monitor.scales)
     units = dict.fromkeys(values["reads"], "")
     for term in monitor.terms:
@@ -65,7 +66,9 @@ def write_c(monitor: Monitor, notes: Sequence[str]) -> dict[str, str]:
 def _values(
     terms: Sequence[Score], segments: Segments, scales: Sequence[Sequence[float]]
 ) -> dict[str, Any]:
-    """What every template takes; `state`: field that is remembered -> its value after a step."""
+    """Return the variables of the templates. `state` maps each remembered field to its value after
+    a step.
+    """
     rates = [name_read(term, term.signal) for term in terms if term.kind == "rate"]
     return {
         "terms": [
@@ -96,6 +99,6 @@ def _environment() -> jinja2.Environment:
 
 
 def _write_float(value: float) -> str:
-    """A float32 as C reads it back: nine digits are enough."""
+    """Write a float32 so that C reads the same bits: nine digits are enough."""
     digits = f"{value:.9g}"
     return f"{digits if any(mark in digits for mark in '.e') else f'{digits}.0'}f"

@@ -1,4 +1,4 @@
-"""A calibrated monitor as data: terms with their scales, and a threshold."""
+"""Represents a calibrated monitor as data: terms with their scales, and a threshold."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from ravenjax.analyses.monitors.scores import Score
 
 @dataclasses.dataclass(frozen=True)
 class Segments:
-    """Stretches of an operation by a number of the robot's view: below the first edge, from each
-    edge to the next.
+    """Segments of an operation by a number of the robot's view: below the first edge, then from
+    each edge to the next.
 
-    `tick` makes them stretches of time, `runlevel` or `surgeon_mode` phases. No edges: one segment,
-    the whole.
+    `tick` makes them stretches of time; `runlevel` or `surgeon_mode` make them phases. Without
+    edges there is one segment, the whole operation.
     """
 
-    field: str = ""  # a single number of the view
+    field: str = ""  # a scalar field of the view
     edges: tuple[float, ...] = ()  # ascending, float32
 
     def __post_init__(self) -> None:
@@ -38,19 +38,19 @@ class Segments:
 
     @property
     def count(self) -> int:
-        """How many."""
+        """Return the number of segments."""
         return len(self.edges) + 1
 
     @property
     def words(self) -> str:
-        """As the command line takes them: tick=1000,5000."""
+        """Return the segments as the command line takes them: tick=1000,5000."""
         return (
             f"{self.field}={','.join(f'{edge:.9g}' for edge in self.edges)}" if self.field else ""
         )
 
     @staticmethod
     def parsed(text: str) -> Segments:
-        """From `FIELD=EDGE,EDGE`. ValueError for anything else."""
+        """Parse `FIELD=EDGE,EDGE`. Raises ValueError for anything else."""
         match = re.fullmatch(r"([A-Za-z]\w*)=(.+)", text.strip())
         try:
             return (
@@ -65,18 +65,19 @@ class Segments:
 
 
 WHOLE = Segments()
-"""An operation in one piece."""
+"""An operation as a single segment."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Monitor:
-    """An alarm where the largest of its terms, each over its scale, is above the threshold while
-    the robot is live.
+    """A monitor. It alarms if the largest of its terms, each divided by its scale, exceeds the
+    threshold while the robot is live.
     """
 
-    terms: tuple[Score, ...]  # of one channel each
+    terms: tuple[Score, ...]  # each with one channel
     segments: Segments
-    scales: tuple[tuple[float, ...], ...]  # float32, of each term in each segment, in its unit
+    # float32, of each term in each segment, in the term's unit.
+    scales: tuple[tuple[float, ...], ...]
     threshold: float  # float32
 
     def __post_init__(self) -> None:
@@ -93,18 +94,20 @@ class Monitor:
 
     @property
     def limits(self) -> np.ndarray:
-        """Where each term has an alarm in each segment, in its unit; [terms, segments]."""
+        """Return the value at which each term alarms in each segment, in its unit; [terms,
+        segments].
+        """
         return np.array(self.scales) * self.threshold
 
 
 def split_scores(scores: Sequence[Score]) -> tuple[Score, ...]:
-    """Each channel of the scores by itself, scale 1, so that each has a band of its own."""
+    """Split the scores into single channels with scale 1, so that each has its own limit."""
     singles = [single.scaled([1.0]) for score in scores for single in score.singles]
     return tuple({single.name: single for single in singles}.values())
 
 
 def list_reads(terms: Sequence[Score], segments: Segments) -> dict[str, str]:
-    """What a monitor reads each millisecond: name of the number -> where it stands in the
+    """Return the monitor's inputs in each millisecond: name of the number -> its place in the
     robot's view, in order.
     """
     reads = {}
@@ -118,5 +121,5 @@ def list_reads(terms: Sequence[Score], segments: Segments) -> dict[str, str]:
 
 
 def name_read(term: Score, field: str) -> str:
-    """Name of the number of a field that a term reads."""
+    """Return the name of the number of a field that a term reads."""
     return f"{field}_{term.labels[0]}" if term.channels else field

@@ -1,9 +1,9 @@
-"""Computes fault-free operations in bulk and keeps only their scores. Operators differ in motion,
+"""Computes many fault-free operations and keeps only their scores. Operators differ in motion, and
 operations in robot.
 
-What a detector sees of a run without a fault does not depend on the golden run beside it, which is
-the run itself. So operations are computed once, compared with nothing, and nothing of them is held
-but a row of outcomes: memory does not grow with their number, and a GPU has all robots of an
+A detector's input in a fault-free run does not depend on a golden run, because the run is its own
+golden run. So each operation is computed once, without comparison, and only its row of outcomes is
+kept. Memory does not grow with the number of operations, and a GPU computes all robots of an
 operator side by side.
 """
 
@@ -28,27 +28,27 @@ from ravenjax.errors import UserError, suggestion
 from ravenjax.store.access import fault_free
 
 CALIBRATION, FRESH = 0, 1
-"""Streams of operators: those of one are none of the other's."""
+"""Streams of operators. The two streams share no operator."""
 MS_PER_HOUR = 3.6e6
 MOST_AT_A_TIME = 32
-"""Operators whose operations are computed side by side, at most."""
+"""Largest number of operators whose operations are computed side by side."""
 _GROUP = "fault_free"
 _ARMED_AFTER = "detectors.armed_after"
 
 
 @dataclasses.dataclass(frozen=True)
 class OperationDesign:
-    """What is drawn."""
+    """What is drawn for the operations."""
 
-    motions: tuple[str, ...]  # generated ones, each operator has one of them
-    robots: int  # operations of each operator, each with a robot of its own
-    length_s: float  # of an operation
+    motions: tuple[str, ...]  # Generated motions; each operator has one of them.
+    robots: int  # operations per operator, each with its own robot
+    length_s: float  # length of an operation
     seed: int
     stream: int = CALIBRATION
 
     def operator(self, number: int) -> tuple[str, int]:
-        """Motion and seed of an operator; they depend on nothing but its number, the seed and
-        the stream.
+        """Return motion and seed of an operator. They depend only on its number, the seed and the
+        stream.
         """
         rng = np.random.default_rng([self.seed, self.stream, number])
         return self.motions[int(rng.integers(len(self.motions)))], int(rng.integers(2**31))
@@ -56,25 +56,25 @@ class OperationDesign:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class OperatorScores:
-    """The operations of one operator; arrays of one entry an operation."""
+    """The operations of one operator; arrays with one entry per operation."""
 
     operator: int
     motion: str
     seed: int
-    # float32 [operations, detectors], maximum over the operation; NaN where a number was not finite
+    # float32 [operations, detectors], maximum over the operation; NaN if a number was not finite.
     score: np.ndarray
     hours: np.ndarray  # in which detectors looked
 
 
 def campaign(config: CampaignConfig, design: OperationDesign) -> CampaignConfig:
-    """The fault-free campaign of an operator: robot, distributions and detectors of `config`,
-    none of its groups.
+    """Return the fault-free campaign of an operator: robot, distributions and detectors of
+    `config`, without its groups.
     """
     own = config.model_dump(mode="json")
     group: dict[str, Any] = {"name": _GROUP}
     if design.robots > 1 or any(
         axis.kind == "list" for axis in config.parameters.values()
-    ):  # else a run a value
+    ):  # otherwise each value gets a run
         group |= {"design": "random", "runs": design.robots}
     tables = {
         name: fault_free.without_reaction(own.get(name, {})) for name in ("parameters", "cross")
@@ -90,7 +90,9 @@ def campaign(config: CampaignConfig, design: OperationDesign) -> CampaignConfig:
 
 
 def of_operator(campaign: CampaignConfig, design: OperationDesign, number: int) -> CampaignConfig:
-    """The same with the motion of an operator, and robots that nobody else has."""
+    """Return the campaign with the motion of one operator, and with robots that no other operator
+    has.
+    """
     motion, seed = design.operator(number)
     own: Any = campaign
     settings = own.campaign.model_copy(update={"seed": seed})
@@ -103,7 +105,7 @@ def of_operator(campaign: CampaignConfig, design: OperationDesign, number: int) 
 
 
 def require(config: CampaignConfig, design: OperationDesign) -> None:
-    """UserError unless `config` can be run so."""
+    """Raise UserError unless `config` can be run in this way."""
     operator = config.model_dump(mode="json").get("operator") or {}
     if operator.get("file"):
         raise UserError(
@@ -133,7 +135,7 @@ def require(config: CampaignConfig, design: OperationDesign) -> None:
 
 
 def varies(config: CampaignConfig) -> bool:
-    """Whether two runs of one operator may differ: something of the robot is drawn."""
+    """Return whether two runs of one operator may differ: some property of the robot is drawn."""
     return (
         config.campaign.noise
         or config.random_packets
@@ -147,7 +149,7 @@ class OperationRunner:
     def __init__(
         self, config: CampaignConfig, design: OperationDesign, engine: str = "auto"
     ) -> None:
-        """Raises UserError for what cannot be run."""
+        """Compile for a campaign. Raises UserError for a campaign that cannot be run."""
         require(config, design)
         compile_cache.enable()
         self.config, self.design = campaign(config, design), design
@@ -160,8 +162,10 @@ class OperationRunner:
         self._own, self._lock = threading.local(), threading.Lock()
 
     def compute(self, numbers: Sequence[int]) -> Iterator[OperatorScores]:
-        """Compute these operators, in order, a few at a time. Closing the iterator cancels them."""
-        threads = self._side_by_side() + 1  # one more plans while the others run
+        """Yield the scores of these operators in order, computed a few at a time. Closing the
+        iterator cancels them.
+        """
+        threads = self._side_by_side() + 1  # one thread more plans while the others run
         with ThreadPoolExecutor(threads) as pool:
             coming: deque[Future[OperatorScores]] = deque()
             rest = iter(numbers)
@@ -177,8 +181,8 @@ class OperationRunner:
                 raise
 
     def _side_by_side(self) -> int:
-        """Operators that are computed at a time: as many as the engine takes, or more where
-        theirs do not fill it.
+        """Return how many operators are computed at a time: as many as the engine takes, or more if
+        they do not fill it.
         """
         lanes = self._kernel(self._first).branches
         return max(self._engine.threads, min(MOST_AT_A_TIME, -(-lanes // self.design.robots)))
@@ -199,7 +203,7 @@ class OperationRunner:
     def _block(
         self, ready: Plan, kernel: Kernel, rows: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Scores and hours of these rows."""
+        """Return scores and hours of these rows."""
         program, lanes = ready.program, kernel.size(len(rows))
         block = Block(*ready.lanes(rows, lanes, harmless=True), NO_REFERENCE)
         own = kernel.run(block, ready.columns).outcomes
@@ -213,16 +217,17 @@ class OperationRunner:
         return score, looked_ms / MS_PER_HOUR
 
     def _kernel(self, ready: Plan) -> Kernel:
-        """Of a plan's program: that of an operator before, where it is the same, as it is for
-        generated motions.
+        """Return the kernel of a plan's program. It is reused from an earlier operator if the
+        program is equal, as for generated motions.
 
-        Each thread has its own, which lets a GPU take more blocks at a time than one kernel does.
+        Each thread has its own kernel, which lets a GPU take more blocks at a time than one kernel
+        would.
         """
         kernels: list[tuple[TickProgram, Kernel]] = self._own.__dict__.setdefault("kernels", [])
         for program, kernel in kernels:
             if program == ready.program:
                 return kernel
-        with self._lock:  # who comes second finds the code that the first has compiled
+        with self._lock:  # the second thread finds the code that the first has compiled
             kernel = self._engine.compile(ready.program, self.design.robots)
             rows = np.arange(min(ready.runs, kernel.lanes))
             lanes = kernel.size(len(rows))

@@ -1,7 +1,7 @@
-"""Stores scores of operations, one Parquet file an operator.
+"""Stores scores of operations, one Parquet file per operator.
 
-Each file is written aside and renamed. After an interruption the next start keeps the finished
-operators and computes the others.
+Each file is written under a temporary name and renamed. After an interruption the next start keeps
+the finished operators and computes the others.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ class Peaks(NamedTuple):
     peak: np.ndarray  # float32 [operations, detectors]; NaN: a number was not finite
 
     def taken_from(self, mask: np.ndarray) -> Peaks:
-        """The operations that `mask` marks."""
+        """Return the operations that `mask` marks."""
         return Peaks(*(values[mask] for values in self))
 
 
 def open_folder(folder: Path, design: dict[str, Any]) -> None:
-    """Begin, or go on with, a folder of operations. UserError where it holds operations of another
-    design (as JSON has it).
+    """Create or continue a folder of operations. Raises UserError if it holds operations of another
+    design (as JSON values).
     """
     (folder / PARTS).mkdir(parents=True, exist_ok=True)
     files.require_writable(folder)
@@ -51,7 +51,7 @@ def open_folder(folder: Path, design: dict[str, Any]) -> None:
 
 
 def list_missing(folder: Path, units: int) -> list[int]:
-    """Operators below `units` that are not in the folder."""
+    """Return the operators below `units` that are not in the folder."""
     return [number for number in range(units) if not _file(folder, number).exists()]
 
 
@@ -69,8 +69,8 @@ def add(folder: Path, operator: OperatorScores) -> None:
 
 
 def read(folder: Path, units: int | None = None) -> Peaks:
-    """The operations in a folder, of operators below `units` if given. Raises StoreError where a
-    file is unreadable.
+    """Return the operations in a folder, of operators below `units` if given. Raises StoreError if
+    a file is unreadable.
     """
     paths = _list_files(folder)
     if not paths:
@@ -85,7 +85,7 @@ def read(folder: Path, units: int | None = None) -> Peaks:
 
 
 def read_design(folder: Path) -> dict[str, Any]:
-    """What the operations of a folder are of. Raises StoreError."""
+    """Return the design of a folder's operations. Raises StoreError."""
     try:
         content = files.parsed((folder / DESIGN).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
@@ -96,7 +96,7 @@ def read_design(folder: Path) -> dict[str, Any]:
 
 
 def digest(folder: Path) -> str:
-    """sha256 over the operators in order."""
+    """Return the sha256 over the operators in order."""
     sums = (bytes.fromhex(files.sha256(path)) for path in _list_files(folder))
     return hashlib.sha256(b"".join(sums)).hexdigest()
 

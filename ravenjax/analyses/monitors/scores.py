@@ -1,12 +1,12 @@
-"""Scores of candidate checks as data: a field of the robot's view, how it is evaluated, and its
-scale.
+"""Defines scores of candidate checks as data: a field of the robot's view, how it is evaluated, and
+its scale.
 
 - `bound`: |x| over its scale.
 - `rate`: |x - x a millisecond ago| over its scale; 0 in the first millisecond.
-- `residual`: |x - y| over its scale, of two fields of the view.
+- `residual`: |x - y| over its scale, for two fields of the view.
 
-A score of several channels is the largest of theirs, each over its own scale; a number of the view
-that is none counts as 0. `code` prints scores as a part of one's own, which makes a score a
+A score of several channels is the largest of theirs, each over its own scale. NaN in the view
+counts as 0. The module `code` generates scores as a user-defined part, which makes a score a
 detector (`ravenjax.stages.detectors`).
 """
 
@@ -32,21 +32,21 @@ _WORDS = {
 
 @dataclasses.dataclass(frozen=True)
 class Score:
-    """One candidate check: a number a millisecond and arm. Plain data, from which code of any
-    language is printed.
+    """One candidate check: a number per millisecond and arm. It is plain data, from which code of
+    any language can be generated.
     """
 
-    name: str  # a word that a campaign takes as the name of a detector
+    name: str  # valid as the name of a detector in a campaign
     kind: Kind
     signal: str  # field of the robot's view
-    channels: tuple[int, ...]  # places in the field; (): it is a single number
-    labels: tuple[
-        str, ...
-    ]  # name of each channel, as joints and axes are called; of a single number ("",)
+    channels: tuple[int, ...]  # indices in the field; (): the field is a single number
+    # Name of each channel, such as joints and axes; ("",) for a single number.
+    labels: tuple[str, ...]
     units: tuple[str, ...]  # of each channel
-    scales: tuple[float, ...]  # of each channel, in its unit: the size at which it scores 1
+    # Of each channel, in its unit: the value at which it scores 1.
+    scales: tuple[float, ...]
     layer: str  # code of the robot's layer
-    against: str = ""  # other field of a residual, of the same channels
+    against: str = ""  # other field of a residual, with the same channels
 
     def __post_init__(self) -> None:
         several = len(self.channels) or 1
@@ -68,14 +68,14 @@ class Score:
 
     @property
     def words(self) -> str:
-        """What it looks at: "step of boards_cmd (shoulder) within 1 ms"."""
+        """Describe what the score observes: "step of boards_cmd (shoulder) within 1 ms"."""
         labels = ", ".join(filter(None, self.labels))
         what = f"{self.signal} ({labels})" if labels else self.signal
         return _WORDS[self.kind].format(what=what, against=self.against)
 
     @property
     def singles(self) -> tuple[Score, ...]:
-        """Each channel as a score of its own, at its scale."""
+        """Return each channel as a separate score, at its scale."""
         if len(self.labels) == 1:
             return (self,)
         return tuple(
@@ -93,16 +93,18 @@ class Score:
         )
 
     def scaled(self, scales: Sequence[float]) -> Score:
-        """The same, measured in others. ValueError unless there is one above 0 for each channel."""
+        """Return the score with other scales. Raises ValueError unless there is one above 0 for
+        each channel.
+        """
         return dataclasses.replace(self, scales=tuple(float(scale) for scale in scales))
 
 
 def catalogue(robot: Robot) -> tuple[Score, ...]:
-    """Every candidate that a robot's signals give, one for all channels that are looked at
-    together, scales 1.
+    """Return every candidate that a robot's signals give, one for all channels that are observed
+    together, with scales 1.
 
-    In the robot's order: bounds, rates and residuals of each signal. UserError for a robot that
-    declares no signals.
+    They are in the robot's order: bounds, rates and residuals of each signal. Raises UserError for
+    a robot that declares no signals.
     """
     if not robot.signals:
         raise UserError(
@@ -136,8 +138,8 @@ def _of(signal: Signal) -> Iterator[Score]:
 
 
 def _channels(signal: Signal) -> Iterator[tuple[str, tuple[int, ...]]]:
-    """(name, places) of what is looked at together: what belongs together by name, and the
-    others.
+    """Return (name, indices) of channels that are observed together: those that share a name, and
+    the others.
     """
     if not signal.channels:
         yield "", ()

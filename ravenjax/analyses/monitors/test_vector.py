@@ -28,8 +28,8 @@ FAULT = {
     "start_ms": 1500,
     "duration_ms": 100,
 }
-"""So that the vector has an alarm, where a robot has this site: behind every check of its
-software.
+"""Fault that makes the vector contain an alarm, if a robot has this site. It acts after every check
+of its software.
 """
 _NAME, _SAME_LANES = "monitor", 2
 
@@ -37,10 +37,11 @@ _NAME, _SAME_LANES = "monitor", 2
 def compute(
     config: CampaignConfig, monitor: Monitor, seed: int, engine: str = "auto"
 ) -> pd.DataFrame:
-    """A row a millisecond of the first arm of `config`'s robot: ms, live, what the monitor reads,
-    score (0 while not live), alarm. It has a fault where the robot has the site of FAULT.
+    """Return one row per millisecond of the first arm of `config`'s robot.
 
-    Raises UserError for a robot that does not show what its detectors see.
+    Columns: ms, live, the monitor's inputs, score (0 while not live), alarm. The run has a fault if
+    the robot has the site of FAULT. Raises UserError for a robot that does not show what its
+    detectors read.
     """
     robot = config.robot
     part: Any = robot.part("campaign")
@@ -80,8 +81,8 @@ def compute(
 
 
 def _campaign(config: CampaignConfig, monitor: Monitor, seed: int, file: Path) -> CampaignConfig:
-    """A short run of one arm, with the monitor as its only detector. Its `consecutive` shows the
-    score of each tick.
+    """Return a short campaign of one arm, with the monitor as its only detector. Its `consecutive`
+    shows the score of each tick.
     """
     own, robot = config.model_dump(mode="json"), config.robot
     group: dict[str, Any] = {"name": "vector"}
@@ -111,6 +112,6 @@ def _campaign(config: CampaignConfig, monitor: Monitor, seed: int, file: Path) -
 
 
 def _is_plain(config: CampaignConfig, path: str) -> bool:
-    """Whether a parameter is one number, and of the arm that is left."""
+    """Return whether a parameter is a single number, and of the arm that is kept."""
     lost = {f".{arm}." for arm in config.campaign.arms[1:]}
     return config.parameters[path].kind == "fixed" and not any(arm in path for arm in lost)

@@ -22,13 +22,14 @@ from ravenjax.store import files, manifest
 
 RECORD, VECTOR, REFERENCE = "monitor.toml", "test_vector.csv", "reference.csv"
 DETECTOR = "detector.toml"
-"""The part as a campaign names it: a detector alarms above 1 unless it is given its threshold."""
+"""File of the part as a campaign names it. The detector alarms above 1 unless a threshold is given.
+"""
 ENGINE = "simd"
-"""Engine of the test vector: a CPU's, because its arithmetic is that of C."""
+"""Engine of the test vector. It is a CPU engine, because its arithmetic equals that of C."""
 
 
 def write(out: Path, config: CampaignConfig, design: OperationDesign, result: Calibrated) -> None:
-    """Write everything but the operations, which lie in `out` already."""
+    """Write everything except the operations, which are in `out` already."""
     monitor, notes = result.monitor, promise(result, design)
     detector = {"name": "monitor", "file": code.PART, "threshold": [_short(monitor.threshold)]}
     title = f"{' '.join(notes)} As a detector: threshold = {detector['threshold']}"
@@ -51,7 +52,7 @@ def write(out: Path, config: CampaignConfig, design: OperationDesign, result: Ca
 
 
 def promise(result: Calibrated, design: OperationDesign) -> list[str]:
-    """What is promised, to whom, and what it rests on, in lines."""
+    """Return the promise, its scope and its basis, as lines."""
     target, own = result.target, result.threshold
     return [
         (
@@ -72,7 +73,7 @@ def promise(result: Calibrated, design: OperationDesign) -> list[str]:
 
 
 def _record(config: CampaignConfig, design: OperationDesign, result: Calibrated) -> dict[str, Any]:
-    """The tables of monitor.toml that follow from the result alone."""
+    """Return the tables of monitor.toml that depend only on the result."""
     own, tested, monitor = result.threshold, result.test, result.monitor
     return {
         "monitor": {
@@ -129,8 +130,8 @@ def _record(config: CampaignConfig, design: OperationDesign, result: Calibrated)
 
 
 def read(folder: Path) -> tuple[Monitor, dict[str, Any]]:
-    """The monitor of a folder, and all of its record. Raises StoreError for what is none, or was
-    changed.
+    """Read the monitor of a folder and its record. Raises StoreError if the folder holds no monitor
+    or was changed.
     """
     path = folder / RECORD
     try:
@@ -169,7 +170,7 @@ def _term(table: dict[str, Any]) -> Score:
 
 
 def _reference(peaks: score_folder.Peaks, monitor: Monitor, result: Calibrated) -> pd.DataFrame:
-    """The first operation of each operator that learned no scale, for tests for a shift."""
+    """Return the first operation of each operator that provided no scale, for tests for a shift."""
     _, first = np.unique(peaks.unit, return_index=True)
     some = peaks.taken_from(first)
     some = some.taken_from(~calibration.uses(some.unit).scale)
@@ -179,7 +180,7 @@ def _reference(peaks: score_folder.Peaks, monitor: Monitor, result: Calibrated) 
 
 
 def measured_names(monitor: Monitor) -> list[str]:
-    """Name of each term in each segment, in the order of the operations' columns."""
+    """Return the name of each term in each segment, in the order of the operations' columns."""
     if monitor.segments.count == 1:
         return [term.name for term in monitor.terms]
     return [
@@ -194,15 +195,15 @@ def _put(path: Path, text: str) -> None:
 
 
 def _csv(table: pd.DataFrame) -> str:
-    """Nine digits of each number, which give the bits of a float32 back."""
+    """Return CSV with nine digits per number, from which the bits of a float32 can be restored."""
     return table.to_csv(index=False, float_format="%.9g", lineterminator="\n")
 
 
 def _short(value: float) -> float:
-    """The same float32 in nine digits."""
+    """Return the same float32 in nine digits."""
     return float(f"{value:.9g}")
 
 
 def _float32(value: Any) -> float:
-    """Nine digits give its bits back."""
+    """Restore a float32 from nine digits."""
     return float(np.float32(value))

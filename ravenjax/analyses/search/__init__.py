@@ -1,3 +1,3 @@
-"""Searches: the smallest harmful fault, the inputs that decide an outcome, the probability of a
-rare event.
+"""Implements searches: for the smallest harmful fault, the inputs that decide an outcome, and the
+probability of a rare event.
 """

@@ -1,8 +1,8 @@
 """Computes outcomes of a search's points. The template is planned and compiled once.
 
-The same point is the same run: its id hashes its content, as that of any campaign's run, so what a
-run draws (effect "random", noise) is drawn in a campaign with that row, too, and a point that comes
-again is not run again, nor is one that an earlier start of the same search has run (`journal`).
+The same point is always the same run: its id hashes its content, as for any run of a campaign. So
+random draws of a run (effect "random", noise) are the same in a campaign with that row. A point
+that comes again, or that an earlier start of the same search has run (`journal`), is not run again.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ from ravenjax.store import parts, schema
 
 
 class Evaluator:
-    """Outcomes of points: `evaluator(case [n], values [n, inputs]) -> [n, outcomes]`, NaN where
-    a run failed.
+    """Computes outcomes of points: `evaluator(case [n], values [n, inputs]) -> [n, outcomes]`, NaN
+    for runs that failed.
     """
 
     def __init__(
@@ -47,16 +47,15 @@ class Evaluator:
         engine: str = "auto",
         margins: bool = False,
     ) -> None:
-        """margins: of `wanted` rather than 0 and 1.
+        """Plan the runs. `margins`: return margins of `wanted` rather than 0 and 1.
 
-        Raises UserError for what cannot be run and for outcomes that there are not.
+        Raises UserError for templates that cannot be run and for unknown outcomes.
         """
         compile_cache.enable()
         self.template, self.wanted = template, tuple(wanted)
         self._margins = margins
-        self._plan = plan.make_plan(
-            template.config
-        )  # one run a case: what picks code is the same for every point
+        # One run per case: settings that select code are equal for all points.
+        self._plan = plan.make_plan(template.config)
         self.shape = runner.shape_of(self._plan)
         if complaints := [
             complaint for outcome in wanted for complaint in outcome.complaints(self.shape)
@@ -72,19 +71,20 @@ class Evaluator:
         self._computation: Computation | None = None
         self._kernel: Kernel | None = None
         self._tables: list[pa.Table] = []
-        self._known = pd.Index(np.zeros(0, np.uint64))  # of the tables' rows
-        self._values = np.zeros((0, len(self.wanted)))  # of `_known`
+        self._known = pd.Index(np.zeros(0, np.uint64))  # ids of the tables' rows
+        self._values = np.zeros((0, len(self.wanted)))  # outcomes of the runs in `_known`
         self._asked = pd.Index(np.zeros(0, np.uint64))
 
     def keep_in(self, journal: Journal, due: int, on_progress: OnProgress | None) -> None:
-        """Keep every run in `journal` from now on, and take over those that it holds. due: about
-        how many runs will be asked for."""
+        """Keep every run in `journal` from now on, and take over the runs that it holds. `due`:
+        approximate number of runs.
+        """
         self._journal = journal
         for rows in journal.tables:
             ids = run_id.numbers(rows.column("run_id").to_pylist())
             new = np.flatnonzero(
                 self._known.get_indexer(ids) < 0
-            )  # a kill may leave the same runs in two files
+            )  # after a kill, two files may hold the same runs
             self._learn(ids[new], [rows.take(new)])
         self.progress = self._progress(due, on_progress, min(self.held, due - 1), journal.notes)
         for rows in self._tables:
@@ -98,12 +98,12 @@ class Evaluator:
 
     @property
     def runs(self) -> int:
-        """Runs that were asked for so far; a point that came again counts once."""
+        """Return the number of runs that were requested. A repeated point counts once."""
         return len(self._asked)
 
     @property
     def held(self) -> int:
-        """Runs that are known, those of earlier starts included."""
+        """Return the number of known runs, including those of earlier starts."""
         return len(self._known)
 
     def __call__(self, case: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -123,13 +123,15 @@ class Evaluator:
         return self._values[self._known.get_indexer(ids)][place.reshape(-1)]
 
     def ids(self, case: np.ndarray, values: np.ndarray) -> list[str]:
-        """Run ids of points that are all different."""
+        """Return run ids of points that are all different."""
         rows = design.rows(self.template.campaign(np.asarray(case), np.asarray(values, float)))
         return run_id.text(rows.numbers("run_id")).to_pylist()
 
     def rows(self) -> pa.Table:
-        """Every run that was asked for so far as rows of the result table, in the order in which
-        they were first asked for: the same table wherever earlier starts ended."""
+        """Return every requested run as rows of the result table, in the order of first requests.
+
+        The table is the same wherever earlier starts ended.
+        """
         place, numbers = self._known.get_indexer(self._asked), np.arange(self.runs, dtype=np.int32)
         return schema.conform(
             parts.concatenate(self._tables).iloc[place].assign(index=numbers, pair=numbers),
@@ -156,13 +158,13 @@ class Evaluator:
         self._learn(ready.rows.numbers("run_id"), tables)
 
     def _learn(self, ids: np.ndarray, tables: Sequence[pa.Table]) -> None:
-        """Make runs known that were not; ids: of all rows of the tables, in their order."""
+        """Add runs that were not known yet. `ids`: of all rows of the tables, in their order."""
         self._tables += tables
         self._known = self._known.append(pd.Index(ids))
         self._values = np.concatenate([self._values, *map(self._wanted, tables)])
 
     def _wanted(self, rows: pa.Table) -> np.ndarray:
-        """What is wanted of each row, float64 [rows, outcomes]."""
+        """Return the wanted outcomes of each row, float64 [rows, outcomes]."""
         rules = self._plan.config.rules
         names = {name for one in self.wanted for name in one.columns(rules)}
         columns = rows.select(sorted(names)).to_pandas()
@@ -173,7 +175,7 @@ class Evaluator:
         return np.stack(values, axis=1)
 
     def _planned(self, rows: FaultTable) -> Plan:
-        """The template's plan with other rows; those of one golden run stand together, so that
+        """Return the template's plan with other rows. Rows of one golden run are adjacent, so that
         it is computed once.
         """
         base, columns = self._plan, table.parameters(rows)
@@ -198,7 +200,7 @@ class Evaluator:
         )
 
     def _computation_of(self, ready: Plan) -> Computation:
-        """Compiled for the first rows, and for others since."""
+        """Return the computation, compiled for the first rows and reused afterwards."""
         if self._computation is None or self._kernel is None:
             self._computation = Computation(ready, self.engine, self.progress)
             self._kernel = self._computation.kernel

@@ -1,10 +1,10 @@
 """Stores the runs of a search as they finish, so that the same command continues after an
 interruption.
 
-A search is made of batches, each of which follows from the outcomes of those before. What is kept
-is runs alone: the next start takes the same way again, finds the runs of finished batches here, and
-computes from where there are none. Parts are a campaign's (`store.parts`), numbered as they come;
-once the search is done, `rows.parquet` holds all in one.
+A search consists of batches, each of which depends on the outcomes of the earlier ones. Only runs
+are stored. The next start repeats the same batches, finds the runs of finished ones here, and
+computes the others. Parts have the form of a campaign's parts (`store.parts`), and are numbered in
+order. When the search is done, `rows.parquet` holds all runs in one file.
 """
 
 from __future__ import annotations
@@ -23,24 +23,26 @@ from ravenjax.store import files, folder, manifest, parts
 
 ROWS = "rows.parquet"
 EVERY_S = 1.0
-"""Longest that runs of small batches wait for more, so that a file is worth its while."""
+"""Longest time in seconds that runs of small batches wait for more, so that a file is worth
+writing.
+"""
 WRITERS = 2
-"""Parts that are written side by side, at most."""
+"""Largest number of parts that are written side by side."""
 
 
 class Journal:
-    """Finished runs in a search's folder, which nobody else writes to (see `store.lock`).
+    """Finished runs in a search's folder, to which no other process writes (see `store.lock`).
 
-    A context manager while runs are added: what still waits is written on the way out, however that
-    comes.
+    Use it as a context manager while runs are added. Waiting runs are written on exit, also after
+    an exception.
     """
 
     def __init__(self, out: Path, identity: str, rows_sha256: str | None = None) -> None:
-        """Take over what the folder holds; a damaged part is set aside and noted.
+        """Read the runs that the folder holds. A damaged part is set aside and reported.
 
-        identity: hash of all that decides outcomes. rows_sha256: of `rows.parquet`, where an
-        earlier start was done. Raises StoreError where the disk refuses or a part belongs to
-        something else.
+        `identity`: hash of everything that decides outcomes. `rows_sha256`: of `rows.parquet`, if
+        an earlier start finished. Raises StoreError if the disk refuses or a part belongs to
+        another search.
         """
         self.out, self._parts, self._identity = out, out / folder.PARTS, identity
         self.tables: list[pa.Table] = []
@@ -75,14 +77,14 @@ class Journal:
                 self._write()
                 self._behind.finish()
             except StoreError:
-                if kind is None:  # else something has ended the work before, and that is told of
+                if kind is None:  # an exception that already ended the work takes precedence
                     raise
 
     def add(self, rows: pa.Table) -> None:
-        """Keep finished runs, rows of the result table; not from two threads at once.
+        """Store finished runs, rows of the result table. Do not call from two threads at once.
 
-        Small batches wait for others: a kill loses what was computed within `EVERY_S`. Raises
-        StoreError where the disk refused what was added before.
+        Small batches wait for others, so a kill loses the runs of the last `EVERY_S`. Raises
+        StoreError if the disk refused rows that were added before.
         """
         self._waiting.append(rows)
         if (
@@ -109,15 +111,15 @@ class Journal:
             manifest.record(self.out, part)
 
     def conclude(self, rows: pa.Table) -> str:
-        """Write `rows.parquet`; its sha256. Raises StoreError where the disk refuses."""
+        """Write `rows.parquet` and return its sha256. Raises StoreError if the disk refuses."""
         files.write_aside(
             self.out / ROWS, lambda path: pq.write_table(rows, path, compression="zstd")
         )
         return files.sha256(self.out / ROWS)
 
     def forget(self) -> None:
-        """Remove the parts: `rows.parquet` holds what they hold. What cannot be removed does no
-        harm.
+        """Remove the parts, because `rows.parquet` holds their rows. Parts that cannot be removed
+        do no harm.
         """
         with contextlib.suppress(OSError):
             for path in self._parts.iterdir():

@@ -29,11 +29,11 @@ NUMBERS, TEXT, PAGE = "search.json", "search.md", "search.html"
 
 
 def open_folder(out: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
-    """Begin a search in `out`, or take it over where it holds the same one: what search.json says
-    of the earlier start.
+    """Begin a search in `out`, or continue it, and return what search.json says of the earlier
+    start.
 
-    identity: the part of search.json that decides what comes out. Raises UserError where the folder
-    holds another search, and StoreError where it cannot be written to.
+    `identity`: the part of search.json that decides the result. Raises UserError if the folder
+    holds another search, and StoreError if it cannot be written to.
     """
     path = out / NUMBERS
     if not path.exists():
@@ -59,10 +59,10 @@ def open_folder(out: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
 def write(
     out: Path, record: dict[str, Any], template: str, draw: Callable[[dict[str, Any]], Any]
 ) -> list[str]:
-    """Write all files of a search, each whole or not at all; the sentences of its page. Raises
-    StoreError where the disk refuses.
+    """Write all files of a search, each atomically, and return the sentences of its page. Raises
+    StoreError if the disk refuses.
 
-    draw: makes the figure of the result.
+    `draw`: makes the figure of the result.
     """
     figure = f"{record['kind']}.svg"
     style.save(draw(record["result"]), out / figure)
@@ -110,6 +110,6 @@ def _environment() -> jinja2.Environment:
 
 
 def _header(names: Sequence[str]) -> str:
-    """The first two lines of a table in Markdown."""
+    """Return the first two lines of a table in Markdown."""
     row = " | ".join(name.replace("|", r"\|") for name in names)
     return f"| {row} |\n|{'---|' * len(names)}"

@@ -33,16 +33,18 @@ KINDS: dict[
     "morris": INDICES,
     "rare": (simulation.due, simulation.find, "rare.md.j2", simulation.draw),
 }
-"""How to estimate the runs of each kind of search, to search, to write and to draw the result."""
+"""For each kind of search, the functions that estimate its runs, search, and write and draw the
+result.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
 class SearchResult:
-    """A search that has run."""
+    """A finished search."""
 
-    out: Path  # its folder
-    record: dict[str, Any]  # what search.json says; its result is the numbers that were found
-    sentences: list[str]  # the answer in short
+    out: Path  # folder of the search
+    record: dict[str, Any]  # content of search.json; `result` holds the numbers that were found
+    sentences: list[str]  # the result in short sentences
 
 
 def run(
@@ -52,11 +54,11 @@ def run(
     overrides: Sequence[str] = (),
     on_progress: OnProgress | None = None,
 ) -> SearchResult:
-    """Run the search of a file, of a bundled one by name, or a loaded one, and write it into `out`,
-    or finish it where `out` holds a part of it.
+    """Run a search and write it into `out`, or finish it if `out` holds a part of it.
 
-    out: folder, by default results/NAME. overrides: `key.path=value`, of a file. Raises UserError
-    and StoreError for what the user can mend.
+    The search is a file, a bundled one by name, or a loaded one. `out`: folder, by default
+    results/NAME. `overrides`: `key.path=value`, for a file. Raises UserError and StoreError for
+    errors that the user can fix.
     """
     config = file if isinstance(file, SearchConfig) else loading.load(file, overrides)
     folder = Path("results") / config.campaign.campaign.name if out is None else Path(out)
@@ -72,7 +74,7 @@ def run(
 def _into(
     folder: Path, config: SearchConfig, evaluator: Evaluator, on_progress: OnProgress | None
 ) -> SearchResult:
-    """Search, in a folder that nobody else writes to."""
+    """Run the search in a folder to which no other process writes."""
     search, identity = config.search, _identity(config, evaluator)
     earlier = output.open_folder(folder, identity)
     journal = Journal(folder, manifest.config_hash(identity), earlier.get("rows_sha256"))
@@ -94,7 +96,7 @@ def _into(
 
 
 def _identity(config: SearchConfig, evaluator: Evaluator) -> dict[str, Any]:
-    """What decides what comes out, as JSON has it."""
+    """Return everything that decides the result, as JSON values."""
     return plain(
         {
             "config": config.resolved(),
@@ -116,7 +118,7 @@ def _record(config: SearchConfig, evaluator: Evaluator) -> dict[str, Any]:
         "seed": config.campaign.campaign.seed,
         "runs": evaluator.runs,
         "batches": evaluator.batches,
-        # runs of the last start, whose times follow
+        # Runs of the last start, to which the following times refer.
         "computed": status.computed,
         "compile_s": status.compile_s,
         "run_s": evaluator.run_s,

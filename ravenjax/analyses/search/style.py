@@ -1,4 +1,4 @@
-"""Style of a search's figures."""
+"""Defines the style of a search's figures."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ STYLE: dict[Any, Any] = figure_style.STYLE | {
 
 
 def save(figure: Any, path: Path) -> None:
-    """Write a figure as SVG without a date, whole or not at all."""
+    """Write a figure as SVG without a date, atomically."""
     import matplotlib
 
     with matplotlib.rc_context(STYLE):

@@ -9,7 +9,7 @@ from typing import Any
 
 
 def number(value: float, digits: int = 4) -> str:
-    """A number as readers want it; nothing of NaN."""
+    """Write a number for readers; "" for NaN."""
     return (
         ""
         if math.isnan(value)
@@ -20,7 +20,7 @@ def number(value: float, digits: int = 4) -> str:
 
 
 def plain(value: Any) -> Any:
-    """Nested values as JSON has them: no NumPy, None for NaN and infinities."""
+    """Convert nested values to JSON values: no NumPy, None for NaN and infinities."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -32,8 +32,8 @@ def plain(value: Any) -> Any:
 
 
 def short(name: str) -> str:
-    """An axis as readers want it: a field of the first fault, or of which other one, with ms as
-    its unit.
+    """Write an axis for readers: a field of the first fault, or of a numbered one, with ms as its
+    unit.
     """
     match = re.fullmatch(r"fault(\d+)_(\w+?)(_ms)?", name)
     if match is None:
@@ -43,7 +43,7 @@ def short(name: str) -> str:
 
 
 def laws(inputs: Sequence[Mapping[str, Any]]) -> str:
-    """Inputs and their distributions, as `Template.drawn` has them, in words."""
+    """Write inputs and their distributions, as from `Template.drawn`, in words."""
     parts = []
     for one in inputs:
         kind, values = next(iter(one["drawn"].items()))
@@ -53,7 +53,7 @@ def laws(inputs: Sequence[Mapping[str, Any]]) -> str:
 
 
 def words(case: Mapping[str, Any]) -> str:
-    """A case in words."""
+    """Write a case in words."""
     parts = ((*short(name).partition(", "), value) for name, value in case.items())
     return ", ".join(
         f"{name} {value}" + (f" {unit}" if value != "end" and unit else "")
@@ -64,7 +64,7 @@ def words(case: Mapping[str, Any]) -> str:
 def series(
     records: list[dict[str, Any]], along: str
 ) -> dict[tuple[tuple[str, Any], ...], list[dict[str, Any]]]:
-    """The records of each combination of what is not `along`."""
+    """Group records by everything except `along`."""
     groups: dict[tuple[tuple[str, Any], ...], list[dict[str, Any]]] = {}
     for record in records:
         others = tuple((key, value) for key, value in record["cell"].items() if key != along)

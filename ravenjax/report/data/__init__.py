@@ -1,1 +1,1 @@
-"""What the report counts: facts of every run, asked of the result table by SQL."""
+"""Derives facts about every run from the result table with SQL, for the report to count."""

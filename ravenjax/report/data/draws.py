@@ -1,6 +1,7 @@
-"""Finds the groups of a campaign that draw their faults.
+"""Finds the groups of a campaign that draw their faults at random.
 
-The others enumerate fixed values: nothing is sampled there, and a rate has no sampling interval.
+All other groups enumerate fixed values. Their rates have no sampling interval, because nothing is
+sampled.
 """
 
 from __future__ import annotations
@@ -9,18 +10,20 @@ from collections.abc import Mapping
 from typing import Any
 
 SAMPLED = ("random", "lhs", "sobol")
-"""Designs that draw from lists, too."""
+"""Designs in which a list of values is sampled too, not enumerated."""
 _LISTED = "list"
-"""The form of a table of values that enumerates; every other is a distribution."""
+"""Name of the form of a value table that enumerates. All other forms are distributions."""
 _EVERY = "all"
-"""A channel that stands for the list of all."""
+"""Name of a channel that means the list of all channels."""
 
 
 def groups(config: Mapping[str, Any]) -> frozenset[str] | None:
-    """Names of the groups each of whose faults has something that was drawn, be it the onset alone;
-    config: as in a manifest, without groups that name hazards. None where it has no groups.
+    """Return the names of groups in which every fault has at least one drawn value, even if only
+    its onset is drawn.
 
-    Drawn parameters of the robot or the operator do not count: they make no other fault.
+    `config` has the form stored in a manifest, in which no group names hazards. Return None if it
+    has no groups. Drawn parameters of the robot or operator do not count, because they do not
+    change the fault.
     """
     if "group" not in config:
         return None
@@ -28,7 +31,8 @@ def groups(config: Mapping[str, Any]) -> frozenset[str] | None:
 
 
 def _draws(group: Mapping[str, Any]) -> bool:
-    if group.get("run"):  # each run has single values of its own
+    # A group with explicit runs sets each value individually.
+    if group.get("run"):
         return False
     sampled = group.get("design") in SAMPLED
     return any(
@@ -37,7 +41,7 @@ def _draws(group: Mapping[str, Any]) -> bool:
 
 
 def _varies(value: Any, sampled: bool) -> bool:
-    """Whether a key's value was drawn; sampled: lists are drawn from, too."""
+    """Return whether a key's value was drawn. `sampled`: the design draws from lists too."""
     if isinstance(value, Mapping):
         return sampled or _LISTED not in value
     return sampled and (value == _EVERY or (isinstance(value, list | tuple) and len(value) > 1))

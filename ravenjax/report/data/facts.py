@@ -1,7 +1,7 @@
-"""Derives the facts of each run that the report counts from the result table, in SQL, so that a
-table may exceed memory.
+"""Derives from the result table, in SQL, the facts about each run that the report counts.
 
-`define` makes the table `facts` beside a result table, `derive` the same of a DataFrame.
+SQL allows a table that does not fit into memory. `define` creates the table `facts` for a database
+connection that holds results. `derive` returns the same facts for a DataFrame.
 """
 
 from __future__ import annotations
@@ -34,26 +34,30 @@ OUTCOMES = {
     "quiet": "no check, no hazard, no cue",
     "failed": "the run gave no valid outcome",
 }
-"""Each run has exactly one; those "felt" and "unseen" evaded the checks."""
+"""Outcomes of a run. Each run has exactly one; the outcomes "felt" and "unseen" mean that it evaded
+the checks.
+"""
 
 ACTION = "param:reaction.action"
 
 FACTS = "facts"
-"""The table of what `define` derives."""
+"""Name of the table that `define` creates."""
 
 
 class Choices(NamedTuple):
-    """What a campaign chose."""
+    """Choices of a campaign that affect how its runs are judged."""
 
-    rules: Rules = Rules()  # of the definitions of outcomes
+    rules: Rules = Rules()  # rules that define the outcomes
     action: int = (
-        0  # what the operator does at a cue where the run's parameters do not say, of ACTIONS
+        # Operator's action at a cue, an index into ACTIONS, for runs whose parameters do not set
+        # it.
+        0
     )
     robot: Robot = robots.USUAL
 
 
 def choices(manifest: Manifest) -> Choices:
-    """What the campaign of a manifest chose."""
+    """Return the choices recorded in a manifest."""
     reaction = manifest.config.get("reaction") or {}
     return Choices(
         manifest.rules,
@@ -63,18 +67,18 @@ def choices(manifest: Manifest) -> Choices:
 
 
 def of(frame: pd.DataFrame, manifest: Manifest) -> pd.DataFrame:
-    """`derive` with the choices of the campaign that a manifest describes."""
+    """Call `derive` with the choices of the campaign that a manifest describes."""
     return derive(frame, choices(manifest))
 
 
 USUAL = Choices()
-"""The choices of a campaign that chose nothing."""
+"""Choices of a campaign that leaves all defaults unchanged."""
 
 
 def derive(frame: pd.DataFrame, chosen: Choices = USUAL) -> pd.DataFrame:
-    """The facts of a result table in memory, one row per run, the index of `frame` kept.
+    """Return the facts of a result table in memory, one row per run, with the index of `frame`.
 
-    Columns as of `define`, and run_id.
+    Columns are those of `define`, and run_id.
     """
     with query.empty() as table:
         take(table, frame.loc[:, needed(list(frame), chosen)])
@@ -89,8 +93,8 @@ def derive(frame: pd.DataFrame, chosen: Choices = USUAL) -> pd.DataFrame:
 
 
 def take(table: ResultTable, frame: pd.DataFrame) -> None:
-    """Make a DataFrame the result table of a connection."""
-    # a NaN stays one, as in the parts: Arrow would make it a missing value
+    """Register a DataFrame as the result table of a connection."""
+    # Keep NaN as NaN, as stored parts do. Arrow would convert it to a missing value.
     plain = {
         name: frame[name].to_numpy() if frame[name].dtype.kind == "f" else frame[name]
         for name in frame
@@ -104,7 +108,9 @@ def take(table: ResultTable, frame: pd.DataFrame) -> None:
 
 
 def needed(names: Sequence[str], chosen: Choices) -> list[str]:
-    """Columns of a result table, among its own, that `define` reads."""
+    """Return those columns of a result table that `define` reads. `names`: the columns that the
+    table has.
+    """
     cue, jump = f"cue{chosen.rules.cue}_first_ms", chosen.rules.jump
     plain = {
         "response",
@@ -129,23 +135,29 @@ def needed(names: Sequence[str], chosen: Choices) -> list[str]:
 
 
 def define(table: ResultTable, chosen: Choices, more: Mapping[str, str] | None = None) -> bool:
-    """Make the table `facts` of a connection that has `results` with a column `row`, different in
-    each.
+    """Create the table `facts` on a connection whose table `results` has a unique column `row`.
 
-    Columns: row, group, faulty, activated, failed, response and hazard (as in the table; "" of
-    failed runs), told and evaded (events of `ravenjax.outcomes`), unintended, loss, misreport
-    (whether it is the run's hazard), halted (a loss of motion because the robot was not live), cued
-    (a cue that the golden run had not), jump (of the reported tip), outcome (of OUTCOMES), distinct
-    (equal for runs that differ in seed or in crossed parameters alone), action (of ACTIONS, by
-    number), plain (nobody reacts, or everybody does; so that one fault is not counted once for each
-    action), sample (the first valid plain run of each distinct input: what rates, intervals and
-    tests take as one draw), site, layer and block (site and effect) of the first fault, onset_ms,
-    length_ms, magnitude (of the first fault), active_ms, response_ms, told_ms, cue_ms (the first
-    cue at all), warned_ms (a cue that the golden run had not), unintended_ms, loss_ms, misreport_ms
-    (of the run's hazard); times are -1 where never. `more`: further columns, by expressions of
-    columns of `results`.
+    Columns that identify and classify a run: row, group, faulty, activated, failed, response and
+    hazard (as in the result table; "" for failed runs), told and evaded (events of
+    `ravenjax.outcomes`), unintended, loss, misreport (True if it is the run's hazard), halted (a
+    loss of motion because the robot was not live), cued (a cue that the golden run did not have),
+    jump (of the reported tip), outcome (one of OUTCOMES).
 
-    Returns whether no input occurs twice; then `distinct` is `row`.
+    Columns for counting: distinct (equal for runs that differ only in seed or crossed parameters),
+    action (index into ACTIONS), plain, sample. `plain` marks runs in which nobody reacts, or all
+    runs if every operator reacts, so that a fault is not counted once per action. `sample` marks
+    the first valid plain run of each distinct input. Rates, intervals and tests take these runs as
+    their draws.
+
+    Columns of the first fault: site, layer, block (site and effect), onset_ms, length_ms,
+    magnitude.
+
+    Columns of times in ms, -1 if the event never came: active_ms, response_ms, told_ms, cue_ms (the
+    first cue, whether or not the golden run has it), warned_ms (a cue that the golden run did not
+    have), unintended_ms, loss_ms, misreport_ms (for the run's hazard).
+
+    `more`: further columns, as expressions over columns of `results`. Return True if all inputs are
+    distinct; `distinct` then equals `row`.
     """
     rules = chosen.rules
     types = table.types()
@@ -217,7 +229,7 @@ _EVENTS = {
     "cued": "cue",
     "jump": "jump",
 }
-"""Columns that are events of `ravenjax.outcomes`, where a run is valid."""
+"""SQL of the fact columns that are events of `ravenjax.outcomes`; they hold for valid runs."""
 
 
 def _of_hazard(hazard: str, column: str) -> str:
@@ -225,14 +237,14 @@ def _of_hazard(hazard: str, column: str) -> str:
 
 
 def faulty_sql(names: Sequence[str]) -> str:
-    """Whether a run has a fault, of columns of `results`."""
+    """Return SQL for whether a run has a fault, over columns of `results`."""
     sites = [name for name in names if name.startswith("fault") and name.endswith("_site")]
     return "(" + (" OR ".join(f"{quoted(name)} <> ''" for name in sites) or "false") + ")"
 
 
 def action_sql(names: Sequence[str], usual: int) -> str:
-    """What the operator does at a cue, by number, of columns of `results`; `usual` where a run
-    does not say.
+    """Return SQL for the number of the operator's action at a cue; `usual` for runs that do not set
+    it.
     """
     if ACTION not in names:
         return str(usual)
@@ -241,31 +253,31 @@ def action_sql(names: Sequence[str], usual: int) -> str:
 
 
 def warned_sql(cue: int) -> str:
-    """When the cue of this number came that the golden run had not by then; -1 if never."""
+    """Return SQL for the time of the cue with this number if the golden run did not have it by
+    then, else -1.
+    """
     return events.beyond_golden_sql(f"cue{cue}_first_ms")
 
 
 def first_sql(*times_ms: str) -> str:
-    """The earliest of several times, expressions; -1 stands for never, of each and of the
-    result.
-    """
+    """Return SQL for the earliest of several times. Each time, and the result, is -1 for never."""
     came = [f"CASE WHEN {time} >= 0 THEN {time} END" for time in times_ms]
     return f"coalesce(least({', '.join(came)}), -1)"
 
 
 def beyond_sql(name: str, limit: float, types: Mapping[str, str]) -> str:
-    """Whether a number, which may be NaN, is above a limit; compared in the precision that the
-    table has.
+    """Return SQL for whether a number is above a limit, compared in the precision of the table. The
+    number may be NaN.
     """
     return f"({quoted(name)} > {limit!r}::{types[name]} AND NOT isnan({quoted(name)}::DOUBLE))"
 
 
 def _number(table: ResultTable, types: Mapping[str, str]) -> bool:
-    """Make the table `numbers` (row, distinct) where some input occurs twice, and say whether
-    none does.
+    """Create the table `numbers` (row, distinct) if some input occurs twice. Return whether all
+    inputs are distinct.
     """
     inputs = [name for name in types if name == "operator" or name.startswith(("param:", "fault"))]
-    # 0 + x: a negative zero is a zero
+    # Adding 0 turns a negative zero into a positive one.
     terms = [
         f"0 + {quoted(name)}" if types[name] in ("FLOAT", "DOUBLE") else quoted(name)
         for name in inputs
@@ -285,8 +297,8 @@ def _number(table: ResultTable, types: Mapping[str, str]) -> bool:
 
 
 def _words(table: ResultTable, names: Sequence[str], robot: Robot) -> dict[str, list[str]]:
-    """Columns of words that a campaign chooses, and which occur; they are stored as one small
-    number a row.
+    """Return SQL for columns of words that a campaign chooses, and the words that occur. Each word
+    is stored as a small number per row.
     """
     first = {
         name: sql for name, sql in _first_fault(names, robot).items() if name in ("site", "block")
@@ -299,7 +311,8 @@ def _words(table: ResultTable, names: Sequence[str], robot: Robot) -> dict[str, 
 
 def _first_fault(names: Sequence[str], robot: Robot) -> dict[str, str]:
     if "fault0_site" not in names:
-        return {"site": "''", "layer": text(OTHER_LAYER)}  # a campaign without any fault
+        # no run of the campaign has a fault
+        return {"site": "''", "layer": text(OTHER_LAYER)}
     cases = " ".join(f"WHEN {text(site)} THEN {text(robot.layer(site))}" for site in robot.sites)
     return {
         "site": "fault0_site",
@@ -316,25 +329,27 @@ def _listed(columns: Mapping[str, str]) -> str:
 
 
 def warned(frame: pd.DataFrame, cue: int) -> np.ndarray:
-    """The same as `warned_sql` for a result table in memory: [rows]."""
+    """Return the same times as `warned_sql`, for a result table in memory; shape [rows]."""
     return verdict.beyond_golden(frame[f"cue{cue}_first_ms"], frame[f"golden_cue{cue}_first_ms"])
 
 
 def golden_runs(frame: pd.DataFrame, chosen: np.ndarray) -> pd.DataFrame:
-    """The different fault-free motions among the chosen rows (bool), one row each: operator and
-    `golden_` columns.
+    """Return the different fault-free motions among the `chosen` rows (bool), one row each, with
+    operator and `golden_` columns.
 
-    The golden runs of runs that share robot and operator are one computation, so they count once.
+    Runs that share robot and operator share one golden run, so it counts once.
     """
     names = [name for name in frame if name == "operator" or name.startswith("golden_")]
     return frame.loc[chosen, names].drop_duplicates()
 
 
 def hours(free: pd.DataFrame) -> float:
-    """Hours in pedal-down of fault-free motions."""
+    """Return the hours in pedal-down of fault-free motions."""
     return float(free["golden_pedal_down_ms"].to_numpy().sum()) / 3.6e6
 
 
 def first_came(frame: pd.DataFrame, column: str) -> np.ndarray:
-    """Whether an event came at all, bool [rows]; its column holds when it first did."""
+    """Return whether an event came at all, bool [rows]. `column` holds the time at which it first
+    came.
+    """
     return frame[column].to_numpy() >= 0

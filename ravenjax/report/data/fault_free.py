@@ -1,8 +1,9 @@
-"""Fault-free motion, in which every cue and alarm is a false one: golden runs of a campaign, and
-runs in its folder fault_free.
+"""Counts false cues and false alarms in fault-free motion: golden runs of a campaign, and runs in
+its folder fault_free.
 
-A rate is of first alarms: a motion counts once, and its time until then. So it is the same for many
-short motions and for one long one, and does not rise where a cue that has come flickers.
+Rates count first alarms: each motion counts once, with the time until its first alarm. So many
+short motions and one long motion give the same rate, and a cue that flickers after it first came
+does not raise it.
 """
 
 from __future__ import annotations
@@ -25,37 +26,41 @@ from ravenjax.vocabulary.checks import OWN
 TABLE = "motions"
 MS_PER_HOUR = 3.6e6
 _CHECKS = re.compile(rf"golden_check_(?!{OWN})")
-"""Trips of built-in checks, of which no rate is asked."""
+"""Columns of trips of built-in checks. The report gives no false-alarm rate for these."""
 _ALARM = re.compile(r"detector\d+_threshold\d+_first_ms")
 
 
 class Motions(NamedTuple):
-    """Different fault-free motions. Golden runs of one robot and operator are one computation,
-    so they count once.
+    """Different fault-free motions. Golden runs of one robot and operator are one computation and
+    count once.
     """
 
-    # with the table TABLE: operator, length_ms, the columns golden_..., first alarms of detectors
+    # Holds the table TABLE: operator, length_ms, the columns golden_..., and first alarms of
+    # detectors.
     table: ResultTable
     count: int
     hours: float  # in pedal-down
-    hands: int  # different motions of the hands among them
+    hands: int  # number of different hand motions
     beside: Companions
 
     def with_event(self, condition: str) -> int:
-        """How many fulfil a condition of their `golden_` columns."""
+        """Return the number of motions that fulfil a condition over their `golden_` columns."""
         (count,) = self.table.row(f"SELECT count(*) FILTER ({condition}) FROM {TABLE}")
         return count
 
     def came(self, column: str) -> int:
-        """In how many an event came at all; its column holds when it first did."""
+        """Return the number of motions in which an event came. `column` holds the time at which it
+        first came.
+        """
         return self.with_event(f"{quoted(column)} >= 0")
 
     def first_rate(self, event: str, first_ms: str) -> AlarmRate | None:
-        """First alarms per hour in pedal-down until then; None without any time.
+        """Return the rate of first alarms per hour in pedal-down until the alarm; None if there is
+        no time.
 
-        event: a condition of the columns. first_ms: when it came, an expression, NULL where that is
-        not known: then all of the motion's time counts. Pedal-down is taken as evenly spread over a
-        motion.
+        `event`: a condition over columns of the motions. `first_ms`: an expression for the time of
+        the event; NULL where the time is unknown, and then all of the motion's time counts.
+        Pedal-down time is assumed to be spread evenly over a motion.
         """
         share = f"CASE WHEN {event} THEN coalesce(({first_ms}) / length_ms, 1) ELSE 1 END"
         count, pedal_ms = self.table.row(
@@ -65,14 +70,14 @@ class Motions(NamedTuple):
         return alarm_rate(count, hours) if hours else None
 
     def cue_rate(self, cue: int) -> AlarmRate | None:
-        """False cues an hour of one haptic set."""
+        """Return the rate of false cues per hour for one haptic set."""
         first_ms = quoted(f"golden_cue{cue}_first_ms")
         return self.first_rate(f"{first_ms} >= 0", first_ms)
 
 
 def command(folder: Path, manifest: Manifest, hours: float) -> str | None:
-    """The command that computes so many hours of motion beside a result; None where there is no
-    other to generate.
+    """Return the command that computes this many hours of fault-free motion; None if no further
+    motion can be generated.
     """
     operator = manifest.config.get("operator") or {}
     if operator.get("file") or operator.get("motion") in UNVARIED:
@@ -81,7 +86,7 @@ def command(folder: Path, manifest: Manifest, hours: float) -> str | None:
 
 
 def rounded_up(hours: float) -> float:
-    """To two significant digits."""
+    """Round up to two significant digits."""
     step = 10.0 ** (math.floor(math.log10(hours)) - 1)
     return round(math.ceil(hours / step * (1 - 1e-9)) * step, 12)
 
@@ -89,8 +94,11 @@ def rounded_up(hours: float) -> float:
 def make(
     table: ResultTable, names: Sequence[str], source: str, end: str, beside: Companions
 ) -> Motions:
-    """Make TABLE of the golden runs of `source`, rows of a result table with columns `names` and
-    runs until `end` (ms, a number or a column), and of the motion beside."""
+    """Create TABLE from the golden runs in `source` and from the additional fault-free motion
+    `beside`.
+
+    `names`: columns of `source`. `end`: when its runs end in ms, a number or a column.
+    """
     golden = [
         name
         for name in names
@@ -99,7 +107,8 @@ def make(
     alarms = [name for name in names if _ALARM.fullmatch(name)]
     columns = [*map(quoted, golden), f"{end} AS length_ms"]
     columns += [f"NULL::INTEGER AS {quoted(name)}" for name in alarms]
-    if end in names:  # of golden runs that some run ended before their end, the longest part
+    # If runs ended a shared golden run early, keep its longest part.
+    if end in names:
         own = ", ".join(
             quoted(name)
             for name in names
@@ -123,12 +132,11 @@ def make(
 
 
 def _beside(name: str, available: set[str]) -> str:
-    """A column of motions as an expression over fault-free runs, which are golden runs
-    themselves.
+    """Return a column of motions as an expression over fault-free runs, which are their own golden
+    runs.
     """
     own = name.removeprefix("golden_")
     if name not in available and own in available:
         return quoted(own)
-    return (
-        quoted(name) if name in available else "-1"
-    )  # nobody reacts there: what is not known is when somebody did
+    # Nobody reacts in these runs, so only the time of a reaction is unknown.
+    return quoted(name) if name in available else "-1"

@@ -1,5 +1,6 @@
-"""Intervals over pairs of runs: all pairs of one drawn fault count together; enumerated faults have
-no interval.
+"""Computes intervals over pairs of runs.
+
+All pairs of one drawn fault count together as one unit. Enumerated faults have no interval.
 """
 
 from __future__ import annotations
@@ -15,18 +16,18 @@ from ravenjax.stats.intervals import Estimate, Rate, share, wilson
 
 RESAMPLES = 1000
 DRAWS = 20_000_000
-"""Units drawn for one band of a mean, all resamples together."""
+"""Units drawn for one confidence band of a mean, over all resamples."""
 
 
 def faults(distinct: np.ndarray, sampled: bool) -> Units | None:
-    """The faults of pairs, by a number that is the same in all pairs of one fault; None where
-    they were enumerated.
-    """
+    """Return the fault number of each pair; None if faults were enumerated."""
     return units.units(distinct) if sampled else None
 
 
 def rate(hit: np.ndarray, among: Units | None) -> Rate:
-    """Share of pairs: Wilson's where each is of another fault, else by resampling faults."""
+    """Return a share of pairs: with Wilson's interval if every pair has a different fault, else by
+    resampling faults.
+    """
     if among is None:
         return share(int(hit.sum()), len(hit))
     if among.count == len(hit):
@@ -35,9 +36,11 @@ def rate(hit: np.ndarray, among: Units | None) -> Rate:
 
 
 def rate_difference(after: np.ndarray, before: np.ndarray, among: Units | None) -> Estimate:
-    """Rate of `after` minus that of `before`: Bonett and Price's where each pair is of another
-    fault, and where nothing differs, with as many pairs as there are faults; else by resampling
-    faults."""
+    """Return the rate of `after` minus that of `before`.
+
+    The interval is Bonett and Price's if every pair has a different fault. It is the same interval,
+    with as many pairs as there are faults, if nothing differs. Otherwise faults are resampled.
+    """
     if among is None:
         return Estimate(_mean(after.astype(float) - before), math.nan, math.nan)
     if among.count == len(after):
@@ -48,15 +51,17 @@ def rate_difference(after: np.ndarray, before: np.ndarray, among: Units | None) 
 
 
 def mean_difference(after: np.ndarray, before: np.ndarray, among: Units | None) -> Estimate:
-    """Mean of `after` minus `before` by resampling faults; of one pair it has no interval."""
+    """Return the mean of `after` minus `before`, with an interval by resampling faults. A single
+    pair has no interval.
+    """
     if among is None or len(after) < 2:
         return Estimate(_mean(after - before), math.nan, math.nan)
     return _resampled(after - before, among)
 
 
 def p_value(after: np.ndarray, before: np.ndarray, among: Units | None) -> float:
-    """Exact, that both are alike: McNemar's test, or both exchanged fault by fault; NaN where
-    nothing was drawn.
+    """Return the exact p-value that both are alike, by McNemar's test or by exchanging both fault
+    by fault; NaN if nothing was drawn.
     """
     if among is None:
         return math.nan

@@ -1,8 +1,8 @@
-"""Queries over all runs of a campaign: the result table beside the facts of each run.
+"""Queries all runs of a campaign: the result table joined with the facts of each run.
 
-Whatever a section counts is counted over all rows. What needs the rows themselves takes at most a
-given number of them, drawn by a hash of the row's number, so that the same table always gives the
-same rows; the page says so.
+Counts in the report's sections are over all rows. Computations that need the rows themselves take
+at most a given number of rows. These are drawn by a hash of the row number, so that the same table
+always gives the same rows. The page states when rows were drawn.
 """
 
 from __future__ import annotations
@@ -27,39 +27,48 @@ from ravenjax.store.access.query import RESULTS, ResultTable, quoted
 from ravenjax.store.manifest import DetectorRecord, Manifest
 
 UNINTENDED = "sample AND faulty AND unintended"
-"""Condition of the runs whose times are told: one run of each fault that made an unintended
-motion.
+"""SQL condition of the runs whose times are reported: one run of each fault that caused an
+unintended motion.
 """
 TIP_ERROR = "tip_error"
-"""Kind of the detector that measures how far the reported tip is from the nominal model, mm."""
+"""Kind of the detector that measures the distance of the reported tip from the nominal model, in
+mm.
+"""
 
 _Answer = TypeVar("_Answer")
 
 
 class FaultCounts(NamedTuple):
-    """Distinct faults of one class, by the first valid run of each in which nobody reacts."""
+    """Counts of distinct faults of one class, by the first valid run of each fault in which nobody
+    reacts.
+    """
 
     name: str
-    runs: int  # of these faults: repeats, runs with a reaction and failed ones among them
+    # runs with these faults, including repeats, reactions and failures
+    runs: int
     faults: int
     evaded: int
-    unintended: int  # unintended motion, whatever the checks did
-    loss: int  # loss of motion, whatever the checks did
+    unintended: int  # unintended motion, with or without a check
+    # loss of motion, with or without a check
+    loss: int
     alarms: int  # a check told a person or stopped the robot
 
 
 class Runs:
-    """The runs of one campaign. Tables: `results`, as in the parts, and `facts`, as
-    `facts.define`; both have `row`.
+    """The runs of one campaign. The tables `results` (as stored) and `facts` (as in `facts.define`)
+    both have a column `row`.
     """
 
     def __init__(
         self, table: ResultTable, manifest: Manifest, beside: Companions = NO_COMPANIONS
     ) -> None:
-        """table: has `results` with a column `row`; beside: further fault-free motion."""
+        """Take a `table` that has `results` with a column `row`. `beside`: additional fault-free
+        motion.
+        """
         self.table, self.types, self.manifest = table, table.types(), manifest
         self.robot = manifest.robot
-        # when a run ended, ms: a number, or the column of facts that has it for each run
+        # When a run ended, in ms: one number for all runs, or the column of facts that has it for
+        # each run.
         self.end = schema.OBSERVED if manifest.shape.observes else str(manifest.duration_ms)
         self._beside = beside
         self._drawn_groups = draws.groups(manifest.config)
@@ -73,7 +82,7 @@ class Runs:
 
     @staticmethod
     def open(folder: Path, manifest: Manifest) -> Runs:
-        """Open the runs of a result folder. Raises StoreError as `query.open_folder`."""
+        """Open the runs of a result folder. Raises StoreError as `query.open_folder` does."""
         table = query.open_folder(folder)
         try:
             return Runs(table, manifest, fault_free.find(folder, manifest))
@@ -83,33 +92,35 @@ class Runs:
 
     @staticmethod
     def of(frame: pd.DataFrame, manifest: Manifest) -> Runs:
-        """The runs of a result table in memory; a row's number is its place."""
+        """Return the runs of a result table in memory. A row's number is its position."""
         table = query.empty()
         run_facts.take(table, frame)
         return Runs(table, manifest)
 
     def close(self) -> None:
-        """Give back memory and disk."""
+        """Release memory and disk space."""
         self.table.close()
 
     def once(self, question: Callable[[Runs], _Answer]) -> _Answer:
-        """The answer to a question that several sections ask: computed for the first of them."""
+        """Return the answer to a question that several sections ask, computed at the first call."""
         if question not in self._answers:
             self._answers[question] = question(self)
         return self._answers[question]
 
     @property
     def cue_leads(self) -> bool:
-        """Whether there are cues, and the lead of the one of the verdicts is a finding."""
+        """Return whether there are cues, and whether it is a finding that the cue of the verdicts
+        comes before the motion.
+        """
         manifest = self.manifest
         return bool(manifest.cues) and cue_leads(manifest, manifest.verdict_cue)
 
     def count(self, condition: str, table: str = FACTS) -> int:
-        """How many rows fulfil a condition."""
+        """Return the number of rows that fulfil a condition."""
         return self.counts([condition], table)[0]
 
     def counts(self, conditions: list[str], table: str = FACTS, where: str = "true") -> list[int]:
-        """How many rows fulfil each condition, in one pass."""
+        """Return the number of rows that fulfil each condition, in one query."""
         columns = ", ".join(f"count(*) FILTER ({condition})" for condition in conditions)
         return (
             list(self.table.row(f"SELECT {columns} FROM {table} WHERE {where}"))
@@ -118,8 +129,9 @@ class Runs:
         )
 
     def sampled(self, groups: Collection[str] | None = None) -> bool:
-        """Whether the faults of these groups, or of all groups with faults, were drawn: what was
-        enumerated is no sample, and a rate of it has no interval."""
+        """Return whether the faults of these groups, or of all groups with faults, were drawn.
+        Enumerated faults are no sample, so their rates have no interval.
+        """
         if self._drawn_groups is None:
             return True
         if groups is None:
@@ -128,8 +140,11 @@ class Runs:
         return set(groups) <= self._drawn_groups
 
     def groups_by(self, kind: str, where: str = "faulty") -> dict[str, set[str]]:
-        """Groups of the faults of each class, a value of the column `kind` of facts, among runs
-        with a fault or some of them."""
+        """Return the groups that have faults of each class. `kind`: the column of facts whose
+        values are the classes.
+
+        `where` limits the runs; by default all runs with a fault count.
+        """
         rows = self.table.rows(
             f'SELECT DISTINCT {quoted(kind)}, "group"::VARCHAR FROM {FACTS} WHERE {where}'
         )
@@ -139,7 +154,7 @@ class Runs:
         return classes
 
     def cube(self) -> pd.DataFrame:
-        """Counts (`runs`) by group, response, hazard, outcome, cued, faulty, failed, evaded,
+        """Return counts (`runs`) by group, response, hazard, outcome, cued, faulty, failed, evaded,
         plain and sample.
         """
         if self._cube is None:
@@ -152,11 +167,11 @@ class Runs:
         return self._cube
 
     def groups(self) -> list[str]:
-        """Names of the campaign's groups that have runs."""
+        """Return the names of the groups that have runs."""
         return sorted(self.cube()["group"].unique().tolist())
 
     def faults(self, by: str | None = None) -> list[FaultCounts]:
-        """Distinct faults, of all together or by each value of a column."""
+        """Return counts of distinct faults, for all together or for each value of a column."""
         name = quoted(by) if by else "''"
         counts = ", ".join(
             f"count(*) FILTER (sample{also})"
@@ -172,9 +187,11 @@ class Runs:
     def delays(
         self, event: str, start: str, end: str, where: str, by: str | None = None
     ) -> dict[str, Delays]:
-        """How long after `start` an event came, or how long until `end` it did not: expressions of
-        columns of `facts`, in ms, the event -1 where it never came. Of all runs together under "",
-        or by each value of a column."""
+        """Return delays from `start` until an event came, or until `end` if it never came.
+
+        The arguments are expressions over columns of `facts` in ms; an event is -1 if it never
+        came. All runs together are stored under "", or runs are grouped by the values of a column.
+        """
         name = quoted(by) if by else "''"
         frame = self.table.frame(
             f"SELECT {name} AS name, CASE WHEN ({event}) >= 0 THEN ({event}) ELSE {end} END -"
@@ -188,12 +205,12 @@ class Runs:
         return by_name if by or by_name else {"": NONE}
 
     def those(self, where: str) -> str:
-        """The rows of `results` whose facts fulfil a condition, to select from."""
+        """Return a query for the rows of `results` whose facts fulfil a condition."""
         return f"{RESULTS} SEMI JOIN (SELECT row FROM {FACTS} WHERE {where}) USING (row)"
 
     def motions(self) -> Motions:
-        """The different fault-free motions: golden runs of runs that are plain, and those beside
-        the result.
+        """Return the different fault-free motions: golden runs of plain runs, and additional motion
+        of the result folder.
         """
         if self._motions is None:
             source = self.those("plain") if self.count("NOT plain") else RESULTS
@@ -203,8 +220,8 @@ class Runs:
         return self._motions
 
     def numbered(self, rows: list[int]) -> list[dict[str, Any]]:
-        """These rows, in their order: every column of `results`, and those of `facts` that have
-        other names.
+        """Return these rows in their order, with all columns of `results` and the columns of
+        `facts` whose names differ.
         """
         if not rows:
             return []
@@ -219,11 +236,11 @@ class Runs:
     def drawn(
         self, columns: str, where: str, most: int, by: str = "row", of: str = ""
     ) -> pd.DataFrame:
-        """Rows of `results` and `facts` joined, in order: all that fulfil a condition, or about
-        `most` of them.
+        """Return joined rows of `results` and `facts` in order: all rows that fulfil a condition,
+        or about `most` of them.
 
-        by: rows that are equal in it come together or not at all. of: a query that stands for
-        `facts`.
+        `by`: rows with equal values here are drawn together or not at all. `of`: a query to use
+        instead of `facts`.
         """
         (n,) = self.counts([where])
         some = (
@@ -236,30 +253,33 @@ class Runs:
 
 
 def after_onset(event: str) -> str:
-    """A time of facts, -1 where it lies before the fault's first effect: it tells of something
-    else then.
+    """Return SQL for a time of facts, -1 if it lies before the fault's first effect: the event then
+    has another cause.
     """
     return f"CASE WHEN {event} >= active_ms THEN {event} ELSE -1 END"
 
 
 def cue_leads(manifest: Manifest, number: int) -> bool:
-    """Whether it is a finding that a cue comes before an unintended motion.
+    """Return whether it is a finding that a cue comes before an unintended motion.
 
-    Cue and tip-error detector fire at a distance of the reported tip from the nominal model; an
-    unintended motion begins where the true tip is farther than the limit from that model, and from
-    more. So an alarm at the limit or beyond is no warning of the motion, by the definitions alone.
+    Cue and tip-error detector fire at a distance of the reported tip from the nominal model. An
+    unintended motion begins where the true tip is farther than the limit from that model and from
+    other references. So an alarm at the limit or beyond cannot warn of the motion, by definition.
     """
     return manifest.cues[number].threshold_mm < manifest.limit_mm
 
 
 def detector_leads(manifest: Manifest, detector: DetectorRecord, threshold: float) -> bool:
-    """Whether it is a finding that a detector at a threshold alarms before the motion."""
+    """Return whether it is a finding that a detector at a threshold alarms before the motion."""
     return detector.kind != TIP_ERROR or threshold < manifest.limit_mm
 
 
 def _more(manifest: Manifest) -> dict[str, str]:
-    """Further columns of facts: warned<k>_ms of each haptic set, alarm<d>_<k>_ms of each threshold
-    of each detector, and when runs ended if not all together."""
+    """Return further columns of facts.
+
+    They are warned<k>_ms for each haptic set, alarm<d>_<k>_ms for each threshold of each detector,
+    and the times at which runs ended if these differ.
+    """
     warned = {f"warned{k}_ms": run_facts.warned_sql(k) for k in range(len(manifest.cues))}
     alarms = {
         f"alarm{d}_{k}_ms": f"detector{d}_threshold{k}_first_ms"
@@ -271,8 +291,8 @@ def _more(manifest: Manifest) -> dict[str, str]:
 
 
 def _own_checks(manifest: Manifest) -> dict[str, str]:
-    """own<n>_ms, when each check of one's own first did what it does not in the golden run, and
-    built_in_told_ms.
+    """Return the columns own<n>_ms and built_in_told_ms. `own<n>_ms` is the time at which a
+    user-defined check first acted differently from the golden run.
     """
     own = manifest.shape.own_checks
     column = "told_ms" if manifest.rules.built_in == "response" else "built_in_told_ms"

@@ -1,1 +1,1 @@
-"""Reports about single runs: events in words, figures, and the worst runs."""
+"""Reports on single runs: their events in words, figures, and the ranking of the worst runs."""

@@ -1,9 +1,9 @@
-"""The chain of one run from fault to failure: when each signal differs from the golden run and
-leaves its normal range.
+"""Describes how one run's fault propagates to failure: when each signal differs from the golden run
+and leaves its normal range.
 
-Signals are the seams of the robot's tick, each of an arm; their times are the earliest of their
-numbers'. A signal is *visible* from the tick in which it leaves its normal range: a check of that
-range, there, could have seen the fault.
+Signals are the seams of the robot's tick, separately for each arm. A signal's time is the earliest
+time of its numbers. A signal is *visible* from the tick in which it leaves its normal range: a
+check of that range at that seam could have detected the fault.
 """
 
 from __future__ import annotations
@@ -26,56 +26,63 @@ DIFFERS, LEAVES, NEAR, GOLDEN_NEAR, NEAR_MS = (
     "golden_near:",
     "near_ms:",
 )
-"""Beginnings of the columns of explained runs, as `campaign.inspection.explain` names them."""
+"""Prefixes of the columns of explained runs, as `campaign.inspection.explain` names them."""
 HARMS = {
     "unintended motion": "unintended_first_ms",
     "loss of motion": "loss_first_ms",
     "false report": "false_report_first_ms",
 }
-"""Hazard of a run, and the column of the result table that says when it began."""
+"""Column of the result table that holds the time at which each hazard began."""
 
 
 class SignalTicks(NamedTuple):
-    """One signal in some runs, arrays [runs] in ms; -1: never."""
+    """Times at which one signal changed in some runs, arrays [runs] in ms; -1: never."""
 
-    name: str  # gold/mpos
+    name: str  # such as gold/mpos
     layer: str  # in words
     meaning: str
     differs: np.ndarray
     leaves: np.ndarray
-    differing: np.ndarray  # index of the number that differed first, of `channels`
+    # index into `channels` of the number that differed first
+    differing: np.ndarray
     leaving: np.ndarray
     channels: tuple[str, ...]
-    ranged: bool  # whether any of its numbers has a normal range
+    # True if any of its numbers has a normal range
+    ranged: bool
 
 
 class ChainLink(NamedTuple):
-    """One signal of a chain; times in ms since the run began, -1: never."""
+    """One signal of a chain. Times are in ms since the run began; -1: never."""
 
     layer: str
     signal: str
     meaning: str
     differs_ms: int
-    differs_in: str  # the number that differed first; "": none
+    # name of the number that differed first, or ""
+    differs_in: str
     leaves_ms: int
     leaves_in: str
-    left_ms: int | None  # from there to harm; None where it never was visible, or without harm
+    # Time from leaving its range to harm; None if it never was visible, or if there is no harm.
+    left_ms: int | None
 
 
 class NearCheck(NamedTuple):
-    """How close a check came before harm."""
+    """How close a check came to its limit before harm."""
 
     check: str
     unit: str
-    margin: float  # least distance to its limit until harm, 0 or less: tripped
-    golden: float  # the golden run's until the same tick
-    ms: int  # when it was least
-    tripped_ms: int  # in the whole run; -1: never
+    # Least distance to the limit until harm; 0 or less means that it tripped.
+    margin: float
+    # the golden run's margin until the same tick
+    golden: float
+    ms: int  # time of the least margin
+    # first trip in the whole run; -1: never
+    tripped_ms: int
     does: str
 
 
 class Chain(NamedTuple):
-    """One run, explained."""
+    """One run, with the chain of signals from its fault to its hazard."""
 
     run_id: str
     index: int
@@ -83,31 +90,33 @@ class Chain(NamedTuple):
     fault: str
     verdict: str
     hazard: str
-    fault_ms: int  # first effect; -1: it had none
+    fault_ms: int  # first effect; -1: no effect
     cue_ms: int
     told_ms: int
-    harm_ms: int  # when the run's hazard began; -1: it has none, or none with a moment
-    links: Sequence[ChainLink]  # of the signals that differ, in the robot's order
-    checks: Sequence[NearCheck]  # those that came nearer than in the golden run, or tripped
+    # Time at which the run's hazard began; -1 if it has none, or one without a moment.
+    harm_ms: int
+    links: Sequence[ChainLink]  # signals that differ, in the robot's order
+    # Checks that tripped, or came nearer to their limit than in the golden run.
+    checks: Sequence[NearCheck]
 
     @property
     def first(self) -> ChainLink | None:
-        """The first signal that became visible, of those of one tick the first in the robot's
-        order; None: none did.
+        """Return the first signal that became visible, or None. Ties within a tick are resolved by
+        the robot's order.
         """
         visible = [link for link in self.links if link.leaves_ms >= 0]
         return min(visible, key=lambda link: link.leaves_ms, default=None)
 
     @property
     def in_time(self) -> ChainLink | None:
-        """The first visible signal, if it was visible before harm."""
+        """Return the first visible signal if it was visible before harm, else None."""
         first = self.first
         return first if first is not None and (first.left_ms or 0) > 0 else None
 
 
 def signals(ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str]) -> list[SignalTicks]:
-    """Every signal in the robot's order; ticks: columns of explained runs, arrays [runs] or
-    numbers.
+    """Return every signal in the robot's order. `ticks`: columns of explained runs, arrays [runs]
+    or numbers.
     """
     runs = np.size(ticks["run_id"])
     named: dict[str, list[Crossing]] = {}
@@ -137,8 +146,10 @@ def signals(ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str]) -> list
 def chain(
     row: Mapping[str, Any], ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str], cue: int
 ) -> Chain:
-    """One run. row: of the result table; ticks: of the explained runs; cue: number of the
-    verdict's set.
+    """Return the chain of one run.
+
+    `row`: from the result table. `ticks`: columns of the explained runs. `cue`: number of the
+    haptic set of the verdict.
     """
     hazard = str(row["hazard"])
     harm = int(row[HARMS[hazard]]) if hazard in HARMS else -1
@@ -163,12 +174,12 @@ def chain(
 def table(
     results: pd.DataFrame, ticks: pd.DataFrame, robot: Robot, arms: Iterable[str]
 ) -> pd.DataFrame:
-    """Chains of many runs, a row a run and signal that differs: by run, then in the robot's order.
+    """Return the chains of many runs as a table, with a row for each run and signal that differs.
 
-    Columns: run_id, index, layer, arm ("" where the signal belongs to none), seam, differs_ms,
-    differs_in (the number that was first), leaves_ms, leaves_in (-1 and "" where it never left its
-    range), harm_ms (when the run's hazard began, -1: none did) and left_ms (from leaves_ms to
-    harm_ms, NaN where one of them is missing).
+    Rows are sorted by run, then in the robot's order. Columns: run_id, index, layer, arm ("" if the
+    signal belongs to no arm), seam, differs_ms, differs_in (the number that differed first),
+    leaves_ms, leaves_in (-1 and "" if it never left its range), harm_ms (when the run's hazard
+    began; -1: never) and left_ms (from leaves_ms to harm_ms; NaN if either is missing).
     """
     harm = np.full(len(results), -1)
     for hazard, column in HARMS.items():
@@ -200,7 +211,7 @@ def table(
 
 
 def _link(one: SignalTicks, harm: int) -> ChainLink | None:
-    """The signal of the only run, None where it never differs."""
+    """Return the signal of a single run; None if it never differs."""
     differs, leaves = int(one.differs[0]), int(one.leaves[0])
     if differs < 0:
         return None
@@ -228,13 +239,13 @@ def _checks(row: Mapping[str, Any], ticks: Mapping[str, Any], robot: Robot) -> l
 
 
 def _beyond(row: Mapping[str, Any], name: str) -> int:
-    """When a cue came that the golden run did not have by then."""
+    """Return the time of a cue that the golden run did not have by then."""
     own, golden = int(row[name]), int(row[f"golden_{name}"])
     return own if own >= 0 and not 0 <= golden <= own else -1
 
 
 def _stacked(ticks: Mapping[str, Any], names: Sequence[str], runs: int) -> np.ndarray:
-    """Columns, those that are not there never, int32 [columns, runs]."""
+    """Return columns as int32 [columns, runs]; missing columns mean never."""
     there = [
         np.atleast_1d(np.asarray(ticks[name], np.int32)) if name in ticks else None
         for name in names
@@ -243,11 +254,13 @@ def _stacked(ticks: Mapping[str, Any], names: Sequence[str], runs: int) -> np.nd
 
 
 def _late(ticks: np.ndarray) -> np.ndarray:
-    """Never as the last of all times."""
+    """Map never (-1) to the latest possible time."""
     return np.where(ticks < 0, np.iinfo(np.int32).max, ticks)
 
 
 def earliest(ticks: np.ndarray) -> np.ndarray:
-    """The first of several times, [.., runs] -> [runs]; -1 is never, of each and of the result."""
+    """Return the first of several times, [.., runs] -> [runs]. Each time, and the result, is -1 for
+    never.
+    """
     first = _late(ticks).min(axis=0)
     return np.where(first == np.iinfo(np.int32).max, -1, first)

@@ -1,4 +1,4 @@
-"""The chain of one run in words and as a chart."""
+"""Writes the chain of one run as sentences, tables and a chart."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ from ravenjax.report import wording
 from ravenjax.report.drawing import save_figure
 from ravenjax.report.run.chain import Chain, ChainLink
 
-ROW = 15  # px of a signal
-LETTERS = 92  # of a line above the drawing
-MARGIN_MS = 8  # of the time axis about the first and the last thing, at least
+ROW = 15  # px per signal
+LETTERS = 92  # characters per line above the drawing
+# least margin of the time axis before the first and after the last event
+MARGIN_MS = 8
 LINKS, CHECKS = (
     ("signal", "layer", "differs from", "out of its range from", "before harm"),
     (
@@ -33,21 +34,23 @@ LINKS, CHECKS = (
         "what it does",
     ),
 )
-"""Columns of both tables."""
+"""Columns of the table of links and of the table of checks."""
 
 
 def title(one: Chain) -> str:
-    """Which run."""
+    """Return the title, which names the run."""
     return f"run {one.run_id} · {one.verdict}"
 
 
 def sentences(one: Chain) -> list[str]:
-    """What the chain says, a sentence a line; the last says where a check could have seen it."""
+    """Return the chain as sentences, one per line. The last says where a check could have detected
+    the fault.
+    """
     return wording.sentences("chain.txt.j2", chain=one)
 
 
 def link_rows(one: Chain) -> list[tuple[str, ...]]:
-    """The chain as a table, columns LINKS; a layer is named where it changes."""
+    """Return the chain as a table with columns LINKS. A layer is named only in its first row."""
     rows, layer = [], ""
     for link in one.links:
         rows.append(
@@ -64,7 +67,7 @@ def link_rows(one: Chain) -> list[tuple[str, ...]]:
 
 
 def check_rows(one: Chain) -> list[tuple[str, ...]]:
-    """The checks as a table, columns CHECKS."""
+    """Return the checks as a table with columns CHECKS."""
     return [
         (
             check.check,
@@ -83,7 +86,7 @@ def check_rows(one: Chain) -> list[tuple[str, ...]]:
 
 
 def as_dict(one: Chain) -> dict[str, Any]:
-    """The chain as plain values for JSON."""
+    """Return the chain as plain values for JSON."""
     first = one.first
     return {
         **{name: value for name, value in one._asdict().items() if name not in ("links", "checks")},
@@ -94,8 +97,11 @@ def as_dict(one: Chain) -> dict[str, Any]:
 
 
 def timeline(one: Chain) -> Chart | None:
-    """Chart of the chain: a row a signal in the robot's order, when it differs and when it leaves
-    its range; what happened as upright lines. None where nothing differs."""
+    """Return a chart with a row for each signal in the robot's order; None if no signal differs.
+
+    Marks show when a signal differs and when it leaves its range. Events of the run are vertical
+    lines.
+    """
     if not one.links:
         return None
     places = np.arange(len(one.links), dtype=float)
@@ -151,7 +157,7 @@ def timeline(one: Chain) -> Chart | None:
 
 
 def draw(one: Chain, path: Path) -> Path | None:
-    """The timeline as a file (.svg, .png or .pdf); None where nothing differs."""
+    """Write the timeline as a file (.svg, .png or .pdf); return None if no signal differs."""
     with matplotlib.rc_context(STYLE):
         drawing = figure(one)
         if drawing is None:
@@ -161,7 +167,7 @@ def draw(one: Chain, path: Path) -> Path | None:
 
 
 def figure(one: Chain) -> Figure | None:
-    """The timeline, drawn; None where nothing differs."""
+    """Return the timeline as a figure; None if no signal differs."""
     chart = timeline(one)
     if chart is None:
         return None
@@ -185,7 +191,7 @@ _TIPS = {
 
 
 def _names(one: Chain) -> Iterator[str]:
-    """Signals; the first of a layer with the layer's name."""
+    """Return the row names: signals, with the layer's name on the first signal of each layer."""
     layer = ""
     for link in one.links:
         yield link.signal if link.layer == layer else f"{link.layer} · {link.signal}"

@@ -22,16 +22,16 @@ OUTSIDE, GAP, JUMP = "#d9571b", "#8a8f96", "#8b2a6b"
 ROWS = ("x, mm", "y, mm", "z, mm", "tip speed, mm/s")
 DPI = 150
 NEAR_S = 0.1
-"""Samples that are so near to a part are drawn with it."""
+"""Samples within this time of a replayed part are drawn with it, s."""
 DOTS = 400
-"""Up to so many samples in the picture each is a dot, so that their spacing is seen."""
+"""Up to this number of samples, each is drawn as a dot, so that the spacing is visible."""
 
 
 def motion_plot(courses: Sequence[TipCourse], out: Path, name: str, title: str) -> list[Path]:
     """Draw `courses` into the folder `out` as NAME.svg and NAME.png and return their paths.
 
-    Left the whole recording, right what is replayed: tip in frame 0 of its arm, and its speed.
-    Raises StoreError where the folder cannot be written.
+    The left column shows the whole recording, the right one the replayed part: the tip in frame 0
+    of its arm, and its speed. Raises StoreError if the folder cannot be written.
     """
     require_writable(out)
     with matplotlib.rc_context(STYLE):
@@ -62,9 +62,8 @@ def motion_plot(courses: Sequence[TipCourse], out: Path, name: str, title: str) 
 def _draw(grid: np.ndarray, course: TipCourse) -> None:
     before = np.column_stack([course.recorded, _speed(course.recorded_s, course.recorded)]) * 1e3
     replayed = len(course.replayed_s) > 0
-    last = (
-        int(np.argmax(course.replayed_s)) + 1 if replayed else 0
-    )  # played backwards, too: drawn is the way there
+    # A part may be played backwards after it ends; only the way forward is drawn.
+    last = int(np.argmax(course.replayed_s)) + 1 if replayed else 0
     after_s = course.replayed_s[:last]
     after = (
         np.column_stack(
@@ -99,7 +98,7 @@ def _draw(grid: np.ndarray, course: TipCourse) -> None:
 
 
 def _mark(axes: Axes, course: TipCourse) -> None:
-    """What cannot be replayed."""
+    """Mark the samples that cannot be replayed."""
     limits = axes.get_xlim()
     for begin, end in course.outside:
         axes.axvspan(begin, end, color=OUTSIDE, alpha=0.2, lw=0, label="outside the joint limits")
@@ -111,7 +110,7 @@ def _mark(axes: Axes, course: TipCourse) -> None:
 
 
 def _speed(time_s: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """m/s at each sample: from the one before."""
+    """Return the speed at each sample in m/s, from the difference to the previous sample."""
     if len(time_s) < 2:
         return np.zeros(len(time_s))
     speed = np.linalg.norm(np.diff(place, axis=0), axis=1) / np.diff(time_s)

@@ -1,7 +1,7 @@
 """Draws one run: distance of the tip, haptic force, motor commands and states over time.
 
-Two tips are drawn: the true one, where the links of the virtual robot are, and the one that the
-robot reports, on which the cue acts.
+Two tips are drawn: the true one, which the virtual robot's links have, and the reported one, from
+which the cue is computed.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ JOINT_COLOURS = ("#0072b2", "#d9571b", "#8b2a6b", "#56b4e9", "#009e73", "#7a6a00
 MARKERS = ("#c2410c", "#0072b2", "#5b6470", "#8b2a6b")
 FAULT = "#d9571b"
 SHOWN_JOINTS = 3
-"""Joints in the DAC panel: those told to go to, or the ones with the largest peaks."""
+"""Number of joints in the DAC panel: the requested ones, or those with the largest peaks."""
 SUBTITLE_LETTERS = 105
-"""Letters in a line of the subtitle."""
+"""Characters per line of the subtitle."""
 
 Series: TypeAlias = Mapping[str, np.ndarray]
 
@@ -47,14 +47,15 @@ def trace_plot(
 ) -> Path:
     """Draw the time series of one run at 1 kHz into `path` (.svg, .png or .pdf) and return it.
 
-    series: as `store.logs.trace.log.write` takes them. Drawn are, per arm and where present, the distances of `tip`
-        (true) and `position` (as reported) from `model_position`, `haptic_force` and `current_cmd`; and `runlevel`,
-        `pedal`, `fault_active` [T].
-    threshold_mm: of the cue whose force is drawn.
-    joints: names of the joints whose DACs are drawn; by default the SHOWN_JOINTS with the largest peaks.
-    dac_limits: largest allowed |DAC|, counts, by joint name.
-    events: {label: time in ms} of vertical markers (cue, response); negative times are left out.
-    """  # noqa: E501
+    - series: as `store.logs.trace.log.write` takes them. For each arm, the plot shows the distances
+      of `tip` (true) and `position` (reported) from `model_position`, and `haptic_force` and
+      `current_cmd`, where present. It also shows `runlevel`, `pedal` and `fault_active` [T].
+    - threshold_mm: threshold of the cue whose force is drawn.
+    - joints: names of the joints whose DACs are drawn; by default the SHOWN_JOINTS with the largest
+      peaks.
+    - dac_limits: largest allowed |DAC|, counts, by joint name.
+    - events: {label: time in ms} of vertical markers (cue, response). Negative times are left out.
+    """
     arrays = {name: np.asarray(values) for name, values in series.items()}
     arms = {
         arm: ARM_COLOURS[number % len(ARM_COLOURS)]
@@ -164,12 +165,12 @@ def _draw_dac(
 
 
 def _peak(axes: Axes) -> float:
-    """Largest number drawn; 0 where nothing was."""
+    """Return the largest number drawn; 0 if nothing was drawn."""
     return axes.dataLim.ymax if np.isfinite(axes.dataLim.ymax) else 0.0
 
 
 def _add_legend(axes: Axes) -> None:
-    """On the right of the axes, where they have any curve with a name."""
+    """Add a legend to the right of the axes if they have any named curve."""
     if axes.get_legend_handles_labels()[0]:
         place = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.03)}
         axes.legend(fontsize=8, handlelength=1.4, **place)
@@ -183,7 +184,9 @@ def _note(
     colour: str,
     **look: Any,
 ) -> None:
-    """A few words beside a place, `offset` in points; its y is a share of the axes' height."""
+    """Write a short text beside a place, `offset` in points. The y of `at` is a share of the axes'
+    height.
+    """
     look = {"xycoords": ("data", "axes fraction")} | look
     axes.annotate(
         text, at, xytext=offset, textcoords="offset points", fontsize=8, color=colour, **look

@@ -1,4 +1,4 @@
-"""Finds the worst runs of a result table."""
+"""Ranks the runs of a result table from worst to least bad."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ from ravenjax.store.access.query import RESULTS, ResultTable, quoted, text
 
 
 class Ranking(NamedTuple):
-    """What makes one run worse than another."""
+    """A measure by which one run is worse than another."""
 
     name: str
-    sql: str  # larger is worse, NULL or 0 is no case; {cue} of the rules
+    # Larger is worse; NULL or 0 excludes the run. {cue} is the cue of the rules.
+    sql: str
     unit: str
     meaning: str
 
@@ -52,18 +53,19 @@ RANKINGS = {
 
 
 class WorstRun(NamedTuple):
-    """One run and how bad it was."""
+    """One run and its value in the ranking."""
 
     row: int
     run_id: str
-    value: float  # in the unit of the ranking
+    value: float  # in the ranking's unit
 
 
 def worst(folder: Path, most: int, by: str = "unintended") -> list[WorstRun]:
-    """The `most` worst valid runs with a fault, the worst first; fewer where fewer are cases at
-    all.
+    """Return the `most` worst valid runs with a fault, worst first; fewer if fewer runs have a
+    value.
 
-    Raises UserError for an unknown ranking or a number below 1, StoreError as `query.open_folder`.
+    Raises UserError for an unknown ranking or a number below 1, and StoreError as
+    `query.open_folder` does.
     """
     if by not in RANKINGS:
         raise UserError(
@@ -80,8 +82,8 @@ def worst(folder: Path, most: int, by: str = "unintended") -> list[WorstRun]:
 
 
 def ranked(table: ResultTable, cases: str, value: str, most: int) -> list[WorstRun]:
-    """The `most` worst runs, the worst first. cases: what to select from; value: an expression
-    of its columns.
+    """Return the `most` worst runs, worst first. `cases`: the table or query to select from;
+    `value`: an expression over its columns.
     """
     rows = table.rows(
         f"SELECT row, run_id, {value} AS value FROM {cases} ORDER BY value DESC, row LIMIT {most}"
@@ -98,12 +100,15 @@ COMPARED = (
     "tip_path_mm",
     "told_ms",
 )
-"""Columns that tell whether a run came out as it is stored."""
+"""Columns that show whether a run had the outcome that is stored."""
 
 
 def faulty(folder: Path, group: str | None = None) -> list[int]:
-    """Numbers of the valid rows with a fault, of a group or of all. Raises UserError for an unknown
-    group or where there are none, StoreError as `query.open_folder`."""
+    """Return the row numbers of valid runs with a fault, of one group or of all.
+
+    Raises UserError for an unknown group or if there are no such runs, and StoreError as
+    `query.open_folder` does.
+    """
     with query.open_folder(folder) as table:
         groups = [
             name
@@ -127,8 +132,8 @@ def faulty(folder: Path, group: str | None = None) -> list[int]:
 
 
 def changed(folder: Path, results: pd.DataFrame) -> int:
-    """How many of these runs are stored with other outcomes; a run that is not stored is none of
-    them.
+    """Return how many of these runs are stored with a different outcome. Runs that are not stored
+    do not count.
     """
     names = [name for name in COMPARED if name in results]
     listed = ", ".join(map(str, results["index"].tolist()))

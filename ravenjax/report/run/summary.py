@@ -1,5 +1,5 @@
-"""One run in words: its fault, its verdict, its events in order, and its largest distances and
-forces.
+"""Describes one run in words: its fault, its verdict, its events in order, and its largest
+distances and forces.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from ravenjax.vocabulary.robot import Robot
 
 
 class RunSummary(NamedTuple):
-    """One run."""
+    """The description of one run in words."""
 
     title: str
     fault: str
-    verdict: str  # with what it means
+    verdict: str  # verdict, with its meaning
     events: Sequence[RunEvent]
     peaks: Sequence[str]  # largest distances, depths and forces, with units
 
     def lines(self) -> list[str]:
-        """Lines for a terminal; events of level "debug" are left out."""
+        """Return lines for a terminal. Events of level "debug" are left out."""
         visible = [event for event in self.events if event.level != "debug"]
         course = [f"{wording.count(event.ms):>9} ms  {event.text}" for event in visible]
         return [
@@ -41,7 +41,7 @@ class RunSummary(NamedTuple):
         ]
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
+        """Return plain values for JSON."""
         return {
             "title": self.title,
             "fault": self.fault,
@@ -58,7 +58,7 @@ def summary(
     golden: Mapping[str, Any] | None = None,
     robot: Robot = robots.USUAL,
 ) -> RunSummary:
-    """One row of the result table in words; series and golden as for `events`."""
+    """Return one row of the result table in words. For `series` and `golden` see `events`."""
     return RunSummary(
         f"run {row['run_id']}, row {int(row['index'])}, group {row['group']}",
         wording.fault(row, robot),
@@ -125,13 +125,15 @@ _DISTANCES = {
     ),
     "false_report_mm": "reported tip {} mm off the true one, beyond the golden run",
 }
-"""What is told where it is beyond the limit; the sizes of the other hazards stand with their
-beginning.
+"""Descriptions of distances, printed if beyond the limit. The sizes of other hazards are printed
+with their beginning.
 """
 
 
 def _distances(arm: str, series: Series) -> list[str]:
-    """How far the arm's true tip was from the nominal model and from the golden run, and when."""
+    """Describe how far the arm's true tip was from the nominal model and from the golden run, and
+    when.
+    """
     lines = []
     for other, name in (("model_position", "nominal model"), ("golden_tip", "golden run")):
         if f"{arm}/tip" in series and f"{arm}/{other}" in series:
@@ -146,9 +148,9 @@ def _distances(arm: str, series: Series) -> list[str]:
 
 
 MOST_WINDOWS = 3
-"""Windows of one fault, and pulses of one cue, that are told one by one."""
+"""Number of windows of one fault, or pulses of one cue, that are listed individually."""
 MOST_CHANGES = 8
-"""Changes of one state that are told one by one."""
+"""Number of changes of one state that are listed individually."""
 _ORDER = ("fault", "check", "detector", "run level", "brakes", "cue", "hazard", "jump", "operator")
 _LEVELS = {"stop": "error", "flag": "warn", "limit": "warn"}
 
@@ -162,15 +164,15 @@ Series = Mapping[str, np.ndarray]
 
 
 class RunEvent(NamedTuple):
-    """One thing that happened."""
+    """One event of a run."""
 
     ms: int  # since the run began
-    kind: str  # of _ORDER
+    kind: str  # one of _ORDER
     text: str
     level: str = "info"  # debug (as in the golden run), info, warn or error
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for the log of a trace."""
+        """Return plain values for the log of a trace."""
         return {"tick": self.ms, "kind": self.kind, "level": self.level, "text": self.text}
 
 
@@ -181,11 +183,11 @@ def events(
     golden: Mapping[str, Any] | None = None,
     robot: Robot = robots.USUAL,
 ) -> list[RunEvent]:
-    """Everything that happened in a run.
+    """Return all events of a run in order.
 
-    row: of the result table. series: as `store.logs.time_series`; without them windows, run levels
-    and how long cues last are left out. golden: outcomes of the golden run, with
-    check_<name>_count; checks that trip as often in it are of level "debug".
+    `row`: from the result table. `series`: as from `store.logs.time_series`; without it, windows,
+    run levels and durations of cues are left out. `golden`: outcomes of the golden run, with
+    check_<name>_count. Checks that trip equally often in the golden run have level "debug".
     """
     parts = [
         _faults(robot, row, series),
@@ -227,7 +229,9 @@ def _faults(robot: Robot, row: Mapping[str, Any], series: Series | None) -> Iter
 
 
 def _first_few(events: Sequence[RunEvent], most: int, more: str) -> list[RunEvent]:
-    """At most so many of them, and one event for the others; more: says that there are {}."""
+    """Return at most `most` events, and one event that summarises the others. `more`: its text, in
+    which {} is their number.
+    """
     if len(events) <= most:
         return list(events)
     left, last = len(events) - most, wording.count(events[-1].ms)
@@ -256,7 +260,7 @@ def _checks(
 def _alarms(
     row: Mapping[str, Any], rules: Rules, golden: Mapping[str, Any] | None
 ) -> Iterator[RunEvent]:
-    """Alarms of detectors that press the E-stop."""
+    """Return the alarms of detectors that press the E-stop."""
     for number, name in rules.stopping:
         first, alarms = (
             int(row[f"detector{number}_threshold0_{what}"]) for what in ("first_ms", "alarms")
@@ -337,7 +341,7 @@ def _others(row: Mapping[str, Any], rules: Rules) -> Iterator[RunEvent]:
 
 
 def _states(robot: Robot, series: Series) -> Iterator[RunEvent]:
-    """Changes of run level, software E-stop and brakes."""
+    """Return the changes of run level, software E-stop and brakes."""
     names = {number: robot.run_level(number) for number in range(len(robot.run_levels))}
     texts = {
         "runlevel": ("run level", lambda old, new: f"run level: {names[old]} to {names[new]}", 0),
@@ -361,7 +365,7 @@ def _states(robot: Robot, series: Series) -> Iterator[RunEvent]:
 
 
 def _spans(active: ArrayLike) -> list[tuple[int, int]]:
-    """(first, end) of each stretch that is true."""
+    """Return (first, end) of each stretch in which `active` is True."""
     edges = np.diff(np.concatenate([[0], np.asarray(active, bool), [0]]).astype(np.int8))
     return [
         (int(first), int(end))

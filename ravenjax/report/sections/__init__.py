@@ -1,7 +1,7 @@
-"""Sections of the report. Each is a module here with its query and figures, and a template of its
-name beside it.
+"""Collects the sections of the report.
 
-A module that has sections lists them as SECTIONS; nothing else needs to know of them.
+Each section is a module of this package with its query and figures, and a template of the same name
+beside it. A module lists its sections as SECTIONS; they need no other registration.
 """
 
 from __future__ import annotations
@@ -18,15 +18,16 @@ from ravenjax.report.data.runs import Runs
 class Section(NamedTuple):
     """One section of the page."""
 
-    name: str  # its id, and its template's name
+    name: str  # id of the section, and name of its template
     title: str  # in the list of links
-    place: int  # sections are in this order
-    # what its template reads, of the runs and of the result's folder; None: it has nothing to say
+    place: int  # sections are sorted by this number
+    # Returns what the template reads, from the runs and the result's folder. None leaves the
+    # section out.
     content: Callable[[Runs, Path], dict[str, Any] | None]
 
 
 def all_sections() -> list[Section]:
-    """Every section in the order of the page."""
+    """Return every section in the order of the page."""
     modules = [
         importlib.import_module(f"{__name__}.{module.name}")
         for module in pkgutil.iter_modules(__path__)

@@ -1,5 +1,5 @@
 """Section "After a stop": how long each check took to stop the robot, and how far the tip still
-went.
+moved.
 """
 
 from __future__ import annotations
@@ -23,27 +23,28 @@ class StopQuantiles(NamedTuple):
     """Quantiles over some runs, in one unit."""
 
     median: float
-    most: float  # 95 % of the runs have at most so much
+    most: float  # 95 % of the runs are at or below this
     largest: float
 
 
 class StopRow(NamedTuple):
-    """Stops by one check; a fault that was run several times counts once."""
+    """Stops by one check. A fault that was run several times counts once."""
 
     cause: str
     n: int
     took_ms: StopQuantiles  # from the fault's first effect to the stop
-    before: Rate  # those whose motion was beyond the limit before the stop
-    after: Rate  # those in which it was beyond the limit only after the stop
-    off_mm: StopQuantiles  # farthest that the tip was off its course while the robot was not live
+    before: Rate  # runs whose motion was beyond the limit before the stop
+    after: Rate  # runs whose motion was beyond the limit only after the stop
+    # Largest distance of the tip from its course while the robot was not live.
+    off_mm: StopQuantiles
     cue_before: Rate
-    cue_after: Rate  # in the millisecond of the stop or after it
+    cue_after: Rate  # cue in the millisecond of the stop or later
     no_cue: Rate
 
 
 def rows(runs: Runs) -> list[StopRow]:
-    """Every stop together, then by the check that stopped, the most frequent first; none without
-    a stop.
+    """Return a row for all stops, then one for each check that stopped, most frequent first; no
+    rows without a stop.
     """
     stops = _of(runs, "''")
     if not stops:

@@ -23,39 +23,42 @@ from ravenjax.store.manifest import CueRecord
 
 CLASSES = {"layer": "Layer", "site": "Site", "group": "Group"}
 MOST_CLASSES = 12
-"""Rows of the compact table; the rest stand in the evidence."""
+"""Rows of the compact table. The detailed tables have the other rows."""
 
 
 class ClassRow(NamedTuple):
-    """One class of faults, of runs in which nobody reacts; a fault that was run several times
+    """One class of faults, over runs in which nobody reacts. A fault that was run several times
     counts once.
     """
 
     name: str
     evaded: Rate  # of distinct faults
-    unintended: Rate  # of distinct faults, whatever the checks did
-    loss: Rate  # of distinct faults, whatever the checks did
-    # of faults with an unintended motion, those that could be known before it; see Knowledge.lead
+    unintended: Rate  # of distinct faults, with or without a check
+    loss: Rate  # of distinct faults, with or without a check
+    # Of faults with an unintended motion: those that could be known before it. See Knowledge.lead.
     before: Rate
-    half_ms: Estimate  # time from the first effect by which half of those could be known
+    # Time from the first effect by which half of these faults could be known.
+    half_ms: Estimate
 
 
 def scale(rows: Sequence[ClassRow]) -> float:
-    """The share at which the drawn intervals of these rows end: a round one, at most 1."""
+    """Return the share at which the drawn intervals of these rows end: a round number, at
+    most 1.
+    """
     ends = (
         np.fmax(row.evaded.value, row.evaded.high) for row in rows if row.evaded.n
-    )  # a bound may be unknown
+    )  # a bound may be NaN
     return min(1.0, math.ceil(20 * max([0.05, *ends])) / 20)
 
 
 class LowerCue(NamedTuple):
-    """What a cue of a smaller distance than the motion's would tell before it, beside checks and
-    detectors.
+    """What a cue with a threshold below the motion's limit would announce before the motion, in
+    addition to checks and detectors.
     """
 
     cue: CueRecord
     before: Rate
-    false: tuple[int, int]  # fault-free motions with this cue, and all
+    false: tuple[int, int]  # fault-free motions with this cue, and all of them
 
 
 class Knowledge(NamedTuple):
@@ -66,13 +69,14 @@ class Knowledge(NamedTuple):
     delay: Incidence
     half_ms: Estimate
     quarter_ms: Estimate
-    # over the motion, of what may come before it: no cue at the motion's own distance or beyond
+    # Lead over the motion. It excludes cues at the motion's own limit or beyond, which cannot come
+    # before it.
     lead: Lead
-    lower: (
-        LowerCue | None
-    )  # where the cue of the verdicts is such a cue: the nearest below the limit, if there is any
-    never: Rate  # not known when the run ended
-    # the campaign has detectors, which count at their lowest threshold without a false alarm
+    # If the cue of the verdicts is such a cue: the nearest cue below the limit, or None.
+    lower: LowerCue | None
+    never: Rate  # not known by the end of the run
+    # True if the campaign has detectors. They count at their lowest threshold without a false
+    # alarm.
     by_detectors: bool
 
 
@@ -82,25 +86,28 @@ class Announced(NamedTuple):
     cue: CueRecord
     lead: Lead
     lead_ms: Estimate  # median
-    false: Rate  # of fault-free motions, those with this cue
-    per_hour: AlarmRate | None  # false ones an hour
+    false: Rate  # share of fault-free motions with this cue
+    per_hour: AlarmRate | None  # false cues per hour
 
 
 class Changed(NamedTuple):
-    """What the cue would change: pairs where the campaign has them, else what it announces."""
+    """What the cue would change: pairs of runs if the campaign has them, else what the cue
+    announces.
+    """
 
-    pairs: list[Difference]  # all faults, one for each reaction
-    announced: Announced | None  # by the cue of the verdicts; None: no cue, or nothing evaded
-    # whether it is a finding that this cue comes before the motion, and no matter of definitions
+    pairs: list[Difference]  # over all faults, one for each reaction
+    # By the cue of the verdicts; None: no cue, or nothing evaded.
+    announced: Announced | None
+    # True if it is a finding that this cue comes before the motion, not a consequence of the
+    # definitions.
     leads: bool
-    lower: int  # of how many cues it is a finding
-    better: (
-        Announced | None
-    )  # the cue that announces most without a false one, where it is another and leads
+    lower: int  # number of cues for which it is a finding
+    # The cue that announces most without a false cue, if it is another one and leads.
+    better: Announced | None
 
 
 def knowledge(runs: Runs) -> Knowledge:
-    """How soon anyone could know of the unintended motions of a campaign."""
+    """Return how soon anyone could know of the unintended motions of a campaign."""
     delay = runs.delays(detectors.known(runs), "active_ms", runs.end, UNINTENDED)[""]
     lag = runs.delays(detectors.before_motion(runs), "unintended_ms", runs.end, UNINTENDED)[""]
     delays, lead = latency.incidence(delay), latency.lead(lag)
@@ -131,8 +138,8 @@ def _lower(runs: Runs) -> LowerCue | None:
 
 
 def classes(runs: Runs) -> dict[str, list[ClassRow]]:
-    """Rows by each of CLASSES, most evasive first; a kind of class that is the same for all faults
-    is left out.
+    """Return rows by each of CLASSES, most evasive first. A kind of class with one value for all
+    faults is left out.
     """
     by_kind = {}
     for kind in CLASSES:
@@ -162,7 +169,7 @@ def classes(runs: Runs) -> dict[str, list[ClassRow]]:
 
 
 def changed(runs: Runs) -> Changed:
-    """What the cue would change."""
+    """Return what the cue would change."""
     manifest = runs.manifest
     condition = "sample AND faulty AND evaded"
     announcements = []
@@ -213,4 +220,4 @@ def _content(runs: Runs, _: Path) -> dict[str, Any]:
 
 
 FIRST_PAGE = Section("answers", "", 0, _content)
-"""What stands above all sections."""
+"""The first page, above all sections."""

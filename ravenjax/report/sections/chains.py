@@ -33,7 +33,7 @@ from ravenjax.store.access.query import RESULTS, quoted
 from ravenjax.store.manifest import Manifest
 
 MOST = 3
-"""Chains that are shown."""
+"""Number of chains that are shown."""
 COLUMNS = (
     "signal",
     "layer",
@@ -44,17 +44,18 @@ COLUMNS = (
 )
 """Columns of the table in a terminal."""
 NAMES = 3
-"""Groups that are named where only some are explained, and places that are named first."""
-ROW = 16  # px of a seam
+"""Number of groups that are named if only some are explained, and of first places that are named.
+"""
+ROW = 16  # px per seam
 
 
 def sentences(one: Propagation) -> list[str]:
-    """What there is to say, a sentence an item."""
+    """Return the summary as sentences, one per item."""
     return wording.sentences("chains.txt.j2", all=one, most=NAMES)
 
 
 def table(one: Propagation) -> list[tuple[str, ...]]:
-    """Rows of COLUMNS, in the robot's order; a layer is named where it changes."""
+    """Return rows of COLUMNS in the robot's order. A layer is named only in its first row."""
     rows, layer = [], ""
     for row in one.carriers:
         shows = ["no range", "", ""]
@@ -68,7 +69,7 @@ def table(one: Propagation) -> list[tuple[str, ...]]:
 
 
 def as_dict(one: Propagation) -> dict[str, Any]:
-    """The summary as plain values for JSON."""
+    """Return the summary as plain values for JSON."""
     return one._asdict() | {
         "hidden": one.hidden._asdict(),
         "lead_ms": one.lead_ms._asdict(),
@@ -84,8 +85,11 @@ def as_dict(one: Propagation) -> dict[str, Any]:
 
 
 def graph(one: Propagation) -> Chart | None:
-    """Seams in the robot's order, each at the share of runs that it carries, and at that of runs
-    that it shows. None without runs."""
+    """Return a chart of the seams in the robot's order; None without runs.
+
+    Each seam has a mark at the share of runs that it carries, and one at the share of runs that it
+    shows.
+    """
     if not one.carriers:
         return None
     place = {row.seam: number for number, row in enumerate(one.carriers)}
@@ -104,8 +108,8 @@ def graph(one: Propagation) -> Chart | None:
 
 
 def leads(one: Propagation) -> Chart | None:
-    """The median time from a signal's leaving its range to harm; None where none ever does
-    before it.
+    """Return a chart of the median time from a signal's leaving its range to harm; None if no
+    signal leaves its range before harm.
     """
     rows = [row for row in one.carriers if row.shows.k]
     if not rows:
@@ -123,7 +127,7 @@ def leads(one: Propagation) -> Chart | None:
 
 
 def draw(one: Propagation, path: Path) -> Path | None:
-    """Both charts beside each other as a file (.svg, .png or .pdf); None without runs."""
+    """Write both charts side by side as a file (.svg, .png or .pdf); return None without runs."""
     charts = [chart for chart in (graph(one), leads(one)) if chart is not None]
     if not charts:
         return None
@@ -155,7 +159,7 @@ def _dots(
     place: dict[str, int],
     diamond: bool,
 ) -> Dots:
-    """One mark a row, with the intervals that there are."""
+    """Return one mark per row, with intervals where they exist."""
     value, low, high = (np.array([one[end] for _, one in rows], float) for end in (-3, -2, -1))
     return Dots(
         name,
@@ -178,8 +182,8 @@ def _words(value: Rate | Estimate) -> str:
 
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
-    """The runs that `ravenjax explain` put beside a result; None where there are none of this
-    campaign.
+    """Return the runs that `ravenjax explain` stored beside a result; None if there are none of
+    this campaign.
     """
     try:
         ticks = explained.read(folder / explained.FOLDER, runs.manifest)
@@ -189,7 +193,7 @@ def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
         return None
     together = propagation(runs, ticks)
     return {
-        "broken": "",  # why explained runs could not be read
+        "broken": "",  # reason why explained runs could not be read
         "explained": len(ticks),
         "all": together,
         "sentences": sentences(together),
@@ -200,7 +204,7 @@ def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
 
 
 def _worst(runs: Runs, ticks: pd.DataFrame) -> list[dict[str, Any]]:
-    """The explained runs that evade and went farthest; where none evades, those that went
+    """Return the explained runs that evade and went farthest; if none evades, those that went
     farthest.
     """
     manifest, far = runs.manifest, "coalesce(greatest(unintended_mm, loss_mm), 0)"
@@ -229,35 +233,37 @@ class Carrier(NamedTuple):
     seam: str
     layer: str
     meaning: str
-    ranged: bool  # whether it has a normal range
+    ranged: bool  # True if it has a normal range
     carries: Rate
     shows: Rate
     lead_ms: Estimate  # median over the runs that it shows; NaN: none
-    first: Rate  # runs in which it was the first of all to show, in the robot's order within a tick
+    # Share of runs in which this seam was the first to show the fault. Ties within a tick are
+    # resolved by the robot's order.
+    first: Rate
 
 
 class Propagation(NamedTuple):
-    """How the evading faults of a campaign came about."""
+    """How the evading faults of a campaign propagated."""
 
-    runs: int  # explained evading faults that are looked at
-    evading: int  # of the campaign
-    groups: Sequence[str]  # whose evading faults are all explained
-    partial: Sequence[str]  # of whose only some are, or none
-    counted: str  # what intervals count: "faults", "robots", or "" where there are none
-    carriers: Sequence[Carrier]  # in the robot's order; those that carry a run
+    runs: int  # explained evading faults in this summary
+    evading: int  # evading faults of the campaign
+    groups: Sequence[str]  # groups whose evading faults are all explained
+    partial: Sequence[str]  # groups of which only some or no evading faults are explained
+    counted: str  # unit of the intervals: "faults", "robots", or "" without intervals
+    carriers: Sequence[Carrier]  # seams that carry a run, in the robot's order
     hidden: Rate  # runs that no signal showed before harm
-    lead_ms: Estimate  # median, from the first signal that shows to harm
+    lead_ms: Estimate  # median, from the first signal that shows the fault to harm
 
     @property
     def visible(self) -> Rate:
-        """Runs that some signal showed before harm."""
+        """Return the share of runs that some signal showed before harm."""
         hidden = self.hidden
         k = hidden.n - hidden.k
         return Rate(k, hidden.n, k / hidden.n, 1 - hidden.high, 1 - hidden.low)
 
     @property
     def first_places(self) -> list[Carrier]:
-        """Signals at which runs were visible first, the most frequent first."""
+        """Return the signals at which runs were visible first, most frequent first."""
         return sorted((one for one in self.carriers if one.first.k), key=lambda one: -one.first.k)
 
 
@@ -276,7 +282,7 @@ def propagation(runs: Runs, ticks: pd.DataFrame) -> Propagation:
     rows = ticks.set_index("index").loc[mine["row"]]
     among, noun = None, ""
     if whole_robots:
-        # drawn whole, in every group alike
+        # Robots were drawn as a whole, and each group has the same robots.
         among, noun = units.units(mine["unit"].to_numpy()), "robots"
     elif len(mine) and runs.sampled(whole):
         among, noun = units.units(mine["unit"].to_numpy(), mine["group"].to_numpy()), "faults"
@@ -285,7 +291,7 @@ def propagation(runs: Runs, ticks: pd.DataFrame) -> Propagation:
         return pair_intervals.rate(hit, among)
 
     def median(values: np.ndarray) -> Estimate:
-        """Median of the values above 0."""
+        """Return the median of the values above 0."""
         there = values > 0
         some, each = values[there], np.ones(int(there.sum()), bool)
         own = units.units(np.zeros(len(some), int)) if among is None else among.where(there)
@@ -294,7 +300,7 @@ def propagation(runs: Runs, ticks: pd.DataFrame) -> Propagation:
     harm = mine["harm"].to_numpy(np.int64)
     seams = _seams(rows, runs.manifest)
     leads = _leads(seams, harm)
-    best = leads.max(axis=0, initial=-1)  # the earliest to show has the longest lead
+    best = leads.max(axis=0, initial=-1)  # the earliest seam to show a run has the longest lead
     firsts = leads.argmax(axis=0) if len(seams) else np.zeros(len(mine), int)
     carriers = [
         Carrier(
@@ -322,7 +328,7 @@ def propagation(runs: Runs, ticks: pd.DataFrame) -> Propagation:
 
 
 def _seams(rows: pd.DataFrame, manifest: Manifest) -> list[chain.SignalTicks]:
-    """Signals of both arms as one, in the robot's order; their channels are left out."""
+    """Return the signals of both arms as one, in the robot's order. Their channels are left out."""
     columns = {str(name): rows[name].to_numpy() for name in rows}
     by_seam: dict[str, list[chain.SignalTicks]] = {}
     for one in chain.signals(columns, manifest.robot, manifest.shape.arms) if len(rows) else ():
@@ -338,12 +344,14 @@ def _seams(rows: pd.DataFrame, manifest: Manifest) -> list[chain.SignalTicks]:
 
 
 def _by(ticks: np.ndarray, harm: np.ndarray) -> np.ndarray:
-    """Whether something came until harm, bool [runs]."""
+    """Return whether an event came until harm, bool [runs]."""
     return (ticks >= 0) & (ticks <= harm)
 
 
 def _leads(seams: Sequence[chain.SignalTicks], harm: np.ndarray) -> np.ndarray:
-    """How long before harm each seam showed each run, ms [seams, runs]; 0: not before it."""
+    """Return how long before harm each seam showed each run, ms [seams, runs]; 0: not
+    before harm.
+    """
     if not seams:
         return np.zeros((0, len(harm)), np.int64)
     return np.stack(

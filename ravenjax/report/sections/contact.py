@@ -19,29 +19,29 @@ class ContactQuantiles(NamedTuple):
     """Quantiles over some faults, in one unit."""
 
     median: float
-    most: float  # 95 % of the faults have at most so much
+    most: float  # 95 % of the faults are at or below this
     largest: float
 
 
 class ContactRow(NamedTuple):
-    """Faults of a group; one that was run several times counts once."""
+    """The faults of a group. A fault that was run several times counts once."""
 
     group: str
     n: int
-    harder: Rate  # those that pressed tissue or vessel harder than their golden run
+    harder: Rate  # faults that pressed tissue or vessel harder than their golden run
     peak_n: ContactQuantiles  # N, largest force of tissue and vessel on an instrument
-    impulse_n_s: ContactQuantiles  # N s, that force over the run, of all instruments
-    vessel: Rate  # those that pressed the vessel harder than their golden run
+    # N s, that force integrated over the run, summed over instruments.
+    impulse_n_s: ContactQuantiles
+    vessel: Rate  # faults that pressed the vessel harder than their golden run
     vessel_n: float  # N, the largest force of the vessel
-    instruments: (
-        Rate | None
-    )  # those that pressed the instruments on each other harder; None: one arm
-    instruments_n: float | None  # N, the largest of these forces
+    # Faults that pressed the instruments on each other harder; None for a single arm.
+    instruments: Rate | None
+    instruments_n: float | None  # N, the largest force between instruments
 
 
 def rows(runs: Runs) -> list[ContactRow]:
-    """Every fault together, then by group in the order of their names; none without contact, or
-    without a fault.
+    """Return a row for all faults, then one for each group in the order of their names; no rows
+    without contact or without a fault.
     """
     manifest = runs.manifest
     if not manifest.shape.contact:

@@ -1,13 +1,13 @@
 """Section "Haptic sweep": missed hazards and false cues of every haptic set, and the threshold that
 the data choose.
 
-A hazard, an unintended motion, is missed where its run had no cue, or one that the golden run had
-by then, too: such a cue tells of the motion and not of the fault. A false cue is the first one of a
-fault-free motion. Rates are of one run of each fault.
+Here a hazard is an unintended motion. It is missed if its run had no cue, or only one that the
+golden run had by then too: such a cue comes from the motion and not from the fault. A false cue is
+the first cue of a fault-free motion. Rates are over one run of each fault.
 
-A threshold is named where the intervals of what each set misses and how often it comes for nothing
-decide it (`stats.alarms.choice`), else the thresholds that may be best are, and the hours of
-fault-free motion that would tell more.
+A single threshold is named if the intervals of missed hazards and false cues decide it
+(`stats.alarms.choice`). Otherwise the report names the thresholds that may be best, and the hours
+of fault-free motion that would decide more.
 """
 
 from __future__ import annotations
@@ -36,19 +36,19 @@ from ravenjax.store.access.query import RESULTS
 from ravenjax.store.manifest import CueRecord
 
 FELT = ("peak_force", "ms", "count")
-"""What is told of a cue that is felt, by the ends of its columns."""
+"""Endings of the columns that describe a felt cue."""
 MOST = 500_000
-"""Runs that the medians of what is felt are of; of more, about so many are drawn."""
+"""Largest number of runs for the medians of felt cues. Of more runs, about this number is drawn."""
 HARMLESS = "sample AND faulty AND NOT unintended"
 
 
 WEIGHTS = (1, 10, 100, 1000)
-"""How many false cues a missed hazard weighs, where one hazard comes an hour."""
+"""Number of false cues that a missed hazard weighs, if one hazard comes per hour."""
 FALSE_PER_HOUR = (0.5, 1, 10, 60)
 _WEIGHT, _LIMIT = "a missed hazard weighs {} times a false cue", "false cues an hour: at most {}"
-"""The two kinds of rules."""
+"""Texts of the two kinds of rules for the choice of a threshold."""
 MOST_LISTED = 3
-"""Thresholds that are listed one by one; of more, the least and the greatest are named."""
+"""Thresholds that are listed individually. Of more, the least and the greatest are named."""
 _ENDS = ("low", "high")
 
 
@@ -57,55 +57,62 @@ class CueRow(NamedTuple):
 
     number: int
     cue: CueRecord
-    missed: Rate  # of runs with an unintended motion
-    false: Rate  # of fault-free motions
+    missed: Rate  # share of runs with an unintended motion
+    false: Rate  # share of fault-free motions
     per_hour: AlarmRate | None
-    # of faulty runs without an unintended motion, those with a cue that the golden run has not
+    # Of faulty runs without an unintended motion: those with a cue that the golden run does not
+    # have.
     harmless: Rate
-    best: bool  # no other set misses and disturbs as little
-    # whether it is a finding that it comes before the motion, and no matter of definitions
+    # True if no other set has both fewer misses and fewer false cues.
+    best: bool
+    # True if it is a finding that the cue comes before the motion, not a consequence of the
+    # definitions.
     leads: bool
-    delay_ms: Estimate  # median over those, from the fault's first effect
-    before: Rate  # of runs with an unintended motion, those with the cue before it
-    lead_ms: Estimate  # median over those
-    force: float  # median of the largest force where felt in those, device units; NaN: never felt
-    felt_ms: float  # median of the time with force there, ms
-    pulses: float  # median number of pulses there
+    delay_ms: Estimate  # median over runs with a cue, from the fault's first effect
+    # Of runs with an unintended motion: those with the cue before it.
+    before: Rate
+    lead_ms: Estimate  # median over these runs
+    # Median over these runs of the largest force, in device units; NaN: never felt.
+    force: float
+    felt_ms: float  # median of the time with force in these runs, ms
+    pulses: float  # median number of pulses in these runs
 
     @property
     def told(self) -> str:
-        """The set in words."""
+        """Return the set in words."""
         return (
             f"{self.cue.threshold_mm:g} mm, Kp {self.cue.kp_per_mm:g}, Kd {self.cue.kd_s_per_mm:g}"
         )
 
     @property
     def hourly(self) -> float:
-        """False cues an hour; 0 without any fault-free motion."""
+        """Return false cues per hour; 0 without any fault-free motion."""
         return self.per_hour.per_hour if self.per_hour else 0.0
 
 
 class Choice(NamedTuple):
-    """Which set is best by one rule, as far as the data decide it."""
+    """The best set under one rule, as far as the data decide it."""
 
     rule: str
-    row: CueRow | None  # the best; None: undecided, or no set keeps the rule
-    alike: int  # other sets that do exactly as well
-    possible: str  # where it is undecided: the thresholds that may be best, in words
-    # where fault-free motion would decide more: how many hours of it, in all; NaN: it would not
+    row: CueRow | None  # the best set; None: undecided, or no set keeps the rule
+    alike: int  # number of other sets that do exactly as well
+    possible: str  # if undecided: the thresholds that may be best, in words
+    # Total hours of fault-free motion that would decide more; NaN if more motion would not.
     hours: float
-    remainder: str  # the thresholds that may be best even then; empty: one alone
-    # where it is undecided: the lowest threshold that certainly keeps a limit; NaN: none does
+    remainder: str  # thresholds that may be best even then; empty: only one
+    # If undecided: the lowest threshold that certainly keeps a limit; NaN if none does.
     least_mm: float
 
     @property
     def several(self) -> bool:
-        """Whether several thresholds may be best."""
+        """Return whether several thresholds may be best."""
         return " or " in self.possible or " to " in self.possible
 
 
 def rows(runs: Runs) -> list[CueRow]:
-    """One row a haptic set, by threshold and gain; intervals where all faults were drawn."""
+    """Return one row per haptic set, sorted by threshold and gain. Intervals exist only if all
+    faults were drawn.
+    """
     free, cues = runs.motions(), runs.manifest.cues
     felt = runs.counts([f"warned{k}_ms >= 0" for k in range(len(cues))], where=HARMLESS)
     harmless = runs.count(HARMLESS)
@@ -140,13 +147,17 @@ def rows(runs: Runs) -> list[CueRow]:
 
 
 def choices(runs: Runs, rows: Sequence[CueRow]) -> list[Choice]:
-    """What the data choose for each of WEIGHTS and of FALSE_PER_HOUR, neighbours with the same
-    choice in one; none without unintended or fault-free motion. rows: as of `rows`."""
+    """Return what the data choose for each of WEIGHTS and of FALSE_PER_HOUR.
+
+    Neighbours with the same choice are merged. There are no choices without unintended or
+    fault-free motion. `rows`: as returned by `rows`.
+    """
     able = [row for row in rows if row.missed.n and row.per_hour is not None]
     if not able:
         return []
     alarms, hours = _alarm_counts(runs, able), runs.motions().hours
-    several = len({row.cue.threshold_mm for row in able}) > 1  # else there is nothing to weigh
+    # With a single threshold there is nothing to weigh.
+    several = len({row.cue.threshold_mm for row in able}) > 1
     by_weight = [
         (f"{weight:,}", _cheapest(able, alarms, weight, hours)) for weight in WEIGHTS if several
     ]
@@ -155,17 +166,19 @@ def choices(runs: Runs, rows: Sequence[CueRow]) -> list[Choice]:
 
 
 def hours_to_offer(of: Sequence[Choice]) -> float:
-    """Hours of fault-free motion that would decide every limit of false cues an hour, or else the
-    next of the weights; 0 where more hours would decide nothing."""
+    """Return the hours of fault-free motion that would decide every limit of false cues per hour,
+    or else the next weight; 0 if more hours would decide nothing.
+    """
     able = [one for one in of if math.isfinite(one.hours)]
     limits = [one.hours for one in able if one.rule.startswith(_LIMIT.partition("{")[0])]
     return max(limits) if limits else min((one.hours for one in able), default=0.0)
 
 
 def _alarm_counts(runs: Runs, rows: Sequence[CueRow]) -> AlarmCounts:
-    """What the sets miss of the same hazards, and how often they come for nothing."""
+    """Return which of the same hazards each set misses, and how many false cues each has."""
     came = [f"({after_onset(f'warned{row.number}_ms')} >= 0)::INTEGER" for row in rows]
-    # together, since what each set misses says nothing of what one misses and another does not
+    # Count joint patterns: each set's own misses do not show which hazards one set misses and
+    # another catches.
     patterns = runs.table.rows(
         f"SELECT concat({', '.join(came)}), count(*) FROM {FACTS} WHERE {UNINTENDED} GROUP BY ALL"
     )
@@ -208,8 +221,11 @@ def _choice(
     hours: float,
     end: np.ndarray,
 ) -> Choice:
-    """possible: which may be the best; keeps: which certainly keep the rule; hours: that would
-    decide more; end: which may be the best after endless hours."""
+    """Return the choice under one rule.
+
+    `possible`: sets that may be best. `keeps`: sets that certainly keep the rule. `hours`: hours
+    that would decide more. `end`: sets that may be best after endless hours.
+    """
     sure = np.flatnonzero(possible & keeps).tolist()
     thresholds, remainder = (_thresholds(rows, which) for which in (possible, end))
     if len(thresholds) > 1 or not sure:
@@ -222,19 +238,21 @@ def _choice(
             _words(remainder) if len(remainder) > 1 else "",
             min((rows[k].cue.threshold_mm for k in sure), default=math.nan),
         )
-    # of equals that with fewer false cues
+    # Of equal sets, take the one with fewer false cues.
     best = rows[min(sure, key=lambda k: (cost[k], rows[k].hourly))]
     same = [row for row in rows if (row.missed, row.per_hour) == (best.missed, best.per_hour)]
     return Choice("", best, len(same) - 1, "", math.nan, "", math.nan)
 
 
 def _thresholds(rows: Sequence[CueRow], which: np.ndarray) -> list[float]:
-    """Different thresholds of some sets, mm, in order."""
+    """Return the different thresholds of some sets, mm, in order."""
     return sorted({row.cue.threshold_mm for row, is_one in zip(rows, which, strict=True) if is_one})
 
 
 def _words(thresholds: Sequence[float]) -> str:
-    """2, 3 or 5 mm; 2 to 8 mm where there are many; empty where there are none."""
+    """Return thresholds in words: 2, 3 or 5 mm; 2 to 8 mm if there are many; "" if there
+    are none.
+    """
     numbers = [f"{value:g}" for value in thresholds]
     if len(numbers) > MOST_LISTED:
         return f"{numbers[0]} to {numbers[-1]} mm"
@@ -243,7 +261,7 @@ def _words(thresholds: Sequence[float]) -> str:
 
 
 def _grouped(rule: str, by_number: Sequence[tuple[str, Choice]]) -> Iterator[Choice]:
-    """One choice for neighbours that agree."""
+    """Merge neighbouring choices that agree."""
 
     def content(one: tuple[str, Choice]) -> tuple[object, ...]:
         best = one[1]
@@ -257,8 +275,10 @@ def _grouped(rule: str, by_number: Sequence[tuple[str, Choice]]) -> Iterator[Cho
 
 
 def tradeoff(rows: Sequence[CueRow]) -> Chart | None:
-    """Missed hazards over false cues an hour, one mark a set, those that none beats joined; None
+    """Return a chart of missed hazards over false cues per hour, with one mark per set; None
     without either.
+
+    A line joins the sets that no other set beats.
     """
     able = [(row, row.per_hour) for row in rows if row.missed.n and row.per_hour is not None]
     if not able:
@@ -293,7 +313,8 @@ def _marks(pairs: Sequence[tuple[CueRow, AlarmRate]], name: str, colour: str) ->
     low, high = (np.array([getattr(row.missed, end) for row, _ in pairs]) for end in _ENDS)
     hourly_low, hourly_high = (np.array([getattr(one, end) for _, one in pairs]) for end in _ENDS)
     first: dict[float, CueRow] = {}
-    for row, _ in pairs:  # gains that change only the force fall on one mark: one label for them
+    # Gains that change only the force coincide in one mark, which gets one label.
+    for row, _ in pairs:
         first.setdefault(row.cue.threshold_mm, row)
     named = [first[row.cue.threshold_mm] is row for row, _ in pairs]
     return Dots(

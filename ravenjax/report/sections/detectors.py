@@ -1,9 +1,9 @@
 """Section "Detectors": recall, delay and false alarms of each detector at each threshold.
 
-The robot's own checks and the haptic cue of the verdicts stand beside the campaign's detectors as
-two that have a single threshold. Rates and times are of one run of each fault; curves are of every
-run, or of so many drawn. Where faults were drawn, intervals are over them and bands resample them;
-where their values were enumerated there are none.
+The robot's own checks and the haptic cue of the verdicts are listed beside the campaign's
+detectors, as two detectors with a single threshold. Rates and times are over one run of each fault.
+Curves are over every run, or over a drawn subset of them. If faults were drawn, intervals are over
+faults, and bands resample faults. Enumerated faults have neither.
 """
 
 from __future__ import annotations
@@ -28,73 +28,83 @@ from ravenjax.store.manifest import DetectorRecord
 
 CHECKS, ALL_CHECKS, CUE = "built-in checks", "all checks, your own too", "haptic cue"
 GRID = np.unique(np.concatenate([np.linspace(0, 0.1, 41), np.linspace(0.1, 1, 91)]))
-"""Places of the curves: finer where alarms are few, which is where a detector would be used."""
+"""Abscissas of the curves. They are denser where alarms are few, which is where a detector would be
+used.
+"""
 DRAWS = 1_000_000
-"""Runs drawn for the bands of one curve, all resamples together; between 100 and 400 resamples."""
+"""Runs drawn for the bands of one curve, over all resamples. There are between 100 and 400
+resamples.
+"""
 MOST_DRAWN = 20_000
-"""Runs that curves are made of; of more, about so many are drawn, and bands are too wide rather
-than too narrow.
+"""Largest number of runs for a curve. Of more runs, about this number is drawn, which makes bands
+too wide rather than too narrow.
 """
 SCORED = "plain AND faulty AND NOT failed"
 MOST_THRESHOLDS = 12
-"""Thresholds of a detector in the table; of more, so many, evenly taken, and the quiet one."""
+"""Thresholds of a detector in the table. Of more, this number is taken at even spacing, and the
+quiet one.
+"""
 HEIGHT = 340  # px, of a chart
 DRAWN = 6
-"""Curves shown at first, the largest areas; others wait in the legend."""
+"""Curves shown at first: those with the largest areas. The legend can show the others."""
 CAUGHT, DISTURBED = "share of unintended motions with an alarm", "share of other runs with an alarm"
 TELLING = "share of alarms with an unintended motion"
 
 
 class DetectorThreshold(NamedTuple):
-    """What one threshold of a detector does. threshold: in the unit of the score, NaN for a
+    """What one threshold of a detector does. `threshold` is in the unit of the score, NaN for a
     check or a cue.
     """
 
     detector: str
     threshold: float
-    caught: Rate  # of faults with an unintended motion, those with an alarm
-    harmless: Rate  # of faults without one, those with an alarm
-    precision: Rate  # of faults with an alarm, those with an unintended motion
-    false: AlarmRate | None  # on fault-free motion; None: not known
+    caught: Rate  # of faults with an unintended motion: those with an alarm
+    harmless: Rate  # of faults without an unintended motion: those with an alarm
+    precision: Rate  # of faults with an alarm: those with an unintended motion
+    false: AlarmRate | None  # on fault-free motion; None: unknown
     delay_ms: (
-        Estimate  # median over faults with an unintended motion, from the fault's first effect
+        # Median over faults with an unintended motion, from the fault's first effect.
+        Estimate
     )
-    before: Rate  # of faults with an unintended motion, those with an alarm before it
-    # median over faults with an unintended motion; NaN: half of them never had an alarm
+    # Of faults with an unintended motion: those with an alarm before it.
+    before: Rate
+    # Median over faults with an unintended motion; NaN if at least half of them never had an alarm.
     lead_ms: Estimate
-    quiet: bool  # the lowest threshold without a false alarm on fault-free motion
-    # whether it is a finding that it comes before the motion, and no matter of definitions
+    quiet: bool  # lowest threshold without a false alarm on fault-free motion
+    # True if it is a finding that the alarm comes before the motion, not a consequence of the
+    # definitions.
     leads: bool
 
 
 class ThresholdAlarms(NamedTuple):
-    """When a detector first spoke at one threshold, in every run of the table; -1: never."""
+    """When a detector first gave an alarm at one threshold, in every run of the table; -1:
+    never.
+    """
 
     name: str
     threshold: float
-    column: str  # of facts
-    free: int | None  # fault-free motions in which it spoke; None: not known
-    false: AlarmRate | None  # first false alarms an hour of them; None: not known
+    column: str  # a column of facts
+    free: int | None  # fault-free motions with an alarm; None: unknown
+    false: AlarmRate | None  # first false alarms per hour of fault-free motion; None: unknown
     quiet: bool
-    leads: bool = True  # as of DetectorThreshold
+    leads: bool = True  # as in DetectorThreshold
 
 
 class DetectorRow(NamedTuple):
     """One detector."""
 
     name: str
-    what: str  # kind and settings in words
+    what: str  # kind and settings, in words
     thresholds: list[DetectorThreshold]
-    roc: (
-        CurveBand | None
-    )  # None for a check or a cue, and where runs do not differ in it or are all of one fault
+    # None for a check or a cue, and if runs do not differ in the outcome or are all of one fault.
+    roc: CurveBand | None
     recall: CurveBand | None
     auc: Estimate | None
 
 
 def alarms(runs: Runs) -> list[ThresholdAlarms]:
-    """Everything that can speak, at each threshold: the campaign's detectors, the checks, the
-    cue of the verdicts.
+    """Return every source of alarms at each threshold: the campaign's detectors, the checks, and
+    the cue of the verdicts.
     """
     manifest, free, result = runs.manifest, runs.motions(), []
     for d, detector in enumerate(manifest.detectors):
@@ -125,16 +135,21 @@ def alarms(runs: Runs) -> list[ThresholdAlarms]:
 
 
 def known(runs: Runs) -> str:
-    """When anyone could first know of each run's fault, -1 if never, as an expression of columns of
-    facts: the cue, a check, or a detector at its lowest threshold without a false alarm; what spoke
-    before the fault had any effect does not know of it."""
+    """Return SQL for the time at which anyone could first know of each run's fault, -1 if never.
+
+    It is the time of the cue, a check, or a detector at its lowest threshold without a false alarm.
+    An alarm before the fault had any effect does not count. The expression is over columns of
+    facts.
+    """
     return _first(runs, lambda one: True)
 
 
 def before_motion(runs: Runs) -> str:
-    """As `known`, without what cannot come before the motion by the definitions alone: cues and tip
-    errors at its limit or beyond. Of what is left it is a finding whether it comes before the
-    motion."""
+    """Return the SQL of `known` without alarms that cannot come before the motion by definition:
+    cues and tip errors at its limit or beyond.
+
+    For the remaining alarms it is a finding whether they come before the motion.
+    """
     return _first(runs, lambda one: one.leads)
 
 
@@ -148,7 +163,7 @@ def _first(runs: Runs, chosen: Callable[[ThresholdAlarms], bool]) -> str:
 
 
 def rows(runs: Runs) -> list[DetectorRow]:
-    """One row a detector, then the checks and the cue."""
+    """Return one row per detector, then the rows of the checks and the cue."""
     found, detectors = runs.once(alarms), runs.manifest.detectors
     by_name = {
         name: _shown([one for one in found if one.name == name])
@@ -173,7 +188,7 @@ def rows(runs: Runs) -> list[DetectorRow]:
 
 
 def thresholds(runs: Runs, found: Sequence[ThresholdAlarms]) -> list[DetectorThreshold]:
-    """What each does, in their order."""
+    """Return what each threshold does, in the given order."""
     kinds = ("unintended", "NOT unintended")
     conditions = [f"{kind} AND {one.column} >= 0" for one in found for kind in kinds]
     unintended, others, *counts = runs.counts([*kinds, *conditions], where="sample AND faulty")
@@ -199,7 +214,7 @@ def thresholds(runs: Runs, found: Sequence[ThresholdAlarms]) -> list[DetectorThr
 
 
 def curve_runs(runs: Runs) -> tuple[int, int]:
-    """Runs that curves are made of, about, and runs that there are."""
+    """Return the runs that curves are made of, and the number of all runs."""
     n = runs.count(SCORED)
     return min(n, MOST_DRAWN), n
 
@@ -223,8 +238,9 @@ def _what(detector: DetectorRecord) -> str:
 
 
 def _bands(runs: Runs, number: int) -> tuple[CurveBand, CurveBand] | tuple[None, None]:
-    """ROC and precision-recall curve of the runs drawn. There are none where these do not differ
-    in the outcome, or are all of one fault.
+    """Return the ROC and precision-recall curve of the drawn runs.
+
+    There are no curves if the runs do not differ in the outcome, or are all of one fault.
     """
     from ravenjax.stats.alarms.roc import precision_recall_band, roc_band
 
@@ -240,19 +256,19 @@ def _bands(runs: Runs, number: int) -> tuple[CurveBand, CurveBand] | tuple[None,
 
 
 def _bare(band: CurveBand) -> CurveBand:
-    """A curve without its band."""
+    """Return a curve without its band."""
     none = np.full(len(band.grid), np.nan)
     curve = band.curve._replace(low=none, high=none)
     return CurveBand(band.grid, curve, band.area._replace(low=np.nan, high=np.nan))
 
 
 def roc_chart(rows: Sequence[DetectorRow]) -> Chart | None:
-    """Chart of recall over alarms in other runs; None where no detector has a curve."""
+    """Return a chart of recall over alarms in other runs; None if no detector has a curve."""
     return _chart("Recall and false positives", rows, "roc", DISTURBED, CAUGHT)
 
 
 def precision_recall_chart(rows: Sequence[DetectorRow]) -> Chart | None:
-    """Chart of precision over recall."""
+    """Return a chart of precision over recall."""
     return _chart("Precision and recall", rows, "recall", CAUGHT, TELLING)
 
 
@@ -267,7 +283,9 @@ def _share(title: str) -> ChartAxis:
 def _chart(
     title: str, rows: Sequence[DetectorRow], kind: str, across: str, up: str
 ) -> Chart | None:
-    """Curves with bands and marks of the thresholds; of what has a single one, the mark alone."""
+    """Return curves with bands, and marks for the thresholds. A detector with a single threshold
+    has only a mark.
+    """
     areas = {
         number: getattr(row, kind).area.value
         for number, row in enumerate(rows)

@@ -1,9 +1,9 @@
 """Section "Maps": shares of unintended motions, alarms, cues and evading faults over the two inputs
-that decide most.
+that matter most.
 
-A map has two inputs as its axes, those that tell most. Inputs with many values are binned. Faults
-of one site and effect have a map of their own where they are enough; all faults together have one
-by site and effect.
+The axes of a map are the two inputs that explain most of the outcome. Inputs with many values are
+binned. Faults of one site and effect have their own map if there are enough of them. All faults
+together have a map by site and effect.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from ravenjax.stats.intervals import Rate, share
 from ravenjax.store.access.query import RESULTS, quoted
 
 MIN_RUNS = 12
-"""Fewer runs of one site and effect are in the map of all faults alone."""
+"""Sites and effects with fewer runs appear only in the map of all faults."""
 MOST = 1_000_000
-"""Faults that are looked at; of more, about so many are drawn."""
+"""Largest number of faults that are analysed. Of more faults, about this number is drawn."""
 RUNS_PER_CELL, RUNS_PER_BIN = 3, 8
-"""Aimed at in each cell of two inputs: of few values, and of ranges."""
+"""Wanted number of runs in each cell of two inputs: for few values, and for ranges."""
 MIN_BINS, MAX_BINS = 2, 8
 MOST_VALUES = 12
-"""Values of an input that have a bin each."""
+"""Largest number of values of an input for which each value has its own bin."""
 MOST_ROWS = 24
-"""Sites and effects in the map of all faults; the others share a row."""
+"""Sites and effects in the map of all faults. The remaining ones share a row."""
 WHOLE, PLACE, NO_FAULT = "all faults", "site and effect", "no fault"
 UNTIL_END = -1
-"""Duration of a fault that lasts until the run ends."""
+"""Value for the duration of a fault that lasts until the run ends."""
 TO_THE_END, UNSET, OTHERS = "to the end", "not set", "others"
 WORDS = ("channel", "arm", "trigger")
 """Columns of a fault slot that hold words."""
@@ -52,21 +52,21 @@ SLOT_INPUTS = {
     "period_ms": "period, ms",
     "trigger": "onset counts from",
 }
-"""Columns of a fault slot that may be an axis, and what they are called; where no input tells
-more, the first do.
+"""Columns of a fault slot that may be an axis, with their titles. If no input explains more than
+another, the first ones are taken.
 """
 COMMON = ("fault0_duration_ms", "fault0_start_ms", "fault0_every_ms")
-"""Inputs that mean the same at every site."""
+"""Inputs that have the same meaning at every site."""
 
 
 class MapMeasure(NamedTuple):
     """Something that happened in a run or did not."""
 
     name: str
-    # of columns of facts
+    # SQL over columns of facts.
     sql: str
     title: str
-    # "3 of 12 ..."
+    # Words that follow a count, as in "3 of 12 ...".
     words: str
 
 
@@ -76,8 +76,8 @@ MEASURES = (
     MapMeasure("cue", "cued", "The cue came", "had the cue"),
     MapMeasure("evaded", "evaded", "Evaded the checks", "evaded"),
 )
-"""Measures of runs with a fault. The first is the leading one, where it came in some runs and not
-in others.
+"""Measures of runs with a fault. The leading one is the first that came in some runs and not in
+others.
 """
 FREE_MEASURES = (MEASURES[1], MapMeasure("cue", "cue_ms >= 0", "The cue came", "had the cue"))
 """Measures of a campaign without any fault."""
@@ -88,7 +88,7 @@ class MapAxis(NamedTuple):
 
     title: str
     labels: list[str]
-    # int [faults]: the bin of each
+    # int [faults]: the bin of each fault
     place: np.ndarray
     words: bool = False
 
@@ -105,21 +105,21 @@ class PairCounts(NamedTuple):
 
 
 class Sweep(NamedTuple):
-    """One run of each fault; or every run, of a campaign without any fault."""
+    """One run of each fault. In a campaign without any fault: every run."""
 
     measures: tuple[MapMeasure, ...]
     # "faults" or "runs"
     unit: str
-    # a row a fault: the columns of `titles` and the measures
+    # One row per fault, with the columns of `titles` and the measures.
     faults: pd.DataFrame
-    # site and effect of each
+    # site and effect of each fault
     block: np.ndarray
-    # what varies -> how it is called
+    # names of the columns that vary, and their titles
     titles: dict[str, str]
 
 
 def sweep(runs: Runs) -> Sweep:
-    """What a campaign swept, and which faults had which outcome."""
+    """Return what a campaign swept, and which faults had which outcome."""
     faulty = runs.count("sample AND faulty") > 0
     measures, condition, unit = (
         (MEASURES, "sample AND faulty", "faults") if faulty else (FREE_MEASURES, "sample", "runs")
@@ -148,13 +148,14 @@ def sweep(runs: Runs) -> Sweep:
 
 
 def all_maps(runs: Runs) -> list[dict[str, Any]]:
-    """The map of all faults, where they are of several sites and effects, then those of each, the
-    most unintended motion first. One run of each fault counts.
+    """Return the map of all faults if they are of several sites and effects, then the map of each,
+    most unintended motion first.
 
-    Each item: name, n, unit, rates (of each measure: title, words, rate), panels. A panel is one
-    measure over two inputs: name, title, words, rate, across and up (titles of the axes), columns
-    (labels), rows (label and cells, highest first); a cell is a Rate, or None where no run fell.
-    Only what came in some runs and not in others has panels.
+    One run of each fault counts. Each item has: name, n, unit, rates (for each measure: title,
+    words, rate), panels. A panel shows one measure over two inputs: name, title, words, rate,
+    across and up (titles of the axes), columns (labels), rows (label and cells, highest first). A
+    cell is a Rate, or None if it has no run. Only measures that came in some runs and not in others
+    have panels.
     """
     swept = sweep(runs)
     groups = runs.groups_by("block") if "block" in runs.facts else {}
@@ -171,10 +172,10 @@ def all_maps(runs: Runs) -> list[dict[str, Any]]:
 
 
 def _axes(swept: Sweep, order: Sequence[str] = ()) -> list[MapAxis]:
-    """Axes of those inputs that vary among the faults."""
+    """Return axes for those inputs that vary among the faults."""
     varied = [name for name in swept.titles if len(swept.faults[name].unique()) > 1]
     n = len(swept.faults)
-    # a cell of a grid of two inputs is one run
+    # In a grid of two inputs, a cell holds one run.
     most = MOST_VALUES if len(varied) <= 2 else round(math.sqrt(n / RUNS_PER_CELL))
     most = min(MOST_VALUES, max(MIN_BINS, most))
     made = []
@@ -189,8 +190,10 @@ def _axes(swept: Sweep, order: Sequence[str] = ()) -> list[MapAxis]:
 
 
 def number_axis(title: str, values: np.ndarray, most: int, endless: bool = False) -> MapAxis:
-    """A bin a value, at most `most`; else ranges, by powers of two if wide. endless: UNTIL_END
-    stands for no number.
+    """Return an axis with one bin per value, up to `most` values; else with ranges, spaced by
+    powers of two if they are wide.
+
+    `endless`: UNTIL_END is a value of this input and not a number.
     """
     labels = np.full(len(values), UNSET, object)
     last = endless & (values == UNTIL_END)
@@ -204,15 +207,18 @@ def number_axis(title: str, values: np.ndarray, most: int, endless: bool = False
         wanted = round(math.sqrt(len(values) / RUNS_PER_BIN))
         edges = _edges(different[0], different[-1], min(MAX_BINS, most, max(MIN_BINS, wanted)))
         names = [f"{compact(a)} to {compact(b)}" for a, b in pairwise(edges)]
-        # the last bin holds its upper edge
+        # The last bin includes its upper edge.
         place = np.searchsorted(edges[1:-1], values[numbers], side="right")
     labels[numbers] = np.array(names, object)[place] if len(names) else ""
     return _axis(title, labels, [*names, TO_THE_END, UNSET])
 
 
 def word_axis(title: str, values: np.ndarray, order: Sequence[str] = ()) -> MapAxis:
-    """A bin a word, those of `order` first and the others in the order of the alphabet; of more
-    than MOST_VALUES the most frequent, and one for the others.
+    """Return an axis with one bin per word: the words of `order` first, then the others
+    alphabetically.
+
+    If there are more than MOST_VALUES words, the most frequent have bins, and one bin holds the
+    others.
     """
     words, counts = np.unique(values, return_counts=True)
     if len(words) > MOST_VALUES:
@@ -225,14 +231,14 @@ def word_axis(title: str, values: np.ndarray, order: Sequence[str] = ()) -> MapA
 
 
 def _axis(title: str, labels: np.ndarray, order: Sequence[str], words: bool = False) -> MapAxis:
-    """With the labels that occur, in their order."""
+    """Return an axis with those labels that occur, in their order."""
     there = set(labels.tolist())
     names = [name for name in dict.fromkeys(order) if name in there]
     return MapAxis(title, names, pd.Index(names).get_indexer(labels), words)
 
 
 def _edges(low: float, high: float, wanted: int) -> np.ndarray:
-    """Round edges of about `wanted` bins, from at most `low` to at least `high`."""
+    """Return round edges of about `wanted` bins, from at most `low` to at least `high`."""
     if low > 0 and high / low > 30:
         step = math.ceil(math.log2(high / low) / (wanted + 2))
         return 2.0 ** np.arange(math.floor(math.log2(low)), math.log2(high) + step + 1e-9, step)
@@ -240,7 +246,7 @@ def _edges(low: float, high: float, wanted: int) -> np.ndarray:
 
 
 def compact(value: float) -> str:
-    """12000 -> 12k, 2000000 -> 2M, 0.123 -> 0.12, so that axis labels stay short."""
+    """Shorten a number for an axis label: 12000 -> 12k, 2000000 -> 2M, 0.123 -> 0.12."""
     for least, size, letter in ((1e6, 1e6, "M"), (1e4, 1e3, "k"), (1e3, 1, "")):
         if abs(value) >= least:
             return f"{value / size:.{4 if size == 1 else 3}g}{letter}".replace("-", "−")
@@ -248,8 +254,8 @@ def compact(value: float) -> str:
 
 
 def _by_block(swept: Sweep) -> PairCounts:
-    """Counts of all faults by site and effect and the input that tells most, among those that mean
-    the same at all sites.
+    """Return counts of all faults by site and effect, and by the input that explains most among
+    COMMON.
     """
     hit = swept.faults[swept.measures[0].name].to_numpy(float)
     shares = {str(name): float(hit[swept.block == name].mean()) for name in np.unique(swept.block)}
@@ -270,15 +276,15 @@ def _by_block(swept: Sweep) -> PairCounts:
 
 
 def _best_pair(swept: Sweep, axes: Sequence[MapAxis]) -> PairCounts | None:
-    """Counts by the two inputs that tell most; None where nothing varies."""
+    """Return counts by the two inputs that explain most; None if nothing varies."""
     pairs = list(itertools.combinations(axes, 2)) or [(axis, None) for axis in axes]
     return max((_counts(swept, *pair) for pair in pairs), key=gain, default=None)
 
 
 def _counts(swept: Sweep, across: MapAxis, up: MapAxis | None) -> PairCounts:
-    """up: None for one axis alone."""
+    """Return counts over two axes; `up` is None for a single axis."""
     up = up or MapAxis("", [""], np.zeros(len(across.place), int))
-    # words stand better beside the rows
+    # Words are easier to read as row labels.
     if across.words and not up.words:
         across, up = up, across
     shape = len(up.labels), len(across.labels)
@@ -292,8 +298,10 @@ def _counts(swept: Sweep, across: MapAxis, up: MapAxis | None) -> PairCounts:
 
 
 def gain(counts: PairCounts) -> float:
-    """How much more the cells tell of the measures than their overall shares do: the gain in
-    log-likelihood, twice, less what as many free numbers cost (Schwarz's criterion).
+    """Return how much better the cells predict the measures than the overall shares do.
+
+    The result is twice the gain in log-likelihood, minus a penalty for the number of free
+    parameters (Schwarz's criterion).
     """
     from scipy.special import rel_entr
 
@@ -304,12 +312,12 @@ def gain(counts: PairCounts) -> float:
             mean = k.sum() / total
             tell = rel_entr(k, n * mean) + rel_entr(n - k, n * (1 - mean))
             sum_of_gains += 2 * float(tell.sum()) - (cells - 1) * math.log(total)
-    # where nothing tells anything, the first inputs are taken
+    # If no input explains anything, the first inputs are taken.
     return max(0.0, sum_of_gains)
 
 
 def _map(swept: Sweep, name: str, counts: PairCounts, sampled: bool) -> dict[str, Any]:
-    """The map of some faults. sampled: whether they were drawn."""
+    """Return the map of some faults. `sampled`: the faults were drawn."""
     rate_in: Callable[[int, int], Rate] = tables.rate_of if sampled else share
     n, hits = len(swept.faults), [int(k.sum()) for k in counts.k]
     rates = [
@@ -326,7 +334,7 @@ def _map(swept: Sweep, name: str, counts: PairCounts, sampled: bool) -> dict[str
 def _panel(
     measure: Mapping[str, Any], counts: PairCounts, k: np.ndarray, rate_in: Callable[..., Rate]
 ) -> dict[str, Any]:
-    """k: faults of each cell in which the measure came."""
+    """Return one panel. `k`: number of faults in each cell in which the measure came."""
     rows = [
         {"label": label, "cells": [rate_in(*cell) if cell[1] else None for cell in cells]}
         for label, cells in zip(
@@ -338,7 +346,7 @@ def _panel(
         "across": counts.across.title,
         "up": counts.up.title,
         "columns": counts.across.labels,
-        # numbers rise
+        # Numbers increase upwards.
         "rows": rows if counts.up.words else rows[::-1],
     }
 

@@ -1,4 +1,4 @@
-"""Section "Operator": what a recorded operator's file holds, and what is replayed of it."""
+"""Section "Operator": what a recorded operator's file holds, and which part of it is replayed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ravenjax.store.motion.summary import MotionSummary, changes, table_rows
 
 
 def content(summary: MotionSummary | None) -> dict[str, Any] | None:
-    """What the page shows of a recorded operator; None of a generated one."""
+    """Return what the page shows of a recorded operator; None for a generated one."""
     if summary is None:
         return None
     rows = table_rows(summary)

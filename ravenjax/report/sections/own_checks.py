@@ -1,9 +1,8 @@
-"""Section "Your checks": what each check of the campaign's own detected, how early, and its false
-alarms.
+"""Section "Your checks": what each user-defined check detected, how early, and its false alarms.
 
-Rates are of one run of each fault, times over faults with an unintended motion, as of detectors. A
-check trips where it does so more often than in the golden run, or sooner; what it does in
-fault-free motion is its false alarms.
+Rates are over one run of each fault. Times are over faults with an unintended motion, as for
+detectors. A check counts as tripped if it trips more often than in the golden run, or sooner. Its
+trips in fault-free motion are its false alarms.
 """
 
 from __future__ import annotations
@@ -22,24 +21,25 @@ from ravenjax.vocabulary.checks import OWN
 
 
 class OwnCheckRow(NamedTuple):
-    """One check of one's own."""
+    """One user-defined check."""
 
     name: str
     at: str
     does: str
     threshold: str  # in words
-    tripped: Rate  # of all faults, those in which it tripped
-    alone: Rate  # of those, the ones of which nothing else had told anyone by then
+    tripped: Rate  # of all faults: those in which it tripped
+    alone: Rate  # of these: those that nothing else had reported by then
     alarms: DetectorThreshold  # the same numbers as a detector at one threshold has
 
 
 def rows(runs: Runs) -> list[OwnCheckRow]:
-    """One row a check, in the order of the campaign's file."""
+    """Return one row per check, in the order of the campaign's file."""
     checks = runs.manifest.shape.own_checks
     per_check = list(_alarms(runs))
     trips = [f"({after_onset(one.column)}) >= 0" for one in per_check]
     alone = [
-        # no built-in check had told anyone by itself, and no other of one's own tripped
+        # No built-in check had reported the fault by then, and no other user-defined check had
+        # tripped.
         " AND ".join(
             [
                 trip,
@@ -70,8 +70,8 @@ def rows(runs: Runs) -> list[OwnCheckRow]:
 
 
 def _varied(runs: Runs, check: str) -> tuple[float | None, float | None]:
-    """Least and largest threshold among the runs that rates are of; None where it is the same in
-    the whole campaign.
+    """Return the least and largest threshold among the runs behind the rates; None if it is the
+    same in the whole campaign.
     """
     name = f"param:checks.threshold.{check}"
     if name not in runs.names:
@@ -96,7 +96,7 @@ def _threshold(section: dict[str, Any], least: float | None, most: float | None)
 def _alarms(runs: Runs) -> Iterator[ThresholdAlarms]:
     free, shape = runs.motions(), runs.manifest.shape
     varied = [quoted(name) for name in runs.names if name.startswith("param:checks.")]
-    # what the whole campaign has, its fault-free motion has, too
+    # The fault-free motion has every value that is constant in the whole campaign.
     values = ", ".join(["count(*)", *(f"count(DISTINCT {name})" for name in varied)])
     differs = max(runs.table.row(f"SELECT {values} FROM {RESULTS}")[1:], default=0) > 1
     for number, check in enumerate(shape.own_checks):
@@ -111,7 +111,7 @@ def _alarms(runs: Runs) -> Iterator[ThresholdAlarms]:
 
 def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
     own_checks = rows(runs) if runs.manifest.shape.own_checks else []
-    # without a judged fault there is nothing to say
+    # Without a judged fault the section has no content.
     return {"own_checks": own_checks} if runs.count("sample AND faulty") and own_checks else None
 
 

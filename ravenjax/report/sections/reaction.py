@@ -1,9 +1,9 @@
-"""Section "Reaction": the same faults under the same random numbers, with the operator's reaction
-to the cue and without.
+"""Section "Reaction": the same faults under the same random numbers, with and without the
+operator's reaction to the cue.
 
-A pair is two runs that differ in the crossed parameters alone, of which one has an operator who
-does not react. Of a fault that was run several times the first pair counts; where something else is
-crossed, a fault has a pair for each.
+A pair is two runs that differ only in crossed parameters, and in one of which the operator does not
+react. If a fault was run several times, the first pair counts. If other parameters are crossed too,
+a fault has one pair for each of their values.
 """
 
 from __future__ import annotations
@@ -28,22 +28,25 @@ from ravenjax.store.access.query import RESULTS, quoted
 from ravenjax.vocabulary.reactions import ACTIONS, MEANINGS
 
 EXCURSION = "excursion_mm"
-"""How far the tip went by itself, mm: off the golden run, and from where standing would have left
-it; while live, also off the nominal model, for who slows down stays behind the golden run on
-purpose."""
+"""Unintended distance of the tip, in mm.
+
+It is the distance from the golden run and from where standing still would have left the tip. While
+the robot is live, it is also the distance from the nominal model, because an operator who slows
+down falls behind the golden run on purpose.
+"""
 _EXCURSION = f"greatest({RESULTS}.unintended_mm, {RESULTS}.unintended_off_mm)"
 MOST_VALUES = 12
-"""Values of a crossed parameter that get rows of their own."""
+"""Largest number of values of a crossed parameter that get their own rows."""
 MOST = 400_000
-"""Runs that are looked at pair by pair; of more, pairs are drawn."""
+"""Largest number of runs that are compared pair by pair. Of more runs, pairs are drawn."""
 OF_FACTS = ("failed", "faulty", "action", "distinct", "unintended")
 Sampled = Callable[[Collection[str]], bool]
-"""Whether the faults of some groups were drawn, as `Runs.sampled`."""
+"""Returns whether the faults of some groups were drawn, as `Runs.sampled` does."""
 
 
 class Pairs(NamedTuple):
-    """Pairs of one kind of reaction; frames and facts of both sides row by row, without failed
-    runs.
+    """Pairs of one kind of reaction. Frames and facts of both sides match row by row, without
+    failed runs.
     """
 
     with_facts: pd.DataFrame
@@ -52,30 +55,33 @@ class Pairs(NamedTuple):
     without_frame: pd.DataFrame
 
     def where(self, chosen: np.ndarray) -> Pairs:
-        """The pairs that `chosen` marks (bool [pairs])."""
+        """Return the pairs that `chosen` marks (bool [pairs])."""
         return Pairs(*(part.loc[chosen] for part in self))
 
 
 class Difference(NamedTuple):
-    """Pairs compared. Differences are with the reaction minus without: negative is what it
-    spares.
+    """A comparison of pairs. Differences are with the reaction minus without it, so a negative
+    difference means that the reaction helps.
     """
 
     action: str  # in words
-    among: str  # which pairs: all, a layer, a value of a crossed parameter
+    # Which pairs: all, a layer, or a value of a crossed parameter.
+    among: str
     n: int
-    without: Rate  # unintended motion
+    without: Rate  # unintended motion without the reaction
     with_: Rate
-    change: Estimate  # difference of these rates, fraction
+    change: Estimate  # difference of the rates with and without it, a fraction
     spared: int  # pairs in which only the run without the reaction had one
-    caused: int  # only the run with it
-    p: float  # exact; NaN where nothing was drawn
+    caused: int  # pairs in which only the run with the reaction had one
+    p: float  # exact; NaN if nothing was drawn
     distance_mm: (
-        Estimate  # mean difference of EXCURSION; bounds NaN: one pair, or nothing was drawn
+        # Mean difference of EXCURSION; bounds are NaN for one pair, or if nothing was drawn.
+        Estimate
     )
-    depth_mm: Estimate  # the same of the tissue's depth
+    depth_mm: Estimate  # the same for the depth in tissue
     reacted: Rate  # pairs in which the operator acted
-    # of those, without an unintended motion even where nobody reacts: interrupted for nothing
+    # Of the pairs in which the operator acted: those without an unintended motion even if nobody
+    # reacts, so that the interruption was unnecessary.
     idle: Rate
 
 
@@ -83,25 +89,27 @@ class Idle(NamedTuple):
     """Interruptions of fault-free motion."""
 
     action: str
-    motions: Rate  # of fault-free motions, those in which the operator acted
+    motions: Rate  # of fault-free motions: those in which the operator acted
     per_hour: AlarmRate | None
-    lost_ms: float  # mean of pedal-down time lost in those, ms; NaN: none
+    lost_ms: float  # mean pedal-down time lost in these motions, ms; NaN: none
 
 
 class PairSample(NamedTuple):
-    """Runs that are looked at pair by pair: all, or so many that every pair is there as a whole."""
+    """Runs that are compared pair by pair: all runs, or a drawn subset that contains only complete
+    pairs.
+    """
 
     frame: pd.DataFrame
     facts: pd.DataFrame
 
     @property
     def crossed(self) -> bool:
-        """Whether there are pairs."""
+        """Return whether there are pairs."""
         return crossed(self.frame, self.facts)
 
 
 def drawn(runs: Runs) -> PairSample:
-    """The runs of about MOST of a table's rows, all that share a pair together."""
+    """Return about MOST runs of a table. Runs of one pair are drawn together."""
     plain = ("pair", "operator", "reaction_ms", "pedal_down_ms", "tissue_depth_mm")
     names = [name for name in runs.names if name in plain or name.startswith(("param:", "golden_"))]
     raw = ", ".join(
@@ -117,14 +125,18 @@ def drawn(runs: Runs) -> PairSample:
 
 
 def crossed(frame: pd.DataFrame, facts: pd.DataFrame) -> bool:
-    """Whether there are pairs: runs in which nobody reacts beside runs in which somebody does."""
+    """Return whether there are pairs: runs in which nobody reacts, and runs in which
+    somebody does.
+    """
     actions = facts["action"].unique().tolist()
     return run_facts.ACTION in frame and len(actions) > 1 and 0 in actions
 
 
 def pairs(frame: pd.DataFrame, facts: pd.DataFrame, action: int, faulty: bool = True) -> Pairs:
-    """Every run with this action and its partner of the same pair in which nobody reacts; what else
-    is crossed, but for how somebody reacts, is the same for both."""
+    """Return every run with this action and its partner in which nobody reacts.
+
+    Other crossed parameters, except those of the reaction, are equal within a pair.
+    """
     others = _crossed_names(frame)
     same = ["pair", *(name for name in others if not name.startswith("param:reaction."))]
     valid = ~facts["failed"] & (facts["faulty"] == faulty)
@@ -142,7 +154,9 @@ def pairs(frame: pd.DataFrame, facts: pd.DataFrame, action: int, faulty: bool = 
 
 
 def compare_pairs(frame: pd.DataFrame, facts: pd.DataFrame, sampled: Sampled) -> list[Difference]:
-    """For each action: all pairs, then by layer, then by each value of other crossed parameters."""
+    """Return comparisons for each action: over all pairs, then by layer, then by each value of
+    other crossed parameters.
+    """
     return [
         _difference(action, among, part, sampled(part.with_facts["group"].unique().tolist()))
         for number, action in _actions(facts)
@@ -152,8 +166,8 @@ def compare_pairs(frame: pd.DataFrame, facts: pd.DataFrame, sampled: Sampled) ->
 
 
 def interruptions(frame: pd.DataFrame, facts: pd.DataFrame) -> list[Idle]:
-    """For each action, what it does to fault-free motion: the golden runs of all runs that have
-    it.
+    """Return what each action does to fault-free motion: to the golden runs of all runs with this
+    action.
     """
     result = []
     for number, action in _actions(facts):
@@ -183,7 +197,9 @@ def _actions(facts: pd.DataFrame) -> list[tuple[int, str]]:
 
 
 def _crossed_names(frame: pd.DataFrame) -> list[str]:
-    """Parameters that differ within pairs, but for the action: crossed with it."""
+    """Return the parameters other than the action that differ within pairs, because they are
+    crossed with it.
+    """
     names = [name for name in frame if name.startswith("param:") and name != run_facts.ACTION]
     pair = frame["pair"]
     return [
@@ -209,7 +225,7 @@ def _parts(mine: Pairs) -> Iterator[tuple[str, Pairs]]:
 
 
 def _difference(action: str, among: str, mine: Pairs, sampled: bool) -> Difference:
-    """action: of ACTIONS; sampled: whether the faults were drawn."""
+    """Compare one set of pairs. `action`: index into ACTIONS; `sampled`: the faults were drawn."""
     after, before = (
         mine.with_facts["unintended"].to_numpy(),
         mine.without_facts["unintended"].to_numpy(),
@@ -239,7 +255,7 @@ def _mean(mine: Pairs, column: str, faults: Units | None) -> Estimate:
 
 
 def differences(runs: Runs) -> list[Difference]:
-    """Pairs compared; none where a campaign has none."""
+    """Return the comparisons of a campaign; none if it has no pairs."""
     if not runs.manifest.shape.reacts:
         return []
     both = runs.once(drawn)

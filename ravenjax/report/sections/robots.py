@@ -1,9 +1,9 @@
-"""Section "Robots": rates on one robot, where whole robots were drawn from a file of `ravenjax
-calibrate`.
+"""Section "Robots": rates on one robot, for campaigns that drew whole robots from a file of
+`ravenjax calibrate`.
 
-Such a file has the robots that a log leaves likely, and the logged one is as likely to be any of
-them. A robot is what was sampled: the interval is of the rate that one more of them would have,
-however many faults each had.
+Such a file holds robots that a log leaves likely; the logged robot is equally likely to be any of
+them. The sampled unit is the robot: the interval is for the rate of one more robot, whatever the
+number of faults on each.
 """
 
 from __future__ import annotations
@@ -20,24 +20,26 @@ from ravenjax.stats.intervals import Rate
 from ravenjax.store.access.query import RESULTS, quoted
 
 LEAST_RUNS = 20
-"""Fewest faults of a rate; fewer say too little."""
+"""Smallest number of faults for a rate."""
 _WHOLE = "together"
-"""The form of a table of values that is drawn in one with others."""
+"""Name of the form of a value table that is drawn jointly with others."""
 
 
 class RobotRate(NamedTuple):
-    """One rate."""
+    """The rate of one question, with its interval for one more robot."""
 
     name: str
-    rate: Rate  # k of n faults on all robots; the 95 % interval is of one robot
+    # K of n faults on all robots; the 95 % interval is for one robot.
+    rate: Rate
     robots: int
     deviation: float  # standard deviation of the robots' rates
 
 
 def questions(runs: Runs) -> dict[str, tuple[str, str]]:
-    """What a fault may do: which faults the rate is of, and the condition, of columns of facts.
+    """Return the questions of the section: which faults each rate is over, and its condition, over
+    columns of facts.
 
-    The cue's lead is a question only where the definitions do not decide it.
+    The cue's lead is a question only if the definitions do not decide it.
     """
     named = {
         "evades the checks": ("true", "evaded"),
@@ -52,7 +54,9 @@ def questions(runs: Runs) -> dict[str, tuple[str, str]]:
 
 
 def rates(runs: Runs) -> list[RobotRate]:
-    """One run of each fault and robot, by `questions`; none where robots were not drawn whole."""
+    """Return rates over one run of each fault and robot, for `questions`; none if robots were not
+    drawn whole.
+    """
     robots = drawn_whole(runs)
     if not robots:
         return []
@@ -70,14 +74,16 @@ def rates(runs: Runs) -> list[RobotRate]:
 
 
 def drawn_whole(runs: Runs) -> list[str]:
-    """Columns of the parameters that make up a robot of a file; none where robots were not drawn
-    whole.
+    """Return the columns of the parameters that make up a robot of a file; none if robots were not
+    drawn whole.
     """
     return [name for name in columns(runs.manifest.config) if name in runs.names]
 
 
 def columns(config: Mapping[str, Any]) -> list[str]:
-    """Columns of the parameters that make up a robot, of a campaign as its manifest has it."""
+    """Return the columns of the parameters that make up a robot, for a campaign as stored in its
+    manifest.
+    """
     return list(dict.fromkeys(f"param:{path}" for path in _paths(config)))
 
 

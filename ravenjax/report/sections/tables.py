@@ -1,5 +1,6 @@
-"""Sections with tables of rates: verdicts, groups, built-in checks and failures. A rate has an
-interval only where faults were drawn.
+"""Sections with tables of rates: verdicts, groups, built-in checks and failures.
+
+A rate has an interval only if faults were drawn.
 """
 
 from __future__ import annotations
@@ -32,31 +33,35 @@ _Interval = TypeVar("_Interval", Rate, Estimate)
 
 @functools.lru_cache(maxsize=10_000)
 def rate_of(k: int, n: int) -> Rate:
-    """Wilson rate of k in n; the same few counts come again and again in the cells of a page."""
+    """Return the Wilson rate of k in n. It is cached, because the cells of a page repeat the same
+    few counts.
+    """
     return wilson(k, n)
 
 
 def of_faults(runs: Runs, k: int, n: int, groups: Collection[str] | None = None) -> Rate:
-    """k of n distinct faults of these groups, or of all; without an interval where their values
+    """Return k of n distinct faults of these groups, or of all, without an interval if their values
     were enumerated.
     """
     return rate_of(k, n) if runs.sampled(groups) else share(k, n)
 
 
 def known(runs: Runs, value: _Interval) -> _Interval:
-    """The value, without its interval where the campaign's faults were not drawn."""
+    """Return the value, without its interval if the campaign's faults were not drawn."""
     return value if runs.sampled() else without_interval(value)
 
 
 def without_interval(value: _Interval) -> _Interval:
-    """The value alone."""
+    """Return the value without its interval."""
     return value._replace(low=math.nan, high=math.nan)
 
 
 def times(runs: Runs, column: str) -> tuple[Incidence, Lead]:
-    """Delay of an event, a column of facts, after the first effect and its lead over the motion,
-    of faults with an unintended motion; what came before the fault had any effect counts as
-    never, for it tells of something else.
+    """Return an event's delay after the first effect and its lead over the motion, for faults with
+    an unintended motion.
+
+    `column` is a column of facts. An event before the fault had any effect counts as never, because
+    it has another cause.
     """
     event = after_onset(column)
     delay, lag = (
@@ -67,14 +72,18 @@ def times(runs: Runs, column: str) -> tuple[Incidence, Lead]:
 
 
 def headline(runs: Runs, manifest: Manifest) -> dict[str, Any]:
-    """Counts of distinct faults, by the first valid run of each in which nobody reacts.
+    """Return counts of distinct faults, by the first valid run of each in which nobody reacts.
 
-    evaded, felt, unseen, evaded_limited: faults that evaded, those with and without the cue, those
-    with a limit by a check. loss, misreport: hazards of which no check told. halted: losses for no
-    other reason than that the robot was not live. inactive: faults that never changed a bit.
-    repeats: valid runs of these faults beyond the first. reacting: runs in which an operator reacts
-    to the cue while nobody does in others; they are in no rate. faulty, failed: runs with a fault,
-    and runs without a valid outcome, of all runs. false_cue: of fault-free motions.
+    - evaded, felt, unseen, evaded_limited: faults that evaded; of these, those with the cue,
+      without the cue, and with a limit by a check.
+    - loss, misreport: hazards that no check reported.
+    - halted: losses of motion whose only reason is that the robot was not live.
+    - inactive: faults that never changed a bit.
+    - repeats: further valid runs of these faults.
+    - reacting: runs in which an operator reacts to the cue, if nobody does in other runs. They are
+      in no rate.
+    - faulty, failed: runs with a fault, and runs without a valid outcome, of all runs.
+    - false_cue: of fault-free motions.
     """
     (faults,) = runs.faults()
     both = "warned_ms >= 0 AND told_ms >= 0"
@@ -124,13 +133,13 @@ def headline(runs: Runs, manifest: Manifest) -> dict[str, Any]:
 
 
 def verdict_matrix(runs: Runs) -> list[dict[str, Any]]:
-    """Rows by RESPONSES; cells by hazard and cue, each a rate of all distinct faults."""
+    """Return rows by RESPONSES. Cells are by hazard and cue, each a rate of all distinct faults."""
     cube = runs.cube()
     return _matrix(cube.loc[cube["faulty"] & cube["sample"]], runs.sampled())
 
 
 def _matrix(cube: pd.DataFrame, sampled: bool) -> list[dict[str, Any]]:
-    """The verdict matrix of valid runs; sampled: whether their faults were drawn."""
+    """Return the verdict matrix of valid runs. `sampled`: their faults were drawn."""
     rate_in = rate_of if sampled else share
     cube = cube.loc[~cube["failed"]]
     total = int(cube["runs"].to_numpy().sum())
@@ -157,7 +166,9 @@ def _matrix(cube: pd.DataFrame, sampled: bool) -> list[dict[str, Any]]:
 
 
 def jump_rows(runs: Runs) -> list[dict[str, Any]]:
-    """One row a jump rule: the distinct faults with such a jump, and which hazards they had."""
+    """Return one row per jump rule: the distinct faults with such a jump, and which hazards they
+    had.
+    """
     outcomes = runs.manifest.config.get("outcomes") or {}
     step, large = outcomes.get("jump_step_mm", 0.1), outcomes.get("large_jump_mm", 1.0)
     rules = {
@@ -176,7 +187,7 @@ def jump_rows(runs: Runs) -> list[dict[str, Any]]:
 
 
 def _by(counted: pd.DataFrame, names: list[str]) -> dict[tuple[Any, ...], int]:
-    """Runs by what these columns hold."""
+    """Return the number of runs for each combination of values in these columns."""
     result: dict[tuple[Any, ...], int] = {}
     for *key, runs in zip(*(counted[name].tolist() for name in (*names, "runs")), strict=True):
         result[tuple(key)] = result.get(tuple(key), 0) + runs
@@ -184,7 +195,7 @@ def _by(counted: pd.DataFrame, names: list[str]) -> dict[tuple[Any, ...], int]:
 
 
 def matrix_cells(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """A verdict matrix cell by cell."""
+    """Return the cells of a verdict matrix as a list."""
     return [
         {
             "response": row["name"],
@@ -198,9 +209,12 @@ def matrix_cells(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def group_rows(runs: Runs) -> list[dict[str, Any]]:
-    """One row per group: outcomes of its distinct faults as rates, and their verdict matrix; of a
-    group without faults those of its runs in which nobody reacts. The most evasive first. runs,
-    failed: of all runs of the group."""
+    """Return one row per group, most evasive first: outcomes of its distinct faults as rates, and
+    their verdict matrix.
+
+    A group without faults has the rates of its runs in which nobody reacts. `runs` and `failed`
+    count all runs of the group.
+    """
     cube = runs.cube()
     rows = []
     for name, part in cube.groupby("group"):
@@ -228,15 +242,17 @@ def group_rows(runs: Runs) -> list[dict[str, Any]]:
 
 
 def least_last(rate: Rate) -> tuple[bool, float]:
-    """To sort by: the largest rate first, one of nothing last."""
+    """Return a sort key that puts the largest rate first and a rate of zero runs last."""
     return not rate.n, -rate.value if rate.n else 0.0
 
 
 def delays(runs: Runs, event: str) -> tuple[Delays, int]:
-    """Delay (ms) of an event, a column of facts, after the first effect, for one run of each
-    activated fault; to the end of observation, a stop or the run's end, where it never came.
+    """Return the delay (ms) of an event after the first effect, for one run of each activated
+    fault.
 
-    And how many runs are left out because the event came before the fault did anything.
+    `event` is a column of facts. If the event never came, the delay is censored at the end of
+    observation, a stop or the run's end. Also return the number of runs that are left out because
+    the event came before the fault's first effect.
     """
     condition = "sample AND activated AND NOT failed AND faulty"
     early = f"{event} >= 0 AND {event} < active_ms"
@@ -247,8 +263,8 @@ def delays(runs: Runs, event: str) -> tuple[Delays, int]:
 
 
 def check_rows(runs: Runs) -> list[dict[str, Any]]:
-    """One row per built-in check: in how many distinct faults it tripped, and how close it came
-    in silent ones.
+    """Return one row per built-in check: in how many distinct faults it tripped, and how close it
+    came in silent ones.
     """
     manifest = runs.manifest
     own = {check.name for check in manifest.shape.own_checks}
@@ -280,7 +296,9 @@ def check_rows(runs: Runs) -> list[dict[str, Any]]:
 
 
 def cause_rows(runs: Runs) -> list[dict[str, Any]]:
-    """Which check decided the response to distinct faults, by response, the most frequent first."""
+    """Return which check decided the response to distinct faults, by response, most
+    frequent first.
+    """
     counts = ", ".join(f"count(*) FILTER (response = {text(name)}) AS {name}" for name in CAUSED)
     rows = runs.table.rows(
         f"SELECT response_cause::VARCHAR AS cause, {counts} FROM {runs.those('sample AND faulty')} "
@@ -297,18 +315,21 @@ class OverloadRow(NamedTuple):
 
     site: str
     faults: int
-    overloaded: Rate  # those in which a cable was, and none by then in the golden run
-    unintended: int  # of the overloaded ones, those with an unintended motion
-    cable: str  # the one that was the first to be overloaded most often; "" where none was
-    load: float  # largest tension of a cable, by its strength
+    # Faults with an overloaded cable that the golden run does not have by then.
+    overloaded: Rate
+    unintended: int  # of the overloaded ones: those with an unintended motion
+    cable: str  # cable that was most often overloaded first; "" if none was
+    load: float  # largest tension of a cable, as a multiple of its strength
 
 
 EVERY_SITE = "every site"
 
 
 def overload_rows(runs: Runs) -> list[OverloadRow]:
-    """In how many faults a cable was overloaded: at all sites together, then where one was, the
-    most frequent first; none where no tension is known.
+    """Return in how many faults a cable was overloaded.
+
+    The first row is for all sites. Then come the sites with an overload, most frequent first. There
+    are no rows if no tension is known.
     """
     if not runs.manifest.shape.cables:
         return []
@@ -333,12 +354,12 @@ def overload_rows(runs: Runs) -> list[OverloadRow]:
 
 
 def replay(folder: Path, run_id: str) -> str:
-    """The command that replays a run."""
+    """Return the command that replays a run."""
     return f"ravenjax trace {shlex.quote(str(folder))} {run_id}"
 
 
 def failure_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
-    """Runs without a valid outcome by cause and group, with one to replay."""
+    """Return runs without a valid outcome by cause and group, with one run to replay."""
     groups = runs.table.rows(
         'SELECT failed::VARCHAR AS cause, "group"::VARCHAR AS name, count(*), arg_min(run_id,'
         f" row) FROM {RESULTS} WHERE failed <> '' GROUP BY cause, name ORDER BY cause, name"

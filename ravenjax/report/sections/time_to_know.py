@@ -16,10 +16,11 @@ from ravenjax.stats.latency import Incidence, incidence
 
 
 def incidence_curves(runs: Runs, known: Incidence) -> tuple[Chart | None, dict[str, Any]]:
-    """Chart of how soon the cue comes and a check tells after the fault's first effect, and its
-    numbers; of one run of each fault. None where no fault had an effect.
+    """Return a chart of how soon the cue comes and a check reports after the first effect, and its
+    numbers.
 
-    known: of the delay until anyone could know of an unintended motion.
+    One run of each fault counts. Return None if no fault had an effect. `known`: the delay until
+    anyone could know of an unintended motion.
     """
     numbers: dict[str, Any] = {}
     for key, column in (("cue", "warned_ms"), ("told", "told_ms")):

@@ -13,18 +13,19 @@ from ravenjax.report.sections.tables import replay
 from ravenjax.vocabulary.robot import Robot
 
 MOST = 5
-"""Runs of each kind."""
+"""Number of runs of each kind."""
 
 
 class WorstKind(NamedTuple):
-    """An outcome, and what makes a run of it worse than another."""
+    """An outcome, and the measure by which its runs are ranked."""
 
     name: str
     title: str
-    where: str  # of columns of facts
-    # of columns of results; {cue}: number of the haptic set of the verdicts; NULL is no case
+    where: str  # SQL over columns of facts
+    # SQL over columns of results. {cue} is the number of the haptic set of the verdicts; NULL
+    # excludes the run.
     far: str
-    measured: str  # what that is
+    measured: str  # what the value measures
     unit: str = "mm"
     decimals: int = 1
 
@@ -61,8 +62,11 @@ KINDS = (
 
 
 def rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
-    """Each kind: its fields, how many faults had it (n), and its worst runs, one a fault (rows);
-    folder: of the result, for the commands."""
+    """Return each kind with its fields, the number of faults that had it (n), and its worst runs,
+    one per fault (rows).
+
+    `folder`: of the result, for the commands.
+    """
     kinds, manifest = [], runs.manifest
     for kind in KINDS:
         if ("{cue}" in kind.far and not manifest.cues) or (
@@ -86,7 +90,7 @@ def rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
 
 
 def flat(kinds: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Every run of every kind, for a file."""
+    """Return every run of every kind as rows, for a file."""
     return [
         {"kind": kind["title"], "measured": kind["measured"], **row}
         for kind in kinds

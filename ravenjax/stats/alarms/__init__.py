@@ -1,1 +1,3 @@
-"""How good an alarm is: ROC, false alarms per hour, trade-offs, and which alarm to choose."""
+"""Measures how good an alarm is: ROC, false alarms per hour, trade-offs, and the choice between
+alarms.
+"""

@@ -1,9 +1,8 @@
-"""Which of several alarms is best, and whether the data decide it: those that no other is shown to
-beat.
+"""Chooses the best of several alarms, and decides whether the data are sufficient for the choice.
 
-An alarm has two costs: hazards that it misses, and false alarms. Both are known with an interval;
-an alarm is out where another is better at the ends of the intervals that speak least for it. The
-alarms that are left may be the best.
+An alarm has two costs: missed hazards and false alarms. Both are known with an interval. An alarm
+is excluded if another one is better even at the ends of the intervals that favour the other least.
+The remaining alarms may be the best.
 """
 
 from __future__ import annotations
@@ -19,23 +18,27 @@ from ravenjax.stats.comparison.paired import difference_of_counts
 from ravenjax.stats.intervals import Estimate
 
 MOST_TIMES = 1e9
-"""Largest factor by which hours are extended; more would not decide."""
+"""Largest factor by which hours are extended. If this does not decide, more hours would not
+either.
+"""
 
 
 class AlarmCounts(NamedTuple):
     """Missed hazards and false alarms of several alarms on the same hazards."""
 
-    missed: np.ndarray  # int [alarms]
-    only: np.ndarray  # int [alarms, alarms], hazards that the first misses and the second does not
+    missed: np.ndarray  # int [alarms], missed hazards
+    # int [alarms, alarms], hazards that the first misses and the second does not.
+    only: np.ndarray
     hazards: int
-    count: np.ndarray  # int [alarms], false alarms
-    hours: np.ndarray  # [alarms], of fault-free motion in which they came
-    sampled: bool = True  # whether the hazards were; else what is missed of them is known as it is
+    count: np.ndarray  # int [alarms], number of false alarms
+    hours: np.ndarray  # [alarms], hours of fault-free motion in which they came
+    # True if the hazards were drawn. Otherwise the missed share is exact and has no interval.
+    sampled: bool = True
 
 
 def missed_difference(alarms: AlarmCounts, confidence: float = 0.95) -> Estimate:
-    """Share of hazards missed by the first minus that by the second, arrays [alarms, alarms], of
-    the same hazards.
+    """Return the share of hazards missed by the first alarm minus that by the second, arrays
+    [alarms, alarms], over the same hazards.
     """
     if not alarms.sampled:
         value = (alarms.only - alarms.only.T) / alarms.hazards
@@ -44,8 +47,11 @@ def missed_difference(alarms: AlarmCounts, confidence: float = 0.95) -> Estimate
 
 
 def false_rates(alarms: AlarmCounts, times: float = 1.0, confidence: float = 0.95) -> Estimate:
-    """False alarms an hour with exact Poisson intervals, arrays [alarms]; for `times` as many
-    hours at the same rates. Infinite times: without an interval."""
+    """Return false alarms per hour with exact Poisson intervals, arrays [alarms].
+
+    `times`: factor on the hours, at the same rates. Infinite `times` gives rates without an
+    interval.
+    """
     if np.isinf(times):
         value = alarms.count / alarms.hours
         return Estimate(value, value, value)
@@ -54,8 +60,8 @@ def false_rates(alarms: AlarmCounts, times: float = 1.0, confidence: float = 0.9
 
 
 def cheapest(alarms: AlarmCounts, weight: float, times: float = 1.0) -> np.ndarray:
-    """Which may be cheapest, bool [alarms], where a missed hazard costs `weight` false alarms
-    and one comes an hour.
+    """Return which alarms may be cheapest, bool [alarms], if a missed hazard costs `weight` false
+    alarms and one hazard comes per hour.
     """
     missed, false = missed_difference(alarms), false_rates(alarms, times)
     dearer = weight * missed.low + false.low[:, None] - false.high[None, :]
@@ -63,8 +69,11 @@ def cheapest(alarms: AlarmCounts, weight: float, times: float = 1.0) -> np.ndarr
 
 
 def rare(alarms: AlarmCounts, per_hour: float, times: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """Which alarms may miss fewest hazards while they keep the limit of false alarms an hour, and
-    which certainly keep it: bool [alarms] each; `times` as of `false_rates`."""
+    """Return which alarms may miss fewest hazards within the limit of false alarms per hour, and
+    which certainly keep the limit.
+
+    Both are bool [alarms]. `times` is as in `false_rates`.
+    """
     false = false_rates(alarms, times)
     keeps = false.high <= per_hour * (1 + 1e-9)
     worse = (missed_difference(alarms).low > 0) & keeps[None, :]
@@ -72,10 +81,11 @@ def rare(alarms: AlarmCounts, per_hour: float, times: float = 1.0) -> tuple[np.n
 
 
 def hours_to_decide(possible: Callable[[float], np.ndarray]) -> float:
-    """How many times the hours leave no more than endless hours would, the rates staying as they
-    are; NaN where what is there does already.
+    """Return the factor on the hours at which no more alarms remain possible than after endless
+    hours, at unchanged rates.
 
-    possible: as of `cheapest`, by the times.
+    Return NaN if the present hours suffice. `possible`: the alarms that may be best, as from
+    `cheapest`, as a function of the factor.
     """
     end = possible(np.inf)
     if np.array_equal(possible(1.0), end):
@@ -92,11 +102,11 @@ def hours_to_decide(possible: Callable[[float], np.ndarray]) -> float:
 
 
 def front(first: ArrayLike, second: ArrayLike) -> np.ndarray:
-    """Which of n choices no other beats: bool [n], True where none is as low in both costs and
-    lower in one.
+    """Return which of n choices no other choice beats: bool [n].
 
-    Two costs [n], less is better, each in any unit; equal choices stand or fall together. A choice
-    with a NaN cost is never on the front and beats none.
+    A choice is beaten if another one is at most as costly in both costs and lower in one. The costs
+    [n] are in any unit, and less is better. Equal choices are both on the front or both beaten. A
+    choice with a NaN cost is never on the front and beats none.
     """
     costs = np.stack([np.asarray(first, float), np.asarray(second, float)], axis=1)
     low = np.all(costs[None] <= costs[:, None], axis=2)

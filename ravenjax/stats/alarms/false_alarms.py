@@ -1,8 +1,8 @@
-"""False alarms per hour.
+"""Computes false alarms per hour.
 
-A percentile of samples says nothing about how often a detector disturbs: alarms come in bursts. So
-a run counts once, by its highest score, and the rate is per hour of fault-free operation (until the
-alarm where it ends the run).
+A percentile of samples does not show how often a detector disturbs, because alarms come in bursts.
+So a run counts once, by its highest score. The rate is per hour of fault-free operation, or until
+the alarm if it ends the run.
 """
 
 from __future__ import annotations
@@ -17,7 +17,9 @@ from ravenjax.stats.intervals import alpha_of, clopper_pearson
 
 
 class AlarmRate(NamedTuple):
-    """Alarms counted over hours; per_hour with its exact Poisson interval, NaN where hours is 0."""
+    """Alarms counted over hours. per_hour has its exact Poisson interval, and is NaN if
+    hours is 0.
+    """
 
     count: int
     hours: float
@@ -27,7 +29,7 @@ class AlarmRate(NamedTuple):
 
 
 def alarm_rate(count: int, hours: float, confidence: float = 0.95) -> AlarmRate:
-    """Alarms per hour with the exact interval of a Poisson rate (Garwood 1936), for `count`
+    """Return alarms per hour with the exact interval of a Poisson rate (Garwood 1936), for `count`
     independent alarms.
     """
     if not hours:
@@ -37,12 +39,13 @@ def alarm_rate(count: int, hours: float, confidence: float = 0.95) -> AlarmRate:
 
 
 def ending_rate(alarm: np.ndarray, hours: np.ndarray, confidence: float = 0.95) -> AlarmRate:
-    """Alarms per hour where an alarm ends its operation: what `stats.conformal.target` promises.
+    """Return alarms per hour if an alarm ends its operation: the rate that `stats.conformal.target`
+    promises.
 
-    alarm: bool [operations], independent; hours: [operations] of the whole. Only hours of
-    operations without an alarm count, so the rate is not bounded by one an operation. The interval
-    is the exact one of the share with an alarm, turned into odds, over the mean hours of an
-    operation without one; infinite where all had an alarm.
+    `alarm`: bool [operations], independent. `hours`: [operations], length of the whole operation.
+    Only hours of operations without an alarm count, so the rate may exceed one per operation. The
+    interval is the exact one of the share with an alarm, converted to odds and divided by the mean
+    hours of an operation without one. The rate is infinite if all operations had an alarm.
     """
     count, quiet = int(alarm.sum()), hours[~alarm]
     if not hours.sum() > 0:
@@ -59,8 +62,8 @@ def ending_rate(alarm: np.ndarray, hours: np.ndarray, confidence: float = 0.95) 
 def rate_bounds(
     count: ArrayLike, hours: ArrayLike, confidence: float = 0.95
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Ends of the exact intervals of Poisson rates, arrays of one shape; hours above 0.
-    ValueError as `alpha_of`.
+    """Return both ends of the exact intervals of Poisson rates, arrays of one shape. `hours` must
+    be above 0. Raises ValueError as `alpha_of` does.
     """
     from statsmodels.stats.rates import confint_poisson  # slow to import
 

@@ -1,6 +1,7 @@
-"""How well a score separates harmful runs from harmless ones: ROC and precision-recall.
+"""Measures how well a score separates harmful runs from harmless ones, by ROC and precision-recall
+curves.
 
-A run alarms at a threshold where its score is at least the threshold; a score of -inf never alarms.
+A run alarms at a threshold if its score is at least the threshold. A score of -inf never alarms.
 Labels are bool, True for a run that should alarm.
 """
 
@@ -20,7 +21,7 @@ GRID = np.linspace(0.0, 1.0, 101)
 
 
 class CurveBand(NamedTuple):
-    """A curve on a common grid with its bootstrap band, and the area under it with its own."""
+    """A curve on a common grid with its bootstrap band, and the area under it with its band."""
 
     grid: np.ndarray  # of fpr or of recall
     curve: Estimate  # tpr or precision, arrays as the grid
@@ -37,9 +38,11 @@ def roc_band(
     resamples: int = 1000,
     seed: int = 0,
 ) -> CurveBand:
-    """tpr at each fpr of `grid`, and AUC, with bands that resample clusters (label [n];
-    np.arange(n) where each run stands alone). The bands are pointwise. ValueError where a score is
-    NaN, or a label is missing."""
+    """Return tpr at each fpr of `grid`, and AUC, with bands that resample clusters.
+
+    `cluster`: label [n]; np.arange(n) if runs are independent. The bands are pointwise. Raises
+    ValueError if a score is NaN or a label is missing.
+    """
 
     def curve(hits: np.ndarray, misses: np.ndarray) -> np.ndarray:
         tpr, fpr = (np.insert(part, 0, 0.0) / part[-1] for part in (hits, misses))
@@ -58,8 +61,11 @@ def precision_recall_band(
     resamples: int = 1000,
     seed: int = 0,
 ) -> CurveBand:
-    """Precision at the highest threshold whose recall reaches each value of `grid` (above 0), and
-    average precision, with bands as those of `roc_band`."""
+    """Return the precision at the highest threshold whose recall reaches each value of `grid`
+    (above 0), and average precision.
+
+    The bands are as in `roc_band`.
+    """
 
     def curve(hits: np.ndarray, misses: np.ndarray) -> np.ndarray:
         recall, precision = hits / hits[-1], hits / (hits + misses)
@@ -80,10 +86,10 @@ def _band(
     resamples: int,
     seed: int,
 ) -> CurveBand:
-    """Band of curve(hits, misses): positives and negatives [thresholds] at or above each distinct
-    score, falling.
+    """Return the band of curve(hits, misses): positives and negatives [thresholds] at or above each
+    distinct score, in falling order.
 
-    scikit-learn takes one weighting at a time and sorts each time: some 5 times slower.
+    scikit-learn takes one weighting at a time and sorts each time, which is about 5 times slower.
     """
     values, truth = np.asarray(score, float), np.asarray(positive, bool)
     if np.isnan(values).any():
@@ -92,7 +98,7 @@ def _band(
         )
     order = np.argsort(-values, kind="stable")
     falling = values[order]
-    # The last of equal scores.
+    # Keep the last of equal scores.
     last = np.flatnonzero(np.append(falling[1:] != falling[:-1], True))
 
     def statistic(weight: np.ndarray) -> np.ndarray:

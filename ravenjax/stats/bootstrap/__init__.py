@@ -1,1 +1,3 @@
-"""Intervals by resampling: of anything computed from units, and of rows that come in clusters."""
+"""Computes intervals by resampling, for any statistic of independent units and for rows in
+clusters.
+"""

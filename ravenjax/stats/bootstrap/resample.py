@@ -1,4 +1,4 @@
-"""The bootstrap of anything that can be computed from chosen units, such as runs."""
+"""Bootstraps any statistic that is computed from chosen units, such as runs."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ def bootstrap(
     seed: int = 0,
     batch: int = 100,
 ) -> Estimate:
-    """Percentile band of a statistic of `units` exchangeable units.
+    """Return the percentile band of a statistic of `units` exchangeable units.
 
-    statistic: index of the chosen units [b, m] -> values [b, ...], one for each row; at most
-    `batch` rows at a time, which bounds memory and does not change the result. Fewer than some 20
-    units give too narrow a band. The same seed gives the same band. Resamples without a value (NaN)
-    are left out. ValueError with fewer than 2 units.
+    `statistic`: maps indices of the chosen units [b, m] to values [b, ...], one per row. At most
+    `batch` rows are passed at a time, which bounds memory and does not change the result. Fewer
+    than about 20 units give too narrow a band. The same seed gives the same band. Resamples without
+    a value (NaN) are left out. Raises ValueError for fewer than 2 units.
     """
     if units < 2:
         raise ValueError(f"a bootstrap needs at least 2 independent units, got {units}")
@@ -40,7 +40,9 @@ def bootstrap(
 
 
 def quantiles(samples: np.ndarray, confidence: float) -> np.ndarray:
-    """Both ends [2, ...] of the central share of samples [b, ...]; NaN where all of them are."""
+    """Return both ends [2, ...] of the central share of samples [b, ...]; NaN if all samples are
+    NaN.
+    """
     alpha = alpha_of(confidence)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)

@@ -1,15 +1,15 @@
-"""Independent units behind rows, and intervals that resample them: the highest level that was
-sampled, by stratum.
+"""Defines the independent units behind rows, and intervals that resample them by stratum.
 
 A *unit* is what was chosen independently of the others, such as a kind of fault, an operator or a
-recording; its rows resemble each other. A *stratum* is a part of the units that the design fixes,
-so that no resample mixes two of them.
+recording. Its rows resemble each other. The unit is the highest level that was sampled. A *stratum*
+is a part of the units that the design fixes, so that no resample mixes two of them.
 
-Bootstrap of Rao and Wu (J. Am. Stat. Assoc. 83, 1988) with m = n - 1: of the n units of a stratum n
-- 1 are drawn with replacement, each of weight n / (n - 1), so that the variance of a mean is that
-of the sample with divisor n - 1. The plain bootstrap's is smaller by (n - 1) / n, which matters
-where units are few. A stratum of one unit says nothing of the variance between units; it is joined
-to others (collapsed strata: Wolter, Introduction to Variance Estimation, 2007, 2.5).
+The bootstrap is that of Rao and Wu (J. Am. Stat. Assoc. 83, 1988) with m = n - 1. Of the n units of
+a stratum, n - 1 are drawn with replacement, each with weight n / (n - 1). The variance of a mean is
+then that of the sample with divisor n - 1. The plain bootstrap's variance is smaller by (n - 1) /
+n, which matters for few units. A stratum of one unit contains no information on the variance
+between units, so it is joined to others (collapsed strata: Wolter, Introduction to Variance
+Estimation, 2007, 2.5).
 """
 
 from __future__ import annotations
@@ -24,32 +24,34 @@ from ravenjax.stats.bootstrap.resample import quantiles
 from ravenjax.stats.intervals import Estimate, Rate, alpha_of, bounds
 
 FEWEST = 5
-"""Units below which there is no interval: so few cannot be resampled."""
+"""Number of units below which there is no interval, because they are too few to resample."""
 FEW = 20
-"""Units below which an interval is somewhat too narrow and a table says how few there are."""
+"""Number of units below which an interval is somewhat too narrow, and a table states their
+number.
+"""
 RESAMPLES = 1000
-_ELEMENTS = 2_000_000  # of a batch of weights, 16 MB
+_ELEMENTS = 2_000_000  # elements of a batch of weights, 16 MB
 
 
 class Units(NamedTuple):
-    """Which unit each row belongs to, and which stratum each unit."""
+    """The unit of each row, and the stratum of each unit."""
 
     unit: np.ndarray  # int [rows], from 0
     stratum: np.ndarray  # int [units], from 0
 
     @property
     def count(self) -> int:
-        """How many units."""
+        """Return the number of units."""
         return len(self.stratum)
 
     def where(self, rows: np.ndarray) -> Units:
-        """The units of some rows (bool [rows] or indices)."""
+        """Return the units of some rows (bool [rows] or indices)."""
         present, unit = np.unique(self.unit[rows], return_inverse=True)
         return Units(unit, self.stratum[present])
 
     def weights(self, resamples: int = RESAMPLES, seed: int = 0) -> np.ndarray:
-        """Weight of each unit in each resample, float [resamples, units]; their mean is 1 in
-        every stratum.
+        """Return the weight of each unit in each resample, float [resamples, units]. Their mean is
+        1 in every stratum.
         """
         rng = np.random.default_rng(seed)
         weight = np.empty((resamples, self.count))
@@ -63,7 +65,9 @@ class Units(NamedTuple):
     def resampled(
         self, value: Callable[[np.ndarray], np.ndarray], resamples: int, seed: int
     ) -> np.ndarray:
-        """`value` of each resample [resamples, ...]; it takes weights of rows [b, n]."""
+        """Return `value` of each resample [resamples, ...]. `value` takes weights of rows
+        [b, n].
+        """
         weight = self.weights(resamples, seed)
         batch = max(1, _ELEMENTS // max(1, len(self.unit)))
         parts = [value(weight[i : i + batch, self.unit]) for i in range(0, resamples, batch)]
@@ -71,8 +75,8 @@ class Units(NamedTuple):
 
 
 def codes(label: ArrayLike) -> tuple[np.ndarray, int]:
-    """Number of each row's label [n], and how many labels differ. ValueError where one is
-    missing.
+    """Return the number of each row's label [n], and the count of different labels. Raises
+    ValueError if a label is missing.
     """
     import pandas as pd
 
@@ -84,10 +88,11 @@ def codes(label: ArrayLike) -> tuple[np.ndarray, int]:
 
 
 def units(label: ArrayLike, stratum: ArrayLike | None = None) -> Units:
-    """Units by the label of each row [n], and their strata by another, both of any type; no strata:
-    one.
+    """Return the units given by the label of each row [n], and their strata given by another label.
+    Labels may have any type.
 
-    ValueError where a label is missing, or a unit lies in two strata.
+    Without strata there is a single one. Raises ValueError if a label is missing, or a unit lies in
+    two strata.
     """
     unit, count = codes(label)
     if stratum is None:
@@ -109,10 +114,11 @@ def ratio(
     resamples: int = RESAMPLES,
     seed: int = 0,
 ) -> Estimate:
-    """sum(above) / sum(below) over rows [n] with its percentile band; below 1 gives a mean.
+    """Return sum(above) / sum(below) over rows [n] with its percentile band. `below` = 1 gives a
+    mean.
 
-    Without a band (NaN) where there are fewer than FEWEST units. Where all units have the same
-    ratio the band has no width: `rate` has one then.
+    The band is NaN for fewer than FEWEST units. If all units have the same ratio, the band has zero
+    width; use `rate` to get a band then.
     """
     parts = [np.broadcast_to(np.asarray(part, float), among.unit.shape) for part in (above, below)]
     sums = np.stack([np.bincount(among.unit, part, minlength=among.count) for part in parts])
@@ -135,10 +141,10 @@ def rate(
     resamples: int = RESAMPLES,
     seed: int = 0,
 ) -> Rate:
-    """Share of rows that `hit` (bool [n]), with the band of `ratio`.
+    """Return the share of rows that `hit` (bool [n]), with the band of `ratio`.
 
-    Where all rows are alike: Wilson's of as many trials as there are units, since a resample cannot
-    show what was not seen. NaN without rows.
+    If all rows are equal, the band is Wilson's with as many trials as there are units, since a
+    resample cannot show what was not seen. The share is NaN without rows.
     """
     hits = np.asarray(hit, bool)
     k, n = int(hits.sum()), len(hits)
@@ -161,15 +167,16 @@ def statistic(
     resamples: int = RESAMPLES,
     seed: int = 0,
 ) -> Estimate:
-    """Any statistic of weighted rows with its percentile band; value: weight [b, n] -> [b], equal
-    weights give it.
+    """Return any statistic of weighted rows with its percentile band. `value`: maps weights [b, n]
+    to [b].
 
-    A bound is NaN where it lies among resamples without a value, and with fewer than FEWEST units.
+    The value itself uses equal weights. A bound is NaN if it falls among resamples without a value,
+    or for fewer than FEWEST units.
     """
     whole = float(value(np.ones((1, len(among.unit))))[0])
     if among.count < FEWEST:
         return Estimate(whole, np.nan, np.nan)
-    # Resamples without a value are last, as something that never comes.
+    # Resamples without a value sort last, like an event that never comes.
     values = np.sort(among.resampled(value, resamples, seed))
     alpha = alpha_of(confidence)
     low, high = (
@@ -180,8 +187,8 @@ def statistic(
 
 
 def _collapsed(stratum: np.ndarray) -> list[np.ndarray]:
-    """Units of each stratum; strata of one unit are one stratum together, or join the smallest
-    other one.
+    """Return the units of each stratum. Strata of one unit are merged into one, or into the
+    smallest other one.
     """
     strata = [np.flatnonzero(stratum == number) for number in np.unique(stratum)]
     several = sorted((one for one in strata if len(one) > 1), key=len)

@@ -1,1 +1,3 @@
-"""Two groups compared: independent, run by run, by clusters; and how large a difference is."""
+"""Compares two groups: independent, run by run, or by clusters; and measures the size of their
+difference.
+"""

@@ -1,8 +1,9 @@
-"""Two groups whose rows come in clusters: hazards of one participant resemble each other, so
-participants are counted.
+"""Compares two groups whose rows come in clusters.
 
-A cluster is an array of its rows' values. In an independent comparison each cluster is in one
-group; in a paired one `first[i]` and `second[i]` are the same cluster under both conditions.
+For example, hazards of one participant resemble each other, so the independent unit is the
+participant. A cluster is an array of its rows' values. In an independent comparison each cluster is
+in one group. In a paired one, `first[i]` and `second[i]` are the same cluster under both
+conditions.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from ravenjax.stats.intervals import Estimate, alpha_of, bounds_at
 Clusters = Sequence[np.ndarray]
 
 DRAWS = 9999
-"""Number of permutations drawn where all are too many."""
+"""Number of permutations that are drawn if there are too many to enumerate."""
 _NONE = Estimate(math.nan, math.nan, math.nan)
 
 
@@ -28,14 +29,14 @@ class Correlation(NamedTuple):
     """How alike rows of one cluster are, and by how much that inflates the variance of a mean."""
 
     icc: float  # intraclass correlation, 0 to 1
-    design_effect: float  # rows count as so many times fewer
+    design_effect: float  # factor by which the effective number of rows is smaller
 
 
 def correlation(*groups: Clusters) -> Correlation:
-    """Intraclass correlation within groups, the analysis of variance's estimate (Donner, Klar,
+    """Return the intraclass correlation within groups, by analysis of variance (Donner, Klar,
     2000), at least 0.
 
-    icc is NaN and the design effect 1 where no cluster has two rows.
+    icc is NaN and the design effect 1 if no cluster has two rows.
     """
     sizes = np.array([len(one) for group in groups for one in group], float)
     clusters, rows = len(sizes), sizes.sum()
@@ -56,11 +57,13 @@ def correlation(*groups: Clusters) -> Correlation:
 
 
 def risk_difference(first: Clusters, second: Clusters, confidence: float = 0.95) -> Estimate:
-    """Rate of `first` minus rate of `second`, clusters of bool rows, each cluster in one group.
+    """Return the rate of `first` minus the rate of `second`, for clusters of bool rows, with each
+    cluster in one group.
 
-    Newcombe's square-and-add of two Wilson intervals (Stat. Med. 17, 1998) with each n divided by
-    the design effect, and, where clusters have several rows, Student's quantile for clusters - 2 in
-    place of the normal one. One row a cluster: Newcombe's own interval. NaN where a group is empty.
+    The interval is Newcombe's square-and-add of two Wilson intervals (Stat. Med. 17, 1998) with
+    each n divided by the design effect. If clusters have several rows, Student's quantile for
+    clusters - 2 replaces the normal one. With one row per cluster it is Newcombe's own interval.
+    The result is NaN if a group is empty.
     """
     from scipy.stats import norm, t
 
@@ -82,12 +85,12 @@ def risk_difference(first: Clusters, second: Clusters, confidence: float = 0.95)
 
 
 def paired_risk_difference(first: Clusters, second: Clusters, confidence: float = 0.95) -> Estimate:
-    """The same where each cluster was under both conditions: mean of the clusters' differences of
-    rates.
+    """Return the difference of rates if each cluster was under both conditions: the mean of the
+    clusters' differences.
 
-    One row a cluster and condition: Bonett and Price's interval (`paired.rate_difference`). Else
-    Student's, over the clusters. NaN with fewer than 2 clusters, and without an interval where all
-    differences are alike.
+    With one row per cluster and condition, the interval is Bonett and Price's
+    (`paired.rate_difference`), else Student's over the clusters. The result is NaN for fewer than 2
+    clusters, and has no interval if all differences are equal.
     """
     if all(len(one) == 1 for one in [*first, *second]):
         return paired.rate_difference(
@@ -99,11 +102,11 @@ def paired_risk_difference(first: Clusters, second: Clusters, confidence: float 
 def mean_difference(
     first: Clusters, second: Clusters, confidence: float = 0.95, *, is_paired: bool = False
 ) -> Estimate:
-    """Mean over clusters of their means, `first` minus `second`, with Student's (paired) or Welch's
-    interval.
+    """Return the mean over clusters of their means, `first` minus `second`, with Student's (paired)
+    or Welch's interval.
 
-    NaN with fewer than 2 clusters in a group; without an interval where clusters do not vary at
-    all.
+    The result is NaN for fewer than 2 clusters in a group, and has no interval if clusters do not
+    vary.
     """
     from scipy.stats import ttest_1samp, ttest_ind
 
@@ -122,10 +125,11 @@ def mean_difference(
 def standardised_difference(
     first: np.ndarray, second: np.ndarray, *, is_paired: bool = False
 ) -> float:
-    """Hedges' g: mean of `first` minus mean of `second` in standard deviations, without the bias of
-    small samples. The deviation is pooled; of pairs it is that of their differences.
+    """Return Hedges' g: mean of `first` minus mean of `second` in standard deviations, corrected
+    for the bias of small samples.
 
-    NaN with fewer than 2 values in a group, or where they do not vary.
+    The standard deviation is pooled; for pairs it is that of their differences. The result is NaN
+    for fewer than 2 values in a group, or if they do not vary.
     """
     from scipy.special import gammaln
 
@@ -144,12 +148,12 @@ def standardised_difference(
 def permutation_p(
     first: Clusters, second: Clusters, *, is_paired: bool = False, seed: int = 0
 ) -> float:
-    """Two-sided p that the condition changes nothing in the clusters' means: labels are exchanged
-    between clusters.
+    """Return the two-sided p-value that the condition changes nothing in the clusters' means, by
+    exchanging labels between clusters.
 
-    Within clusters where paired. Exact where there are few ways to exchange them, else by 9999
-    draws; this is what a randomised assignment of clusters warrants, whatever the law of the
-    values. NaN with fewer than 2 clusters.
+    If paired, labels are exchanged within clusters. The test is exact if there are few exchanges,
+    else by 9999 draws. A randomised assignment of clusters justifies it for any distribution of the
+    values. The result is NaN for fewer than 2 clusters.
     """
     from scipy.stats import permutation_test
 
@@ -172,19 +176,20 @@ def permutation_p(
 
 
 def exchange_p(first: ArrayLike, second: ArrayLike, unit: ArrayLike) -> float:
-    """Exact two-sided p that two conditions of the same rows are alike, rows [n] of bool in units
-    by number [n].
+    """Return the exact two-sided p-value that two conditions of the same rows are alike. Rows [n]
+    are bool; `unit` has their unit numbers.
 
-    Where they are alike the labels of both can be exchanged in each unit, for all its rows
-    together: its difference of counts is as likely to have the other sign. All ways are counted.
-    One row a unit: McNemar's exact test. NaN where no unit has a difference: nothing to test.
+    If the conditions are alike, their labels can be exchanged in each unit, for all its rows
+    together. So the opposite sign of the unit's difference of counts is equally likely. All
+    exchanges are enumerated. With one row per unit this is McNemar's exact test. The result is NaN
+    if no unit has a difference, because there is nothing to test.
     """
     difference = np.asarray(first, bool).astype(int) - np.asarray(second, bool).astype(int)
     size = np.abs(np.bincount(np.asarray(unit), difference).round().astype(int))
     if not size.any():
         return math.nan
     total = abs(int(difference.sum()))
-    law = np.ones(1)  # of the sum, from -reach to reach
+    law = np.ones(1)  # distribution of the sum, from -reach to reach
     for step in size[size > 0]:
         law = 0.5 * (np.pad(law, (2 * step, 0)) + np.pad(law, (0, 2 * step)))
     sums = np.abs(np.arange(len(law)) - len(law) // 2)
@@ -192,5 +197,5 @@ def exchange_p(first: ArrayLike, second: ArrayLike, unit: ArrayLike) -> float:
 
 
 def means(clusters: Clusters) -> np.ndarray:
-    """Mean of each cluster's rows."""
+    """Return the mean of each cluster's rows."""
     return np.array([float(np.mean(one)) for one in clusters])

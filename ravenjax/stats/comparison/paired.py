@@ -1,4 +1,4 @@
-"""Two variants over the same faults under the same random numbers, compared run by run."""
+"""Compares two variants run by run, over the same faults and random numbers."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ class Discordance(NamedTuple):
 
 
 def mcnemar(first: ArrayLike, second: ArrayLike) -> Discordance:
-    """McNemar's exact test of two bool [n] over the same runs; p is 1 where no pair is discordant.
+    """Return McNemar's exact test of two bool [n] over the same runs. p is 1 if no pair is
+    discordant.
 
-    ValueError where the lengths differ.
+    Raises ValueError if the lengths differ.
     """
     from scipy.stats import binomtest
 
@@ -33,12 +34,12 @@ def mcnemar(first: ArrayLike, second: ArrayLike) -> Discordance:
 
 
 def rate_difference(first: ArrayLike, second: ArrayLike, confidence: float = 0.95) -> Estimate:
-    """Rate of `first` minus rate of `second`, two bool [n] over the same runs, with its interval;
-    NaN where n is 0.
+    """Return the rate of `first` minus the rate of `second`, two bool [n] over the same runs, with
+    its interval; NaN if n is 0.
 
-    Adjusted Wald interval of Bonett and Price (J. Educ. Behav. Stat. 37, 2012), recommended by
-    Fagerland, Lydersen and Laake (Stat. Med. 33, 2014); no library at hand has an interval for
-    pairs. ValueError where the lengths differ.
+    The interval is the adjusted Wald interval of Bonett and Price (J. Educ. Behav. Stat. 37, 2012),
+    recommended by Fagerland, Lydersen and Laake (Stat. Med. 33, 2014). No installed library has an
+    interval for pairs. Raises ValueError if the lengths differ.
     """
     one, two = _pairs(first, second)
     return difference_of_counts(
@@ -49,8 +50,10 @@ def rate_difference(first: ArrayLike, second: ArrayLike, confidence: float = 0.9
 def difference_of_counts(
     first_only: ArrayLike, second_only: ArrayLike, n: int, confidence: float = 0.95
 ) -> Estimate:
-    """As `rate_difference`, of how many of `n` pairs hit in the first variant only, and in the
-    second only: numbers, or arrays of one shape.
+    """Return the result of `rate_difference` from counts: of `n` pairs, those that hit only in the
+    first and only in the second variant.
+
+    The counts are numbers, or arrays of one shape.
     """
     from scipy.stats import norm
 

@@ -1,3 +1,3 @@
-"""Thresholds with a guarantee from fault-free operations, and whether fresh ones are still like
-them.
+"""Sets thresholds with a guarantee from fault-free operations, and tests whether fresh operations
+still resemble them.
 """

@@ -1,18 +1,20 @@
-"""Whether fresh fault-free operations are still like those of the calibration.
+"""Tests whether fresh fault-free operations still resemble those of the calibration.
 
-Null hypothesis: fresh units were drawn as the calibration's were, all independent, so that each
-order of their scores is as likely. Under it a fresh score has a conformal p-value that is uniform
-(Vovk, Gammerman, Shafer, Algorithmic learning in a random world, 2005). Two tests that hold for any
+Null hypothesis: fresh units were drawn like the calibration's, all independent, so that each order
+of their scores is equally likely. A fresh score then has a conformal p-value that is uniform (Vovk,
+Gammerman, Shafer, Algorithmic learning in a random world, 2005). Two tests hold for any
 distribution:
 
-- Kolmogorov-Smirnov between fresh and calibration scores, exact: any change of their distribution;
+- Kolmogorov-Smirnov between fresh and calibration scores, exact: detects any change of their
+  distribution;
 - a martingale that bets against uniform p-values as they come (the simple jumper; Vovk, Petej,
   Nouretdinov, Ahlberg, Carlsson, Gammerman, Conformal and probabilistic prediction, PMLR 152,
-  2021): by Ville's inequality its largest value is above 1/level with a probability of at most the
+  2021). By Ville's inequality its largest value exceeds 1/level with a probability of at most the
   level, however long one looks.
 
-Both together by Bonferroni. One unit, one operation: operations that share an operator or a robot
-are one another's copies, and a single robot, however many its operations, is one draw of a robot.
+The tests are combined by Bonferroni. Each unit contributes one operation, because operations that
+share an operator or a robot are not independent. A single robot with many operations is one draw of
+a robot.
 """
 
 from __future__ import annotations
@@ -22,24 +24,24 @@ from typing import Any, NamedTuple
 import numpy as np
 
 JUMP = 0.01
-"""Share of the jumper's capital that changes its bet at each step, as its authors have it."""
+"""Share of the jumper's capital that changes its bet at each step, as in the authors' work."""
 BETS = (-1.0, 0.0, 1.0)
 
 
 class Shift(NamedTuple):
-    """What the tests say of one score."""
+    """The test results for one score."""
 
     p: float  # both tests together; at or below the level: shifted
     p_distribution: float  # Kolmogorov-Smirnov
-    martingale: float  # its largest value
-    # median of the fresh ones' places among the calibration's, 0..1; 0.5 where nothing changed
+    martingale: float  # largest value of the martingale
+    # Median rank of the fresh scores among the calibration's, 0..1; 0.5 if nothing changed.
     place: float
     fresh: int  # units
     calibration: int  # units
 
 
 def shift(calibration: np.ndarray, fresh: np.ndarray, seed: int = 0) -> Shift:
-    """Scores of independent units, [calibration] and [fresh]; `seed` breaks ties at random."""
+    """Test scores of independent units, [calibration] and [fresh]. `seed` breaks ties at random."""
     from scipy.stats import ks_2samp  # slow to import
 
     pooled = np.concatenate([calibration, fresh])
@@ -62,24 +64,26 @@ def shift(calibration: np.ndarray, fresh: np.ndarray, seed: int = 0) -> Shift:
 
 
 def p_values(calibration: np.ndarray, fresh: np.ndarray, seed: int = 0) -> np.ndarray:
-    """Conformal p-value of each fresh score among the calibration's and the fresh ones before it,
-    [fresh].
+    """Return the conformal p-value of each fresh score among the calibration's and the earlier
+    fresh scores, [fresh].
 
-    Independent and uniform on 0..1 under the null hypothesis; small where a score is high.
+    The values are independent and uniform on 0..1 under the null hypothesis, and small for high
+    scores.
     """
     theta = np.random.default_rng([seed, 1]).random(len(fresh))
     before = np.sort(np.asarray(calibration, float))
     out = np.empty(len(fresh))
     for i, score in enumerate(np.asarray(fresh, float)):
         low, high = np.searchsorted(before, score, "left"), np.searchsorted(before, score, "right")
-        above, alike = len(before) - high, high - low + 1  # itself among them
+        # The score itself is counted among its equals.
+        above, alike = len(before) - high, high - low + 1
         out[i] = (above + theta[i] * alike) / (len(before) + 1)
         before = np.insert(before, high, score)
     return out
 
 
 def martingale(p: np.ndarray) -> np.ndarray:
-    """Capital of the simple jumper after each p-value, [p]; it begins at 1."""
+    """Return the capital of the simple jumper after each p-value, [p]. It begins at 1."""
     shares = np.full(len(BETS), 1.0 / len(BETS))
     bets, path = np.array(BETS), np.empty(len(p))
     for i, value in enumerate(p):

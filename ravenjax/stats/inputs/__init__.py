@@ -1,1 +1,3 @@
-"""What an outcome depends on: rates against inputs, Sobol's and Morris's sensitivity."""
+"""Measures how an outcome depends on its inputs: rates against inputs, and Sobol's and Morris's
+sensitivity.
+"""

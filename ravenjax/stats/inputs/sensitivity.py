@@ -1,10 +1,9 @@
-"""How much of an output's spread each input is to blame for: Sobol indices, and Morris' cheap
-screen.
+"""Measures which inputs cause an output's variance: Sobol indices, and Morris' cheaper screening.
 
-Designs are points of the unit cube [runs, d] that the model runs as a batch in between; each input
-is the quantile of its own law at that coordinate. Inputs are taken as independent. Output rows must
-keep the design's order. For a binary outcome take a margin or a probability: a 0/1 output needs
-many more runs.
+Designs are points of the unit cube [runs, d]. The caller runs the model on them as a batch. Each
+input is the quantile of its own distribution at that coordinate, and inputs are assumed to be
+independent. Output rows must keep the design's order. For a binary outcome use a margin or a
+probability, because a 0/1 output needs many more runs.
 """
 
 from __future__ import annotations
@@ -18,9 +17,11 @@ from ravenjax.stats.intervals import Estimate
 
 
 class SobolIndices(NamedTuple):
-    """First-order and total index of each input, arrays [d] with bands: share of the output's
-    variance that the input explains alone, and with all its interactions. NaN where the output
-    never varies."""
+    """First-order and total index of each input, arrays [d] with bands.
+
+    They are the share of the output's variance that the input explains alone, and with all its
+    interactions. They are NaN if the output never varies.
+    """
 
     first: Estimate
     total: Estimate
@@ -30,8 +31,8 @@ class MorrisEffects(NamedTuple):
     """Elementary effects of each input, arrays [d], in the output's unit per whole range of the
     input.
 
-    mu_star: mean size, with its band; mu: mean with sign (near 0 while mu_star is large: not
-    monotone); sigma: spread (large: not linear, or interacts).
+    mu_star: mean absolute effect, with its band. mu: mean with sign (near 0 while mu_star is large:
+    not monotone). sigma: standard deviation (large: not linear, or with interactions).
     """
 
     mu_star: Estimate
@@ -40,10 +41,10 @@ class MorrisEffects(NamedTuple):
 
 
 def sobol_sample(d: int, n: int, seed: int = 0) -> np.ndarray:
-    """Saltelli's design for d inputs: unit-cube points [n (d + 2), d] from n base points, a power
-    of two.
+    """Return Saltelli's design for d inputs: unit-cube points [n (d + 2), d] from n base points, a
+    power of two.
 
-    Block i holds A_i, A_i with one input from B_i for each input, B_i (the order of
+    Block i holds A_i, A_i with one input from B_i for each input, and B_i (the order of
     SALib.sample.sobol), from one scrambled Sobol sequence in 2 d dimensions.
     """
     from scipy.stats import qmc
@@ -57,13 +58,13 @@ def sobol_sample(d: int, n: int, seed: int = 0) -> np.ndarray:
 def sobol_analyse(
     outputs: np.ndarray, d: int, confidence: float = 0.95, *, resamples: int = 500, seed: int = 0
 ) -> SobolIndices:
-    """Indices from the finite outputs [n (d + 2)] of `sobol_sample(d, n)`, by
+    """Return indices from the finite outputs [n (d + 2)] of `sobol_sample(d, n)`, by
     scipy.stats.sobol_indices.
 
-    Estimators of Saltelli et al. 2010. Bands: percentile bootstrap over the n base points; a
-    resample in which the output does not vary has no index and is left out (SALib divides by nearly
-    0 there, its issue 619). A Sobol sequence fills the cube more evenly than a bootstrap knows: for
-    a smooth model the bands are several times too wide.
+    The estimators are those of Saltelli et al. 2010. Bands are by percentile bootstrap over the n
+    base points. A resample in which the output does not vary has no index and is left out (SALib
+    divides by nearly 0 there, its issue 619). A Sobol sequence fills the cube more evenly than a
+    bootstrap assumes, so for a smooth model the bands are several times too wide.
     """
     from scipy.stats import sobol_indices
 
@@ -72,7 +73,7 @@ def sobol_analyse(
     n = block.shape[1]
 
     def indices(index: np.ndarray) -> np.ndarray:
-        # Axes [d + 2, b, n]: scipy takes the resamples as so many outputs of one model.
+        # Axes [d + 2, b, n]. scipy takes the resamples as separate outputs of one model.
         resample = block[:, index]
         functions = {"f_A": resample[0], "f_B": resample[-1], "f_AB": resample[1:-1]}
         result = sobol_indices(func=functions, n=n)
@@ -89,10 +90,10 @@ def sobol_analyse(
 
 
 def morris_sample(d: int, n: int, seed: int = 0, levels: int = 4) -> np.ndarray:
-    """Morris' design for d inputs: n trajectories of d + 1 unit-cube points, [n (d + 1), d], by
-    SALib.
+    """Return Morris' design for d inputs: n trajectories of d + 1 unit-cube points, [n (d + 1), d],
+    by SALib.
 
-    Each step of a trajectory moves one input by levels / (2 (levels - 1)) of its range; levels is
+    Each step of a trajectory moves one input by levels / (2 (levels - 1)) of its range. `levels` is
     an even number.
     """
     from SALib.sample.morris import sample
@@ -109,11 +110,11 @@ def morris_analyse(
     resamples: int = 1000,
     seed: int = 0,
 ) -> MorrisEffects:
-    """Effects from a design of `morris_sample` and its finite outputs [runs], by SALib (Campolongo
-    et al. 2007).
+    """Return effects from a design of `morris_sample` and its finite outputs [runs], by SALib
+    (Campolongo et al. 2007).
 
-    The band of mu_star is normal, with the bootstrap's error over trajectories, from 0 up: with
-    fewer than some 20 trajectories it is too narrow.
+    The band of mu_star is normal, with the bootstrap's error over trajectories, and cut at 0. With
+    fewer than about 20 trajectories it is too narrow.
     """
     from SALib.analyze.morris import analyze
 

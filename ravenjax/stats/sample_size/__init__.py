@@ -1,1 +1,1 @@
-"""How many runs a precision needs, and when to stop early."""
+"""Plans how many runs a precision needs, and decides when to stop early."""

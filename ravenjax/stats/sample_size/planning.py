@@ -1,5 +1,5 @@
-"""How many runs, or hours of fault-free motion, a wanted precision needs; `sequential` says when
-to stop.
+"""Plans how many runs, or hours of fault-free motion, a wanted precision needs. `sequential`
+decides when to stop.
 """
 
 from __future__ import annotations
@@ -11,27 +11,32 @@ from ravenjax.stats.intervals import alpha_of, rates
 
 
 def hours_to_bound(per_hour: float, count: int = 0, confidence: float = 0.95) -> float:
-    """Hours in which `count` alarms, 0 where none came, show that there are at most `per_hour` of
-    them: those in which the upper end of the exact interval (`false_alarms.alarm_rate`) is
-    per_hour. 3.69 / per_hour at 95 % without an alarm.
+    """Return the hours in which `count` alarms show that there are at most `per_hour` alarms per
+    hour.
+
+    In these hours the upper end of the exact interval (`false_alarms.alarm_rate`) is per_hour.
+    Without an alarm it is 3.69 / per_hour at 95 %.
     """
     from scipy.stats import chi2
 
-    # twice a Poisson mean with a chance of alpha / 2 to show at most `count` (Garwood 1936)
+    # Twice the Poisson mean that has a chance of alpha / 2 to show at most `count` (Garwood 1936).
     return float(chi2.isf(alpha_of(confidence) / 2, 2 * (count + 1))) / 2 / per_hour
 
 
 class MoreRuns(NamedTuple):
-    """Further runs to a wanted half-width: `expected` where the rate stays as seen, `safe` where it
-    moves within its interval towards one half, where a rate is hardest to know."""
+    """Further runs to a wanted half-width.
+
+    `expected`: if the rate stays as observed. `safe`: if the rate moves within its interval towards
+    one half, where a rate is hardest to estimate.
+    """
 
     expected: int
     safe: int
 
 
 def more_runs(k: int, n: int, half_width: float, confidence: float = 0.95) -> MoreRuns:
-    """Further runs until the Wilson interval of a rate seen as k of n is +- half_width (fraction)
-    or narrower; n > 0.
+    """Return further runs until the Wilson interval of a rate observed as k of n is +- half_width
+    (fraction) or narrower; n > 0.
     """
     (rate,) = rates(k, n, confidence)
     worst = min(max(0.5, rate.low), rate.high)
@@ -41,11 +46,12 @@ def more_runs(k: int, n: int, half_width: float, confidence: float = 0.95) -> Mo
 
 
 def _wilson_runs(rate: float, half_width: float, confidence: float) -> int:
-    """Fewest runs with which a Wilson interval about `rate` is +- half_width or narrower.
+    """Return the fewest runs with which a Wilson interval around `rate` is +- half_width or
+    narrower.
 
-    With z the normal quantile the interval's half-width is z sqrt(p (1 - p) / n + (z / 2 n)^2) / (1
-    + z^2 / n), which falls with n; set to half_width it is a quadratic equation in n with one
-    positive root.
+    With z the normal quantile, the interval's half-width is z sqrt(p (1 - p) / n + (z / 2 n)^2) /
+    (1 + z^2 / n), which falls with n. Setting it to half_width gives a quadratic equation in n with
+    one positive root.
     """
     from scipy.special import ndtri
 
@@ -57,5 +63,5 @@ def _wilson_runs(rate: float, half_width: float, confidence: float) -> int:
 
 
 def _up(count: float) -> int:
-    """Rounded up; an excess that only float rounding causes is ignored."""
+    """Round up, ignoring an excess that is only floating-point rounding."""
     return math.ceil(count * (1 - 1e-9))

@@ -1,18 +1,19 @@
-"""When to stop: looks registered in advance, intervals that hold whatever they lead one to do.
+"""Decides when to stop: looks are registered in advance, and intervals hold for any stopping
+decision.
 
-A user who looks at m sizes of a sample and stops when it suits has m chances to be wrong. So the
-sizes that each stratum may ever have are fixed before the first run, one for each look, and every
-interval is made at confidence 1 - (1 - confidence) / (looks x strata x rates). By Bonferroni's
-inequality the intervals of all rates in all strata at all sizes hold together with the wanted
-confidence: hence also those at the sizes that the data themselves chose, be it by stopping or by
-giving one stratum more than another. Each is exact (Clopper, Pearson, Biometrika 26, 1934).
+A user who looks at m sample sizes and stops at a convenient one has m chances to be wrong. So the
+sizes that each stratum may ever have are fixed before the first run, one for each look. Every
+interval has confidence 1 - (1 - confidence) / (looks x strata x rates). By Bonferroni's inequality,
+the intervals of all rates in all strata at all sizes hold together with the wanted confidence. This
+includes sizes that the data themselves chose, by stopping or by giving one stratum more draws than
+another. Each interval is exact (Clopper, Pearson, Biometrika 26, 1934).
 
-The rate of the whole table is that of strata weighted by their sizes; its interval is the
+The rate of the whole table is that of strata weighted by their sizes. Its interval is the
 effective-sample-size Wilson interval of `strata.stratified`, at 1 - (1 - confidence) / (looks x
 rates). It is approximate, as that one is.
 
 Runs count as independent draws. A table that is itself the population, such as a shuffled grid, is
-drawn without replacement, which makes the intervals wider than need be.
+drawn without replacement. Its intervals are therefore wider than necessary.
 """
 
 from __future__ import annotations
@@ -34,12 +35,13 @@ Allocation = Literal["proportional", "neyman"]
 
 
 class Stratum(NamedTuple):
-    """A part of the table that is sampled by itself, in the order of its draws."""
+    """A part of the table that is sampled separately, in the order of its draws."""
 
     name: str
-    size: int  # draws that it holds
+    size: int  # number of draws that it holds
     judged: bool = (
-        True  # whether its rates count; one that does not is taken as a whole at the first look
+        # True if its rates count. Otherwise the whole stratum is taken at the first look.
+        True
     )
 
 
@@ -47,7 +49,7 @@ def _nan_of_null(value: float | None) -> float:
     return math.nan if value is None else value
 
 
-# A float that is null in JSON where it is NaN; the last digits differ between machines.
+# A float that is null in JSON if it is NaN. The last digits differ between machines.
 _Number = Annotated[
     float,
     BeforeValidator(_nan_of_null),
@@ -56,12 +58,12 @@ _Number = Annotated[
 
 
 class Interval(BaseModel):
-    """One rate with its simultaneous interval, fractions; NaN where no run was valid."""
+    """One rate with its simultaneous interval, as fractions; NaN if no run was valid."""
 
     model_config = ConfigDict(frozen=True)
 
     rate: str
-    stratum: str  # "" of the whole table
+    stratum: str  # "" for the whole table
     k: int
     n: int
     value: _Number
@@ -70,7 +72,7 @@ class Interval(BaseModel):
 
     @property
     def half_width(self) -> float:
-        """Fraction; 1 where no run was valid."""
+        """Return the half-width as a fraction; 1 if no run was valid."""
         return (self.high - self.low) / 2 if self.n else 1.0
 
 
@@ -80,22 +82,26 @@ class Look(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     number: int  # from 1
-    looks: int  # how many there are at most
-    taken: dict[str, int]  # draws of each stratum
-    held: dict[str, int]  # draws that the table has of each: the weights of a rate over several
+    looks: int  # largest number of looks
+    taken: dict[str, int]  # draws taken from each stratum
+    # Draws that the table has of each stratum: the weights of a rate over several.
+    held: dict[str, int]
     intervals: tuple[Interval, ...]
-    widest: _Number  # largest half-width of those still waited for, else of all; fraction
-    # Strata that are neither narrow enough nor computed as a whole; "" the whole table.
+    # Largest half-width of the strata still waited for, else of all; fraction.
+    widest: _Number
+    # Strata that are neither narrow enough nor completely computed; "" is the whole table.
     waiting: tuple[str, ...]
     stop: bool
-    half_width: float  # asked for, fraction
+    half_width: float  # wanted half-width, fraction
     each: _Number  # confidence of each interval
-    even: bool  # every stratum was taken to the same share
+    even: bool  # the same share of every stratum was taken
 
 
 @dataclasses.dataclass(frozen=True)
 class Sequential:
-    """The rule: what is judged, how narrow it must get, at which sizes one looks."""
+    """The stopping rule: what is judged, how narrow it must get, and the sizes at which one
+    looks.
+    """
 
     strata: tuple[Stratum, ...]
     rates: tuple[str, ...]
@@ -107,28 +113,33 @@ class Sequential:
 
     @property
     def judged(self) -> np.ndarray:
-        """Which strata are judged, bool [strata]."""
+        """Return which strata are judged, bool [strata]."""
         return np.array([stratum.judged and stratum.size > 0 for stratum in self.strata])
 
     @property
     def each(self) -> float:
-        """Confidence at which each interval is made."""
+        """Return the confidence of each interval."""
         apart = int(self.judged.sum()) if self.of == "groups" else 1
         return 1 - alpha_of(self.confidence) / (len(self.shares) * apart * len(self.rates))
 
     def sizes(self) -> np.ndarray:
-        """Draws of each stratum that may ever be taken, int64 [looks, strata]; one at least."""
+        """Return the draws of each stratum that may ever be taken, int64 [looks, strata]; at least
+        one.
+        """
         size = np.array([stratum.size for stratum in self.strata], np.int64)
         part = np.ceil(np.outer(self.shares, size) - 1e-9).astype(np.int64)
         return np.where(self.judged, np.clip(part, np.minimum(1, size), size), size)
 
     def first(self) -> np.ndarray:
-        """Draws of each stratum before the first look, int64 [strata]."""
+        """Return the draws of each stratum before the first look, int64 [strata]."""
         return self.sizes()[0]
 
     def look(self, number: int, taken: np.ndarray, k: np.ndarray, n: np.ndarray) -> Look:
-        """The decision after look `number` (from 1), with k[rate, stratum] events in n[stratum]
-        valid draws; taken: registered sizes."""
+        """Return the decision after look `number` (from 1), with k[rate, stratum] events in
+        n[stratum] valid draws.
+
+        `taken`: draws of each stratum; must be registered sizes.
+        """
         sizes = self.sizes()
         intervals = self._groups(k, n) if self.of == "groups" else self._whole(k, n)
         wide = [
@@ -156,14 +167,15 @@ class Sequential:
         )
 
     def following(self, look: Look, k: np.ndarray, n: np.ndarray) -> np.ndarray:
-        """Draws of each stratum before the next look, int64 [strata]; none falls below what was
-        taken.
+        """Return the draws of each stratum before the next look, int64 [strata]. No number falls
+        below what was taken.
 
-        neyman: the draws that the next share has in all go where they narrow what is judged most,
-        in proportion to size times spread (Neyman 1934), or for strata judged one by one to the
-        square of the spread, which makes the widest interval narrowest; several rates count by the
-        largest spread. A stratum that is not waited for gets none, one judged by itself no more
-        than it is likely to need. Then each is rounded up to a registered size.
+        With allocation `neyman`, the total of the next share is distributed to narrow the judged
+        rates most. Draws are in proportion to size times spread (Neyman 1934). For strata that are
+        judged separately they are in proportion to the square of the spread, which makes the widest
+        interval narrowest. Of several rates the largest spread counts. A stratum that is not waited
+        for gets no draws. A stratum that is judged separately gets at most what it probably needs.
+        Then each number is rounded up to a registered size.
         """
         sizes, counts = self.sizes(), np.array(list(look.taken.values()), np.int64)
         if self.allocation == "proportional":
@@ -171,9 +183,11 @@ class Sequential:
         waits = self.judged & np.array(
             [{stratum.name, ""} & set(look.waiting) != set() for stratum in self.strata]
         )
+        # A stratum without an event so far may still have some (Agresti, Coull).
         guess = ((k + 2) / (n + 4)).clip(
-            0, 1
-        )  # a stratum without an event yet may still have some (Agresti, Coull)
+            0,
+            1,
+        )
         spread = np.sqrt(guess * (1 - guess)).max(axis=0)
         size = np.array([stratum.size for stratum in self.strata], float)
         spread = spread**2 if self.of == "groups" else spread * size
@@ -182,7 +196,7 @@ class Sequential:
         return np.where(sizes >= wanted, sizes, sizes[-1]).min(axis=0)
 
     def _more(self, k: np.ndarray, n: np.ndarray) -> np.ndarray:
-        """Further draws of each stratum that are likely to be enough, at least 1; int64
+        """Return the further draws of each stratum that are probably sufficient, at least 1; int64
         [strata].
         """
         if self.of == "whole":
@@ -205,7 +219,7 @@ class Sequential:
         )
 
     def _exhausted(self, one: Interval, taken: np.ndarray) -> bool:
-        """Whether every draw behind an interval was taken."""
+        """Return whether every draw behind an interval was taken."""
         of_it = self.judged & np.array(
             [one.stratum in ("", stratum.name) for stratum in self.strata]
         )
@@ -226,7 +240,7 @@ class Sequential:
     def _whole(self, k: np.ndarray, n: np.ndarray) -> list[Interval]:
         there = np.flatnonzero(self.judged)
         weight = np.array([self.strata[s].size for s in there], float)
-        # A stratum of which nothing is known leaves the whole unknown.
+        # A stratum without any valid draw leaves the rate of the whole table unknown.
         known = bool((n[there] > 0).all())
         rows = []
         for r, rate in enumerate(self.rates):
@@ -240,7 +254,7 @@ class Sequential:
 
 
 def sentence(looks: Sequence[Look]) -> str:
-    """Why a campaign stopped, or that it has not: of its looks in order."""
+    """Return a sentence on why a campaign stopped, or that it has not. `looks`: in order."""
     if not looks:
         return "No look at the stop rule yet."
     last = looks[-1]
@@ -268,14 +282,15 @@ def sentence(looks: Sequence[Look]) -> str:
 
 
 def stratified(k: ArrayLike, n: ArrayLike, weight: ArrayLike, confidence: float = 0.95) -> Estimate:
-    """Rate sum w p over strata of k[s] hits in n[s] runs that occur in proportion to weight[s];
-    arrays [strata], each weight and each n above 0.
+    """Return the rate sum w p over strata with k[s] hits in n[s] runs that occur in proportion to
+    weight[s].
 
-    Weights are normalised to sum 1. Estimate and variance: Powell, Martins, Arlat, Crouzet (IEEE
-    Trans. Computers 44, 1995). The interval is Wilson's at the effective number of runs, that of a
-    plain sample with the same variance (Korn, Graubard, Survey Methodology 24, 1998; Dean, Pagano,
-    J. Surv. Stat. Methodol. 3, 2015), here taken at each stratum's Wilson centre, so the interval
-    does not collapse where a stratum saw no hit; one stratum gives Wilson's interval itself.
+    The arguments are arrays [strata], with each weight and each n above 0. Weights are normalised
+    to sum 1. Estimate and variance are from Powell, Martins, Arlat, Crouzet (IEEE Trans. Computers
+    44, 1995). The interval is Wilson's at the effective number of runs, that of a plain sample with
+    the same variance (Korn, Graubard, Survey Methodology 24, 1998; Dean, Pagano, J. Surv. Stat.
+    Methodol. 3, 2015). It is taken at each stratum's Wilson centre, so that it does not collapse if
+    a stratum had no hit. One stratum gives Wilson's interval itself.
     """
     from scipy.stats import norm
 
@@ -291,11 +306,11 @@ def stratified(k: ArrayLike, n: ArrayLike, weight: ArrayLike, confidence: float 
 
 
 def allocate(total: int, spread: ArrayLike, least: ArrayLike, most: ArrayLike) -> np.ndarray:
-    """Runs per stratum, int64 [strata], in proportion to spread[s], none below least[s] nor above
+    """Return runs per stratum, int64 [strata], in proportion to spread[s], between least[s] and
     most[s].
 
-    They sum to `total`, or to the nearest sum that the bounds allow. Where strata without spread
-    must take what the others cannot hold, they share it evenly.
+    They sum to `total`, or to the nearest sum that the bounds allow. If strata without spread must
+    take what the others cannot hold, they share it evenly.
     """
     want, low, high = np.asarray(spread, float), np.asarray(least), np.asarray(most)
     total = int(np.clip(total, low.sum(), high.sum()))
@@ -304,15 +319,15 @@ def allocate(total: int, spread: ArrayLike, least: ArrayLike, most: ArrayLike) -
         return allocate(total, np.ones(len(want)), full, high)
     exact = np.clip(_level(total, want, low, high) * want, low, high)
     runs = np.floor(exact).astype(np.int64)
-    # remainders, the largest first
+    # Distribute by remainders, the largest first.
     largest = np.argsort(runs - exact, kind="stable")
     runs[largest[: total - int(runs.sum())]] += 1
     return runs
 
 
 def _level(total: int, spread: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
-    """The factor at which the clipped multiples of `spread` sum to `total`: their sum is a
-    polygon in the factor.
+    """Return the factor at which the clipped multiples of `spread` sum to `total`. Their sum is
+    piecewise linear in the factor.
     """
     used = spread > 0
     corners = np.unique(

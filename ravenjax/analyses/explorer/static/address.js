@@ -13,7 +13,7 @@ export function written(state) {
   return `#${out}`;
 }
 
-/** What an address says, null where it says nothing. */
+/** The state in an address; null for each part that the address lacks. */
 export function read(hash) {
   const from = new URLSearchParams(hash.replace(/^#/, ""));
   if (!from.has("at")) return null;

@@ -1,4 +1,4 @@
-// What may be varied of a fault, in which range and in which steps.
+// Which properties of a fault may be varied, in which range and in which steps.
 
 import { text } from "./verdicts.js";
 
@@ -75,7 +75,7 @@ export function nearest(axis, value) {
   return apart.indexOf(Math.min(...apart));
 }
 
-/** The fault in words, for whoever never saw the software. */
+/** Describes the fault in words for readers who do not know the software. */
 export function words(campaign, fault, spans = {}) {
   const site = siteOf(campaign, fault);
   const effect = campaign.effects[fault.effect];

@@ -1,4 +1,4 @@
-// Controls of a question: they know units, ranges and what is normal.
+// Controls of a question, with units, ranges and normal ranges.
 
 import { AXES, channelOf, siteOf, spanOf, unitOf } from "./axes.js";
 import { text } from "./verdicts.js";
@@ -60,7 +60,7 @@ export class Controls {
     rest.addEventListener("toggle", () => this.numbers(), { once: true }); // hundreds of them, which few look at
   }
 
-  /** Every parameter that has no control of its own. */
+  /** Every parameter that has no separate control. */
   numbers() {
     for (const { path, unit, low, high, whole, meaning, value } of this.description.parameters) {
       if (this.inputs.has(path)) continue;

@@ -1,4 +1,4 @@
-// Asks a campaign's WebAssembly what becomes of faults: packs questions, spreads runs over workers, judges outcomes.
+// Computes the outcomes of faults with a campaign's WebAssembly: packs inputs, uses workers, judges outcomes.
 // The description is that of ravenjax/analyses/explorer/program.py; with it comes the text of worker.js.
 //
 //   const engine = await openEngine(description, { threads: 4 });
@@ -17,7 +17,7 @@ import { bytes } from "./bytes.js";
 
 const LANES = 16; // runs of a batch: a tenth of a second, after which a newer question may come first
 
-/** Numbers of these types as 32-bit words. */
+/** Converts numbers of these types to 32-bit words. */
 function words(types, values) {
   const view = new DataView(new ArrayBuffer(4 * types.length));
   for (const [k, type] of types.entries()) {
@@ -28,7 +28,7 @@ function words(types, values) {
   return new Int32Array(view.buffer);
 }
 
-/** Numbers of these types from 32-bit words, by these names. */
+/** Reads numbers of these types from 32-bit words, by these names. */
 function numbers(names, types, from) {
   const [floats, wholes] = [Float32Array, Uint32Array].map((Kind) => new Kind(from.buffer, from.byteOffset, from.length));
   const out = {};
@@ -39,7 +39,7 @@ function numbers(names, types, from) {
   return out;
 }
 
-/** From when to when a fault's window is open, as ravenjax/faults/clocks.py; first: `ticks` if never, last: -1. */
+/** Ticks in which a fault's window is open, as ravenjax/faults/clocks.py; first: `ticks` if never, last: -1. */
 function opening(fault, ticks) {
   const { start, duration, every } = fault;
   const period = every > 0 ? every : Infinity;
@@ -51,7 +51,7 @@ function opening(fault, ticks) {
   return { first: Math.min(first, ticks), last: last >= Math.max(0, start) ? last : -1 };
 }
 
-/** A fault of a page as the numbers of a slot. Throws for what the program cannot do. */
+/** Converts a fault of a page to the numbers of a slot. Throws for what the program cannot do. */
 export function slot(description, fault) {
   const { channels, effects, triggers } = description;
   const effect = effects[fault.effect];
@@ -80,7 +80,7 @@ export function slot(description, fault) {
   };
 }
 
-/** The words of runs, and when their faults begin and end; each of `faults` is one fault or a list of several. */
+/** The words of runs, and when their faults begin and end. Each of `faults` is one fault or a list of several. */
 export function pack(description, question, faults) {
   const { fields, slots, ticks } = description;
   const names = Object.keys(fields);
@@ -109,7 +109,7 @@ export function pack(description, question, faults) {
 const UNNUMBERED = new Set(["observe_ms", "motion"]); // what a question says beside parameters
 const motionOf = (description, question) => question.motion ?? description.motion;
 
-/** A question's parameters as words; throws for a path that the program does not know. */
+/** Converts a question's parameters to words. Throws for a path that the program does not know. */
 export function packQuestion(description, question) {
   const { parameters } = description;
   const known = new Set(parameters.map((one) => one.path));
@@ -122,7 +122,7 @@ export function packQuestion(description, question) {
   );
 }
 
-/** Time of what came first, -1 where it never came or the golden run had it by then, too. */
+/** Time of an event that came first; -1 if it never came or the golden run had it by then. */
 const beyondGolden = (own, golden) => (own >= 0 && !(golden >= 0 && golden <= own) ? own : -1);
 
 /** What the checks did beyond what they did in the golden run, as ravenjax/outcomes/verdict.py has it. */
@@ -250,7 +250,7 @@ class Pool {
     this.next();
   }
 
-  /** Forget tasks of a token: those that wait are never begun, those under way are not heard. */
+  /** Drops the tasks of a token: waiting tasks never begin, and results of running tasks are ignored. */
   cancel(token) {
     const gone = (task) => task?.token === token;
     const stop = (task) => task.reject(new DOMException("a newer question came", "AbortError"));
@@ -275,7 +275,7 @@ class Engine {
     this.types = results.types;
   }
 
-  /** The campaign's own question: path -> value of all that may be changed, observe_ms and motion. */
+  /** The campaign's own question: values of all parameters that may be changed by path, observe_ms and motion. */
   question() {
     const { parameters, observe_ms, motion } = this.description;
     return { ...Object.fromEntries(parameters.map(({ path, value }) => [path, value])), observe_ms, motion };
@@ -284,7 +284,7 @@ class Engine {
   /**
    * Outcomes of faults, in their order; null or [] stands for a run without any, a list for several in one run.
    * priority: the greater goes first. token: what `cancel` takes; the promise is then rejected with an AbortError.
-   * onOutcomes(first, outcomes): told of runs as they are done.
+   * onOutcomes(first, outcomes): called with finished runs.
    */
   async outcomes(question, faults, { priority = 0, token = null, onOutcomes = null } = {}) {
     const parameters = packQuestion(this.description, question);
@@ -350,12 +350,12 @@ class Engine {
     return { period_ms: 1, golden: both.golden.series, faulty: both.faulty.series, outcome };
   }
 
-  /** Give up what was asked with this token. */
+  /** Cancels what was requested with this token. */
   cancel(token) {
     this.pool.cancel(token);
   }
 
-  /** End the workers; the engine answers no more. */
+  /** Ends the workers. The engine cannot be used afterwards. */
   close() {
     this.pool.close();
   }

@@ -1,4 +1,4 @@
-// A map of outcomes over two axes: which points are asked first, and how it is drawn.
+// A map of outcomes over two axes: in which order its points are computed, and how it is drawn.
 
 import { label } from "./axes.js";
 import { CLASSES, LIGHT, classOf } from "./verdicts.js";
@@ -64,7 +64,7 @@ export class Field {
     this.ask(false);
   }
 
-  /** A level is complete: each point that is known stands for as much as one of that level. */
+  /** Called when a level is complete: each known point now covers as much as one of that level. */
   settle(spread) {
     for (const cell of this.cells.values()) cell.spread = spread;
     this.ask();
@@ -83,7 +83,7 @@ export class Field {
     this.ask();
   }
 
-  /** Draw soon; whole: all of it, not only what came. */
+  /** Requests a redraw. whole: of the whole map, not only of new points. */
   ask(whole = true) {
     this.whole ||= whole;
     if (this.wanted) return;

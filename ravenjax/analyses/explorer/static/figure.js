@@ -110,7 +110,7 @@ export class Figure {
     this.load();
   }
 
-  /** What the page asks for: {extent}, {scene}, {turn}, {nearer}, {picture}. */
+  /** Handles messages of the page: {extent}, {scene}, {turn}, {nearer}, {picture}. */
   hear({ extent, scene, turn, nearer, picture }) {
     if (!this.gl) return;
     if (extent) this.extent = extent;
@@ -121,7 +121,7 @@ export class Figure {
     else this.ask();
   }
 
-  /** Takes up the shapes, a body after the other: between two of them the page answers. */
+  /** Takes up the shapes one body at a time, so that the page can answer between two of them. */
   async load() {
     for (const [k, { meshes }] of this.bodies.entries()) {
       if (!meshes.length) continue;

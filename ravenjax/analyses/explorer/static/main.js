@@ -21,7 +21,7 @@ const taken = (name) => {
   return text;
 };
 const data = (name) => JSON.parse(taken(name));
-/** The page answers a hand between two parts of its beginning. */
+/** Lets the page handle input between two parts of its start. */
 const pause = () => new Promise((resolve) => setTimeout(resolve));
 const campaign = data("campaign");
 await pause();
@@ -32,7 +32,7 @@ const RUN = 5;
 const FIRST_POINTS = 400; // of a map that tells; when they were there stands on the page for its tests
 const WAIT_MS = 60; // a control that moves asks only when it rests so long
 
-/** Faults that a page may ask for: site -> channel -> effects. */
+/** Faults that a page can compute: site -> channel -> effects. */
 const able = {};
 for (const { site, channel, effects } of description.channels) {
   const own = effects.filter((name) => !campaign.unasked.includes(name));
@@ -83,7 +83,7 @@ function mend() {
   return possible;
 }
 
-/** Says that the page can do no more, and why. */
+/** Reports that the page cannot continue, and why. */
 function giveUp(error) {
   if (error.name === "AbortError") return;
   $("answer").textContent = `This page cannot go on: ${error.message || error}`;
@@ -115,7 +115,7 @@ function tabulate() {
 }
 
 let waiting = 0;
-/** Asks anew as soon as the hand rests. */
+/** Computes the map again as soon as the user pauses. */
 function soon() {
   clearTimeout(waiting);
   if (token) engine.cancel(token);
@@ -137,7 +137,7 @@ function set(path, value) {
   if (state.open) open();
 }
 
-/** Another motion of the hands; null: the campaign's own. */
+/** Selects another motion of the hands; null: the campaign's own. */
 function lead(motion) {
   state.motion = motion;
   refresh(true);
@@ -176,7 +176,7 @@ function remember() {
   }, 200);
 }
 
-/** Fills the map from coarse to fine; a newer call gives up an older one. */
+/** Fills the map from coarse to fine. A newer call cancels an older one. */
 async function fill() {
   if (!engine) return;
   clearTimeout(waiting);

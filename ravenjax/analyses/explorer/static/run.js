@@ -26,7 +26,7 @@ export class Run {
     this.draggable();
   }
 
-  /** Shows a run, a part after the other, so that no part keeps a hand waiting; a newer run ends it. */
+  /** Shows a run part by part, so that the page stays responsive. A newer run ends it. */
   async show(replay, fault, ms) {
     Object.assign(this, { replay, fault });
     this.lanes();
@@ -64,7 +64,7 @@ export class Run {
     for (const lane of ["Checks", "Cue", "Harm"]) place.querySelector(`[data-lane=${lane}]`).replaceWith(fresh.querySelector(`[data-lane=${lane}]`));
   }
 
-  /** Where a look begins: at the harm, at the cue, or at the fault's end. */
+  /** Where the view begins: at the harm, at the cue, or at the fault's end. */
   interesting() {
     const { outcome } = this.replay;
     const harm = [outcome.unintended_first_ms, outcome.loss_first_ms, outcome.false_report_first_ms].filter((ms) => ms >= 0);
@@ -111,7 +111,7 @@ export class Run {
     requestAnimationFrame(step);
   }
 
-  /** Series of the struck joint and arm, with those of the golden run and of the kept one. */
+  /** Series of the faulty joint and arm, with those of the golden run and of the kept one. */
   signals() {
     const { campaign, fault, replay, kept } = this;
     const acts = [fault.start_ms, ends(fault, campaign.duration_ms)].map((ms) => ms / campaign.duration_ms);

@@ -1,4 +1,4 @@
-// The smallest value of a fault, away from none, that is harmful: by doubling, then by halving between.
+// Finds the smallest harmful value of a fault, starting from no change: by doubling, then by bisection.
 
 const FIRST = 64; // of a span: the least step that is tried first
 const FINE = 12; // halvings

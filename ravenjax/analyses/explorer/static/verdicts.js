@@ -14,7 +14,7 @@ export const CLASSES = {
   failed: { mark: "dash", says: "no valid result" },
 };
 
-/** Those whose colour takes a dark mark. */
+/** Classes whose colour takes a dark mark. */
 export const LIGHT = new Set(["quiet", "limited", "phantom", "flagged", "misreported"]);
 
 /** The class of an outcome: of ravenjax/report/data/facts.py. */
@@ -51,7 +51,7 @@ export function count(outcomes) {
 
 const number = new Intl.NumberFormat("en", { maximumSignificantDigits: 4 });
 export const text = (value) => (Number.isFinite(value) ? number.format(value).replace("-", "−") : "–");
-/** A number of things. */
+/** A count with its noun. */
 export const whole = (things) => things.toLocaleString("en");
 /** A length as a person reads it. */
 export const length = (mm) => `${text(mm < 1 ? Number(mm.toPrecision(2)) : Math.round(10 * mm) / 10)} mm`;

@@ -1,4 +1,4 @@
-// The place of the robot's picture on the page: starts what draws it, and hears hands on it.
+// The place of the robot's picture on the page: starts the drawing, and handles the user's input on it.
 
 const FARTHER = 1.15; // of a key press
 
@@ -9,7 +9,7 @@ export class View {
     this.start();
   }
 
-  /** Draws in a worker, which needs no time of the page; on the page itself where a browser cannot. */
+  /** Draws in a worker, which takes no time of the page; on the page itself if a browser cannot do that. */
   start() {
     if (!this.canvas.transferControlToOffscreen) {
       this.here();

@@ -35,7 +35,7 @@ class Program {
     this.led = null;
   }
 
-  /** Lead the hands through this motion from now on. */
+  /** Makes the hands follow this motion from now on. */
   lead(motion) {
     if (this.led === motion) return;
     this.words.set(new Int32Array(motion), this.tables / 4);
@@ -65,7 +65,7 @@ class Program {
       this.code.lane_begin(this.inputs + v * inputs.bytes, this.state + v * state_bytes, this.held + v * held_bytes);
   }
 
-  /** What enters tick `first`, bytes to that of the next tick. */
+  /** Address of the input of tick `first`, and the bytes from it to that of the next tick. */
   entering(first, compared) {
     const stride = compared ? 4 * this.layout.series : 0;
     return [compared ? this.given + first * stride : this.nowhere, BigInt(stride), 4n];
@@ -105,7 +105,7 @@ class Program {
     for (let k = 0; k < this.places.length; k += 1) words[at + k] = this.words[this.places[k] + lane];
   }
 
-  /** The series that the run which was kept last left, for `given`. */
+  /** The series of the run that was kept last, for `given`. */
   series() {
     const { series } = this.layout;
     const size = (this.outputs * this.step) / 4;
@@ -115,7 +115,7 @@ class Program {
     return values;
   }
 
-  /** Compare runs with these series from now on. */
+  /** Compares runs with these series from now on. */
   compare(series) {
     this.words.set(series, this.given / 4);
   }
@@ -304,7 +304,7 @@ class Core {
   }
 }
 
-/** Distance of two courses of a point, mm. */
+/** Distance of two trajectories of a point, mm. */
 function apart(a, b) {
   const out = new Float32Array(a.length / 3);
   for (let tick = 0; tick < out.length; tick += 1) {
@@ -314,7 +314,7 @@ function apart(a, b) {
   return out;
 }
 
-/** The memory of arrays in an answer, which goes over without a copy. */
+/** The memory of arrays in an answer, which is transferred without a copy. */
 const memories = (result) => [...new Set(arrays(result).map(({ buffer }) => buffer))];
 const arrays = (value) => (ArrayBuffer.isView(value) ? [value] : Object.values(value).flatMap(arrays));
 

@@ -1,4 +1,4 @@
-"""The question of a counterfactual, and its candidates as detectors of a campaign."""
+"""Defines the question of a counterfactual, and its candidates as detectors of a campaign."""
 
 from __future__ import annotations
 
@@ -16,28 +16,31 @@ from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.errors import UserError, shown
 
 MARGINS = (1.0, 1.1, 1.25, 1.5, 2.0, 3.0, 5.0, 8.0)
-"""Times the scales at which candidates alarm; each is a threshold of every candidate's detector."""
+"""Factors on the scales at which candidates alarm. Each is a threshold of every candidate's
+detector.
+"""
 PROPOSED = MARGINS.index(1.25)
-"""Place of the margin at which a set is selected, before its own is calibrated."""
+"""Index of the margin at which a set is selected, before its own margin is calibrated."""
 CONSECUTIVE = (1, 4)
-"""Milliseconds in a row above the threshold that make an alarm; each makes a candidate of a
-score.
+"""Consecutive milliseconds above the threshold that make an alarm. Each value makes one candidate
+of a score.
 """
 CONFIDENCE = 0.95
 
 
 class Question(NamedTuple):
-    """What is asked."""
+    """The settings of a counterfactual search."""
 
     false_alarms_per_hour: float = 4.0  # of the whole set, at most
-    lead_ms: int = 10  # a fault is covered by an alarm at least so long before harm
-    hours: float = 2.0  # of fault-free motion, in all shares
-    most: int = 8  # checks in the set
-    groups: tuple[str, ...] = ()  # whose faults are to be covered; (): of all
-    seed: int = 0  # of the halves, and of sets at random
+    # A fault is covered by an alarm at least this long before harm.
+    lead_ms: int = 10
+    hours: float = 2.0  # hours of fault-free motion, over all shares
+    most: int = 8  # largest number of checks in the set
+    groups: tuple[str, ...] = ()  # groups whose faults are to be covered; (): all
+    seed: int = 0  # for the halves, and for random sets
 
     def require(self) -> None:
-        """UserError for what cannot be asked."""
+        """Raise UserError for invalid settings."""
         for name, value, low in (
             ("--false-alarms-per-hour", self.false_alarms_per_hour, 0.0),
             ("--hours", self.hours, 0.0),
@@ -56,27 +59,27 @@ class Question(NamedTuple):
 
 
 SMALLEST_SCALE = 1e-9
-"""Scale of a channel that never moves in fault-free motion, in its unit: any change is over it."""
+"""Scale of a channel that never moves in fault-free motion, in its unit. Any change exceeds it."""
 _PREFIX = "what_if_"
-"""Prefix of the detectors' names, so that the campaign's own detectors may have any name."""
+"""Prefix of the detectors' names. It keeps them apart from the campaign's own detectors."""
 
 
 class Candidate(NamedTuple):
     """One check that a robot could have."""
 
     score: Score
-    consecutive: int  # ms in a row above the threshold
+    consecutive: int  # consecutive ms above the threshold
 
     @property
     def name(self) -> str:
-        """A word: mvel_rate, mvel_rate_4ms."""
+        """Return the name as a word: mvel_rate, mvel_rate_4ms."""
         return (
             self.score.name if self.consecutive == 1 else f"{self.score.name}_{self.consecutive}ms"
         )
 
     @property
     def words(self) -> str:
-        """What it looks at."""
+        """Describe what the check observes."""
         return self.score.words + (
             f", {self.consecutive} ms in a row" if self.consecutive > 1 else ""
         )
@@ -85,9 +88,10 @@ class Candidate(NamedTuple):
 def tables(
     parts: Sequence[Candidate], thresholds: Sequence[float], folder: Path
 ) -> list[dict[str, Any]]:
-    """[[detector]] of each candidate, in order; `folder` gets their files.
+    """Return the [[detector]] tables of the candidates in order. Their files are written to
+    `folder`.
 
-    Candidates of one score that follow each other share its file, and what it computes.
+    Consecutive candidates of one score share its file and its computation.
     """
     out, place = [], 0
     for score, alike in itertools.groupby(parts, key=lambda part: part.score):
@@ -102,7 +106,7 @@ def tables(
 def watched(
     raw: Mapping[str, Any], tables: Sequence[Mapping[str, Any]]
 ) -> tuple[CampaignConfig, list[str]]:
-    """A campaign, as a manifest holds it, with these detectors more, and the prefix of each
+    """Return a campaign, as a manifest holds it, with these detectors added, and the prefix of each
     one's columns.
     """
     config = validated({**raw, "stop": None, "detector": [*raw.get("detector", ()), *tables]})
@@ -114,8 +118,8 @@ def watched(
 
 
 def singles(scores: Sequence[Score]) -> list[Candidate]:
-    """Every channel of the scores, for each number of milliseconds in a row, which varies
-    fastest.
+    """Return every channel of the scores for each number of consecutive milliseconds. That number
+    varies fastest.
     """
     return [
         Candidate(single, count)
@@ -126,8 +130,8 @@ def singles(scores: Sequence[Score]) -> list[Candidate]:
 
 
 def scaled(scores: Sequence[Score], peaks: np.ndarray) -> list[Candidate]:
-    """Candidates whose channels are measured in what fault-free motion reached; peaks: of
-    `singles`, in their unit.
+    """Return candidates whose channels are scaled by the values that fault-free motion reached.
+    `peaks`: of `singles`, in their unit.
     """
     rest = np.maximum(peaks, SMALLEST_SCALE).reshape(-1, len(CONSECUTIVE))
     out = []

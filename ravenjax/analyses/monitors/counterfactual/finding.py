@@ -1,4 +1,6 @@
-"""Finds the set of checks that would have detected a campaign's evading faults, and confirms it."""
+"""Finds the set of checks that would have detected a campaign's evading faults, and confirms it in
+a new run.
+"""
 
 from __future__ import annotations
 
@@ -29,40 +31,41 @@ from ravenjax.report.data import draws
 from ravenjax.stats.intervals import Estimate, Rate, rate_difference, wilson
 
 TIP_ERROR = "tip_error_bound"
-"""The candidate that is the built-in detector `tip_error`, where a robot has its signal."""
+"""Name of the candidate that equals the built-in detector `tip_error`, if a robot has its signal.
+"""
 
 
 class Member(NamedTuple):
-    """One candidate of the set, over the faults and the motion that state."""
+    """One candidate of the set, over the faults and motions of the statement half."""
 
-    place: int  # among all candidates
-    sees: float  # share of the faults
-    adds: float  # share that it sees and none before it
-    lead_ms: float  # median over those that it sees; NaN: none
+    place: int  # index among all candidates
+    sees: float  # share of the faults that it detects
+    adds: float  # share that it detects and no earlier candidate does
+    lead_ms: float  # median over those that it detects; NaN: none
     false_alarms: int
 
 
 class Counterfactual(NamedTuple):
-    """What would have helped."""
+    """The result of a counterfactual search."""
 
     question: Question
     config: CampaignConfig
     parts: tuple[Candidate, ...]
     grounds: Grounds
-    promise: Promise  # of the set that was selected
+    promise: Promise  # of the selected set
     alone: tuple[Promise, ...]  # of each candidate
     best: Promise  # of the best candidate alone
     tip_error: Promise | None  # of the built-in detector
     everything: Promise  # of all candidates together
-    random: np.ndarray  # share that sets of as many candidates at random cover, each
-    strangers: (
-        Rate | None
-    )  # faults that sets see which were selected without their group; None: there is one group
-    scale_hours: float  # of fault-free motion, from which scales come
+    # Share of faults that each random set of the same size covers.
+    random: np.ndarray
+    # Faults covered by sets that were selected without the fault's group; None: there is one group.
+    strangers: Rate | None
+    scale_hours: float  # of fault-free motion that sets the scales
 
     @property
     def members(self) -> list[Member]:
-        """The set's candidates at its margin, in the order of selection."""
+        """Return the set's candidates at its margin, in the order of selection."""
         grounds, margin = self.grounds, self.promise.margin
         lead = grounds.hazards.lead_ms[grounds.statement_half][
             :, self.promise.members, margin.place
@@ -86,9 +89,7 @@ class Counterfactual(NamedTuple):
 
     @property
     def uncovered(self) -> list[tuple[str, int, int]]:
-        """(group, faults that the set misses, its faults), of the statement half; most missed
-        first.
-        """
+        """Return (group, missed faults, all faults) over the statement half, most missed first."""
         rows = self.grounds.statement_half
         hit = self.grounds.covered(self.promise.members)[rows]
         group = self.grounds.hazards.group[rows]
@@ -106,7 +107,9 @@ def find(
     on_stage: Callable[[str], None] = lambda _: None,
     on_progress: OnProgress | None = None,
 ) -> Counterfactual:
-    """Ask it of a campaign. Raises UserError for what cannot be asked, or has no answer."""
+    """Search a campaign for a set of checks. Raises UserError if the question is invalid or has no
+    answer.
+    """
     question.require()
     hazards.require_groups(config, question.groups)
     raw: dict[str, Any] = config.model_dump(mode="json")
@@ -174,7 +177,7 @@ def _finding(
 
 
 def _require_cover(grounds: Grounds, members: list[int]) -> None:
-    """UserError where there is nothing to select, or nothing to state."""
+    """Raise UserError if no fault remains to select from, or to state coverage on."""
     for half, rows in (("select", grounds.selection_half), ("state", grounds.statement_half)):
         if not rows.any():
             raise UserError(
@@ -190,18 +193,21 @@ def _require_cover(grounds: Grounds, members: list[int]) -> None:
 
 
 class Confirmation(NamedTuple):
-    """What the detectors of `chosen/campaign.toml` saw in a run with other random numbers."""
+    """What the detectors of `chosen/campaign.toml` detected in a run with other random numbers."""
 
     seed: int
-    every: Rate  # of all faults that evade
-    anew: Rate  # of those of groups that draw their faults
-    promised: Rate  # of those of these groups in the statement half
-    draws: bool  # whether any group draws its faults
-    difference: Estimate  # of the two; without an interval where robots were drawn, or no faults
+    every: Rate  # over all evading faults
+    anew: Rate  # over faults of groups that draw their faults
+    promised: Rate  # over faults of these groups in the statement half
+    draws: bool  # True if any group draws its faults
+    # Difference of the two rates; without an interval if robots or no faults were drawn.
+    difference: Estimate
 
     @property
     def verdict(self) -> str:
-        """as, more than, less than: the promise; "" where nothing can be told."""
+        """Return "as", "more than" or "less than" (the promise); "" if the data do not
+        decide it.
+        """
         if math.isnan(self.difference.low):
             return ""
         if self.difference.low > 0:
@@ -210,7 +216,7 @@ class Confirmation(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """In words."""
+        """Return the result as a sentence."""
         template = wording.text_templates(__package__).get_template("confirmation.txt.j2")
         return template.render(one=self).strip()
 
@@ -222,8 +228,8 @@ def confirm(
     engine: str = "auto",
     on_progress: OnProgress | None = None,
 ) -> Confirmation:
-    """Run the campaign that `output` wrote, with another seed. Raises UserError as a campaign
-    does.
+    """Run the campaign that `output` wrote, with another seed. Raises UserError as a
+    campaign does.
     """
     config = loading.load(file, [f"campaign.seed={seed}"])
     table = runner.run_campaign(config, None, engine, on_progress=on_progress).frame()
@@ -244,7 +250,9 @@ def confirm(
 def detected(
     table: pd.DataFrame, harm: np.ndarray, config: CampaignConfig, one: Counterfactual
 ) -> np.ndarray:
-    """Harm minus the first alarm of the set, ms [runs]; it is the last detectors of a campaign."""
+    """Return harm minus the first alarm of the set, ms [runs]. The set is the last detectors of a
+    campaign.
+    """
     numbers = range(len(config.detectors) - len(one.promise.members), len(config.detectors))
     each = [
         hazards.leads(table, f"detector{number}_", config.detectors[number][2], harm)[:, 0]

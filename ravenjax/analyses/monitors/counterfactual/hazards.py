@@ -1,5 +1,5 @@
-"""Runs the campaign with every candidate as a detector: when harm began, and how long before it
-each alarm came.
+"""Runs the campaign with every candidate as a detector, and measures how long before harm each
+alarm came.
 """
 
 from __future__ import annotations
@@ -31,22 +31,22 @@ class Hazards(NamedTuple):
     """
 
     group: np.ndarray  # str
-    sampled: np.ndarray  # bool, of a group that draws its faults
-    unit: np.ndarray  # int, what was sampled: the fault, or the robot where robots were drawn whole
-    robots: bool  # whether units are robots
+    sampled: np.ndarray  # bool: the group draws its faults
+    # Int, the sampled unit: the fault, or the robot if robots were drawn whole.
+    unit: np.ndarray
+    robots: bool  # True if units are robots
     harm_ms: np.ndarray  # int
-    lead_ms: (
-        np.ndarray
-    )  # int [runs, candidates, margins], harm minus first alarm; below 0 where there is none before
+    # int [runs, candidates, margins]: harm minus first alarm; below 0 if there is none before harm.
+    lead_ms: np.ndarray
 
     @property
     def count(self) -> int:
-        """How many."""
+        """Return the number of runs."""
         return len(self.harm_ms)
 
     def halves(self, seed: int) -> tuple[np.ndarray, np.ndarray]:
-        """(selection, statement): rows, bool each. Units are halved at random, of each group
-        where they are faults.
+        """Return (selection, statement) as bool rows. Units are halved at random, within each group
+        if they are faults.
         """
         rng = np.random.default_rng([seed, 1])
         mine = np.zeros(self.count, bool)
@@ -59,12 +59,13 @@ class Hazards(NamedTuple):
         for stratum in range(strata.max(initial=-1) + 1):
             among = rng.permutation(np.unique(self.unit[strata == stratum]))
             mine |= (strata == stratum) & np.isin(self.unit, among[odd::2])
-            odd = (odd + len(among)) % 2  # groups of odd numbers do not all favour one half
+            # Alternates, so that groups of odd size do not all favour one half.
+            odd = (odd + len(among)) % 2
         return mine, ~mine
 
     def rate(self, hit: np.ndarray, rows: np.ndarray) -> Rate:
-        """Share of some rows: Wilson's where each is a fault of its own, else by resampling
-        robots.
+        """Return the share of some rows: with Wilson's interval if each row is a separate fault,
+        else by resampling robots.
         """
         if not self.robots:
             return wilson(int(hit[rows].sum()), int(rows.sum()))
@@ -84,7 +85,7 @@ def run(
     groups: Sequence[str] = (),
     on_progress: OnProgress | None = None,
 ) -> Hazards:
-    """Compute the campaign, and take its evading faults. UserError where there are none."""
+    """Compute the campaign and return its evading faults. Raises UserError if there are none."""
     config, prefixes = candidates.watched(raw, candidates.tables(parts, margins, folder))
     results = runner.run_campaign(config, None, engine, on_progress=on_progress)
     rules = choices(config)
@@ -114,8 +115,11 @@ def run(
 def leads(
     table: pd.DataFrame, prefix: str, thresholds: Sequence[float], harm: np.ndarray
 ) -> np.ndarray:
-    """Harm minus first alarm, ms [runs, thresholds], of a detector; NEVER where none came, or where
-    the golden run has one as well, whose alarm is no sign of the fault."""
+    """Return harm minus first alarm, ms [runs, thresholds], of a detector.
+
+    It is NEVER if no alarm came, or if the golden run has one too, because such an alarm is no sign
+    of the fault.
+    """
     golden = table[f"golden_{prefix}score"].to_numpy(np.float32)
     out = np.full((len(table), len(thresholds)), NEVER)
     for place, threshold in enumerate(thresholds):
@@ -128,8 +132,8 @@ def leads(
 def evading(
     table: pd.DataFrame, rules: facts.Choices, groups: Sequence[str] = ()
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Which rows are a fault that evades the checks, one of each fault (bool), and when the
-    unintended motion of each of these began, ms.
+    """Return which rows are evading faults, one of each fault (bool), and when the unintended
+    motion of each began, ms.
     """
     runs = facts.derive(table, rules)
     rows = runs["sample"] & runs["faulty"] & runs["evaded"] & (runs["unintended_ms"] >= 0)
@@ -139,14 +143,14 @@ def evading(
 
 
 def choices(config: CampaignConfig) -> facts.Choices:
-    """What a campaign chose of the definitions."""
+    """Return the campaign's choices in the definitions of outcomes."""
     reaction = config.model_dump(mode="json").get("reaction") or {}
     action = ACTIONS.index(reaction.get("action", "release")) if config.reacts else 0
     return facts.Choices(config.rules, action, config.robot)
 
 
 def require_groups(config: CampaignConfig, groups: Sequence[str]) -> None:
-    """UserError for a group that the campaign has not."""
+    """Raise UserError for a group that the campaign lacks."""
     names = [group.name for group in config.group]
     for name in groups:
         if name not in names:

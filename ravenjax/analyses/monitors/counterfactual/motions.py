@@ -22,42 +22,41 @@ from ravenjax.errors import UserError
 SHORTEST_S, LONGEST_S = 5, 60
 """Length of a motion, s."""
 FEWEST = 12
-"""Motions in all, so that each share has a few."""
+"""Fewest motions in total, so that each share has a few."""
 MOST_ALARMS = 0.2
-"""Of a run at the rate that is asked: a run counts one alarm at most, so it says little of rates
-above one a run.
+"""Largest expected number of alarms per run at the target rate. A run counts at most one alarm, so
+it carries little information about rates above one per run.
 """
 _SHARES = ("stated", "scales", "stated", "calibrated")
-"""What each motion serves, in turn."""
+"""Use of each motion, in turn."""
 MS_PER_HOUR = 3.6e6
 
 
 class FreeMotion(NamedTuple):
-    """Motions, each of an operator of its own, and the runs of each: one, or as many as robots
-    were drawn for it.
+    """Motions, each of a different operator, and the runs of each: one, or as many as robots were
+    drawn for it.
     """
 
     peaks: np.ndarray  # float32 [motions, runs, candidates], largest score over the run
-    hours: (
-        np.ndarray
-    )  # [motions, runs], in which detectors can alarm; 0 of a run without a valid outcome
+    # [motions, runs], in which detectors can alarm; 0 for a run without a valid outcome.
+    hours: np.ndarray
 
     @property
     def motions(self) -> int:
-        """How many operators were sampled."""
+        """Return the number of sampled operators."""
         return len(self.hours)
 
 
 class MotionSchedule(NamedTuple):
-    """Which motions there will be."""
+    """Number and length of the motions to compute."""
 
-    seconds: int  # of each run
+    seconds: int  # length of each run
     motions: int
 
 
 def course(raw: Mapping[str, Any], hours: float) -> MotionSchedule:
-    """Motions of a campaign that give so many hours. UserError where it has no others than its
-    own.
+    """Return motions of a campaign that give the requested hours. Raises UserError if it has only
+    its own motion.
     """
     fault_free.require_others(raw)
     runs = design.count(validated(next(fault_free.campaigns(raw, SHORTEST_S))[1]))
@@ -67,8 +66,8 @@ def course(raw: Mapping[str, Any], hours: float) -> MotionSchedule:
 
 
 def require_rate(per_hour: float, course: MotionSchedule) -> None:
-    """UserError for a rate that runs of this length cannot measure, since each counts one alarm
-    at most.
+    """Raise UserError for a rate that runs of this length cannot measure, since each counts at most
+    one alarm.
     """
     useful_h = (course.seconds - fault_free.UNTIL_LIVE_S) / 3600
     if per_hour * useful_h > MOST_ALARMS:
@@ -80,7 +79,7 @@ def require_rate(per_hour: float, course: MotionSchedule) -> None:
 
 
 def share(name: str, motions: int) -> list[int]:
-    """Numbers of the motions that serve one purpose."""
+    """Return the numbers of the motions with one use."""
     return [number for number in range(motions) if _SHARES[number % len(_SHARES)] == name]
 
 
@@ -93,8 +92,8 @@ def run(
     engine: str,
     on_motion: Callable[[], None] = lambda: None,
 ) -> FreeMotion:
-    """Compute the motions of these numbers, from 0. One motion is one lane or few: they go side
-    by side, in threads.
+    """Compute the motions of these numbers, from 0. A motion fills one or few lanes, so motions run
+    side by side in threads.
     """
     every = itertools.islice(fault_free.campaigns(raw, course.seconds), course.motions)
     campaigns = dict(enumerate(config for _, config in every))
@@ -112,7 +111,7 @@ def run(
         on_motion()
         return table[columns].to_numpy(np.float32), np.where(valid, armed, 0.0) / MS_PER_HOUR
 
-    first = [one(numbers[0])]  # compiles what the others take
+    first = [one(numbers[0])]  # compiles the code that the other motions share
     results = first + threads.mapped(one, numbers[1:])
     free = FreeMotion(
         np.stack([peaks for peaks, _ in results]), np.stack([hours for _, hours in results])
@@ -126,7 +125,7 @@ def run(
 
 
 def quick(engine: str) -> str:
-    """The engine of motions: one motion is one lane, which a processor core runs faster than a
-    GPU does.
+    """Return the engine for motions. A motion is one lane, which a processor core runs faster than
+    a GPU.
     """
     return "simd" if engine in ("auto", "cuda") else engine

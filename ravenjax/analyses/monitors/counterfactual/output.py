@@ -1,6 +1,7 @@
 """Writes a counterfactual: the table of candidates, the figure, and the set as a campaign.
 
-The figure shows the share of faults that are seen at least so many milliseconds before harm.
+The figure shows the share of faults that are detected at least a given number of milliseconds
+before harm.
 """
 
 from __future__ import annotations
@@ -25,9 +26,9 @@ from ravenjax.report.drawing import save_figure
 from ravenjax.stats.intervals import bounds
 from ravenjax.store.files import require_writable, write_aside
 
-WIDTH = 6.4  # in
+WIDTH = 6.4  # inches
 SHOWN = 0.95
-"""Share of the alarms' leads that the axis shows."""
+"""Share of the alarms' leads that fits on the axis."""
 
 
 def draw(one: Counterfactual, path: Path) -> None:
@@ -63,7 +64,7 @@ def draw(one: Counterfactual, path: Path) -> None:
 
 
 def _leads(one: Counterfactual, promise: Promise) -> np.ndarray:
-    """Leads of a set over the statement half, ms."""
+    """Return the leads of a set over the statement half, ms."""
     return one.grounds.leads(promise.members, promise.margin.place)[one.grounds.statement_half]
 
 
@@ -76,7 +77,7 @@ TABLE, FIGURE, FOLDER, CAMPAIGN = (
 
 
 def write(one: Counterfactual, place: Path) -> list[Path]:
-    """Write all of it; the paths. Raises StoreError where the disk refuses."""
+    """Write all files and return their paths. Raises StoreError if the disk refuses."""
     folder = place / FOLDER
     require_writable(folder)
     paths = [place / TABLE, place / FIGURE]
@@ -96,8 +97,8 @@ def write(one: Counterfactual, place: Path) -> list[Path]:
 
 
 def names(one: Counterfactual) -> list[str]:
-    """Of the set's detectors, and of their files: the candidates', or such as no detector of the
-    campaign has.
+    """Return names for the set's detectors and their files: the candidates' names, or others if the
+    campaign already uses them.
     """
     others, out = {own.name for own in one.config.detector}, []
     for member in one.promise.members:
@@ -110,7 +111,9 @@ def names(one: Counterfactual) -> list[str]:
 
 
 def campaign(one: Counterfactual) -> str:
-    """The campaign with the set as detectors of its own, beside their files."""
+    """Return the campaign with the set added as user-defined detectors, whose files lie
+    beside it.
+    """
     raw: dict[str, Any] = one.config.model_dump(mode="json", exclude_defaults=True)
     raw["campaign"]["name"] = f"{one.config.campaign.name[:90]}_watched"
     margin = one.promise.margin.value
@@ -138,12 +141,12 @@ def _write(path: Path, text: str) -> None:
 
 
 COLUMNS = ("check", "sees", "adds", "lead ms", "false alarms")
-"""Columns of the table of the set; each check at the margin of the set."""
+"""Columns of the table of the set, with each check at the margin of the set."""
 
 
 def sentences(one: Counterfactual) -> list[str]:
-    """What was found: faults, coverage, false alarms, what other sets do, what is missed, of
-    what it holds.
+    """Return the findings as sentences: faults, coverage, false alarms, other sets, missed faults,
+    and the limits of validity.
     """
     templates = wording.text_templates("ravenjax.analyses.monitors.counterfactual")
     templates.filters |= {"quantile": np.quantile, "listed": _list_names}
@@ -156,18 +159,17 @@ def _list_names(names: Sequence[str]) -> str:
 
 
 def hours_needed(per_hour: float, runs: int = 1) -> float:
-    """Hours of motions in all, of so many runs each, that show a rate where none alarms; to two
-    digits, upwards.
+    """Return the total hours of motions, each with `runs` runs, that demonstrate a rate if none
+    alarms; rounded up to two digits.
     """
-    hours = (
-        2.05 * runs * hours_to_show(per_hour)
-    )  # half of the motions state, a few of their seconds are not live
+    # Half of the motions state the rate, and a few of their seconds are not live.
+    hours = 2.05 * runs * hours_to_show(per_hour)
     digits = 10 ** (math.floor(math.log10(hours)) - 1)
     return round(math.ceil(hours / digits) * digits, 10)
 
 
 def rows(one: Counterfactual) -> list[tuple[str, ...]]:
-    """Rows of the table of the set, in the order of selection."""
+    """Return the rows of the table of the set, in the order of selection."""
     return [
         (
             one.parts[member.place].name,
@@ -181,13 +183,13 @@ def rows(one: Counterfactual) -> list[tuple[str, ...]]:
 
 
 def checks(one: Counterfactual) -> list[str]:
-    """What each check of the set looks at, and from which size on it alarms, a line each."""
+    """Return one line per check of the set: what it observes, and the size at which it alarms."""
     parts, margin = [one.parts[place] for place in one.promise.members], one.promise.margin.value
     return [f"{part.name}: {part.words}; above {levels(part, margin)}" for part in parts]
 
 
 def levels(part: Candidate, margin: float) -> str:
-    """At which size each channel alarms: "shoulder 0.12 rad, elbow 0.1 rad"; "any" where it
+    """Return the size at which each channel alarms: "shoulder 0.12 rad, elbow 0.1 rad"; "any" if it
     never moved.
     """
     score, out = part.score, []
@@ -200,7 +202,7 @@ def levels(part: Candidate, margin: float) -> str:
 
 
 def table(one: Counterfactual) -> list[dict[str, object]]:
-    """One row a candidate, as `counterfactual.csv` has them."""
+    """Return one row per candidate, as in `counterfactual.csv`."""
     return [
         {
             "candidate": part.name,

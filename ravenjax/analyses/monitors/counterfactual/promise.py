@@ -1,10 +1,10 @@
 """Selects a set of candidates, sets its margin, and states its coverage and false alarms.
 
-The set alarms where any of its candidates is over its scale times the set's margin. The margin is
-the least of `MARGINS` whose expected rate on one motion more is at most what is asked: conformal
+The set alarms if any of its candidates exceeds its scale times the set's margin. The margin is the
+least of `MARGINS` whose expected rate on one more motion is at most the target. This is conformal
 risk control (Angelopoulos, Bates, Fisch, Lei, Schuster, 2022) on motions that chose neither scales
-nor candidates. What is *stated* are alarms in motions that served nothing else, and faults that
-selected nothing.
+nor candidates. The *stated* numbers are alarms in motions with no other use, and faults that had no
+part in the selection.
 """
 
 from __future__ import annotations
@@ -30,15 +30,16 @@ from ravenjax.stats.intervals import Rate
 def greedy(
     covered: np.ndarray, most: int, weight: np.ndarray | None = None, least: float = 0.0
 ) -> list[int]:
-    """Numbers of at most `most` candidates, those that cover most alone of the others first.
+    """Return the numbers of at most `most` candidates by greedy selection.
 
-    covered: bool [runs, candidates]. weight: of each run, at least 0; None: 1. Of candidates that
-    add the same the earlier is taken. Nothing is taken that adds nothing, or less than the share
-    `least` of all weight.
+    `covered`: bool [runs, candidates]. `weight`: of each run, at least 0; None: 1. Of candidates
+    with equal gain the earlier is taken. A candidate is not taken if it adds nothing, or less than
+    the share `least` of all weight.
 
-    Each step takes the candidate that covers most of what is left. Coverage is submodular, so a
-    greedy set of k covers at least 1 - 1/e of what the best k do (Nemhauser, Wolsey, Fisher, Math.
-    Program. 14, 1978). Candidates that the others make superfluous are left out in the end.
+    Each step takes the candidate that covers most of the runs that are still uncovered. Coverage is
+    submodular, so a greedy set of k covers at least 1 - 1/e of the best set of k (Nemhauser,
+    Wolsey, Fisher, Math. Program. 14, 1978). At the end, candidates that the others make
+    superfluous are removed.
     """
     runs, candidates = covered.shape
     value = np.ones(runs) if weight is None else np.asarray(weight, float)
@@ -55,7 +56,9 @@ def greedy(
 
 
 def _pruned(covered: np.ndarray, picks: list[int], value: np.ndarray) -> list[int]:
-    """The picks without those that the others make superfluous, the last removed first."""
+    """Return the picks without those that the others make superfluous, checked from the last to the
+    first.
+    """
     rest = list(picks)
     for one in reversed(picks):
         others = [other for other in rest if other != one]
@@ -71,33 +74,33 @@ RANDOM_SETS = 200
 
 
 class Margin(NamedTuple):
-    """How far above its scales a set alarms."""
+    """The factor above its scales at which a set alarms."""
 
-    place: int  # of MARGINS
-    alarms: int  # runs with an alarm, of the calibration's
-    # (alarms + one motion's runs) an hour: what is at most the rate that is asked, or the least
-    # there is
+    place: int  # index into MARGINS
+    alarms: int  # runs of the calibration with an alarm
+    # (alarms + one motion's runs) per hour. It is at most the target rate, or else the least
+    # possible.
     bound: float
 
     @property
     def value(self) -> float:
-        """Times the scales."""
+        """Return the factor on the scales."""
         return MARGINS[self.place]
 
 
 class Promise(NamedTuple):
-    """One set of candidates."""
+    """The promise of one set of candidates."""
 
     members: tuple[int, ...]
     margin: Margin
-    false_alarms: AlarmRate  # stated
-    selected: Rate  # of the faults of the selection half that it covers
-    covered: Rate  # of those of the statement half
-    lead_ms: float  # median of the first alarm's, over those that it covers; NaN: none
+    false_alarms: AlarmRate  # stated rate
+    selected: Rate  # share of the selection half's faults that it covers
+    covered: Rate  # share of the statement half's faults that it covers
+    lead_ms: float  # median lead of the first alarm over covered faults; NaN: none
 
 
 class Grounds(NamedTuple):
-    """What promises are made of."""
+    """The data from which promises are computed."""
 
     question: Question
     calibration: FreeMotion
@@ -107,7 +110,7 @@ class Grounds(NamedTuple):
     statement_half: np.ndarray
 
     def promise(self, members: Sequence[int]) -> Promise:
-        """What a set promises."""
+        """Return the promise of a set."""
         margin = self.margin(members)
         lead = self.leads(members, margin.place)
         hit = lead >= self.question.lead_ms
@@ -122,20 +125,20 @@ class Grounds(NamedTuple):
         )
 
     def margin(self, members: Sequence[int]) -> Margin:
-        """The margin that a set needs."""
+        """Return the margin that a set needs."""
         return calibrated(joint(self.calibration, members), self.question.false_alarms_per_hour)
 
     def leads(self, members: Sequence[int], place: int) -> np.ndarray:
-        """Harm minus the set's first alarm at a margin, ms [runs]."""
+        """Return harm minus the set's first alarm at a margin, ms [runs]."""
         return self.hazards.lead_ms[:, list(members), place].max(axis=1)
 
     def covered(self, members: Sequence[int]) -> np.ndarray:
-        """Which faults a set sees in time at the margin that it needs, bool [runs]."""
+        """Return which faults a set detects in time at the margin that it needs, bool [runs]."""
         return self.leads(members, self.margin(members).place) >= self.question.lead_ms
 
     def selected(self, without: str | None = None) -> list[int]:
-        """The greedy set, of the faults of the selection half alone, or of those outside of one
-        group.
+        """Return the greedy set, selected on the faults of the selection half, optionally without
+        one group.
         """
         rows = (
             self.selection_half
@@ -146,8 +149,11 @@ class Grounds(NamedTuple):
         return greedy(covered, self.question.most, least=LEAST_GAIN)
 
     def of_strangers(self) -> Rate | None:
-        """Share of the statement half that sets see which were selected without the fault's own
-        group, the interval over groups; None where there is one group alone."""
+        """Return the share of the statement half that is detected by sets selected without the
+        fault's own group.
+
+        The interval is over groups. Return None if there is only one group.
+        """
         group, hit = self.hazards.group, np.zeros(self.hazards.count, bool)
         names = np.unique(group[self.statement_half])
         if len(np.unique(group)) < 2:
@@ -158,13 +164,13 @@ class Grounds(NamedTuple):
         return units.rate(hit[self.statement_half], units.units(group[self.statement_half]))
 
     def best_single(self) -> int:
-        """The candidate that covers most of the selection half at its own margin."""
+        """Return the candidate that covers most of the selection half at its own margin."""
         candidates = range(self.hazards.lead_ms.shape[1])
         hits = [self.covered([one])[self.selection_half].mean() for one in candidates]
         return int(np.argmax(hits))
 
     def at_random(self, size: int) -> np.ndarray:
-        """Share of the statement half that sets at random cover, each at its own margin:
+        """Return the share of the statement half that random sets cover, each at its own margin:
         [RANDOM_SETS].
         """
         rng = np.random.default_rng([self.question.seed, 2])
@@ -174,18 +180,19 @@ class Grounds(NamedTuple):
 
 
 def joint(motions: FreeMotion, members: Sequence[int]) -> FreeMotion:
-    """The same motions with one score, the largest of a set: peaks [motions, runs]."""
+    """Return the same motions with one score, the largest of a set: peaks [motions, runs]."""
     return motions._replace(peaks=motions.peaks[:, :, list(members)].max(axis=2))
 
 
 def calibrated(motions: FreeMotion, per_hour: float) -> Margin:
-    """The least margin whose expected rate is at most `per_hour`; where none is, the least with the
-    least rate.
+    """Return the least margin whose expected rate is at most `per_hour`; if there is none, the
+    least margin with the least rate.
 
-    Of n motions of r runs with k alarms in all, the margin is the least with (k + r) / (n + 1) at
-    most what is asked of a motion. Over calibrations, one motion more then has at most that many at
-    the mean, whatever the scores' distribution, if motions are exchangeable. It is no bound of the
-    margin that one calibration took, and where no margin keeps the rate, an estimate.
+    For n motions of r runs with k alarms in total, the margin is the least with (k + r) / (n + 1)
+    at most the target per motion. If motions are exchangeable, one more motion then has at most
+    that many alarms on average over calibrations, for any distribution of scores. This does not
+    bound the margin that one calibration took. If no margin keeps the rate, the number is only an
+    estimate.
     """
     motions_there, runs = motions.peaks.shape
     hours = float(motions.hours.sum(axis=1).mean())
@@ -197,11 +204,11 @@ def calibrated(motions: FreeMotion, per_hour: float) -> Margin:
 
 
 def stated(motions: FreeMotion, margin: float) -> AlarmRate:
-    """False alarms at a margin with the exact interval of a Poisson rate; a run counts once.
+    """Return false alarms at a margin with the exact interval of a Poisson rate. A run counts once.
 
-    Where a motion has several runs, motions were sampled: the upper end is of motions with an
-    alarm, in the hours of one run each, the lower of as many motions as the runs with an alarm
-    fill.
+    If a motion has several runs, the sampled units are motions. The upper end then uses motions
+    with an alarm, in the hours of one run each. The lower end uses the number of motions that the
+    runs with an alarm would fill.
     """
     runs = motions.peaks.shape[1]
     over = motions.peaks > np.float32(margin)
@@ -214,5 +221,5 @@ def stated(motions: FreeMotion, margin: float) -> AlarmRate:
 
 
 def hours_to_show(per_hour: float) -> float:
-    """Hours without any alarm whose interval ends at a rate."""
+    """Return the hours without any alarm whose interval ends at a rate."""
     return alarm_rate(0, 1.0, CONFIDENCE).high / per_hour

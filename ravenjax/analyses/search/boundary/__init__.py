@@ -1,1 +1,1 @@
-"""The smallest harmful fault: a scan, then bisection of every bracket."""
+"""Finds the smallest harmful fault, by a scan and then bisection of every bracket."""

@@ -1,8 +1,9 @@
-"""Kind "boundary": the smallest fault that does harm, for each combination of the group's lists and
-each sign.
+"""Searches of kind "boundary": the smallest fault that does harm, for each combination of the
+group's lists and each sign.
 
-All cells are asked side by side: a scan of the range, then bisection of every bracket in one batch
-a step. Both ends of every bracket are run again as an ordinary campaign, which must say the same.
+All cells are searched side by side: first a scan of the range, then bisection of every bracket,
+with one batch per step. Both ends of every bracket are run again as an ordinary campaign, which
+must give the same outcomes.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from ravenjax.analyses.search.wording import series
 from ravenjax.campaign import runner
 
 FOLDER = "verified"
-"""Folder, inside the search's, of the campaign of both sides of every bracket."""
+"""Subfolder of the search for the campaign with both sides of every bracket."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,15 +36,15 @@ class Cells:
 
     case: np.ndarray  # int [cells]
     sign: np.ndarray  # float [cells]
-    labels: tuple[dict[str, Any], ...]  # of each cell, what tells it from the others
+    labels: tuple[dict[str, Any], ...]  # what distinguishes each cell from the others
 
     def points(self, cell: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Cells and sizes as case [n] and values [n, 1]."""
+        """Return cells and sizes as case [n] and values [n, 1]."""
         return self.case[cell], (self.sign[cell] * size)[:, None]
 
 
 def cells(template: Template, search: Boundary) -> Cells:
-    """Every cell, signs varying fastest."""
+    """Return every cell, with signs varying fastest."""
     pairs = list(itertools.product(range(template.cases), search.signs))
     signed = len(search.signs) > 1
     names = tuple(
@@ -53,7 +54,7 @@ def cells(template: Template, search: Boundary) -> Cells:
 
 
 def due(template: Template, search: Boundary) -> int:
-    """About how many runs it takes."""
+    """Return the approximate number of runs."""
     low, high = template.axis(0).values
     log = template.axis(0).kind == "loguniform"
     span = math.log(high / low) / search.tolerance if log else 1.0 / search.tolerance
@@ -66,7 +67,9 @@ def due(template: Template, search: Boundary) -> int:
 
 
 def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) -> dict[str, Any]:
-    """The numbers of search.json, both sides of every boundary verified in `out`/verified."""
+    """Return the numbers of search.json. Both sides of every boundary are verified in
+    `out`/verified.
+    """
     axis, grid = template.axis(0), cells(template, search)
     low, high = (float(value) for value in axis.values)
     within = SearchRange(low, high, axis.kind == "loguniform", search.tolerance)
@@ -102,7 +105,9 @@ def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) 
 
 
 def _along(told: tuple[dict[str, Any], ...]) -> str | None:
-    """The list of numbers that tables and figures run over: durations, else the longest one."""
+    """Return the list of numbers that tables and figures run over: durations, else the longest
+    list.
+    """
     numeric = {
         name: len({cell[name] for cell in told})
         for name in told[0]
@@ -120,9 +125,10 @@ def _verified(
     found: Brackets,
     out: Path,
 ) -> pd.DataFrame:
-    """Rows of an ordinary campaign of both sides of every bracket: indexed by cell and harm (bool).
+    """Return rows of an ordinary campaign of both sides of every bracket, indexed by cell and harm
+    (bool).
 
-    Raises RuntimeError where that campaign contradicts the search.
+    Raises RuntimeError if that campaign contradicts the search.
     """
     crossed = np.flatnonzero(found.state == CROSSING)
     if not len(crossed):
@@ -166,8 +172,8 @@ def _record(grid: Cells, found: Brackets, sides: pd.DataFrame, cell: int) -> dic
 
 
 def _exponents(records: list[dict[str, Any]], along: str | None) -> list[dict[str, Any]]:
-    """d log(boundary) / d log(duration) between neighbouring durations: -1 for an impulse, value
-    x duration.
+    """Return d log(boundary) / d log(duration) between neighbouring durations. It is -1 if only the
+    impulse, value x duration, matters.
     """
     if along is None or not along.endswith("duration_ms"):
         return []

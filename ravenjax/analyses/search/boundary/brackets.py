@@ -1,8 +1,8 @@
 """Brackets the smallest number at which a condition holds, for many cells side by side.
 
-Knows nothing of robots. The scan is what makes it honest: a cell without a yes, or with nothing
-else, is censored, and one whose answer changes more than once is reported as such instead of being
-taken for a threshold.
+The module is independent of robots. The scan makes the result honest: a cell that is never or
+always true is censored. A cell whose answer changes more than once is reported as such instead of
+being treated as a threshold.
 """
 
 from __future__ import annotations
@@ -13,23 +13,23 @@ from collections.abc import Callable
 import numpy as np
 
 Asked = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""(cell [n], number [n]) -> [n]: 1 yes, 0 no, NaN no valid answer."""
+"""Maps (cell [n], number [n]) to [n]: 1 yes, 0 no, NaN no valid answer."""
 
 CROSSING, NEVER, ALWAYS, INVALID = "crossing", "never", "always", "invalid"
 
 
 @dataclasses.dataclass(frozen=True)
 class SearchRange:
-    """The numbers that are searched."""
+    """The range of numbers that is searched."""
 
     low: float
     high: float
-    log: bool  # whether equal ratios, rather than equal differences, count the same
-    # a bracket is narrow enough at this share of its lower end (log), or of the whole range
+    log: bool  # True if equal ratios, rather than equal differences, are equivalent
+    # A bracket is narrow enough at this share of its lower end (log), or of the whole range.
     tolerance: float
 
     def spread(self, low: np.ndarray, high: np.ndarray, points: int) -> np.ndarray:
-        """[points, cells] evenly from `low` to `high` [cells], both included."""
+        """Return [points, cells] evenly spaced from `low` to `high` [cells], both included."""
         share = np.linspace(0.0, 1.0, points)[:, None]
         if self.log:
             values = np.exp(np.log(low) * (1.0 - share) + np.log(high) * share)
@@ -39,28 +39,29 @@ class SearchRange:
         return values
 
     def narrow(self, low: np.ndarray, high: np.ndarray, whole: np.ndarray) -> np.ndarray:
-        """Whether brackets are narrow enough, or have no whole number in between."""
+        """Return whether brackets are narrow enough, or contain no further whole number."""
         width = self.tolerance * (low if self.log else self.high - self.low)
         return (high - low <= width) | (whole & (high - low <= 1.0))
 
 
 @dataclasses.dataclass(frozen=True)
 class Brackets:
-    """Where the yes begins, of each cell."""
+    """The point at which the answer becomes yes, for each cell."""
 
-    state: (
-        np.ndarray
-    )  # text [cells]: CROSSING, NEVER, ALWAYS, or INVALID where an answer was not valid
-    low: np.ndarray  # [cells], largest number below the crossing with a no; NaN without one
-    high: np.ndarray  # [cells], smallest with a yes; NaN without one
-    changes: tuple[
-        tuple[tuple[float, float], ...], ...
-    ]  # of each cell, the scan's intervals in which the answer changes
-    steps: int  # after the scan
+    # text [cells]: CROSSING, NEVER, ALWAYS, or INVALID if an answer was not valid.
+    state: np.ndarray
+    # [cells], largest number below the crossing with a no; NaN without one.
+    low: np.ndarray
+    high: np.ndarray  # [cells], smallest number with a yes; NaN without one
+    # Of each cell, the intervals of the scan in which the answer changes.
+    changes: tuple[tuple[tuple[float, float], ...], ...]
+    steps: int  # number of steps after the scan
 
     @property
     def monotone(self) -> np.ndarray:
-        """Whether the answer, once yes, stays yes, as far as the scan can tell; bool [cells]."""
+        """Return whether the answer stays yes after the first yes, as far as the scan shows; bool
+        [cells].
+        """
         single = [
             len(changes) <= (state != ALWAYS)
             for state, changes in zip(self.state, self.changes, strict=True)
@@ -71,11 +72,11 @@ class Brackets:
 def bracket(
     asked: Asked, within: SearchRange, whole: np.ndarray, scan: int, sections: int = 2
 ) -> Brackets:
-    """The smallest number at which `asked` says yes, of every cell.
+    """Return the smallest number at which `asked` says yes, for every cell.
 
-    whole: of each cell whether it takes whole numbers only, bool [cells]. scan: numbers that are
-    tried first, evenly over the range. sections: parts that each step cuts a bracket into; of
-    several changes in one, the first is kept.
+    `whole`: bool [cells], whether a cell takes only whole numbers. `scan`: count of numbers that
+    are tried first, evenly over the range. `sections`: parts into which each step cuts a bracket;
+    if it holds several changes, the first is kept.
     """
     cells = len(whole)
     every = np.arange(cells)
@@ -89,9 +90,8 @@ def bracket(
         steps += 1
         tried = within.spread(low[active], high[active], sections + 1)
         tried = np.where(whole[active], np.clip(np.rint(tried), low[active], high[active]), tried)
-        if (
-            sections == 2
-        ):  # a bracket of two whole numbers further apart than one has one in between
+        # A bracket of whole numbers more than one apart contains another one.
+        if sections == 2:
             inner = np.clip(tried[1], low[active] + 1.0, high[active] - 1.0)
             tried[1] = np.where(whole[active], inner, tried[1])
         answer = np.zeros(tried.shape)
@@ -103,12 +103,12 @@ def bracket(
 
 
 def _ask(asked: Asked, cells: np.ndarray, tried: np.ndarray) -> np.ndarray:
-    """[points, cells] answers, all in one batch."""
+    """Return [points, cells] answers, computed in one batch."""
     return asked(np.tile(cells, len(tried)), tried.reshape(-1)).reshape(tried.shape)
 
 
 def _first(answer: np.ndarray, tried: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """State, and the first change from no to yes, of each column."""
+    """Return the state, and the first change from no to yes, of each column."""
     yes = answer == 1.0
     first = np.argmax(yes, axis=0)
     cells = np.arange(answer.shape[1])

@@ -21,8 +21,8 @@ Record = dict[str, Any]
 
 
 def draw(numbers: dict[str, Any]) -> Figure:
-    """numbers: as `bisection.find` has them. One panel for each first list, lines for the other
-    lists.
+    """Draw a boundary. `numbers`: as from `bisection.find`. There is one panel for each value of
+    the first list, and lines for the other lists.
     """
     import matplotlib
     from matplotlib.figure import Figure
@@ -76,8 +76,8 @@ def _line(
     marker: str,
     name: str,
 ) -> None:
-    """One line: brackets as bars, censored cells as open markers with an arrow, non-monotone
-    ones ringed.
+    """Draw one line: brackets as bars, censored cells as open markers with an arrow, and a ring
+    around non-monotone ones.
     """
     place = {id(record): record["cell"][along] if along else 0 for record in line}
     line = sorted(line, key=lambda record: place[id(record)])
@@ -101,7 +101,7 @@ def _line(
 
 
 def _explain(axes: Any, cells: list[Record]) -> None:
-    """Entries of the legend for what is no boundary."""
+    """Add legend entries for cells without a boundary."""
     style = {"mfc": "none", "mec": SOFT, "ls": "none"}
     for state, marker, meaning in (
         (NEVER, "^", "harmless in the whole range"),

@@ -1,1 +1,1 @@
-"""Search files: section [search], the group as a template of runs, and outcomes."""
+"""Reads search files: section [search], the group as a template of runs, and outcomes."""

@@ -59,7 +59,7 @@ class Boundary(Section):
 
     @property
     def outcomes(self) -> tuple[str, ...]:
-        """What is asked of each run."""
+        """Return the outcomes that are computed for each run."""
         return (self.harm,)
 
 
@@ -146,7 +146,7 @@ class Rare(Section):
 
     @property
     def outcomes(self) -> tuple[str, ...]:
-        """What is asked of each run."""
+        """Return the outcomes that are computed for each run."""
         return (self.event,)
 
 
@@ -169,11 +169,11 @@ class SearchConfig:
 
     @property
     def source(self) -> Path | None:
-        """The file that it was read from."""
+        """Return the file from which the search was read."""
         return self.campaign.source
 
     def resolved(self) -> dict[str, Any]:
-        """Everything that it says, defaults filled in, as JSON has it."""
+        """Return the whole content with defaults filled in, as JSON values."""
         return self.campaign.model_dump(mode="json") | {
             "search": self.search.model_dump(mode="json")
         }

@@ -1,7 +1,7 @@
 """Reads a search file: a campaign file of one group, its template, with a section [search].
 
-The campaign's part goes through `ravenjax.campaign.loading`; all that is wrong with either part is
-told at once.
+`ravenjax.campaign.loading` reads the campaign's part. All errors of both parts are reported
+together.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from ravenjax.errors import UserError, shown, suggestion
 
 SECTION = "search"
 FOLDER = "campaigns/searches"
-"""Where bundled search files lie."""
+"""Folder of the bundled search files."""
 
 
 def load(path: str | Path, overrides: Sequence[str] = ()) -> SearchConfig:
-    """The search of a TOML file, or of a bundled one by name (`.toml` may be left out). Raises
-    UserError.
+    """Return the search of a TOML file, or of a bundled one by name (`.toml` may be left out).
+    Raises UserError.
     """
     file = location.find(path, FOLDER, "search")
     raw, text = location.read(file)
@@ -35,15 +35,15 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> SearchConfig:
 
 
 def bundled() -> list[Path]:
-    """The bundled search files."""
+    """Return the bundled search files."""
     return resources.bundled(FOLDER, f"*{location.SUFFIX}")
 
 
 def from_dict(
     raw: dict[str, Any], source: Path | None = None, text: str = "", overrides: Sequence[str] = ()
 ) -> SearchConfig:
-    """The search of nested tables as TOML has them, with overrides; `source` and `text` say where
-    from.
+    """Return the search of nested tables in TOML's form, with overrides. `source` and `text` name
+    its origin.
 
     Raises UserError.
     """
@@ -74,7 +74,7 @@ def from_dict(
 
 
 def _section(raw: dict[str, Any]) -> tuple[Search | None, list[Complaint]]:
-    """The section [search], or what is wrong with it."""
+    """Return the section [search], or its errors."""
     table = raw.get(SECTION)
     kinds = ", ".join(KINDS)
     if not isinstance(table, dict):

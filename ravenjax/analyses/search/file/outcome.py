@@ -1,9 +1,13 @@
-"""Outcomes that a search asks for: a number of the result table, or whether an event happened.
+"""Parses outcomes that a search can use: a number of the result table, or whether an event
+happened.
 
-peak_model_deviation_mm            the number evades                             an event of
-`ravenjax.outcomes.events`, under the rules of the search's campaign jump_code
-an event: the truth value peak_model_deviation_mm >= 3       an event: a number against a bound;
-also <= response = stopped                 an event: the word
+A text has one of these forms:
+
+- `peak_model_deviation_mm`: the number of a column;
+- `evades`: an event of `ravenjax.outcomes.events`, under the rules of the search's campaign;
+- `jump_code`: an event, the truth value of a column;
+- `peak_model_deviation_mm >= 3`: an event, a number against a bound; also <=;
+- `response = stopped`: an event, the word of a column.
 """
 
 from __future__ import annotations
@@ -23,7 +27,7 @@ from ravenjax.store import schema
 
 _FORM = re.compile(r"^\s*(\w+)\s*(?:(>=|<=|=)\s*(.*?)\s*)?$")
 _TIMES = ("first_ms", "last_ms", "first_active_ms", "response_ms", "reaction_ms", "told_ms")
-"""Ends of columns that hold -1 where the time never came."""
+"""Endings of columns that hold -1 if the event never came."""
 _GIVEN = ("run_id", "index", "group", "seed", "operator")
 
 _WORDS = {"verdict": verdict.VERDICTS, "response": verdict.RESPONSES, "hazard": verdict.HAZARDS}
@@ -37,12 +41,12 @@ FORMS = (
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """One number a run: of a column, or 1 where the event happened and 0 where it did not."""
+    """One number per run: the value of a column, or 1 if the event happened and 0 if not."""
 
     column: str
     relation: str = ""  # ">=", "<=", "=", or "" for the column itself
     bound: float = 0.0
-    word: str = ""  # with "="
+    word: str = ""  # the word after "="
 
     def __str__(self) -> str:
         if not self.relation:
@@ -51,7 +55,7 @@ class Outcome:
 
     @property
     def unit(self) -> str:
-        """Unit of the column."""
+        """Return the unit of the column."""
         return (
             self.column.rpartition("_")[2]
             if self.column.endswith(("_mm", "_ms")) and not self.relation
@@ -60,16 +64,16 @@ class Outcome:
 
     @property
     def named_event(self) -> bool:
-        """Whether it is an event of `ravenjax.outcomes.events`."""
+        """Return whether it is an event of `ravenjax.outcomes.events`."""
         return not self.relation and self.column in events.EVENTS
 
     def columns(self, rules: Rules) -> list[str]:
-        """Columns of the result table that `values` and `margins` need."""
+        """Return the columns of the result table that `values` and `margins` need."""
         return events.columns([self.column], rules) if self.named_event else [self.column, "failed"]
 
     def values(self, columns: pd.DataFrame, rules: Rules) -> np.ndarray:
-        """float64 [rows] of columns of the result table; NaN where a run failed, or has no such
-        number.
+        """Return float64 [rows] from columns of the result table; NaN if a run failed or has no
+        such number.
         """
         if self.named_event:
             table = pa.Table.from_pandas(columns[self.columns(rules)], preserve_index=False)
@@ -85,8 +89,8 @@ class Outcome:
         return np.where(np.asarray(columns["failed"] == ""), values, np.nan)
 
     def margins(self, columns: schema.Columns) -> np.ndarray:
-        """float64 [rows]: how far the column is beyond its bound, from 0 on where the event
-        happened; NaN as above.
+        """Return float64 [rows]: how far the column is beyond its bound, at least 0 if the event
+        happened; NaN as in `values`.
         """
         beyond = self._numbers(columns) - self.bound
         margins = beyond if self.relation == ">=" else -beyond
@@ -103,7 +107,7 @@ class Outcome:
         )  # a time that never came is -1
 
     def complaints(self, shape: schema.Shape) -> Iterator[str]:
-        """What is wrong with it for a table of this shape."""
+        """Return the errors of this outcome for a table of this shape."""
         if self.named_event:
             if self.column == "cable_overload" and not shape.cables:
                 yield f"got {self.column!r}, {events.UNWATCHED}"
@@ -144,7 +148,7 @@ def _is_outcome(column: str) -> bool:
 
 
 def parse(text: str) -> Outcome:
-    """The outcome that a text names. ValueError where it has another form."""
+    """Parse the outcome that a text names. Raises ValueError for any other form."""
     match = _FORM.match(text)
     if match is None:
         raise ValueError(f"got {shown(text)}, expected a column or an event, such as {FORMS}")
@@ -166,21 +170,21 @@ def parse(text: str) -> Outcome:
 
 
 def is_event(found: Outcome) -> bool:
-    """Whether it is 1 or 0 for every run."""
+    """Return whether it is 1 or 0 for every run."""
     truths = {c.name for c in schema.columns(schema.Shape()) if c.dtype == "bool"}
     return bool(found.relation) or found.named_event or found.column in truths
 
 
 def require_event(text: str) -> str:
-    """`text`, or ValueError where it names a number rather than an event."""
+    """Return `text`. Raises ValueError if it names a number rather than an event."""
     if not is_event(parse(text)):
         raise ValueError(f"got {shown(text)}, a number; expected an event, such as '{text} >= 1'")
     return text
 
 
 def require_margin(text: str) -> str:
-    """`text`, or ValueError where it is not a column against a number, so that runs can be
-    nearer to it or farther.
+    """Return `text`. Raises ValueError unless it compares a column with a number, so that a run's
+    distance from the event is defined.
     """
     outcome = parse(text)
     if outcome.relation not in (">=", "<=") or outcome.column.endswith(_TIMES):

@@ -1,9 +1,9 @@
-"""The one group of a search file as a template of runs: lists are its cases, distributions its
-inputs.
+"""Treats the one group of a search file as a template of runs: lists are its cases, distributions
+its inputs.
 
 A case is one combination of the lists, as designs "grid" and "zip" make them. An input is a fault's
-number or a parameter that the file gives a distribution. A point is a case and one value of each
-input, and stands for one run: that of an ordinary campaign with these values.
+number or a parameter that has a distribution in the file. A point is a case with one value of each
+input. It denotes one run: that of an ordinary campaign with these values.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from ravenjax.vocabulary.legal import legal
 from ravenjax.vocabulary.sites import Channel
 
 PARAMETER = -1
-"""Stands for the fault slot in the key of a parameter's axis."""
+"""Replaces the fault slot in the key of a parameter's axis."""
 
 DESIGNS = ("grid", "zip")
 
 
 def axes(config: CampaignConfig) -> dict[Key, Axis]:
-    """Every axis of the template, slot by slot, then the parameters; "*" and what may be left
-    out filled in.
+    """Return every axis of the template, slot by slot, then the parameters. "*" and defaults are
+    filled in.
     """
     group, result = config.group[0], {}
     for f, fault in enumerate(group.fault):
@@ -50,13 +50,15 @@ def axes(config: CampaignConfig) -> dict[Key, Axis]:
 
 
 def label(key: Key) -> str:
-    """An axis by the name that its column has in the result table, a parameter by its path."""
+    """Return the name of an axis: its column in the result table, or the path of a parameter."""
     slot, name = key
     return name if slot == PARAMETER else f"fault{slot}_{name}"
 
 
 def complaints(config: CampaignConfig, search: Search | None) -> Iterator[Complaint]:
-    """(key, message) of what a campaign file may say and a search file may not."""
+    """Return (key, message) for everything that a campaign file may contain and a search file may
+    not.
+    """
     if len(config.group) != 1:
         yield (
             ("group", 1),
@@ -140,7 +142,7 @@ def _inputs(config: CampaignConfig, search: Search | None, drawn: list[Key]) -> 
 
 
 def _place(config: CampaignConfig, key: Key) -> tuple[str | int, ...]:
-    """Where an axis stands in the file."""
+    """Return the place of an axis in the file."""
     slot, name = key
     if slot != PARAMETER:
         return ("group", 0, "fault", slot, name)
@@ -149,16 +151,16 @@ def _place(config: CampaignConfig, key: Key) -> tuple[str | int, ...]:
 
 
 class Template:
-    """Points of a search as runs."""
+    """Converts points of a search to runs."""
 
     def __init__(self, config: CampaignConfig) -> None:
-        """config: without `complaints`."""
+        """Take a `config` that has no `complaints`."""
         self.config = config
         self._axes = Moments(config).placed(axes(config), config.group[0].name)
         undrawn = {key: axis for key, axis in self._axes.items() if not axis.drawn}
         sample = sampling.sample(
             config.group[0], undrawn, np.random.default_rng(0)
-        )  # nothing of it is drawn
+        )  # nothing in the template is drawn
         self.cases = sample.runs
         self.inputs = tuple(key for key, axis in self._axes.items() if axis.drawn)
         self.lists = tuple(
@@ -167,33 +169,33 @@ class Template:
         self._values = {
             key: [axis.values[place] for place in np.broadcast_to(sample.places[key], sample.runs)]
             for key, axis in undrawn.items()
-        }  # of each case
+        }  # one entry per case
         self._whole = np.array(
             [[self._is_whole(key, case) for key in self.inputs] for case in range(self.cases)], bool
         )
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Names of the inputs."""
+        """Return the names of the inputs."""
         return tuple(map(label, self.inputs))
 
     def axis(self, number: int) -> Axis:
-        """The distribution of an input."""
+        """Return the distribution of an input."""
         return self._axes[self.inputs[number]]
 
     def drawn(self) -> list[dict[str, Any]]:
-        """Name, unit and distribution of each input."""
+        """Return name, unit and distribution of each input."""
         return [
             {"name": name, "unit": self.unit(i), "drawn": self.axis(i).written()}
             for i, name in enumerate(self.labels)
         ]
 
     def case(self, case: int) -> dict[str, Any]:
-        """What tells a case from the others: the value of each list, by label."""
+        """Return what distinguishes a case from the others: the value of each list, by label."""
         return {label(key): self._values[key][case] for key in self.lists}
 
     def unit(self, number: int) -> str:
-        """Unit of an input, "" where the cases differ in it."""
+        """Return the unit of an input, "" if the cases differ in it."""
         slot, name = self.inputs[number]
         if name != "value" or slot == PARAMETER:
             return "ms" if slot != PARAMETER else ""
@@ -203,12 +205,15 @@ class Template:
         return units.pop() if len(units) == 1 else ""
 
     def whole(self, case: np.ndarray) -> np.ndarray:
-        """Whether each input takes whole numbers only, bool [len(case), inputs]."""
+        """Return whether each input takes only whole numbers, bool [len(case), inputs]."""
         return self._whole[case]
 
     def values(self, case: np.ndarray, unit: np.ndarray) -> np.ndarray:
-        """Values of the inputs, float64 [n, inputs], at points `unit` [n, inputs] of the unit cube,
-        by their distributions, just as a sampled design has them."""
+        """Return values of the inputs, float64 [n, inputs], at points `unit` [n, inputs] of the
+        unit cube.
+
+        They follow the inputs' distributions, exactly as in a sampled design.
+        """
         whole, values = self.whole(case), np.empty(unit.shape)
         for i, (slot, name) in enumerate(self.inputs):
             axis = self.axis(i)
@@ -221,7 +226,7 @@ class Template:
         return values
 
     def campaign(self, case: np.ndarray, values: np.ndarray) -> CampaignConfig:
-        """The campaign whose runs are these points, in their order: case [n], values [n,
+        """Return the campaign whose runs are these points, in their order: case [n], values [n,
         inputs].
         """
         group, config = self.config.group[0], self.config
@@ -254,7 +259,7 @@ class Template:
         )
 
     def _aim(self, slot: int, case: int) -> tuple[Channel | None, str]:
-        """The channel that a slot's fault acts on, and its effect."""
+        """Return the channel that a slot's fault acts on, and its effect."""
         site = self.config.robot.sites[self.config.group[0].fault[slot].site]
         effect = str(self._values[slot, "effect"][case])
         name = (

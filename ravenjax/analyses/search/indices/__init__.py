@@ -1,1 +1,1 @@
-"""Sensitivity of an outcome to its inputs: Sobol's and Morris's indices."""
+"""Computes the sensitivity of an outcome to its inputs, by Sobol's and Morris's indices."""

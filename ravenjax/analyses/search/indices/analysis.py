@@ -1,5 +1,5 @@
-"""Kinds "sobol" and "morris": which inputs decide an outcome, for each combination of the
-group's lists.
+"""Searches of kinds "sobol" and "morris": which inputs decide an outcome, for each combination of
+the group's lists.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ RESAMPLES = 500
 """Bootstrap samples behind an interval."""
 
 Indices = dict[str, dict[str, np.ndarray]]
-"""name of the index -> value [inputs], and low and high where there is an interval."""
+"""Maps the name of an index to value [inputs], and low and high if there is an interval."""
 
 Analyse = Callable[[np.ndarray], Indices]
-"""Outcomes of the sample's points [points] -> indices."""
+"""Maps outcomes of the sample's points [points] to indices."""
 
 
 def due(template: Template, search: Sobol | Morris) -> int:
-    """About how many runs it takes."""
+    """Return the approximate number of runs."""
     inputs = len(template.inputs)
     points = (
         search.n * (inputs + 2) if isinstance(search, Sobol) else search.trajectories * (inputs + 1)
@@ -40,7 +40,7 @@ def due(template: Template, search: Sobol | Morris) -> int:
 def find(
     template: Template, search: Sobol | Morris, evaluator: Evaluator, _: Path
 ) -> dict[str, Any]:
-    """Sample the unit cube, run every point in every case, analyse every outcome."""
+    """Sample the unit cube, run every point in every case, and analyse every outcome."""
     unit, analyse = _design(search, len(template.inputs), template.config.campaign.seed)
     points = len(unit)
     case = np.repeat(np.arange(template.cases), points)
@@ -65,7 +65,9 @@ def find(
 
 
 def _of(values: np.ndarray, analyse: Analyse) -> dict[str, Any]:
-    """Indices of one outcome, None where a run has no valid one or all are equal."""
+    """Return the indices of one outcome; None if a run has no valid outcome or all outcomes are
+    equal.
+    """
     invalid = int(np.count_nonzero(~np.isfinite(values)))
     moments: dict[str, Any] = {
         "mean": math.nan,
@@ -80,7 +82,7 @@ def _of(values: np.ndarray, analyse: Analyse) -> dict[str, Any]:
 
 
 def _design(search: Sobol | Morris, inputs: int, seed: int) -> tuple[np.ndarray, Analyse]:
-    """Points of the unit cube [points, inputs], and what to do with their outcomes."""
+    """Return points of the unit cube [points, inputs], and the analysis of their outcomes."""
     if isinstance(search, Sobol):
 
         def sobol(values: np.ndarray) -> Indices:

@@ -1,4 +1,4 @@
-"""Figures of sensitivity: bars of Sobol's indices, or Morris's mean and deviation of elementary
+"""Draws sensitivity: bars of Sobol's indices, or Morris's mean and deviation of elementary
 effects.
 """
 
@@ -21,7 +21,9 @@ Indices = dict[str, dict[str, np.ndarray]]
 
 
 def draw(numbers: dict[str, Any]) -> Figure:
-    """numbers: as `analysis.find` has them. One row for each case, one panel for each outcome."""
+    """Draw the figure. `numbers`: as from `analysis.find`. There is one row per case and one panel
+    per outcome.
+    """
     import matplotlib
     from matplotlib.figure import Figure
 
@@ -37,9 +39,8 @@ def draw(numbers: dict[str, Any]) -> Figure:
     panel = _bars if numbers["method"] == "sobol" else _effects
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(1.8 + 2.9 * max(1, len(outcomes)), height), layout="constrained")
-        shared = (
-            numbers["method"] == "sobol"
-        )  # all indices lie between 0 and 1, effects have units of their own
+        # All indices lie between 0 and 1, but effects have different units.
+        shared = numbers["method"] == "sobol"
         panes = figure.subplots(
             max(1, len(cases)), max(1, len(outcomes)), sharex=shared, sharey=shared, squeeze=False
         )
@@ -99,7 +100,7 @@ def _effects(axes: Any, indices: Indices, names: list[str]) -> None:
 
 
 def _reach(index: dict[str, np.ndarray]) -> np.ndarray:
-    """[2, inputs]: how far an interval reaches below and above its value."""
+    """Return [2, inputs]: how far an interval extends below and above its value."""
     return np.maximum(
         0.0, np.stack([index["value"] - index["low"], index["high"] - index["value"]])
     )

@@ -1,1 +1,1 @@
-"""Probability of a rare event: subset simulation beside plain Monte Carlo."""
+"""Estimates the probability of a rare event, by subset simulation and by plain Monte Carlo."""

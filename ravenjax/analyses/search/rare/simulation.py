@@ -1,8 +1,8 @@
-"""Kind "rare": the probability of a rare event under the file's distributions, for each combination
-of its lists.
+"""Searches of kind "rare": the probability of a rare event under the file's distributions, for each
+combination of its lists.
 
-Subset simulation, and beside it plain Monte Carlo over the same cube: where that meets the event
-often enough, both must agree; where it does not, it bounds the answer from above.
+Subset simulation and plain Monte Carlo run over the same cube. If plain Monte Carlo meets the event
+often enough, both must agree. Otherwise plain Monte Carlo gives an upper bound.
 
 The figure shows how likely each distance to the event is, by both methods.
 """
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def draw(numbers: dict[str, Any]) -> Figure:
-    """numbers: as `simulation.find` has them. One panel for each case."""
+    """Draw the figure. `numbers`: as from `simulation.find`. There is one panel per case."""
     import matplotlib
     from matplotlib.figure import Figure
 
@@ -80,21 +80,21 @@ def _panel(axes: Any, record: dict[str, Any], numbers: dict[str, Any]) -> None:
 
 
 FAR = 1e6
-"""Distance from the event that a run without a valid outcome counts as having: it is not the
-event.
+"""Distance from the event that is assigned to a run without a valid outcome, so that it does not
+count as the event.
 """
 
 CURVE = 200
-"""Points of an exceedance curve that are kept."""
+"""Number of points that are kept of an exceedance curve."""
 
 
 def due(template: Template, search: Rare) -> int:
-    """About how many runs it takes: what is rarer needs more levels."""
+    """Return the approximate number of runs. Rarer events need more levels."""
     return template.cases * (search.check + 4 * search.runs)
 
 
 def find(template: Template, search: Rare, evaluator: Evaluator, _: Path) -> dict[str, Any]:
-    """Both estimates of every case."""
+    """Return both estimates for every case."""
     seed, inputs = template.config.campaign.seed, len(template.inputs)
     records = []
     for case in range(template.cases):
@@ -136,8 +136,10 @@ def find(template: Template, search: Rare, evaluator: Evaluator, _: Path) -> dic
 def _limit_state(
     template: Template, evaluator: Evaluator, case: int, drawn: list[np.ndarray]
 ) -> LimitState:
-    """Distance from the event of points of the unit cube, at most 0 where it happened; `drawn`
-    collects them.
+    """Return a function from points of the unit cube to the distance from the event, at most 0 if
+    it happened.
+
+    `drawn` collects the distances.
     """
 
     def g(unit: np.ndarray) -> np.ndarray:
@@ -154,13 +156,13 @@ def _of(found: RareEvent) -> dict[str, Any]:
 
 
 def _column(distance: np.ndarray, search: Rare) -> np.ndarray:
-    """What the column was at distances from the event."""
+    """Convert distances from the event to values of the column."""
     one = outcome.parse(search.event)
     return one.bound - distance if one.relation == ">=" else one.bound + distance
 
 
 def _exceedance(sampled: np.ndarray, search: Rare) -> dict[str, list[float]]:
-    """How often plain Monte Carlo was at least that near to the event, or beyond."""
+    """Return how often plain Monte Carlo came at least that near to the event, or beyond it."""
     valid = np.sort(sampled[sampled < FAR])
     if not len(valid):
         return {"value": [], "probability": []}
@@ -172,8 +174,11 @@ def _exceedance(sampled: np.ndarray, search: Rare) -> dict[str, list[float]]:
 
 
 def _reached(found: RareEvent, sampled: np.ndarray, search: Rare) -> list[dict[str, Any]]:
-    """What subset simulation reached, level by level, and how likely that is; the event itself
-    last. Beside it how often plain Monte Carlo got as far."""
+    """Return what subset simulation reached, level by level, and its probability, with the event
+    last.
+
+    Each level also has the share of plain Monte Carlo that got as far.
+    """
     distances = [level for level in found.levels if level > 0.0]
     likely = [search.steps ** -(i + 1.0) for i in range(len(distances))]
     reached = []
