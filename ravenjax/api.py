@@ -1,4 +1,4 @@
-"""Campaigns from a notebook: load, run, look at one run."""
+"""Functions to load, run and inspect campaigns from a notebook or a Python program."""
 
 # Callers may pass anything, and pandas has no types.
 # pyright: reportUnnecessaryIsInstance=false, reportMissingTypeStubs=false
@@ -51,8 +51,9 @@ def run(
 
 
 def open_results(folder: str | Path) -> CampaignResults:
-    """The results that a folder holds, of `run` in Python or on the command line. Raises
-    UserError and StoreError.
+    """Open the result folder that `run` or the command line wrote.
+
+    Raises UserError and StoreError.
     """
     return CampaignResults(folder)
 
@@ -200,7 +201,7 @@ def check_monitor(
 
 
 def _config(campaign: Any) -> CampaignConfig:
-    """The campaign that a caller names: an object, tables, a file, or a result folder."""
+    """Return the configuration of a campaign: an object, tables, a file or a result folder."""
     if isinstance(campaign, CampaignResults):
         campaign = campaign.folder
     if isinstance(campaign, Campaign):
