@@ -1,9 +1,9 @@
-"""What a key of a campaign may be in place of one value: a distribution to draw from, or a place in
-a phase.
+"""Functions for the values of a campaign's keys: distributions to draw from, and positions in a
+phase.
 
-Each function gives the table that a campaign file has in its place: `uniform(0, 1)` is `{ uniform =
-[0, 1] }`. What the numbers may be is checked where the campaign is, by the same rules. A plain list
-is a list of values.
+Each function returns the table that a campaign file would hold: `uniform(0, 1)` is `{ uniform = [0,
+1] }`. The numbers are checked with the campaign, by the same rules as in a file. A plain list is a
+list of values.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 Form: TypeAlias = dict[str, Any]
-"""A table in place of a value, as a campaign file has it."""
+"""A table in place of a value, as in a campaign file."""
 
 
 def uniform(low: float, high: float) -> Form:

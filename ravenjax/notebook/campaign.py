@@ -1,4 +1,4 @@
-"""A campaign as an object: declared in Python or read from a TOML file, checked at once, run."""
+"""The class Campaign: declared in Python or read from a TOML file, checked at once, and run."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ravenjax.notebook.results import CampaignResults
 
 SECTION = "campaign"
-"""The table whose keys are a campaign's own."""
+"""The table that holds the general keys of a campaign."""
 
 
 class Campaign:
@@ -57,7 +57,9 @@ class Campaign:
     """
 
     config: CampaignConfig
-    """What was checked: every key with its default, the library's hazards as plain groups."""
+    """The checked campaign: every key with its default, and hazards of the library as plain
+    groups.
+    """
     _tables: dict[str, Any]
 
     def __init__(self, **keys: Any) -> None:
@@ -65,7 +67,7 @@ class Campaign:
         self._enter(tables, Path.cwd(), loading.from_dict(tables))
 
     def _enter(self, tables: dict[str, Any], folder: Path, config: CampaignConfig) -> None:
-        """Hold these tables, whose files are in `folder`."""
+        """Set the tables, the folder of the files that they name, and the checked campaign."""
         loading.check_parameters(config)
         rooted = _with_files(tables, lambda file: str((folder / file).absolute()))
         self.__dict__.update(_tables=rooted, config=config)
@@ -155,12 +157,14 @@ class Campaign:
 
 
 def _campaign_keys(model: type[CampaignConfig]) -> list[str]:
-    """The keys of the table [campaign]."""
+    """Return the keys of the table [campaign]."""
     return list(next(models_in(model.model_fields[SECTION].annotation)).model_fields)
 
 
 def _signature() -> inspect.Signature:
-    """The keys of a Raven-II's campaign, which a notebook completes."""
+    """Return a signature with the keys of a Raven-II's campaign, so that a notebook can complete
+    them.
+    """
     model = config_class_of(robots.find(robots.DEFAULT))
     tables = [key for key in model.model_fields if key != SECTION]
     names = dict.fromkeys(["name", "group", *_campaign_keys(model), *tables])
@@ -177,7 +181,7 @@ Campaign.__signature__ = _signature()  # pyright: ignore[reportAttributeAccessIs
 
 
 def _tables_of(keys: Mapping[str, Any]) -> dict[str, Any]:
-    """The tables of a file that says what these keys say."""
+    """Return the tables of a file with the same content as these keys."""
     section = toml_value(keys.get(SECTION)) or {}
     if not isinstance(section, Mapping):
         raise UserError(f"{SECTION}: got {shown(section)}, expected a table")
@@ -187,7 +191,7 @@ def _tables_of(keys: Mapping[str, Any]) -> dict[str, Any]:
     except UserError:
         model = CampaignConfig
     own = _campaign_keys(model)
-    # an unknown key that holds a table is meant to be one beside [campaign]
+    # An unknown key that holds a table is taken for a table beside [campaign].
     tables = {
         key: value
         for key, value in keys.items()
@@ -197,7 +201,7 @@ def _tables_of(keys: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _with_files(tables: dict[str, Any], changed: Callable[[str], str]) -> dict[str, Any]:
-    """Tables in which each path of a file is changed."""
+    """Return the tables with `changed` applied to each path of a file."""
     model = config_class_of(robot_of(tables))
     places = {
         (*path, key)

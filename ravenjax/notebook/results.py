@@ -1,4 +1,4 @@
-"""The results of a campaign as an object, counted as in the report."""
+"""The class CampaignResults: the results of a campaign, counted as in the report."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 
 class ShownFigure:
-    """A drawing, which a notebook shows whatever matplotlib's backend is.
+    """A figure that a notebook shows with any backend of matplotlib.
 
-    `figure` is matplotlib's, to change or save.
+    `figure` is the matplotlib figure, to change or save.
     """
 
     def __init__(self, figure: Figure) -> None:
@@ -49,7 +49,9 @@ class ShownFigure:
 
 
 def column_meanings(shape: schema.Shape) -> dict[str, dict[str, str]]:
-    """The attrs of a result table: {"units": {column: unit}, "meanings": {column: meaning}}."""
+    """Return the attrs of a result table: {"units": {column: unit}, "meanings": {column:
+    meaning}}.
+    """
     columns = schema.columns(shape)
     return {
         "units": {column.name: column.unit for column in columns},
@@ -244,7 +246,7 @@ class CampaignResults:
 
     @functools.cached_property
     def _runs(self) -> Runs:
-        """The table and its facts, open until this object goes."""
+        """The table and its facts in DuckDB, open as long as this object exists."""
         from ravenjax.report.data.runs import Runs
 
         runs = Runs.open(self.folder, self._manifest)
