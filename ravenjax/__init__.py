@@ -26,7 +26,7 @@ from typing import Any
 
 __version__ = "0.1.0"
 
-# the stub says which module each name comes from, here and to type checkers
+# The stub states which module each name comes from, for this module and for type checkers.
 _STUB = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
 _HOMES = {
     name.name: str(line.module)

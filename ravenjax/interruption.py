@@ -83,9 +83,8 @@ def exits(*numbers: signal.Signals) -> Iterator[None]:
     def leave(number: int, _: object) -> None:
         raise SystemExit(128 + number)
 
-    if (
-        threading.current_thread() is not threading.main_thread()
-    ):  # then signals are somebody else's
+    # Outside the main thread, the handling of signals is up to the program around this call.
+    if threading.current_thread() is not threading.main_thread():
         yield
         return
     with _handled_by(

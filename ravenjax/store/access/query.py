@@ -164,9 +164,8 @@ def empty(aside: Path | None = None, memory_mb: int | None = None) -> ResultTabl
             },
         )
         closing.callback(connection.close)
-        with contextlib.suppress(
-            duckdb.InvalidInputException
-        ):  # of a notebook without ipywidgets, which has none
+        # A notebook without ipywidgets has no progress bar.
+        with contextlib.suppress(duckdb.InvalidInputException):
             connection.execute("SET enable_progress_bar = false")
         # Intermediate tables take a third of the space.
         connection.execute("ATTACH ':memory:' AS aside (COMPRESS)")

@@ -72,9 +72,8 @@ def replay(
     return _replay(path, key, arms, options or ReplayOptions(), ticks, scale, bounds)
 
 
-@functools.lru_cache(
-    maxsize=2
-)  # a campaign is planned for each look of its stop rule, and printed before
+# Cached, because a campaign is planned for each look of its stop rule, and printed before.
+@functools.lru_cache(maxsize=2)
 def _replay(
     path: Path,
     state: tuple[int, int],
