@@ -50,10 +50,10 @@ class Campaign:
         )
         results = campaign.run()
 
-    It says what a file says, key by key, and is checked by the same rules when it is made:
-    UserError names each key that is wrong, what was got and what to write. Two are equal that
-    declare the same, however they were written. It is frozen; `replace` gives a changed one. Files
-    that it names are taken from the working directory.
+    Its keys are those of a campaign file. It is checked by the same rules when it is made:
+    UserError names each key that is wrong, what was found and what to write. Two campaigns with the
+    same content are equal, however they were written. A campaign is frozen; `replace` returns a
+    changed one. Paths of files are relative to the working directory.
     """
 
     config: CampaignConfig
@@ -74,11 +74,11 @@ class Campaign:
 
     @classmethod
     def from_toml(cls, source: str | Path, overrides: Sequence[str] = ()) -> Campaign:
-        """The campaign of a TOML file, of a bundled one by name, or of a text in TOML, which has
+        """Return the campaign of a TOML file, of a bundled one by name, or of a TOML text of
         several lines.
 
         overrides: `key.path=value`, as `--set` on the command line. Comments are not kept. Raises
-        UserError that names file, line, key, what was got and what was expected.
+        UserError that names file, line, key, what was found and what was expected.
         """
         if isinstance(source, str) and "\n" in source:
             file, text = None, source
@@ -93,10 +93,11 @@ class Campaign:
         return campaign
 
     def to_toml(self, path: str | Path | None = None) -> str:
-        """The text of a file that declares the same; written to `path`, too, where one is named.
+        """Return the text of a campaign file with the same content, and write it to `path` if
+        given.
 
-        Files that it names are written from the folder of `path` where they lie in it, else as they
-        are. Raises StoreError where `path` cannot be written.
+        Paths of files in the folder of `path` are written relative to it, others unchanged. Raises
+        StoreError if `path` cannot be written.
         """
         if path is None:
             return writing.text(self._tables)
@@ -113,11 +114,11 @@ class Campaign:
         return text
 
     def plain(self) -> dict[str, Any]:
-        """The campaign's tables as a TOML file has them."""
+        """Return the campaign's tables as a TOML file has them."""
         return toml_value(self._tables)
 
     def replace(self, **keys: Any) -> Campaign:
-        """Itself with other values of these keys; None leaves a key out."""
+        """Return a copy with other values of these keys; None removes a key."""
         other = {key: table for key, table in self._tables.items() if key != SECTION}
         return Campaign(**{**self._tables[SECTION], **other, **keys})
 
@@ -129,10 +130,10 @@ class Campaign:
         executor: str | None = None,
         workers: int | None = None,
     ) -> CampaignResults:
-        """Run it; arguments as of `run`. Without `out` the results lie in a temporary folder that
-        goes with them.
+        """Run the campaign; the arguments are those of `run`.
 
-        Raises UserError and, for what is wrong with `out`, StoreError.
+        Without `out` the results are in a temporary folder that is deleted with them. Raises
+        UserError, and StoreError for errors of `out`.
         """
         from ravenjax.notebook.results import CampaignResults
 
