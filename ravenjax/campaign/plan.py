@@ -32,7 +32,7 @@ class Plan:
     """Everything that a campaign computes, before anything is compiled."""
 
     config: CampaignConfig
-    rows: FaultTable  # one row a run
+    rows: FaultTable  # one row per run
     program: TickProgram
     # The operator's motion, as the robot represents it.
     motion: Any

@@ -156,9 +156,8 @@ def checks(tests: dict[str, Callable[[], str]]) -> Iterator[tuple[str, str, str]
     for name, test in tests.items():
         try:
             yield name, "ok", test()
-        except (
-            Exception
-        ) as error:  # a broken installation may raise anything, and the next line still helps
+        # A broken installation may raise anything, and the next test is still useful.
+        except Exception as error:
             yield name, "FAILED", f"{type(error).__name__}: {error}"
 
 

@@ -104,9 +104,8 @@ class ResultFolder:
             torn.unlink(missing_ok=True)
         record = record.model_copy(update={"parts": tuple(whole)})
         folder = ResultFolder(path, record, notes)
-        if any(
-            True for _ in folder.missing(record.runs)
-        ):  # a part that was lost is computed again, or there is more
+        # The campaign is not finished if a part was lost, or if more rows are wanted now.
+        if any(True for _ in folder.missing(record.runs)):
             folder._manifest = record.model_copy(update={"finished": None})
         manifests.write(path, folder.manifest)
         return folder

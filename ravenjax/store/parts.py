@@ -202,11 +202,8 @@ def _opened(path: Path, config_hash: str | None) -> Iterator[pq.ParquetFile]:
             _require_known_version(path, metadata)
             _require_campaign(path, metadata, config_hash)
             yield file
-    except (
-        pa.ArrowException,
-        OSError,
-        ValueError,
-    ) as error:  # ValueError: text in a damaged footer
+    # ValueError: text in a damaged footer.
+    except (pa.ArrowException, OSError, ValueError) as error:
         if not path.is_file():
             raise StoreError(
                 f"{path}: is missing. Every other part is untouched: start the same command again, "

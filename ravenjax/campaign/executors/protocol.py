@@ -62,7 +62,7 @@ class Executor(Protocol):
 
     @property
     def workers(self) -> int | None:
-        """Number of parallel tasks that was asked for; None: as many as fit."""
+        """Requested number of parallel tasks; None: as many as fit."""
         ...
 
     def run(self, work: Work, chunks: Sequence[range]) -> None:

@@ -47,7 +47,7 @@ class CampaignConfig(Section):
     detector: tuple[Detector, ...] = ()
     """observers that are scored"""
     check: tuple[OwnCheck, ...] = ()
-    """checks of your own that stand in the loop"""
+    """your own checks in the loop"""
     outcomes: Outcomes = Outcomes()
     stop: Stop | None = None
     """when to stop; without it the whole table is computed"""

@@ -201,7 +201,7 @@ class Group(Section):
     runs: int | None = Field(default=None, ge=1, le=100_000_000)
     """how many are drawn; of designs random, lhs, sobol, and only there"""
     repeats: int = Field(default=1, ge=1, le=1_000_000)
-    """each run so many times, with seeds of its own"""
+    """number of repeats of each run, each with other seeds"""
     fault: tuple[Fault, ...] = Field(default=(), max_length=MAX_SLOTS)
     """faults that act in the same run; none: fault-free runs"""
     run: tuple[Run, ...] = ()

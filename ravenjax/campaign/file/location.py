@@ -77,10 +77,8 @@ def parsed(text: str, name: str) -> dict[str, Any]:
     """Return the tables of a TOML text; `name` describes the text in errors. Raises UserError."""
     try:
         return tomllib.loads(text)
-    except (
-        ValueError,
-        RecursionError,
-    ) as error:  # ValueError also where a number has thousands of digits
+    # tomllib also raises ValueError where a number has thousands of digits.
+    except (ValueError, RecursionError) as error:
         raise UserError(f"{name}: not valid TOML: {error}") from None
 
 

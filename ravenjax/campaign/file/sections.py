@@ -30,7 +30,7 @@ from ravenjax.vocabulary.parts import OwnSource
 
 
 class CampaignSection(Section):
-    """[campaign]: what holds for every run. A robot may have more keys here: see its own."""
+    """[campaign]: keys that hold for every run. A robot may have further keys."""
 
     robot: str = robots.DEFAULT
     """kind of robot, or the Python module that declares ROBOT"""
@@ -264,7 +264,7 @@ class OwnCheck(Section):
         description=f"of that file {own_part.CONTENT}",
     )
     at: str
-    """seam where it stands"""
+    """seam at which the check acts"""
     acts: Action = Field(
         default="watch",
         description="what it does when it trips, by the robot's own means; "

@@ -69,7 +69,7 @@ class Verification(NamedTuple):
     """Result of a verification."""
 
     checks: list[FolderCheck]
-    rerun: Rerun | None  # None: no run was asked for, or none could be computed
+    rerun: Rerun | None  # None: no run was requested, or none could be computed
 
     @property
     def fine(self) -> bool:

@@ -73,7 +73,7 @@ INLINE unsigned left(unsigned x, unsigned by) { return by < 32u ? x << by : 0u; 
 INLINE unsigned right(unsigned x, unsigned by) { return by < 32u ? x >> by : 0u; }
 INLINE int signed_right(int x, unsigned by) { return x >> (by < 31u ? by : 31u); }
 """  # noqa: E501
-"""What the statements call."""
+"""Functions that the statements call."""
 
 
 class CudaPrinter(Printing[str]):

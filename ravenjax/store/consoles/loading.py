@@ -67,10 +67,8 @@ def _checked(where: str, text: str) -> ConsoleProfile:
             f"{where}: not a console's profile:\n"
             + listed([_line(fault) for fault in error.errors()])
         ) from None
-    except (
-        ValueError,
-        RecursionError,
-    ) as error:  # ValueError also where a number has thousands of digits
+    # tomllib also raises ValueError where a number has thousands of digits.
+    except (ValueError, RecursionError) as error:
         raise UserError(f"{where}: not a TOML file: {error}") from None
 
 
