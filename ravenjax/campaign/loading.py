@@ -26,12 +26,12 @@ from ravenjax.store import manifest
 def load_campaign(
     campaign: str | Path | dict[str, Any], overrides: Sequence[str] = ()
 ) -> CampaignConfig:
-    """A validated campaign from a TOML file, the name of a bundled one, or nested tables as TOML
+    """Return a validated campaign from a TOML file, a bundled one by name, or nested tables as TOML
     has them.
 
-    overrides: `key.path=value`, as `--set` on the command line. `.toml` may be left out; files that
-    a campaign names are taken from its file's folder. Raises UserError that names what is wrong and
-    where.
+    overrides: `key.path=value`, as `--set` on the command line. `.toml` may be left out. Paths of
+    files that a campaign names are relative to its file's folder. Raises UserError that names each
+    error and its place.
     """
     if isinstance(campaign, dict):
         return from_dict(campaign, overrides=overrides)

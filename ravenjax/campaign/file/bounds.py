@@ -23,7 +23,7 @@ from ravenjax.vocabulary.robot import Robot
 def rows(robot: Robot) -> tuple[tuple[str, Quantity], ...]:
     """Return (path as from `plain`, allowed values) of each parameter, in order.
 
-    A parameter has two entries if its joints have different types or ranges.
+    A parameter has two entries if its joints are unlike.
     """
     return tuple(quantity.quantities(robot.part("campaign").Params))
 

@@ -37,9 +37,9 @@ class Explained(NamedTuple):
 
     # Their rows of the result table, computed again.
     results: pd.DataFrame
-    ticks: (
-        pd.DataFrame
-    )  # run_id, index, harm_ms; differs:, leaves: of each number, ms; near: and so on of each check
+    # Columns run_id, index, harm_ms; for each number differs: and leaves:, ms; for each check near:
+    # and similar ones.
+    ticks: pd.DataFrame
     engine: str  # engine and device, in words
 
 

@@ -34,7 +34,7 @@ MOTIONS = 10
 DRAWN = 4
 """Runs of each motion if parameters of the robot are drawn."""
 ENOUGH, LITTLE = 10, 0.1
-"""After ENOUGH motions with less than this share of time in pedal-down, computing ends.
+"""After ENOUGH motions with less than this share of time in pedal-down, `extend` raises UserError.
 
 Something then stops the robot soon in each motion.
 """

@@ -131,7 +131,7 @@ class Memory(NamedTuple):
 
 
 class TransitionMachine(Protocol):
-    """Runs transitions."""
+    """Runs transitions, compiled or interpreted."""
 
     def bind(self, name: str, memory: Memory) -> Callable[[], None]:
         """Return a function that makes the transition `name` once for each row of `memory`."""

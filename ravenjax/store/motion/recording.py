@@ -54,7 +54,7 @@ class HandRecording:
 
     @property
     def path(self) -> Path:
-        """The file."""
+        """Path of the file."""
         return self.track.path
 
     def __len__(self) -> int:

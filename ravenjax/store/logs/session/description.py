@@ -52,7 +52,7 @@ class ScenarioOfSession(HeaderTable):
 
 
 class SessionHeader(HeaderTable):
-    """The whole file."""
+    """The whole content of session.json."""
 
     version: int = Field(le=VERSION)
     name: str | None = None
