@@ -120,9 +120,8 @@ class Block:
 
     varied: Mapping[str, np.ndarray]  # path -> [lanes]
     faults: Any  # faults.fault.Faults of arrays [lanes]
-    reference: (
-        np.ndarray | None
-    )  # [ticks, series, golden runs]; None: golden runs; NO_REFERENCE: none
+    # [ticks, series, golden runs]; None: the lanes are golden runs; NO_REFERENCE: no reference
+    reference: np.ndarray | None
     golden: np.ndarray | None = (
         # int [lanes]: golden run of each lane; None: one per lane, in order.
         None

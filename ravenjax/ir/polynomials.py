@@ -241,9 +241,8 @@ def log(m: Arithmetic, x: Number) -> Number:
     """Return the natural logarithm; -infinity at 0, NaN below."""
     subnormal = m.less(x, _TINY)
     pattern = m.bits(m.select(subnormal, m.mul(x, 2.0**23), x))
-    shifted = m.integer(
-        "sub", pattern, 0x3F3504F3
-    )  # sqrt(1/2): the mantissa then lies in [sqrt(1/2), sqrt(2)]
+    # The constant is sqrt(1/2): the mantissa then lies in [sqrt(1/2), sqrt(2)].
+    shifted = m.integer("sub", pattern, 0x3F3504F3)
     exponent = m.integer("sar", shifted, 23)
     mantissa = m.emit("sub", "int32", pattern, m.integer("shl", exponent, 23))
     power = m.add(m.emit("convert", m.dtype, exponent), m.select(subnormal, -23.0, 0.0))

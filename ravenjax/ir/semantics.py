@@ -81,9 +81,8 @@ def _sum_error(a: Array, b: Array, total: Array) -> Array:
 
 
 def _fma64(a: Array, b: Array, c: Array) -> Array:
-    wide = np.longdouble(a) * np.longdouble(b) + np.longdouble(
-        c
-    )  # 64 bits: within half an ulp and 2^-11 of one
+    # The sum has 64 bits: it is exact within half an ulp and 2^-11 of one.
+    wide = np.longdouble(a) * np.longdouble(b) + np.longdouble(c)
     return np.float64(wide)
 
 

@@ -139,9 +139,8 @@ class _Words:
         columns = [table.words(f"fault{slot}_{name}") for name in WORDS]
         sizes = [len(column.categories) for column in columns]
         self.size = math.prod(sizes)
-        self.number = np.ravel_multi_index(
-            [column.codes for column in columns], sizes
-        )  # int64 [rows]
+        # int64 [rows]
+        self.number = np.ravel_multi_index([column.codes for column in columns], sizes)
         present = np.flatnonzero(np.bincount(self.number, minlength=self.size))
         places = np.stack(np.unravel_index(present, sizes), axis=1)
         self.combinations = {
