@@ -81,7 +81,7 @@ def _sum_error(a: Array, b: Array, total: Array) -> Array:
 
 
 def _fma64(a: Array, b: Array, c: Array) -> Array:
-    # The sum has 64 bits: it is exact within half an ulp and 2^-11 of one.
+    # 64 bits of mantissa: the result is within (1/2 + 2^-11) ulp.
     wide = np.longdouble(a) * np.longdouble(b) + np.longdouble(c)
     return np.float64(wide)
 
