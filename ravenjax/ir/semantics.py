@@ -61,7 +61,7 @@ def run(program: Program, inputs: Sequence[Any], tables: Sequence[Array] = ()) -
 def fma(a: Array, b: Array, c: Array) -> Array:
     """Return a b + c rounded once.
 
-    float32 is computed in float64, whose sum is first rounded to odd; float64 with two error terms.
+    float32 is computed in float64, whose sum is first rounded to odd; float64 in long double.
     """
     if np.asarray(a).dtype == np.float64:
         return _fma64(a, b, c)
