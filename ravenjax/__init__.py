@@ -1,20 +1,20 @@
-"""A virtual Raven-II surgical robot, its control software, faults and haptics; thousands of runs in
-parallel.
+"""A virtual Raven-II surgical robot with its control software, faults and haptics; thousands of
+runs in parallel.
 
     import ravenjax as rj
 
     campaign = rj.Campaign.from_toml("quick")    # or rj.Campaign(name=.., group=[rj.Group(..)])
     results = campaign.run()                     # rates, worst runs, figures, SQL
     config = rj.load_campaign("quick.toml", overrides=["campaign.duration_s=1"])
-    table = rj.run(config)                       # pandas: one row a run
+    table = rj.run(config)                       # pandas: one row per run
     one = rj.simulate(config, 17)                # xarray.Dataset: time series of run 17
     chain = rj.explain(config, 17)               # pandas: which signal its fault reached when
-    checks = rj.counterfactual(config)           # pandas: what further checks would have seen
+    checks = rj.counterfactual(config)           # pandas: what further checks would have detected
     position, rotation = rj.forward_kinematics(jpos, "gold")
     software = rj.ControlSoftware()              # drive the control software alone
 
-What `__all__` names here is public. Every other module and name is internal and may change with any
-version. Names are imported when they are first used, so that `import ravenjax` costs nothing.
+The names in `__all__` are public. Every other module and name is internal and may change with any
+version. Names are imported when they are first used, so `import ravenjax` is fast.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from typing import Any
 
 __version__ = "0.1.0"
 
-# the stub says which module each name comes from, here and to type checkers
+# The stub states which module each name comes from, for this module and for type checkers.
 _STUB = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
 _HOMES = {
     name.name: str(line.module)

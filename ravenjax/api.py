@@ -1,4 +1,4 @@
-"""Campaigns from a notebook: load, run, look at one run."""
+"""Functions to load, run and inspect campaigns from a notebook or a Python program."""
 
 # Callers may pass anything, and pandas has no types.
 # pyright: reportUnnecessaryIsInstance=false, reportMissingTypeStubs=false
@@ -37,12 +37,12 @@ def run(
     executor: str | None = None,
     workers: int | None = None,
 ) -> pd.DataFrame:
-    """Run a campaign; one row a run, columns as in results/README.md; their units and meanings are
-    in `attrs`.
+    """Run a campaign and return one row per run, with the columns of results/README.md.
 
-    out: result folder, resumed where it holds a part of this campaign; None: a temporary one.
-    executor: "local" (this process) or "ray"; workers: tasks side by side; the table is the same.
-    Raises UserError and, for what is wrong with `out`, StoreError.
+    The table's `attrs` hold units and meanings of the columns. out: result folder, which is resumed
+    if it holds a part of this campaign; None: a temporary folder. executor: "local" (this process)
+    or "ray". workers: number of parallel tasks; the table does not depend on it. Raises UserError,
+    and StoreError for errors of `out`.
     """
     results = running.run(_config(campaign), out, engine, on_progress, executor, workers)
     table = results.frame()
@@ -51,8 +51,9 @@ def run(
 
 
 def open_results(folder: str | Path) -> CampaignResults:
-    """The results that a folder holds, of `run` in Python or on the command line. Raises
-    UserError and StoreError.
+    """Open the result folder that `run` or the command line wrote.
+
+    Raises UserError and StoreError.
     """
     return CampaignResults(folder)
 
@@ -62,12 +63,13 @@ def simulate(
     run: str | int = 0,
     engine: str = "auto",
 ) -> xarray.Dataset:
-    """Time series of one run of a campaign, a tick a millisecond, as an xarray.Dataset.
+    """Return the time series of one run of a campaign, one tick per millisecond, as an
+    xarray.Dataset.
 
-    One variable a quantity (`store.logs.time_series` lists them), with attrs units and long_name;
-    coordinates time (s), arm, joint, axis, fault and cue: `simulate(c, 42)["tip"].sel(arm="gold",
-    axis="z")`. attrs of the dataset say which run it is and what became of it. run: index, run id,
-    or the beginning of one. Raises UserError.
+    There is one variable per quantity (listed in `store.logs.time_series`), with attrs units and
+    long_name. Coordinates are time (s), arm, joint, axis, fault and cue: `simulate(c,
+    42)["tip"].sel(arm="gold", axis="z")`. attrs of the dataset state which run it is and its
+    outcomes. run: index, run id, or the beginning of a run id. Raises UserError.
     """
     config = _config(campaign)
     again = replay(config, run, engine)
@@ -94,17 +96,17 @@ def explain(
     runs: int | str | Sequence[int | str] | None = None,
     engine: str = "auto",
 ) -> pd.DataFrame:
-    """How faults spread, tick by tick against the golden run: one row a run and signal that
-    differs, by run, then in the robot's order.
+    """Show how faults propagate, tick by tick compared with the golden run: one row per run and
+    signal that differs, ordered by run, then in the robot's order of signals.
 
-    Columns run_id, index, layer, arm, seam; differs_ms, when the signal first differed in any bit,
+    Columns: run_id, index, layer, arm, seam; differs_ms, when the signal first differed in any bit,
     and differs_in, in which number; leaves_ms and leaves_in, when it first left its normal range
-    (-1: never); harm_ms, when the run's hazard began (-1: none did), and left_ms, how long before
-    that the signal left its range. attrs say which engine.
+    (-1: never); harm_ms, when the run's hazard began (-1: there was none), and left_ms, how long
+    before that the signal left its range. attrs name the engine.
 
-    campaign: as for `run`, or a result folder. runs: index, run id, or the beginning of one, or
-    several; None: every run with a fault. Raises UserError, and StoreError for a folder that cannot
-    be read.
+    campaign: as for `run`, or a result folder. runs: index, run id, or the beginning of a run id,
+    or several; None: every run with a fault. Raises UserError, and StoreError for a folder that
+    cannot be read.
     """
     if isinstance(campaign, CampaignResults):
         campaign = campaign.folder
@@ -124,13 +126,13 @@ def counterfactual(
     seed: int = 0,
     engine: str = "auto",
 ) -> pd.DataFrame:
-    """Which few checks would have seen the faults that evade the robot's own: one row a candidate,
-    as in `counterfactual.csv`; `chosen` is the set's. attrs: "sentences", what was found, and
-    "files", what was written.
+    """Select a few checks that would have detected the faults that evade the robot's checks: one
+    row per candidate, as in `counterfactual.csv`; column `chosen` marks the selected set.
 
-    campaign: as for `run`, or a result folder. out: folder for table, figure and the set as a
-    campaign with detectors of its own; None writes nothing. Options as of `ravenjax
-    counterfactual`. Raises UserError, and StoreError.
+    attrs: "sentences" with the findings, and "files" that were written. campaign: as for `run`, or
+    a result folder. out: folder for the table, a figure, and a campaign with the selected checks as
+    detectors; None writes nothing. The options are those of `ravenjax counterfactual`. Raises
+    UserError and StoreError.
     """
     question = Question(false_alarms_per_hour, lead_ms, hours, most, tuple(groups), seed)
     one = finding.find(_config(campaign), question, engine)
@@ -159,9 +161,9 @@ def calibrate_monitor(
     """Set thresholds that keep a false-alarm rate with a stated confidence, as `ravenjax monitor
     calibrate` does.
 
-    The tables of the monitor.toml that it writes into `out`, with monitor.py, C and a test vector.
-    hours: of fault-free operation in all, None: what rate and confidence need. An interrupted call
-    goes on. Raises UserError and StoreError.
+    Writes monitor.toml, monitor.py, C code and a test vector into `out`, and returns the tables of
+    monitor.toml. hours: fault-free operation in total; None: what rate and confidence need. An
+    interrupted call can be repeated and continues. Raises UserError and StoreError.
     """
     from ravenjax.analyses.monitors import calibrate, writing
 
@@ -186,12 +188,12 @@ def check_monitor(
     level: float = 0.05,
     seed: int = 0,
 ) -> pd.DataFrame:
-    """Whether fresh fault-free operations are like those of a monitor's calibration: a row a score,
-    the joint first.
+    """Test whether fresh fault-free operations are like those of a monitor's calibration: one row
+    per score, the joint one first.
 
-    Columns score, place (median place among the calibration's, 0 to 1), p, adjusted (p of all
-    together), martingale, shifted. sources: as `ravenjax monitor check` takes them. attrs: units,
-    operations, hours, alarms, level. Raises UserError and StoreError.
+    Columns: score, place (median position among the calibration's scores, 0 to 1), p, adjusted (p
+    adjusted for all scores together), martingale, shifted. sources: as `ravenjax monitor check`
+    takes them. attrs: units, operations, hours, alarms, level. Raises UserError and StoreError.
     """
     from ravenjax.analyses.monitors import checking
 
@@ -200,7 +202,7 @@ def check_monitor(
 
 
 def _config(campaign: Any) -> CampaignConfig:
-    """The campaign that a caller names: an object, tables, a file, or a result folder."""
+    """Return the configuration of a campaign: an object, tables, a file or a result folder."""
     if isinstance(campaign, CampaignResults):
         campaign = campaign.folder
     if isinstance(campaign, Campaign):

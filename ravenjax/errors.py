@@ -1,4 +1,4 @@
-"""Errors that a user can correct, and how their messages are worded."""
+"""Exceptions for errors that a user can correct, and helpers that word their messages."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from collections.abc import Iterable, Sequence
 
 
 class UserError(ValueError):
-    """Bad input: a file, a key, a value. The message names it, says what was expected and what to
-    write instead.
+    """Bad input: a file, a key or a value. The message names it, states what was expected and what
+    to write instead.
 
-    The command line prints it without a traceback and exits with code 2.
+    The command line prints the message without a traceback and exits with code 2.
     """
 
 
 class StoreError(Exception):
-    """A result folder or file that cannot be used; the message names it, says what is wrong and
+    """A result folder or file that cannot be used. The message names it, states the problem and
     what to do.
     """
 
@@ -26,22 +26,24 @@ _SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother, _SHORT.maxlong = 3, 80, 80, 
 
 
 def shown(value: object) -> str:
-    """The repr of a value in an error message, cut where it is long."""
+    """Return the repr of a value for an error message, shortened if it is long."""
     try:
         return _SHORT.repr(value)
-    except Exception:  # a repr may fail in any way, and its owner still wants the error
+    # A repr may raise anything. The caller still needs the error message.
+    except Exception:
         return f"<{type(value).__name__}>"
 
 
 def listed(lines: Sequence[str], most: int = 8) -> str:
-    """The first of some lines below each other, indented, and how many more there are."""
+    """Return the first `most` lines, indented, one below the other, and how many more there are."""
     more = [f"and {len(lines) - most} more"] if len(lines) > most else []
     return "\n".join(f"  {line}" for line in [*lines[:most], *more])
 
 
 def suggestion(word: object, names: Iterable[str]) -> str:
-    """`. Did you mean 'x'?` for the known word nearest to `word`; "" where none is near, or
-    `word` is no text.
+    """Return `. Did you mean 'x'?` with the known name nearest to `word`.
+
+    Returns "" if no name is near, or if `word` is not a string.
     """
     if not isinstance(word, str):
         return ""
@@ -52,6 +54,6 @@ def suggestion(word: object, names: Iterable[str]) -> str:
 
 
 def unknown(what: str, word: str, names: Iterable[str]) -> str:
-    """The message for a word that is not known."""
+    """Return the error message for a word that is not among the known names."""
     names = list(names)
     return f"unknown {what} {word!r}, expected one of {', '.join(names)}{suggestion(word, names)}"

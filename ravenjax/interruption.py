@@ -1,11 +1,11 @@
-"""Ctrl-C, SIGTERM and SIGHUP while threads are at work, or libraries are imported.
+"""Handles Ctrl-C, SIGTERM and SIGHUP safely while threads are at work or libraries are imported.
 
-Python raises in the main thread wherever that happens to be. Where it has just taken a lock that
-another thread needs, such as that of a `Future`, nobody gives the lock back, and the program waits
-for ever; where a compiled module is being imported, that says it cannot be. One signal in a hundred
-or two did either to a campaign. So a signal is held back, and raised where the main thread waits
-for others or begins something new. Work that does not return for long, such as a compiler that
-runs for minutes, ends with the process.
+Python raises the exception of a signal in the main thread, at any instruction. If the main thread
+has just taken a lock that another thread needs, such as that of a `Future`, nobody releases the
+lock and the program hangs. If a compiled module is being imported, the import fails. About one
+signal in 100 to 200 did one of these to a campaign. Therefore a signal is held back, and raised
+where the main thread waits for other threads or begins a new step. Work that does not return for a
+long time, such as a compiler that runs for minutes, ends with the process.
 """
 
 from __future__ import annotations
@@ -24,20 +24,23 @@ from typing import TypeVar
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 EVERY_S = 0.05
-"""How often who waits for a thread looks for a signal."""
+"""How often a thread that waits for another one looks for a signal, s."""
 GRACE_S = 10.0
-"""Time that the main thread has from a signal to the end of its work; then the process ends."""
+"""Time that the main thread has between a signal and the end of its work, s. Then the process ends.
+"""
 
 T = TypeVar("T")
 
 _held: list[Callable[[], object]] = []
-"""Calls of the handlers of signals that came. Only the main thread uses it."""
+"""Calls of the handlers of the signals that have arrived. Only the main thread uses this list."""
 
 
 @contextlib.contextmanager
 def held_back() -> Iterator[None]:
-    """Signals whose handlers are Python's wait for `point`, `result` or the end of
-    this. In other threads than the main one it does nothing: no signal is raised there."""
+    """Hold back signals with a Python handler until `point`, `result` or the end of the block.
+
+    Does nothing outside the main thread, because Python raises no signals there.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -56,13 +59,13 @@ def held_back() -> Iterator[None]:
 
 
 def point() -> None:
-    """Here a signal that was held back may raise: no lock is held that others need."""
+    """Raise a signal that was held back. No lock may be held that another thread needs."""
     while _held and threading.current_thread() is threading.main_thread():
         _held.pop(0)()
 
 
 def result(future: Future[T]) -> T:
-    """`future.result()`; raises a signal that was held back, too."""
+    """Return `future.result()`; while waiting, raise a signal that was held back."""
     while not future.done():
         point()
         concurrent.futures.wait((future,), EVERY_S)
@@ -71,15 +74,17 @@ def result(future: Future[T]) -> T:
 
 @contextlib.contextmanager
 def exits(*numbers: signal.Signals) -> Iterator[None]:
-    """These signals raise SystemExit with 128 + their number, unless they are ignored, as under
-    nohup. In other threads than the main one it does nothing."""
+    """Let these signals raise SystemExit with 128 + their number, unless they are ignored (as under
+    nohup).
+
+    Does nothing outside the main thread.
+    """
 
     def leave(number: int, _: object) -> None:
         raise SystemExit(128 + number)
 
-    if (
-        threading.current_thread() is not threading.main_thread()
-    ):  # then signals are somebody else's
+    # Outside the main thread, the handling of signals is up to the program around this call.
+    if threading.current_thread() is not threading.main_thread():
         yield
         return
     with _handled_by(
@@ -90,9 +95,11 @@ def exits(*numbers: signal.Signals) -> Iterator[None]:
 
 @contextlib.contextmanager
 def until_interrupted() -> Iterator[list[int]]:
-    """Ctrl-C and SIGTERM as a wish that a loop looks at, so that it ends between two ticks and
-    closes what it opened: a list that each is appended to; the third raises KeyboardInterrupt. Main
-    thread only."""
+    """Yield a list to which each Ctrl-C or SIGTERM is appended, so that a loop can end between two
+    ticks and close its files.
+
+    The third signal raises KeyboardInterrupt. For the main thread only.
+    """
     signals: list[int] = []
 
     def note(number: int, _: object) -> None:
@@ -108,7 +115,7 @@ def until_interrupted() -> Iterator[list[int]]:
 def _handled_by(
     handler: Callable[[int, object], None], numbers: Iterable[signal.Signals]
 ) -> Iterator[None]:
-    """Another handler of these signals, until the end of this."""
+    """Install another handler for these signals until the end of the block."""
     before = {number: signal.getsignal(number) for number in numbers}
     try:
         for number in before:
@@ -121,37 +128,38 @@ def _handled_by(
 
 @contextlib.contextmanager
 def ended_in_time(message: str, grace_s: float = GRACE_S) -> Iterator[None]:
-    """End the process, saying `message` and with exit code 128 + the signal's number, where a
-    signal came and the main thread is still in here `grace_s` later. The work inside must leave
-    nothing on disk that such an end would damage."""
+    """End the process if the main thread is still in this block `grace_s` seconds after a signal.
+
+    Then the process prints `message` and exits with code 128 + the signal's number. The work in the
+    block must leave nothing on disk that such an end would damage.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     ours, others = socket.socketpair()
     others.setblocking(False)
-    before = signal.set_wakeup_fd(
-        others.fileno(), warn_on_full_buffer=False
-    )  # written to even if no Python runs
+    # The C signal handler writes to this socket even if no Python code runs.
+    before = signal.set_wakeup_fd(others.fileno(), warn_on_full_buffer=False)
     threading.Thread(target=_watch, args=(ours, message, grace_s), daemon=True).start()
     try:
         yield
     finally:
         signal.set_wakeup_fd(before)
-        others.close()  # which the watch sees
+        # The watching thread sees that the socket is closed.
+        others.close()
 
 
 def _watch(ours: socket.socket, message: str, grace_s: float) -> None:
     with ours:
         while came := ours.recv(1):
             if came[0] in SIGNALS and not _left(ours, grace_s):
-                os.write(
-                    2, f"{message}\n".encode()
-                )  # not by `print`, whose lock the main thread may hold
+                # Not `print`: the main thread may hold its lock.
+                os.write(2, f"{message}\n".encode())
                 os._exit(128 + came[0])
 
 
 def _left(ours: socket.socket, within_s: float) -> bool:
-    """Whether the other end is closed within so long, whatever else comes."""
+    """Return whether the other end is closed within `within_s` seconds, whatever else arrives."""
     end = time.monotonic() + within_s
     while (rest := end - time.monotonic()) > 0.0:
         if select.select([ours], [], [], rest)[0] and not ours.recv(1):

@@ -1,4 +1,4 @@
-"""The same work on many things, side by side in threads of this process."""
+"""Applies a function to many items in parallel threads of this process."""
 
 from __future__ import annotations
 
@@ -14,8 +14,11 @@ T = TypeVar("T")
 
 
 def mapped(function: Callable[[S], T], given: Iterable[S], most: int | None = None) -> list[T]:
-    """`function` of each, in order. most: threads, the cores of this process where None. The first
-    error, or a signal, is raised when what has begun has ended; what has not is left."""
+    """Return `function` of each item, in order, computed in threads.
+
+    most: largest number of threads; None: the cores of this process. The first error, or a signal,
+    is raised once the calls that have begun have ended. Calls that have not begun are dropped.
+    """
     things = list(given)
     number = min(len(things), most or len(os.sched_getaffinity(0)))
     if number <= 1:

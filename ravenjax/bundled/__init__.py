@@ -1,1 +1,1 @@
-"""Files that come with the package: campaigns and models; where a wheel holds them."""
+"""Bundled files in an installed package: campaigns and models."""

@@ -1,5 +1,5 @@
-"""Finds bundled data: an explicit path, then the working directory, then what was installed with
-the package.
+"""Finds bundled data: at an explicit path, then in the working directory, then in the installed
+package.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ _CHECKOUT = _BUNDLED.parents[1]
 
 
 def find(kind: str, name: str | Path) -> Path:
-    """Path of data file `name` of folder `kind` ("campaigns" or "models").
+    """Return the path of data file `name` of folder `kind` ("campaigns" or "models").
 
-    Looked for as given, in ./<kind>, beside the package (a checkout) and inside it (a wheel), in
-    this order. Raises FileNotFoundError that lists each place tried.
+    Searches the path as given, ./<kind>, the folder beside the package (a checkout) and the folder
+    inside it (a wheel), in this order. Raises FileNotFoundError that lists each place tried.
     """
     places = [
         Path(name),
@@ -30,12 +30,14 @@ def find(kind: str, name: str | Path) -> Path:
 
 
 def model(name: str | Path) -> Path:
-    """Path of a file of models/."""
+    """Return the path of a file of models/."""
     return find("models", name)
 
 
 def bundled(kind: str, pattern: str) -> list[Path]:
-    """Every file of the bundled folder `kind` that matches the glob `pattern`, sorted by name."""
+    """Return every file of the bundled folder `kind` that matches the glob `pattern`, sorted by
+    name.
+    """
     for folder in (_CHECKOUT / kind, _BUNDLED / kind):
         if folder.is_dir():
             return sorted(folder.glob(pattern))

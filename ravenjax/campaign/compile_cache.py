@@ -1,8 +1,8 @@
-"""Where traces and compiled code are kept between processes: a campaign that was compiled once
-starts at once.
+"""Caches traces and compiled code on disk, so that a campaign that was compiled once starts at
+once.
 
-Two processes may use the folder at a time. What is damaged there counts as absent; what was used
-longest ago goes when the folder grows too large.
+Two processes may use the folder at the same time. A damaged file counts as absent. When the folder
+grows too large, the files that were used longest ago are deleted.
 """
 
 from __future__ import annotations
@@ -23,16 +23,19 @@ from ravenjax.numbers import lazy
 from ravenjax.numbers.setup import Precision
 
 VARIABLE = "RAVENJAX_CACHE"
-"""Environment variable: another folder, or "off"."""
+"""Environment variable: another cache folder, or "off"."""
 SIZE_VARIABLE, SIZE_MB = "RAVENJAX_CACHE_MB", 512
-"""Environment variable: how large the traces and compiled objects may grow together, MB; and its
+"""Environment variable for the largest total size of traces and compiled objects in MB, and its
 default.
 """
-_HASH = 32  # bytes of sha256 before the content of a file
+# Bytes of the sha256 that precedes the content of a file.
+_HASH = 32
 
 
 def folder() -> Path | None:
-    """The cache's folder, made if need be; None where it is off or cannot be made."""
+    """Return the cache folder, and create it if needed; None if the cache is off or cannot be
+    created.
+    """
     wanted = os.environ.get(VARIABLE, "")
     if wanted.lower() == "off":
         return None
@@ -43,17 +46,18 @@ def folder() -> Path | None:
     )
     try:
         place.mkdir(parents=True, exist_ok=True)
-    except OSError:  # no cache is no reason not to run
+    # A run is possible without a cache.
+    except OSError:
         return None
     return place
 
 
 def enable() -> None:
-    """Turn on JAX's persistent cache of compiled programs, unless it is set up already, once JAX is
-    used.
+    """Turn on JAX's persistent cache of compiled programs as soon as JAX is used, unless one is
+    configured.
 
-    Code for one CPU may not run on another that shares the home folder, so each kind of CPU has a
-    folder of its own.
+    Code for one CPU may not run on another one that shares the home folder. Therefore each kind of
+    CPU has a separate folder.
     """
     if (base := folder()) is not None:
         lazy.when_loaded(lambda jax: _use(jax, base))
@@ -65,10 +69,9 @@ def _use(jax: Any, base: Path) -> None:
 
 
 def objects() -> MutableMapping[str, bytes] | None:
-    """Traces and compiled objects of the printing engines by their key, on disk; None where the
-    cache is off.
+    """Return the disk cache of the engines that generate code: traces and compiled objects by key.
 
-    Raises UserError for a size that is no number.
+    Returns None if the cache is off. Raises UserError if the configured size is not a number.
     """
     base = folder()
     return None if base is None else Objects(base / "objects", _size_mb() * 1_000_000)
@@ -87,19 +90,24 @@ def _size_mb() -> int:
 
 
 def cached_engine(name: str, precision: Precision) -> Engine:
-    """The engine of that name, which keeps traces and compiled code here. Raises UserError."""
+    """Return the engine of that name, using this cache for traces and compiled code. Raises
+    UserError.
+    """
     enable()
     return selection.select(name, precision, objects())
 
 
 class Objects(MutableMapping[str, bytes]):
-    """One file a key: the hash of its content, and the content. What cannot be written is not kept.
+    """Mapping with one file per key, which holds the hash of the content and the content.
 
-    Keys are hashes of all that decides the content.
+    An entry that cannot be written is not kept. A key is a hash of everything that decides the
+    content.
     """
 
     def __init__(self, place: Path, most: int) -> None:
-        """most: bytes of all files together, of which those used last stay."""
+        """most: bytes of all files together; beyond it, the files that were used longest ago are
+        deleted.
+        """
         self._place, self._most = place, most
 
     def _path(self, key: str) -> Path:
@@ -115,7 +123,8 @@ class Objects(MutableMapping[str, bytes]):
         if hashlib.sha256(content).digest() != whole[:_HASH]:
             del self[key]
             raise KeyError(key)
-        with contextlib.suppress(OSError):  # a folder that may only be read
+        # The folder may be read-only.
+        with contextlib.suppress(OSError):
             os.utime(path)
         return content
 
@@ -137,14 +146,17 @@ class Objects(MutableMapping[str, bytes]):
             self._path(key).unlink()
 
     def __iter__(self) -> Iterator[str]:
-        """Names of files, which are hashes of keys."""
+        """Yield the names of the files, which are hashes of the keys."""
         return (path.name for path in self._place.glob("[!.]*"))
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
 
     def _shrink(self) -> None:
-        """Remove what was used longest ago until the rest fits; another process may do the same."""
+        """Delete the files that were used longest ago until the rest fits.
+
+        Another process may do the same at the same time.
+        """
         files = []
         for path in self._place.glob("*"):
             with contextlib.suppress(OSError):
@@ -160,7 +172,7 @@ class Objects(MutableMapping[str, bytes]):
 
 
 def _machine() -> str:
-    """Short hash of what decides which instructions this CPU has."""
+    """Return a short hash of what decides which instructions this CPU has."""
     flags = [platform.machine()]
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()

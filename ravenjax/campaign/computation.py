@@ -1,10 +1,9 @@
-"""Rows of a plan through an engine: blocks side by side, each beside the golden runs that it is
-compared with.
+"""Computes rows of a plan with an engine, in parallel blocks, each together with its golden runs.
 
-Up to the first tick in which a fault may act a run is its golden run: where enough runs share one,
-they go on from its snapshots. Rows come out in order, a window at a time. The blocks of the next
-window are under way by then, so that no thread waits for the slowest; its golden runs are computed
-while the last blocks of this one run.
+Up to the first tick in which a fault may act, a run equals its golden run. Where enough runs share
+a golden run, they start from snapshots of it. Rows are returned in order, one window at a time. The
+blocks of the next window are already being computed by then, so no thread waits for the slowest
+one. The golden runs of the next window are computed while the last blocks of the current one run.
 """
 
 from __future__ import annotations
@@ -43,23 +42,30 @@ from ravenjax.engines.lanes import snapshot_bytes
 from ravenjax.store import schema
 
 GOLDEN_BYTES = 2**29
-"""Memory that the golden runs of a window may take, their time series and snapshots; two windowes
-may be under way. As much again is copied at a time where each run has a golden run of its own."""
+"""Memory in bytes for the time series and snapshots of a window's golden runs.
+
+Two windows may be in progress at a time. Where each run has a golden run of its own, copies take
+the same amount again.
+"""
 GPU_TIMES = 2
-"""Times that for a GPU, which needs many lanes at a time and copies those of a block."""
+"""Factor on GOLDEN_BYTES for a GPU, which needs many lanes at a time and copies those of a block.
+"""
 AHEAD, ENOUGH_ROWS = 4, 2**18
-"""Blocks of a window for each that runs at a time, but one alone where so many rows are more:
-those of one window are packed while the next one runs."""
+"""Blocks of a window for each block that runs at a time; only one if the window would exceed
+ENOUGH_ROWS rows.
+
+More than one lets the rows of one block be packed while the next block runs.
+"""
 STANDS_STILL = 0.1
-"""Share of its length for which a golden run may stand still without a word."""
+"""Share of its length that a golden run may stand still before a note is added."""
 SORTED_ROWS, SORTED_TICKS = 2**14, 2**28
-"""Rows of a window, and ticks of them all, that are enough to find some that act at about the
-same time.
+"""Rows of a window, and ticks of all its rows, that suffice to find rows whose faults act at about
+the same time.
 """
 
 
 class Computation:
-    """A plan and the kernel that its rows go through."""
+    """A plan and the compiled kernel that computes its rows."""
 
     def __init__(
         self,
@@ -70,8 +76,10 @@ class Computation:
         threads: int | None = None,
         whole: bool = False,
     ) -> None:
-        """runs: how many are computed at a time, which sizes blocks; threads: blocks side by side,
-        where the engine is not to decide. whole: every run is computed from its beginning."""
+        """runs: how many rows are computed at a time, which decides the size of blocks. threads:
+        blocks in parallel; None: the engine decides. whole: every run is computed from its
+        beginning.
+        """
         self.plan, self.progress, self.whole = plan, progress, whole
         self.threads = max(1, threads or engine.threads)
         self.kernel = engine.compile(plan.program, runs or plan.runs)
@@ -87,16 +95,16 @@ class Computation:
         self.progress.began(time.perf_counter() - start)
 
     def of(self, plan: Plan) -> Computation:
-        """The same kernel for other rows of the same program."""
+        """Return a computation with the same kernel for other rows of the same program."""
         other = copy.copy(self)
         other.plan = plan
         return other
 
     def blocks(self, ranges: Sequence[range]) -> Generator[Pair]:
-        """Outcomes of the rows of `ranges`, in order, a window at a time; and `outcomes.of_golden`
-        of their golden runs.
+        """Yield the outcomes of the rows of `ranges`, in order, a window at a time, and
+        `outcomes.of_golden` of their golden runs.
 
-        Close it to give up what is under way. Use it where `interruption.held_back`.
+        Close the generator to cancel the work in progress. Use it inside `interruption.held_back`.
         """
         self._fast_forward = FastForwardPlan(self.plan, 0 if self.whole else self.kernel.branches)
         self._halted: list[np.ndarray] = []
@@ -128,7 +136,7 @@ class Computation:
                 raise
 
     def tables(self, ranges: Sequence[range]) -> Pair:
-        """The columns of all rows of `ranges` together, as of `blocks`."""
+        """Return the columns of all rows of `ranges` together; see `blocks`."""
         with interruption.held_back():
             blocks = list(self.blocks(ranges))
         rows, golden_runs = (
@@ -138,7 +146,9 @@ class Computation:
         return rows, golden_runs
 
     def _tell_of_stops(self) -> None:
-        """Add a note where golden runs stand still for long: no fault can do harm there."""
+        """Add a note if golden runs stand still for long, because no fault can do harm in that
+        time.
+        """
         halted = np.concatenate(self._halted) if self._halted else np.zeros(0)
         still = halted > STANDS_STILL * self.plan.program.ticks
         if still.any():
@@ -172,7 +182,7 @@ class Computation:
         return WindowLimits(lanes, blocks, self._whole_vectors(room // a_golden), alone)
 
     def _whole_vectors(self, lanes: int) -> int:
-        """So many lanes, or a few less that fill the kernel's vectors; 1 at least."""
+        """Return `lanes`, rounded down to a number that fills the kernel's vectors; at least 1."""
         vector = self.kernel.size(1)
         return max(1, lanes // vector * vector or lanes)
 
@@ -181,8 +191,9 @@ class Computation:
     def _golden_runs(
         self, pool: ThreadPoolExecutor, window: Window, earlier: GoldenRuns | None
     ) -> GoldenRuns:
-        """The golden runs of a window; starts those that `earlier` lacks, with the parameters of
-        the first row of each.
+        """Return the golden runs of a window, and start computing those that `earlier` lacks.
+
+        Each golden run has the parameters of the first row that refers to it.
         """
         numbers, first = np.unique(self.plan.golden[window.rows], return_index=True)
         rows = window.rows[first]
@@ -208,7 +219,7 @@ class Computation:
         return golden_runs
 
     def _fault_free(self, rows: np.ndarray) -> Computed:
-        """The golden runs of these rows."""
+        """Compute the golden runs of these rows."""
         self.progress.more_due(self.kernel.size(len(rows)) * self.plan.program.ticks)
         block = self._block(rows, None, harmless=True)
         if block.ends is not None:
@@ -224,7 +235,7 @@ class Computation:
         return Computed(self.plan.golden[rows], result.reference[:, :, : len(rows)], columns)
 
     def _branches(self, row: int, golden_runs: GoldenRuns) -> Branches:
-        """The snapshots of the golden run of a row."""
+        """Return the snapshots of the golden run of a row."""
         number = self.plan.golden[row]
         last, ends = int(self._fast_forward.last_act[number]), self._fast_forward.early_ends(number)
         kernel = cast(BranchingKernel, self.kernel)
@@ -233,8 +244,9 @@ class Computation:
         return Branches(trunk, ends, {name: columns[name] for name in outcomes.of_golden(columns)})
 
     def _golden_outcomes(self, rows: np.ndarray, golden_runs: GoldenRuns) -> Columns:
-        """`outcomes.of_golden` of the golden run of each row, when the row ends; each moment is
-        computed once.
+        """Return `outcomes.of_golden` of the golden run of each row at the time when the row ends.
+
+        Each end time of a golden run is computed once.
         """
         own, golden, ends = (
             golden_runs.computed.result(),
@@ -269,7 +281,7 @@ class Computation:
     # --- blocks ---
 
     def _faulty(self, rows: np.ndarray, golden_runs: GoldenRuns) -> Pair:
-        """The runs of these rows."""
+        """Compute the runs of these rows."""
         self.progress.more_due((self.kernel.size(len(rows)) - len(rows)) * self.plan.program.ticks)
         own = golden_runs.computed.result()
         coming = [golden_runs.branches.get(number) for number in own.numbers.tolist()]
@@ -286,7 +298,7 @@ class Computation:
         return columns, self._golden_outcomes(rows, golden_runs)
 
     def _block(self, rows: np.ndarray, own: Computed | None, harmless: bool = False) -> Block:
-        """Of these rows, the last repeated to fill it, beside their golden runs or being them."""
+        """Make a block of these rows, with the last row repeated to fill it."""
         plan, filled = self.plan, self._filled(rows)
         return Block(
             *plan.lanes(rows, len(filled), harmless),
@@ -298,5 +310,5 @@ class Computation:
         )
 
     def _filled(self, rows: np.ndarray) -> np.ndarray:
-        """Rows of a block's lanes."""
+        """Return the row of each lane of a block."""
         return rows[np.minimum(np.arange(self.kernel.size(len(rows))), len(rows) - 1)]

@@ -1,8 +1,9 @@
-"""Keeps the golden runs that runs are compared with, and plans which runs start from them.
+"""Holds the golden runs that runs are compared with, and plans which runs start from their
+snapshots.
 
-Up to the first tick in which a fault may act a run is its golden run, to the bit. Where enough runs
-share a golden run it is followed once more, and they go on from its snapshots; where each has its
-own, nothing is saved.
+Up to the first tick in which a fault may act, a run equals its golden run bit by bit. Where enough
+runs share a golden run, it is computed once more with snapshots, and the runs start from these.
+Where each run has a golden run of its own, this would save nothing.
 """
 
 from __future__ import annotations
@@ -17,8 +18,9 @@ import numpy as np
 from ravenjax.campaign.plan import Plan
 
 WORTH = 2
-"""Times that the ticks saved must exceed those of following a golden run: what its group shares
-is run again, too.
+"""How many times the saved ticks must exceed those of computing the golden run with snapshots.
+
+What the group shares must also be computed again.
 """
 
 Columns = dict[str, np.ndarray]
@@ -26,25 +28,26 @@ Columns = dict[str, np.ndarray]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Computed:
-    """Golden runs that are there, in ascending order of their numbers."""
+    """Finished golden runs, in ascending order of their numbers."""
 
     numbers: np.ndarray  # int [golden runs], as in Plan.golden
     reference: np.ndarray  # [ticks, series, golden runs]
     outcomes: Columns  # outcome -> [golden runs]
 
     def picked(self, numbers: np.ndarray) -> Computed:
-        """Those of `numbers` that are here."""
+        """Return the golden runs among `numbers` that are held here."""
         mask = np.isin(self.numbers, numbers)
         outcomes = {name: values[mask] for name, values in self.outcomes.items()}
         return Computed(self.numbers[mask], self.reference[:, :, mask], outcomes)
 
 
 class Branches(NamedTuple):
-    """What runs of one golden run need of it on its way."""
+    """What the runs of one golden run need from it: snapshots, and outcomes at early ends."""
 
     trunk: Any  # as `Block.trunks` takes it
-    ends: np.ndarray  # int [ends], ascending
-    outcomes: Columns  # outcome -> [ends], as of a golden run that ends there
+    ends: np.ndarray  # int [ends], ascending: ticks at which runs end
+    # outcome -> [ends]: outcomes of a golden run that ends there.
+    outcomes: Columns
 
 
 class GoldenRuns(NamedTuple):
@@ -58,8 +61,9 @@ class GoldenRuns(NamedTuple):
 def join_computed(
     parts: list[Future[Computed]], earlier: Future[Computed] | None, numbers: np.ndarray
 ) -> Computed:
-    """The golden runs of `parts`, and those of `earlier` that are among `numbers`, which all of
-    them together are. Empties `parts`: series are large.
+    """Join the golden runs of `parts` and those of `earlier` that are among `numbers`.
+
+    `numbers` are the numbers of all of them. Empties `parts`, because series are large.
     """
     some = [part.result() for part in parts]
     parts.clear()
@@ -83,20 +87,20 @@ def join_computed(
 
 
 class FastForwardPlan:
-    """From when to when the runs of a plan run themselves, and which go on from their golden run;
-    arrays by the number of the golden run.
+    """Decides from which tick to which the runs of a plan are computed, and which start from their
+    golden run.
+
+    Arrays are indexed by the number of the golden run.
     """
 
     def __init__(self, plan: Plan, lanes: int) -> None:
-        """lanes: that go on from their golden run together; 0: none does."""
+        """lanes: lanes that start from their golden run together; 0: none does."""
         self._plan, self._lanes = plan, lanes
         self._size = int(plan.golden.max(initial=-1)) + 1
 
     @cached_property
     def last_act(self) -> np.ndarray:
-        """The last tick in which faults of a run begin to act, int64 [golden runs]; 0: none ever
-        does.
-        """
+        """The last tick in which faults of a run begin to act, int64 [golden runs]; 0: never."""
         acts = self._plan.acts
         return self._largest(np.where(acts < self._plan.program.ticks, acts, 0))
 
@@ -107,7 +111,7 @@ class FastForwardPlan:
 
     @cached_property
     def branches(self) -> np.ndarray:
-        """Whether runs go on from it, bool [golden runs]."""
+        """Whether runs start from snapshots of the golden run, bool [golden runs]."""
         if not self._lanes:
             return np.zeros(self._size, bool)
         early_ends = np.where(self.early, self._plan.ends, 0)
@@ -117,27 +121,29 @@ class FastForwardPlan:
 
     @cached_property
     def early(self) -> np.ndarray:
-        """Which runs end before the last of their golden run, bool [runs]."""
+        """Which runs end before the last run of the same golden run, bool [runs]."""
         if not self._plan.program.ends:
             return np.zeros(self._plan.runs, bool)
         return self._plan.ends < self.last_end[self._plan.golden]
 
     def early_ends(self, number: int) -> np.ndarray:
-        """The ends before its last one, int64, ascending."""
+        """Return the ends of runs before the last one, int64, ascending."""
         first, last = np.searchsorted(self._sorted[0], [number, number + 1])
         ends = np.unique(self._sorted[1][first:last])
         return ends[ends < self.last_end[number]]
 
     @cached_property
     def _sorted(self) -> tuple[np.ndarray, np.ndarray]:
-        """Numbers of the runs' golden runs, ascending, and the runs' ends beside them."""
+        """Return the numbers of the runs' golden runs, ascending, and the runs' ends in the same
+        order.
+        """
         order = np.argsort(self._plan.golden, kind="stable")
         return self._plan.golden[order], self._plan.ends[order].astype(np.int64)
 
     def _largest(self, values: np.ndarray) -> np.ndarray:
-        """The largest of the runs' values, int64 [golden runs]."""
+        """Return the largest of the runs' values, int64 [golden runs]."""
         if self._size == 1:
-            # a short cut for campaigns of millions of runs
+            # Short cut for campaigns of millions of runs.
             return values.max(keepdims=True).astype(np.int64)
         largest = np.zeros(self._size, np.int64)
         np.maximum.at(largest, self._plan.golden, values)

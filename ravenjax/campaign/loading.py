@@ -1,7 +1,8 @@
-"""Reads a campaign file: TOML, then overrides, then `CampaignConfig`, then `semantics`. Nothing is
-compiled, and no tick imported, before.
+"""Reads a campaign file: parses TOML, applies overrides, builds `CampaignConfig`, then checks
+`semantics`.
 
-All complaints come in one error, each with file, line, key, what was got and what was expected.
+Nothing is compiled, and no tick is imported, before that. All complaints are reported in one error,
+each with file, line, key, what was found and what was expected.
 """
 
 from __future__ import annotations
@@ -25,12 +26,12 @@ from ravenjax.store import manifest
 def load_campaign(
     campaign: str | Path | dict[str, Any], overrides: Sequence[str] = ()
 ) -> CampaignConfig:
-    """A validated campaign from a TOML file, the name of a bundled one, or nested tables as TOML
+    """Return a validated campaign from a TOML file, a bundled one by name, or nested tables as TOML
     has them.
 
-    overrides: `key.path=value`, as `--set` on the command line. `.toml` may be left out; files that
-    a campaign names are taken from its file's folder. Raises UserError that names what is wrong and
-    where.
+    overrides: `key.path=value`, as `--set` on the command line. `.toml` may be left out. Paths of
+    files that a campaign names are relative to its file's folder. Raises UserError that names each
+    error and its place.
     """
     if isinstance(campaign, dict):
         return from_dict(campaign, overrides=overrides)
@@ -43,7 +44,7 @@ load = load_campaign
 
 
 def load_source(source: str | Path, overrides: Sequence[str] = ()) -> CampaignConfig:
-    """The campaign of a file, a bundled one, or a result folder, which takes no overrides.
+    """Return the campaign of a file, a bundled one, or a result folder, which takes no overrides.
 
     Raises UserError and StoreError.
     """
@@ -57,7 +58,7 @@ def load_source(source: str | Path, overrides: Sequence[str] = ()) -> CampaignCo
 
 
 def result_folder(source: Any) -> bool:
-    """Whether this is the path of a result folder."""
+    """Return whether `source` is the path of a result folder."""
     return isinstance(source, str | Path) and (Path(source) / manifest.FILE).is_file()
 
 
@@ -67,14 +68,16 @@ def from_dict(
     text: str = "",
     overrides: Sequence[str] = (),
 ) -> CampaignConfig:
-    """The campaign of nested tables as TOML has them, with overrides; `source` and `text` say where
-    from. Raises UserError.
+    """Return the campaign of nested tables as TOML has them, with overrides applied.
+
+    `source` and `text` are the file and its text, for error messages. Raises UserError.
     """
     raw, replaced = overriding.all_applied(raw, overrides)
     where = location.Where(source, location.lines(text), replaced)
     raw = population.with_population(raw, where, source)
     try:
-        if isinstance(raw, dict):  # anything else is refused below
+        # Anything else is refused below.
+        if isinstance(raw, dict):
             groups = raw.get("group")
             raw, where.written = expansion.plain(raw)
             if where.written and isinstance(groups, list):
@@ -91,7 +94,7 @@ def from_dict(
     try:
         config = config_class_of(robot).model_validate(raw)
     except ValidationError as error:
-        # a list is also called too short when its only entries are bad
+        # Pydantic also calls a list too short if its only entries are invalid.
         faults = [e for e in error.errors() if e["type"] != "too_short" or not e["input"]]
         model = config_class_of(robot)
         raise where.error(
@@ -110,8 +113,8 @@ def from_dict(
 
 
 def _is_misspelt(missing: Any, errors: Sequence[Any]) -> bool:
-    """Whether a key is missing because another one was written for it, of which there is a
-    complaint.
+    """Return whether a key is missing because it was misspelt, which another error already
+    reports.
     """
     *table, key = missing["loc"] or ("",)
     return missing["type"] == "missing" and any(
@@ -126,10 +129,12 @@ def _text(name: object) -> str:
 
 
 def check_parameters(config: CampaignConfig, known: Iterable[str] | None = None) -> None:
-    """UserError for a varied parameter whose values cannot be; with `known`, for one that is not
-    among these paths.
+    """Raise UserError for a varied parameter with impossible values.
+
+    With `known`, also for a parameter that is not among these paths.
     """
-    from ravenjax.campaign.file import bounds  # not before there is a tick
+    # Imported late because it needs the robot's tick.
+    from ravenjax.campaign.file import bounds
 
     if errors := list(bounds.complaints(config) if known is None else bounds.unfit(config, known)):
         source = config.source
@@ -138,8 +143,9 @@ def check_parameters(config: CampaignConfig, known: Iterable[str] | None = None)
 
 
 def _complaint(model: type[CampaignConfig], error: Any, raw: Any) -> location.Complaint:
-    """A complaint of pydantic's. A table that is looked at as a whole names the key of what is
-    wrong first.
+    """Convert an error of pydantic's to a complaint.
+
+    If a table is checked as a whole, the message begins with the key that is wrong.
     """
     key, message = _key(error["loc"], raw), _message(model, error)
     name, colon, rest = message.partition(": ")
@@ -154,7 +160,7 @@ def _complaint(model: type[CampaignConfig], error: Any, raw: Any) -> location.Co
 
 
 def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
-    """The part of pydantic's `loc` that stands in the file."""
+    """Return the part of pydantic's `loc` that is written in the file."""
     key: location.Key = ()
     for part in loc:
         if isinstance(raw, dict):
@@ -189,12 +195,15 @@ def _message(model: type[CampaignConfig], error: Any) -> str:
 def tables_of(
     model: type[BaseModel], path: tuple[str, ...] = ()
 ) -> Iterator[tuple[tuple[str, ...], type[BaseModel]]]:
-    """(path of the table, its model) of every table of a file, in order, the file itself first."""
+    """Yield (path of the table, its model) of every table of a file, in order.
+
+    The file itself comes first.
+    """
     yield path, model
     own = [
         name for name in model.model_fields if not path and name not in CampaignConfig.model_fields
     ]
-    # a robot's own tables stand where the file has them: after [campaign]
+    # In a file, a robot's tables come after [campaign].
     for name in sorted(
         model.model_fields, key=lambda name: 0 if name == "campaign" else 1 if name in own else 2
     ):
@@ -203,10 +212,10 @@ def tables_of(
 
 
 def header(path: tuple[str, ...]) -> str:
-    """How a file opens the table at `path`: `[campaign]`, `[[group.fault]]`."""
+    """Return how a file opens the table at `path`: `[campaign]`, `[[group.fault]]`."""
     name = ".".join(path)
     return f"[[{name}]]" if path[0] in ARRAYS else f"[{name}]"
 
 
 ARRAYS = ("group", "detector")
-"""Tables that a file may have several of."""
+"""Tables that a file may hold several of."""

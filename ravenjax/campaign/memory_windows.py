@@ -1,5 +1,5 @@
-"""Cuts rows into blocks for the engine, in windows whose golden runs fit in memory, and joins the
-columns of blocks to those of parts.
+"""Cuts rows into blocks, in windows whose golden runs fit in memory, and joins the results to
+parts.
 """
 
 from __future__ import annotations
@@ -10,42 +10,44 @@ from typing import NamedTuple
 import numpy as np
 
 SHARED = 32
-"""Lanes that must share a golden run, on average, for an engine to hold its series once rather
-than once a lane.
+"""How many lanes must share a golden run on average.
+
+From there on an engine holds its series once rather than once a lane.
 """
 
 
 class Window(NamedTuple):
-    """Rows that follow one another, in blocks."""
+    """Consecutive rows, divided into blocks."""
 
     rows: np.ndarray  # int64, in order
-    blocks: list[np.ndarray]  # of each the places of its rows in `rows`
+    blocks: list[np.ndarray]  # of each block, the indices of its rows in `rows`
     golden_runs: np.ndarray  # numbers of their golden runs, ascending
 
 
 class WindowLimits(NamedTuple):
-    """What a window may have at most."""
+    """Largest sizes of a window."""
 
     lanes: int  # of a block
     blocks: int
     golden_runs: int
-    alone: int  # lanes of a block in which hardly any share one
+    # Lanes of a block in which hardly any two share a golden run.
+    alone: int
 
 
 def cut_into_windows(
     ranges: Sequence[range], golden: np.ndarray, acts: np.ndarray, limits: WindowLimits
 ) -> Iterator[Window]:
-    """The rows of `ranges` in order, in windows of blocks.
+    """Yield the rows of `ranges` in order, in windows of blocks.
 
     golden: number of each row's golden run. acts: first tick in which each row's faults may act.
-    The rows of a block have the same golden run, or few, and act at about the same time.
+    The rows of a block share one golden run or a few, and act at about the same time.
     """
     rows = np.concatenate([np.arange(some.start, some.stop) for some in ranges])
     lanes, alone = limits.lanes, min(limits.alone, limits.golden_runs)
     begin = 0
     while begin < len(rows):
         some = rows[begin : begin + lanes * limits.blocks]
-        # where each golden run comes first
+        # Index of the first row of each golden run.
         places = np.sort(np.unique(golden[some], return_index=True)[1])
         if len(places) > limits.golden_runs:
             some = some[: places[limits.golden_runs]]
@@ -65,9 +67,9 @@ Pair = tuple[Columns, Columns]
 
 
 def join_blocks(window: Window, blocks: Sequence[Pair]) -> Pair:
-    """The columns of a window's blocks in the order of its rows.
+    """Return the columns of a window's blocks in the order of its rows.
 
-    A column of one value, as of a golden run that all rows share, stays one number (stride 0).
+    A column with one value, as of a golden run that all rows share, stays one number (stride 0).
     """
     order = np.argsort(np.concatenate(window.blocks))
 
@@ -93,7 +95,10 @@ class PartRows(NamedTuple):
 
 
 def assemble_parts(ranges: Iterable[range], windows: Iterable[Pair]) -> Iterator[PartRows]:
-    """Each of `ranges` as soon as its rows are there; `windows` hold the rows of all in order."""
+    """Yield each of `ranges` as soon as its rows are computed.
+
+    windows: the rows of all ranges in order.
+    """
     coming = iter(windows)
     pair: Pair = {}, {}
     first = size = 0
@@ -117,5 +122,5 @@ def assemble_parts(ranges: Iterable[range], windows: Iterable[Pair]) -> Iterator
                 for tables in zip(*pieces, strict=True)
             )
         yield PartRows(rows, outcomes, golden_runs)
-    # what computes the windows has something to say after the last one
+    # Resume the generator once more: the code after its last window must run.
     next(coming, None)

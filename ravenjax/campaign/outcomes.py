@@ -1,4 +1,4 @@
-"""Turns what an engine returns into rows of the result table: names, types, response, verdict."""
+"""Converts an engine's results to rows of the result table: names, types, response, verdict."""
 
 from __future__ import annotations
 
@@ -20,18 +20,19 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _FIRST_ALARM = re.compile(r"detector\d+_threshold0_(first_ms|alarms)")
-"""At the threshold at which a detector may stop the robot."""
+"""Columns of alarms at the threshold at which a detector may stop the robot."""
 
 Columns = Mapping[str, np.ndarray]
-"""Outcome -> [rows], as an engine returns them; a DataFrame will do."""
+"""Outcome -> [rows], as an engine returns them; a DataFrame also works."""
 
 MAY_BE_INFINITE = (*schema.MAY_BE_INFINITE, "tissue_depth_mm", "tip_distance_mm")
-"""Ends of names of outcomes that an engine returns as infinite where nothing was measured."""
+"""Endings of outcome names that an engine returns as infinite if nothing was measured."""
 
 
 def of_golden(names: Iterable[str]) -> tuple[str, ...]:
-    """Those outcome columns of which the golden run's are needed, too: what is kept of it, and
-    first alarms.
+    """Return the outcome columns that are also needed of the golden run.
+
+    These are the columns that are stored, and first alarms.
     """
     return tuple(
         name for name in names if schema.kept_of_golden(name) or _FIRST_ALARM.fullmatch(name)
@@ -41,10 +42,10 @@ def of_golden(names: Iterable[str]) -> tuple[str, ...]:
 def columns(
     config: CampaignConfig, runs: FaultTable, outcomes: Columns, golden_runs: Columns
 ) -> dict[str, Any]:
-    """Columns of the result table, arrays [rows].
+    """Return the columns of the result table, arrays [rows].
 
-    runs: rows of the fault table. outcomes: what the engine returned for each; golden: `of_golden`
-    of its golden run.
+    runs: rows of the fault table. outcomes: what the engine returned for each. golden_runs:
+    `of_golden` of each row's golden run.
     """
     measures: dict[str, Any] = {name: np.asarray(values) for name, values in outcomes.items()}
     diverged, failed = measures.pop("diverged_ms"), _failed(config, measures)
@@ -85,19 +86,20 @@ def columns(
 
 
 class _Failed(NamedTuple):
-    """Which number of each run was the first that is not finite, and when: arrays [rows], -1
-    where all are finite.
+    """Which number of each run was the first that is not finite, and when.
+
+    Arrays [rows], -1 where all numbers are finite.
     """
 
-    signal: np.ndarray  # as `failures.CODES`
+    signal: np.ndarray  # code as in `failures.CODES`
     first: np.ndarray  # ms
 
 
 def _failed(config: CampaignConfig, measures: dict[str, Any]) -> _Failed:
-    """What the tick has found of that, taken out of `measures`, and what it may have missed.
+    """Return what the tick has found of non-finite numbers, and remove it from `measures`.
 
-    A robot's own outcomes are not watched in each tick: one that is no number fails its run at the
-    end.
+    A robot's additional outcomes are not watched in each tick. A run with a NaN among them fails at
+    its end.
     """
     first = measures.pop("failed_ms")
     signal = measures.pop("failed_signal", np.where(first >= 0, failures.CODES["tip"], -1))
@@ -112,12 +114,14 @@ def _failed(config: CampaignConfig, measures: dict[str, Any]) -> _Failed:
 
 
 def _cables(config: CampaignConfig, places: np.ndarray) -> pd.Categorical:
-    """Cables in words, by their places among all of the robot; "" for -1."""
+    """Convert indices of cables, among all cables of the robot, to words; "" for -1."""
     return words.column(places.astype(np.int32) + 1, cable_names(config))
 
 
 def cable_names(config: CampaignConfig) -> tuple[str, ...]:
-    """What column `cable_overload` calls the cables, by their places from 1; "" for none."""
+    """Return the names that column `cable_overload` has for the cables by index from 1; "" for
+    none.
+    """
     return (
         "",
         *(f"{arm} {joint}" for arm in config.campaign.arms for joint in config.robot.joints),
@@ -127,14 +131,14 @@ def cable_names(config: CampaignConfig) -> tuple[str, ...]:
 def frame(
     config: CampaignConfig, runs: FaultTable, outcomes: Columns, golden_runs: Columns
 ) -> pd.DataFrame:
-    """`columns` as a DataFrame."""
+    """Return `columns` as a DataFrame."""
     import pandas as pd
 
     return pd.DataFrame(columns(config, runs, outcomes, golden_runs))
 
 
 def _faulty(runs: FaultTable) -> np.ndarray:
-    """Which rows have a fault, bool [rows]."""
+    """Return which rows have a fault, bool [rows]."""
     faulty = np.zeros(len(runs), bool)
     for slot in range(slots(runs)):
         faulty |= runs.words(f"fault{slot}_site") != ""
@@ -144,10 +148,10 @@ def _faulty(runs: FaultTable) -> np.ndarray:
 def judged(
     columns: schema.Columns, response: verdict.Response, valid: np.ndarray, cue: int
 ) -> dict[str, Any]:
-    """Columns response, response_cause, response_ms, told_ms, hazard and verdict.
+    """Return columns response, response_cause, response_ms, told_ms, hazard and verdict.
 
-    columns: of the result table, the hazards' and the cues'. valid: bool [rows]. cue: number of the
-    verdict's set.
+    columns: those of the result table with hazards and cues. valid: bool [rows]. cue: number of the
+    haptic set that the verdict uses.
     """
     hazard = verdict.hazards(columns, response.response == verdict.RESPONSES.index("stopped"))
     came = (

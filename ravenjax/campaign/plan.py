@@ -1,5 +1,5 @@
-"""A validated campaign made ready to run: its fault table, what picks code, and plain arrays
-with one row a run.
+"""Turns a validated campaign into its fault table, the settings that select code, and arrays of
+inputs.
 """
 
 from __future__ import annotations
@@ -32,19 +32,20 @@ class Plan:
     """Everything that a campaign computes, before anything is compiled."""
 
     config: CampaignConfig
-    rows: FaultTable  # one row a run
+    rows: FaultTable  # one row per run
     program: TickProgram
-    motion: Any  # the operator's, as the robot has it
-    operator: MotionSummary | None  # what became of a recorded one
+    # The operator's motion, as the robot represents it.
+    motion: Any
+    # Summary of a recorded motion.
+    operator: MotionSummary | None
     columns: tuple[np.ndarray, ...]  # the motion's columns, float32 [ticks]
-    keys: Mapping[
-        str, str
-    ]  # parameters that each run's id gives, and what each draws: every run draws its own
-    faults: dict[str, np.ndarray]  # as table.arrays, [runs, slots]
+    # Parameters that follow from a run's id, and what each draws: every run has its own draw.
+    keys: Mapping[str, str]
+    faults: dict[str, np.ndarray]  # as from table.arrays, [runs, slots]
     varied: dict[str, np.ndarray]  # path -> [runs]
-    golden: (
-        np.ndarray
-    )  # int32 [runs], number of the golden run, as they come; runs that share one share its number
+    # Number of each run's golden run, int32 [runs], in order of first use. Runs that share one have
+    # the same number.
+    golden: np.ndarray
 
     @property
     def runs(self) -> int:
@@ -52,7 +53,7 @@ class Plan:
         return len(self.rows)
 
     def row_fields(self, rows: slice | np.ndarray) -> dict[str, Any]:
-        """The fields that have one entry a run, of some rows alone."""
+        """Return the fields with one entry per run, for some rows alone."""
         return {
             "rows": self.rows.take(rows),
             "faults": {name: values[rows] for name, values in self.faults.items()},
@@ -61,12 +62,12 @@ class Plan:
         }
 
     def take(self, rows: slice | np.ndarray) -> Plan:
-        """The plan of some rows alone."""
+        """Return the plan of some rows alone."""
         return dataclasses.replace(self, **self.row_fields(rows))
 
     @cached_property
     def table(self) -> pd.DataFrame:
-        """The fault table as a DataFrame."""
+        """Return the fault table as a DataFrame."""
         return self.rows.frame()
 
     @cached_property
@@ -76,15 +77,16 @@ class Plan:
 
     @cached_property
     def ends(self) -> np.ndarray:
-        """The first tick that each run is not observed, see `span`; int32 [runs]."""
+        """The first tick in which each run is not observed, see `span`; int32 [runs]."""
         return span.ends(
             self.faults, self.program.ticks, self.config.campaign.observe_ms, self.clocks
         )
 
     @cached_property
     def clocks(self) -> Clocks | None:
-        """When packets come and the pedal is down; None where no trigger counts them, or the robot
-        does not say.
+        """When packets arrive and the pedal is down.
+
+        None if no trigger counts them, or if the robot does not provide it.
         """
         robot = self.config.robot.part("campaign")
         if not {"packet", "pedal"}.intersection(
@@ -96,8 +98,10 @@ class Plan:
     def lanes(
         self, rows: Sequence[int] | np.ndarray, lanes: int, harmless: bool = False
     ) -> tuple[dict[str, Any], Faults]:
-        """Varied parameters and faults of a block: `rows`, the last repeated to fill it;
-        `harmless`: without faults.
+        """Return varied parameters and faults of a block.
+
+        rows: rows of its lanes; the last one is repeated to fill the block. harmless: without
+        faults.
         """
         index = np.asarray(rows)[np.minimum(np.arange(lanes), len(rows) - 1)]
         varied = {path: values[index] for path, values in self.varied.items()}
@@ -146,11 +150,14 @@ def make_plan(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
 
 
 def known_parameters(params: Any, setup: Setup) -> list[str]:
-    """Every path that a campaign may vary: full ones, without the arm, and of whole vectors."""
+    """Return every path that a campaign may vary: full paths, those without the arm, and those of
+    whole vectors.
+    """
     names: dict[str, None] = {}
     for full, _ in paths.leaves(params, setup):
         if full.startswith("start."):
-            continue  # where a run begins is the motion's
+            # The motion decides where a run begins.
+            continue
         for path in (full, paths.shorten(full, setup.arms)):
             names[path] = None
             head, _, last = path.rpartition(".")
@@ -160,11 +167,10 @@ def known_parameters(params: Any, setup: Setup) -> list[str]:
 
 
 def _filled(varied: dict[str, np.ndarray], params: Any, setup: Setup) -> dict[str, np.ndarray]:
-    """Varied values in the parameter's own type, the robot's own where a group leaves the parameter
-    alone.
+    """Return varied values in the parameter's type, with the robot's value where a group does not
+    set one.
 
-    A path of several numbers which a group leaves alone, and which are not all alike, becomes one
-    path a number.
+    A path of several unlike numbers that a group does not set becomes one path per number.
     """
     filled = {}
     for path, values in varied.items():
@@ -180,7 +186,7 @@ def _filled(varied: dict[str, np.ndarray], params: Any, setup: Setup) -> dict[st
 
 
 def _golden_runs(varied: dict[str, np.ndarray], runs: int) -> np.ndarray:
-    """Runs whose varied parameters agree share a golden run."""
+    """Return the number of each run's golden run. Runs whose varied parameters agree share one."""
     golden = np.zeros(runs, np.int64)
     for values in varied.values():
         if (values != values[:1]).any():
@@ -190,7 +196,7 @@ def _golden_runs(varied: dict[str, np.ndarray], runs: int) -> np.ndarray:
 
 
 def _numbered(values: np.ndarray) -> tuple[np.ndarray, int]:
-    """Equal values by equal numbers from 0, as they come, [rows]; and how many there are."""
+    """Number equal values from 0 in order of appearance, [rows]; return also how many there are."""
     _, first, place = np.unique(values, return_index=True, return_inverse=True)
     number = np.empty_like(first)
     number[np.argsort(first)] = np.arange(len(first))

@@ -1,8 +1,7 @@
-"""`[parameters] from = "my_robot.toml"`: robots of a file of their own, such as a calibrated one,
-in a campaign.
+"""Reads `[parameters] from = "my_robot.toml"`: a separate file of robots, such as a calibrated one.
 
-The file has a table [parameters], and a table [campaign] with keys that its numbers hold for. What
-the campaign itself says of a parameter goes before the file.
+The file has a table [parameters], and a table [campaign] with the keys for which its numbers hold.
+A parameter that the campaign itself sets takes precedence over the file.
 """
 
 from __future__ import annotations
@@ -20,8 +19,9 @@ TABLES = ("campaign", "parameters")
 
 
 def with_population(raw: dict[str, Any], where: Where, source: Path | None) -> dict[str, Any]:
-    """`raw` with the file's tables entered; a path is taken from the folder of `source`.
-    UserError.
+    """Return `raw` with the file's tables entered.
+
+    The file's path is relative to the folder of `source`. Raises UserError.
     """
     own = raw.get("parameters") if isinstance(raw, dict) else None
     if not isinstance(own, dict) or KEY not in own:

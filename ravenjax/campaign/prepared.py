@@ -1,23 +1,31 @@
-"""What a robot makes of a campaign: everything that `plan` cannot know.
+"""Defines what a robot provides to a campaign: everything that `plan` cannot know.
 
 A robot is a package, or one module, that declares `ROBOT` (`ravenjax.vocabulary.robot.Robot`). Its
-part `campaign`, a module of the package or the one module itself, has
+part `campaign` is a module of the package, or the one module itself. That module has
 
     prepare(config, varied, injection, precision) -> Prepared
-    series(setup, signals, golden) -> {name: array [ticks] or [ticks, ...]}     of a trace
-    bases(setup) -> {arm: Base}             optional: where the arms stand in the world
-    clocks(program, columns, varied, runs) -> faults.clocks.Clocks      optional: when packets come, the pedal is down
-    phases(config) -> {phase: int [stretches, 2]}       where `Robot.phases` names any: stretches of their ticks
-    explained(program) -> TickProgram       optional: the same runs, each compared with its golden run at every seam
-    watched(program) -> TickProgram         optional: the same runs; signals: what their `detectors` remember, `live`
-    Params                                  record of the parameters, a `numbers.quantity` at each field
-    Config                                  optional: a subclass of `CampaignConfig` with sections of its own
+    series(setup, signals, golden) -> {name: array [ticks] or [ticks, ...]}
+        time series of one run
+    bases(setup) -> {arm: Base}
+        optional: the arms' bases in the world frame
+    clocks(program, columns, varied, runs) -> faults.clocks.Clocks
+        optional: when packets arrive and the pedal is down
+    phases(config) -> {phase: int [stretches, 2]}
+        if `Robot.phases` names any: the stretches of their ticks
+    explained(program) -> TickProgram
+        optional: the same runs, each compared with its golden run at every seam
+    watched(program) -> TickProgram
+        optional: the same runs with two more signals: state of their `detectors`, and `live`
+    Params
+        record of the parameters, with a `numbers.quantity` at each field
+    Config
+        optional: a subclass of `CampaignConfig` with additional sections
 
-golden: series of the golden run, [ticks, numbers]. The tick itself is a
-`ravenjax.engines.interface.Loop`, written with `ravenjax.numbers`, `ravenjax.faults` and whatever
-of `ravenjax.stages` the robot has use for; its outcomes are the columns of `ravenjax.store.schema`,
-most of which the monitor, the checks and the faults give.
-"""  # noqa: E501
+golden: series of the golden run, [ticks, numbers]. The tick is a `ravenjax.engines.interface.Loop`.
+It is written with `ravenjax.numbers`, `ravenjax.faults` and any useful part of `ravenjax.stages`.
+Its outcomes are the columns of `ravenjax.store.schema`; the monitor, the checks and the faults
+provide most of them.
+"""
 
 from __future__ import annotations
 
@@ -32,19 +40,20 @@ from ravenjax.store.motion.summary import MotionSummary
 
 
 class Prepared(NamedTuple):
-    """Returned by `prepare(config, varied, injection, precision)` of a robot's part `campaign`.
+    """Result of `prepare(config, varied, injection, precision)` of a robot's part `campaign`.
 
     varied: path -> values [runs] of the parameters that differ between runs, NaN where a run has
-    the robot's own; injection: `ravenjax.numbers.setup.Injection`; precision:
+    the robot's value; injection: `ravenjax.numbers.setup.Injection`; precision:
     `ravenjax.numbers.setup.Precision`.
     """
 
     loop: Loop
-    setup: Setup  # the robot's own
-    params: Any  # its parameters, plain numbers, with whatever the file sets for all runs
+    setup: Setup  # as the robot defines it
+    # The robot's parameters, plain numbers, including what the file sets for all runs.
+    params: Any
     columns: tuple[np.ndarray, ...]  # of the operator's motion, [ticks] or longer
-    motion: Any = None  # the same as the robot has it
-    operator: MotionSummary | None = None  # what became of a recorded one
-    keys: Mapping[
-        str, str
-    ] = {}  # parameters that each run's id gives, and what each draws: a run draws its own
+    # The same motion, as the robot represents it.
+    motion: Any = None
+    operator: MotionSummary | None = None  # summary of a recorded motion
+    # Parameters that follow from a run's id, and what each draws: every run has its own draw.
+    keys: Mapping[str, str] = {}

@@ -1,8 +1,8 @@
-"""Counts the progress of a campaign, reports it, and keeps progress.json of a result folder.
+"""Counts the progress of a campaign, reports it, and writes progress.json of a result folder.
 
-progress.json is replaced in one step, at most once a second, and never holds up or ends a campaign.
-A start that was killed leaves its last one behind, with the process that wrote it (`pid`, `host`)
-and when (`updated`).
+progress.json is replaced atomically, at most once a second. Errors in writing it never delay or end
+a campaign. If a start was killed, its last progress.json stays, with the process that wrote it
+(`pid`, `host`) and the time (`updated`).
 """
 
 from __future__ import annotations
@@ -21,46 +21,49 @@ from ravenjax.store import files, manifest
 
 FILE = "progress.json"
 EVERY_S = 1.0
-"""Least time between two versions of the same phase."""
+"""Least time between two versions of the same phase, s."""
 
 
 @dataclasses.dataclass
 class Status:
-    """How far a campaign is."""
+    """How far a campaign has progressed."""
 
-    phase: str  # "compile", "run", "done"; "stopped" where a start ended before its work did
-    done: int  # runs finished, those of earlier starts included
+    # "compile", "run", "done", or "stopped" if a start ended before its work did.
+    phase: str
+    done: int  # runs finished, including those of earlier starts
     total: int
-    engine: str  # which engine runs, on what
-    compile_s: float = 0.0  # s, tracing and compiling
-    run_s: float = 0.0  # s, executing so far
+    engine: str  # engine and device, in words
+    compile_s: float = 0.0  # time of tracing and compiling, s
+    run_s: float = 0.0  # time of computing so far, s
     progress: float = 0.0  # share of this start's work that is done, 0 to 1
     earlier: int = 0  # runs that were finished before this start
-    parts: int = 0  # parts of this start that are stored
-    workers: int = 1  # processes or tasks side by side
-    # runs without a valid outcome by cause, those of earlier starts included
+    parts: int = 0  # parts that this start has stored
+    workers: int = 1  # parallel processes or tasks
+    # Number of runs without a valid outcome by cause, including those of earlier starts.
     failures: Mapping[str, int] = dataclasses.field(default_factory=dict)
-    notes: tuple[str, ...] = ()  # what somebody should know: parts set aside, workers that died
+    # Messages for the user: parts set aside, workers that died.
+    notes: tuple[str, ...] = ()
 
     @property
     def computed(self) -> int:
-        """Runs finished by this start."""
+        """Number of runs that this start has finished."""
         return self.done - self.earlier
 
     @property
     def failed(self) -> int:
-        """Runs without a valid outcome."""
+        """Number of runs without a valid outcome."""
         return sum(self.failures.values())
 
     @property
     def left_s(self) -> float | None:
-        """Estimated seconds left."""
+        """Estimated remaining time, s; None if unknown."""
         return self.run_s * (1.0 - self.progress) / self.progress if self.progress > 0 else None
 
     @property
     def runs_per_s(self) -> float | None:
-        """Runs of this start per second of execution, with the ticks of unfinished ones; None
-        before the first.
+        """Runs of this start per second of computing, including the ticks of unfinished runs.
+
+        None before the first.
         """
         started = self.run_s > 0.0 and self.progress > 0.0
         return (self.total - self.earlier) * self.progress / self.run_s if started else None
@@ -81,8 +84,8 @@ class Progress:
         on_progress: OnProgress | None = None,
         notes: tuple[str, ...] = (),
     ) -> None:
-        """engine: in words. total: runs of the campaign, of which this start computes `rows`, of
-        so many ticks each.
+        """engine: in words. total: runs of the campaign. rows: runs that this start computes, of
+        `ticks` ticks each.
         """
         earlier = total - rows
         self.status = Status("compile", earlier, total, engine, earlier=earlier, notes=notes)
@@ -92,13 +95,13 @@ class Progress:
         self._lock = threading.RLock()
 
     def began(self, compile_s: float) -> None:
-        """Start the clock of the runs: the code is compiled. Only the first call counts."""
+        """Start the clock of the runs, once the code is compiled. Only the first call counts."""
         if not self._began:
             self.status.compile_s, self._began = compile_s, time.perf_counter()
         self.tell("run")
 
     def more_due(self, ticks: int) -> None:
-        """Add ticks that belong to no row: of golden runs, of lanes that fill a block."""
+        """Add ticks that belong to no row: those of golden runs, and of lanes that fill a block."""
         with self._lock:
             self._ticks_due += ticks
 
@@ -109,7 +112,7 @@ class Progress:
             self.tell("run")
 
     def count_part(self, rows: int, failures: Mapping[str, int]) -> None:
-        """Count a stored part; failures: its runs without a valid outcome, by cause."""
+        """Count a stored part; failures: number of its runs without a valid outcome, by cause."""
         with self._lock:
             self.status.done += rows
             self.status.parts += 1
@@ -124,7 +127,7 @@ class Progress:
             self.status.failures = total
 
     def note(self, sentence: str) -> None:
-        """Add something that somebody should know."""
+        """Add a message for the user."""
         with self._lock:
             self.status.notes = (*self.status.notes, sentence)
 
@@ -161,7 +164,7 @@ class ProgressFile:
                 "pid": os.getpid(),
                 "host": socket.gethostname(),
             }
-            # a full disk must not end the campaign
+            # A full disk must not end the campaign.
             with contextlib.suppress(OSError):
                 files.replace(self._path, json.dumps(content, indent=1) + "\n")
         if self._then is not None:

@@ -1,8 +1,7 @@
-"""Runs a campaign: what is missing of it through an executor, finished chunks into parts, always
-resumable.
+"""Runs a campaign: computes its missing rows with an executor and stores finished chunks as parts.
 
-Parts are cut at the multiples of the campaign's chunk; a run's result depends on neither chunk, nor
-executor, nor on what was computed before.
+Every campaign can be resumed. Parts begin at multiples of the campaign's chunk size. A run's result
+does not depend on chunk size, on the executor, or on what was computed before.
 """
 
 from __future__ import annotations
@@ -43,13 +42,13 @@ def run_campaign(
     shard: Shard | None = None,
     command: Sequence[str] = (),
 ) -> Results:
-    """Run `config`, or finish it where `out` holds a part of it.
+    """Run `config`, or finish it if `out` holds a part of it.
 
-    out: result folder; None: a temporary one that goes with the results. A folder of the same
-    campaign with another `campaign.limit` is continued. rows: compute these rows only, beside those
-    that the folder already holds. shard: compute its share only. command: the command line, for the
-    record. Raises UserError and StoreError for what the user can correct. Finished parts stay,
-    whatever happens.
+    out: result folder; None: a temporary one that is deleted with the results. A folder of the same
+    campaign with another `campaign.limit` is continued. rows: compute only these rows, in addition
+    to those that the folder holds. shard: compute only this share. command: the command line, for
+    the manifest. Raises UserError and StoreError for what the user can correct. Finished parts are
+    kept in any case.
     """
     if out is None:
         return in_temporary_folder(
@@ -110,7 +109,8 @@ def run_campaign(
                 executor.run(Work(plan, backend, pack, deliver, progress), missing)
             phase = "done"
         finally:
-            # a disk that refused a part is already reported, and refuses the manifest, too
+            # If the disk refused a part, this is already reported, and it refuses the manifest as
+            # well.
             with contextlib.suppress(*[StoreError] if phase == "stopped" else ()):
                 status = progress.status
                 folder.close(status.compile_s, status.run_s, status.computed)
@@ -119,7 +119,9 @@ def run_campaign(
 
 
 def in_temporary_folder(compute: Callable[[Path], Results]) -> Results:
-    """What `compute` puts into a new temporary folder, which goes with the returned results."""
+    """Return the results that `compute` writes to a new temporary folder, which is deleted with
+    them.
+    """
     folder = tempfile.mkdtemp(prefix="ravenjax-")
     try:
         results = compute(Path(folder))
@@ -131,7 +133,9 @@ def in_temporary_folder(compute: Callable[[Path], Results]) -> Results:
 
 
 def _pairs(rows: Sequence[range], runs: int) -> tuple[tuple[int, int], ...]:
-    """Row ranges as a manifest has them; raises UserError for rows that the campaign has not."""
+    """Return row ranges as a manifest has them. Raises UserError for rows that the campaign does
+    not have.
+    """
     for some in rows:
         if some.step != 1 or (some and not 0 <= some.start < some.stop <= runs):
             raise UserError(
@@ -143,7 +147,7 @@ def _pairs(rows: Sequence[range], runs: int) -> tuple[tuple[int, int], ...]:
 
 def _manifest(plan: Plan, engine: Engine) -> manifest.Manifest:
     config, setup = plan.config, plan.program.setup
-    # How rows are stored, and how many of them are computed, decides no outcome.
+    # How rows are stored, and how many of them are computed, does not decide an outcome.
     undecided = {"chunk", "limit"} | (
         {"observe_ms"} if config.campaign.observe_ms is None else set()
     )
@@ -184,7 +188,7 @@ def _manifest(plan: Plan, engine: Engine) -> manifest.Manifest:
 
 
 def shape_of(plan: Plan) -> schema.Shape:
-    """Which repeated columns a plan's result table has."""
+    """Return which repeated columns a plan's result table has."""
     setup = plan.program.setup
     return schema.Shape(
         robot=plan.config.campaign.robot,

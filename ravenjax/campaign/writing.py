@@ -1,4 +1,4 @@
-"""A campaign's tables as the text of a TOML file: a header a table, paths of parameters as keys."""
+"""Writes a campaign's tables as the text of a TOML file, with paths of parameters as keys."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ from ravenjax.campaign.file.group import PATHS, flatten_parameters
 from ravenjax.campaign.loading import ARRAYS
 
 _ARRAYS = {*ARRAYS, "check", "fault", "run"}
-"""Keys under which tables stand one by one, each with a header of its own."""
+"""Keys that hold arrays of tables, each table with its own header."""
 
 
 def text(content: Mapping[str, Any]) -> str:
-    """The text of a file that holds these tables; what is None is left out. ValueError or TypeError
-    for what TOML cannot hold."""
+    """Return the text of a file that holds these tables. Keys that are None are left out.
+
+    Raises ValueError or TypeError for what TOML cannot hold.
+    """
     import tomlkit
 
     document = tomlkit.document()
@@ -26,8 +28,9 @@ def text(content: Mapping[str, Any]) -> str:
 
 
 def _table(content: Mapping[str, Any]) -> Any:
-    """A table with a header. Values come first: in TOML what follows the header of an inner table
-    belongs to that.
+    """Return a table with a header.
+
+    Values come first: in TOML what follows the header of an inner table belongs to that table.
     """
     import tomlkit
     from tomlkit.items import AoT, Table
@@ -42,7 +45,7 @@ def _table(content: Mapping[str, Any]) -> Any:
 
 
 def _item(key: str, value: Any) -> Any:
-    """What stands at a key: an array of tables, a table of paths, or a value."""
+    """Return the TOML item of a key: an array of tables, a table of paths, or a value."""
     import tomlkit
 
     if key in PATHS and isinstance(value, Mapping):

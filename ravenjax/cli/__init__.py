@@ -1,5 +1,6 @@
-"""The command line: parses, joins the parts below, prints. Everything slow is imported inside
-the commands.
+"""The command line: registers the commands of the modules below and parses arguments.
+
+Slow imports are inside the commands.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from ravenjax.cli import (
 )
 
 USER_ERROR, INTERRUPTED = 2, 130
-"""Exit codes: bad input, and Ctrl-C."""
+"""Exit codes for bad input and for Ctrl-C."""
 
 app = App(
     name="ravenjax",
@@ -80,10 +81,14 @@ app.register_install_completion_command(
 
 
 def main(tokens: list[str] | None = None) -> int:
-    """Run the command line. An error that the user can correct is one message and exit code 2."""
+    """Run the command line; return the exit code.
+
+    An error that the user can correct prints one message and gives exit code 2.
+    """
     from ravenjax.errors import StoreError, UserError
 
-    os.environ.setdefault("MUJOCO_GL", "disable")  # else it starts a process to look for windows
+    # Otherwise MuJoCo starts a process that looks for a display.
+    os.environ.setdefault("MUJOCO_GL", "disable")
     try:
         code = app(tokens, exit_on_error=False, print_error=True, result_action="return_value")
     except KeyboardInterrupt:
@@ -95,7 +100,7 @@ def main(tokens: list[str] | None = None) -> int:
     except SystemExit as leaving:
         return leaving.code if isinstance(leaving.code, int) else 1
     except CycloptsError:
-        # it has printed what is wrong with the command line
+        # The parser has already printed what is wrong with the command line.
         return USER_ERROR
     except (UserError, StoreError) as error:
         console.complain(f"error: {error}")

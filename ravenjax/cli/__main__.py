@@ -1,4 +1,4 @@
-"""`python -m ravenjax.cli`."""
+"""Runs the command line as `python -m ravenjax.cli`."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""The command that finds a robot's parameters in a log of it: `calibrate`."""
+"""The command `calibrate`: estimates a robot's parameters from its log."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ravenjax.analyses.calibration.position_loop import LoopParams
 
 SET = "power_consistent"
-"""What is believed before the log."""
+"""Parameter set whose values are the prior, before the log is read."""
 EVERYTHING = "friction,offsets,motors,cables,delays"
 
 
@@ -105,7 +105,7 @@ def calibrate(
 
 
 def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, LoopParams]) -> None:
-    """The judgement on both halves and the parameters, as tables."""
+    """Print the fit to both halves of the log, and the parameters, as tables."""
     from ravenjax.analyses.calibration import tables
 
     joints = logged.log.joints

@@ -1,4 +1,4 @@
-"""Commands that say what there is: `campaigns`, `faults`, `parameters`."""
+"""Commands that list what exists: `campaigns`, `faults`, `parameters`."""
 
 from __future__ import annotations
 
@@ -216,9 +216,7 @@ PARAMETER_COLUMNS = ("path", "value", "may be", "meaning")
 
 
 def parameter_rows(config: CampaignConfig) -> list[tuple[str, ...]]:
-    """One row for each parameter of a campaign's robot: path, the value that it has, its range,
-    its meaning.
-    """
+    """Return a row for each parameter of a campaign's robot: path, value, range, meaning."""
     from ravenjax.campaign import plan
     from ravenjax.campaign.file import bounds
     from ravenjax.numbers import paths
@@ -233,9 +231,8 @@ def parameter_rows(config: CampaignConfig) -> list[tuple[str, ...]]:
         else:
             values.setdefault(full, []).append(f"{float(value):g}")
     more = config.own_ranges
-    rules = {
-        full: bounds.of(config.robot, full, more) for full in values
-    }  # none: not a campaign's to vary
+    # A campaign cannot vary a parameter without rules.
+    rules = {full: bounds.of(config.robot, full, more) for full in values}
     return [
         (
             full,

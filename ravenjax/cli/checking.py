@@ -1,4 +1,4 @@
-"""The command `check`: what a campaign file would run, with nothing computed."""
+"""The command `check`: shows what a campaign file would run, without computing it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     pass
 
 MOST_ROWS = 40
-"""Groups that are printed; of more, the rest is counted."""
+"""Number of groups that are printed; further ones are only counted."""
 
 
 def check(
@@ -79,7 +79,7 @@ def check(
 
 
 def _listing(title: str, rows: list[dict[str, Any]], *keys: str) -> Listing:
-    """Rows as JSON has them, as a table."""
+    """Return rows of JSON values as a table."""
     columns = tuple({"name": "group", "index": "run"}.get(key, key) for key in keys)
     cells = [[row[key] for key in keys] for row in rows]
     texts = [tuple(", ".join(c) if isinstance(c, list) else str(c) for c in row) for row in cells]

@@ -1,6 +1,7 @@
-"""Loads what only a checkout of the repository has: studies, benchmark and evidence, in `analysis`.
+"""Loads modules that only a checkout of the repository has: studies, benchmark and evidence in
+`analysis`.
 
-The package comes without them; they are loaded by path when a command asks for them.
+The installed package does not contain them. They are loaded by path when a command needs them.
 """
 
 from __future__ import annotations
@@ -15,13 +16,13 @@ from ravenjax.errors import UserError
 
 
 def root() -> Path:
-    """The folder that holds the package's own: of the repository, in a checkout."""
+    """Return the folder that contains the package's folder; in a checkout, the repository."""
     return Path(ravenjax.__file__).resolve().parents[1]
 
 
 def load_module(name: str) -> Any:
-    """Module `name` of the folder `analysis`, as "studies.claims". Raises UserError outside of a
-    checkout.
+    """Return module `name` of the folder `analysis`, such as "studies.claims". Raises UserError
+    outside of a checkout.
     """
     analysis = root() / "analysis"
     folder = analysis / name.partition(".")[0]

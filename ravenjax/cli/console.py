@@ -1,4 +1,4 @@
-"""Where commands print, and the words that several of them share."""
+"""Console output of commands, and options that several of them share."""
 
 from __future__ import annotations
 
@@ -36,16 +36,17 @@ AsJson = Annotated[
 
 
 class Listing(NamedTuple):
-    """One table that a command prints; in JSON a list of objects under its name."""
+    """A table that a command prints; in JSON a list of objects under its name."""
 
     name: str
     title: str
-    columns: tuple[str, ...]  # also the keys in JSON: "what it asks" becomes what_it_asks
+    # Also the keys in JSON: "what it asks" becomes what_it_asks.
+    columns: tuple[str, ...]
     rows: Sequence[tuple[str, ...]]
 
 
 def emit(listings: Sequence[Listing], as_json: bool) -> None:
-    """Print tables below each other; as JSON, one object: {name: [{column: cell}]}."""
+    """Print tables one below the other, or as one JSON object {name: [{column: cell}]}."""
     if as_json:
         emit_json({listing.name: _objects(listing) for listing in listings})
         return
@@ -63,8 +64,8 @@ def table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, ...]])
 
 
 def emit_json(value: Any) -> None:
-    """Print a value as JSON on standard output; NaN and infinite numbers are null,
-    paths text.
+    """Print a value as JSON on standard output. NaN and infinite numbers become null, paths
+    text.
     """
     import json
 
@@ -72,12 +73,12 @@ def emit_json(value: Any) -> None:
 
 
 def say(text: str) -> None:
-    """Print text as it is."""
+    """Print text without markup."""
     out.print(text, markup=False, highlight=False, soft_wrap=True)
 
 
 def render(template: str, **content: Any) -> str:
-    """The text of a template of this package."""
+    """Return the text of a template of this package."""
     import jinja2
 
     templates = jinja2.Environment(
@@ -90,18 +91,19 @@ def render(template: str, **content: Any) -> str:
 
 
 def complain(text: str) -> None:
-    """Print what is wrong."""
+    """Print an error message."""
     err.print(text, style="red", markup=False, highlight=False, soft_wrap=True)
 
 
 def note(text: str) -> None:
-    """Print a note beside the output."""
+    """Print a note on standard error."""
     err.print(f"note: {text}", markup=False, highlight=False, soft_wrap=True)
 
 
 def worst(folder: Path, most: int | None, by: str) -> list[WorstRun]:
-    """The `most` worst runs of a result folder, none where no number is asked for; a note where
-    there are fewer.
+    """Return the `most` worst runs of a result folder; none if `most` is None.
+
+    Prints a note if there are fewer.
     """
     from ravenjax.report.run import ranking
 
@@ -120,7 +122,7 @@ def _objects(listing: Listing) -> list[dict[str, str]]:
 
 
 def _plain(value: Any) -> Any:
-    """Only what JSON knows; a named tuple becomes an object."""
+    """Convert a value to types that JSON has. A named tuple becomes an object."""
     if hasattr(value, "_asdict"):
         value = value._asdict()
     if isinstance(value, dict):
@@ -129,5 +131,5 @@ def _plain(value: Any) -> Any:
         return [_plain(inner) for inner in value]
     value = value.item() if hasattr(value, "item") and getattr(value, "ndim", 0) == 0 else value
     if isinstance(value, float):
-        return value if abs(value) < float("inf") else None  # of NaN, too
+        return value if abs(value) < float("inf") else None  # NaN fails this comparison as well
     return value if isinstance(value, str | int | bool | None) else str(value)

@@ -1,4 +1,6 @@
-"""`counterfactual`: which few checks would have seen what the robot's own do not."""
+"""The command `counterfactual`: selects additional checks that would detect what the robot's checks
+do not.
+"""
 
 from __future__ import annotations
 

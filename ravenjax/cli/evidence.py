@@ -1,4 +1,6 @@
-"""`evidence`: tables and an argument for a risk file, and whether they still hold."""
+"""The command `evidence`: writes tables and an argument for a risk file, and checks whether they
+still hold.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""`explain`: from fault to error to failure, of single runs and over a campaign."""
+"""The command `explain`: shows the chain from fault to error to failure, for single runs or a
+campaign.
+"""
 
 from __future__ import annotations
 
@@ -86,7 +88,9 @@ def explain(
 
 
 def _compute(explainer: Explainer, rows: Any, quiet: bool) -> Explained:
-    """With progress where somebody watches and there is enough to wait for."""
+    """Explain runs, with a progress bar if the output is a terminal and the work takes long
+    enough.
+    """
     from ravenjax.cli import terminal
 
     if quiet or len(rows) < 100:
@@ -96,7 +100,7 @@ def _compute(explainer: Explainer, rows: Any, quiet: bool) -> Explained:
 
 
 def _one_by_one(place: Path, record: Manifest, explanation: Explained, as_json: bool) -> None:
-    """Each run's chain: printed, and as CSV and SVG."""
+    """Print each run's chain, and write it as CSV and SVG."""
     from ravenjax.report import downloads
     from ravenjax.report.run import chain, chain_words
     from ravenjax.store.files import write_aside
@@ -118,7 +122,7 @@ def _one_by_one(place: Path, record: Manifest, explanation: Explained, as_json: 
 
 
 def _print(one: Chain, paths: list[Path]) -> None:
-    """Tables and sentences of one run."""
+    """Print the tables and sentences of one run."""
     from ravenjax.report.run import chain_words
 
     console.say("\n  ".join([chain_words.title(one), *chain_words.sentences(one)]))
@@ -133,7 +137,7 @@ def _print(one: Chain, paths: list[Path]) -> None:
 
 
 def _together(folder: Path, place: Path, record: Manifest, as_json: bool) -> None:
-    """What carries and shows the evading faults: printed, and as CSV and SVG."""
+    """Print which signals carry and show the evading faults, and write them as CSV and SVG."""
     import contextlib
 
     from ravenjax.report import downloads

@@ -1,4 +1,4 @@
-"""`explore`: a campaign as one page on which anybody asks its robot."""
+"""The command `explore`: writes a campaign as one page that simulates its robot in a browser."""
 
 from __future__ import annotations
 

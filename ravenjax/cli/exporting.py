@@ -1,4 +1,4 @@
-"""`export`: control software and virtual robot for C programs."""
+"""The command `export`: writes control software and virtual robot as a C library."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands about this machine: `bench`, `doctor`."""
+"""Commands that test this machine: `bench`, `doctor`."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""`monitor`: thresholds with a stated false-alarm rate, as data, as a part and as C; and whether
-they still hold.
+"""The commands `monitor`: calibrate thresholds with a stated false-alarm rate, and check that they
+still hold.
 """
 
 from __future__ import annotations
@@ -238,7 +238,7 @@ def _tell(place: Path, result: Calibrated, as_json: bool) -> None:
 
 @contextlib.contextmanager
 def _progress(as_json: bool) -> Iterator[Callable[[int, int], None]]:
-    """A bar of operators on the terminal; silent with JSON."""
+    """Show a progress bar of operators on the terminal; nothing with JSON."""
     from rich.progress import MofNCompleteColumn, Progress
 
     columns = (*Progress.get_default_columns(), MofNCompleteColumn())

@@ -1,4 +1,4 @@
-"""The command of recorded operators: `motion`; and what `run` says of them."""
+"""The command `motion` for recorded operators, and the lines that `run` prints about them."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def motion(
     try:
         one = replay.replay(file, config.campaign.arms, options, ticks, scale, bounds=bounds)
     except UserError:
-        # That it cannot be read, it says again.
+        # If the file cannot even be read, this raises that error.
         raw = recording.load(file, config.campaign.arms, options)
         courses = replay.courses(raw, reach.reach(raw.poses, bounds).inside, None)
         _draw(file, out, courses, "cannot be replayed as it is")
@@ -64,8 +64,9 @@ def motion(
 
 
 def show_operator(config: CampaignConfig, to: Console) -> None:
-    """Print what becomes of a campaign's recorded operator, where it has one. UserError where it
-    cannot be used.
+    """Print the motion made of a campaign's recorded operator, if it has one.
+
+    Raises UserError if the recording cannot be used.
     """
     from ravenjax.robots.raven2.campaign import hands
     from ravenjax.robots.raven2.campaign.config import RavenConfig
@@ -79,7 +80,7 @@ def show_operator(config: CampaignConfig, to: Console) -> None:
 def _config(
     file: Path, campaign: str | None, arms: list[str] | None, overrides: list[str]
 ) -> tuple[RavenConfig, bool]:
-    """The campaign that the recording is for, and whether all of the recording is to be
+    """Return the campaign that the recording is for, and whether the whole recording is
     replayed.
     """
     from ravenjax.campaign import loading
@@ -96,7 +97,8 @@ def _config(
         return of_raven(loading.from_dict(raw, overrides=overrides)), whole
     base = of_raven(loading.load(campaign))
     replaced = [f"operator.file={file.absolute()}"]
-    if base.operator.file is None:  # what belongs to its generated motion goes with it
+    # The options of the generated motion are then dropped.
+    if base.operator.file is None:
         replaced = ["operator={}", f"operator.scale={base.operator.scale}", *replaced]
     if arms:
         replaced.append(f"campaign.arms={arms}")

@@ -136,7 +136,7 @@ def merge(
 
 
 def write_report(folder: Path, tell: bool = True) -> Path:
-    """Write the report and return its path; `tell`: also print the path."""
+    """Write the report and return its path; tell: also print the path."""
     from ravenjax.report import page
 
     path = page.build(folder)

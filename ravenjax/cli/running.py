@@ -1,4 +1,4 @@
-"""Commands that compute: `run`, `fault-free`, `search`."""
+"""Commands that run simulations: `run`, `fault-free`, `search`."""
 
 from __future__ import annotations
 
@@ -108,7 +108,9 @@ def run(
 
 
 def _outcome(folder: Path, results: Results) -> dict[str, Any]:
-    """What came out, as JSON has it: `_summary` and what the manifest says of the computation."""
+    """Return the results as JSON values: those of `_summary`, and the manifest's data on the
+    computation.
+    """
     from ravenjax.campaign.stop import decisions
     from ravenjax.store import manifest
 
@@ -182,7 +184,7 @@ def fault_free(
 
 
 def _summary(folder: Path, results: Results) -> None:
-    """What came out: verdicts of the valid runs with a fault, failures by cause, where it is."""
+    """Print verdicts of the valid runs with a fault, failures by cause, and the result folder."""
     from ravenjax.campaign.stop import decisions
     from ravenjax.cli import terminal
     from ravenjax.store import manifest
@@ -207,8 +209,8 @@ def _summary(folder: Path, results: Results) -> None:
 
 @contextlib.contextmanager
 def _ended_by_signals() -> Iterator[None]:
-    """SIGTERM and SIGHUP end the work as Ctrl-C does, with exit code 128 + the signal's number;
-    soon, in any case.
+    """End the work on SIGTERM and SIGHUP as on Ctrl-C, promptly and with exit code 128 + the
+    signal's number.
     """
     with interruption.exits(signal.SIGTERM, signal.SIGHUP):
         try:

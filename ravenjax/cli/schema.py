@@ -1,4 +1,4 @@
-"""`schema`: the JSON Schema of the files that people write, for their editors."""
+"""The command `schema`: prints the JSON Schema of the files that users write, for their editors."""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
-"""Commands on the studies of a checkout, `analysis/studies`: `reproduce` runs them, `credibility`
-prints the evidence for each of their claims.
+"""Commands on the studies of a checkout, in `analysis/studies`.
+
+`reproduce` runs them; `credibility` prints the evidence for each of their claims.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the command line shows: progress of a campaign, tables, what this machine can do."""
+"""Shows a campaign's progress, tables and machine information in the terminal."""
 
 from __future__ import annotations
 
@@ -20,11 +20,12 @@ if TYPE_CHECKING:
     from ravenjax.campaign.progress import Status
 
 PLAIN_EVERY_S = 5.0
-"""Time between two lines of progress where the output is no terminal."""
+"""Time between two lines of progress if the output is not a terminal, s."""
 
 LONGEST_NAME = 48
-"""Characters of a name; a first column with more holds sentences, which are broken like any
-other.
+"""Longest name in characters.
+
+A first column with longer texts holds sentences, which are wrapped as in any other column.
 """
 
 PACKAGES = (
@@ -43,8 +44,9 @@ PACKAGES = (
 
 
 class Watch:
-    """Shows a campaign's progress: a bar in a terminal, a line now and then elsewhere. Use as a
-    context manager.
+    """Shows a campaign's progress: a bar in a terminal, otherwise a line now and then.
+
+    Use it as a context manager.
     """
 
     def __init__(self, console: Console) -> None:
@@ -88,7 +90,7 @@ class Watch:
 
 
 def words(status: Status) -> str:
-    """How far a campaign is, in one line."""
+    """Return the progress of a campaign as one line."""
     parts = [f"{status.done} of {status.total} runs"]
     if status.runs_per_s is not None:
         parts.append(f"{status.runs_per_s:.0f} runs/s")
@@ -107,7 +109,7 @@ def words(status: Status) -> str:
 
 
 def duration(seconds: float) -> str:
-    """A time in the words that suit its length."""
+    """Return a time in units that suit its length."""
     if seconds < 120.0:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60.0)
@@ -117,8 +119,9 @@ def duration(seconds: float) -> str:
 def table(
     title: str, columns: tuple[str, ...], rows: Iterator[tuple[str, ...]] | list[tuple[str, ...]]
 ) -> Table:
-    """A table of text; square brackets are text, too. What the first column names stays in one
-    piece, to be copied.
+    """Return a table of text; square brackets are not markup.
+
+    Names in the first column are not wrapped, so that they can be copied.
     """
     rows = list(rows)
     grid = Table(title=title, title_justify="left", show_edge=False)
@@ -131,7 +134,7 @@ def table(
 
 
 def machine() -> Iterator[tuple[str, str]]:
-    """(what, how it is) of this machine and its software."""
+    """Yield (name, description) of this machine and its software."""
     from ravenjax.engines import selection
     from ravenjax.numbers.setup import CAMPAIGN
 
@@ -149,29 +152,28 @@ def machine() -> Iterator[tuple[str, str]]:
 
 
 def checks(tests: dict[str, Callable[[], str]]) -> Iterator[tuple[str, str, str]]:
-    """(what, "ok" or "FAILED", detail) of each test; a test returns its detail or raises."""
+    """Yield (name, "ok" or "FAILED", detail) of each test. A test returns its detail or raises."""
     for name, test in tests.items():
         try:
             yield name, "ok", test()
-        except (
-            Exception
-        ) as error:  # a broken installation may raise anything, and the next line still helps
+        # A broken installation may raise anything, and the next test is still useful.
+        except Exception as error:
             yield name, "FAILED", f"{type(error).__name__}: {error}"
 
 
 def share_rows(counts: Mapping[str, int], total: int) -> list[tuple[str, ...]]:
-    """(name, runs, share of the total) of numbers of runs, most frequent first; without "".
+    """Return (name, runs, share of the total) of numbers of runs, most frequent first, without "".
 
-    Repeats of a fault count each, so a share has no interval here. The report counts every fault
-    once.
+    Repeats of a fault count separately, so a share has no interval here. The report counts every
+    fault once.
     """
     ordered = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
     return [(name, str(n), f"{100 * n / total:.1f} %") for name, n in ordered if name]
 
 
 def evading(runs: Mapping[str, int], limit_mm: float) -> str:
-    """How many runs evade and in how many of them the cue came, of numbers of runs by verdict:
-    one valid at least.
+    """Return how many runs evade, and in how many of them the cue came. runs: by verdict, at least
+    one valid.
     """
     valid = {tuple(name.split("/")): count for name, count in runs.items() if name}
     by_cue = [

@@ -1,6 +1,4 @@
-"""`trace`: runs of a result folder again, each with its whole time series and a summary in
-words.
-"""
+"""The command `trace`: computes single runs again and writes their time series and a summary."""
 
 from __future__ import annotations
 
@@ -83,7 +81,7 @@ def trace(
 def _write(
     place: Path, record: Manifest, again: Replay, events: list[dict[str, Any]]
 ) -> list[Path]:
-    """MCAP, CSV and plot of one run."""
+    """Write MCAP, CSV and plot of one run; return their paths."""
     from ravenjax.report import wording
     from ravenjax.report.run.plot import trace_plot
     from ravenjax.store.logs import time_series
@@ -114,7 +112,7 @@ def _write(
 
 
 def _metadata(record: Manifest, again: Replay) -> dict[str, str]:
-    """What a trace says of itself: which run, by which campaign, code and engine."""
+    """Return the metadata of a trace: run, campaign, code and engine."""
     from ravenjax.report import wording
     from ravenjax.store import manifest
 
@@ -143,7 +141,7 @@ def _metadata(record: Manifest, again: Replay) -> dict[str, str]:
 
 
 def _plotted(series: Mapping[str, Any], cue: int) -> dict[str, Any]:
-    """A replay's series under the names that the plot knows, with the force of that cue."""
+    """Return a replay's series under the names that the plot uses, with the force of that cue."""
     active = [
         values
         for name, values in series.items()

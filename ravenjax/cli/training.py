@@ -104,7 +104,8 @@ def train(
         if not headless:
             from ravenjax.train.processes import SessionHelpers
 
-            helpers = SessionHelpers.start(stack, page)  # they import while this process does
+            # The helper processes do their imports at the same time as this one.
+            helpers = SessionHelpers.start(stack, page)
         from ravenjax.train import launch
         from ravenjax.train import scenario as scenarios
 
@@ -137,7 +138,8 @@ def train(
             result = launch.realtime(
                 options, with_page=page, linger_s=linger, say=console.say, helpers=helpers
             )
-    while result.wish is not None:  # the same door: windows come back by themselves
+    # The same address, so that browser windows reconnect.
+    while result.wish is not None:
         console.say(f"session: {result.folder} ({result.ended})")
         options = launch.following(options, result)
         console.say(f"{options.scenario.name}: the next session is being prepared")
@@ -148,9 +150,7 @@ def train(
 
 @contextlib.contextmanager
 def _words_of_a_stop() -> Iterator[None]:
-    """Ctrl-C or SIGTERM before a session begins, or Ctrl-C thrice in it: nothing of it goes on
-    later.
-    """
+    """On Ctrl-C or SIGTERM before a session, or a third Ctrl-C in it, print a message and exit."""
     with interruption.exits(signal.SIGTERM):
         try:
             yield

@@ -1,8 +1,8 @@
-"""How a program is printed in any language: numbers are read where first needed, results written
-once they are there.
+"""Base class for printing a program in any language.
 
-A language says what constants, loads, stores, operations and regions look like; a result never
-overwrites what its place held before that has been read.
+Numbers are read where they are first needed, and results are written once they are computed. A
+language defines the text of constants, loads, stores, operations and regions. A result never
+overwrites the old content of its place before that has been read.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from ravenjax.ir.regions import Region, flat
 
 
 def render(template: str, **values: Any) -> str:
-    """A template beside this file, filled in."""
-    # Imported here: printed code is kept, so most processes print none.
+    """Render a template of this folder."""
+    # Imported here because generated code is cached, so most processes print none.
     import jinja2
 
     environment = jinja2.Environment(
@@ -33,11 +33,11 @@ def render(template: str, **values: Any) -> str:
 
 
 Where = TypeVar("Where")
-"""A place in memory, as the language names it."""
+"""A place in memory, as the language writes it."""
 
 
 class Printing(ABC, Generic[Where]):
-    """Lines of one function body."""
+    """Collects the lines of one function body."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -52,11 +52,10 @@ class Printing(ABC, Generic[Where]):
         tables: str = "",
         given: Mapping[int, str] | None = None,
     ) -> None:
-        """Print `operations` of `program`; numbers with a source are read from there, `results`
-        written.
+        """Print `operations` of `program`: read numbers from `sources` and write `results`.
 
-        A region becomes a block that is passed by where its condition does not hold. given: numbers
-        that are values of the function already; tables: pointer to the tables, one after the other.
+        A region becomes a block that is skipped if its condition does not hold. given: numbers that
+        are already values of the function; tables: pointer to the concatenated tables.
         """
         operations = list(operations)
         types = [operation.dtype for operation in program.operations]
@@ -89,7 +88,8 @@ class Printing(ABC, Generic[Where]):
 
         goals: dict[int, list[tuple[int, Where]]] = {}
         for i, place in results:
-            if sources.get(i) != place:  # it stays where it is
+            # Otherwise the number stays at its place.
+            if sources.get(i) != place:
                 goals.setdefault(i, []).append((i, place))
         outside = {
             i
@@ -134,11 +134,11 @@ class Printing(ABC, Generic[Where]):
 
     @abstractmethod
     def _constant(self, dtype: str, value: Any) -> str:
-        """Text of a constant."""
+        """Return the text of a constant."""
 
     @abstractmethod
     def _load(self, dtype: str, place: Where) -> str:
-        """A new value: the number at a place."""
+        """Return a new value: the number at a place."""
 
     @abstractmethod
     def _store(self, dtype: str, value: str, place: Where) -> None:
@@ -146,14 +146,17 @@ class Printing(ABC, Generic[Where]):
 
     @abstractmethod
     def _operation(self, program: Program, i: int, inputs: list[str], tables: str) -> str:
-        """A new value: the result of operation `i`."""
+        """Return a new value: the result of operation `i`."""
 
     @abstractmethod
     def _begin_region(self, condition: str, types: list[str]) -> Any:
-        """Begin a block that is needed where `condition` holds, with results of these types;
-        what its end asks for.
+        """Begin a block that is needed where `condition` holds, with results of these types.
+
+        Returns what `_end_region` takes.
         """
 
     @abstractmethod
     def _end_region(self, begun: Any, results: list[str]) -> list[str]:
-        """End it: new values that are its results where it was needed, and anything elsewhere."""
+        """End the block; return its results as new values, which are arbitrary where it was not
+        needed.
+        """

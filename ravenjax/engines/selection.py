@@ -1,4 +1,4 @@
-"""Which engine runs: by name, or the best that this machine has."""
+"""Selects the engine: by name, or the fastest that this machine supports."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from ravenjax.errors import UserError, suggestion
 from ravenjax.numbers.setup import Precision
 
 ENGINES = ("cuda", "simd", "xla", "mjx")
-"""Fastest first."""
+"""Names of the engines, fastest first."""
 
 
 def select(
     name: str, precision: Precision, objects: MutableMapping[str, bytes] | None = None
 ) -> Engine:
-    """The engine of that name; "auto" takes the fastest that computes in this precision here.
-    Raises UserError.
+    """Return the engine of that name; "auto" means the fastest that supports this precision on this
+    machine.
 
-    objects: where compiled code is kept between processes; None keeps it in this one.
+    objects: cache of compiled code between processes; None: only this process. Raises UserError.
     """
     if name == "auto":
         name = fastest(precision)[0]
@@ -41,8 +41,10 @@ def select(
 
 
 def fastest(precision: Precision) -> tuple[str, str]:
-    """The engine that "auto" means on this machine, and in one line why it is not "cuda", empty
-    if it is.
+    """Return the engine that "auto" means on this machine, and one line that states why it is not
+    "cuda".
+
+    The line is empty if it is "cuda".
     """
     from ravenjax.engines.gpu import device as cuda_device
     from ravenjax.engines.gpu import engine as cuda

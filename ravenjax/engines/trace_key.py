@@ -1,6 +1,4 @@
-"""What decides traced and printed code, as a hash; and such code, kept between processes by its
-hash.
-"""
+"""Hashes the inputs of traced and generated code, and caches that code on disk under the hash."""
 
 from __future__ import annotations
 
@@ -22,7 +20,7 @@ from ravenjax import interruption
 from ravenjax.bundled import resources
 
 Objects = MutableMapping[str, bytes]
-"""What outlives the process, by the hash of what it was made from."""
+"""A cache that outlives the process: content by the hash of what it was made from."""
 Code = TypeVar("Code")
 
 _PACKAGE = Path(__file__).resolve().parents[1]
@@ -31,7 +29,7 @@ _PACKAGES = ("ravenjax", "jax", "jaxlib", "mujoco", "numpy")
 
 
 def hash_values(*values: Any) -> str:
-    """Hash of nested values: types and bits of numbers, fields of records."""
+    """Return a hash of nested values: types and bits of numbers, fields of records."""
     digest = hashlib.sha256()
     for value in values:
         for piece in _pieces(value):
@@ -64,7 +62,7 @@ def _pieces(value: Any) -> Iterator[bytes]:
 
 @functools.cache
 def versions() -> tuple[str, ...]:
-    """Python and the packages that take part in tracing."""
+    """Return the versions of Python and of the packages that take part in tracing."""
     return (sys.version, *map(_version, _PACKAGES))
 
 
@@ -76,8 +74,9 @@ def _version(package: str) -> str:
 
 
 def hash_files() -> str:
-    """sha256 over the files that decide what is traced and printed, as they are now: this package's
-    lower floors, and the robots' models.
+    """Return the sha256 over the current files that decide what is traced and generated.
+
+    These are the lower layers of this package, and the robots' models.
     """
     files = [
         path
@@ -94,32 +93,37 @@ def hash_files() -> str:
 
 
 AT_IMPORT = hash_files()
-"""The hash of the files when this module was imported: what the process runs."""
+"""The hash of the files when this module was imported, that is, of the code that the process
+runs.
+"""
 
 
 def persistent_key(*values: Any) -> str:
-    """Key of code that may outlive the process: of these values, the files and all versions; ""
-    where the files have changed, so that nobody knows what the process runs.
+    """Return the key of code that may outlive the process: a hash of these values, the files and
+    all versions.
+
+    Returns "" if the files have changed since the import, because the running code is then not
+    known.
     """
     return hash_values(*values, AT_IMPORT, versions()) if hash_files() == AT_IMPORT else ""
 
 
 def load_or_make(objects: Objects | None, key: str, make: Callable[[], Code]) -> Code:
-    """The result of `make`, loaded from `objects` if it was made before. An empty key stores
-    nothing.
+    """Return the result of `make`, loaded from `objects` if it was made before.
 
-    The same folder holds machine code of this user, so pickles add no risk.
+    With an empty key nothing is stored. The same folder holds machine code of this user, so pickles
+    add no risk.
     """
     if objects is None or not key:
         return make()
     if (content := objects.get(key)) is not None:
-        # It may be of another version, or name a module that is gone.
+        # The content may be from another version, or name a module that no longer exists.
         with contextlib.suppress(Exception):
             return pickle.loads(zlib.decompress(content))
     interruption.point()
     result = make()
     interruption.point()
-    # A record that a user defined within a function has no bytes.
+    # A record class that a user defined within a function cannot be pickled.
     with contextlib.suppress(pickle.PicklingError, AttributeError, TypeError):
         objects[key] = zlib.compress(pickle.dumps(result), 1)
     return result

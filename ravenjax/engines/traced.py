@@ -1,8 +1,9 @@
-"""The tick of one robot traced for a program: beginning, step and end as straight-line programs.
+"""Traces the tick of one robot for a program: its beginning, step and end as straight-line
+programs.
 
-Tracing takes seconds of Python, so what was traced is kept with the code that was made of it: in
-this process, where a campaign in several steps, or one beside another that needs the same code,
-traces once; and on disk, where the next process finds it and imports no JAX.
+Tracing takes seconds of Python, so traces are cached with the code that was made from them. The
+cache in this process serves a campaign in several steps, or campaigns that need the same code. The
+cache on disk serves the next process, which then need not import JAX.
 """
 
 from __future__ import annotations
@@ -30,21 +31,21 @@ from ravenjax.numbers.lazy import jax
 from ravenjax.numbers.setup import Setup
 
 KEPT = 4
-"""Programs whose code this process keeps, up to 20 MB each."""
+"""Number of programs whose code this process keeps, up to 20 MB each."""
 
 
 @dataclasses.dataclass(frozen=True)
 class TracedTick:
-    """The loop of a lane: its inputs are the varied parameters and the faults, its results the
+    """The loop of a lane. Its inputs are the varied parameters and the faults, its results the
     outcomes.
 
-    What enters a tick is its number and the golden run's series; what goes out is the own series,
-    then all signals.
+    The inputs of a tick are its number and the golden run's series. Its outputs are the lane's
+    series, then all signals.
     """
 
     loop: TimeLoop
     outcomes: tuple[str, ...]  # names of the results
-    series: int  # numbers of the reference series
+    series: int  # how many numbers the reference series has
     signals: Any  # structure of the signals, each leaf its dtype
 
     def without_signals(self) -> TimeLoop:
@@ -58,10 +59,9 @@ class TracedTick:
     def signals_of(
         self, out: np.ndarray, typed: Callable[[np.ndarray, np.dtype], np.ndarray]
     ) -> Any:
-        """Every signal of the first lane, each leaf [ticks]; `typed` makes numbers of a type of a
-        column of `out`.
+        """Return every signal of the first lane, each leaf [ticks].
 
-        out: what went out, [ticks, numbers, lanes].
+        out: the outputs, [ticks, numbers, lanes]; typed: converts a column of `out` to a type.
         """
         columns = np.ascontiguousarray(out[:, self.series :, 0].T)
         dtypes = tree.leaves(self.signals)
@@ -72,26 +72,26 @@ class TracedTick:
 
 
 class Forms:
-    """A traced program and whatever code is made of it, by engine, form and device; from any
-    thread.
-    """
+    """A traced program and all code made from it, by engine, form and device. Thread-safe."""
 
     def __init__(self, traced: TracedTick, key: str = "", objects: Objects | None = None) -> None:
-        """key: hash of all that decides the trace; "": nothing of it is to outlive the process."""
+        """key: hash of everything that decides the trace; "": nothing is kept beyond the
+        process.
+        """
         self.traced = traced
         self._key, self._objects = key, objects
         self._codes: dict[Any, Any] = {}
         self._lock = threading.Lock()
 
     def code(self, key: tuple[Any, ...], make: Callable[[], Any]) -> Any:
-        """The code of this key, made by the first who asks."""
+        """Return the code of this key; the first caller makes it."""
         with self._lock:
             if key not in self._codes:
                 self._codes[key] = make()
             return self._codes[key]
 
     def printed(self, key: Any, make: Callable[[], Code]) -> Code:
-        """Printed code, from disk where it was printed before.
+        """Return generated code, from disk if it was generated before.
 
         key: everything besides the trace that decides it.
         """
@@ -102,10 +102,9 @@ class Forms:
 def forms(
     program: TickProgram, block: Block, motion: Sequence[np.ndarray], objects: Objects | None = None
 ) -> Forms:
-    """`program` traced for blocks and motions like these, perhaps before, perhaps by another
-    process.
+    """Return `program` traced for blocks and motions like these, from a cache if possible.
 
-    objects: where that is kept between processes; None keeps it in this one.
+    objects: cache between processes; None: only this process.
     """
     none = Block(
         {path: np.zeros(0, np.asarray(block.varied[path]).dtype) for path in program.varied},
@@ -123,11 +122,11 @@ def forms(
         [(column.shape, column.dtype.str) for column in motion],
     )
     key = trace_key.hash_values(*decides)
-    # Who comes second waits instead of tracing the same.
+    # A second caller waits instead of tracing the same program.
     with _TRACING:
         if key not in _FORMS:
-            # A robot of another package may take code from anywhere: no files are known to decide
-            # it.
+            # A robot of another package may import code from anywhere, so the files that decide it
+            # are not known.
             ours = program.module.startswith("ravenjax.") and objects is not None
             kept = trace_key.persistent_key("trace", key) if ours else ""
             # Zeros that take no memory.
@@ -144,18 +143,18 @@ _FORMS: dict[str, Forms] = {}
 
 
 def forget() -> None:
-    """Keep nothing in this process of what was traced so far."""
+    """Remove everything that was traced from the cache of this process."""
     _FORMS.clear()
 
 
 def x64(setup: Setup) -> contextlib.AbstractContextManager[Any]:
-    """JAX with 64-bit numbers where the setup has any, and without where it has none."""
+    """Return a context in which JAX has 64-bit numbers if the setup has any."""
     return jax.enable_x64(setup.precision.needs_x64)
 
 
 @contextlib.contextmanager
 def leaks_refused() -> Iterator[None]:
-    """Turn JAX's error about a number that outlived its trace into a UserError with its line."""
+    """Convert JAX's error about a number that outlived its trace to a UserError with its line."""
     try:
         yield
     except jax.errors.UnexpectedTracerError as error:
@@ -168,7 +167,9 @@ def leaks_refused() -> Iterator[None]:
 
 
 def shapes(record: Any) -> Any:
-    """A record of dtypes as tracing takes it: single numbers of these types."""
+    """Return the shapes that tracing takes for a record of dtypes: single numbers of these
+    types.
+    """
     return tree.mapped(lambda dtype: jax.ShapeDtypeStruct((), dtype), record)
 
 
@@ -180,7 +181,7 @@ def trace(
 ) -> TracedTick:
     """Trace the tick for blocks like this one; `origin` as for `lowering.lower`.
 
-    No array is made, so that JAX looks for no device.
+    No array is made, so that JAX does not look for a device.
     """
     setup = program.setup
     series = program.loop.series_length(setup)
@@ -216,9 +217,10 @@ def trace_function(
     origin: lowering.Origin | None = None,
     functions: lowering.Functions = "polynomials",
 ) -> tuple[Program, Any]:
-    """The program of a function of these shapes, and the shapes of its results.
+    """Return the program of a function with arguments of these shapes, and the shapes of its
+    results.
 
-    functions: as for `lowering.lower`; sums with a product are fused where those are polynomials.
+    functions: as for `lowering.lower`. With polynomials, sums with a product are fused.
     """
     with leaks_refused():
         jaxpr, results = jax.make_jaxpr(function, return_shape=True)(*arguments)
@@ -227,8 +229,8 @@ def trace_function(
 
 
 def printable(program: TickProgram) -> TickProgram:
-    """`program` as it is printed: with link dynamics of single numbers, and lanes that are
-    stopped from outside.
+    """Return `program` for code generation: with link dynamics of single numbers, and lanes that
+    end individually.
     """
     return dataclasses.replace(
         program, setup=dataclasses.replace(program.setup, link_dynamics="unrolled"), ends=False
@@ -236,10 +238,12 @@ def printable(program: TickProgram) -> TickProgram:
 
 
 class PrintedKernel(ABC):
-    """What kernels of engines `simd` and `cuda` share: a traced program and its compiled forms."""
+    """Base class of the kernels of engines `simd` and `cuda`: a traced program and its compiled
+    forms.
+    """
 
     def __init__(self, program: TickProgram, lanes: int, objects: Objects | None) -> None:
-        """objects: compiled code kept between processes."""
+        """objects: cache of compiled code between processes."""
         self.program, self.lanes, self.objects = printable(program), lanes, objects
         self._forms: Forms | None = None
 
@@ -247,7 +251,7 @@ class PrintedKernel(ABC):
     def _run(
         self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None
     ) -> tuple[BlockResult, np.ndarray]:
-        """What comes out of a block, and what went out in each tick, [ticks, numbers, lanes]."""
+        """Return the results of a block, and the outputs of each tick, [ticks, numbers, lanes]."""
 
     def run(
         self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None
@@ -256,15 +260,15 @@ class PrintedKernel(ABC):
         return self._run(block, motion, progress)[0]
 
     def forms(self, block: Block, motion: tuple[np.ndarray, ...]) -> Forms:
-        """The program traced for blocks and motions like these; done once."""
+        """Return the program traced for blocks and motions like these; traced only once."""
         self._forms = self._forms or forms(self.program, block, motion, self.objects)
         return self._forms
 
     def groups(self, block: Block) -> tuple[list[np.ndarray], np.ndarray]:
-        """A block's inputs, each [lanes], and the number of the group that each lane is in: lanes
-        of a group have the same varied parameters, bit by bit.
+        """Return a block's inputs, each [lanes], and the group number of each lane.
 
-        A block that does not say its size has all lanes.
+        Lanes of a group have the same varied parameters, bit by bit. A block without a size has all
+        lanes of the kernel.
         """
         columns = inputs(self.program, block)
         sized = (x for x in (*columns, block.golden, block.acts) if x is not None)
@@ -277,19 +281,19 @@ class PrintedKernel(ABC):
 
 
 def tables(motion: tuple[np.ndarray, ...]) -> np.ndarray:
-    """The columns of the motion one after the other."""
+    """Return the columns of the motion, concatenated."""
     return np.concatenate([np.ascontiguousarray(column) for column in motion])
 
 
 def inputs(program: TickProgram, block: Block) -> list[np.ndarray]:
-    """A lane's inputs, each [lanes]: varied parameters, the numbers of its faults, its end where
-    each has its own.
+    """Return a lane's inputs, each [lanes]: varied parameters, numbers of its faults, and its end
+    if ends differ.
     """
     varied = [np.asarray(block.varied[path]) for path in program.varied]
     return [*varied, *map(np.asarray, tree.leaves(block.faults)), *own_ends(program, block)]
 
 
 def own_ends(program: TickProgram, block: Block) -> tuple[np.ndarray, ...]:
-    """The lanes' ends, int32 [lanes], if they have their own."""
+    """Return the lanes' ends, int32 [lanes], if each lane has its own; else nothing."""
     assert not program.ends or block.ends is not None
     return () if block.ends is None or not program.ends else (block.ends.astype(np.int32),)

@@ -1,9 +1,8 @@
-"""Writes programs: each operation once (common subexpressions are shared), constants folded, what
-is simple shortened.
+"""Writes programs: shares common subexpressions, folds constants and simplifies operations.
 
-What is written instead gives the same bits (a NaN's payload aside), for every operand there is.
-Only rules are here without which the tick would have more operations, or which move a sign to
-where `contract` finds the product: with all others that come to mind it has 0.2 % less.
+A simplified operation gives the same bits for all operands, except for the payload of a NaN. A rule
+is only included if the tick has more operations without it, or if it moves a sign to where
+`contract` finds the product. All other rules that were tried would save 0.2 % of the operations.
 """
 
 from __future__ import annotations
@@ -21,11 +20,11 @@ COMMUTATIVE = frozenset(("add", "mul", "and", "or", "xor", "eq", "ne"))
 
 
 class Builder:
-    """Writes a program."""
+    """Writes a program, operation by operation."""
 
     def __init__(self) -> None:
         self.operations: list[Operation] = []
-        self.constants: dict[int, Any] = {}  # constants: operation -> NumPy number
+        self.constants: dict[int, Any] = {}  # operation -> NumPy number
         self.inputs: list[str] = []
         self.tables: list[tuple[str, int]] = []
         self.origin = ""
@@ -33,17 +32,17 @@ class Builder:
         self._numbers: dict[Operation, int] = {}
 
     def input(self, dtype: str) -> int:
-        """The next number from outside."""
+        """Add an input; return its number."""
         self.inputs.append(dtype)
         return self._write(Operation("input", dtype, (), len(self.inputs) - 1))
 
     def table(self, dtype: str, length: int) -> int:
-        """The next table; its number."""
+        """Add a table; return its number."""
         self.tables.append((dtype, length))
         return len(self.tables) - 1
 
     def constant(self, dtype: str, value: Any) -> int:
-        """A known number."""
+        """Return the number of a constant."""
         pattern = bits(dtype, value)
         i = self._write(Operation("constant", dtype, (), pattern))
         if i not in self.constants:
@@ -51,7 +50,9 @@ class Builder:
         return i
 
     def emit(self, name: str, dtype: str, *operands: int) -> int:
-        """The number of an operation's result."""
+        """Add an operation, unless an equal or simpler one exists; return the number of its
+        result.
+        """
         constants = self.constants
         for o in operands:
             if o not in constants:
@@ -66,11 +67,11 @@ class Builder:
         return self._write(Operation(name, dtype, operands)) if simpler is None else simpler
 
     def lookup(self, table: int, index: int) -> int:
-        """The number of `table` at `index`, which must be inside."""
+        """Return the number of `table` at `index`, which must be inside."""
         return self._write(Operation("lookup", self.tables[table][0], (index,), table))
 
     def program(self, outputs: Sequence[int]) -> Program:
-        """What was written."""
+        """Return the program written so far."""
         return Program(
             tuple(self.operations),
             tuple(self.inputs),
@@ -92,7 +93,7 @@ FLOATS = ("float32", "float64")
 
 
 def _simplified(b: Builder, name: str, dtype: str, operands: tuple[int, ...]) -> int | None:
-    """The number of a simpler result that equals the operation's; None where there is none."""
+    """Return the number of a simpler operation with an equal result; None if there is none."""
     if name in ("convert", "bitcast"):
         return _converted(b, name, dtype, operands[0])
     if name == "select":
@@ -112,19 +113,19 @@ def _simplified(b: Builder, name: str, dtype: str, operands: tuple[int, ...]) ->
 
 
 def _operands_of(b: Builder, i: int, name: str) -> tuple[int, ...] | None:
-    """Operands of operation `i` if it has this name."""
+    """Return the operands of operation `i` if it has this name."""
     operation = b.operations[i]
     return operation.operands if operation.name == name else None
 
 
 def _negated(b: Builder, i: int) -> int | None:
-    """What operation `i` is the negative of."""
+    """Return the operand of which operation `i` is the negative; None if it is none."""
     operands = _operands_of(b, i, "neg")
     return operands[0] if operands else None
 
 
 def _is(b: Builder, i: int, value: float) -> bool:
-    """Whether an operation is this constant, its sign of zero included."""
+    """Return whether an operation is this constant, with the same sign of zero."""
     constant = b.constants.get(i)
     return (
         constant is not None
@@ -164,7 +165,7 @@ def _product(b: Builder, dtype: str, x: int, y: int) -> int | None:
 
 
 def _quotient(b: Builder, dtype: str, x: int, y: int) -> int | None:
-    """By a power of two: a product, which may be fused with a sum."""
+    """Replace a division by a power of two by a product, which may be fused with a sum."""
     divisor = b.constants.get(y)
     if divisor is not None and np.isfinite(divisor) and abs(math.frexp(divisor)[0]) == 0.5:
         inverse = 1.0 / float(divisor)
@@ -180,13 +181,13 @@ def _quotient(b: Builder, dtype: str, x: int, y: int) -> int | None:
 def _extreme(b: Builder, name: str, dtype: str, x: int, y: int) -> int | None:
     if x == y:
         return x
-    # A constant first: no NaN can come from there.
+    # Put the constant first, because it is never a NaN.
     swapped = y in b.constants and not np.isnan(b.constants[y])
     return b.emit(name, dtype, y, x) if swapped else None
 
 
 def _logic(b: Builder, name: str, x: int, y: int) -> int | None:
-    """Of truth values one of which is known."""
+    """Simplify a logical operation with one known operand."""
     for p, q in ((x, y), (y, x)):
         if p in b.constants:
             if name == "xor":
@@ -200,7 +201,7 @@ def _choice(b: Builder, dtype: str, condition: int, yes: int, no: int) -> int | 
         return yes
     if condition in b.constants:
         return yes if b.constants[condition] else no
-    # `vec.to_int32` spelt out becomes one operation.
+    # Combine the written-out form of `vec.to_int32` into one operation.
     if dtype != "int32" or no not in b.constants or b.constants[no] != -2147483648:
         return None
     converted = _operands_of(b, yes, "convert")
@@ -228,9 +229,10 @@ def _converted(b: Builder, name: str, dtype: str, x: int) -> int | None:
 def rewrite(
     program: Program, change: Callable[[Builder, int, tuple[int, ...]], int | None]
 ) -> Program:
-    """`program` written again, without what no result needs.
+    """Rewrite `program` without the operations that no result needs.
 
-    change(builder, i, operands) may give another result for operation `i`; None copies it.
+    change(builder, i, operands) may return another result for operation `i`; None copies the
+    operation.
     """
     builder = Builder()
     builder.inputs, builder.tables = list(program.inputs), list(program.tables)
@@ -252,11 +254,10 @@ def rewrite(
 
 
 def contract(program: Program) -> Program:
-    """Each sum with a product becomes one `fma`: fewer operations and roundings, on every engine
-    alike.
+    """Combine each sum with a product into one `fma`: fewer operations and roundings, equally on
+    every engine.
 
-    Whether it does depends on nothing else that the program computes, so that what is left out
-    changes no bit.
+    The decision depends on nothing else in the program, so leaving other parts out changes no bit.
     """
 
     def fused(builder: Builder, i: int, operands: tuple[int, ...]) -> int | None:

@@ -1,4 +1,4 @@
-"""Functions of real numbers, as this process' C library computes them."""
+"""Elementary functions of real numbers, as this process's C library computes them."""
 
 from __future__ import annotations
 
@@ -19,4 +19,6 @@ FUNCTIONS: dict[str, Callable[..., float]] = {
     **{name: _function(name, 1) for name in _UNARY},
     **{name: _function(name, 2) for name in ("atan2", "fmod", "pow")},
 }
-"""By the name of the operation, which is JAX's but for `fmod`; of Python floats."""
+"""Functions of Python floats by the name of the operation. The names are JAX's, except for
+`fmod`.
+"""

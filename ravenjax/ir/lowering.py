@@ -1,9 +1,9 @@
-"""A closed jaxpr of single numbers becomes a program: JAX's scalar primitives, one case each.
+"""Lowers a closed jaxpr of single numbers to a program: JAX's scalar primitives, one case each.
 
-jit-like calls are inlined, look-ups clamped to their table. What is not an operation on single
-numbers, or on 1-D tables read at one index, is refused by name.
+jit-like calls are inlined, and look-ups are clamped to their table. Anything that is not an
+operation on single numbers, or on 1-D tables read at one index, is refused by name.
 
-`sign` and `power` write operations of JAX as several of the intermediate representation.
+`sign` and `power` write one operation of JAX as several of the intermediate representation.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def sign(b: Builder, dtype: str, x: int) -> int:
-    """-1, 0 or 1; a zero keeps its sign, NaN stays."""
+    """Return -1, 0 or 1. A zero keeps its sign, and NaN stays NaN."""
     zero, one = b.constant(dtype, 0), b.constant(dtype, 1)
     if dtype == "uint32":
         return b.emit("min", dtype, x, one)
@@ -33,7 +33,7 @@ def sign(b: Builder, dtype: str, x: int) -> int:
 
 
 def power(b: Builder, dtype: str, x: int, exponent: int) -> int:
-    """Repeated squaring, as JAX expands an integer power."""
+    """Return an integer power by repeated squaring, as JAX expands it."""
     result, square = None, x
     for k in range(abs(exponent).bit_length()):
         square = square if k == 0 else b.emit("mul", dtype, square, square)
@@ -89,18 +89,18 @@ Functions = Literal["polynomials", "library"]
 
 
 class UnknownPrimitive(NotImplementedError):
-    """The jaxpr holds something that is not an operation on single numbers."""
+    """The jaxpr contains something that is not an operation on single numbers."""
 
 
 def lower(
     jaxpr: core.ClosedJaxpr, origin: Origin | None = None, functions: Functions = "polynomials"
 ) -> Program:
-    """The program of a closed jaxpr (`jax.make_jaxpr(f)(...)`).
+    """Return the program of a closed jaxpr (`jax.make_jaxpr(f)(...)`).
 
-    Its inputs are the jaxpr's single numbers in order, its tables the 1-D ones. origin: names where
-    an equation comes from; costs time. functions: sin, atan2 and their like are written out as
-    `polynomials`, or stay operations that mean those of the C library; then there may be wide
-    integers, too. Raises UnknownPrimitive.
+    Its inputs are the jaxpr's single numbers in order, and its tables the 1-D inputs. origin:
+    returns a name for the source of an equation; slow. functions: with `polynomials`, sin, atan2
+    and similar functions are written out. Otherwise they stay operations with the meaning of the C
+    library, and wide integers are allowed. Raises UnknownPrimitive.
     """
     builder = Builder()
     walk = _Walk(builder, origin, functions)
@@ -111,7 +111,7 @@ def lower(
 
 
 class _Table(NamedTuple):
-    """A 1-D array: how many numbers it has, and how one at an index inside is read."""
+    """A 1-D array: its length, and a function that reads it at an index inside."""
 
     length: int
     read: Callable[[int], int]
@@ -163,7 +163,7 @@ class _Walk:
         return _Table(len(value), lambda index: self._chosen(dtype, value, index))
 
     def _chosen(self, dtype: str, values: np.ndarray, index: int) -> int:
-        """One of some constants: a choice for each."""
+        """Select one of several constants, with one choice per constant."""
         b, result = self.builder, self.builder.constant(dtype, values[0])
         for k, value in enumerate(values[1:], 1):
             here = b.emit("eq", "bool", index, b.constant("int32", k))
@@ -197,8 +197,9 @@ class _Walk:
         return [read(atom) for atom in jaxpr.outvars]
 
     def _branches(self, eqn: core.JaxprEqn, operands: list[_Value]) -> list[_Value]:
-        """Both branches, and a choice between each pair of results; the first branch is the
-        usual one.
+        """Compute both branches, and choose between each pair of results.
+
+        The first branch is the usual one.
         """
         if len(eqn.params["branches"]) != 2:
             raise UnknownPrimitive(
@@ -256,7 +257,8 @@ class _Walk:
                 return b.emit("rem", dtype, *x)
             case "rem" if self.functions == "library":
                 return b.emit("fmod", dtype, *x)
-            case "add_any":  # of derivatives
+            # Arises from derivatives.
+            case "add_any":
                 return b.emit("add", dtype, *x)
             case "square":
                 return b.emit("mul", dtype, x[0], x[0])
@@ -286,8 +288,9 @@ class _Walk:
         )
 
     def _looked_up(self, eqn: core.JaxprEqn, operands: list[_Value]) -> int:
-        """One number of a 1-D table; an index outside reads the nearest end (or, of a gather
-        that fills, NaN).
+        """Read one number of a 1-D table.
+
+        An index outside reads the nearest end, or NaN for a gather with mode fill.
         """
         table = operands[0]
         if (

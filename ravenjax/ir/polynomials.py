@@ -1,9 +1,8 @@
-"""Sine, arc tangent and their like from adds, products, choices and bits: the same operations on
-every engine.
+"""Sine, arc tangent and similar functions from sums, products, choices and bit operations.
 
-Each function is written on an `Arithmetic`, whose numbers may be places in a straight-line program
-or NumPy arrays. float32. Largest errors, against the exact value (ulp: of a float32 near the
-result):
+The operations are the same on every engine. Each function is written on an `Arithmetic`, whose
+numbers may be operations of a straight-line program or NumPy arrays. float32. Largest errors,
+compared with the exact value (ulp: of a float32 near the result):
 
     sin, cos      2e-7 absolute for |x| <= 1e6 (2 ulp of sin near 0); within [-1, 1] beyond
     tan           sin / cos
@@ -37,16 +36,16 @@ _SIGN = -(2**31)
 
 @dataclasses.dataclass(frozen=True)
 class Arithmetic:
-    """Operations on numbers of one float type; `emit` and `constant` as those of
-    `builder.Builder`.
-    """
+    """Operations on numbers of one float type, with `emit` and `constant` of `builder.Builder`."""
 
     emit: Callable[..., Number]
     constant: Callable[[str, Any], Number]
     dtype: str = "float32"
 
     def __getattr__(self, name: str) -> Callable[..., Number]:
-        """Operation `name` of floats, where a Python number stands for the constant."""
+        """Return operation `name` of floats; a Python number among its operands means the
+        constant.
+        """
 
         def operation(*operands: Number) -> Number:
             return self.emit(name.rstrip("_"), self.dtype, *map(self.number, operands))
@@ -54,36 +53,38 @@ class Arithmetic:
         return operation
 
     def number(self, value: Number) -> Number:
-        """The constant that a Python float stands for; other numbers unchanged."""
+        """Return the constant for a Python float, and other numbers unchanged."""
         return self.constant(self.dtype, value) if type(value) is float else value
 
     def less(self, a: Number, b: Number) -> Number:
-        """Whether a < b."""
+        """Return whether a < b."""
         return self.emit("lt", "bool", self.number(a), self.number(b))
 
     def bits(self, x: Number) -> Number:
-        """The bit pattern, an int32."""
+        """Return the bit pattern, an int32."""
         return self.emit("bitcast", "int32", x)
 
     def from_bits(self, pattern: Number) -> Number:
-        """The float of a bit pattern."""
+        """Return the float of a bit pattern."""
         return self.emit("bitcast", self.dtype, pattern)
 
     def integer(self, name: str, a: Number, b: int) -> Number:
-        """Operation `name` of an int32 and a constant one."""
+        """Return operation `name` of an int32 and a constant int32."""
         return self.emit(name, "int32", a, self.constant("int32", b))
 
     def with_sign(self, magnitude: Number, x: Number) -> Number:
-        """A number that is not negative, given the sign bit of x."""
+        """Return a non-negative number with the sign bit of x."""
         sign = self.integer("and", self.bits(x), _SIGN)
         return self.from_bits(self.emit("or", "int32", sign, self.bits(magnitude)))
 
     def is_negative(self, x: Number) -> Number:
-        """Whether the sign bit is set."""
+        """Return whether the sign bit is set."""
         return self.emit("lt", "bool", self.bits(x), self.constant("int32", 0))
 
     def polynomial(self, x: Number, *coefficients: float) -> Number:
-        """Horner's form; the coefficient of the highest power comes last."""
+        """Evaluate a polynomial by Horner's rule. The coefficient of the highest power comes
+        last.
+        """
         result = self.number(coefficients[-1])
         for coefficient in reversed(coefficients[:-1]):
             result = self.fma(result, x, coefficient)
@@ -91,24 +92,26 @@ class Arithmetic:
 
 
 # --- sine and cosine
-# --------------------------------------------------------------------------------------------------
 
 _MAGIC = 1.5 * 2.0**23
-"""Added to a small float32, it leaves the whole part in the lowest bits."""
+"""After this is added to a small float32, the lowest bits are its integer part."""
 _PI_HIGH = (
-    3.141592502593994  # the float32 below pi: both parts positive, so that a zero keeps its sign
+    # The float32 below pi. Both parts of pi are then positive, so that a zero keeps its sign.
+    3.141592502593994
 )
 _PI_LOW = 1.509957990978376e-7
 
 
 def _half_turns(m: Arithmetic, x: Number) -> tuple[Number, Number, Number]:
-    """Remainder of x from the nearest multiple of pi, its square, and a sign bit: whether that
-    multiple is odd.
+    """Return the remainder of x from the nearest multiple of pi, its square, and a sign bit.
+
+    The sign bit is set if that multiple is odd.
     """
     shifted = m.fma(x, 1.0 / math.pi, _MAGIC)
     turns = m.sub(shifted, _MAGIC)
     rest = m.fma(turns, -_PI_LOW, m.fma(turns, -_PI_HIGH, x))
-    rest = m.max(-1.7, m.min(1.7, rest))  # matters only where |x| > 1e6
+    # This only matters where |x| > 1e6.
+    rest = m.max(-1.7, m.min(1.7, rest))
     return rest, m.mul(rest, rest), m.integer("shl", m.bits(shifted), 31)
 
 
@@ -117,7 +120,7 @@ def _flipped(m: Arithmetic, x: Number, sign: Number) -> Number:
 
 
 def sin(m: Arithmetic, x: Number) -> Number:
-    """Sine of an angle in rad."""
+    """Return the sine of an angle in rad."""
     rest, square, sign = _half_turns(m, x)
     slope = m.polynomial(
         square,
@@ -131,7 +134,7 @@ def sin(m: Arithmetic, x: Number) -> Number:
 
 
 def cos(m: Arithmetic, x: Number) -> Number:
-    """Cosine of an angle in rad."""
+    """Return the cosine of an angle in rad."""
     _, square, sign = _half_turns(m, x)
     value = m.polynomial(
         square,
@@ -146,12 +149,11 @@ def cos(m: Arithmetic, x: Number) -> Number:
 
 
 def tan(m: Arithmetic, x: Number) -> Number:
-    """Tangent of an angle in rad."""
+    """Return the tangent of an angle in rad."""
     return m.div(sin(m, x), cos(m, x))
 
 
-# --- arcs -----------------------------------------------------------------------------------------
-# --------------------
+# --- inverse functions
 
 _ATAN = (
     -0.333331527355,
@@ -166,13 +168,13 @@ _ATAN = (
 
 
 def atan2(m: Arithmetic, y: Number, x: Number) -> Number:
-    """Angle of the point (x, y), rad in [-pi, pi]."""
+    """Return the angle of the point (x, y), rad in [-pi, pi]."""
     across, along = m.abs(x), m.abs(y)
     steep = m.less(across, along)
     smaller, larger = m.select(steep, across, along), m.select(steep, along, across)
-    larger = m.max(_LEAST, larger)  # 0 by 0 is 0
+    larger = m.max(_LEAST, larger)  # 0 divided by 0 gives 0
     same = m.emit("eq", "bool", smaller, larger)
-    ratio = m.select(same, 1.0, m.div(smaller, larger))  # and infinity by infinity 1
+    ratio = m.select(same, 1.0, m.div(smaller, larger))  # infinity divided by infinity gives 1
     square = m.mul(ratio, ratio)
     arc = m.fma(m.mul(ratio, square), m.polynomial(square, *_ATAN), ratio)
     arc = m.select(steep, m.sub(math.pi / 2, arc), arc)
@@ -181,40 +183,41 @@ def atan2(m: Arithmetic, y: Number, x: Number) -> Number:
 
 
 def atan(m: Arithmetic, x: Number) -> Number:
-    """Arc tangent, rad."""
+    """Return the arc tangent, rad."""
     return atan2(m, x, m.number(1.0))
 
 
 def _leg(m: Arithmetic, x: Number) -> Number:
-    """sqrt(1 - x x): the other leg of a right triangle with hypotenuse 1; NaN outside [-1, 1]."""
+    """Return sqrt(1 - x x), the other leg of a right triangle with hypotenuse 1; NaN outside [-1,
+    1].
+    """
     return m.sqrt(m.mul(m.sub(1.0, x), m.add(1.0, x)))
 
 
 def asin(m: Arithmetic, x: Number) -> Number:
-    """Arc sine, rad in [-pi/2, pi/2]."""
+    """Return the arc sine, rad in [-pi/2, pi/2]."""
     return atan2(m, x, _leg(m, x))
 
 
 def acos(m: Arithmetic, x: Number) -> Number:
-    """Arc cosine, rad in [0, pi]."""
+    """Return the arc cosine, rad in [0, pi]."""
     return atan2(m, _leg(m, x), x)
 
 
 # --- exponential and logarithm
-# ----------------------------------------------------------------------------------------
 
 _LN2_HIGH = 0.693359375
 _LN2_LOW = -2.1219444e-4
 
 
 def _power_of_two(m: Arithmetic, exponent: Number) -> Number:
-    """2 to a whole power in [-126, 127]."""
+    """Return 2 to an integer power in [-126, 127]."""
     return m.from_bits(m.integer("shl", m.integer("add", exponent, 127), 23))
 
 
 def exp(m: Arithmetic, x: Number) -> Number:
-    """e to the x."""
-    x = m.max(-105.0, m.min(89.0, x))  # beyond: 0 and infinity
+    """Return e to the power of x."""
+    x = m.max(-105.0, m.min(89.0, x))  # beyond these the result is 0 or infinity
     whole = m.round(m.mul(x, 1.0 / math.log(2.0)))
     rest = m.fma(whole, -_LN2_LOW, m.fma(whole, -_LN2_HIGH, x))
     value = m.polynomial(
@@ -228,18 +231,18 @@ def exp(m: Arithmetic, x: Number) -> Number:
         0.001395060243,
     )
     power = m.emit("truncate", "int32", whole)
-    half = m.integer("sar", power, 1)  # in two factors: 2^-150 and 2^128 are none
+    # Two factors, because 2^-150 and 2^128 are not float32 numbers.
+    half = m.integer("sar", power, 1)
     other = m.emit("sub", "int32", power, half)
     return m.mul(m.mul(value, _power_of_two(m, half)), _power_of_two(m, other))
 
 
 def log(m: Arithmetic, x: Number) -> Number:
-    """Natural logarithm; -infinity at 0, NaN below."""
+    """Return the natural logarithm; -infinity at 0, NaN below."""
     subnormal = m.less(x, _TINY)
     pattern = m.bits(m.select(subnormal, m.mul(x, 2.0**23), x))
-    shifted = m.integer(
-        "sub", pattern, 0x3F3504F3
-    )  # sqrt(1/2): the mantissa then lies in [sqrt(1/2), sqrt(2)]
+    # The constant is sqrt(1/2): the mantissa then lies in [sqrt(1/2), sqrt(2)].
+    shifted = m.integer("sub", pattern, 0x3F3504F3)
     exponent = m.integer("sar", shifted, 23)
     mantissa = m.emit("sub", "int32", pattern, m.integer("shl", exponent, 23))
     power = m.add(m.emit("convert", m.dtype, exponent), m.select(subnormal, -23.0, 0.0))
@@ -266,4 +269,4 @@ def log(m: Arithmetic, x: Number) -> Number:
 FUNCTIONS: dict[str, Callable[..., Number]] = {
     function.__name__: function for function in (sin, cos, tan, atan, atan2, asin, acos, exp, log)
 }
-"""By the name of JAX's primitive."""
+"""Functions by the name of JAX's primitive."""

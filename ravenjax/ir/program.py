@@ -1,8 +1,9 @@
-"""The intermediate representation: a straight-line program, numbered operations on single numbers.
+"""The intermediate representation: a straight-line program of numbered operations on single
+numbers.
 
-Operations have the names of `semantics`; besides those, `input` is a number from outside (`detail`:
-which), `constant` one that is known (`detail`: its bits), and `lookup` reads a 1-D table at one
-index (`detail`: which table).
+Operations have the names of `semantics`. There are three more: `input` is a number from outside
+(`detail`: its index), `constant` a known number (`detail`: its bits), and `lookup` reads a 1-D
+table at one index (`detail`: the table's index).
 """
 
 from __future__ import annotations
@@ -14,12 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 TYPES = ("bool", "int32", "uint32", "float32", "float64")
-"""That every target has."""
+"""Types that every target supports."""
 WIDE_INTEGERS = ("int64", "uint64")
 
 
 class Operation(NamedTuple):
-    """One operation; operands are the numbers of earlier ones."""
+    """One operation; operands are the numbers of earlier operations."""
 
     name: str
     dtype: str
@@ -29,16 +30,16 @@ class Operation(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Program:
-    """Operations in an order in which they can be run, and which of them are the results."""
+    """Operations in a valid order, and the numbers of those that are the results."""
 
     operations: tuple[Operation, ...]
     inputs: tuple[str, ...]  # types
     outputs: tuple[int, ...]
     tables: tuple[tuple[str, int], ...] = ()  # types and lengths
-    origins: tuple[str, ...] = ()  # where each operation comes from, if that was asked for
+    origins: tuple[str, ...] = ()  # source of each operation, if requested
 
     def needed(self, outputs: Iterable[int] | None = None) -> list[int]:
-        """The operations that `outputs` (all, by default) depend on, in order."""
+        """Return the operations that `outputs` (default: all) depend on, in order."""
         wanted = bytearray(len(self.operations))
         for i in self.outputs if outputs is None else outputs:
             wanted[i] = 1
@@ -50,11 +51,11 @@ class Program:
 
 
 def bits(dtype: str, value: Any) -> int:
-    """The bit pattern of a number."""
+    """Return the bit pattern of a number."""
     stored = np.asarray(value, dtype)
     return int(stored.view(f"u{stored.dtype.itemsize}"))
 
 
 def number(dtype: str, pattern: int) -> Any:
-    """The number of a bit pattern."""
+    """Return the number of a bit pattern."""
     return np.asarray(pattern, f"u{np.dtype(dtype).itemsize}").view(dtype)[()]

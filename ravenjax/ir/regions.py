@@ -1,9 +1,9 @@
-"""Which operations are needed only where something rare happens, so that code can pass them by
-where it does not.
+"""Finds operations that are only needed in rare cases, so that generated code can skip them.
 
-A `rarely` operation is a `select` whose condition seldom holds. What leads to nothing but the
-second operands of those with one condition is that condition's region: printed as a block that is
-entered if any lane asks for it. Results do not depend on it, as the choice itself stays.
+A `rarely` operation is a `select` whose condition seldom holds. Operations that lead only to the
+second operands of `rarely` operations with the same condition form that condition's region. It is
+printed as a block that is entered if any lane needs it. Results do not depend on it, because the
+choice itself stays.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import NamedTuple
 from ravenjax.ir.program import Operation
 
 LEAST = 16
-"""Operations below which a region is not worth a branch."""
+"""Number of operations below which a region is not worth a branch."""
 
 
 class Region(NamedTuple):
@@ -22,12 +22,11 @@ class Region(NamedTuple):
 
     condition: int
     operations: tuple[int, ...]
-    results: tuple[
-        int, ...
-    ]  # those of them that are read outside: by choices, and by a later region of the condition
+    # Results that are read outside: by choices, and by a later region of the condition.
+    results: tuple[int, ...]
 
     def reads(self, operations: Sequence[Operation]) -> list[int]:
-        """What comes into the region from outside."""
+        """Return the operations outside that the region reads."""
         here = set(self.operations)
         inputs = dict.fromkeys(
             o for i in self.operations for o in operations[i].operands if o not in here
@@ -36,7 +35,7 @@ class Region(NamedTuple):
 
 
 def flat(arranged: Iterable[int | Region]) -> Iterator[int]:
-    """Every operation, those of regions in their place."""
+    """Yield every operation, those of regions at the region's position."""
     for item in arranged:
         if isinstance(item, Region):
             yield from item.operations
@@ -50,8 +49,8 @@ def arrange(
     results: Sequence[int],
     least: int = LEAST,
 ) -> list[int | Region]:
-    """`order`, numbers of operations in an order that can be run, with regions in one piece before
-    they are first read.
+    """Return `order`, a valid order of operations, with each region in one piece before it is first
+    read.
 
     results: operations that are read by others than those in `order`.
     """
@@ -81,8 +80,9 @@ def arrange(
 
 
 def _ready(operations: Sequence[Operation], members: Sequence[int], missing: Set[int]) -> list[int]:
-    """Those of `members` that wait for nothing but each other: not for a choice that is still to
-    come.
+    """Return those of `members` that depend only on each other and on placed operations.
+
+    A member that depends on a later choice is not among them.
     """
     ready: dict[int, None] = {}
     for i in members:
@@ -94,8 +94,9 @@ def _ready(operations: Sequence[Operation], members: Sequence[int], missing: Set
 def _labels(
     operations: Sequence[Operation], order: Sequence[int], results: Sequence[int]
 ) -> dict[int, int]:
-    """Condition of the region that each operation is in, for those in one; a region within a
-    region is part of it.
+    """Return the condition of the region that each operation belongs to, if any.
+
+    A region within a region is part of the outer one.
     """
     here = set(order)
     wanted: dict[int, set[int | None]] = {i: {None} for i in results}

@@ -1,11 +1,12 @@
-"""The semantics of each operation, in NumPy: folds constants, and is the printers' oracle.
+"""Defines each operation in NumPy: to fold constants, and to test the generated code.
 
-Floats follow IEEE 754 with one rounding an operation (`fma` included); integers wrap; nothing
-raises. Where XLA defines an edge, it is the same here: converting a float to an integer saturates
-(NaN: 0), a shift by the width or more shifts everything out, division of an integer by 0 is -1.
-`truncate` is C's `(int)x` on x86 instead: -2147483648 for what does not fit. Of two zeros of unlike
-sign `max` and `min` give the second; a NaN always comes through. `rarely` is a `select` whose
-condition seldom holds (see `regions`). Functions are those of the C library, rounded to their type.
+Floats follow IEEE 754 with one rounding per operation (including `fma`), integers wrap, and nothing
+raises. Edge cases are those of XLA where it defines them. Converting a float to an integer
+saturates (NaN: 0), a shift by the width or more shifts everything out, and division of an integer
+by 0 is -1. `truncate` is instead C's `(int)x` on x86: -2147483648 for what does not fit. Of two
+zeros of unlike sign `max` and `min` return the second; they always pass a NaN on. `rarely` is a
+`select` whose condition seldom holds (see `regions`). Functions are those of the C library, rounded
+to their type.
 """
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ Array = Any
 
 
 def evaluate(name: str, dtype: str, operands: tuple[Array, ...]) -> Array:
-    """The result of operation `name`, of type `dtype`, on NumPy numbers or arrays of one shape."""
+    """Return the result of operation `name`, of type `dtype`, on NumPy numbers or arrays of one
+    shape.
+    """
     with np.errstate(all="ignore"):
         return _result(name, dtype, *operands)
 
@@ -36,8 +39,9 @@ def _result(name: str, dtype: str, *operands: Array) -> Array:
 
 
 def run(program: Program, inputs: Sequence[Any], tables: Sequence[Array] = ()) -> list[Any]:
-    """Results of `program`, one operation at a time, on NumPy numbers of its types or arrays of
-    one shape.
+    """Return the results of `program`, computed one operation at a time.
+
+    inputs: NumPy numbers of its types, or arrays of one shape.
     """
     values: dict[int, Any] = {}
     with np.errstate(all="ignore"):
@@ -55,8 +59,9 @@ def run(program: Program, inputs: Sequence[Any], tables: Sequence[Array] = ()) -
 
 
 def fma(a: Array, b: Array, c: Array) -> Array:
-    """a b + c rounded once. float32 through float64, whose sum is rounded to odd first; float64
-    by two error terms.
+    """Return a b + c rounded once.
+
+    float32 is computed in float64, whose sum is first rounded to odd; float64 in long double.
     """
     if np.asarray(a).dtype == np.float64:
         return _fma64(a, b, c)
@@ -70,15 +75,14 @@ def fma(a: Array, b: Array, c: Array) -> Array:
 
 
 def _sum_error(a: Array, b: Array, total: Array) -> Array:
-    """a + b - total, exactly (Knuth)."""
+    """Return a + b - total, exactly (Knuth)."""
     rest = total - a
     return (a - (total - rest)) + (b - rest)
 
 
 def _fma64(a: Array, b: Array, c: Array) -> Array:
-    wide = np.longdouble(a) * np.longdouble(b) + np.longdouble(
-        c
-    )  # 64 bits: within half an ulp and 2^-11 of one
+    # 64 bits of mantissa: the result is within (1/2 + 2^-11) ulp.
+    wide = np.longdouble(a) * np.longdouble(b) + np.longdouble(c)
     return np.float64(wide)
 
 

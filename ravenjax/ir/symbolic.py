@@ -1,9 +1,9 @@
-"""Formulas written on terms, shortened by the algebra of real numbers, as programs.
+"""Writes formulas of terms as programs, simplified by the algebra of real numbers.
 
-Formulas are written once on `Term`s with `+ - *`, `sin` and `cos`. Zeros and ones drop out, signs
-are pulled out of products, constant factors merge, and a program holds only what an output needs:
-generic code (rigid-body recursions over any tree) ends as the short list of scalar operations that
-a hand derivation would give.
+Formulas are written on `Term`s with `+ - *`, `sin` and `cos`. Zeros and ones drop out, signs are
+pulled out of products, and constant factors merge. A program holds only what an output needs. So
+generic code (rigid-body recursions over any tree) becomes the short list of scalar operations that
+a derivation by hand would give.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ _REAL = "float64"
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Term:
-    """A signed operation of a program. Arithmetic with a Python number, or between terms of one
-    builder.
+    """A signed operation of a program. Supports arithmetic with Python numbers and with terms of
+    the same builder.
     """
 
     builder: Builder
@@ -77,7 +77,9 @@ class Term:
         return self.builder.constant(_REAL, value)
 
     def _factor(self) -> tuple[Term, float | None]:
-        """x and the positive constant c of a term c x; the term itself and None of any other."""
+        """Return x and the positive constant c of a term c x; the term itself and None for any
+        other.
+        """
         operation = self.builder.operations[self.number]
         if operation.name == "mul":
             for constant, rest in (operation.operands, operation.operands[::-1]):
@@ -92,13 +94,13 @@ Number = Term | float
 
 
 def symbols(count: int) -> list[Term]:
-    """The inputs of a new program."""
+    """Return the inputs of a new program."""
     builder = Builder()
     return [Term(builder, builder.input(_REAL)) for _ in range(count)]
 
 
 def sin(x: Number) -> Number:
-    """Sine of a term or Python number."""
+    """Return the sine of a term or Python number."""
     return (
         Term(x.builder, x.builder.emit("sin", _REAL, x.number), x.sign)
         if isinstance(x, Term)
@@ -107,7 +109,7 @@ def sin(x: Number) -> Number:
 
 
 def cos(x: Number) -> Number:
-    """Cosine of a term or Python number."""
+    """Return the cosine of a term or Python number."""
     return (
         Term(x.builder, x.builder.emit("cos", _REAL, x.number))
         if isinstance(x, Term)
@@ -116,7 +118,7 @@ def cos(x: Number) -> Number:
 
 
 def program(inputs: Sequence[Term], outputs: Sequence[Number]) -> Program:
-    """The program from `symbols` to what was written on them."""
+    """Return the program from the terms of `symbols` to the outputs."""
     builder = inputs[0].builder
 
     def written(x: Any) -> int:
@@ -130,8 +132,9 @@ def program(inputs: Sequence[Term], outputs: Sequence[Number]) -> Program:
 def replay(
     program: Program, inputs: Sequence[Any], functions: Mapping[str, Callable[[Any], Any]]
 ) -> list[Any]:
-    """Results of such a program on any kind of number, tracers among them; constants stay Python
-    numbers.
+    """Return the results of such a program on any kind of number, including tracers.
+
+    Constants stay Python numbers.
     """
     apply = {
         "add": operator.add,

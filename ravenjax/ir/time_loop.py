@@ -1,17 +1,17 @@
-"""A program with memory that runs tick after tick, split by what its numbers depend on.
+"""A program with state that runs tick after tick, split by what its numbers depend on.
 
 Many lanes run the same loop. A number may differ between lanes, change from tick to tick, both, or
-neither; each is computed as often as that asks for and no more:
+neither. Each is computed no more often than that requires:
 
-shared   changes with the ticks, alike in all lanes of a group: once a tick and group, by the *shared* part, which
-         leaves a row of those numbers that lanes need
-held     differs between lanes, does not change: once a lane, before the loop
-lane     both: once a tick and lane
+shared   changes with the ticks, equal in all lanes of a group: computed once per tick and group
+         by the *shared* part, which writes a row of the numbers that lanes need
+held     differs between lanes, constant in time: computed once per lane, before the loop
+lane     both: computed once per tick and lane
 
-A lane is in a group with those that have the same shared inputs. State is split likewise, by
-fixpoint: a number of the state is shared until something of a lane enters it, and dropped if no
-result ever needs it.
-"""  # noqa: E501
+Lanes with the same shared inputs form a group. The state is split by fixpoint iteration. A number
+of the state is shared until it depends on something of a lane, and it is dropped if no result ever
+needs it.
+"""
 
 from __future__ import annotations
 
@@ -22,17 +22,18 @@ from ravenjax.ir.program import Program
 
 LANE, TICK = 1, 2
 _FREE = ("neg", "bitcast")
-"""Operations that cost a lane nothing: they are repeated there rather than passed along."""
+"""Operations that cost a lane nothing. They are repeated in the lane rather than stored in a
+row.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
 class TimeLoop:
-    """`begin` makes the state from the inputs, `step` advances it by a tick, `finish` reads results
-    from it.
+    """`begin` makes the state from the inputs, `step` advances it by a tick, `finish` computes
+    results from it.
 
-    Inputs of `step`: the lane's inputs, the state, what the outside gives in this tick; its
-    outputs: the new state, then what goes out in this tick. Inputs of `finish`: the lane's inputs,
-    the state.
+    Inputs of `step`: the lane's inputs, the state, the inputs of this tick. Its outputs: the new
+    state, then the outputs of this tick. Inputs of `finish`: the lane's inputs, the state.
     """
 
     begin: Program
@@ -41,39 +42,46 @@ class TimeLoop:
 
     @property
     def lane_inputs(self) -> int:
-        """How many inputs a lane has."""
+        """Number of inputs of a lane."""
         return len(self.begin.inputs)
 
     @property
     def states(self) -> int:
-        """How many numbers of state."""
+        """How many numbers the state has."""
         return len(self.begin.outputs)
 
     @property
     def state_types(self) -> tuple[str, ...]:
-        """Types of the state."""
+        """Types of the numbers of the state."""
         return self.step.inputs[self.lane_inputs : self.lane_inputs + self.states]
 
 
 @dataclasses.dataclass(frozen=True)
 class Split:
-    """Which part computes which operation of `loop.step`; numbers are those of its operations."""
+    """Decides which part computes which operation of `loop.step`, given by their numbers."""
 
     loop: TimeLoop
-    shared_inputs: frozenset[int]  # of the lane's inputs, alike within a group
-    lane_state: tuple[int, ...]  # numbers of state that lanes keep
-    held_state: tuple[int, ...]  # that never change, but differ between lanes
-    shared_state: tuple[int, ...]  # that a group keeps once
+    # Inputs of a lane that are equal within a group.
+    shared_inputs: frozenset[int]
+    # Numbers of the state that each lane stores.
+    lane_state: tuple[int, ...]
+    # Numbers of the state that never change, but differ between lanes.
+    held_state: tuple[int, ...]
+    # Numbers of the state that a group stores once.
+    shared_state: tuple[int, ...]
     shared: tuple[int, ...]  # operations of the shared part
-    prologue: tuple[int, ...]  # operations done once a lane
+    prologue: tuple[int, ...]  # operations done once per lane
     lane: tuple[int, ...]  # operations done each tick in each lane
-    row: tuple[int, ...]  # shared operations whose result lanes read
-    prologue_results: tuple[int, ...]  # operations of the prologue whose result the loop reads
+    row: tuple[int, ...]  # shared operations whose results lanes read
+    # Operations of the prologue whose results the loop reads.
+    prologue_results: tuple[int, ...]
 
 
 def split(loop: TimeLoop, shared_inputs: Iterable[int], shared_ticks: Iterable[int]) -> Split:
-    """Split `loop`; `shared_inputs` of its inputs and `shared_ticks` of what enters a tick are
-    alike in a group.
+    """Split `loop`.
+
+    shared_inputs: inputs that are equal in a group; shared_ticks: tick inputs that are equal in a
+    group.
     """
     shared_inputs, shared_ticks = frozenset(shared_inputs), frozenset(shared_ticks)
     step, first = loop.step, loop.lane_inputs
@@ -140,7 +148,7 @@ def _inputs_by_number(program: Program) -> dict[int, int]:
 
 
 def _rates(program: Program, inputs: dict[int, int]) -> list[int]:
-    """What each operation depends on: LANE, TICK, both or neither."""
+    """Return what each operation depends on: LANE, TICK, both or neither."""
     rates: list[int] = []
     for operation in program.operations:
         if operation.name == "input":
@@ -154,7 +162,7 @@ def _rates(program: Program, inputs: dict[int, int]) -> list[int]:
 
 
 def _live_state(loop: TimeLoop) -> Set[int]:
-    """Numbers of the state that a result needs, at once or some ticks later."""
+    """Return the numbers of the state that a result needs, at once or some ticks later."""
     step, first = loop.step, loop.lane_inputs
     roots = {
         loop.finish.operations[i].detail - first

@@ -1,3 +1,3 @@
-"""Campaigns declared and results looked at in Python, as in a notebook. Public names are those
-of `import ravenjax`.
+"""Declares campaigns and shows their results in Python. Its public names are those of `import
+ravenjax`.
 """

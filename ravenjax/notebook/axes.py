@@ -1,9 +1,9 @@
-"""What a key of a campaign may be in place of one value: a distribution to draw from, or a place in
-a phase.
+"""Functions for the values of a campaign's keys: distributions to draw from, and positions in a
+phase.
 
-Each function gives the table that a campaign file has in its place: `uniform(0, 1)` is `{ uniform =
-[0, 1] }`. What the numbers may be is checked where the campaign is, by the same rules. A plain list
-is a list of values.
+Each function returns the table that a campaign file would hold: `uniform(0, 1)` is `{ uniform = [0,
+1] }`. The numbers are checked with the campaign, by the same rules as in a file. A plain list is a
+list of values.
 """
 
 from __future__ import annotations
@@ -12,41 +12,43 @@ from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 Form: TypeAlias = dict[str, Any]
-"""A table in place of a value, as a campaign file has it."""
+"""A table in place of a value, as in a campaign file."""
 
 
 def uniform(low: float, high: float) -> Form:
-    """A number from low to high, each as likely; whole numbers include both ends."""
+    """Draw a number from low to high, uniformly; integers include both ends."""
     return {"uniform": [low, high]}
 
 
 def loguniform(low: float, high: float) -> Form:
-    """A number from low to high, both above 0, each magnitude as likely."""
+    """Draw a number from low to high, both above 0, uniformly in its logarithm."""
     return {"loguniform": [low, high]}
 
 
 def normal(mean: float, standard_deviation: float) -> Form:
-    """A normally distributed number."""
+    """Draw a normally distributed number."""
     return {"normal": [mean, standard_deviation]}
 
 
 def choice(values: Sequence[Any]) -> Form:
-    """One of some values, each as likely."""
+    """Draw one of some values, each equally likely."""
     return {"choice": list(values)}
 
 
 def together(values: Sequence[float]) -> Form:
-    """One of some values, drawn in one with all parameters that say together: the n-th value of
-    each.
+    """Draw one of some values, jointly with all other parameters that use `together`.
+
+    All take their n-th value in the same run.
     """
     return {"together": list(values)}
 
 
 def phase(name: str, share: float | Sequence[float] | None = None) -> Form:
-    """A place in a phase of the operation, for `start_ms`: 0 is its first millisecond, 1 its last;
-    several in turn.
+    """Return a position in a phase of the operation, for `start_ms`: 0 is its first millisecond, 1
+    its last.
 
-    Without a share each millisecond of the phase is as likely.
+    share: one or several positions; several are a list of levels. None: draw each millisecond of
+    the phase with equal probability.
     """
     if share is None:
         return {"phase": name}

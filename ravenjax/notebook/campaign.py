@@ -1,4 +1,4 @@
-"""A campaign as an object: declared in Python or read from a TOML file, checked at once, run."""
+"""The class Campaign: declared in Python or read from a TOML file, checked at once, and run."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ravenjax.notebook.results import CampaignResults
 
 SECTION = "campaign"
-"""The table whose keys are a campaign's own."""
+"""The table that holds the general keys of a campaign."""
 
 
 class Campaign:
@@ -50,14 +50,16 @@ class Campaign:
         )
         results = campaign.run()
 
-    It says what a file says, key by key, and is checked by the same rules when it is made:
-    UserError names each key that is wrong, what was got and what to write. Two are equal that
-    declare the same, however they were written. It is frozen; `replace` gives a changed one. Files
-    that it names are taken from the working directory.
+    Its keys are those of a campaign file. It is checked by the same rules when it is made:
+    UserError names each key that is wrong, what was found and what to write. Two campaigns with the
+    same content are equal, however they were written. A campaign is frozen; `replace` returns a
+    changed one. Paths of files are relative to the working directory.
     """
 
     config: CampaignConfig
-    """What was checked: every key with its default, the library's hazards as plain groups."""
+    """The checked campaign: every key with its default, and hazards of the library as plain
+    groups.
+    """
     _tables: dict[str, Any]
 
     def __init__(self, **keys: Any) -> None:
@@ -65,18 +67,18 @@ class Campaign:
         self._enter(tables, Path.cwd(), loading.from_dict(tables))
 
     def _enter(self, tables: dict[str, Any], folder: Path, config: CampaignConfig) -> None:
-        """Hold these tables, whose files are in `folder`."""
+        """Set the tables, the folder of the files that they name, and the checked campaign."""
         loading.check_parameters(config)
         rooted = _with_files(tables, lambda file: str((folder / file).absolute()))
         self.__dict__.update(_tables=rooted, config=config)
 
     @classmethod
     def from_toml(cls, source: str | Path, overrides: Sequence[str] = ()) -> Campaign:
-        """The campaign of a TOML file, of a bundled one by name, or of a text in TOML, which has
+        """Return the campaign of a TOML file, of a bundled one by name, or of a TOML text of
         several lines.
 
         overrides: `key.path=value`, as `--set` on the command line. Comments are not kept. Raises
-        UserError that names file, line, key, what was got and what was expected.
+        UserError that names file, line, key, what was found and what was expected.
         """
         if isinstance(source, str) and "\n" in source:
             file, text = None, source
@@ -91,10 +93,11 @@ class Campaign:
         return campaign
 
     def to_toml(self, path: str | Path | None = None) -> str:
-        """The text of a file that declares the same; written to `path`, too, where one is named.
+        """Return the text of a campaign file with the same content, and write it to `path` if
+        given.
 
-        Files that it names are written from the folder of `path` where they lie in it, else as they
-        are. Raises StoreError where `path` cannot be written.
+        Paths of files in the folder of `path` are written relative to it, others unchanged. Raises
+        StoreError if `path` cannot be written.
         """
         if path is None:
             return writing.text(self._tables)
@@ -111,11 +114,11 @@ class Campaign:
         return text
 
     def plain(self) -> dict[str, Any]:
-        """The campaign's tables as a TOML file has them."""
+        """Return the campaign's tables as a TOML file has them."""
         return toml_value(self._tables)
 
     def replace(self, **keys: Any) -> Campaign:
-        """Itself with other values of these keys; None leaves a key out."""
+        """Return a copy with other values of these keys; None removes a key."""
         other = {key: table for key, table in self._tables.items() if key != SECTION}
         return Campaign(**{**self._tables[SECTION], **other, **keys})
 
@@ -127,10 +130,10 @@ class Campaign:
         executor: str | None = None,
         workers: int | None = None,
     ) -> CampaignResults:
-        """Run it; arguments as of `run`. Without `out` the results lie in a temporary folder that
-        goes with them.
+        """Run the campaign; the arguments are those of `run`.
 
-        Raises UserError and, for what is wrong with `out`, StoreError.
+        Without `out` the results are in a temporary folder that is deleted with them. Raises
+        UserError, and StoreError for errors of `out`.
         """
         from ravenjax.notebook.results import CampaignResults
 
@@ -155,12 +158,14 @@ class Campaign:
 
 
 def _campaign_keys(model: type[CampaignConfig]) -> list[str]:
-    """The keys of the table [campaign]."""
+    """Return the keys of the table [campaign]."""
     return list(next(models_in(model.model_fields[SECTION].annotation)).model_fields)
 
 
 def _signature() -> inspect.Signature:
-    """The keys of a Raven-II's campaign, which a notebook completes."""
+    """Return a signature with the keys of a Raven-II's campaign, so that a notebook can complete
+    them.
+    """
     model = config_class_of(robots.find(robots.DEFAULT))
     tables = [key for key in model.model_fields if key != SECTION]
     names = dict.fromkeys(["name", "group", *_campaign_keys(model), *tables])
@@ -177,7 +182,7 @@ Campaign.__signature__ = _signature()  # pyright: ignore[reportAttributeAccessIs
 
 
 def _tables_of(keys: Mapping[str, Any]) -> dict[str, Any]:
-    """The tables of a file that says what these keys say."""
+    """Return the tables of a file with the same content as these keys."""
     section = toml_value(keys.get(SECTION)) or {}
     if not isinstance(section, Mapping):
         raise UserError(f"{SECTION}: got {shown(section)}, expected a table")
@@ -187,7 +192,7 @@ def _tables_of(keys: Mapping[str, Any]) -> dict[str, Any]:
     except UserError:
         model = CampaignConfig
     own = _campaign_keys(model)
-    # an unknown key that holds a table is meant to be one beside [campaign]
+    # An unknown key that holds a table is taken for a table beside [campaign].
     tables = {
         key: value
         for key, value in keys.items()
@@ -197,7 +202,7 @@ def _tables_of(keys: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _with_files(tables: dict[str, Any], changed: Callable[[str], str]) -> dict[str, Any]:
-    """Tables in which each path of a file is changed."""
+    """Return the tables with `changed` applied to each path of a file."""
     model = config_class_of(robot_of(tables))
     places = {
         (*path, key)

@@ -1,6 +1,4 @@
-"""What a notebook shows of a campaign and of its results: a card in HTML, in the notebook's own
-colours.
-"""
+"""Makes the HTML cards that a notebook shows for a campaign and for its results."""
 
 from __future__ import annotations
 
@@ -20,7 +18,7 @@ if TYPE_CHECKING:
     from ravenjax.report.data.runs import Runs
 
 MOST_GROUPS = 8
-"""Groups of a card; the rest is counted."""
+"""Number of groups that a card lists; further ones are only counted."""
 
 
 class GroupLine(NamedTuple):
@@ -33,7 +31,7 @@ class GroupLine(NamedTuple):
 
 
 def of_campaign(config: CampaignConfig) -> str:
-    """The card of a campaign: what it is of, and its groups."""
+    """Return the card of a campaign: its robot, its operation and its groups."""
     counts, due = design.counts(config), design.due(config)
     lines = [
         GroupLine(group.name, _faults(group), group.design, counts[group.name])
@@ -45,7 +43,7 @@ def of_campaign(config: CampaignConfig) -> str:
 
 
 def of_results(runs: Runs, manifest: Manifest) -> str:
-    """The card of results: what came of the faults, and the groups by outcome."""
+    """Return the card of results: outcomes of the faults, and the groups by outcome."""
     from ravenjax.report import paper
     from ravenjax.report.sections import tables
 
@@ -64,7 +62,7 @@ def of_results(runs: Runs, manifest: Manifest) -> str:
 
 
 def _faults(group: Group) -> str:
-    """Sites and effects, in order."""
+    """Return sites and effects of the group's faults, in order."""
     named = (
         f"{fault.site} {', '.join(dict.fromkeys(fault.effect.listed))}" for fault in group.fault
     )
@@ -74,7 +72,7 @@ def _faults(group: Group) -> str:
 def _used(
     outcomes: Mapping[str, tuple[str, str]], groups: list[dict[str, Any]]
 ) -> dict[str, tuple[str, str]]:
-    """Colour and label of the outcomes that came."""
+    """Return colour and label of the outcomes that occurred."""
     return {
         name: entry
         for name, entry in outcomes.items()

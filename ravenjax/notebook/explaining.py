@@ -1,4 +1,4 @@
-"""Shows how faults spread: all as a table, or one run as a figure."""
+"""Shows how faults propagate: many runs as a table, or one run as a figure."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def table(source: CampaignConfig | Path, runs: Any, engine: Any) -> pd.DataFrame:
-    """As the public `explain`; source: a campaign or a result folder."""
+    """Return the table of the public function `explain`; source: a campaign or a result folder."""
     explainer = _explainer(source, engine)
     wanted = (
         runs
@@ -32,7 +32,7 @@ def table(source: CampaignConfig | Path, runs: Any, engine: Any) -> pd.DataFrame
 
 
 def figure(source: CampaignConfig | Path, run: Any, engine: Any) -> Figure | None:
-    """One run's chain over time; None where nothing differs. Raises UserError."""
+    """Return one run's chain over time; None if nothing differs. Raises UserError."""
     explainer = _explainer(source, engine)
     explanation, config = explainer.explain([explainer.index(run)]), explainer.config
     row, ticks = explanation.results.iloc[0].to_dict(), explanation.ticks.iloc[0].to_dict()

@@ -1,4 +1,4 @@
-"""Rates of events over the distinct faults of a result, counted as the report counts them."""
+"""Computes rates of events over the distinct faults of a result, counted as in the report."""
 
 from __future__ import annotations
 
@@ -17,20 +17,17 @@ from ravenjax.store.access.query import RESULTS, quoted
 _WORDS = ("group", "site", "layer", "block", "response", "hazard", "outcome")
 """Columns of `facts` by which the report groups faults."""
 _PREFIXES = ("", "fault0_", "param:")
-"""What a column of the result table may begin with, beside its name: of the first fault, of a
-parameter.
-"""
+"""Prefixes that a name may lack: "fault0_" for the first fault, "param:" for a parameter."""
 NUMBERS = ("event", "k", "n", "rate", "low", "high")
-"""Columns beside those that rates are by."""
+"""Columns of the result, after those that the rates are grouped by."""
 
 
 def rates(runs: Runs, rules: Rules, names: Sequence[str], by: Sequence[str]) -> pd.DataFrame:
-    """A row an event and class of faults: columns `by`, then NUMBERS; classes by words have the
-    largest rate first.
+    """Return a row per event and class of faults: columns `by`, then NUMBERS.
 
-    n counts distinct faults: of each the first valid run in which nobody reacts. low and high are
-    Wilson's 95 % interval, NaN for classes whose faults were enumerated. Raises UserError for an
-    unknown event or column.
+    If classes are words, those with the largest rate come first. n counts distinct faults: the
+    first valid run of each in which nobody reacts. low and high are the 95 % Wilson interval, NaN
+    for classes whose faults were enumerated. Raises UserError for an unknown event or column.
     """
     keys = {name: _column(runs, name) for name in by}
     marks = [
@@ -64,7 +61,7 @@ def rates(runs: Runs, rules: Rules, names: Sequence[str], by: Sequence[str]) -> 
 
 
 def texts(value: object, what: str) -> list[str]:
-    """One text or several as a list. UserError for anything else."""
+    """Return one text or several as a list. Raises UserError for anything else."""
     several = [value] if isinstance(value, str) else value
     if not isinstance(several, Sequence) or not all(isinstance(one, str) for one in several):
         raise UserError(f"{what} is {shown(value)}, expected a text or a list of texts")
@@ -82,7 +79,7 @@ def _event(runs: Runs, name: str, rules: Rules) -> str:
 
 
 def _column(runs: Runs, name: str) -> str:
-    """The expression that classes faults by this name."""
+    """Return the SQL expression that groups faults by this name."""
     if name in _WORDS and name in runs.facts:
         return f"f.{quoted(name)}::VARCHAR"
     for prefix in _PREFIXES:

@@ -1,4 +1,4 @@
-"""The results of a campaign as an object, counted as in the report."""
+"""The class CampaignResults: the results of a campaign, counted as in the report."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ if TYPE_CHECKING:
 
 
 class ShownFigure:
-    """A drawing, which a notebook shows whatever matplotlib's backend is.
+    """A figure that a notebook shows with any backend of matplotlib.
 
-    `figure` is matplotlib's, to change or save.
+    `figure` is the matplotlib figure, to change or save.
     """
 
     def __init__(self, figure: Figure) -> None:
         self.figure = figure
 
     def savefig(self, path: str | io.StringIO, **options: object) -> None:
-        """Write it to a file, as matplotlib's."""
+        """Write the figure to a file; the arguments are those of matplotlib."""
         import matplotlib
 
         from ravenjax.document.figure_style import STYLE
@@ -49,7 +49,9 @@ class ShownFigure:
 
 
 def column_meanings(shape: schema.Shape) -> dict[str, dict[str, str]]:
-    """The attrs of a result table: {"units": {column: unit}, "meanings": {column: meaning}}."""
+    """Return the attrs of a result table: {"units": {column: unit}, "meanings": {column:
+    meaning}}.
+    """
     columns = schema.columns(shape)
     return {
         "units": {column.name: column.unit for column in columns},
@@ -61,16 +63,19 @@ _WORST = ("run_id", "index", "group", "fault", "response", "hazard", "verdict")
 
 
 class CampaignResults:
-    """Results of a campaign, one row a run; what `Campaign.run` and `open_results` give.
+    """Results of a campaign, one row per run, as `Campaign.run` and `open_results` return them.
 
-    Nothing is read before it is asked for, and a table may be larger than memory: what is counted
-    is counted by DuckDB. Whatever counts, counts distinct faults, as the report does: of a fault
-    that was run several times the first valid run in which nobody reacts. Raises StoreError where a
-    part is missing or damaged.
+    Nothing is read before it is needed, and the table may be larger than memory, because DuckDB
+    does the counting. All counts are of distinct faults, as in the report: of a fault that was run
+    several times, the first valid run in which nobody reacts counts. Raises StoreError if a part is
+    missing or damaged.
     """
 
     def __init__(self, folder: str | Path, results: Results | None = None) -> None:
-        """folder: what a run wrote; results: what keeps a temporary folder. Raises StoreError."""
+        """folder: result folder of a run; results: object that keeps a temporary folder alive.
+
+        Raises StoreError.
+        """
         if not isinstance(folder, str | os.PathLike) or not str(folder):
             raise UserError(f"folder is {shown(folder)}, expected the path of a result folder")
         self.folder = Path(folder)
@@ -79,7 +84,7 @@ class CampaignResults:
 
     @property
     def manifest(self) -> Manifest:
-        """What was computed, by which code, on what."""
+        """What was computed, by which code, on which device."""
         return self._manifest
 
     def __len__(self) -> int:
@@ -98,7 +103,7 @@ class CampaignResults:
         )
 
     def to_pandas(self, columns: Sequence[str] | None = None) -> pd.DataFrame:
-        """The table, or some of its columns, as `run` gives it; its attrs say units and
+        """Return the table, or some of its columns, as `run` returns it; its attrs hold units and
         meanings.
         """
         frame = self._results.frame(columns)
@@ -106,15 +111,15 @@ class CampaignResults:
         return frame
 
     def to_arrow(self, columns: Sequence[str] | None = None) -> pa.Table:
-        """The table, or some of its columns, as Arrow, by `index`."""
+        """Return the table, or some of its columns, as an Arrow table ordered by `index`."""
         return self._results.arrow(columns)
 
     def query(self, sql: str) -> pd.DataFrame:
-        """A query in SQL over `results`, the table, and `facts`, what the report derives of it;
-        both have `row`.
+        """Run an SQL query over `results`, the table, and `facts`, which the report derives from
+        it.
 
-        `results.query("SELECT site, count(*) AS n FROM facts WHERE evaded GROUP BY site")`. Raises
-        UserError for what DuckDB refuses.
+        Both have the column `row`: `results.query("SELECT site, count(*) AS n FROM facts WHERE
+        evaded GROUP BY site")`. Raises UserError if DuckDB refuses the query.
         """
         import duckdb
 
@@ -136,13 +141,15 @@ class CampaignResults:
     def rates(
         self, event: str | Sequence[str] = "evades", by: str | Sequence[str] = "group"
     ) -> pd.DataFrame:
-        """How often an event came: a row a class of distinct faults, with k, n, rate, low and high.
+        """Return how often an event occurred: one row per class of distinct faults, with k, n,
+        rate, low and high.
 
-        event: one or several of those for `[stop] rates`. by: group, site, layer, block (site and
-        effect), response, hazard, outcome; effect, channel and other keys of the first fault; the
-        path of a varied parameter; any column; or several; () for all faults together. low and high
-        are Wilson's 95 % interval where faults were drawn, and NaN where they were enumerated: such
-        a share has no sampling error. Raises UserError for an unknown name.
+        event: one or several of those for `[stop] rates`. by: one or several of group, site, layer,
+        block (site and effect), response, hazard, outcome; a key of the first fault, such as effect
+        or channel; the path of a varied parameter; any column. () takes all faults together. low
+        and high are the 95 % Wilson interval if faults were drawn. They are NaN if faults were
+        enumerated, because such a share has no sampling error. Raises UserError for an unknown
+        name.
         """
         from ravenjax.notebook import rates
 
@@ -151,10 +158,10 @@ class CampaignResults:
         )
 
     def worst(self, n: int = 10, by: str = "unintended") -> pd.DataFrame:
-        """The worst valid runs with a fault, the worst first; fewer where fewer are cases.
+        """Return the n worst valid runs with a fault, the worst first; fewer if fewer runs qualify.
 
-        by: unintended, loss, report, tissue, cue or response; the last column holds it, and attrs
-        its unit and meaning. Raises UserError.
+        by: unintended, loss, report, tissue, cue or response. The last column holds that quantity,
+        and attrs its unit and meaning. Raises UserError.
         """
         import pandas as pd
 
@@ -186,43 +193,44 @@ class CampaignResults:
     def explain(
         self, runs: int | str | Sequence[int | str] | None = None, engine: str = "auto"
     ) -> pd.DataFrame:
-        """How faults spread, signal by signal, against the golden run: as the function
-        `explain`, of this result.
+        """Show how faults propagate, signal by signal, compared with the golden run; see the
+        function `explain`.
         """
         from ravenjax.notebook import explaining
 
         return explaining.table(self.folder, runs, engine)
 
     def plot_verdicts(self) -> ShownFigure:
-        """Each group's distinct faults by outcome."""
+        """Plot each group's distinct faults by outcome."""
         from ravenjax.report import paper
 
         return self._figure(paper.verdicts, "no run has a fault")
 
     def plot_time_to_know(self) -> ShownFigure:
-        """How soon after a fault's first effect the cue comes, a check tells, and anyone could
-        know.
+        """Plot how soon after a fault's first effect the cue comes, a check announces it, and
+        anyone could know.
         """
         from ravenjax.report import paper
 
         return self._figure(paper.how_soon, "no fault had an effect")
 
     def plot_roc(self) -> ShownFigure:
-        """Detected hazards over false alarms, for each detector and threshold."""
+        """Plot detected hazards over false alarms, for each detector and threshold."""
         from ravenjax.report import paper
 
         return self._figure(paper.roc, "the campaign has no [[detector]]")
 
     def plot_tradeoff(self) -> ShownFigure:
-        """Missed hazards over false cues, for each haptic set."""
+        """Plot missed hazards over false cues, for each haptic set."""
         from ravenjax.report import paper
 
         nothing = "no fault-free motion stands beside the faults"
         return self._figure(paper.tradeoff, nothing)
 
     def plot_chain(self, run: int | str, engine: str = "auto") -> ShownFigure:
-        """How the fault of one run spread, over time: the run is computed again. run: as of
-        `simulate`.
+        """Plot how the fault of one run propagated over time. The run is computed again.
+
+        run: as for `simulate`.
         """
         from ravenjax.notebook import explaining
 
@@ -244,7 +252,7 @@ class CampaignResults:
 
     @functools.cached_property
     def _runs(self) -> Runs:
-        """The table and its facts, open until this object goes."""
+        """The table and its facts in DuckDB, open as long as this object exists."""
         from ravenjax.report.data.runs import Runs
 
         runs = Runs.open(self.folder, self._manifest)

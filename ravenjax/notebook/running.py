@@ -1,4 +1,4 @@
-"""Runs a campaign from Python, after a check of the arguments."""
+"""Runs a campaign from Python after checking the arguments."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ def run(
     executor: str | None,
     workers: int | None,
 ) -> Results:
-    """Run it into `out`, a path, or into a temporary folder that goes with the results.
+    """Run a campaign into `out`, a path, or into a temporary folder that is deleted with the
+    results.
 
     Raises UserError and StoreError.
     """

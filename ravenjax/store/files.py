@@ -1,4 +1,4 @@
-"""Writing files so that a reader sees the whole of one or nothing of it; reading their JSON."""
+"""Writes files atomically, so that a reader sees a whole file or none, and reads their JSON."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ def write_aside(path: Path, write: Callable[[Path], object]) -> None:
     """Let `write` fill a temporary file beside `path`, flush it to disk and rename it to `path`.
 
     A crash at any point leaves the old `path` or the new one, and at most one hidden temporary
-    file, which the next attempt overwrites. Raises StoreError naming `path` where the disk refuses.
+    file, which the next attempt overwrites. Raises StoreError that names `path` if the disk
+    refuses.
     """
     temporary = path.with_name(f".{path.name}.tmp")
     try:
@@ -39,10 +40,10 @@ def write_aside(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def replace(path: Path, text: str) -> None:
-    """Put `text` in place of a file's content in one step, without waiting for the disk; OSError
-    where it refuses.
+    """Replace a file's content with `text` atomically, without waiting for the disk.
 
-    For what may be lost in a power cut but must never be read by halves.
+    For content that may be lost in a power failure but must never be read incomplete. Raises
+    OSError if the disk refuses.
     """
     temporary = path.with_name(f".{path.name}.tmp")
     temporary.write_text(text, encoding="utf-8")
@@ -50,10 +51,10 @@ def replace(path: Path, text: str) -> None:
 
 
 def parsed(text: str) -> Any:
-    """The content of a JSON text. ValueError for other text, or where lists and tables are nested
-    too deeply.
+    """Return the content of a JSON text.
 
-    `json.loads` would go to the end of the stack.
+    Raises ValueError for other text, or where lists and tables are nested too deeply; `json.loads`
+    would exhaust the stack.
     """
     try:
         return json.loads(text)
@@ -65,7 +66,7 @@ TABLES = (".csv", ".parquet")
 
 
 def read_table(path: Path) -> pd.DataFrame:
-    """The table in a CSV or Parquet file. UserError where it cannot be read."""
+    """Return the table in a CSV or Parquet file. Raises UserError if it cannot be read."""
     import pandas as pd
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -74,7 +75,7 @@ def read_table(path: Path) -> pd.DataFrame:
         if path.suffix.lower() == ".csv":
             return pd.read_csv(path, skipinitialspace=True)
         return pq.read_table(path).to_pandas(ignore_metadata=True)
-    # ValueErrors are also those of pandas and of text that is not UTF-8.
+    # pandas raises ValueError, and so does text that is not UTF-8.
     except (ValueError, OSError, pa.ArrowException) as error:
         raise UserError(
             f"{path}: no {path.suffix} table that can be read, perhaps truncated:"
@@ -83,7 +84,7 @@ def read_table(path: Path) -> pd.DataFrame:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Flush the rename itself; file systems that cannot sync a folder are left alone."""
+    """Flush the rename itself, if the file system can sync a folder."""
     with contextlib.suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -93,14 +94,15 @@ def _sync_folder(folder: Path) -> None:
 
 
 def sha256(path: Path) -> str:
-    """Hex digest of a file's content."""
+    """Return the sha256 of a file's content as hex digits."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def require_writable(folder: Path) -> None:
-    """Create `folder` if need be and prove by writing that it takes files; StoreError where it
-    does not.
+    """Create `folder` if needed and write a file to prove that it is writable.
+
+    Raises StoreError if it is not.
     """
     probe = folder / ".write-test"
     try:

@@ -1,5 +1,6 @@
-"""A campaign's result folder: manifest.json beside parts/. Checked before any work, resumed
-after any interruption.
+"""A campaign's result folder: manifest.json and parts/.
+
+It is checked before any computing, and can be resumed after any interruption.
 """
 
 from __future__ import annotations
@@ -24,17 +25,21 @@ if TYPE_CHECKING:
 Measured = TypeVar("Measured")
 
 PARTS, SET_ASIDE = "parts", "set-aside"
-"""Folders of parts: of those that count, and of those that could not be used. The second is not
-inside the first, which any tool may read as a whole."""
+"""Folders of valid parts, and of parts that could not be used.
+
+The second is not inside the first, because other tools may read the first as a whole.
+"""
 READERS = max(4, min(16, len(os.sched_getaffinity(0))))
-"""Parts that are read side by side: each is hashed, which a core does at half a gigabyte a
-second or more.
+"""Number of parts that are read in parallel.
+
+Each is hashed, which a core does at half a gigabyte per second or more.
 """
 
 
 class ResultFolder:
-    """An open result folder. Only `open` makes one; it is then safe to add parts, also from
-    several threads.
+    """An open result folder, made by `open`.
+
+    Parts may be added from several threads.
     """
 
     def __init__(self, path: Path, manifest: Manifest, notes: tuple[str, ...] = ()) -> None:
@@ -44,19 +49,19 @@ class ResultFolder:
 
     @property
     def manifest(self) -> Manifest:
-        """Its record as of now."""
+        """Its current manifest."""
         return self._manifest.model_copy(
             update={"parts": tuple(sorted(self._parts, key=lambda part: part.first))}
         )
 
     @staticmethod
     def open(path: Path, wanted: Manifest) -> ResultFolder:
-        """Start or resume campaign `wanted` in folder `path`, which nobody else writes to (see
+        """Start or resume campaign `wanted` in folder `path`, to which nobody else writes (see
         `lock`).
 
-        Whole parts of the same campaign are taken over; what is damaged, foreign or overlaps
-        another is moved to `SET_ASIDE` and noted. StoreError, before any work and any change, where
-        the folder cannot be written to or holds another campaign.
+        Complete parts of the same campaign are kept. Parts that are damaged, foreign or overlap
+        another are moved to `SET_ASIDE` and noted. Raises StoreError, before any change, if the
+        folder cannot be written to or holds another campaign.
         """
         require_writable(path / PARTS)
         record, resumes = wanted, (path / manifests.FILE).exists()
@@ -77,7 +82,8 @@ class ResultFolder:
             there,
             READERS,
         )
-        if not resumes:  # then what is foreign may be somebody's only copy of another campaign
+        # Foreign parts may then be the only copy of another campaign.
+        if not resumes:
             for what in finished:
                 if isinstance(what, parts.ForeignPart):
                     raise what
@@ -98,15 +104,14 @@ class ResultFolder:
             torn.unlink(missing_ok=True)
         record = record.model_copy(update={"parts": tuple(whole)})
         folder = ResultFolder(path, record, notes)
-        if any(
-            True for _ in folder.missing(record.runs)
-        ):  # a part that was lost is computed again, or there is more
+        # The campaign is not finished if a part was lost, or if more rows are wanted now.
+        if any(True for _ in folder.missing(record.runs)):
             folder._manifest = record.model_copy(update={"finished": None})
         manifests.write(path, folder.manifest)
         return folder
 
     def missing(self, chunk: int) -> Iterator[range]:
-        """Row ranges still to compute, cut at the multiples of `chunk`."""
+        """Yield the row ranges still to compute, cut at the multiples of `chunk`."""
         return parts.gaps(self._parts, self._manifest.wanted, chunk)
 
     def add(self, rows: schema.Columns) -> None:
@@ -121,8 +126,9 @@ class ResultFolder:
             self._parts.append(part)
 
     def close(self, compile_s: float, run_s: float, rows: int) -> None:
-        """Record the times of this start (s) and the rows it computed; the finish time once no
-        row is missing.
+        """Record the times of this start (s) and the number of rows it computed.
+
+        Records the finish time once no row is missing.
         """
         if rows:
             rate = rows / run_s if run_s else None
@@ -137,8 +143,10 @@ class ResultFolder:
 
 
 def read_complete_manifest(path: Path) -> Manifest:
-    """The manifest of a folder that holds rows to read. Raises StoreError where it holds none, or
-    lacks what it names as finished."""
+    """Return the manifest of a folder that holds rows to read.
+
+    Raises StoreError if it holds none, or lacks parts that the manifest names as finished.
+    """
     record = manifests.read(path)
     if not record.parts:
         raise StoreError(
@@ -159,10 +167,10 @@ def read_complete_manifest(path: Path) -> Manifest:
 
 
 def read_all(path: str | Path, columns: Sequence[str] | None = None) -> pd.DataFrame:
-    """Every finished row of a result folder, ordered by `index`, each part checked against the
-    manifest.
+    """Return every finished row of a result folder, ordered by `index`, with each part checked
+    against the manifest.
 
-    columns: only these, None for all. Raises StoreError where the folder holds no result, a part is
+    columns: only these; None: all. Raises StoreError if the folder holds no result, a part is
     missing or damaged, or the table has no such column.
     """
     return parts.concatenate(read_parts(Path(path), columns, lambda table: table))
@@ -171,7 +179,7 @@ def read_all(path: str | Path, columns: Sequence[str] | None = None) -> pd.DataF
 def read_parts(
     path: Path, columns: Sequence[str] | None, measure: Callable[[pa.Table], Measured]
 ) -> list[Measured]:
-    """What `measure` makes of these columns of each part, by the first row. Errors as
+    """Return `measure` of these columns of each part, in the order of rows. Raises as
     `read_all`.
     """
     record = read_complete_manifest(path)
@@ -186,8 +194,9 @@ def read_parts(
 
 
 def _finished(file: Path, recorded: parts.Part | None, config_hash: str) -> parts.Part | StoreError:
-    """Record of a whole part, one that was renamed but not yet recorded when the power went too;
-    or the reason why it cannot be used.
+    """Return the record of a complete part, or the reason why it cannot be used.
+
+    A part that was renamed but not yet recorded when the power failed is complete as well.
     """
     try:
         if recorded is None:
@@ -196,15 +205,17 @@ def _finished(file: Path, recorded: parts.Part | None, config_hash: str) -> part
         return recorded
     except StoreError as error:
         return error
-    except OSError as error:  # of the disk, not of what is on it
+    # An error of the disk, not of the file's content.
+    except OSError as error:
         raise StoreError(
             f"{file}: cannot be read ({error.strerror or error}). Nothing was changed."
         ) from error
 
 
 def set_aside(path: Path, name: str, why: str) -> str:
-    """Move a part out of the way, over nothing that is there; a sentence that says so.
-    StoreError on refusal.
+    """Move a part aside without overwriting anything; return a sentence that says so.
+
+    Raises StoreError if the disk refuses.
     """
     place = path / SET_ASIDE
     target, number = place / name, 1

@@ -1,9 +1,9 @@
-"""manifest.json: what was computed, by which code, on what; beside it parts.jsonl: the checksum of
-each finished part.
+"""manifest.json of a result folder: what was computed, by which code, on which device; and
+parts.jsonl, the record of each finished part.
 
-A part is recorded by one line at the end of parts.jsonl, so that recording costs the same however
-many there are. A line that a crash tore is no record, nor is what follows it: such parts are found
-on disk and taken over once checked.
+A part is recorded by one line at the end of parts.jsonl, so that recording takes the same time
+however many parts there are. An incomplete line, left by a crash, and all lines after it are
+ignored. Such parts are found on disk, checked and recorded again.
 """
 
 from __future__ import annotations
@@ -56,9 +56,9 @@ _DECIDING = [
     "store/consoles",
     "store/motion",
 ]
-"""Folders whose files decide outcomes, with their subfolders where the name ends in **.
+"""Folders whose files decide outcomes, including subfolders if the name ends in **.
 
-A change elsewhere does not forbid to resume.
+Changes of other files do not prevent resuming.
 """
 PACKAGES = [
     "ravenjax",
@@ -74,7 +74,7 @@ PACKAGES = [
 
 
 class CueRecord(BaseModel):
-    """One haptic threshold and gain set; its number is its place in `Manifest.cues`."""
+    """One haptic threshold and gain set; its number is its position in `Manifest.cues`."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -85,18 +85,19 @@ class CueRecord(BaseModel):
 
 
 class DetectorRecord(NamedTuple):
-    """One detector; its number is its place in `Manifest.detectors`."""
+    """One detector; its number is its position in `Manifest.detectors`."""
 
     name: str
     kind: str  # see ravenjax.stages.detectors
     fusion: str
-    consecutive: int  # milliseconds in a row above the threshold that make an alarm
+    # Consecutive milliseconds above the threshold that give an alarm.
+    consecutive: int
     thresholds: tuple[float, ...]  # in the unit of the score
     stops: bool = False  # an alarm at the first threshold presses the E-stop
 
 
 class Manifest(BaseModel):
-    """One campaign's record. Times are UTC, ISO 8601."""
+    """The record of one campaign. Times are UTC, ISO 8601."""
 
     model_config = ConfigDict(extra="ignore", ser_json_inf_nan="constants")
 
@@ -105,57 +106,59 @@ class Manifest(BaseModel):
     campaign: str
     # The resolved campaign, every default filled in.
     config: dict[str, Any]
-    # sha256 of `config` and of every run id; a recording counts by its content.
+    # sha256 of `config` and of every run id. A recording is included by its content, not its path.
     config_hash: str
     seed: int
     # Rows of the fault table.
     runs: int
     duration_ms: int
-    # Which repeated columns the table has; haptic sets and detectors are in column order.
+    # Which repeated columns the table has. Haptic sets and detectors are in column order.
     shape: schema.Shape
     cues: tuple[CueRecord, ...] = ()
     detectors: tuple[DetectorRecord, ...] = ()
-    # What became of a recorded operator.
+    # Summary of the recorded operator motion.
     operator: MotionSummary | None = None
     # Number of the haptic set that the column `verdict` uses.
     verdict_cue: int = 0
-    # Column of the jump rule of the campaign.
+    # Column of the campaign's jump rule.
     verdict_jump: str = "jump_code"
-    # Limit of the hazards.
+    # Limit of a hazard, mm.
     limit_mm: float = LIMIT_MM
     engine: str
-    # The device that computed, in words.
+    # Device that computed the runs, in words.
     device: str
     versions: dict[str, str] = Field(default_factory=lambda: package_versions())
     # sha256 of the files that decide outcomes.
     code_hash: str = Field(default_factory=lambda: code_hash())
     started: str = Field(default_factory=lambda: now())
     finished: str | None = None
-    # Command line of the last start, where there was one.
+    # Command line of the last start, if there was one.
     command: tuple[str, ...] = ()
-    # Which share of the campaign this is, as 2/7; None: no share.
+    # Which share of the campaign this is, such as 2/7; None: not a share.
     shard: str | None = None
-    # Row ranges (first, last inclusive) that this folder is to hold; None: all of them.
+    # Row ranges (first, last inclusive) that this folder should hold; None: all rows.
     rows: tuple[tuple[int, int], ...] | None = None
-    # How often the command was started, interruptions included.
+    # How often the command was started, including after interruptions.
     starts: int = 1
-    # Of the last start: s of tracing and compiling, s of execution, runs a second of execution.
+    # Of the last start: time of tracing and compiling (s), time of computing (s), runs per second
+    # of computing.
     compile_s: float | None = None
     run_s: float | None = None
     runs_per_s: float | None = None
-    # Finished parts; kept in parts.jsonl.
+    # Finished parts, stored in parts.jsonl.
     parts: tuple[Part, ...] = ()
 
     @property
     def robot(self) -> Robot:
-        """The robot that the campaign is of, with its own checks. Raises UserError where it
-        cannot be found here.
+        """The campaign's robot, with the user's checks added.
+
+        Raises UserError if it cannot be found on this machine.
         """
         return robots.find(self.shape.robot).with_checks(self.shape.own_checks)
 
     @property
     def rules(self) -> Rules:
-        """What the campaign chose of the definitions of outcomes."""
+        """The campaign's choices in the definitions of outcomes."""
         threshold = self.cues[self.verdict_cue].threshold_mm if self.cues else PUBLISHED_CUE_MM
         built_in = built_in_column(self.shape.own_checks, self.shape.stops)
         stopping = tuple(
@@ -167,13 +170,14 @@ class Manifest(BaseModel):
 
     @property
     def done(self) -> int:
-        """How many rows are finished."""
+        """Number of finished rows."""
         return sum(len(part.rows) for part in self.parts)
 
     @property
     def failures(self) -> dict[str, int]:
-        """Runs of finished parts without a valid outcome, by cause; of parts that nobody
-        counted, none.
+        """Number of runs in finished parts without a valid outcome, by cause.
+
+        Parts without a count are left out.
         """
         causes: Counter[str] = Counter()
         for part in self.parts:
@@ -182,7 +186,7 @@ class Manifest(BaseModel):
 
     @property
     def wanted(self) -> tuple[range, ...]:
-        """The rows that this folder is to hold, as ranges in order."""
+        """The rows that this folder should hold, as ranges in order."""
         return (
             (range(self.runs),)
             if self.rows is None
@@ -191,7 +195,7 @@ class Manifest(BaseModel):
 
     @property
     def due(self) -> int:
-        """How many rows this folder is to hold."""
+        """Number of rows that this folder should hold."""
         return sum(map(len, self.wanted))
 
     def _identity(self) -> dict[str, Any]:
@@ -204,15 +208,17 @@ class Manifest(BaseModel):
         }
 
     def differences(self, other: Manifest) -> list[str]:
-        """What decides outcomes and differs from `other`: 'name: mine, theirs', one line each."""
+        """Return the differences from `other` that affect outcomes: 'name: mine, theirs', one line
+        each.
+        """
         return differences(self._identity(), other._identity())
 
 
 def differences(here: dict[str, Any], wanted: dict[str, Any]) -> list[str]:
-    """Where nested values differ: 'path: here, asked for', one line each."""
+    """Return where nested values differ: 'path: here, asked for', one line each."""
     all_changes = changes(here, wanted)
     if any(change.path.startswith("config.") for change in all_changes):
-        # The hash follows from the config and adds nothing.
+        # The hash follows from the config, so it adds nothing.
         all_changes = [change for change in all_changes if change.path != "config_hash"]
     return [
         f"{path}: {here or 'absent':.60} here, {wanted or 'absent':.60} asked for"
@@ -221,7 +227,7 @@ def differences(here: dict[str, Any], wanted: dict[str, Any]) -> list[str]:
 
 
 class Change(NamedTuple):
-    """One leaf of nested values in which two of them differ."""
+    """A leaf in which two nested values differ."""
 
     path: str  # dotted
     first: str | None  # as JSON; None: absent
@@ -229,7 +235,7 @@ class Change(NamedTuple):
 
 
 def changes(first: dict[str, Any], second: dict[str, Any]) -> list[Change]:
-    """Every leaf in which two nested values differ, by path."""
+    """Return every leaf in which two nested values differ, by path."""
     one, other = _flat(first), _flat(second)
     names = sorted(one.keys() | other.keys())
     return [
@@ -240,8 +246,9 @@ def changes(first: dict[str, Any], second: dict[str, Any]) -> list[Change]:
 
 
 def read(folder: Path) -> Manifest:
-    """The manifest of a result folder; StoreError where it is missing, damaged, or newer than
-    this reader.
+    """Return the manifest of a result folder.
+
+    Raises StoreError if it is missing, damaged, or newer than this reader.
     """
     path = folder / FILE
     try:
@@ -273,7 +280,7 @@ _RESTORE = (
 
 
 def recorded(folder: Path) -> tuple[Part, ...]:
-    """Parts that `record` listed, up to the first line that is not whole."""
+    """Return the parts that `record` listed, up to the first incomplete line."""
     path = folder / PARTS_FILE
     if not path.exists():
         return ()
@@ -290,7 +297,7 @@ def recorded(folder: Path) -> tuple[Part, ...]:
 
 
 def write(folder: Path, manifest: Manifest) -> None:
-    """Replace the folder's manifest and its list of parts, each in one step."""
+    """Replace the folder's manifest and its list of parts, each atomically."""
     lines = "".join(f"{part.model_dump_json()}\n" for part in manifest.parts)
     text = manifest.model_dump_json(indent=2, exclude={"parts"}) + "\n"
     write_aside(folder / PARTS_FILE, lambda target: target.write_bytes(lines.encode()))
@@ -298,10 +305,9 @@ def write(folder: Path, manifest: Manifest) -> None:
 
 
 def record(folder: Path, part: Part) -> None:
-    """Add one part to the folder's list; not from two threads at once. Raises StoreError where the
-    disk refuses.
+    """Append one part to the folder's list. Not thread-safe. Raises StoreError if the disk refuses.
 
-    Nothing waits for the disk: a record that a crash loses is made again from the part itself.
+    This does not wait for the disk: a record that a crash loses is made again from the part itself.
     """
     path = folder / PARTS_FILE
     try:
@@ -315,8 +321,10 @@ def record(folder: Path, part: Part) -> None:
 
 
 def joined(*some: tuple[tuple[int, int], ...] | None) -> tuple[tuple[int, int], ...] | None:
-    """Row ranges (first, last inclusive) that hold every row of these, in order and apart; None:
-    all rows.
+    """Return row ranges (first, last inclusive) that hold every row of these, in order and
+    disjoint.
+
+    None means all rows.
     """
     if any(ranges is None for ranges in some):
         return None
@@ -330,20 +338,21 @@ def joined(*some: tuple[tuple[int, int], ...] | None) -> tuple[tuple[int, int], 
 
 
 def now() -> str:
-    """The present time, UTC, ISO 8601 to the second."""
+    """Return the current time, UTC, ISO 8601 to the second."""
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def campaign_hash(config: dict[str, Any], operator: MotionSummary | None, runs: str) -> str:
-    """`Manifest.config_hash` of a resolved campaign, its recorded operator, and the digest of
-    its run ids.
+    """Return `Manifest.config_hash` of a resolved campaign, its recorded operator, and the digest
+    of its run ids.
     """
     return config_hash({"config": by_content(config, operator), "runs": runs})
 
 
 def by_content(config: dict[str, Any], operator: MotionSummary | None) -> dict[str, Any]:
-    """A resolved campaign whose recording is named by its hash: a copy elsewhere gives the same
-    campaign.
+    """Return a resolved campaign in which the hash of its recording replaces the path.
+
+    So a copy of the recording elsewhere gives the same campaign.
     """
     if operator is None:
         return config
@@ -351,13 +360,15 @@ def by_content(config: dict[str, Any], operator: MotionSummary | None) -> dict[s
 
 
 def config_hash(config: dict[str, Any]) -> str:
-    """sha256 of a resolved config; does not depend on the order of its keys."""
+    """Return the sha256 of a resolved config. It does not depend on the order of keys."""
     text = json.dumps(config, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def package_versions() -> dict[str, str]:
-    """Versions of Python and of the packages that decide a result; "absent" where not installed."""
+    """Return the versions of Python and of the packages that decide a result; "absent" if not
+    installed.
+    """
 
     def version(name: str) -> str:
         try:
@@ -370,8 +381,10 @@ def package_versions() -> dict[str, str]:
 
 @functools.cache
 def code_hash(robot: Robot = robots.USUAL) -> str:
-    """sha256 over the files that decide an outcome, names included, as they were when first asked
-    for: those of _DECIDING, the robot's module or package, and the files that the robot declares.
+    """Return the sha256 over the names and contents of the files that decide an outcome.
+
+    These are the files of _DECIDING, the robot's module or package, and the files that the robot
+    declares, as they were at the first call.
     """
     package = Path(__file__).resolve().parents[1]
     contents = {
@@ -396,7 +409,9 @@ def code_hash(robot: Robot = robots.USUAL) -> str:
 
 
 def _flat(tree: Any, prefix: str = "") -> dict[str, str]:
-    """Leaves of nested dicts and of lists of dicts by dotted path; other lists are leaves."""
+    """Return the leaves of nested dicts and of lists of dicts by dotted path. Other lists are
+    leaves.
+    """
     flat: dict[str, str] = {}
     if isinstance(tree, list | tuple) and any(isinstance(entry, dict) for entry in tree):
         for number, entry in enumerate(tree):

@@ -1,4 +1,4 @@
-"""Parquet parts of the result table: each holds a range of rows, and is there whole or not at
+"""Parquet parts of the result table. Each holds a range of rows and is written completely or not at
 all.
 """
 
@@ -28,16 +28,20 @@ _NAME = re.compile(r"part-(\d{9})-(\d{9})\.parquet")
 
 
 FEWEST_ROWS, MOST_ROWS = 1024, 65_536
-"""Rows of a part where the user names no number: fewer cost more to write than to compute, more
-are late to be safe.
+"""Rows of a part if the user states no number.
+
+Fewer rows take longer to write than to compute; more rows are stored late.
 """
 ALONE, PARTS = 4, 32
-"""Times the fewest where one process computes all, whose threads wait for what writes; and parts
-for each process where that gives enough rows."""
+"""ALONE: factor on the fewest rows if one process computes everything, because its threads wait for
+the writer.
+
+PARTS: parts per process, if that gives enough rows.
+"""
 
 
 class ForeignPart(StoreError):
-    """A part that is whole, but of another campaign, another schema, or not of this program."""
+    """A complete part of another campaign, of another schema, or of another program."""
 
 
 class Part(BaseModel):
@@ -51,7 +55,8 @@ class Part(BaseModel):
     sha256: str  # hex digest of the file
     size: int  # bytes
     failed: dict[str, int] | None = (
-        None  # runs without a valid outcome, by cause; None where nobody counted them
+        # Number of runs without a valid outcome, by cause; None: not counted.
+        None
     )
 
     @property
@@ -61,30 +66,32 @@ class Part(BaseModel):
 
 
 def rows_of_a_part(runs: int, workers: int | None = 1) -> int:
-    """Rows of each part of a campaign of so many runs, where nobody chose a number; workers:
-    processes that compute it, None: not known."""
+    """Return the rows of each part of a campaign of `runs` runs, if the user states no number.
+
+    workers: processes that compute it; None: not known.
+    """
     fewest = FEWEST_ROWS * (ALONE if workers == 1 else 1)
     return min(max(-(-runs // (PARTS * (workers or 2))), fewest), MOST_ROWS)
 
 
 class Encoded(NamedTuple):
-    """A finished part that is in no folder yet: its record, and the bytes of its file."""
+    """A finished part that is not yet in a folder: its record, and the bytes of its file."""
 
     part: Part
     content: bytes
 
 
 def encode(columns: schema.Columns, shape: schema.Shape, config_hash: str) -> Encoded:
-    """Rows, whose column `index` counts up by one, as the file of one part; equal rows give equal
-    bytes.
+    """Encode rows as the file of one part; equal rows give equal bytes. Column `index` counts up by
+    one.
 
-    Raises StoreError where the columns do not fit the schema.
+    Raises StoreError if the columns do not fit the schema.
     """
     return encode_table(schema.conform(columns, shape), config_hash)
 
 
 def encode_table(table: pa.Table, config_hash: str) -> Encoded:
-    """As `encode`, of rows that `schema.conform` returned."""
+    """Encode rows that `schema.conform` returned; see `encode`."""
     index = table.column("index").to_numpy()
     first, last = int(index[0]), int(index[-1])
     if not np.array_equal(index, np.arange(first, first + len(index))):
@@ -112,25 +119,26 @@ def encode_table(table: pa.Table, config_hash: str) -> Encoded:
 
 
 def put(folder: Path, encoded: Encoded) -> Part:
-    """Write a part into `folder`, whole or not at all; its record. Raises StoreError where the
-    disk refuses.
+    """Write a part into `folder`, completely or not at all; return its record.
+
+    Raises StoreError if the disk refuses.
     """
     write_aside(folder / encoded.part.file, lambda target: target.write_bytes(encoded.content))
     return encoded.part
 
 
 def failures(table: pa.Table) -> dict[str, int]:
-    """How many rows of a result table have no valid outcome, by cause."""
+    """Return how many rows of a result table have no valid outcome, by cause."""
     counted = table.column("failed").to_pandas().value_counts().to_dict()
     return {cause: number for cause, number in counted.items() if cause and number}
 
 
 def _encoding(columns: pa.Schema) -> dict[str, Any]:
-    """How columns are written: measured to be both faster and smaller than a dictionary of
-    everything.
+    """Return Parquet options for the columns, measured to be faster and smaller than a dictionary
+    for all.
 
-    Numbers of floating point and ids seldom repeat, words and whole numbers do, and the row's index
-    only counts up.
+    Floating-point numbers and ids seldom repeat, words and integers do, and the row's index only
+    counts up.
     """
     counting = [name for name in ("index", "pair") if name in columns.names]
     once = ("run_id", *counting)
@@ -144,7 +152,9 @@ def _encoding(columns: pa.Schema) -> dict[str, Any]:
 
 
 def files(folder: Path) -> list[Path]:
-    """Paths of the parts in `folder`, by first row; files being written are not among them."""
+    """Return the paths of the parts in `folder`, by first row, without files that are being
+    written.
+    """
     return sorted(path for path in folder.glob("part-*.parquet") if _NAME.fullmatch(path.name))
 
 
@@ -154,10 +164,10 @@ def read(
     recorded: Part | None = None,
     columns: Sequence[str] | None = None,
 ) -> pa.Table:
-    """The table of one part, or some of its columns, checked in full.
+    """Return the table of one part, or some of its columns, fully checked.
 
-    Raises StoreError where the file is truncated or changed, is of a newer schema, or belongs to
-    another campaign.
+    Raises StoreError if the file is truncated or changed, has a newer schema, or belongs to another
+    campaign.
     """
     if recorded is not None and path.is_file():
         _require_unchanged(path, recorded)
@@ -170,8 +180,9 @@ def read(
 
 
 def verify(path: Path, config_hash: str, recorded: Part) -> None:
-    """Check that a part is to the byte what was recorded, and of this campaign. Raises
-    StoreError as `read`.
+    """Check that a part is byte for byte what was recorded, and belongs to this campaign.
+
+    Raises StoreError as `read`.
     """
     if path.is_file():
         _require_unchanged(path, recorded)
@@ -181,8 +192,9 @@ def verify(path: Path, config_hash: str, recorded: Part) -> None:
 
 @contextlib.contextmanager
 def _opened(path: Path, config_hash: str | None) -> Iterator[pq.ParquetFile]:
-    """A part whose footer says that it is one of this campaign; what goes wrong in reading it
-    becomes a StoreError.
+    """Open a part, and check in its footer that it belongs to this campaign.
+
+    Errors while it is read become StoreError.
     """
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
@@ -190,11 +202,8 @@ def _opened(path: Path, config_hash: str | None) -> Iterator[pq.ParquetFile]:
             _require_known_version(path, metadata)
             _require_campaign(path, metadata, config_hash)
             yield file
-    except (
-        pa.ArrowException,
-        OSError,
-        ValueError,
-    ) as error:  # ValueError: text in a damaged footer
+    # ValueError: text in a damaged footer.
+    except (pa.ArrowException, OSError, ValueError) as error:
         if not path.is_file():
             raise StoreError(
                 f"{path}: is missing. Every other part is untouched: start the same command again, "
@@ -207,7 +216,7 @@ def _opened(path: Path, config_hash: str | None) -> Iterator[pq.ParquetFile]:
 
 
 def inspect(path: Path, config_hash: str | None = None) -> Part:
-    """Record of a part found on disk, after reading it in full."""
+    """Return the record of a part found on disk, after reading it in full."""
     digest, size = sha256(path), path.stat().st_size
     failed = failures(read(path, config_hash))
     first, last = row_range(path)
@@ -215,8 +224,9 @@ def inspect(path: Path, config_hash: str | None = None) -> Part:
 
 
 def concatenate(tables: Sequence[pa.Table]) -> pd.DataFrame:
-    """One DataFrame of parts in their order, the same whatever their sizes: categories are
-    sorted, none unused.
+    """Concatenate parts in their order to one DataFrame, which does not depend on their sizes.
+
+    Categories are sorted, and none is unused.
     """
     frame = pa.concat_tables(tables).unify_dictionaries().to_pandas()
     for name in frame.columns[frame.dtypes == "category"]:
@@ -226,11 +236,10 @@ def concatenate(tables: Sequence[pa.Table]) -> pd.DataFrame:
 
 
 def gaps(finished: Iterable[Part], wanted: Iterable[range], chunk: int) -> Iterator[range]:
-    """What no finished part holds of the `wanted` rows (ranges in order, apart from one another),
-    in order.
+    """Yield the rows of `wanted` (disjoint ranges in order) that no finished part holds, in order.
 
-    Cut at the multiples of `chunk`, wherever a gap begins: the same rows make the same parts
-    whoever computes them.
+    They are cut at the multiples of `chunk`, wherever a gap begins, so that the same rows always
+    give the same parts.
     """
     blocks = sorted((part.rows for part in finished), key=lambda rows: rows.start)
     next_held = 0
@@ -255,8 +264,9 @@ def gaps(finished: Iterable[Part], wanted: Iterable[range], chunk: int) -> Itera
 
 
 def apart(found: Sequence[Part], trusted: Collection[str] = ()) -> tuple[list[Part], list[Part]]:
-    """(parts of which no two hold the same row, those that overlap one of them); files of these
-    names go first.
+    """Return (parts of which no two hold the same row, parts that overlap one of them).
+
+    Parts whose files are in `trusted` take precedence.
     """
     disjoint: list[Part] = []
     over: list[Part] = []
@@ -271,7 +281,9 @@ def apart(found: Sequence[Part], trusted: Collection[str] = ()) -> tuple[list[Pa
 
 
 def row_range(path: Path) -> tuple[int, int]:
-    """First and last row of a part, by its name. StoreError where that is another."""
+    """Return first and last row of a part, by its name. Raises StoreError for another kind of
+    name.
+    """
     match = _NAME.fullmatch(path.name)
     if match is None:
         raise StoreError(
@@ -305,7 +317,9 @@ def _require_known_version(path: Path, metadata: dict[bytes, bytes]) -> None:
 
 
 def require_version(path: Path, version: int) -> None:
-    """StoreError where `path` was written with another schema than this reader knows."""
+    """Raise StoreError if `path` was written with a schema version that this reader does not
+    know.
+    """
     if version != schema.VERSION:
         raise ForeignPart(
             f"{path}: has result schema {version}; this ravenjax reads {schema.VERSION}. The file"

@@ -1,8 +1,8 @@
-"""The result table: one row per run, input columns beside outcome columns.
+"""Defines the result table: one row per run, with input columns and outcome columns.
 
-Each column has a name, the smallest type that holds it, a unit and a meaning, which stand in
-columns.csv; results/README.md is the same in prose. Column names that repeat (fault slots, cues,
-checks, arms, varied parameters) follow from a `Shape`.
+Each column has a name, the smallest type that holds it, a unit and a meaning, listed in
+columns.csv. results/README.md describes them in prose. The names of repeated columns (fault slots,
+cues, checks, arms, varied parameters) follow from a `Shape`.
 """
 
 from __future__ import annotations
@@ -31,8 +31,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 VERSION = 1
-"""Raised whenever a column changes its name, type, unit or meaning; a new column alone does not
-raise it.
+"""Schema version, raised whenever a column changes its name, type, unit or meaning.
+
+A new column does not raise it.
 """
 
 Columns: TypeAlias = "Mapping[str, Any] | pd.DataFrame"
@@ -54,22 +55,24 @@ _USUAL = robots.find(robots.DEFAULT)
 
 @dataclass(frozen=True)
 class Shape:
-    """What decides which repeated columns a campaign's table has."""
+    """Decides which repeated columns a campaign's table has."""
 
     robot: str = robots.DEFAULT  # as `robots.find` takes it
     arms: tuple[str, ...] = _USUAL.arms[:1]
     joints: tuple[str, ...] = _USUAL.joints
     slots: int = 1  # fault slots per run
-    cues: int = 1  # haptic threshold and gain sets evaluated side by side
+    cues: int = 1  # haptic threshold and gain sets evaluated in the same run
     checks: tuple[str, ...] = tuple(_USUAL.checks)
     parameters: tuple[str, ...] = ()  # paths of the varied parameters
     reacts: bool = False  # the operator may react to the cue
     hand_yields: bool = False  # the cue's force moves the operator's hand
-    cables: bool = False  # what the robot's cables carry is an outcome
-    contact: bool = False  # how hard its instruments press is an outcome
-    detectors: tuple[int, ...] = ()  # how many thresholds each detector has
-    observes: bool = False  # runs end some time after their last fault has
-    own_checks: tuple[Check, ...] = ()  # which of the checks are of one's own
+    # The load of the robot's cables is an outcome.
+    cables: bool = False
+    # The contact force of its instruments is an outcome.
+    contact: bool = False
+    detectors: tuple[int, ...] = ()  # number of thresholds of each detector
+    observes: bool = False  # runs end some time after their last fault
+    own_checks: tuple[Check, ...] = ()  # the user's checks
     stops: bool = False  # a detector may stop the robot
 
 
@@ -119,7 +122,7 @@ def columns(shape: Shape) -> tuple[Column, ...]:
 
 @functools.cache
 def _table() -> dict[str, list[Column]]:
-    """The columns of columns.csv by the part of the table that they are of."""
+    """Return the columns of columns.csv by the part of the table that they belong to."""
     parts: dict[str, list[Column]] = {}
     with open(Path(__file__).with_name("columns.csv"), encoding="utf-8", newline="") as file:
         for part, *column in itertools.islice(csv.reader(file), 1, None):
@@ -128,21 +131,21 @@ def _table() -> dict[str, list[Column]]:
 
 
 def _part(part: str, **words: object) -> Iterator[Column]:
-    """The columns of a part of the table, with words in place of their names in braces."""
+    """Yield the columns of a part of the table, with the placeholders in braces replaced."""
     for one in _table()[part]:
         name, unit, meaning = (text.format(**words) for text in (one.name, one.unit, one.meaning))
         yield Column(name, one.dtype, unit, meaning)
 
 
 OBSERVED = "observed_ms"
-"""Column of when a run ended."""
+"""Column of the time at which a run ended."""
 OVERLOAD = "cable_overload"
 """Column of the first cable that was overloaded."""
 MAY_BE_INFINITE = ("_margin", "_score")
-"""Ends of names of columns that are infinite where nothing was ever measured."""
+"""Endings of column names that are infinite if nothing was measured."""
 
 GOLDEN = "golden_"
-"""Prefix of what is kept of the golden run's outcome."""
+"""Prefix of columns that hold outcomes of the golden run."""
 _OF_GOLDEN = re.compile(
     r"(cue|detector)\d+_(first_ms|score)|reaction_ms|hand_mm|tissue_depth_mm|tip_path_mm|pedal_down_ms|halted_ms"
     r"|peak_live_deviation_mm|contact_\w+|cable_load|cable_overload_first_ms|check_\w+_(first_ms|count)"
@@ -150,19 +153,16 @@ _OF_GOLDEN = re.compile(
 
 
 def kept_of_golden(name: str) -> bool:
-    """Whether the golden run's outcome of that name is kept beside the run's, as
-    `golden_<name>`.
-    """
+    """Return whether the golden run's outcome of that name is stored, as `golden_<name>`."""
     return _OF_GOLDEN.fullmatch(name) is not None
 
 
-# --- Arrow ----------------------------------------------------------------------------------------
-# --------------------
+# --- Arrow
 
 
 @functools.cache
 def arrow_schema(shape: Shape) -> pa.Schema:
-    """Arrow schema of the table; unit and meaning travel in each field's metadata."""
+    """Return the Arrow schema of the table, with unit and meaning in each field's metadata."""
     return pa.schema(
         [
             pa.field(
@@ -184,10 +184,11 @@ def _arrow_type(dtype: str) -> pa.DataType:
 
 
 def conform(columns: Columns, shape: Shape) -> pa.Table:
-    """Columns, or a DataFrame, as an Arrow table of exactly the schema's columns and types, in
-    order.
+    """Return columns, or a DataFrame, as an Arrow table with exactly the schema's columns and
+    types, in order.
 
-    Raises StoreError for a column that is missing, unknown or holds a value that its type cannot.
+    Raises StoreError for a column that is missing or unknown, or that holds a value which its type
+    cannot.
     """
     schema = arrow_schema(shape)
     names = schema.names
@@ -201,9 +202,7 @@ def conform(columns: Columns, shape: Shape) -> pa.Table:
 
 
 def _array(values: Any, field: pa.Field) -> pa.Array:
-    """One column in its field's type; missing text is "", so that a reader meets one kind of
-    nothing.
-    """
+    """Return one column in its field's type. Missing text becomes "", the only missing value."""
     try:
         if pa.types.is_dictionary(field.type):
             return words.arrow(values)
@@ -225,7 +224,7 @@ def _array(values: Any, field: pa.Field) -> pa.Array:
 
 
 def require_columns(shape: Shape, names: Sequence[str]) -> None:
-    """StoreError where a table of this shape lacks one of these columns."""
+    """Raise StoreError if a table of this shape lacks one of these columns."""
     expected = [column.name for column in columns(shape)]
     if unknown := [name for name in names if name not in expected]:
         raise StoreError(_mismatch([], unknown, expected))

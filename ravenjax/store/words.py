@@ -1,4 +1,4 @@
-"""Columns of words: pandas' Categorical, so that no row is ever a Python string."""
+"""Columns of words as pandas Categorical, so that no row is a Python string."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ if TYPE_CHECKING:
 
 
 def column(places: np.ndarray, known: Sequence[str]) -> pd.Categorical:
-    """Words by their places in `known`, integers from 0; those that occur become the categories,
-    in that order.
+    """Return words from their indices in `known`.
+
+    The words that occur become the categories, in that order.
     """
     import pandas as pd
 
@@ -23,8 +24,9 @@ def column(places: np.ndarray, known: Sequence[str]) -> pd.Categorical:
 
 
 def arrow(words: Any) -> pa.DictionaryArray:
-    """Words [rows], categorical or not, as a dictionary-encoded Arrow array; a missing word is
-    "".
+    """Return words [rows], categorical or not, as a dictionary-encoded Arrow array.
+
+    A missing word becomes "".
     """
     import pandas as pd
 

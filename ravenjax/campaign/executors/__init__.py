@@ -11,8 +11,10 @@ EXECUTORS = ("local", "ray")
 def choose_executor(
     name: str | None = None, workers: int | None = None, ray_address: str | None = None
 ) -> Executor:
-    """The executor of that name; without one `ray` where workers or an address are given, else
-    `local`. Raises UserError.
+    """Return the executor of that name; without a name, `ray` if workers or an address are given,
+    else `local`.
+
+    Raises UserError.
     """
     if name is None:
         name = "local" if workers is None and ray_address is None else "ray"

@@ -1,4 +1,4 @@
-"""Executor `local`: this process, whose engine uses every core or every GPU."""
+"""Executor `local`: computes chunks in this process, whose engine uses every core or every GPU."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.executors.protocol import BackgroundQueue, Work, finish_chunk
 
 WRITERS = 12
-"""Chunks that are packed and delivered side by side, at most."""
+"""Largest number of chunks that are packed and delivered in parallel."""
 
 
 class Local:
-    """See `protocol.Executor`."""
+    """Computes chunks in this process; see `protocol.Executor`."""
 
     name, workers = "local", 1
 

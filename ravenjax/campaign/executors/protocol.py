@@ -1,9 +1,10 @@
-"""What an executor is: chunks of a plan in, each chunk's finished part out, in whatever order.
+"""Defines the executor interface: it takes chunks of a plan and delivers each finished part, in any
+order.
 
-A chunk is a range of rows. Wherever it is computed, its rows are the same, and so are the bytes of
-its part. Only the coordinator, the process that the user started, touches the result folder: others
-hand it the bytes of finished parts. So no worker needs to see the folder, a worker that dies cannot
-spoil it, and whatever a disk refuses is met in one place.
+A chunk is a range of rows. Its rows, and the bytes of its part, are the same wherever they are
+computed. Only the coordinator, the process that the user started, writes to the result folder;
+workers send it the bytes of finished parts. Therefore no worker needs access to the folder, a
+worker that dies cannot damage it, and all disk errors occur in one process.
 """
 
 from __future__ import annotations
@@ -22,12 +23,12 @@ from ravenjax.campaign.progress import Progress
 from ravenjax.engines.interface import Engine
 
 Pack = Callable[[Mapping[str, Any]], Any]
-"""Makes what is kept of a chunk from the columns of its rows. It travels to where the chunk is
+"""Turns the columns of a chunk's rows into what is stored of them. It runs where the chunk is
 computed.
 """
 
 WAITING_CALLS = 4
-"""Calls of a BackgroundQueue that wait for a thread, at most."""
+"""Largest number of calls that wait for a thread in a BackgroundQueue."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,41 +42,41 @@ class FinishedChunk:
 
 @dataclass(frozen=True, eq=False)
 class Work:
-    """What there is to compute, and where to put it."""
+    """The rows to compute, and where to deliver them."""
 
     plan: Plan
     engine: Engine
     pack: Pack
-    # may be called from several threads at once; what it raises ends the work
+    # May be called from several threads at once. An exception that it raises ends the work.
     deliver: Callable[[FinishedChunk], None]
     progress: Progress
 
 
 class Executor(Protocol):
-    """Computes chunks."""
+    """Computes the chunks of a campaign."""
 
     @property
     def name(self) -> str:
-        """As `--executor` takes it."""
+        """Name of the executor, as `--executor` takes it."""
         ...
 
     @property
     def workers(self) -> int | None:
-        """Tasks side by side, as asked for; None: as many as there is room for."""
+        """Requested number of parallel tasks; None: as many as fit."""
         ...
 
     def run(self, work: Work, chunks: Sequence[range]) -> None:
-        """Compute and deliver every chunk, each exactly once.
+        """Compute and deliver every chunk exactly once.
 
-        A chunk that fails does not hold up the others: UserError names it and why once they are
-        delivered. What ends the work early (a signal, an error of `deliver`) leaves what is
-        delivered as it is.
+        A chunk that fails does not hold up the others. Once they are delivered, UserError names the
+        failed chunk and the reason. If a signal or an error of `deliver` ends the work early, the
+        delivered chunks stay.
         """
         ...
 
 
 def finish_chunk(plan: Plan, part: PartRows, pack: Pack) -> FinishedChunk:
-    """The rows of `part`, which are rows of `plan`, packed."""
+    """Pack the rows of `part`, which are rows of `plan`, into a finished chunk."""
     runs = plan.rows.take(slice(part.rows.start, part.rows.stop))
     rows = outcomes.columns(plan.config, runs, part.outcomes, part.golden_runs)
     first = int(runs.numbers("index")[0])
@@ -85,8 +86,9 @@ def finish_chunk(plan: Plan, part: PartRows, pack: Pack) -> FinishedChunk:
 
 
 class BackgroundQueue:
-    """Runs calls in other threads, with a bound on those that wait. As a context manager it waits
-    for the calls that have begun.
+    """Runs calls in other threads and bounds the number of waiting calls.
+
+    As a context manager it waits for the calls that have begun.
     """
 
     def __init__(self, threads: int) -> None:
@@ -101,14 +103,15 @@ class BackgroundQueue:
         self._pool.shutdown(wait=True)
 
     def call(self, function: Callable[..., Any], *arguments: Any) -> None:
-        """Call it soon; waits where too much is under way, and raises what an earlier call
-        raised.
+        """Call `function` in another thread; block while too many calls are waiting.
+
+        Raises the exception of an earlier call.
         """
         while self._under_way and (len(self._under_way) >= self._most or self._under_way[0].done()):
             interruption.result(self._under_way.popleft())
         self._under_way.append(self._pool.submit(function, *arguments))
 
     def finish(self) -> None:
-        """Wait for every call; raises what one raised."""
+        """Wait for every call, and raise the exception of any that failed."""
         while self._under_way:
             interruption.result(self._under_way.popleft())

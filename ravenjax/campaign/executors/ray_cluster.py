@@ -1,12 +1,13 @@
-"""Executor `ray`: tasks on the nodes of a Ray cluster, an extra (`pip install 'ravenjax[ray]'`).
+"""Executor `ray`: computes chunks as tasks on a Ray cluster (`pip install 'ravenjax[ray]'`).
 
-A worker gets the campaign's `Head` once and then, for each chunk, its rows of the plan, some 100 B
-a run: it plans nothing. Parts come back to the coordinator as bytes, through Ray's object store: a
-cluster then needs no shared file system, and a task that Ray runs twice leaves no trace. It costs
-the coordinator's network some 200 B a run, both ways together.
+A worker gets the campaign's `Head` once. For each chunk it then gets the chunk's rows of the plan,
+about 100 B per run; it does no planning. Parts come back to the coordinator as bytes through Ray's
+object store. Therefore the cluster needs no shared file system, and a task that Ray runs twice has
+no side effects. Each run takes about 200 B of the coordinator's network in both directions
+together.
 
-Ray itself runs a task again whose worker or node died. A chunk that fails even so is named once all
-others are delivered; starting the same command again tries it alone.
+Ray repeats a task whose worker or node died. A chunk that fails even then is reported once all
+others are delivered; starting the same command again retries that chunk alone.
 """
 
 from __future__ import annotations
@@ -37,38 +38,36 @@ from ravenjax.errors import UserError, listed
 from ravenjax.store import manifest
 
 RETRIES = 3
-"""How often Ray itself runs a task again whose worker or node died."""
+"""How often Ray repeats a task whose worker or node died."""
 CORES = 4
-"""Cores of a task, where nobody says how many tasks there should be; fewer where no node has as
-many.
-"""
+"""Cores of a task if the number of tasks is not given; fewer if no node has that many."""
 WRITERS = 4
-"""Parts that are written side by side, at most."""
+"""Largest number of parts that are written in parallel."""
 ANSWER_S = 10.0
-"""How long a cluster may take to answer."""
+"""Time that a cluster has to answer, s."""
 _PASSED_ON = ("XLA_FLAGS", "JAX_PLATFORMS", "JAX_ENABLE_X64", "RAVENJAX_CACHE")
-"""Environment of the coordinator that decides how a task computes, set before anything is
-imported there.
+"""Environment variables of the coordinator that decide how a task computes. They are set in a task
+before its imports.
 """
 
 _workers: dict[str, Worker] = {}
-"""In a Ray worker: what it made ready for earlier chunks of the same campaign."""
+"""In a Ray worker: the compiled worker for the chunks of the current campaign, by key."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Head:
-    """What every chunk of a campaign has in common."""
+    """What all chunks of a campaign have in common."""
 
     plan: Plan  # without rows
     engine: str
     pack: Pack
-    largest_chunk: int  # rows
+    largest_chunk: int  # in rows
     cores: int  # of a task
     computed_by: Mapping[str, str]  # code, device and versions of the coordinator
 
 
 def make_head(work: Work, chunks: Sequence[range], cores: int) -> Head:
-    """The head of these chunks."""
+    """Make the head of these chunks."""
     return Head(
         plan=work.plan.take(slice(0)),
         engine=work.engine.name,
@@ -80,18 +79,20 @@ def make_head(work: Work, chunks: Sequence[range], cores: int) -> Head:
 
 
 def _computed_by(plan: Plan, device: str) -> dict[str, str]:
-    """What must agree between processes that compute the same rows."""
+    """Return what must agree between processes that compute the same rows."""
     code = manifest.code_hash(plan.config.robot)[:16]
-    # an engine names several devices as '2 x A': their kind must agree, not their number
+    # An engine names several devices as '2 x A'. Their kind must agree, not their number.
     kind = device.partition(" x ")[2] or device
     return {"code": code, "device": kind} | dict(manifest.package_versions())
 
 
 class Worker:
-    """Where a process computes chunk after chunk: compiled once, for its first chunk."""
+    """Computes the chunks of one campaign in a Ray worker process. It compiles once, for its first
+    chunk.
+    """
 
     def __init__(self, head: Head) -> None:
-        """Raises UserError where this process would not compute what the coordinator would."""
+        """Raises UserError if this process would not compute what the coordinator would."""
         precision = head.plan.program.setup.precision
         self._head, self.progress = head, Progress("", 0, 0, 1)
         self._engine = compile_cache.cached_engine(head.engine, precision)
@@ -99,7 +100,7 @@ class Worker:
         self._computation: Computation | None = None
 
     def compute(self, rows: Mapping[str, Any]) -> tuple[Plan, PartRows]:
-        """The plan of these rows alone, see `Plan.row_fields`, and their outcomes."""
+        """Compute these rows (see `Plan.row_fields`); return their plan and their outcomes."""
         head, plan = self._head, dataclasses.replace(self._head.plan, **rows)
         if self._computation is None:
             self._computation = Computation(
@@ -126,9 +127,9 @@ def _require_same(here: Mapping[str, str], there: Mapping[str, str]) -> None:
 
 
 def _compute(key: str, head: Head, rows: Mapping[str, Any]) -> tuple[float, FinishedChunk]:
-    """The task: (s of compiling, the finished chunk)."""
+    """Ray task: compute one chunk, and return (time of compiling in s, the finished chunk)."""
     if key not in _workers:
-        # those of another campaign
+        # Drop the worker of another campaign.
         _workers.clear()
         _workers[key] = Worker(head)
     worker = _workers[key]
@@ -137,13 +138,14 @@ def _compute(key: str, head: Head, rows: Mapping[str, Any]) -> tuple[float, Fini
 
 
 class Ray:
-    """See `protocol.Executor`."""
+    """Computes chunks on a Ray cluster; see `protocol.Executor`."""
 
     name = "ray"
 
     def __init__(self, workers: int | None = None, address: str | None = None) -> None:
-        """address: of a running cluster, None for one on this machine alone. Raises UserError
-        without the package.
+        """address: address of a running cluster; None: start one on this machine.
+
+        Raises UserError if Ray is not installed.
         """
         self.workers, self._address = workers, address
         _import_ray()
@@ -207,7 +209,7 @@ class Ray:
                             queue.call(deliver, finished)
                             delivered += 1
                     if len(lost) > tasks and not delivered:
-                        # it is not the chunk: no task works
+                        # No task works at all, so the chunk is not the reason.
                         raise _refusal(lost, delivered)
                 queue.finish()
             except BaseException:
@@ -231,29 +233,31 @@ def _refusal(lost: Mapping[range, str], delivered: int) -> UserError:
 
 
 def _join(ray: Any, address: str | None) -> None:
-    """Join the cluster of that address, or begin one here. Raises UserError where nobody
-    answers.
+    """Join the cluster at that address, or start one on this machine.
+
+    Raises UserError if the address does not answer.
     """
     terminated = signal.getsignal(signal.SIGTERM)
     try:
         if address is not None and (match := re.fullmatch(r"\[?([^/]+?)\]?:(\d+)", address)):
-            # Ray itself would ask for minutes
+            # Ray itself would retry for minutes.
             socket.create_connection((match[1], int(match[2])), ANSWER_S).close()
         ray.init(
             address=address, include_dashboard=False, log_to_driver=False, logging_level="error"
         )
-    except OSError as error:  # a ConnectionError, which Ray raises, is one
+    # Also catches ConnectionError, which Ray raises: it is a subclass of OSError.
+    except OSError as error:
         raise UserError(
             f"--ray-address {address}: no Ray cluster answers there ({error})"
         ) from error
     if threading.current_thread() is threading.main_thread():
-        # Ray has put its own handler in its place
+        # Ray has replaced the handler of SIGTERM.
         signal.signal(signal.SIGTERM, terminated)
 
 
 def task_environment(engine: str) -> dict[str, str]:
-    """Environment of a task of this engine: the coordinator's, and no GPU for JAX where it would
-    only take memory.
+    """Return a task's environment: the coordinator's, without a GPU for JAX where it would only
+    waste memory.
     """
     variables = {name: os.environ[name] for name in _PASSED_ON if name in os.environ}
     return {"JAX_PLATFORMS": "cpu"} | variables if engine == "simd" else variables
@@ -262,7 +266,7 @@ def task_environment(engine: str) -> dict[str, str]:
 def _cores_and_tasks(
     resources: dict[str, float], nodes: Sequence[dict[str, Any]], workers: int | None, gpu: bool
 ) -> tuple[int, int]:
-    """(cores of a task, tasks side by side)."""
+    """Return (cores of a task, number of parallel tasks)."""
     total = int(resources.get("CPU", 1))
     if gpu:
         tasks = workers or max(1, int(resources.get("GPU", 0)))

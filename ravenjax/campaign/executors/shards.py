@@ -1,7 +1,7 @@
-"""One share of a campaign for each job of a batch scheduler: `--shard 2/7`.
+"""Divides a campaign into shards, one for each job of a batch scheduler: `--shard 2/7`.
 
-Chunks are dealt out in turn, chunk k to shard k mod N, so that a shard has rows of every group and
-all end together.
+Chunk k belongs to shard k mod N. So each shard has rows of every group, and all shards end at about
+the same time.
 """
 
 from __future__ import annotations
@@ -12,13 +12,15 @@ from typing import NamedTuple
 from ravenjax.errors import UserError, shown
 
 CHUNKS = 16
-"""Chunks of a shard, at least, where nobody chose their size and the campaign is large enough."""
+"""Least number of chunks of a shard, if the campaign is large enough and the user chose no chunk
+size.
+"""
 FEWEST_ROWS = 64
-"""Rows of a chunk, at least, where nobody chose their number."""
+"""Least number of rows of a chunk, if the user chose no chunk size."""
 
 
 class Shard(NamedTuple):
-    """Share `number` (from 1) of `of`."""
+    """Shard `number` (from 1) out of `of`."""
 
     number: int
     of: int
@@ -28,23 +30,21 @@ class Shard(NamedTuple):
 
     @property
     def folder(self) -> str:
-        """Name of its result folder."""
+        """Name of the shard's result folder."""
         return f"shard-{self.number}-of-{self.of}"
 
     def chunk(self, runs: int, chunk: int) -> int:
-        """Rows of a chunk, `chunk` where that is small enough to share a campaign of so many
-        runs out evenly.
-        """
+        """Return the rows per chunk: `chunk`, or fewer if needed to divide the campaign evenly."""
         return min(chunk, max(FEWEST_ROWS, -(-runs // (CHUNKS * self.of))))
 
     def rows(self, runs: int, chunk: int) -> list[range]:
-        """Its rows of a campaign of so many runs."""
+        """Return the rows of this shard in a campaign of `runs` runs."""
         starts = range((self.number - 1) * chunk, runs, self.of * chunk)
         return [range(start, min(start + chunk, runs)) for start in starts]
 
 
 def parse(text: str) -> Shard:
-    """A shard as the command line names it; raises UserError."""
+    """Parse a shard as written on the command line. Raises UserError."""
     match = re.fullmatch(r"\s*(\d+)\s*/\s*(\d+)\s*", text)
     if match is not None:
         shard = Shard(int(match[1]), int(match[2]))

@@ -1,3 +1,3 @@
-"""The fault table: from the axes of each group to one row a run, and from there to what an
-engine takes.
+"""Expands groups of a campaign into the fault table, one row per run, and converts it to an
+engine's inputs.
 """

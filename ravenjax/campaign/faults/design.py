@@ -1,10 +1,9 @@
 """Expands a campaign into its fault table: one row per run, every input of the run in columns.
 
-Deterministic: a group's draws depend on the campaign's seed, the group's name and design alone, not
-on other groups, on chunk size or on the order in which anything is kept. `run_id` hashes the
-content of the row and of all that the campaign fixes, so the same run has the same id wherever it
-stands. Everything is computed by columns: a campaign of millions of runs is as many numbers, not as
-many objects.
+The expansion is deterministic. A group's draws depend only on the campaign's seed and on the
+group's name and design, not on other groups, on chunk size or on storage order. `run_id` hashes the
+content of the row and everything that is fixed for the campaign, so the same run has the same id in
+any row. All work is done by columns, because a campaign may have millions of runs.
 """
 
 from __future__ import annotations
@@ -34,38 +33,40 @@ if TYPE_CHECKING:
     import pandas as pd
 
 MOST_RUNS = 100_000_000
-"""Rows of a fault table."""
+"""Largest number of rows of a fault table."""
 
 _PARAMETER = -1
-"""Stands for the fault slot in the key of a parameter's axis."""
+"""Takes the place of the fault slot in the key of a parameter's axis."""
 
 
 class _Piece(NamedTuple):
-    """Runs of one group, or of one entry of design "list", by columns: [runs], or [] where all
-    runs agree.
+    """Runs of one group, or of one entry of design "list", as columns.
+
+    Each column has shape [runs], or [] where all runs have the same value.
     """
 
     runs: int
     group: str
     seed: np.ndarray  # int64
-    # rows back to the one that differs in crossed parameters alone; 0: this is the first of its
-    # kind
+    # How many rows earlier the run is that differs only in crossed parameters; 0: this is the first
+    # such run.
     behind: int
     faults: list[dict[str, np.ndarray]]  # by slot
     parameters: dict[str, np.ndarray]  # path -> values
 
 
 def expand(config: CampaignConfig) -> pd.DataFrame:
-    """`rows` as a DataFrame, whose words are categorical."""
+    """Return `rows` as a DataFrame, with categorical columns of words."""
     return rows(config).frame()
 
 
 def rows(config: CampaignConfig) -> FaultTable:
-    """The whole fault table, columns as in `ravenjax.store.schema`; `run_id` is a number (uint64).
-    With [stop] it stands in the order of `sampled_order`. `campaign.limit` cuts nothing here: see
-    `runner`.
+    """Return the whole fault table with the columns of `ravenjax.store.schema`; `run_id` is a
+    number (uint64).
 
-    A parameter that a group leaves alone is NaN in its rows: the robot's own value.
+    With [stop], rows are in the order of `sampled_order`. `campaign.limit` does not shorten the
+    table; `runner` applies it. A parameter that a group does not set is NaN in its rows, which
+    means the robot's value.
     """
     moments = Moments(config)
     pieces = [piece for group in config.group for piece in _pieces(config, group, moments)]
@@ -90,12 +91,12 @@ def rows(config: CampaignConfig) -> FaultTable:
         for path in dict.fromkeys(path for piece in pieces for path in piece.parameters)
     }
     groups = list(dict.fromkeys(piece.group for piece in pieces))
-    # numbers of an empty slot do not count
+    # Numbers of an empty slot do not count.
     counted = {
         name: np.where(np.asarray(words[f"{name.partition('_')[0]}_site"] == ""), np.nan, values)
         for name, values in numbers.items()
     }
-    # what decides the outcome of every run alike
+    # Content that decides the outcome of all runs alike.
     common = json.dumps(config.deciding(), sort_keys=True, separators=(",", ":"))
     ids = run_id.of(
         hashlib.sha256(common.encode()).hexdigest(), words, {"seed": seed} | counted | parameters
@@ -123,19 +124,19 @@ def rows(config: CampaignConfig) -> FaultTable:
 
 
 def count(config: CampaignConfig) -> int:
-    """Rows of the fault table, without expanding them; of them `campaign.limit` asks for the
-    first.
+    """Return the number of rows of the fault table, without expanding them and without
+    `campaign.limit`.
     """
     return sum(counts(config).values())
 
 
 def due(config: CampaignConfig) -> int:
-    """Rows that are asked for: all, or the first `campaign.limit`."""
+    """Return the number of rows to compute: all, or the first `campaign.limit`."""
     return min(count(config), config.campaign.limit or MOST_RUNS)
 
 
 def counts(config: CampaignConfig) -> dict[str, int]:
-    """Rows of each group, in order, without expanding them."""
+    """Return the number of rows of each group, in order, without expanding them."""
     return {
         group.name: (
             group.repeats
@@ -147,7 +148,7 @@ def counts(config: CampaignConfig) -> dict[str, int]:
 
 
 def _joined(pieces: Sequence[_Piece], columns: Sequence[Any], dtype: Any) -> np.ndarray:
-    """One column of all pieces, [runs]."""
+    """Concatenate one column of all pieces, [runs]."""
     return np.concatenate(
         [
             np.broadcast_to(np.asarray(values, dtype), piece.runs)
@@ -159,7 +160,7 @@ def _joined(pieces: Sequence[_Piece], columns: Sequence[Any], dtype: Any) -> np.
 def _words(
     pieces: Sequence[_Piece], columns: Sequence[Any], known: Sequence[str]
 ) -> pd.Categorical:
-    """One column of words of all pieces by their places in `known`."""
+    """Concatenate one column of words of all pieces, given as indices into `known`."""
     return column(_joined(pieces, columns, np.min_scalar_type(-len(known))), known)
 
 
@@ -188,8 +189,8 @@ def _pieces(config: CampaignConfig, group: Group, moments: Moments) -> Iterator[
 
 
 def _crossings(config: CampaignConfig, group: Group) -> list[dict[str, np.ndarray]]:
-    """Path -> value ([]) of each combination of the group's crossed parameters, the last varying
-    fastest.
+    """Return path -> value (shape []) of each combination of the group's crossed parameters. The
+    last one varies fastest.
     """
     axes = {**config.cross, **group.cross}
     rows = itertools.product(*(axis.values for axis in axes.values()))
@@ -202,8 +203,9 @@ def _crossings(config: CampaignConfig, group: Group) -> list[dict[str, np.ndarra
 def faults_and_axes(
     config: CampaignConfig, group: Group
 ) -> Iterator[tuple[tuple[Fault, ...], dict[Key, Axis]]]:
-    """(faults, axes) of a group, or of each entry of design "list". Axes are in order: slot by
-    slot, field by field, then the parameters.
+    """Yield (faults, axes) of a group, or of each entry of design "list".
+
+    Axes are in order: by slot, then by field, then the parameters.
     """
     for run in group.run or [Run()]:
         faults = group.faults_of(run)
@@ -217,7 +219,7 @@ def faults_and_axes(
 
 
 def _of_fault(config: CampaignConfig, fault: Fault) -> dict[str, Axis]:
-    """The axes of a fault's fields but its site."""
+    """Return the axes of all fields of a fault except its site."""
     site = config.robot.sites[fault.site]
     resolved = {
         "arm": fault.arm or fixed(config.campaign.arms[0] if site.per_arm else ""),
@@ -228,5 +230,5 @@ def _of_fault(config: CampaignConfig, fault: Fault) -> dict[str, Axis]:
 
 
 def _of_slot(table: dict[Key, Any], slot: int) -> dict[str, Any]:
-    """What belongs to the fields of one slot."""
+    """Return the entries of `table` that belong to one slot, by field."""
     return {name: value for (s, name), value in table.items() if s == slot}

@@ -1,4 +1,4 @@
-"""The fault table: one row a run, every input of the run in columns of NumPy's."""
+"""The fault table: one row per run, every input of the run in NumPy columns."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Column: TypeAlias = "np.ndarray | pd.Categorical"
-"""Numbers or words, [rows]."""
+"""A column of numbers or of words, [rows]."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FaultTable:
-    """Columns by name, as in `ravenjax.store.schema`, all of the same rows."""
+    """Columns of equal length by name, as in `ravenjax.store.schema`."""
 
     columns: Mapping[str, Column]
 
     @staticmethod
     def of(frame: pd.DataFrame) -> FaultTable:
-        """The table of a DataFrame that `frame` made, or of some of its rows."""
+        """Make the table from a DataFrame that `frame` made, or from some of its rows."""
         columns: dict[str, Any] = {
             str(name): values.array if values.dtype == "category" else values.to_numpy()
             for name, values in frame.items()
@@ -40,32 +40,32 @@ class FaultTable:
         return iter(self.columns)
 
     def numbers(self, name: str) -> np.ndarray:
-        """A column of numbers."""
+        """Return a column of numbers."""
         values = self.columns[name]
         assert isinstance(values, np.ndarray), name
         return values
 
     def words(self, name: str) -> pd.Categorical:
-        """A column of words."""
+        """Return a column of words."""
         values = self.columns[name]
         assert not isinstance(values, np.ndarray), name
         return values
 
     def take(self, rows: slice | np.ndarray) -> FaultTable:
-        """These rows, in this order."""
+        """Return the table of these rows, in this order."""
         return FaultTable({name: values[rows] for name, values in self.columns.items()})
 
     def records(self) -> list[dict[str, Any]]:
-        """Each row by columns, in plain values."""
+        """Return each row as a dict from column name to plain Python value."""
         columns = [values.tolist() for values in self.columns.values()]
         return [dict(zip(self.columns, row, strict=True)) for row in zip(*columns, strict=True)]
 
     def replaced(self, **columns: Column) -> FaultTable:
-        """The table with other columns in their places."""
+        """Return a copy in which these columns are replaced."""
         return FaultTable({**self.columns, **columns})
 
     def frame(self) -> pd.DataFrame:
-        """As a DataFrame; words are categorical."""
+        """Return the table as a DataFrame, with categorical columns of words."""
         import pandas as pd
 
         return pd.DataFrame(dict(self.columns), copy=False)

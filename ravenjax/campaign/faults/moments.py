@@ -1,4 +1,6 @@
-"""Turns onsets in a phase of the operation into milliseconds, by the robot's motion."""
+"""Converts fault onsets that refer to a phase of the operation into milliseconds, using the robot's
+motion.
+"""
 
 from __future__ import annotations
 
@@ -16,19 +18,22 @@ from ravenjax.errors import UserError
 
 
 class Moments:
-    """The phases of a campaign's operation, which are computed when the first onset needs them."""
+    """The phases of a campaign's operation. They are computed when the first onset needs them."""
 
     def __init__(self, config: CampaignConfig) -> None:
         self._config = config
 
     @cached_property
     def phases(self) -> Mapping[str, np.ndarray]:
-        """{phase: stretches of its ticks, int [stretches, 2]}: the first, and the first beyond."""
+        """{phase: its stretches of ticks, int [stretches, 2]}, each from its first tick to before
+        its end.
+        """
         return self._config.robot.part("campaign").phases(self._config)
 
     def placed(self, axes: Mapping[Key, Axis], group: str) -> dict[Key, Axis]:
-        """The axes of a group in which onsets are milliseconds. Raises UserError for a phase
-        that never comes.
+        """Return a group's axes with all onsets in milliseconds.
+
+        Raises UserError for a phase that never occurs.
         """
         return {
             key: self._axis(axis, f"group {group!r}, fault[{key[0]}].{key[1]}")
@@ -67,7 +72,7 @@ class Moments:
 
 
 def uses(config: CampaignConfig) -> Iterator[str]:
-    """Phases that onsets of a campaign name, each once."""
+    """Yield each phase that onsets of a campaign name, once."""
     faults = [fault for group in config.group for fault in group.fault]
     faults += [
         fault for group in config.group for run in group.run for fault in group.faults_of(run)

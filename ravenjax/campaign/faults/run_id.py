@@ -1,9 +1,9 @@
-"""Run ids: 64 bits, a hash of all that decides a run's outcome, written as 16 hex digits.
+"""Run ids: 64-bit hashes of everything that decides a run's outcome, written as 16 hex digits.
 
 Each column of a row is hashed by its name and value under a key of the campaign. The sum of these
-hashes is hashed again, so the order of columns does not count. A column in which a row has nothing
-(NaN, or an empty word) does not count either. The hash of a number is the finaliser of SplitMix64
-(Steele, Lea, Flood, "Fast splittable pseudorandom number generators", 2014).
+hashes is hashed again, so the order of columns does not matter. A column in which a row is empty
+(NaN, or an empty word) does not count. Numbers are hashed with the finaliser of SplitMix64 (Steele,
+Lea, Flood, "Fast splittable pseudorandom number generators", 2014).
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ if TYPE_CHECKING:
 
 
 DIGITS = 16
-"""Hex digits of an id."""
+"""Number of hex digits of an id."""
 
 
 def of(
     common: str, words: Mapping[str, pd.Categorical], numbers: Mapping[str, np.ndarray]
 ) -> np.ndarray:
-    """Ids [rows], uint64: of rows with these columns, one of numbers at least; `common` decides
-    every run alike.
+    """Return the ids of rows with these columns, uint64 [rows]. At least one column holds numbers.
 
-    Numbers count as float64, so that 1 is 1.0 and -0.0 is 0.0. Of rows with the same content the
-    first has the id of the content, each further one another that its place among them decides.
+    common: what decides the outcome of all runs alike. Numbers are converted to float64, so that 1
+    equals 1.0, and -0.0 equals 0.0. Among rows with the same content, the first one has the id of
+    the content; each further copy has a different id that depends on its position among the copies.
     """
     total = np.zeros(len(next(iter(numbers.values()))), np.uint64)
     for name, column in words.items():
@@ -44,8 +44,8 @@ def of(
 
 
 def mixed(numbers: np.ndarray) -> np.ndarray:
-    """uint64 of the same shape, 1-D: SplitMix64's finaliser, which takes no two numbers to the
-    same one.
+    """Return SplitMix64's finaliser of each number, uint64 of the same shape (1-D). It is a
+    bijection.
     """
     z = numbers ^ (numbers >> np.uint64(30))
     z *= np.uint64(0xBF58476D1CE4E5B9)
@@ -56,29 +56,32 @@ def mixed(numbers: np.ndarray) -> np.ndarray:
 
 
 def stream(ids: np.ndarray, purpose: str) -> np.ndarray:
-    """Keys of random numbers, uint32 [rows]: one for each run and purpose."""
+    """Return keys of random-number streams, uint32 [rows]: one for each run and purpose."""
     return (mixed(ids ^ _salt(purpose)) >> np.uint64(32)).astype(np.uint32)
 
 
 def text(ids: np.ndarray) -> pa.Array:
-    """Ids as 16 hex digits each, Arrow string [rows]."""
+    """Return the ids as 16 hex digits each, Arrow string [rows]."""
     offsets = np.arange(len(ids) + 1, dtype=np.int32) * DIGITS
     digits = ids.astype(">u8").tobytes().hex().encode()
     return pa.StringArray.from_buffers(len(ids), pa.py_buffer(offsets), pa.py_buffer(digits))
 
 
 def numbers(text: Iterable[str]) -> np.ndarray:
-    """Ids from their hex digits, uint64 [rows]: the inverse of `text`."""
+    """Return the ids from their hex digits, uint64 [rows]: the inverse of `text`."""
     return np.frombuffer(bytes.fromhex("".join(text)), ">u8").astype(np.uint64)
 
 
 def digest(ids: np.ndarray) -> str:
-    """sha256 of ids in their order."""
+    """Return the sha256 of the ids in their order."""
     return hashlib.sha256(ids.astype(">u8").tobytes()).hexdigest()
 
 
 def beginning(ids: np.ndarray, digits: str) -> np.ndarray:
-    """Rows whose id begins with these hex digits, ascending; none where they are no hex digits."""
+    """Return the rows whose id begins with these hex digits, ascending.
+
+    Returns no rows if `digits` is not hexadecimal.
+    """
     if not 0 < len(digits) <= DIGITS or set(digits) - set("0123456789abcdef"):
         return np.zeros(0, np.int64)
     return np.flatnonzero(
@@ -91,7 +94,7 @@ def _salt(text: str) -> np.uint64:
 
 
 def _hashed(values: np.ndarray, salt: np.uint64) -> np.ndarray:
-    """uint64 [rows], or [1] where all values are equal; 0 for NaN."""
+    """Return the hash of each value, uint64 [rows], or [1] if all values are equal; 0 for NaN."""
     values = values[:1] if (values == values[:1]).all() else values
     canonical = values + 0.0  # float64 without -0.0
     hashes = mixed(canonical.view(np.uint64) ^ salt)
@@ -100,13 +103,13 @@ def _hashed(values: np.ndarray, salt: np.uint64) -> np.ndarray:
 
 
 def _number_copies(ids: np.ndarray) -> np.ndarray:
-    """Ids in which each copy but the first has another."""
+    """Return the ids with each copy of an id but the first replaced by another id."""
     ordered = np.sort(ids)
     if (ordered[1:] != ordered[:-1]).all():
         return ids
     order = np.argsort(ids, kind="stable")
     place, is_first = np.arange(len(ids)), np.r_[True, ordered[1:] != ordered[:-1]]
-    # of each row the number of copies before it
+    # For each row, the number of copies before it.
     copy = place - np.maximum.accumulate(np.where(is_first, place, 0))
     further = order[copy > 0]
     ids[further] = mixed(ids[further] ^ mixed(copy[copy > 0].astype(np.uint64)))

@@ -1,11 +1,11 @@
-"""The fault table of a campaign that may stop early: what is computed of a group is the beginning
-of its rows.
+"""Orders the fault table of a campaign that may stop early, so that the first rows of each group
+are a sample of it.
 
-A draw is one place of a group's design. Its repeats and crossed variants are the same fault again:
-their rows stand together, are computed together and count once. Draws of a
-random, lhs or sobol design keep their order, as their beginnings are samples. Draws of a grid, zip
-or list are shuffled by the campaign's seed, as their beginnings are corners. Run ids do not depend
-on the order.
+A draw is one point of a group's design. Its repeats and crossed variants have the same fault; their
+rows are adjacent, are computed together and count once. Draws of a random, lhs or sobol design keep
+their order, because their first draws are a sample. Draws of a grid, zip or list are shuffled by
+the campaign's seed, because their first draws would be a corner of the design. Run ids do not
+depend on the order.
 """
 
 from __future__ import annotations
@@ -21,7 +21,9 @@ from ravenjax.campaign.file.group import SAMPLED, Group
 
 
 def arranged(config: CampaignConfig, table: FaultTable) -> FaultTable:
-    """The whole fault table in that order, group by group; `index` and `pair` are renumbered."""
+    """Return the whole fault table in that order, group by group, with `index` and `pair`
+    renumbered.
+    """
     order = np.arange(len(table))
     pair = table.numbers("pair")
     first_of_kind = pair == order
@@ -29,9 +31,8 @@ def arranged(config: CampaignConfig, table: FaultTable) -> FaultTable:
     start = 0
     for group in config.group:
         rows = order[start : start + sizes[group.name]]
-        kind = (
-            np.cumsum(first_of_kind[rows]) - 1
-        )  # of each row that is the first of its kind, which one it is
+        # Consecutive number, from 0, of each row that is the first of its kind.
+        kind = np.cumsum(first_of_kind[rows]) - 1
         draw = kind[pair[rows] - start] // group.repeats
         number = len(rows) // rows_of_a_draw(config, group)
         order[rows] = rows[np.argsort(_places(config, group, number)[draw], kind="stable")]
@@ -46,14 +47,14 @@ def arranged(config: CampaignConfig, table: FaultTable) -> FaultTable:
 
 
 def rows_of_a_draw(config: CampaignConfig, group: Group) -> int:
-    """How many rows each draw of a group has."""
+    """Return the number of rows of each draw of a group."""
     return group.repeats * math.prod(
         len(axis.values) for axis in {**config.cross, **group.cross}.values()
     )
 
 
 def _places(config: CampaignConfig, group: Group, number: int) -> np.ndarray:
-    """At which place each draw of a group stands, int64 [number]."""
+    """Return the position of each draw in the new order, int64 [number]."""
     if group.design in SAMPLED:
         return np.arange(number)
     return np.random.default_rng(

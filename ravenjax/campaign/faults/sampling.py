@@ -1,4 +1,4 @@
-"""Samples a design: the place of each run of a group on each axis."""
+"""Samples a design: the position of each run of a group on each axis."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from ravenjax.campaign.file.group import SAMPLED, Group
 from ravenjax.errors import UserError
 
 Key = tuple[int, str]
-"""An axis: fault slot, or -1 for a parameter; field or parameter path."""
+"""Key of an axis: (fault slot, field), or (-1, parameter path)."""
 
 
 class Sample(NamedTuple):
-    """The runs of a group, or of one entry of design "list"; repeats vary fastest, then the last
-    list.
+    """The runs of a group, or of one entry of design "list".
+
+    Repeats vary fastest, then the last list.
     """
 
     runs: int
-    repeat: (
-        np.ndarray
-    )  # int64 [runs], which repeat of its place in the design a run is; [] of the only one
-    places: dict[
-        Key, np.ndarray
-    ]  # of each axis [runs] as `Axis.at` takes them; [] of an axis of one value
+    # Which repeat of its design point a run is, int64 [runs]; [] if there is only one repeat.
+    repeat: np.ndarray
+    # Position on each axis, [runs], as `Axis.at` takes it; [] on an axis of one value.
+    places: dict[Key, np.ndarray]
 
 
 def count(group: Group, axes: Mapping[Key, Axis]) -> int:
-    """How many runs `sample` gives, repeats apart. Raises UserError for lists that cannot go
-    side by side.
+    """Return how many runs `sample` gives, without repeats.
+
+    Raises UserError if lists of design "zip" differ in length.
     """
     if group.design in SAMPLED:
         return group.runs or 0
@@ -52,8 +52,8 @@ def count(group: Group, axes: Mapping[Key, Axis]) -> int:
 
 
 def sample(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator) -> Sample:
-    """Runs of `group` over these axes. What is drawn depends on the axes' order and on `rng`
-    alone.
+    """Return the runs of `group` over these axes. The draws depend only on `rng` and on the order
+    of the axes.
     """
     different = count(group, axes)
     runs = different * group.repeats
@@ -80,15 +80,16 @@ def sample(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator) -> 
 def _draws(
     design: str, axes: Mapping[Key, Axis], rows: int, rng: np.random.Generator
 ) -> dict[Key, np.ndarray]:
-    """Places [rows] on each axis, drawn."""
+    """Draw positions on each axis, [rows]."""
     columns = _dimensions(axes)
     unit = _unit(design, rows, 1 + max(columns.values(), default=-1), rng)
     return {key: axis.places(unit[:, columns[key]]) for key, axis in axes.items()}
 
 
 def _dimensions(axes: Mapping[Key, Axis]) -> dict[Key, int]:
-    """Which dimension of the unit cube each axis is drawn along, from 0; axes of kind together
-    share one.
+    """Return the dimension of the unit cube, from 0, along which each axis is drawn.
+
+    Axes of kind `together` share a dimension.
     """
     numbers: dict[Key, int] = {}
     shared: int | None = None
@@ -104,14 +105,15 @@ def _dimensions(axes: Mapping[Key, Axis]) -> dict[Key, int]:
 
 
 def _unit(design: str, rows: int, dimensions: int, rng: np.random.Generator) -> np.ndarray:
-    """[rows, dimensions] points in the unit cube."""
+    """Return points in the unit cube, [rows, dimensions]."""
     if design == "random" or dimensions == 0:
         return rng.random((rows, dimensions))
-    # a second of import, which other designs save
+    # The import takes a second, so it is done only for these designs.
     from scipy.stats import qmc
 
     engine = qmc.LatinHypercube if design == "lhs" else qmc.Sobol
     with warnings.catch_warnings():
-        # numbers of points that are no power of two are less balanced
+        # SciPy warns if the number of points is not a power of two, because the sample is then less
+        # balanced.
         warnings.simplefilter("ignore", UserWarning)
         return engine(dimensions, rng=rng).random(rows)

@@ -1,7 +1,8 @@
-"""The columns of one fault slot over many runs, in canonical form: equal faults have equal columns.
+"""Makes the columns of one fault slot over many runs in canonical form: equal faults have equal
+columns.
 
-What an effect does not use is NaN or 0. An effect of the network names the channel that it acts
-on. Times are whole and not negative. A value that is drawn for a whole number is rounded.
+A field that an effect does not use is NaN or 0. An effect of the network names the channel that it
+acts on. Times are whole and not negative. A value that is drawn for an integer channel is rounded.
 """
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ from ravenjax.vocabulary.robot import Robot
 
 @functools.cache
 def words_of(robot: Robot) -> dict[str, tuple[str, ...]]:
-    """Columns of words, and the words that each may hold, first that of an empty slot."""
+    """Return the columns of words and the words that each may hold. The first word is that of an
+    empty slot.
+    """
     channels = dict.fromkeys(
         channel.name for site in robot.sites.values() for channel in site.channels
     )
@@ -42,7 +45,7 @@ NUMBERS: dict[str, tuple[type[np.number], float]] = {
     "every_ms": (np.int32, 0),
     "period_ms": (np.int32, 0),
 }
-"""Columns of numbers: their type, and what an empty slot holds."""
+"""Columns of numbers: type, and value in an empty slot."""
 
 FIELDS = (
     "site",
@@ -56,16 +59,16 @@ FIELDS = (
     "every_ms",
     "period_ms",
 )
-"""Columns of a slot in order, each prefixed with fault0_, fault1_, ..."""
+"""Columns of a slot in order. In the table they are prefixed with fault0_, fault1_, ..."""
 
 
 def slot(
     robot: Robot, fault: Fault, axes: Mapping[str, Axis], places: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """FIELDS of `fault` -> [runs], or [] where all runs agree; words as their places in
+    """Return FIELDS of `fault` -> [runs], or [] where all runs agree. Words are indices into
     `words_of`.
 
-    axes: of its fields but the site; places: the runs' places on them.
+    axes: axes of all fields except the site; places: the runs' positions on them.
     """
     words, site = words_of(robot), robot.sites[fault.site]
 
@@ -74,13 +77,13 @@ def slot(
 
     word = {name: codes(name, axes[name].values)[places[name]] for name in words if name != "site"}
     effect = word["effect"]
-    # an effect of the network names the channel that it acts on
+    # An effect of the network names the channel that it acts on.
     acts_on = [NETWORK_EFFECTS[e].channel if e in NETWORK_EFFECTS else "" for e in words["effect"]]
     acts = codes("channel", (c if c in words["channel"] else "" for c in acts_on))[effect]
     word["channel"] = np.where(acts > 0, acts, word["channel"])
     value = axes["value"].at(places["value"])
     if not axes["value"].listed:
-        # what is drawn for a whole number is one
+        # A value that is drawn for an integer channel is rounded to an integer.
         rounded = np.zeros((len(words["channel"]), len(words["effect"])), bool)
         for channel, name in itertools.product(site.channels, axes["effect"].listed):
             at = words["channel"].index(channel.name), words["effect"].index(name)
@@ -98,8 +101,8 @@ def slot(
 
 
 def _times(name: str, drawn: np.ndarray, axis: Axis, periodic: np.ndarray) -> np.ndarray:
-    """Times as they can be; UNTIL_END only where it stands on the axis, for a number that is
-    drawn never means it.
+    """Return valid times. UNTIL_END is kept only if the axis lists it: a drawn number never means
+    it.
     """
     if name == "period_ms":
         return np.where(periodic, np.maximum(drawn, 1), 0)

@@ -1,4 +1,6 @@
-"""Computes in which tick the faults of a run can act first, and when they have ended."""
+"""Computes the tick in which the faults of a run can first act, and the tick in which they have
+ended.
+"""
 
 from __future__ import annotations
 
@@ -10,17 +12,17 @@ from ravenjax.faults.clocks import Clocks, Opening
 from ravenjax.vocabulary.effects import TRIGGER_CODES
 
 Faults = Mapping[str, np.ndarray]
-"""As `table.arrays`, each [runs, slots]."""
+"""Fault arrays as from `table.arrays`, each [runs, slots]."""
 
 _TIME, _PACKET, _PEDAL = (TRIGGER_CODES[name] for name in ("time", "packet", "pedal"))
 
 
 def acts(faults: Faults, ticks: int) -> np.ndarray:
-    """The first tick in which a fault of each run may act, int32 [runs]; up to there it is its
-    golden run to the bit.
+    """Return the first tick in which a fault of each run may act, int32 [runs].
 
-    Where no fault acts in a run of `ticks`: that. A window that counts packets or time in
-    pedal-down opens as if each tick brought a packet, or the pedal was down from the beginning.
+    Up to that tick the run equals its golden run bit by bit. Returns `ticks` for a run in which no
+    fault acts. A fault window that counts packets is treated as if each tick brought a packet. A
+    window that counts time in pedal-down is treated as if the pedal was down from the beginning.
     """
     first = np.full(faults["code"].shape, ticks, np.int64)
     for trigger, where, _, opening in _openings(faults):
@@ -34,13 +36,13 @@ def acts(faults: Faults, ticks: int) -> np.ndarray:
 def ends(
     faults: Faults, ticks: int, observe: int | None, clocks: Clocks | None = None
 ) -> np.ndarray:
-    """The first tick that each run is not observed, int32 [runs]: `observe` ticks after its last
-    fault ended.
+    """Return the first tick in which each run is no longer observed, int32 [runs].
 
-    A run goes on to its end, `ticks`, where the end of its last fault is not known before: the
-    fault lasts, or it counts time in pedal-down and a fault may move the pedal. Without `clocks`
-    this holds for any fault that counts packets or time in pedal-down. A run without a fault goes
-    on to its end, too, and so does every run where `observe` is None.
+    This is `observe` ticks after its last fault ended. A run lasts until `ticks` if the end of its
+    last fault is not known in advance: either the fault lasts, or it counts time in pedal-down and
+    a fault may move the pedal. Without `clocks` this holds for any fault that counts packets or
+    time in pedal-down. A run without a fault also lasts until `ticks`, and so does every run if
+    `observe` is None.
     """
     shape = faults["code"].shape
     if observe is None:
@@ -61,7 +63,7 @@ def ends(
 
 
 def _openings(faults: Faults) -> Iterator[tuple[int, tuple[np.ndarray, ...], np.ndarray, Opening]]:
-    """(code of a trigger, places [runs, slots] of its faults, their runs, their windows) of each
+    """Yield (trigger code, indices [runs, slots] of its faults, their runs, their windows) of each
     trigger in use.
     """
     for trigger in (_TIME, _PACKET, _PEDAL):

@@ -1,5 +1,5 @@
-"""From the fault table to what an engine takes: the static `Injection`, and plain arrays with
-one row per run.
+"""Converts the fault table to an engine's inputs: the static `Injection`, and arrays with one row
+per run.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from ravenjax.vocabulary.effects import EFFECT_CODES, NETWORK_EFFECTS, TRIGGER_C
 from ravenjax.vocabulary.robot import Robot
 
 FOREVER_TICKS = 2**30
-"""Duration of a fault that lasts until the run ends."""
+"""Duration, in ticks, of a fault that lasts until the run ends."""
 
 WORDS = ("site", "arm", "channel", "effect", "trigger")
 
@@ -30,25 +30,27 @@ ARRAYS = {
     "period": np.int32,
     "key": np.uint32,
 }
-"""The numbers of a fault, as `faults.fault.FaultSlot` has them."""
+"""The numbers of a fault, as in `faults.fault.FaultSlot`."""
 
 SHARED = "shared_id"
-"""Column of a fault table with crossed parameters: the id of the first of the runs that differ
-in those alone.
+"""Column of a fault table with crossed parameters.
+
+It holds the id of the first of the runs that differ only in those parameters.
 """
 
 Target = tuple[str, str, str]
-"""Site, arm ("" where the site has none), channel."""
+"""(site, arm, channel); arm is "" if the site has none."""
 
 
 def slots(table: FaultTable) -> int:
-    """Fault slots that the table has columns for."""
+    """Return the number of fault slots that the table has columns for."""
     return sum(name.startswith("fault") and name.endswith("_site") for name in table)
 
 
 def injection(table: FaultTable, robot: Robot) -> Injection:
-    """The fault machinery that the table needs, in the order of the robot's sites: the rows'
-    order does not count.
+    """Return the fault machinery that the table needs, in the order of the robot's sites.
+
+    The order of the rows does not matter.
     """
     effects: dict[Target, set[str]] = {}
     triggers: set[str] = set()
@@ -80,16 +82,18 @@ def injection(table: FaultTable, robot: Robot) -> Injection:
 
 
 def targets(injection: Injection) -> list[Target]:
-    """The flattened channels of an injection; a fault's code is its place in here, from 1."""
+    """Return the flattened channels of an injection. A fault's code is its position in this list,
+    from 1.
+    """
     return [(use.site, arm, channel) for use in injection.sites for arm, channel in use.channels]
 
 
 def arrays(table: FaultTable, injection: Injection) -> dict[str, np.ndarray]:
-    """The faults of each run, arrays [runs, injection.slots]; an empty slot has code 0.
+    """Return the faults of each run as arrays [runs, injection.slots]. An empty slot has code 0.
 
-    code, effect, trigger int32; value float32; start, duration, every, period int32 in ticks of 1
-    ms (start in packets with trigger "packet"); key uint32, the stream of random numbers of that
-    run and slot.
+    code, effect and trigger are int32; value is float32. start, duration, every and period are
+    int32 in ticks of 1 ms; start counts packets with trigger "packet". key is uint32: the
+    random-number stream of that run and slot.
     """
     code_of = {target: code for code, target in enumerate(targets(injection), start=1)}
     out = {name: np.zeros((len(table), injection.slots), dtype) for name, dtype in ARRAYS.items()}
@@ -121,24 +125,22 @@ def arrays(table: FaultTable, injection: Injection) -> dict[str, np.ndarray]:
 
 
 def shared_ids(table: FaultTable) -> np.ndarray:
-    """What random numbers follow from, uint64 [rows]: each run's id, or its first sibling's
-    where they are crossed.
+    """Return the id that decides each run's random numbers, uint64 [rows].
+
+    It is the run's id, or with crossed parameters that of the first run that differs only in those.
     """
     return table.numbers(SHARED if SHARED in table else "run_id")
 
 
 class _Words:
-    """The words of one slot: each row as the number of its combination, and what the
-    combinations are.
-    """
+    """The words of one slot: the number of each row's combination, and the combinations."""
 
     def __init__(self, table: FaultTable, slot: int) -> None:
         columns = [table.words(f"fault{slot}_{name}") for name in WORDS]
         sizes = [len(column.categories) for column in columns]
         self.size = math.prod(sizes)
-        self.number = np.ravel_multi_index(
-            [column.codes for column in columns], sizes
-        )  # int64 [rows]
+        # int64 [rows]
+        self.number = np.ravel_multi_index([column.codes for column in columns], sizes)
         present = np.flatnonzero(np.bincount(self.number, minlength=self.size))
         places = np.stack(np.unravel_index(present, sizes), axis=1)
         self.combinations = {
@@ -148,7 +150,7 @@ class _Words:
 
 
 def parameters(table: FaultTable) -> dict[str, np.ndarray]:
-    """The varied parameters by path, float64 [runs]; NaN stands for the robot's own value."""
+    """Return the varied parameters by path, float64 [runs]. NaN means the robot's value."""
     return {
         name.removeprefix("param:"): table.numbers(name).astype(np.float64, copy=False)
         for name in table

@@ -1,1 +1,3 @@
-"""The campaign file: what may be written, what it means, and what to say where it is wrong."""
+"""Defines and checks the campaign file: which keys it has, what they mean, and the error
+messages.
+"""

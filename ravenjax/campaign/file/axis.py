@@ -1,7 +1,7 @@
 """An axis of a campaign: one value, a list of values, or a distribution to draw from.
 
-A list may also be written `{ list = [..] }`. That says that its values are levels, and not one
-value for each number of a vector.
+A list may also be written `{ list = [..] }`. This states that its values are levels, not the
+numbers of a vector.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ DISTRIBUTIONS = {
 
 
 LIST = "list"
-"""A list that says of itself that it is one: each of its values is a run's."""
+"""Marks a list as a list of levels: each run gets one of its values."""
 
 FORMS = {**DISTRIBUTIONS, LIST: "[value, value, ..], the same as a plain list"}
-"""What a table may be in place of a value."""
+"""Tables that may be written in place of a value."""
 
 _PAIRS = ("uniform", "loguniform", "normal")
 
@@ -51,26 +51,26 @@ PHASE_FORMS = {
     f'{{ {PHASE} = "fast", {SHARE} = [0, 0.5, 1] }}': "a list of such",
     f'[500, {{ {PHASE} = "slow", {SHARE} = 0.1 }}]': "a list of both; so is `{ choice = [..] }`",
 }
-"""What `start_ms` may be beside a time, with the phase `fast`."""
+"""Tables that `start_ms` may hold in place of a time, shown with the phase `fast`."""
 
 LONGEST_MS = 1_000_000_000
-"""No time of a fault is longer; the longest run is 3 600 000 ms."""
+"""Upper bound of all times of a fault. The longest run is 3 600 000 ms."""
 
 END = "end"
 UNTIL_END = -1
-"""`duration_ms` of a fault that lasts until the run ends, in tables; a file has END."""
+"""`duration_ms` of a fault that lasts until the run ends, in tables. A file has END instead."""
 
 TAIL = 7.04
-"""Standard deviations: `Axis.at` of a normal distribution never goes farther (quantiles from
+"""Standard deviations beyond which `Axis.at` never draws from a normal distribution (quantiles from
 1e-12).
 """
 
 
 class Moment(NamedTuple):
-    """A time by its place among the milliseconds of a phase."""
+    """A time, given as a share of the milliseconds of a phase."""
 
     phase: str
-    share: float  # 0: the first, 1: the last
+    share: float  # 0: the first millisecond, 1: the last
 
     def __repr__(self) -> str:
         return f'{{phase = "{self.phase}", share = {self.share:g}}}'
@@ -80,18 +80,18 @@ class Moment(NamedTuple):
 class Axis:
     """Values of one field over the runs of a group.
 
-    `fixed` holds one value; `list` is enumerated by grid and zip and drawn from by random, lhs and
-    sobol; the others are always drawn from. `phase` holds the phase's name; where its motion is
-    known, then (begin, end) of each stretch of its milliseconds, int, ascending, from begin to
-    before end.
+    `fixed` holds one value. `list` is enumerated by designs grid and zip, and drawn from by random,
+    lhs and sobol. All other kinds are always drawn from. `phase` holds the phase's name. Once the
+    motion is known, it holds (begin, end) of each stretch of the phase's milliseconds: integers,
+    ascending, from begin to before end.
     """
 
     kind: Kind
     values: tuple[Any, ...]
-    explicit: bool = False  # a list that was written { list = [..] }
+    explicit: bool = False  # written as { list = [..] }
 
     def written(self) -> Any:
-        """As it is written in a campaign file."""
+        """Return the axis as it is written in a campaign file."""
         values = [value._asdict() if isinstance(value, Moment) else value for value in self.values]
         if self.kind in ("fixed", PHASE):
             return values[0] if self.kind == "fixed" else {PHASE: values[0]}
@@ -104,35 +104,36 @@ class Axis:
 
     @property
     def listed(self) -> tuple[Any, ...]:
-        """The values that it can take where they are countable, else ()."""
+        """The values that the axis can take if they are countable, else ()."""
         return () if self.kind in (*_PAIRS, PHASE) else self.values
 
     @property
     def extent(self) -> tuple[float, float]:
-        """Least and greatest number that a distribution of numbers may draw."""
+        """Least and greatest number that the axis may draw, if it is a distribution of numbers."""
         low, high = self.values
         return (low - TAIL * high, low + TAIL * high) if self.kind == "normal" else (low, high)
 
     @property
     def phases(self) -> tuple[str, ...]:
-        """The phases that its values are places in, each once."""
+        """The phases that the axis refers to, each once."""
         if self.kind == PHASE:
             return self.values[:1]
         return tuple(dict.fromkeys(v.phase for v in self.values if isinstance(v, Moment)))
 
     def places(self, unit: np.ndarray) -> np.ndarray:
-        """The quantiles `unit` [n] in [0, 1) as `at` takes them: each listed value has an equal
-        share of them.
+        """Convert the quantiles `unit` [n] in [0, 1) to positions as `at` takes them.
+
+        Each listed value gets an equal share of them.
         """
         if not self.listed:
             return unit
         return np.minimum((unit * len(self.values)).astype(np.int64), len(self.values) - 1)
 
     def at(self, places: np.ndarray, whole: bool = False) -> np.ndarray:
-        """The numbers at `places`, float64 of the same shape: numbers of listed values, else
-        quantiles in [0, 1).
+        """Return the numbers at `places`, float64 of the same shape.
 
-        whole: drawn numbers are rounded to whole ones; listed ones stay as they were written.
+        places: indices of listed values, else quantiles in [0, 1). whole: drawn numbers are rounded
+        to integers; listed ones stay as they were written.
         """
         if self.listed:
             numbers = [UNTIL_END if value == END else value for value in self.values]
@@ -146,7 +147,8 @@ class Axis:
             )
         low, high = (float(v) for v in self.values)
         if self.kind == "normal":
-            from scipy.special import ndtri  # slow to import
+            # Slow to import.
+            from scipy.special import ndtri
 
             numbers = low + high * ndtri(np.clip(places, 1e-12, 1.0 - 1e-12))
         elif self.kind == "loguniform":
@@ -161,30 +163,31 @@ class Axis:
 
 
 def fixed(value: Any) -> Axis:
-    """The axis of one value."""
+    """Make the axis of one value."""
     return Axis("fixed", (value,))
 
 
 @dataclasses.dataclass(frozen=True)
 class OneValue:
-    """What one value of an axis may be, and which tables may stand in its place."""
+    """Defines what one value of an axis may be, and which tables may replace it."""
 
-    expected: str  # in words
-    parsed: Callable[[Any], Any]  # itself; ValueError for what it is not
+    expected: str  # in words, for messages
+    # Returns the value; raises ValueError for an invalid one.
+    parsed: Callable[[Any], Any]
     schema: dict[str, Any]  # JSON Schema
     forms: tuple[str, ...] = ("uniform", "loguniform", "normal", "choice", LIST)
     least: float = -math.inf
     largest: float = math.inf
 
     def value(self, raw: Any) -> Any:
-        """One value; ValueError with what was expected."""
+        """Parse one value. Raises ValueError with what was expected."""
         value = self.parsed(raw)
         if isinstance(value, int | float) and not self.least <= value <= self.largest:
             raise ValueError(f"got {shown(raw)}, expected {self.expected}")
         return value
 
     def axis(self, raw: Any) -> Axis:
-        """Of what stands in a file: a value, a list, or a table."""
+        """Parse the content of a key in a file: a value, a list, or a table."""
         if isinstance(raw, Axis):
             return raw
         if not isinstance(raw, Mapping | list | tuple):
@@ -218,14 +221,14 @@ class OneValue:
         if kind == "loguniform" and first <= 0:
             raise ValueError(f"loguniform = [low, high]: both must be above 0, got {first!r}")
         axis = Axis(kind, (first, second))
-        # the tail of a bell is cut at the least value
+        # A normal distribution is cut at the least value, so only its upper end is checked.
         least = -self.largest if kind == "normal" else self.least
         if not least <= axis.extent[0] <= axis.extent[1] <= self.largest:
             raise ValueError(f"got {kind} = {shown(list(raw))}, expected {self.expected}")
         return axis
 
     def json_schema(self) -> dict[str, Any]:
-        """Of what a file may write."""
+        """Return the JSON Schema of what a file may contain here."""
         some = {"type": "array", "items": self.schema, "minItems": 1}
         pair = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
         properties = {
@@ -246,7 +249,7 @@ class OneValue:
         }
 
     def annotation(self, parsed: Callable[[Any], Axis] | None = None) -> Any:
-        """The type of a key that takes an axis of such values."""
+        """Return the type annotation of a key that takes an axis of such values."""
         return Annotated[
             Any,
             BeforeValidator(parsed or self.axis),
@@ -264,7 +267,7 @@ def _number(raw: Any) -> int | float:
 
 
 def times(least: int, endless: bool = False) -> OneValue:
-    """Times from `least` ms on; endless: or END."""
+    """Times of at least `least` ms; endless: or END."""
     expected = f"a whole number of milliseconds from {least} to {LONGEST_MS}"
     schema: dict[str, Any] = {"type": "integer", "minimum": least, "maximum": LONGEST_MS}
     if endless:
@@ -281,7 +284,7 @@ def times(least: int, endless: bool = False) -> OneValue:
 
 
 def words(what: str, known: Iterable[str] | None = None) -> OneValue:
-    """Texts; known: the only ones that there are."""
+    """Texts. known: the allowed texts; None: any."""
 
     expected = f"the name of {'an' if what[0] in 'aeiou' else 'a'} {what}"
 
@@ -315,8 +318,10 @@ _MOMENTS = dataclasses.replace(
 
 
 def _onset(raw: Any) -> Axis:
-    """When a fault begins: a time, or a place in a phase of the operation. Which milliseconds
-    belong to a phase follows from the operator's motion, see `ravenjax.campaign.faults.moments`.
+    """Parse the time when a fault begins: a time, or a position in a phase of the operation.
+
+    Which milliseconds belong to a phase depends on the operator's motion, see
+    `ravenjax.campaign.faults.moments`.
     """
     if not _is_place(raw):
         return _MOMENTS.axis(raw)
@@ -329,7 +334,7 @@ def _onset(raw: Any) -> Axis:
 
 
 def _is_place(raw: Any) -> bool:
-    """Whether it is a place in a phase."""
+    """Return whether `raw` is a position in a phase."""
     return isinstance(raw, Mapping) and bool(raw.keys() & {PHASE, SHARE})
 
 

@@ -1,7 +1,7 @@
-"""The parameters of a campaign: what each may be, as the records of its robot say, and what is
-wrong with those that a file varies.
+"""Checks the parameters that a campaign varies against the ranges that its robot's records declare.
 
-It takes the records of the robot's tick, so a file's parameters are looked at when it is planned.
+This imports the records of the robot's tick, so parameters are checked when a campaign is planned,
+not when its file is read.
 """
 
 from __future__ import annotations
@@ -21,41 +21,43 @@ from ravenjax.vocabulary.robot import Robot
 
 @functools.cache
 def rows(robot: Robot) -> tuple[tuple[str, Quantity], ...]:
-    """(path as `plain` gives it, what it may be) of each parameter, in order; two where joints
-    are unlike.
+    """Return (path as from `plain`, allowed values) of each parameter, in order.
+
+    A parameter has two entries if its joints are unlike.
     """
     return tuple(quantity.quantities(robot.part("campaign").Params))
 
 
 @functools.cache
 def names(robot: Robot) -> frozenset[str]:
-    """Every word of a parameter's path but arms and numbers."""
+    """Return every word that occurs in a parameter's path, except arms and numbers."""
     return paths.components(robot.joints).union(*(path.split(".") for path, _ in rows(robot)))
 
 
 @functools.cache
 def _reserved(robot: Robot) -> tuple[tuple[str, str], ...]:
-    """(path, why) of parameters, or all that begin so, that a campaign must leave alone; longer
-    paths first.
+    """Return (path or beginning of paths, reason) of parameters that a campaign must not vary.
+
+    Longer paths come first.
     """
     rows_of = quantity.reserved(robot.part("campaign").Params)
     return tuple(sorted(rows_of, key=lambda row: len(row[0]), reverse=True))
 
 
 def plain(robot: Robot, path: str) -> str:
-    """A parameter's path without arm, number of a set, joint or axis."""
+    """Return a parameter's path without arm, number of a set, joint or axis."""
     return paths.plain(path, robot.arms, robot.joints)
 
 
 Ranges = tuple[tuple[str, Quantity], ...]
-"""(path as `plain` gives it, what it may be) of parameters."""
+"""(path as from `plain`, allowed values) of parameters."""
 
 
 def of(robot: Robot, path: str, more: Ranges = ()) -> list[Quantity]:
-    """What `path` may be: one for a single number, more where it names a whole vector of unlike
-    ones.
+    """Return what the parameter at `path` may be: several entries if it names a vector of unlike
+    numbers.
 
-    more: parameters that a campaign has beside those of its robot.
+    more: parameters that a campaign has in addition to those of its robot.
     """
     kind, last = plain(robot, path), path.rpartition(".")[2]
     matches = [row for name, row in (*rows(robot), *more) if name == kind]
@@ -65,8 +67,9 @@ def of(robot: Robot, path: str, more: Ranges = ()) -> list[Quantity]:
 
 
 def reserved(robot: Robot, path: str) -> str:
-    """Why a campaign must leave a parameter alone, and what to write instead; "" for one that it
-    may vary.
+    """Return why a campaign must not vary a parameter, and what to write instead.
+
+    Returns "" for a parameter that it may vary.
     """
     kind = plain(robot, path)
     return next(
@@ -80,7 +83,7 @@ def reserved(robot: Robot, path: str) -> str:
 
 
 def complaints(config: CampaignConfig) -> Iterator[Complaint]:
-    """(key, message) of what is wrong with the values of parameters, whatever paths there are."""
+    """Yield (key, message) of each invalid parameter value, without a check of the paths."""
     first: dict[str, Key] = {}
     more = config.own_ranges
     for key, table in config.parameter_tables():
@@ -100,7 +103,7 @@ def complaints(config: CampaignConfig) -> Iterator[Complaint]:
 
 
 def unfit(config: CampaignConfig, known: Iterable[str]) -> Iterator[Complaint]:
-    """(key, message) of each unknown path, and of each list that reads like a vector."""
+    """Yield (key, message) of each unknown path, and of each list that looks like a vector."""
     known = list(known)
     for key, table in config.parameter_tables():
         for path, axis in table.items():
@@ -109,7 +112,7 @@ def unfit(config: CampaignConfig, known: Iterable[str]) -> Iterator[Complaint]:
 
 
 def _beside(config: CampaignConfig, key: Key) -> Iterator[dict[str, Axis]]:
-    """The tables of parameters that a table of crossed ones is used with."""
+    """Yield the tables of parameters that are used together with a table of crossed ones."""
     yield config.parameters
     for number, group in enumerate(config.group):
         if key[1:2] in ((), (number,)):
@@ -138,7 +141,7 @@ def _unfit(robot: Robot, path: str, axis: Axis, known: list[str]) -> str:
 
 
 def out_of_range(axis: Axis, row: Quantity) -> str:
-    """What is wrong with the values that a parameter would take; "" where nothing is."""
+    """Return what is wrong with the values of a parameter; "" if nothing is."""
     if row.whole and axis.drawn and not axis.listed:
         return f"{axis.kind} draws fractions, expected {row}; write {{choice = [..]}}"
     drawn = "" if axis.listed else f"{axis.kind} = {shown(list(axis.values))}, which may draw "
@@ -149,11 +152,13 @@ def out_of_range(axis: Axis, row: Quantity) -> str:
 
 
 def overlap(robot: Robot, path: str, other: str) -> bool:
-    """Whether two different paths of parameters name a number in common."""
+    """Return whether two different paths of parameters name a number in common."""
     components = paths.components(robot.joints)
 
     def marks(path: str) -> list[list[str]]:
-        """Arm, numbers and component; what a path leaves out stands for every one."""
+        """Return arm, numbers and component of a path. A part that the path leaves out stands for
+        all.
+        """
         parts = path.split(".")
         arms, numbers = [p for p in parts if p in robot.arms], [p for p in parts if p.isdecimal()]
         return [arms, numbers, [p for p in parts[-1:] if p in components]]

@@ -1,6 +1,7 @@
-"""The whole campaign file: its sections together, what follows from them, and what a robot may add.
+"""The model of a whole campaign file: all sections, what follows from them, and what a robot may
+add.
 
-`loading` reads a file, `semantics` checks its words.
+`loading` reads a file and `semantics` checks rules that involve several sections.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ class CampaignConfig(Section):
     detector: tuple[Detector, ...] = ()
     """observers that are scored"""
     check: tuple[OwnCheck, ...] = ()
-    """checks of your own that stand in the loop"""
+    """your own checks in the loop"""
     outcomes: Outcomes = Outcomes()
     stop: Stop | None = None
     """when to stop; without it the whole table is computed"""
@@ -95,20 +96,22 @@ class CampaignConfig(Section):
 
     @property
     def source(self) -> Path | None:
-        """The file that it was read from."""
+        """The file that the campaign was read from."""
         return self._source
 
     def with_source(self, path: Path) -> CampaignConfig:
-        """Itself, read from `path`, and the files that it names taken from there. Raises
-        UserError.
+        """Return a copy read from `path`, which also locates the files that the campaign names.
+
+        Raises UserError.
         """
         new = self.with_files(path.parent)
         new._source = path
         return new
 
     def with_files(self, folder: Path) -> CampaignConfig:
-        """Itself, the files that it names taken from `folder`. Raises UserError for one that
-        cannot be used.
+        """Return a copy in which the files that it names are located in `folder`.
+
+        Raises UserError for a file that cannot be used.
         """
         detectors = [own_part.located(one, folder, "detector", one.name) for one in self.detector]
         checks = [own_part.located(one, folder, "check", one.name) for one in self.check]
@@ -116,14 +119,14 @@ class CampaignConfig(Section):
 
     @property
     def detectors(self) -> tuple[tuple[str, DetectorUse, tuple[float, ...]], ...]:
-        """(name, detector, thresholds) of every one, in order."""
+        """(name, detector, thresholds) of every detector, in order."""
         return tuple(
             (name, use, one.threshold) for one in self.detector for name, use in one.uses()
         )
 
     @property
     def rules(self) -> events.Rules:
-        """What it chooses of the definitions of outcomes."""
+        """The campaign's choices in the definitions of outcomes."""
         built_in = built_in_column(self.own_checks, self.stops)
         cue, jump = self.outcomes.cue, f"jump_{self.outcomes.jump}"
         return events.Rules(
@@ -132,7 +135,7 @@ class CampaignConfig(Section):
 
     @property
     def robot(self) -> Robot:
-        """The robot that it is of, with the campaign's own checks."""
+        """The campaign's robot, with the user's checks added."""
         return robots.find(self.campaign.robot).with_checks(self.own_checks)
 
     @property
@@ -147,28 +150,28 @@ class CampaignConfig(Section):
 
     @property
     def watches_cables(self) -> bool:
-        """Whether what its robot's cables carry is an outcome."""
+        """Whether overload of the robot's cables is an outcome."""
         return False
 
     @property
     def touches(self) -> bool:
-        """Whether what its robot presses on is an outcome."""
+        """Whether contact of the robot with its surroundings is an outcome."""
         return False
 
     @property
     def slots(self) -> int:
-        """Fault slots that a run needs."""
+        """Number of fault slots that a run needs."""
         return max(len(group.fault) for group in self.group)
 
     # --- what a robot may add ---
 
     @property
     def robot_label(self) -> str:
-        """What runs, in words."""
+        """Description of what runs, in words."""
         return self.robot.title
 
     def lines(self) -> Iterator[tuple[str, str]]:
-        """(what, in words) of what the file says of the robot and its operator."""
+        """Yield (name, value in words) of what the file says about the robot and its operator."""
         arms, noise = self.campaign.arms, ", with noise" if self.campaign.noise else ""
         yield "robot", f"{self.robot_label}, {' and '.join(arms)} arm{'s' * (len(arms) > 1)}{noise}"
         if self.campaign.observe_ms is not None:
@@ -178,12 +181,12 @@ class CampaignConfig(Section):
             )
 
     def settings(self) -> dict[str, Any]:
-        """The same as JSON has it."""
+        """The content of `lines` as values for JSON."""
         return {"robot": self.robot.name}
 
     @property
     def substeps(self) -> int:
-        """Steps of the plant in a tick."""
+        """Steps of the plant per tick."""
         return 1
 
     @property
@@ -198,12 +201,12 @@ class CampaignConfig(Section):
 
     @property
     def random_packets(self) -> bool:
-        """Whether each run draws the lengths of the console's packets."""
+        """Whether each run draws the durations of the console's packets."""
         return False
 
     @property
     def cycles_a_packet(self) -> float:
-        """Control cycles that a packet of the console lasts at the mean."""
+        """Mean number of control cycles per packet of the console."""
         return 1.0
 
     def generated_motions(self) -> tuple[str, ...]:
@@ -211,11 +214,11 @@ class CampaignConfig(Section):
         return ()
 
     def complaints(self) -> Iterator[Complaint]:
-        """(key, message) of what is wrong with the robot's own words."""
+        """Yield (key, message) of what is wrong with the keys that this robot adds."""
         return iter(())
 
     def parameter_tables(self) -> Iterator[tuple[Key, dict[str, Axis]]]:
-        """(key, {path: axis}) of every table of parameters in the file."""
+        """Yield (key, {path: axis}) of every table of parameters in the file."""
         yield ("parameters",), self.parameters
         yield ("cross",), self.cross
         for g, group in enumerate(self.group):
@@ -225,20 +228,21 @@ class CampaignConfig(Section):
                 yield ("group", g, "run", r, "parameters"), run.parameters
 
     def unread(self, path: str) -> str:
-        """Why nothing reads the parameter of that path in this campaign; "" where something
+        """Return why nothing reads the parameter at `path` in this campaign; "" if something
         does.
         """
         return ""
 
     def says_beyond(self, fault: Fault) -> bool:
-        """Whether values of a fault that a word does not hold are meant."""
+        """Return whether the user meant values of a fault that exceed the range of a word."""
         return fault.wraps
 
     def deciding(self) -> dict[str, Any]:
-        """What decides the outcome of every run alike, for run ids. What is at its default is
-        left out.
+        """Return what decides the outcome of every run alike, for run ids.
+
+        Keys at their default are left out.
         """
-        # A key that is added later then changes no id of before.
+        # Because defaults are left out, a key that is added later does not change existing ids.
         deciding_nothing = {"name", "description", "seed", "limit", "chunk"}
         stops = [
             [part.digest(use.part), use.consecutive, thresholds[0]]
@@ -246,7 +250,7 @@ class CampaignConfig(Section):
             if use.stops and use.part is not None
         ]
         checks = [
-            # paths of parameters have the name
+            # The name is part of the paths of parameters.
             [c.name, part.digest(c.part), c.at, c.acts, c.consecutive, c.threshold]
             for c in self.check
             if c.acts != "watch"
@@ -267,8 +271,9 @@ class CampaignConfig(Section):
 
     @property
     def own_ranges(self) -> tuple[tuple[str, Quantity], ...]:
-        """(path, what it may be) of each parameter of parts with a file. Raises UserError for an
-        unusable one.
+        """(path, allowed values) of each parameter of the user's files.
+
+        Raises UserError for a file that cannot be used.
         """
         thresholds = tuple((f"checks.threshold.{one.name}", part.THRESHOLD) for one in self.check)
         return thresholds + tuple(
@@ -278,7 +283,7 @@ class CampaignConfig(Section):
         )
 
     def own_parts(self) -> Iterator[tuple[str, OwnSource]]:
-        """(beginning of its parameters' paths, code) of each of the user's files. Raises
+        """Yield (beginning of its parameters' paths, code) of each of the user's files. Raises
         UserError.
         """
         for one in self.detector:
@@ -289,19 +294,22 @@ class CampaignConfig(Section):
 
 
 def robot_of(raw: Any) -> Robot:
-    """The robot that a campaign's tables name. Raises UserError."""
+    """Return the robot that a campaign's tables name. Raises UserError."""
     campaign = raw.get("campaign") if isinstance(raw, dict) else None
     name = campaign.get("robot", robots.DEFAULT) if isinstance(campaign, dict) else robots.DEFAULT
     return robots.find(name if isinstance(name, str) else robots.DEFAULT)
 
 
 def config_class_of(robot: Robot) -> type[CampaignConfig]:
-    """The model of a campaign's tables for a robot: its own, or that of any robot."""
+    """Return the model of a campaign's tables for a robot: the robot's own model, or the general
+    one.
+    """
     return getattr(robot.part("campaign"), "Config", CampaignConfig)
 
 
 def validated(raw: Any) -> CampaignConfig:
-    """The campaign of nested tables, as a manifest holds them. Raises ValidationError and
-    UserError.
+    """Return the campaign of nested tables, as a manifest holds them.
+
+    Raises ValidationError and UserError.
     """
     return config_class_of(robot_of(raw)).model_validate(raw)

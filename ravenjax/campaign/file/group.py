@@ -1,5 +1,5 @@
-"""A group of runs: its fault slots, its design, and what a file may write for each. Pydantic
-models.
+"""Pydantic models of a group of runs: its fault slots, its design, and the keys of both in a
+file.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from ravenjax.vocabulary.effects import EFFECTS, MAX_SLOTS, TRIGGERS
 from ravenjax.vocabulary.sites import Site
 
 ALL = "*"
-"""`channel` that stands for every channel of the site."""
+"""Value of `channel` that means every channel of the site."""
 
 Design = Literal["grid", "zip", "list", "random", "lhs", "sobol"]
 DESIGNS: dict[Design, str] = {
@@ -44,7 +44,7 @@ DESIGNS: dict[Design, str] = {
         " power of two"
     ),
 }
-"""How lists and distributions become runs."""
+"""Designs, and how each turns lists and distributions into runs."""
 
 SAMPLED: tuple[Design, ...] = ("random", "lhs", "sobol")
 
@@ -54,7 +54,7 @@ PATHS = ("parameters", "cross")
 
 
 def flatten_parameters(raw: Any) -> Any:
-    """A table in which the nested tables of PATHS have become dotted paths; distributions stay."""
+    """Convert the nested tables of PATHS into dotted paths. Distributions stay tables."""
     if not isinstance(raw, dict):
         return raw
 
@@ -74,7 +74,7 @@ def flatten_parameters(raw: Any) -> Any:
 
 
 def crossed(axes: dict[str, Axis]) -> dict[str, Axis]:
-    """The axes of a table `cross`; ValueError for one that is drawn."""
+    """Return the axes of a table `cross`. Raises ValueError for one that is drawn."""
     for path, axis in axes.items():
         if axis.drawn:
             raise ValueError(
@@ -88,13 +88,14 @@ Cross = Annotated[dict[str, Number], AfterValidator(crossed)]
 
 
 _MISSPELT = 0.7
-"""Ratio of difflib from which on a word counts as another, misspelt."""
+"""Ratio of difflib from which on a word counts as a misspelling of another."""
 
 
 def _is_distribution(table: dict[str, Any]) -> bool:
-    """Also of a misspelt one, or of one without its list, which is then refused as such.
+    """Return whether a table is a distribution, also a misspelt one or one without its list.
 
-    Nearer to the word than any joint of a robot is: `wrist` is like `list`.
+    Such a table is later refused as a distribution. The word must be nearer to a distribution than
+    to any joint of a robot: `wrist` resembles `list`.
     """
     return len(table) == 1 and all(
         key in FORMS
@@ -145,7 +146,7 @@ class Fault(Section):
 
     @model_validator(mode="after")
     def _fits(self) -> Fault:
-        """ValueError for what no robot can make of its keys; the message names the key."""
+        """Check the keys without a robot. Raises ValueError with a message that names the key."""
         if self.start_ms.phases and self.trigger.listed != ("time",):
             raise ValueError(
                 f"start_ms: got phase {self.start_ms.phases[0]!r}, expected trigger = 'time': the"
@@ -161,13 +162,13 @@ class Fault(Section):
         return self
 
     def axes(self) -> Iterator[tuple[str, Axis]]:
-        """(key, axis) of each key that takes an axis and is there."""
+        """Yield (key, axis) of each key that is present and takes an axis."""
         for name in Fault.model_fields:
             if isinstance(axis := getattr(self, name), Axis):
                 yield name, axis
 
     def channels(self, site: Site) -> Axis:
-        """Names of the channels of its site; "" where it names none and the site has several."""
+        """Return the channels of the fault's site; "" if it names none and the site has several."""
         names = tuple(channel.name for channel in site.channels)
         if self.channel is None:
             return fixed(names[0] if len(names) == 1 else "")
@@ -200,9 +201,9 @@ class Group(Section):
     runs: int | None = Field(default=None, ge=1, le=100_000_000)
     """how many are drawn; of designs random, lhs, sobol, and only there"""
     repeats: int = Field(default=1, ge=1, le=1_000_000)
-    """each run so many times, with seeds of its own"""
+    """number of repeats of each run, each with other seeds"""
     fault: tuple[Fault, ...] = Field(default=(), max_length=MAX_SLOTS)
-    """faults that strike in the same run; none: fault-free runs"""
+    """faults that act in the same run; none: fault-free runs"""
     run: tuple[Run, ...] = ()
     """the runs of design list"""
     parameters: dict[str, Number] = Field(default_factory=dict)
@@ -213,7 +214,7 @@ class Group(Section):
     @model_validator(mode="before")
     @classmethod
     def _flat(cls, raw: Any) -> Any:
-        # a file's groups that name hazards are plain groups before they come here
+        # In a file, groups that name hazards are replaced by plain groups before this check.
         if isinstance(raw, dict) and "hazards" in raw:
             raise ValueError(
                 'a group that names hazards is a dict in Python: {"name": .., "hazards": [..]}'
@@ -253,7 +254,9 @@ class Group(Section):
         return self
 
     def faults_of(self, run: Run) -> tuple[Fault, ...]:
-        """The group's faults with what one run of design "list" replaces."""
+        """Return the group's faults with the keys replaced that one run of design "list"
+        replaces.
+        """
         return tuple(
             Fault.model_validate(
                 {**{name: getattr(fault, name) for name in Fault.model_fields}, **replaced}

@@ -1,5 +1,7 @@
-"""Finds and reads a TOML file; on which line of it a key is written, which tomllib does not say;
-complaints that name it."""
+"""Finds and reads TOML files, locates each key's line, and makes error messages that name it.
+
+The line numbers are computed here because tomllib does not provide them.
+"""
 
 from __future__ import annotations
 
@@ -27,15 +29,15 @@ Complaint = tuple[Key, str]
 """A key, and what is wrong with it."""
 
 MOST_COMPLAINTS = 12
-"""Complaints printed before the rest is only counted."""
+"""Number of complaints that are printed; further ones are only counted."""
 
 
 def find(path: str | Path, folder: str, what: str, listing: str = "") -> Path:
-    """The file that `path` names: as it is, in ./`folder`, or a bundled one; .toml may be left out.
-    Raises UserError.
+    """Return the file that `path` names: as given, in ./`folder`, or a bundled one. `.toml` may be
+    left out.
 
-    what: "campaign", "search" ..; listing: the command that lists the bundled ones, where an error
-    does not.
+    what: "campaign", "search" ..; listing: command that lists the bundled files, if the error does
+    not. Raises UserError.
     """
     if not isinstance(path, str | os.PathLike) or not str(path):
         raise UserError(
@@ -62,28 +64,28 @@ def find(path: str | Path, folder: str, what: str, listing: str = "") -> Path:
 
 
 def read(path: Path) -> tuple[dict[str, Any], str]:
-    """The tables of a TOML file, and its text. Raises UserError."""
+    """Return the tables of a TOML file, and its text. Raises UserError."""
     try:
-        text = path.read_text(encoding="utf-8-sig")  # some editors put a byte order mark first
+        # Some editors write a byte order mark first.
+        text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise UserError(f"{path}: cannot be read: {error}. Expected a TOML file in UTF-8") from None
     return parsed(text, str(path)), text
 
 
 def parsed(text: str, name: str) -> dict[str, Any]:
-    """The tables of a text in TOML; `name` says what it is of. Raises UserError."""
+    """Return the tables of a TOML text; `name` describes the text in errors. Raises UserError."""
     try:
         return tomllib.loads(text)
-    except (
-        ValueError,
-        RecursionError,
-    ) as error:  # ValueError also where a number has thousands of digits
+    # tomllib also raises ValueError where a number has thousands of digits.
+    except (ValueError, RecursionError) as error:
         raise UserError(f"{name}: not valid TOML: {error}") from None
 
 
 def message(error: Any, model: type[BaseModel], hint: str = "") -> str:
-    """What is wrong by an error of pydantic's in a table of this model; hint: where an unknown
-    key belongs.
+    """Return the message for a pydantic error in a table of this model.
+
+    hint: where an unknown key belongs.
     """
     kind, key = error["type"], str(error["loc"][-1]) if error["loc"] else ""
     if kind == "extra_forbidden":
@@ -112,8 +114,9 @@ def message(error: Any, model: type[BaseModel], hint: str = "") -> str:
 
 
 def dotted(key: Key) -> str:
-    """`group[0].fault[1].site` of a key; a part that holds dots itself reads the same as nested
-    tables.
+    """Return a key as text, such as `group[0].fault[1].site`.
+
+    A part that contains dots reads the same as nested tables.
     """
     text = ""
     for part in key:
@@ -125,10 +128,10 @@ def dotted(key: Key) -> str:
 
 
 def lines(text: str) -> dict[str, int]:
-    """Line number, from 1, of each table header and key, by dotted key; entries of arrays of tables
-    count from 0.
+    """Return the line number, from 1, of each table header and key, by dotted key.
 
-    Keys inside inline tables and multi-line strings have no line of their own: use `nearest`.
+    Entries of arrays of tables count from 0. Keys inside inline tables and multi-line strings have
+    no line: use `nearest`.
     """
     numbers: dict[str, int] = {}
     counts: dict[Key, int] = {}
@@ -145,7 +148,7 @@ def lines(text: str) -> dict[str, int]:
 
 
 def nearest(found: dict[str, int], key: Key) -> int | None:
-    """Line of `key`, or of the closest table or key around it."""
+    """Return the line of `key`, or of the closest table or key around it."""
     for length in range(len(key), 0, -1):
         if dotted(key[:length]) in found:
             return found[dotted(key[:length])]
@@ -160,8 +163,9 @@ def _parts(dotted: str) -> Key:
 
 
 def _enter(parts: Key, array: bool, counts: dict[Key, int]) -> Key:
-    """The key of the table that a header opens; a part that names an array of tables stands for
-    its latest entry.
+    """Return the key of the table that a header opens.
+
+    A part that names an array of tables means its latest entry.
     """
     key: Key = ()
     for i, part in enumerate(parts):
@@ -174,20 +178,19 @@ def _enter(parts: Key, array: bool, counts: dict[Key, int]) -> Key:
 
 
 class Where:
-    """Turns (key, message) into a line of an error: of which file, on which line, or from which
+    """Turns (key, message) into a line of an error that names the file and line, or the
     override.
     """
 
     def __init__(self, source: Path | None, lines: dict[str, int], replaced: Sequence[Key]) -> None:
         self.source, self.lines, self.replaced = source, lines, [dotted(key) for key in replaced]
-        self.written: list[
-            int
-        ] = []  # of each group, the number of the one in the file that it comes from
+        # For each group, the number of the group in the file that it comes from.
+        self.written: list[int] = []
         self.names: list[str] = []  # of each group
-        self.groups: Sequence[Any] = ()  # the groups of the file, as they are written there
+        self.groups: Sequence[Any] = ()  # as written in the file
 
     def error(self, complaints: Iterable[Complaint]) -> UserError:
-        """All complaints as one error, in the order of the file, without repetitions."""
+        """Return all complaints as one error, in the order of the file, without repetitions."""
         unique = dict.fromkeys(self._in_file(key, message) for key, message in complaints)
         in_order = sorted(unique, key=lambda complaint: nearest(self.lines, complaint[0]) or 0)
         rows = [
@@ -197,8 +200,11 @@ class Where:
         return UserError("\n".join(rows[:MOST_COMPLAINTS]) + more)
 
     def _in_file(self, key: Key, message: str) -> Complaint:
-        """A complaint with the key that stands in the file; one of a fault that the hazard library
-        wrote names the hazard and the key of the group that decides it."""
+        """Return a complaint with the key that is written in the file.
+
+        If the fault comes from the hazard library, the complaint names the hazard and the deciding
+        key of the group.
+        """
         if (
             len(key) < 2
             or key[0] != "group"
@@ -222,7 +228,8 @@ class Where:
         if own not in self.lines and any(
             replaced.startswith((f"{own}.", f"{own}[")) for replaced in self.replaced
         ):
-            return "--set: "  # a table that only an override has opened
+            # Only an override has opened this table.
+            return "--set: "
         if self.source is None:
             return ""
         line = nearest(self.lines, key)

@@ -1,4 +1,6 @@
-"""Overrides of a campaign file: `key.path=value`, as --set takes them."""
+"""Applies overrides of the form `key.path=value`, as --set takes them, to a campaign file's
+tables.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +13,11 @@ from ravenjax.campaign.file.location import Key
 from ravenjax.errors import UserError, shown, suggestion
 
 MOST_PARTS = 24
-"""Keys in the path of an override: no table of a file lies as deep."""
+"""Largest number of keys in the path of an override. No table of a file is as deeply nested."""
 
 
 def listed(overrides: Sequence[str]) -> Sequence[str]:
-    """The overrides themselves. UserError unless they are a list of texts."""
+    """Return the overrides. Raises UserError unless they are a list of strings."""
     if isinstance(overrides, str) or not all(isinstance(override, str) for override in overrides):
         raise UserError(
             f"overrides are {shown(overrides)}, expected a list of texts such as"
@@ -25,7 +27,10 @@ def listed(overrides: Sequence[str]) -> Sequence[str]:
 
 
 def all_applied(raw: dict[str, Any], overrides: Sequence[str]) -> tuple[dict[str, Any], list[Key]]:
-    """`raw` with every override entered, and their keys. UserError as `listed` and `applied`."""
+    """Return `raw` with every override applied, and their keys.
+
+    Raises UserError as `listed` and `applied`.
+    """
     keys = []
     for override in listed(overrides):
         raw, key = applied(raw, override)
@@ -34,8 +39,10 @@ def all_applied(raw: dict[str, Any], overrides: Sequence[str]) -> tuple[dict[str
 
 
 def applied(raw: dict[str, Any], override: str) -> tuple[dict[str, Any], Key]:
-    """`raw` with `key.path=value` entered, and its key; the value is TOML, or text. Entries of
-    arrays go by number or name."""
+    """Return `raw` with `key.path=value` applied, and its key.
+
+    The value is TOML or plain text. Entries of arrays are given by number or name.
+    """
     path, equals, text = override.partition("=")
     parts = [part.strip() for part in path.strip().split(".")]
     if not equals or not all(parts):
@@ -66,7 +73,8 @@ def _entered(table: Any, parts: list[str], value: Any, override: str) -> tuple[A
     if not isinstance(table, dict):
         raise UserError(f"--set {override}: {head!r} is no key of the value {shown(table)}")
     table = flatten_parameters(table)
-    if head in PATHS and rest:  # paths of parameters hold dots
+    # Paths of parameters contain dots.
+    if head in PATHS and rest:
         rest = [".".join(rest)]
     entry, key = _entered(table.get(head, {}), rest, value, override)
     return {**table, head: entry}, (head, *key)

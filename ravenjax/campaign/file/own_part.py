@@ -1,4 +1,4 @@
-"""Finds and reads the Python files that a campaign names, and checks their hashes."""
+"""Finds and reads the user's Python files that a campaign names, and checks their hashes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ravenjax.vocabulary.parts import OwnSource
 
 
 def require_identifier(name: str) -> str:
-    """The name itself; ValueError for one that cannot stand in paths of parameters."""
+    """Return the name. Raises ValueError if it cannot be part of a parameter's path."""
     if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII) or keyword.iskeyword(name):
         raise ValueError(
             f"name = {name!r}, expected letters, digits and _, a letter first: paths of parameters"
@@ -24,9 +24,9 @@ def require_identifier(name: str) -> str:
 
 
 SHA256 = "^[0-9a-f]{64}$"
-"""What the content of a file is known by."""
+"""Pattern of the hash that identifies the content of a file."""
 CONTENT = "and what it takes from its folder; another content is refused. Left out, any is taken"
-"""What a key with such a number means, behind the file's name."""
+"""Description of a key that holds such a hash; the file's name precedes it."""
 
 AnySection = TypeVar("AnySection", bound=Section)
 
@@ -34,8 +34,9 @@ _KNOWN: dict[tuple[str, Path, str], OwnSource] = {}
 
 
 def source(name: str, file: Path, sha256: str | None, what: str) -> OwnSource:
-    """The code of a file, read again where it or a file that it imports has changed; what: kind
-    of the part. Raises UserError for one that is unusable, or has another content than
+    """Return the code of a file. It is read again if it or a file that it imports has changed.
+
+    what: kind of the part. Raises UserError if the file is unusable or its content does not match
     `sha256`.
     """
     key = name, file.absolute(), what
@@ -53,8 +54,9 @@ def source(name: str, file: Path, sha256: str | None, what: str) -> OwnSource:
 def located(
     table: AnySection, folder: Path, what: str, name: str, key: str = "file", sha256: str = "sha256"
 ) -> AnySection:
-    """A table whose file is taken from `folder` and known by its content; key, sha256: the keys
-    of both.
+    """Return a table with its file located in `folder` and the hash of its content.
+
+    key, sha256: the table's keys of both.
     """
     file: Path | None = getattr(table, key)
     if file is None:

@@ -1,4 +1,6 @@
-"""A table of a campaign file as a pydantic model, which Python may also make by itself."""
+"""Base class of the tables of a campaign file: a pydantic model that Python code may also
+construct.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,7 @@ from ravenjax.errors import unknown
 
 
 class _SectionClass(type(BaseModel)):
-    """Makes a table from NumPy's values, too, and words errors as those of a file."""
+    """Metaclass that accepts NumPy values and words errors like those of a file."""
 
     if not TYPE_CHECKING:
 
@@ -33,7 +35,7 @@ class _SectionClass(type(BaseModel)):
 
 
 class Section(BaseModel, metaclass=_SectionClass):
-    """A table of the file: frozen, unknown keys refused."""
+    """A table of the file. It is frozen and refuses unknown keys."""
 
     model_config = ConfigDict(
         frozen=True,
@@ -52,8 +54,9 @@ class Section(BaseModel, metaclass=_SectionClass):
     @model_validator(mode="before")
     @classmethod
     def _true_is_no_number(cls, raw: Any) -> Any:
-        """Pydantic takes true for 1 where a number is asked for; a word it refuses, and says
-        where it stands.
+        """Refuse true and false where a number is expected, with the place of the error.
+
+        Pydantic would take true for 1.
         """
         if not isinstance(raw, dict):
             return raw
@@ -66,9 +69,9 @@ class Section(BaseModel, metaclass=_SectionClass):
 
 
 def toml_value(value: Any) -> Any:
-    """A value as TOML has it: lists for arrays, tuples and ranges, no key that is None.
+    """Convert a value to what TOML has: lists for arrays, tuples and ranges, no key that is None.
 
-    What TOML cannot hold stays, for others to refuse.
+    A value that TOML cannot hold is kept, so that a later check refuses it.
     """
     if isinstance(value, Section):
         return value.model_dump(mode="json", exclude_unset=True)
@@ -76,7 +79,7 @@ def toml_value(value: Any) -> Any:
         return {key: toml_value(one) for key, one in value.items() if one is not None}
     if isinstance(value, os.PathLike):
         return os.fspath(value)
-    # numbers and arrays of NumPy and pandas
+    # Numbers and arrays of NumPy and pandas.
     if hasattr(value, "tolist"):
         return toml_value(value.tolist())
     if isinstance(value, Sequence) and not isinstance(value, str | bytes | bytearray):
@@ -85,7 +88,7 @@ def toml_value(value: Any) -> Any:
 
 
 def model_at(model: type[BaseModel], key: Sequence[str | int]) -> type[BaseModel]:
-    """The model of the table at a key of a table of `model`."""
+    """Return the model of the table at `key`, starting from a table of `model`."""
     for part in key:
         if isinstance(part, str) and part in model.model_fields:
             model = next(models_in(model.model_fields[part].annotation), model)
@@ -93,7 +96,7 @@ def model_at(model: type[BaseModel], key: Sequence[str | int]) -> type[BaseModel
 
 
 def models_in(annotation: Any) -> Iterator[type[BaseModel]]:
-    """The models of tables that an annotation names."""
+    """Yield the models of tables that an annotation names."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
     for inner in get_args(annotation):
@@ -102,7 +105,7 @@ def models_in(annotation: Any) -> Iterator[type[BaseModel]]:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class OneOf:
-    """Annotation of a text that is one of some names."""
+    """Annotation of a text that must be one of some names."""
 
     what: str
     names: Collection[str]
@@ -120,7 +123,7 @@ class OneOf:
 
 
 def unique_names(tables: Sequence[Any]) -> Any:
-    """The tables themselves; ValueError unless each has a name of its own."""
+    """Return the tables. Raises ValueError unless all names differ."""
     names = [table.name for table in tables]
     if twice := [name for name in names if names.count(name) > 1]:
         raise ValueError(f"got name {twice[0]!r} twice, expected a name of its own for each")

@@ -1,7 +1,7 @@
 """Sections of a campaign file that every robot has: [campaign], [haptics], [[detector]], [[check]],
 [outcomes], [stop].
 
-Keys, with units and ranges. Groups of runs are in `group`.
+The models hold keys with units and ranges. Groups of runs are in `group`.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from ravenjax.vocabulary.parts import OwnSource
 
 
 class CampaignSection(Section):
-    """[campaign]: what holds for every run. A robot may have more keys here: see its own."""
+    """[campaign]: keys that hold for every run. A robot may have further keys."""
 
     robot: str = robots.DEFAULT
-    """kind of robot, or the Python module of one's own that declares ROBOT"""
+    """kind of robot, or the Python module that declares ROBOT"""
     name: str = Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*$", max_length=100)
     """short name; also names the default output folder"""
     description: str = ""
@@ -43,17 +43,20 @@ class CampaignSection(Section):
     duration_s: float = Field(default=3.0, gt=0.0, le=3600.0)
     """length of each run, s"""
     observe_ms: int | None = Field(default=None, ge=1, le=3_600_000)
-    """end a run so long after its last fault ended, outcomes are those until then; left out, each
-    goes on for duration_s, as any does with a fault of no certain end: that lasts, or counts
-    time in pedal-down where a fault may move the pedal"""
+    """end each run this long after its last fault ended, with the outcomes up to then; left out,
+    each run lasts for duration_s, and so does any run whose faults have no certain end: a fault
+    that lasts, or one that counts time in pedal-down where a fault may move the pedal
+    """
     arms: tuple[str, ...] = Field(
         default_factory=lambda known: robots.find(known["robot"]).arms[:1], min_length=1
     )
     """arms, in order"""
     noise: bool = False
-    """draw the robot's noise, anew each run"""
+    """draw the robot's noise, a new draw for each run"""
     limit: int | None = Field(default=None, ge=1)
-    """compute only the first so many runs; a start with more, or with all, goes on"""
+    """compute only this many runs, the first ones; a later start with more, or with all,
+    continues
+    """
     chunk: int | None = Field(default=None, ge=1, le=1_000_000)
     """rows per Parquet part; default: by the number of runs"""
 
@@ -85,7 +88,7 @@ class CueSet(NamedTuple):
 
 _Item = TypeVar("_Item")
 OneOrMore = _Item | Annotated[list[_Item], Field(min_length=1)]
-"""What a file may write where one value stands for a list of one; for the JSON Schema."""
+"""Annotation for the JSON Schema: a file may write one value in place of a list of one."""
 
 
 def _listed(raw: Any) -> Any:
@@ -101,7 +104,7 @@ _Numbers = Annotated[
 """A number or a list of numbers, none negative."""
 
 MOST_CUES = 256
-"""Haptic sets: each costs every run some time and four columns."""
+"""Largest number of haptic sets. Each costs every run some time and four columns."""
 
 
 class Haptics(Section):
@@ -142,7 +145,7 @@ class Haptics(Section):
         }
 
     def cues(self) -> tuple[CueSet, ...]:
-        """Every set, in the order of the lists, the last list varying fastest."""
+        """Every haptic set, in the order of the lists. The last list varies fastest."""
         lists = list(self._lists().values())
         if self.combine == "zip":
             longest = max(len(values) for values in lists)
@@ -157,7 +160,7 @@ class Haptics(Section):
 
 
 MOST_THRESHOLDS = 64
-"""Most thresholds of a detector: each costs every run some time and two columns."""
+"""Largest number of thresholds of a detector. Each costs every run some time and two columns."""
 
 _UpTo8 = Annotated[int, Field(ge=1, le=8)]
 
@@ -217,7 +220,7 @@ class Detector(Section):
         return self
 
     def uses(self) -> tuple[tuple[str, DetectorUse], ...]:
-        """(name, detector) of each that it stands for."""
+        """(name, detector) of each detector that this table declares."""
         many_fusions, many_counts = len(self.fusion) > 1, len(self.consecutive) > 1
         return tuple(
             (
@@ -239,8 +242,9 @@ class Detector(Section):
 
     @property
     def part(self) -> OwnSource | None:
-        """The code of its file; None for a built-in one. Raises UserError for one that is
-        unusable or changed.
+        """Return the code of the detector's file; None for a built-in detector.
+
+        Raises UserError for a file that is unusable or changed.
         """
         if self.file is None:
             return None
@@ -260,7 +264,7 @@ class OwnCheck(Section):
         description=f"of that file {own_part.CONTENT}",
     )
     at: str
-    """seam where it stands"""
+    """seam at which the check acts"""
     acts: Action = Field(
         default="watch",
         description="what it does when it trips, by the robot's own means; "
@@ -278,12 +282,12 @@ class OwnCheck(Section):
 
     @property
     def use(self) -> CheckUse:
-        """Itself, as the tick has it. Raises UserError as `part`."""
+        """Return the check as the tick uses it. Raises UserError as `part`."""
         return CheckUse(self.name, self.part, self.at, self.acts, self.consecutive)
 
     @property
     def check(self) -> Check:
-        """Itself, as tables have it."""
+        """Return the check as the result table describes it."""
         return of_own(self.name, self.at, self.acts)
 
 

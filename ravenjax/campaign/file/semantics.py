@@ -1,5 +1,6 @@
-"""Whether the words of a campaign fit together: what takes two sections, or the sites that a robot
-declares, to see. Parameters are looked at by `bounds`.
+"""Checks rules of a campaign that involve two sections or the sites that a robot declares.
+
+Parameters are checked by `bounds`.
 """
 
 from __future__ import annotations
@@ -20,11 +21,11 @@ from ravenjax.vocabulary.legal import complaint, legal, rounding
 from ravenjax.vocabulary.sites import Channel, Site
 
 LARGEST = 3.4028234663852886e38
-"""Values are held in single precision."""
+"""Largest value, because values are stored in single precision."""
 
 
 def complaints(config: CampaignConfig) -> Iterator[Complaint]:
-    """Every (key, message) that is wrong with a config of valid shape."""
+    """Yield (key, message) of each error in a config of valid shape."""
     arms, names = config.campaign.arms, config.robot.arms
     if list(arms) != [arm for arm in names if arm in arms]:
         yield (
@@ -63,7 +64,7 @@ def _group(config: CampaignConfig, group: Group) -> Iterator[Complaint]:
 
 
 def _fault(config: CampaignConfig, group: Group, fault: Fault) -> Iterator[tuple[str, str]]:
-    """(key of the fault, message)."""
+    """Yield (key of the fault, message) of each error in a fault."""
     site = config.robot.sites.get(fault.site)
     if site is None:
         yield "site", unknown("fault site", fault.site, config.robot.sites)
@@ -87,7 +88,7 @@ def _fault(config: CampaignConfig, group: Group, fault: Fault) -> Iterator[tuple
 
 
 def _place(config: CampaignConfig, fault: Fault, site: Site) -> Iterator[tuple[str, str]]:
-    """Of arm and channel, and of effects that belong to another site."""
+    """Check arm, channel, and effects that belong to another site."""
     arms = config.campaign.arms
     if fault.arm is not None and not site.per_arm:
         yield "arm", f"site {site.name} belongs to no arm: remove the key"
@@ -134,7 +135,7 @@ def _onset(config: CampaignConfig, fault: Fault) -> Iterator[tuple[str, str]]:
 def _value(
     config: CampaignConfig, group: Group, fault: Fault, site: Site
 ) -> Iterator[tuple[str, str]]:
-    """The first value, or end of what is drawn, that one of the channels cannot take."""
+    """Yield the first value, or end of a distribution, that one of the channels cannot take."""
     assert fault.value is not None
     beyond = config.says_beyond(fault)
     axes = (fault.effect, fault.channels(site), fault.value)
@@ -149,8 +150,9 @@ def _value(
 
 
 def _combinations(axes: tuple[Axis, ...], paired: bool) -> Iterator[tuple[str, str, float]]:
-    """The values of some axes that come together, of what is drawn the ends; paired: lists stand
-    side by side.
+    """Yield the combinations of values of some axes; a distribution is represented by its ends.
+
+    paired: lists are combined element by element.
     """
     lists = [len(axis.values) for axis in axes if axis.kind == "list" and len(axis.values) > 1]
     for row in range(max(lists, default=1) if paired else 1):
@@ -167,7 +169,7 @@ def _combinations(axes: tuple[Axis, ...], paired: bool) -> Iterator[tuple[str, s
 def _misfit(
     site: Site, channel: Channel, effect: str, value: float, drawn: bool, beyond: bool
 ) -> str | None:
-    """Why a channel cannot take a value; None where it can."""
+    """Return why a channel cannot take a value; None if it can."""
     if not abs(value) <= LARGEST:
         return f"got {shown(value)}, expected a number of single precision, at most {LARGEST:.4g}"
     rule = legal(channel, effect, beyond)
@@ -183,7 +185,7 @@ def _misfit(
 
 
 def last_start(config: CampaignConfig, fault: Fault) -> int:
-    """The last `start_ms` at which a fault still acts in the run."""
+    """Return the last `start_ms` at which a fault still acts in the run."""
     ticks = config.campaign.ticks
     if fault.trigger.listed != ("packet",):
         return ticks - 1
@@ -193,7 +195,7 @@ def last_start(config: CampaignConfig, fault: Fault) -> int:
 
 
 def notices(config: CampaignConfig) -> Iterator[Complaint]:
-    """(key, message) of what is accepted and may yet not be what was meant."""
+    """Yield (key, message) of what is valid but may not be what the user meant."""
     robot = config.robot
     for key, table in config.parameter_tables():
         for path, axis in table.items() if not config.campaign.noise else ():
@@ -215,8 +217,9 @@ def notices(config: CampaignConfig) -> Iterator[Complaint]:
 
 
 def random_in_itself(config: CampaignConfig, group: Group) -> bool:
-    """Whether two runs of a group with the same row but another seed may differ: by noise,
-    packets, or an effect.
+    """Return whether two runs of a group with equal rows and different seeds may differ.
+
+    Noise, packets or an effect may be random.
     """
     robot, axes = config.robot, {**config.parameters, **group.parameters}
     plain = {paths.plain(path, robot.arms, robot.joints): axis for path, axis in axes.items()}

@@ -1,3 +1,3 @@
-"""Looks at a campaign before it runs and at its runs afterwards; nothing here decides an
+"""Inspects a campaign before it runs and its runs afterwards. Nothing in this package decides an
 outcome.
 """

@@ -1,8 +1,9 @@
 """Estimates how long a campaign takes and how much memory it needs, before it runs.
 
-A model of a few terms, fitted by hand to campaigns of one machine (2 cores of an AMD EPYC,
-`znver4`, AVX-512, other work beside it, CPU time counted rather than time on the clock; Python
-3.11, JAX 0.10). Nanoseconds of one core for one millisecond of one run, 16 robots a vector:
+The model has a few terms that were fitted by hand to campaigns of one machine: 2 cores of an AMD
+EPYC (`znver4`, AVX-512) with other work beside it, CPU time rather than elapsed time, Python 3.11,
+JAX 0.10. The table shows nanoseconds of one core for one millisecond of one run, with 16 robots per
+vector:
 
 | campaign | measured | here |
 |---|---|---|
@@ -18,10 +19,10 @@ A model of a few terms, fitted by hand to campaigns of one machine (2 cores of a
 | bundled haptic_sweep (126 sets) | 413 | 296 |
 | bundled safecomp45 (18 sites, both arms) | 229 | 251 |
 
-Other CPUs count by the width of their vectors and the number of their cores. Engine cuda: 3.2 G
-ticks a second on an NVIDIA H200 (`analysis/engines/gpu.md`); xla and mjx: 200 and 3 000 times
-slower than simd (`analysis/engines`). Expect it to be right within a factor of two on a machine
-with nothing else to do.
+For other CPUs the estimate is scaled by vector width and number of cores. Engine cuda: 3.2 G ticks
+a second on an NVIDIA H200 (`analysis/engines/gpu.md`). Engines xla and mjx: 200 and 3 000 times
+slower than simd (`analysis/engines`). Expect the estimate to be right within a factor of two on an
+otherwise idle machine.
 """
 
 from __future__ import annotations
@@ -32,36 +33,41 @@ from typing import NamedTuple
 from ravenjax.campaign.memory_windows import SHARED
 
 NS_ARM, NS_FURTHER_ARM = 78.0, 64.0
-"""ns of a core for a tick: of one arm with one fault site, and of the second arm."""
+"""ns of a core per tick: for one arm with one fault site, and for the second arm."""
 NS_SITE = 3.2
-"""ns for each further fault site and arm."""
+"""ns per further fault site and arm."""
 NS_CUE, NS_THRESHOLD = 1.0, 0.7
-"""ns for each further haptic set, and each threshold of a detector."""
+"""ns per further haptic set, and per threshold of a detector."""
 NS_SUBSTEP = 25.0
-"""ns for each further plant step and arm."""
+"""ns per further plant step and arm."""
 UNSHARED = 1.7
-"""Times the work where robots in a vector share no golden run, or react each for itself."""
+"""Factor on the work if the robots of a vector share no golden run, or if each operator reacts
+differently.
+"""
 NS_RUN = 12_000.0
-"""ns for each run: its rows packed and written."""
+"""ns per run, for packing and writing its row."""
 WIDTH = 16
-"""Robots in a vector of the machine that was measured."""
+"""Robots per vector on the machine that was measured."""
 
 START_S, TRACE_S, SITE_S = 2.5, 2.0, 0.06
-"""s: imports and planning; tracing and compiling, and each fault site there."""
+"""s: imports and planning; tracing and compiling; tracing and compiling of each fault site."""
 
 CUDA_TICKS_PER_S = 3.2e9
 SLOWER = {"xla": 200.0, "mjx": 3000.0}
-"""Times slower than engine simd on the same CPU."""
+"""Factor on the time of engine simd on the same CPU."""
 
 MIB_BASE, MIB_SITE = 500.0, 1.5
-"""MiB: the process with its packages, and each fault site compiled."""
+"""MiB: the process with its packages; each compiled fault site."""
 BYTES_RUN, BYTES_SLOT = 60.0, 35.0
-"""Bytes of the plan for each run, and each fault slot of it (91 of one slot: `analysis/scale`)."""
+"""Bytes of the plan per run, and per fault slot of a run (91 with one slot: `analysis/scale`)."""
 BYTES_SERIES = 24
-"""Bytes of a golden run's time series, an arm and a tick."""
+"""Bytes of a golden run's time series per arm and tick."""
 MOST_SERIES_MIB = 1536.0
-"""MiB of time series that are held at a time: of two windows, and a copy where no two runs share
-one; twice that with a GPU. See `computation`."""
+"""MiB of time series that are held at a time: for two windows, and a copy if no two runs share a
+golden run.
+
+Twice that with a GPU. See `computation`.
+"""
 
 BASIS = (
     "model fitted on 2 cores of an AMD EPYC with AVX-512 (campaign/inspection/estimate.py), scaled"
@@ -70,13 +76,15 @@ BASIS = (
 
 
 class CostFactors(NamedTuple):
-    """What decides the cost of a campaign."""
+    """The properties of a campaign that decide its cost."""
 
     runs: int  # to compute
-    ticks: int  # of each
-    golden_runs: int  # that they are compared with
+    ticks: int  # of each run
+    # Golden runs that the runs are compared with.
+    golden_runs: int
     arms: int = 1
-    sites: int = 1  # fault sites, each arm's together
+    # Fault sites, summed over arms.
+    sites: int = 1
     slots: int = 1
     cues: int = 1  # haptic sets
     thresholds: int = 0  # of all detectors
@@ -85,7 +93,7 @@ class CostFactors(NamedTuple):
 
 
 class Machine(NamedTuple):
-    """What computes it."""
+    """The machine that computes the campaign."""
 
     engine: str
     cores: int
@@ -93,15 +101,17 @@ class Machine(NamedTuple):
 
 
 class CostEstimate(NamedTuple):
-    """What to expect."""
+    """Expected time and memory."""
 
-    start_s: float  # from the command to the first run, nothing cached
-    run_s: float  # computing and storing all runs, without the report
+    # Time from the command to the first run with an empty cache, s.
+    start_s: float
+    # Time of computing and storing all runs, without the report, s.
+    run_s: float
     memory_mib: float  # at most
 
 
 def estimate(work: CostFactors, machine: Machine) -> CostEstimate:
-    """The expected cost of `work` on `machine`."""
+    """Return the expected cost of `work` on `machine`."""
     ticks = (work.runs + work.golden_runs) * work.ticks
     if machine.engine == "cuda":
         compute_s = ticks * tick_ns(work) / NS_ARM / CUDA_TICKS_PER_S
@@ -120,7 +130,7 @@ def estimate(work: CostFactors, machine: Machine) -> CostEstimate:
 
 
 def tick_ns(work: CostFactors) -> float:
-    """ns of one core for a tick of one run."""
+    """Return ns of one core for a tick of one run."""
     shared = work.golden_runs * SHARED <= max(work.runs, SHARED) and not work.reacts
     ns = NS_ARM + NS_FURTHER_ARM * (work.arms - 1)
     ns += (
@@ -131,7 +141,9 @@ def tick_ns(work: CostFactors) -> float:
 
 
 def duration(seconds: float) -> str:
-    """A time to expect: `5 s`, `3 min`, `2.5 h`; two digits at most, as it is not known better."""
+    """Return an expected time as text: `5 s`, `3 min`, `2.5 h`. Two digits at most, as it is not
+    known better.
+    """
     if seconds < 90.0:
         return f"{max(1, math.ceil(seconds)):d} s"
     return f"{seconds / 60.0:.2g} min" if seconds < 5400.0 else f"{seconds / 3600.0:.2g} h"

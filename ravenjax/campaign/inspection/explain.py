@@ -1,6 +1,6 @@
 """Computes many runs again, each compared with its golden run at every seam of the tick.
 
-The robot's own observer (`prepared`, `explained`) takes part in the tick; runs go through the
+The robot's observer (`prepared`, `explained`) takes part in the tick. Runs go through the
 campaign's computation like any others. Ten thousand runs of 3 s take seconds on two cores.
 """
 
@@ -21,23 +21,25 @@ from ravenjax.campaign.progress import OnProgress, Progress
 from ravenjax.errors import UserError, suggestion
 
 ENGINES = ("simd", "xla", "cuda")
-"""Those that compute links by single numbers, as the tick's other parts: their runs can be
-compared bit by bit.
+"""Engines whose runs can be compared bit by bit.
+
+They compute links by single numbers, like the other parts of the tick.
 """
 MOST = 200_000
-"""Runs that are explained together: their ticks take a gigabyte."""
+"""Largest number of runs that are explained together: their ticks take a gigabyte."""
 PREFIXES = ("differs:", "leaves:", "near:", "golden_near:", "near_ms:")
 HARM = "harm_ms"
-"""Names of what the observer adds to a run's outcomes."""
+"""Names of the columns that the observer adds to a run's outcomes."""
 
 
 class Explained(NamedTuple):
-    """Runs, each one row of both tables, in the order in which they were asked for."""
+    """Explained runs, one row each in both tables, in the order in which they were given."""
 
-    results: pd.DataFrame  # their rows of the result table, computed anew
-    ticks: (
-        pd.DataFrame
-    )  # run_id, index, harm_ms; differs:, leaves: of each number, ms; near: and so on of each check
+    # Their rows of the result table, computed again.
+    results: pd.DataFrame
+    # Columns run_id, index, harm_ms; for each number differs: and leaves:, ms; for each check near:
+    # and similar ones.
+    ticks: pd.DataFrame
     engine: str  # engine and device, in words
 
 
@@ -45,7 +47,7 @@ class Explainer(PlannedCampaign):
     """Explains runs of one campaign."""
 
     def __init__(self, config: CampaignConfig, engine: str = "auto") -> None:
-        """Raises UserError for a campaign, a robot or an engine that this cannot be done with."""
+        """Raises UserError if the campaign, its robot or the engine does not support this."""
         part = config.robot.part("campaign")
         if not hasattr(part, "explained"):
             raise UserError(
@@ -69,8 +71,9 @@ class Explainer(PlannedCampaign):
     def explain(
         self, rows: Sequence[int] | np.ndarray, on_progress: OnProgress | None = None
     ) -> Explained:
-        """Compute these rows of the fault table again. UserError for none, or for more than
-        MOST.
+        """Compute these rows of the fault table again.
+
+        Raises UserError for no rows, or for more than MOST.
         """
         if not len(rows):
             raise UserError("no run to explain: expected runs with a fault")

@@ -1,4 +1,5 @@
-"""Computes more fault-free motion of a campaign's robot, to state how often a cue is a false alarm.
+"""Computes additional fault-free motion of a campaign's robot, to determine how often a cue is a
+false alarm.
 
 Each folder holds one motion that the campaign did not have. It is generated from another seed,
 because the same seed begins with the same motion however long the run is.
@@ -22,18 +23,20 @@ from ravenjax.store.access.fault_free import FOLDER, UNVARIED
 from ravenjax.store.manifest import Manifest
 
 SHORTEST_S, LONGEST_S = 60, 600
-"""Length of a run, s: longer ones cost memory, and a cue that has once come hides what would
-come after it.
+"""Least and greatest length of a run, s.
+
+A longer run needs more memory, and a cue that has occurred once hides what would come after it.
 """
 UNTIL_LIVE_S = 1
-"""In which the pedal goes down, rounded up."""
+"""Time until the pedal goes down, rounded up, s."""
 MOTIONS = 10
-"""Different motions aimed at where few hours are wanted."""
+"""Number of different motions to aim for if few hours are wanted."""
 DRAWN = 4
-"""Runs of each motion where parameters of the robot are drawn."""
+"""Runs of each motion if parameters of the robot are drawn."""
 ENOUGH, LITTLE = 10, 0.1
-"""So many motions with less than this share of them in pedal-down: something stops the robot
-soon in each.
+"""After ENOUGH motions with less than this share of time in pedal-down, `extend` raises UserError.
+
+Something then stops the robot soon in each motion.
 """
 MS_PER_HOUR = 3.6e6
 
@@ -48,10 +51,11 @@ def extend(
     command: Sequence[str] = (),
 ) -> float:
     """Compute fault-free motion beside the result in `folder` until there are `hours` of it in
-    pedal-down; returns the hours. Hours of earlier calls count, those of golden runs do not.
+    pedal-down; return the hours.
 
-    on_motion: called with the hours so far and the next folder. Raises UserError and StoreError for
-    what the user can correct. Finished motions stay, and the same call continues.
+    Hours of earlier calls count; those of golden runs do not. on_motion: called with the hours so
+    far and the next folder. Raises UserError and StoreError for what the user can correct. Finished
+    motions stay, and the same call continues.
     """
     record = manifest.read(folder)
     _require(record, hours)
@@ -68,7 +72,7 @@ def extend(
         on_motion(there, path)
         config = validated(raw)
         if engine == "auto":
-            # one motion is one lane, which a processor core runs faster than a GPU does
+            # One motion is one lane, which a processor core runs faster than a GPU does.
             engine = "simd" if record.engine == "cuda" else record.engine
         runner.run_campaign(config, path, engine, on_progress=on_progress, command=command)
         before, there = there, _hours(folder, record)
@@ -90,7 +94,7 @@ def extend(
 
 
 def _require(record: Manifest, hours: float) -> None:
-    """UserError unless there are other motions to compute."""
+    """Raise UserError unless there are other motions to compute."""
     if not (math.isfinite(hours) and hours > 0):
         raise UserError(f"HOURS is {hours:g}, expected a number above 0, such as 7.4")
     if record.code_hash != manifest.code_hash(record.robot):
@@ -102,7 +106,7 @@ def _require(record: Manifest, hours: float) -> None:
 
 
 def require_others(config: Mapping[str, Any]) -> None:
-    """UserError unless there are motions that the campaign of these tables did not have."""
+    """Raise UserError unless there are motions that the campaign of these tables did not have."""
     operator = config["operator"]
     if operator.get("file"):
         raise UserError(
@@ -119,8 +123,9 @@ def require_others(config: Mapping[str, Any]) -> None:
 
 
 def campaigns(own: Mapping[str, Any], seconds: int) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Name and configuration of the fault-free campaign of each further motion, without end;
-    `own`: the campaign.
+    """Yield name and configuration of the fault-free campaign of each further motion, endlessly.
+
+    own: tables of the original campaign.
     """
     group: dict[str, Any] = {"name": "fault_free"}
     if any(
@@ -128,7 +133,8 @@ def campaigns(own: Mapping[str, Any], seconds: int) -> Iterator[tuple[str, dict[
         for table in ("parameters", "cross")
         for value in own.get(table, {}).values()
     ):
-        group |= {"design": "random", "runs": DRAWN}  # a distribution: draw the robots
+        # A parameter has a distribution: draw the robots.
+        group |= {"design": "random", "runs": DRAWN}
     base = {**own} | {
         name: fault_free.without_reaction(own.get(name, {})) for name in ("parameters", "cross")
     }
@@ -150,19 +156,19 @@ def campaigns(own: Mapping[str, Any], seconds: int) -> Iterator[tuple[str, dict[
 
 
 def _record(path: Path) -> Manifest | None:
-    """The record of a folder that an earlier call began, or None."""
+    """Return the manifest of a folder that an earlier call began, or None."""
     return manifest.read(path) if (path / manifest.FILE).exists() else None
 
 
 def _length_s(record: Manifest, hours: float) -> int:
-    """Length of each run, s."""
+    """Return the length of each run, s."""
     config = validated(next(campaigns(record.config, SHORTEST_S))[1])
     wanted = hours * 3600 / (MOTIONS * design.count(config))
     return math.ceil(min(max(wanted + UNTIL_LIVE_S, SHORTEST_S), LONGEST_S))
 
 
 def _hours(folder: Path, record: Manifest) -> float:
-    """Hours in pedal-down of the valid runs of fault-free motion beside a result."""
+    """Return the hours in pedal-down of the valid runs of fault-free motion beside a result."""
     total_ms = 0.0
     for one in fault_free.find(folder, record).motions:
         with query.open_folder(one.path) as table:

@@ -1,8 +1,8 @@
-"""JSON Schema of campaign files, by which an editor completes keys and marks mistakes while a file
-is written.
+"""Makes the JSON Schema of campaign files, with which an editor completes keys and marks mistakes.
 
-Written from the models that `loading` checks a file with. It knows keys, types, single ranges and
-words. Only `ravenjax check` checks rules of several keys, and the ranges of parameters.
+It is made from the models that `loading` checks a file with. It knows keys, types, ranges of single
+values, and words. Rules of several keys and ranges of parameters are only checked by `ravenjax
+check`.
 """
 
 from __future__ import annotations
@@ -25,18 +25,20 @@ Schema = dict[str, Any]
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 TABLE = "Parameters"
-"""Definition of a table whose keys are paths of parameters."""
+"""Name of the definition of a table whose keys are paths of parameters."""
 
 
 def schema(robot: Robot) -> Schema:
-    """JSON Schema of a campaign file of that robot."""
+    """Return the JSON Schema of a campaign file of that robot."""
     whole = of_model(robot, config_class_of(robot), "ravenjax campaign")
     _groups(whole)
     return whole
 
 
 def of_model(robot: Robot, model: type[BaseModel], title: str) -> Schema:
-    """JSON Schema of a file that a model checks, with the words that campaigns of a robot share."""
+    """Return the JSON Schema of a file that `model` checks, with the words that campaigns of a
+    robot share.
+    """
     whole = {"$schema": DIALECT, **model.model_json_schema(), "title": title}
     definitions = whole.setdefault("$defs", {})
     for table in (whole, *definitions.values()):
@@ -62,14 +64,14 @@ def of_model(robot: Robot, model: type[BaseModel], title: str) -> Schema:
 
 
 def tidy(node: Any) -> None:
-    """Without pydantic's titles, and without what it leaves beside alternatives."""
+    """Remove pydantic's titles, and what it leaves beside alternatives, in place."""
     if isinstance(node, dict):
         if isinstance(node.get("title"), str):
             del node["title"]
         if "anyOf" in node:
             node.pop("minLength", None)
         if isinstance(text := node.get("description"), str):
-            # a docstring of several lines
+            # The description may be a docstring of several lines.
             node["description"] = " ".join(text.split())
         for inner in node.values():
             tidy(inner)
@@ -79,7 +81,7 @@ def tidy(node: Any) -> None:
 
 
 def _name(node: Any, words: Any) -> None:
-    """Let the texts of a key be among some words."""
+    """Restrict the texts of a key to these words."""
     if isinstance(node, dict):
         if node.get("type") == "string":
             node["enum"] = list(words)
@@ -88,20 +90,20 @@ def _name(node: Any, words: Any) -> None:
         _name(inner, words)
 
 
-# --- parameters -----------------------------------------------------------------------------------
-# --------------------
+# --- parameters
 
 
 def _paths(robot: Robot) -> Schema:
-    """Names of a table that are words of a path."""
+    """Return the schema of names in a table that are words of a path."""
     words = {re.escape(word) for word in (*bounds.names(robot), *robot.arms)} | {r"\d+"}
     name = "|".join(sorted(words, key=lambda word: (-len(word), word)))
     return {"pattern": rf"^({name})(\.({name}))*$"}
 
 
 def _parameters(robot: Robot, any_path: Schema) -> Schema:
-    """A table of parameters: paths, dotted or as tables in tables, of the first words that there
-    are.
+    """Return the schema of a table of parameters.
+
+    It holds paths, dotted or as nested tables, whose first words are known.
     """
     tree: Schema = {}
     for path, row in bounds.rows(robot):
@@ -121,11 +123,13 @@ def _parameters(robot: Robot, any_path: Schema) -> Schema:
 
 
 _OWN = r"((detectors|checks|control|operator)\.own|checks\.threshold)(\.[A-Za-z][A-Za-z0-9_]*)+"
-"""Paths of parameters of users' files, which alone know their names."""
+"""Pattern of paths to parameters of users' files. Only those files know their names."""
 
 
 def _node(tree: Schema, any_path: Schema) -> Schema:
-    """One word of a path: a number where its path ends, else the words that may follow it."""
+    """Return the schema of one word of a path: a number where the path ends, else the possible next
+    words.
+    """
     if "" in tree:
         return {"description": "; ".join(tree[""]), **_REST}
     inner = {word: _node(below, any_path) for word, below in tree.items()}
@@ -141,7 +145,7 @@ _REST: Schema = {"anyOf": [{"$ref": "#/$defs/ParameterValue"}, {"$ref": "#/$defs
 
 
 def _path(any_path: Schema) -> Schema:
-    """The rest of a path whose beginning names an arm, a joint or an axis."""
+    """Return the schema of the rest of a path whose beginning names an arm, a joint or an axis."""
     return {
         "type": "object",
         "additionalProperties": _REST,
@@ -151,12 +155,12 @@ def _path(any_path: Schema) -> Schema:
 
 
 # --- groups that name hazards
-# -----------------------------------------------------------------------------------------
 
 
 def _groups(found: Schema) -> None:
-    """Let a group name hazards of the library in place of faults, and then only the keys that
-    such a group takes.
+    """Let a group name hazards of the library in place of faults.
+
+    Such a group may hold only certain other keys.
     """
     group, fault = found["$defs"]["Group"], found["$defs"]["Fault"]["properties"]
     words = {"type": "string", "enum": expansion.words()}

@@ -1,6 +1,4 @@
-"""What a campaign would run, as `ravenjax check` shows it: expanded and checked as for a run,
-and nothing computed.
-"""
+"""Shows what a campaign would run, for `ravenjax check`: expanded and checked, but not computed."""
 
 from __future__ import annotations
 
@@ -30,14 +28,14 @@ from ravenjax.numbers import paths
 from ravenjax.store import manifest
 
 SAMPLE = 8
-"""Runs of the sample, from the whole table."""
+"""Number of runs in the sample, taken from the whole table."""
 
 
 def preview(
     config: CampaignConfig, folder: Path, engine: str = "auto"
 ) -> tuple[dict[str, Any], pd.DataFrame]:
-    """What is known of a campaign before it runs into `folder`, as JSON has it; and some rows of
-    the fault table.
+    """Return what is known of a campaign before it runs into `folder`, as JSON values, and some
+    rows of the fault table.
 
     Raises UserError for whatever `ravenjax run` would refuse.
     """
@@ -61,7 +59,7 @@ def preview(
         substeps=config.substeps,
         reacts=config.reacts,
     )
-    # float32 numbers in a vector of this CPU
+    # float32 numbers in a vector of this CPU.
     width = 16 if "AVX-512" in backend.device else 8 if "AVX2" in backend.device else 4
     cost = estimate(work, Machine(backend.name, len(os.sched_getaffinity(0)), width))
     cost, basis, content = _of_folder(folder, config, backend.name, cost, due)
@@ -108,7 +106,7 @@ def preview(
         "engine": {
             "name": backend.name,
             "device": backend.device,
-            # why it is no faster engine
+            # Why a faster engine is not used.
             "why": selection.fastest(CAMPAIGN)[1] if engine == "auto" else "",
         },
         "expected": {**cost._asdict(), "basis": basis},
@@ -131,15 +129,15 @@ def _group_row(config: CampaignConfig, group: Group) -> dict[str, Any]:
 
 
 def _own_checks(config: CampaignConfig, plan: Plan) -> Iterator[dict[str, Any]]:
-    """What each of the user's checks looks at and does, with the least and largest of its
-    numbers.
+    """Yield what each of the user's checks reads and does, with the range of each of its
+    parameters.
     """
     if not config.check:
         return
     leaves = paths.leaves(plan.program.params, plan.program.setup)
     numbers = {path: f"{float(value):g}" for path, value in leaves if path.startswith("checks.")}
     for path, values in table.parameters(plan.rows).items():
-        # NaN stands for the file's own number
+        # NaN means the number in the user's file.
         least, most = f"{np.nanmin(values):g}", f"{np.nanmax(values):g}"
         numbers[path] = least if least == most else f"{least} to {most}, varied"
     for check in config.check:
@@ -156,8 +154,9 @@ def _own_checks(config: CampaignConfig, plan: Plan) -> Iterator[dict[str, Any]]:
 
 
 def _fault_rows(config: CampaignConfig, rows: pd.DataFrame) -> Iterator[dict[str, Any]]:
-    """Number of runs with a fault by site and effect, in the robot's order of sites. A run with
-    two such faults counts once.
+    """Yield the number of runs with a fault by site and effect, in the robot's order of sites.
+
+    A run with two faults of the same site and effect counts once.
     """
     slots = [
         rows[["index", f"fault{slot}_site", f"fault{slot}_effect"]].set_axis(
@@ -176,7 +175,7 @@ def _fault_rows(config: CampaignConfig, rows: pd.DataFrame) -> Iterator[dict[str
 
 
 def _count_copies(config: CampaignConfig, rows: pd.DataFrame) -> int:
-    """Runs that repeat an earlier one: every input is equal, and nothing is random."""
+    """Count the runs that repeat an earlier one: all inputs are equal and nothing is random."""
     if any(semantics.random_in_itself(config, group) for group in config.group):
         return 0
     inputs = [name for name in rows.columns if name.startswith(("fault", "param:"))]
@@ -186,8 +185,9 @@ def _count_copies(config: CampaignConfig, rows: pd.DataFrame) -> int:
 def _of_folder(
     folder: Path, config: CampaignConfig, engine: str, cost: CostEstimate, runs: int
 ) -> tuple[CostEstimate, str, str]:
-    """(cost, what it rests on, content in words) of a result folder: a part of the same campaign
-    says how fast its last start was.
+    """Return (cost, basis of the cost, content of the folder in words) of a result folder.
+
+    If the folder holds a part of the same campaign, the speed of its last start gives the cost.
     """
     if not (folder / manifest.FILE).exists():
         return cost, BASIS, "nothing yet"

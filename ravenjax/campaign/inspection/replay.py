@@ -20,8 +20,9 @@ from ravenjax.store import manifest, schema
 from ravenjax.store.logs.topics import Base
 
 LANES = 16
-"""Lanes of a replay's block: one vector, so that the run takes the same vector code as in its
-campaign.
+"""Lanes of a replay's block.
+
+This is one vector, so that the run takes the same vector code as in its campaign.
 """
 
 
@@ -29,12 +30,13 @@ campaign.
 class Replay:
     """One run, computed again."""
 
-    row: pd.Series  # the run's row of the result table, computed anew
-    series: dict[
-        str, np.ndarray
-    ]  # name -> [ticks] or [ticks, ...], those of `ravenjax.store.logs.time_series`
-    golden: dict[str, Any]  # the golden run's outcomes, as the engine counts them
-    bases: dict[str, Base]  # of each arm, in the world
+    # The run's row of the result table, computed again.
+    row: pd.Series
+    # name -> [ticks] or [ticks, ...]: the series that `ravenjax.store.logs.time_series` lists.
+    series: dict[str, np.ndarray]
+    # Outcomes of the golden run, as the engine returned them.
+    golden: dict[str, Any]
+    bases: dict[str, Base]  # of each arm, in the world frame
     engine: str  # engine and device, in words
 
 
@@ -50,7 +52,7 @@ class PlannedCampaign:
 
     @classmethod
     def of_folder(cls, folder: Path, engine: str = "auto") -> Self:
-        """The campaign of a result folder; "auto" is the engine that computed it.
+        """Return the campaign of a result folder; "auto" means the engine that computed it.
 
         Raises StoreError as `manifest.read`, and UserError.
         """
@@ -58,13 +60,17 @@ class PlannedCampaign:
         return cls(validated(record.config), original_engine(record, engine))
 
     def index(self, run: Any) -> int:
-        """Index of a run by its id, the beginning of its id, or its index. Raises UserError."""
+        """Return the index of a run by its id, the beginning of its id, or its index. Raises
+        UserError.
+        """
         return find(self.plan.rows.numbers("run_id"), run)
 
 
 def original_engine(record: manifest.Manifest, engine: str) -> str:
-    """The engine that computed a folder in place of "auto"; without a GPU the fastest one, which
-    gives the same bits where it fuses multiply-adds as a GPU does.
+    """Replace "auto" by the engine that computed a folder.
+
+    Without a GPU, "auto" means the fastest engine of this machine. It gives the same bits as a GPU
+    if the CPU fuses multiply-adds as well.
     """
     return record.engine if engine == "auto" and record.engine != "cuda" else engine
 
@@ -81,7 +87,7 @@ class Replayer(PlannedCampaign):
         self._bases = self._robot.bases(program.setup) if hasattr(self._robot, "bases") else {}
 
     def replay(self, run: Any) -> Replay:
-        """Run one row; `run` as for `index`. Raises UserError."""
+        """Compute one run again; `run` as for `index`. Raises UserError."""
         row, program = self.index(run), self.plan.program
         varied, harmless = self.plan.lanes([row], LANES, harmless=True)
         _, faults = self.plan.lanes([row], LANES)
@@ -111,16 +117,16 @@ class Replayer(PlannedCampaign):
 
 
 def replay(config: CampaignConfig, run: Any, engine: str = "auto") -> Replay:
-    """Run one row of a campaign: `run` is its run id (or the beginning of one that no other has)
-    or its index.
+    """Compute one run of a campaign again, given its run id, an unambiguous beginning of the id, or
+    its index.
     """
     return Replayer(config, engine).replay(run)
 
 
 def find(ids: np.ndarray, run: Any) -> int:
-    """Index of a run by its id, the beginning of its id, or its index; ids: of the fault table.
+    """Return the index of a run by its id, the beginning of its id, or its index.
 
-    Raises UserError.
+    ids: run ids of the fault table. Raises UserError.
     """
     if isinstance(run, bool) or not isinstance(run, str | numbers.Integral):
         raise UserError(

@@ -33,46 +33,47 @@ from ravenjax.store.manifest import Manifest
 from ravenjax.store.parts import Part
 
 SAMPLE = 64
-"""Runs that are made again where nobody names a number."""
+"""Number of runs that are computed again if the caller gives none."""
 
 
 class ColumnAgreement(NamedTuple):
-    """How a column of runs made again agrees with the folder."""
+    """How a column of recomputed runs agrees with the folder."""
 
     name: str
-    equal: int  # rows that are equal to the bit
-    # largest difference, in the column's unit; NaN of words, and where a number is NaN on one side
+    equal: int  # rows that are equal bit by bit
+    # Largest difference, in the column's unit. NaN for words, and where one of two numbers is NaN.
     largest: float
 
 
 class Rerun(NamedTuple):
-    """A sample of runs made again."""
+    """A sample of runs that were computed again."""
 
     engine: str  # engine and device, in words
-    other: list[
-        str
-    ]  # what is not as it was when the folder was computed: differences do not show an error then
+    # What differs from when the folder was computed; differences in numbers are then no error.
+    other: list[str]
     rows: np.ndarray  # indices, ascending
     verdicts: int  # rows with the same verdict
     columns: list[ColumnAgreement]  # every column of the table
 
     @property
     def differing(self) -> list[ColumnAgreement]:
-        """Columns that are not equal in every row, those that differ in most rows first."""
+        """Return the columns that are not equal in every row, those that differ in most rows
+        first.
+        """
         return sorted(
             (one for one in self.columns if one.equal < len(self.rows)), key=lambda one: one.equal
         )
 
 
 class Verification(NamedTuple):
-    """What was checked."""
+    """Result of a verification."""
 
     checks: list[FolderCheck]
-    rerun: Rerun | None  # None: no run was asked for, or none could be made
+    rerun: Rerun | None  # None: no run was requested, or none could be computed
 
     @property
     def fine(self) -> bool:
-        """Whether nothing is wrong."""
+        """Whether no error was found."""
         return all(check.fine for check in self.checks)
 
 
@@ -83,11 +84,11 @@ def verify(
     seed: int = 0,
     on_progress: OnProgress | None = None,
 ) -> Verification:
-    """Check a result folder and make `sample` of its runs again, drawn with `seed`; 0: none.
+    """Check a result folder and compute `sample` of its runs again, drawn with `seed`; 0: none.
 
-    engine: "auto" is the engine that computed the folder; for a folder of a GPU it is the fastest
-    engine of this machine. Raises StoreError where the folder holds no result,
-    UserError for an engine that is not here.
+    engine: "auto" means the engine that computed the folder; for a folder from a GPU, the fastest
+    engine of this machine. Raises StoreError if the folder holds no result, and UserError for an
+    engine that is not available.
     """
     if sample < 0:
         raise UserError(f"--sample {sample}: expected a number of runs, 0 for none")
@@ -101,7 +102,7 @@ def verify(
     try:
         plan = make_plan(validated(record.config))
     except ValueError as error:
-        # UserError, and pydantic's: a config that this version does not read
+        # UserError, and pydantic's error for a config that this version cannot read.
         return Verification(
             [
                 *checks,
@@ -119,8 +120,8 @@ def verify(
 
 
 def _campaign(folder: Path, record: Manifest, plan: Plan, whole: Sequence[Part]) -> FolderCheck:
-    """That the campaign of the manifest, expanded again, has the hash and the run ids that the
-    folder has.
+    """Check that the manifest's campaign, expanded again, has the hash and the run ids of the
+    folder.
     """
     ids = plan.rows.numbers("run_id")
     complaints = []
@@ -161,7 +162,7 @@ def _again(
     engine: str,
     on_progress: OnProgress | None,
 ) -> Rerun:
-    """Compute rows (ascending) again, each whole and from its beginning."""
+    """Compute these rows (ascending) again, each whole and from its beginning."""
     precision = plan.program.setup.precision
     backend = compile_cache.cached_engine(original_engine(record, engine), precision)
     words = f"{backend.name} on {backend.device}"
@@ -184,7 +185,7 @@ def _again(
 
 
 def _other(record: Manifest, plan: Plan, engine: Engine) -> list[str]:
-    """What is not as it was when the folder was computed, in words."""
+    """Return, in words, what differs from when the folder was computed."""
     device = f"{engine.device} ({'+'.join(plan.program.setup.arms)})"
     return [
         words
@@ -211,7 +212,10 @@ def _column(name: str, kept: pa.ChunkedArray, new: pa.ChunkedArray) -> ColumnAgr
 
 
 def _check(rerun: Rerun, plan: Plan) -> FolderCheck:
-    """What of a rerun is wrong: any difference where nothing else differs, of the inputs always."""
+    """Return the errors of a rerun.
+
+    Any difference is an error if nothing else has changed. A difference of inputs is always one.
+    """
     n, inputs = len(rerun.rows), set(plan.rows)
     problems = [
         f"{column.name}: differs in {n - column.equal} of {n} rows"

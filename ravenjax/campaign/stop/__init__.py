@@ -1,1 +1,1 @@
-"""Campaigns that stop when they know enough: what is kept of finished rows, and each decision."""
+"""Runs campaigns that stop early, and stores the decision of each look."""

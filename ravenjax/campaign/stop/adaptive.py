@@ -1,7 +1,8 @@
-"""Runs a campaign that stops when it knows enough: look by look, by the rule of its [stop] section.
+"""Runs a campaign that stops once its rates are known well enough, look by look, as [stop] says.
 
-How far it goes follows from the finished rows alone, so an interrupted campaign takes the same way
-again, to the byte. `decisions.jsonl` in the result folder says what each look found.
+The decisions follow from the finished rows alone. Therefore an interrupted campaign repeats the
+same decisions and gives the same bytes. `decisions.jsonl` in the result folder states what each
+look found.
 """
 
 from __future__ import annotations
@@ -37,11 +38,10 @@ def run(
     shard: Shard | None = None,
     command: Sequence[str] = (),
 ) -> Results:
-    """Run `config`, or finish it where `out` holds a part of it. A campaign with a stop rule is
-    computed as far as the rule asks.
+    """Run `config`, or finish it if `out` holds a part of it.
 
-    Arguments and errors are those of `runner.run_campaign`. Raises UserError for a shard of a
-    campaign with a stop rule.
+    A campaign with a stop rule is computed until the rule is met. Arguments and errors are those of
+    `runner.run_campaign`. Raises UserError for a shard of a campaign with a stop rule.
     """
     compute = functools.partial(
         runner.run_campaign,
@@ -89,12 +89,12 @@ class GroupDraws(NamedTuple):
     rows: int  # rows of each draw
 
     def rows_of(self, taken: int) -> range:
-        """Rows of the first `taken` draws."""
+        """Return the rows of the first `taken` draws."""
         return range(self.first, self.first + taken * self.rows)
 
 
 def group_draws(config: CampaignConfig) -> tuple[GroupDraws, ...]:
-    """The draws of each group in the order of the table."""
+    """Return the draws of each group in the order of the table."""
     result, first = [], 0
     for group in config.group:
         rows = design.counts(config)[group.name]
@@ -105,7 +105,7 @@ def group_draws(config: CampaignConfig) -> tuple[GroupDraws, ...]:
 
 
 def stop_rule(config: CampaignConfig) -> Sequential:
-    """The stop rule of a campaign that has one."""
+    """Return the stop rule of a campaign that has one."""
     if (stop := config.stop) is None:
         raise ValueError(f"campaign {config.campaign.name!r} has no [stop] section")
     strata = tuple(
@@ -124,9 +124,11 @@ def count_cases(
     rates: Sequence[str],
     rules: Rules,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(cases [rates, groups], valid draws [groups]) of the first taken[group] draws of each group.
+    """Return (cases [rates, groups], valid draws [groups]) of the first taken[group] draws of each
+    group.
 
-    A draw counts by its first row with a valid outcome: one of its repeats or crossed variants.
+    A draw counts by its first row with a valid outcome, which is one of its repeats or crossed
+    variants.
     """
     table = results.arrow(["index", *events.columns(rates, rules)])
     happened = np.zeros((1 + len(rates), draws[-1].rows_of(draws[-1].number).stop), bool)

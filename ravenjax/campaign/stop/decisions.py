@@ -14,14 +14,15 @@ FILE = "decisions.jsonl"
 
 
 def write(folder: Path, looks: Sequence[Look]) -> None:
-    """All looks so far, in one step. Raises StoreError where the disk refuses."""
+    """Write all looks so far, atomically. Raises StoreError if the disk refuses."""
     text = "".join(f"{look.model_dump_json()}\n" for look in looks)
     write_aside(folder / FILE, lambda target: target.write_text(text, encoding="utf-8"))
 
 
 def read(folder: Path) -> list[Look]:
-    """The looks of a folder, none where its campaign has no stop rule. StoreError for a file
-    that cannot be read.
+    """Return the looks of a folder; none if its campaign has no stop rule.
+
+    Raises StoreError for a file that cannot be read.
     """
     path = folder / FILE
     try:
@@ -37,8 +38,9 @@ def read(folder: Path) -> list[Look]:
 
 
 def sentence(folder: Path) -> str:
-    """Why the campaign of a folder stopped, "" where it has no stop rule. Raises StoreError as
-    `read`.
+    """Return why the campaign of a folder stopped; "" if it has no stop rule.
+
+    Raises StoreError as `read`.
     """
     looks = read(folder)
     return sequential.sentence(looks) if looks else ""

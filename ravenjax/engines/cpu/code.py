@@ -1,8 +1,9 @@
-"""A compiled time loop: runs a group of lanes through some ticks, vector after vector of them.
+"""A compiled time loop on the CPU: runs a group of lanes through some ticks, one vector after
+another.
 
-Calls of the compiled functions are collected, and a compiled function makes them: no Python runs
-between them. A Python thread that makes such calls waits for the interpreter's lock at each, and
-with many threads longer than it computes.
+Calls of the compiled functions are collected in a list, and a compiled function makes them, so no
+Python runs in between. A Python thread that made each call itself would wait for the interpreter's
+lock every time. With many threads that takes longer than the computing.
 """
 
 from __future__ import annotations
@@ -28,22 +29,25 @@ from ravenjax.engines.lanes import Lanes, Trunk, spacing
 from ravenjax.ir.time_loop import TimeLoop, split
 
 CHUNK = 500
-"""Ticks that a vector of lanes runs before the next one does: a group's rows for so many stay in
-the second-level cache.
+"""Ticks that a vector of lanes runs before the next vector does.
+
+A group's rows for that many ticks stay in the second-level cache.
 """
 AT_ONCE = 2**18
-"""Ticks of vectors that compiled code runs in one call, about: tenths of a second, so that
-progress can be told.
+"""Approximate number of vector ticks that compiled code runs in one call.
+
+This takes tenths of a second, so that progress can be reported.
 """
 
 
 @dataclasses.dataclass(frozen=True)
 class LaneCourse:
-    """From which tick to which the lanes of a group run."""
+    """The tick in which each vector of a group begins, and the tick in which each lane ends."""
 
-    begins: np.ndarray  # int [vectors], ticks of snapshots of `trunk`; 0: from the beginning
-    ends: np.ndarray  # int [lanes], the first tick that is not run
-    trunk: Trunk | None = None  # the golden run from which they go on
+    # int [vectors]: ticks of snapshots of `trunk`; 0: from the beginning.
+    begins: np.ndarray
+    ends: np.ndarray  # int [lanes]: the first tick that the lane does not run
+    trunk: Trunk | None = None  # the golden run that the lanes start from
 
     @property
     def first(self) -> int:
@@ -52,17 +56,18 @@ class LaneCourse:
 
     @property
     def last(self) -> int:
-        """The first tick that none runs."""
+        """The first tick that no lane runs."""
         return int(self.ends.max())
 
     @property
     def vector_ticks(self) -> int:
-        """Ticks that all vectors run together."""
+        """Number of ticks that all vectors run, summed over vectors."""
         return int((self.ends.reshape(len(self.begins), -1).max(axis=1) - self.begins).sum())
 
 
 class LaneGroup:
-    """Vectors of lanes before their first tick, and what they share; rows of some ticks at a time.
+    """The memory of some vectors of lanes and of what they share, with the rows of some ticks at a
+    time.
 
     Ticks count from the beginning of a run. Methods collect calls; `go` makes them.
     """
@@ -76,7 +81,7 @@ class LaneGroup:
         rows: int,
         results: int,
     ) -> None:
-        """rows, results: how many there is room for at a time."""
+        """rows, results: number of rows, and of rows of results, that the memory has room for."""
         self.kernel, self.lanes = kernel, lanes
         self._make_calls = make_calls
         self._calls: list[tuple[int, ...]] = []
@@ -98,18 +103,19 @@ class LaneGroup:
         self._calls.append((number, *arguments, *(0,) * (CALL_WORDS - 1 - len(arguments))))
 
     def go(self) -> None:
-        """Make the calls that were collected since the last time."""
+        """Make the calls that were collected since the last `go`."""
         calls = np.array(self._calls, np.int64).reshape(-1, CALL_WORDS)
         self._calls.clear()
         self._make_calls(calls.ctypes.data, len(calls))
 
     def turn(self, tick: int) -> None:
-        """Rows that are made from now on begin with that of `tick`."""
+        """Let the rows that are made from now on begin with that of `tick`."""
         self._row_tick = tick
 
     def share(self, first: int, until: int, after: int | None = None) -> None:
-        """Make the rows of these ticks, for which there must be room; copy the group's state to
-        address `after`.
+        """Make the rows of these ticks, which must fit in the memory.
+
+        after: address to which the group's state is then copied.
         """
         state = address(self.group_state)
         self._call(
@@ -122,7 +128,7 @@ class LaneGroup:
             self._call("copy_bytes", after, state, self.group_state.size)
 
     def advance(self, v: int, first: int, until: int) -> None:
-        """Run vector `v` through these ticks, whose rows are there."""
+        """Run vector `v` through these ticks, whose rows must have been made."""
         lane, out = v * self.kernel.inputs.width, self.lanes.out
         if out is None:
             leaving = address(self._nowhere), 0, self._nowhere.strides[0]
@@ -137,8 +143,8 @@ class LaneGroup:
         )
 
     def _entering(self, tick: int, lane: int) -> tuple[int, int, int]:
-        """Where what enters a tick stands, and bytes to that of the next tick and to the next
-        number.
+        """Return the address of the inputs of a tick, and the strides in bytes to the next tick and
+        to the next number.
         """
         numbers = self.lanes.tick_inputs
         step = numbers.strides[0] if len(numbers) > 1 else 0
@@ -148,28 +154,29 @@ class LaneGroup:
         return start, step, numbers.strides[1]
 
     def finish(self, v: int, row: int, group_state: int | None = None) -> None:
-        """Write the results that vector `v` has now to a row of `results`; group_state: address,
-        if not the present.
+        """Write the current results of vector `v` to a row of `results`.
+
+        group_state: address of the group's state; None: the present one.
         """
         shared = address(self.group_state) if group_state is None else group_state
         own = address(self._inputs, v), address(self.state, v)
         self._call("lane_finish", *own, shared, address(self.results, row))
 
     def columns(self) -> list[np.ndarray]:
-        """The results, each [rows * width]."""
+        """Return the results, each [rows * width]."""
         return self.kernel.results.unpack(self.results)
 
 
 def address(rows: np.ndarray, row: int = 0) -> int:
-    """Where a row stands in memory."""
+    """Return the memory address of a row."""
     return rows.ctypes.data + row * rows.strides[0]
 
 
 class VectorCode:
-    """`loop` compiled for `width` lanes side by side.
+    """`loop` compiled for `width` parallel lanes.
 
-    grouped: the first `shared` inputs of its lanes, and what enters a tick, are alike. The tick's
-    own number always is.
+    grouped: the first `shared` inputs of its lanes, and the inputs of each tick, are equal. The
+    tick's number always is.
     """
 
     def __init__(
@@ -182,8 +189,8 @@ class VectorCode:
         printed: Callable[[Callable[[], VectorKernel]], VectorKernel] = lambda make: make(),
         host: jit.Host | None = None,
     ) -> None:
-        """printed: the kernel as it was printed before, or `make()`. host: whose instructions are
-        printed, this machine's if left out.
+        """printed: returns the generated kernel from a cache, or calls `make()`. host: the CPU to
+        generate code for; None: this machine's.
         """
         ticks = range(len(loop.step.inputs) - loop.lane_inputs - loop.states)
         self.grouped, self.width = grouped, width
@@ -198,15 +205,15 @@ class VectorCode:
 
     @property
     def outputs(self) -> int:
-        """Numbers that go out in a tick."""
+        """How many numbers each tick returns."""
         return self.kernel.outputs
 
     def group(self, lanes: Lanes, vectors: int, rows: int, results: int) -> LaneGroup:
-        """Lanes before their first tick; see `LaneGroup`."""
+        """Return lanes before their first tick; see `LaneGroup`."""
         return LaneGroup(self.kernel, self._make_calls, lanes, vectors, rows, results)
 
     def run(self, lanes: Lanes, ticks: int, progress: Progress | None = None) -> list[np.ndarray]:
-        """Run one group from the beginning; its results, each [lanes]."""
+        """Run one group from the beginning; return its results, each [lanes]."""
         size = len(lanes.inputs[0]) if lanes.inputs else self.width
         begins = np.zeros(size // self.width, np.int64)
         return self.follow(lanes, LaneCourse(begins, np.full(size, ticks)), progress)
@@ -214,7 +221,7 @@ class VectorCode:
     def follow(
         self, lanes: Lanes, course: LaneCourse, progress: Progress | None = None
     ) -> list[np.ndarray]:
-        """Run one group along `course`; its results, each [lanes].
+        """Run one group along `course`; return its results, each [lanes].
 
         Results of a vector are written at each tick at which one of its lanes ends.
         """
@@ -223,7 +230,7 @@ class VectorCode:
         pairs, place = np.unique(
             np.stack([of_lane, course.ends], axis=1), axis=0, return_inverse=True
         )
-        # of each vector: (tick, row of the results)
+        # For each vector: (tick, row of the results).
         stops: list[list[tuple[int, int]]] = [[] for _ in range(vectors)]
         for row, (v, end) in enumerate(pairs.tolist()):
             stops[v].append((end, row))
@@ -265,7 +272,7 @@ class VectorCode:
     def trunk(self, lanes: Lanes, last: int, ends: np.ndarray) -> tuple[Trunk, list[np.ndarray]]:
         """Run a vector of lanes that are all the same golden run.
 
-        Its snapshots before tick `last`, and its results at each of `ends` (ascending), each
+        Return its snapshots before tick `last`, and its results at each of `ends` (ascending), each
         [ends].
         """
         words, shared_words = self._state_words[0], self.kernel.group_state.bytes // 4
@@ -293,12 +300,12 @@ class VectorCode:
 
     @cached_property
     def _state_words(self) -> np.ndarray:
-        """[width, words]: where each lane's words of the state stand."""
+        """[width, words]: indices of the 32-bit words of each lane's state."""
         return np.stack([self.kernel.state.words(lane) for lane in range(self.width)])
 
     def _go_on(self, group: LaneGroup, course: LaneCourse, golden_run: Trunk) -> None:
-        """Put vectors where their golden run was at `course.begins`, and what they share where
-        it was at the first.
+        """Set each vector to its golden run's state at `course.begins`, and the group's state to
+        that at the first of them.
         """
         if course.first:
             row = course.first // golden_run.every

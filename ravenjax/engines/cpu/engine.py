@@ -1,10 +1,10 @@
-"""Engine `simd`: the tick printed as vector code, the time loop inside, compiled in process, one
-robot a vector lane.
+"""Engine `simd`: the tick and its time loop as generated vector code, compiled in process, with one
+robot per vector lane.
 
-Lanes that share their varied parameters form a group: what does not differ between them (the clean
-packet, the nominal model, clocks) is computed once for all of them. Where groups would be too
-small, parameters are taken as the lanes' own. Both ways give the same bits, as do all vector
-widths, so a lane's result depends on its inputs alone.
+Lanes that share their varied parameters form a group. What does not differ between them (the clean
+packet, the nominal model, clocks) is computed once for the group. If groups would be too small,
+every lane computes everything. Both ways give the same bits, as do all vector widths, so a lane's
+result depends only on its inputs.
 """
 
 from __future__ import annotations
@@ -23,13 +23,16 @@ from ravenjax.engines.interface import Block, BlockResult, Progress, TickProgram
 from ravenjax.engines.lanes import Lanes, Trunk
 
 MIN_LANES, MAX_LANES = 256, 1024
-"""Lanes of a block: with fewer what their group shares is no small part of the work, and with many
-threads Python is busier with the next block than they are with theirs; with more the last blocks
-leave threads idle."""
+"""Least and greatest number of lanes of a block.
+
+With fewer lanes, what the group shares is a large part of the work; and with many threads, Python
+takes longer to prepare the next block than the threads take to compute one. With more lanes, the
+last blocks leave threads idle.
+"""
 BLOCKS = 8
-"""Blocks for each thread, at least, where they have more than the fewest lanes."""
+"""Least number of blocks per thread, if blocks have more than MIN_LANES lanes."""
 UNSHARED = 0.5
-"""By how much a vector takes longer, about, that computes what its group could share."""
+"""Approximate extra time of a vector that computes what its group could share, as a fraction."""
 
 
 class SimdKernel(traced.PrintedKernel):
@@ -43,8 +46,9 @@ class SimdKernel(traced.PrintedKernel):
         signals: bool = False,
         host: jit.Host | None = None,
     ) -> None:
-        """signals: every signal goes out in each tick, and lanes run one by one. host: whose
-        instructions are printed, this machine's if left out."""
+        """signals: every tick returns every signal, and lanes run one by one. host: CPU to generate
+        code for; None: this machine's.
+        """
         super().__init__(program, lanes, objects)
         self.signals, self._host = signals, host or jit.host()
         self.width = 1 if signals else self._host.width
@@ -52,7 +56,7 @@ class SimdKernel(traced.PrintedKernel):
         self.branches = 0 if signals else self.width
 
     def size(self, rows: int) -> int:
-        """See `interface.Kernel`: whole vectors."""
+        """Return a number of lanes that fills whole vectors; see `interface.Kernel`."""
         return -(-rows // self.width) * self.width
 
     def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
@@ -91,7 +95,7 @@ class SimdKernel(traced.PrintedKernel):
             filled = mine[np.minimum(np.arange(self.size(len(mine))), len(mine) - 1)]
             course = self._course(block, filled, grouped)
             first, last = (0, ticks) if keep else (course.first, course.last)
-            # As large as all that runs at a time: not held twice where all lanes are one group.
+            # The output for all lanes is large. It is not held twice if all lanes form one group.
             whole = len(filled) == lanes
             own_out = out if whole else np.zeros((*out.shape[:2], len(filled)), dtype)
             entering = self._given(block, filled, grouped, first, last)
@@ -100,7 +104,8 @@ class SimdKernel(traced.PrintedKernel):
                 *(entering, tables, own_out if keep else None, first),
             )
             columns = code.follow(vectors, course, progress)
-            if progress is not None:  # what nobody had to run is done, too
+            # Count also the ticks that no lane had to run.
+            if progress is not None:
                 progress(ticks * len(filled) - self.width * course.vector_ticks)
             outcomes = outcomes or [np.zeros(lanes, column.dtype) for column in columns]
             for column, values in zip(outcomes, columns, strict=True):
@@ -114,8 +119,9 @@ class SimdKernel(traced.PrintedKernel):
         return BlockResult(dict(zip(tick.outcomes, outcomes, strict=True)), reference), out
 
     def _groups(self, block: Block) -> tuple[list[np.ndarray], np.ndarray, bool]:
-        """A block's inputs, the group of each lane, and whether lanes run group by group: where
-        that is cheaper.
+        """Return a block's inputs, the group of each lane, and whether lanes run group by group.
+
+        They do if that is cheaper.
         """
         inputs, group = self.groups(block)
         vectors = (-(-np.bincount(group) // self.width)).sum()
@@ -123,8 +129,9 @@ class SimdKernel(traced.PrintedKernel):
         return inputs, group if grouped else np.zeros_like(group), grouped
 
     def _course(self, block: Block, lanes: np.ndarray, grouped: bool) -> LaneCourse:
-        """From where to where whole vectors of lanes run; those of a group have the same golden
-        run.
+        """Return the first and last ticks of whole vectors of lanes.
+
+        Lanes of a group have the same golden run.
         """
         ends = np.full(len(lanes), self.program.ticks) if block.ends is None else block.ends[lanes]
         begins = np.zeros(len(lanes) // self.width, np.int64)
@@ -136,8 +143,8 @@ class SimdKernel(traced.PrintedKernel):
     def _given(
         self, block: Block, lanes: np.ndarray, grouped: bool, first: int, last: int
     ) -> np.ndarray:
-        """The golden runs' series in these ticks: of a group, whose lanes share one, or of each
-        lane.
+        """Return the golden runs' series in these ticks: one for a group that shares it, else one
+        per lane.
         """
         if not block.compared or block.reference is None:
             series = self.program.loop.series_length(self.program.setup)
@@ -160,14 +167,16 @@ class SimdKernel(traced.PrintedKernel):
 
 
 def _from_slots(column: np.ndarray, dtype: np.dtype) -> np.ndarray:
-    """Numbers that stand in slots of 64 bits each."""
+    """Return the numbers of a column that is stored in slots of 64 bits."""
     return column.view(np.int32 if dtype.kind == "b" else dtype)[
         :: 8 // max(4, dtype.itemsize)
     ].astype(dtype)
 
 
 def lanes_of_block(runs: int, threads: int, width: int) -> int:
-    """Lanes of a block in a campaign of so many runs: whole vectors."""
+    """Return the number of lanes of a block in a campaign of `runs` runs; they fill whole
+    vectors.
+    """
     share = -(-runs // threads)
     lanes = min(MAX_LANES, max(MIN_LANES, share // BLOCKS), share)
     return -(-lanes // width) * width
@@ -175,9 +184,10 @@ def lanes_of_block(runs: int, threads: int, width: int) -> int:
 
 @dataclasses.dataclass(frozen=True)
 class SimdEngine:
-    """All cores of a CPU, its widest vectors."""
+    """Engine that uses all cores of a CPU and its widest vectors."""
 
-    objects: jit.Objects | None = None  # compiled code kept between processes
+    # Cache of compiled code that outlives the process.
+    objects: jit.Objects | None = None
     name: str = "simd"
 
     @property
@@ -187,16 +197,16 @@ class SimdEngine:
 
     @property
     def threads(self) -> int:
-        """One block a core."""
+        """Parallel blocks: one per core."""
         return len(os.sched_getaffinity(0))
 
     def compile(self, program: TickProgram, runs: int) -> SimdKernel:
-        """See `interface.Engine`. The block never depends on the chunk that results are stored
-        in.
+        """See `interface.Engine`. The block size does not depend on the chunk size of the
+        results.
         """
         lanes = lanes_of_block(runs, self.threads, jit.host().width)
         return SimdKernel(program, lanes, self.objects)
 
     def tracer(self, program: TickProgram, lanes: int) -> Tracer:
-        """See `interface.Engine`. Lanes run one by one, to the same bits as in a campaign."""
+        """See `interface.Engine`. Lanes run one by one, with the same bits as in a campaign."""
         return Tracer(SimdKernel(program, 1, self.objects, signals=True))

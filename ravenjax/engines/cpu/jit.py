@@ -1,6 +1,4 @@
-"""Printed LLVM IR to functions that can be called, on this machine's CPU; compiled code may
-outlive the process.
-"""
+"""Compiles LLVM IR to callable functions for this machine's CPU, with an optional disk cache."""
 
 from __future__ import annotations
 
@@ -18,39 +16,42 @@ import llvmlite.binding as llvm
 from ravenjax.engines.trace_key import Objects
 
 _OPTIMISATION = 1
-"""Of code generation; the IR itself needs no passes. A higher level gives the same code."""
+"""Optimisation level of code generation. The IR needs no passes, and a higher level gives the same
+code.
+"""
 _OPTIONS = ("-pre-RA-sched=source", "-enable-misched=false")
-"""Operations stay in the order in which they are printed: `schedule` has put them there. For the
-whole process.
+"""Options that keep operations in the order in which they are printed, which `schedule` has chosen.
+
+They hold for the whole process.
 """
 
 
 @dataclasses.dataclass(frozen=True)
 class Host:
-    """The CPU that code is compiled for."""
+    """A CPU that code is compiled for."""
 
     cpu: str
     features: frozenset[str]
 
     @property
     def width(self) -> int:
-        """float32 lanes of its widest vectors."""
+        """Number of float32 lanes of the CPU's widest vectors."""
         return 16 if "avx512f" in self.features else 8 if "avx2" in self.features else 4
 
     @property
     def vectors(self) -> str:
-        """Its widest vectors in words."""
+        """Description of the CPU's widest vectors."""
         return {16: "AVX-512", 8: "AVX2", 4: "128-bit vectors"}[self.width]
 
     @property
     def text(self) -> str:
-        """Features as LLVM takes them."""
+        """CPU features in LLVM's format."""
         return ",".join(f"+{name}" for name in sorted(self.features))
 
 
 @cache
 def host() -> Host:
-    """This machine's CPU."""
+    """Return this machine's CPU."""
     for option in _OPTIONS:
         llvm.set_option("ravenjax", option)
     llvm.initialize_native_target()
@@ -60,15 +61,15 @@ def host() -> Host:
 
 
 def portable() -> Host:
-    """Any CPU of this machine's kind."""
+    """Return the baseline CPU of this machine's architecture."""
     return Host({"x86_64": "x86-64"}.get(platform.machine(), "generic"), frozenset())
 
 
 class HostModule:
-    """Compiled functions, for as long as this object lives."""
+    """Compiled functions. They can be called as long as this object lives."""
 
     def __init__(self, code: bytes, names: Sequence[str]) -> None:
-        # JITLink puts code and constants side by side; the older loader may not, and then aborts
+        # JITLink places code and constants side by side. The older loader may not, and then aborts
         # the process.
         self._jit = llvm.create_lljit_compiler(_machine(host()), use_jit_link=True)
         builder = llvm.JITLibraryBuilder().add_object_img(code).add_current_process()
@@ -77,15 +78,18 @@ class HostModule:
         self._library = builder.link(self._jit, "kernel")
 
     def function(self, name: str, arguments: Sequence[Any], brief: bool = False) -> Any:
-        """A function without a result. ctypes releases the GIL while it runs, except for a `brief`
-        one: a thread that releases the GIL may wait milliseconds to get it back."""
+        """Return a function without a result.
+
+        ctypes releases the GIL while the function runs, unless it is `brief`: a thread that
+        releases the GIL may wait milliseconds to get it back.
+        """
         kind = ctypes.PYFUNCTYPE if brief else ctypes.CFUNCTYPE
         return kind(None, *arguments)(self._library[name])
 
 
 def compile(text: str, names: Sequence[str], objects: Objects | None = None) -> HostModule:
-    """Compile functions `names` of a module's text, or take them from `objects`, where they are
-    left otherwise.
+    """Compile functions `names` of a module's text, or load them from `objects`. New code is stored
+    there.
     """
     target = host()
     source = (llvmlite.__version__, target.cpu, target.text, *_OPTIONS, str(_OPTIMISATION), text)
@@ -99,8 +103,9 @@ def compile(text: str, names: Sequence[str], objects: Objects | None = None) -> 
 
 
 def emit(text: str, target: Host) -> bytes:
-    """An object file of a module's text, of position-independent code."""
-    host()  # LLVM is made ready
+    """Compile a module's text to an object file of position-independent code."""
+    # This initialises LLVM.
+    host()
     module = llvm.parse_assembly(text, llvm.create_context())
     machine = _machine(target)
     module.triple, module.data_layout = machine.triple, str(machine.target_data)

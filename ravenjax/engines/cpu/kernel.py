@@ -1,13 +1,14 @@
-"""A split time loop as one LLVM module of functions, and how their buffers are laid out.
+"""Generates a split time loop as one LLVM module of functions, and defines the layout of their
+buffers.
 
-shared_begin  state of a group from its inputs
-shared_run    some ticks of a group: advances its state, writes a row of numbers a tick
-lane_begin    state and held numbers of `width` lanes from their inputs
-lane_run      the same ticks of these lanes, reading the rows
-lane_finish   their results
+shared_begin  makes the state of a group from its inputs
+shared_run    runs some ticks of a group: advances its state, writes one row of numbers per tick
+lane_begin    makes the state and held numbers of `width` lanes from their inputs
+lane_run      runs the same ticks of these lanes, reading the rows
+lane_finish   writes their results
 
-`make_calls` makes a list of calls of these. Buffers of lanes hold `width` numbers after another for
-each number; those of groups hold one.
+`make_calls` makes a list of calls of these functions. Buffers of lanes hold `width` consecutive
+numbers for each number of the program; those of groups hold one.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from ravenjax.ir.regions import Region, arrange
 from ravenjax.ir.time_loop import Split
 
 WINDOW = 200
-"""Operations, from the earliest that is not placed yet, among which the next is chosen."""
+"""Operations, counted from the earliest that is not placed yet, among which the next is chosen."""
 LATENCIES = {
     "fma": 6,
     "mul": 6,
@@ -39,28 +40,30 @@ LATENCIES = {
     "bitcast": 0,
     "rem": 60,
 }
-"""Cycles until a result is there, of 512-bit operations, loads and stores between included."""
+"""Cycles until the result of a 512-bit operation is available, including loads and stores in
+between.
+"""
 _SLOW = frozenset(
     ("lt", "le", "eq", "ne", "max", "min", "convert", "truncate", "round", "floor", "ceil")
 )
 
 
 def latency(name: str) -> int:
-    """Cycles until the result of an operation is there."""
+    """Return the cycles until the result of an operation is available."""
     return LATENCIES.get(name, 6 if name in _SLOW else 2)
 
 
 def schedule(
     operations: Sequence[Operation], arranged: Iterable[int | Region], window: int = WINDOW
 ) -> list[int | Region]:
-    """Operations in an order that can be run, rearranged between regions and within each; one is
-    begun each cycle.
+    """Reorder operations between regions and within each, in a valid order; one operation begins
+    each cycle.
 
-    Code is traced one joint, one arm, one stage after the other. These are long chains, in which
-    each operation waits for the one before, and a CPU looks some hundred operations ahead at most.
-    So operations of later chains move up to where an earlier one would wait, within a window. A
-    wider window finds more work but keeps more numbers alive than there are registers. Measured on
-    a tick of 4 250 vector operations: 4 450 cycles as traced, 3 950 with this window.
+    Code is traced joint by joint, arm by arm, stage by stage. This gives long chains in which each
+    operation waits for the previous one, and a CPU looks at most some hundred operations ahead.
+    Therefore operations of later chains move up, within a window, to where an earlier one would
+    wait. A wider window finds more work but keeps more numbers alive than there are registers.
+    Measured on a tick of 4 250 vector operations: 4 450 cycles as traced, 3 950 with this window.
     """
     out: list[int | Region] = []
     between: list[int] = []
@@ -77,21 +80,27 @@ def schedule(
 def _straight(
     operations: Sequence[Operation], order: Sequence[int], window: int
 ) -> tuple[int, ...]:
-    """Of those whose operands are begun, the window's first that need not wait, else the first
-    that waits least.
+    """Order operations: of those whose operands have begun, take the first in the window that need
+    not wait.
+
+    If all must wait, take the first of those that wait least.
     """
-    place = {i: k for k, i in enumerate(order)}  # everything below goes by places in `order`
+    # From here on operations are identified by their index in `order`.
+    place = {i: k for k, i in enumerate(order)}
+    # Number of operands that have not begun yet; cycle in which the operands that have begun are
+    # available.
     missing, ready = (
         [0] * len(order),
         [0] * len(order),
-    )  # operands not begun yet; when those that are will be there
+    )
     readers: list[list[int]] = [[] for _ in order]
     for k, i in enumerate(order):
         for operand in operations[i].operands:
             if (source := place.get(operand)) is not None:
                 missing[k] += 1
                 readers[source].append(k)
-    candidates: list[int] = []  # of the window, those with no operand missing, in order
+    # Operations in the window with no operand missing, in order.
+    candidates: list[int] = []
     result: list[int] = []
     now = inside = 0
     while len(result) < len(order):
@@ -123,15 +132,17 @@ ARGUMENTS = {
     "lane_finish": ("ptr",) * 4,
     "copy_bytes": ("ptr", "ptr", "i64"),
 }
-"""What can be called, and the types of the arguments; `copy_bytes` is to, from, count."""
+"""Functions that can be called, and the types of their arguments; `copy_bytes` takes to, from,
+count.
+"""
 CALL_WORDS = 1 + max(map(len, ARGUMENTS.values()))
-"""64-bit words of a call: which function, and its arguments."""
+"""64-bit words of a call: the function's number and its arguments."""
 FUNCTIONS = (*ARGUMENTS, "make_calls")
 
 
 @dataclasses.dataclass(frozen=True)
 class VectorKernel:
-    """The module's text and its buffers."""
+    """The module's text and the layout of its buffers."""
 
     text: str
     inputs: BufferLayout  # all inputs, of lanes
@@ -141,11 +152,11 @@ class VectorKernel:
     prologue: BufferLayout
     row: BufferLayout
     results: BufferLayout
-    outputs: int  # numbers that go out in a tick
+    outputs: int  # how many numbers each tick returns
 
 
 def print_kernel(split: Split, width: int, features: frozenset[str]) -> VectorKernel:
-    """Print `split` for `width` lanes side by side."""
+    """Generate the module of `split` for `width` parallel lanes."""
     return _LlvmModule(split, width, features).kernel()
 
 
@@ -198,7 +209,7 @@ class _LlvmModule:
         )
         return dataclasses.replace(self.buffers, text=text)
 
-    # --- where inputs stand ---
+    # --- addresses of inputs ---
 
     def _sources(
         self, program: Program, inputs: list[Place], state: dict[int, Place]
@@ -212,7 +223,7 @@ class _LlvmModule:
         }
 
     def _state(self, pointer: str, group: str = "") -> dict[int, Place]:
-        """Places of the lanes' state, and of their group's if it is at hand."""
+        """Return the places of the lanes' state, and of their group's state if `group` is given."""
         places = dict(zip(self.lane_state, self.buffers.state.places(pointer), strict=True))
         if group:
             places |= dict(
@@ -241,8 +252,9 @@ class _LlvmModule:
     def _loop(
         self, name: str, parameters: str, printer: LlvmPrinter, steps: dict[str, str]
     ) -> None:
-        """A function that repeats its body %count times; pointers of `steps` move by so many
-        bytes each time.
+        """Write a function that repeats its body %count times.
+
+        steps: bytes by which each pointer advances per iteration.
         """
         self.functions.append(repeated(name, parameters, printer, steps, " #0"))
         self.declared |= printer.declared
@@ -278,7 +290,7 @@ class _LlvmModule:
     def _of_this_tick(
         self, printer: LlvmPrinter, sources: dict[int, Place], shared: bool
     ) -> dict[int, str]:
-        """Adds the sources of what enters a tick; returns the tick's number, which is a value."""
+        """Add the sources of the tick's inputs; return the tick's number, which is a value."""
         first = self.split.loop.lane_inputs + self.split.loop.states
         tick_values: dict[int, str] = {}
         for i, op in enumerate(self.step.operations):

@@ -1,11 +1,11 @@
-"""Straight-line programs printed as LLVM IR: one instruction or so an operation, `width` lanes side
-by side.
+"""Prints straight-line programs as LLVM IR: about one instruction per operation, `width` parallel
+lanes.
 
-`Place`s say where numbers stand in memory. Every float operation is printed as it stands:
-LLVM may neither fuse nor reassociate, so that all widths and CPUs give the same bits (but where the
-CPU has no fused multiply-add: there `fma` rounds twice). A program that was lowered with functions
-of the C library calls them, one lane wide: the very functions of this process, which Python's
-`math` calls, too.
+`Place`s give the locations of numbers in memory. Every float operation is printed as it is. LLVM
+may neither fuse nor reassociate, so that all widths and CPUs give the same bits. The exception is a
+CPU without fused multiply-add, where `fma` rounds twice. A program that was lowered with functions
+of the C library calls them, one lane wide. They are the same functions of this process that
+Python's `math` calls.
 """
 
 from __future__ import annotations
@@ -41,16 +41,16 @@ _COMPARED = {
 _ROUNDED = {"floor": "floor", "ceil": "ceil", "round": "rint", "sqrt": "sqrt", "abs": "fabs"}
 _SHIFTED = {"shl": "shl", "shr": "lshr", "sar": "ashr"}
 _FUSED = frozenset(("fma", "neon", "fp-armv8"))
-"""CPU features that bring a fused multiply-add."""
+"""CPU features that provide a fused multiply-add."""
 
 
 class LlvmPrinter(Printing[Place]):
-    """Lines of one function body, for `width` lanes (1: scalar code) on a CPU with these
+    """Prints the lines of one function body for `width` lanes (1: scalar code) on a CPU with these
     features.
     """
 
     def __init__(self, width: int, features: frozenset[str], block: str = "entry") -> None:
-        """block: label of the block that the lines begin in."""
+        """block: label of the basic block in which the lines begin."""
         super().__init__()
         self.width, self.features, self.block = width, features, block
         self.declared: set[str] = set()
@@ -67,12 +67,12 @@ class LlvmPrinter(Printing[Place]):
                 return self._chosen_apart(dtype, inputs)
             return self.select(dtype, *inputs)
         sources = [program.operations[o] for o in operands]
-        # A NaN is no known number: `max` and `min` must let it through.
+        # A NaN does not count as a known number: `max` and `min` must pass it on.
         known = [o.name == "constant" and not np.isnan(number(o.dtype, o.detail)) for o in sources]
         return self._computed(name, dtype, sources[0].dtype, inputs, known)
 
     def _begin_region(self, condition: str, types: list[str]) -> tuple[str, str, list[str]]:
-        """Entered if the condition holds in any lane."""
+        """Begin a block that is entered if the condition holds in any lane."""
         if self.width > 1:
             name = f"llvm.vector.reduce.or.v{self.width}i1"
             condition = self.call("i1", name, (self.type("bool"), condition))
@@ -101,24 +101,24 @@ class LlvmPrinter(Printing[Place]):
     # --- text ---
 
     def type(self, dtype: str) -> str:
-        """LLVM type of a number in registers."""
+        """Return the LLVM type of a number in registers."""
         return self._wide(_TYPES[dtype])
 
     def _wide(self, scalar: str) -> str:
         return scalar if self.width == 1 else f"<{self.width} x {scalar}>"
 
     def op(self, text: str) -> str:
-        """A new value."""
+        """Add an instruction, and return its new value."""
         self._count += 1
         self.lines.append(f"%v{self._count} = {text}")
         return f"%v{self._count}"
 
     def pair(self, dtype: str, inputs: Sequence[str]) -> str:
-        """Operands, each with its type."""
+        """Return operands as text, each with its type."""
         return ", ".join(f"{self.type(dtype)} {x}" for x in inputs)
 
     def call(self, result: str, name: str, *arguments: tuple[str, str]) -> str:
-        """Call a function or intrinsic, given type and text of each argument."""
+        """Call a function or intrinsic, given type and text of each argument; return the value."""
         types = ", ".join(dtype for dtype, _ in arguments)
         self.declared.add(f"declare {result} @{name}({types})")
         return self.op(
@@ -126,7 +126,7 @@ class LlvmPrinter(Printing[Place]):
         )
 
     def select(self, dtype: str, condition: str, yes: str, no: str) -> str:
-        """`yes` or `no`."""
+        """Return a value that is `yes` or `no`, by lane."""
         return self.op(f"select {self.type('bool')} {condition}, {self.pair(dtype, [yes, no])}")
 
     def intrinsic(self, name: str, dtype: str, *inputs: str) -> str:
@@ -135,7 +135,7 @@ class LlvmPrinter(Printing[Place]):
         return self.call(wide, f"llvm.{name}.{self._suffix(dtype)}", *((wide, x) for x in inputs))
 
     def _constant(self, dtype: str, value: Any) -> str:
-        """Text of a constant."""
+        """Return the text of a constant."""
         if dtype == "bool":
             text = "true" if value else "false"
         elif dtype.startswith("float"):
@@ -145,7 +145,7 @@ class LlvmPrinter(Printing[Place]):
         return text if self.width == 1 else f"splat ({_TYPES[dtype]} {text})"
 
     def address(self, place: Place) -> str:
-        """Pointer to a place."""
+        """Return a pointer to a place."""
         return (
             self.op(f"getelementptr i8, ptr {place.pointer}, i64 {place.offset}")
             if place.offset
@@ -153,7 +153,7 @@ class LlvmPrinter(Printing[Place]):
         )
 
     def _load(self, dtype: str, place: Place) -> str:
-        """The number at a place."""
+        """Return the number stored at a place."""
         scalar = _STORED[dtype]
         address = self.address(place)
         if place.splat and self.width > 1:
@@ -179,9 +179,11 @@ class LlvmPrinter(Printing[Place]):
     # --- operations ---
 
     def _chosen_apart(self, dtype: str, inputs: list[str]) -> str:
-        """A choice between bits, as one between floats. With AVX-512, LLVM 22.1 makes logic with a
-        constant and the choice after it into one instruction (a masked vpternlog) that may take the
-        wrong bits."""
+        """Choose between bit patterns as if they were floats.
+
+        With AVX-512, LLVM 22.1 combines logic with a constant and a following choice into one
+        instruction (a masked vpternlog) that may take the wrong bits.
+        """
         wide, real = self.type(dtype), self.type("float32")
         sides = [self.op(f"bitcast {wide} {x} to {real}") for x in inputs[1:]]
         result = self.select("float32", inputs[0], *sides)
@@ -268,7 +270,8 @@ class LlvmPrinter(Printing[Place]):
         if name == "sar":
             by = self.intrinsic("umin", dtype, by, self._constant(dtype, bits - 1))
             return self.op(f"ashr {wide} {x[0]}, {by}")
-        if constant:  # inside the width, or `simplify` would have taken it
+        # The shift is within the width; otherwise `simplify` would have removed it.
+        if constant:
             return self.op(f"{_SHIFTED[name]} {wide} {x[0]}, {by}")
         inside = self.op(f"icmp ult {wide} {by}, {self._constant(dtype, bits)}")
         amount = self.op(f"and {wide} {by}, {self._constant(dtype, bits - 1)}")
@@ -276,8 +279,9 @@ class LlvmPrinter(Printing[Place]):
         return self.select(dtype, inside, moved, self._constant(dtype, 0))
 
     def _divided(self, name: str, dtype: str, x: list[str]) -> str:
-        """Through float64, where the quotient of two 32-bit integers truncates right; CPUs have
-        no vector division.
+        """Divide 32-bit integers through float64, where the truncated quotient is exact.
+
+        CPUs have no vector division of integers.
         """
         wide, double, long = self.type(dtype), self._wide("double"), self._wide("i64")
         signed = "s" if dtype == "int32" else "u"
@@ -305,7 +309,8 @@ class LlvmPrinter(Printing[Place]):
                 f"llvm.fpto{kind}.sat.{self._suffix(dtype)}.{self._suffix(source)}",
                 (before, x),
             )
-        best = self._truncated(source, x)  # right but for NaN and what is too large
+        # Right except for NaN and values that are too large.
+        best = self._truncated(source, x)
         for condition, value in (
             (f"oge {before} {x}, {self._constant(source, 2147483648.0)}", 2**31 - 1),
             (f"uno {before} {x}, {x}", 0),
@@ -315,21 +320,23 @@ class LlvmPrinter(Printing[Place]):
         return best
 
     def _resized(self, dtype: str, source: str, x: str) -> str:
-        """An integer wrapped to another width."""
+        """Return an integer wrapped to another width."""
         if size(dtype) == size(source):
             return x
         name = "trunc" if size(dtype) < size(source) else "sext" if _signed(source) else "zext"
         return self.op(f"{name} {self.type(source)} {x} to {self.type(dtype)}")
 
     def _library(self, name: str, dtype: str, x: list[str]) -> str:
-        """The C library's function of float64; of float32 it is that, rounded (see `semantics`)."""
+        """Call the C library's function of float64; for float32 the result is rounded (see
+        `semantics`).
+        """
         if dtype == "float32":
             x = [self._converted("float64", dtype, operand) for operand in x]
         result = self.call("double", name, *(("double", operand) for operand in x))
         return self._converted(dtype, "float64", result) if dtype == "float32" else result
 
     def _truncated(self, source: str, x: str) -> str:
-        """C's `(int)x` on x86: one instruction there."""
+        """Convert as C's `(int)x` on x86 does, in one instruction there."""
         wide, before = self.type("int32"), self.type(source)
         if source == "float32" and self.width == 16 and "avx512f" in self.features:
             arguments = ((before, x), (wide, "zeroinitializer"), ("i16", "-1"), ("i32", "4"))
@@ -345,7 +352,7 @@ class LlvmPrinter(Printing[Place]):
         return self.select("int32", fits, near, self._constant("int32", -(2**31)))
 
     def _lookup(self, program: Program, table: int, index: str, tables: str) -> str:
-        """One number of a table; the tables stand one after the other in memory."""
+        """Return one number of a table. The tables are consecutive in memory."""
         dtype = program.tables[table][0]
         start = self.address(
             Place(tables, sum(size(d) * length for d, length in program.tables[:table]))
@@ -356,7 +363,8 @@ class LlvmPrinter(Printing[Place]):
             return self.op(f"load {scalar}, ptr {at}, align {size(dtype)}")
         value = self._constant(dtype, 0)
         vector = self._wide(scalar)
-        for lane in range(self.width):  # rare, and every CPU has it
+        # This is rare, and every CPU supports it.
+        for lane in range(self.width):
             one = self.op(f"extractelement <{self.width} x ptr> {at}, i64 {lane}")
             loaded = self.op(f"load {scalar}, ptr {one}, align {size(dtype)}")
             value = self.op(f"insertelement {vector} {value}, {scalar} {loaded}, i64 {lane}")
@@ -364,16 +372,17 @@ class LlvmPrinter(Printing[Place]):
 
 
 BRANCH_WEIGHTS = '!0 = !{!"branch_weights", i32 1, i32 2000}'
-"""A region is seldom entered: to stand in every module that has one."""
+"""Metadata that marks a region as seldom entered. Every module with a region must contain it."""
 
 
 def repeated(
     name: str, parameters: str, printer: LlvmPrinter, steps: Mapping[str, str], attributes: str = ""
 ) -> str:
-    """A function that repeats the lines of a printer (block "again") %count times; %tick counts.
+    """Return a function that repeats the lines of a printer (block "again") %count times; %tick
+    counts.
 
-    Pointers of `steps` begin at their parameter, the name with a 0, and move by so many bytes each
-    time.
+    The pointers of `steps` begin at their parameter, whose name ends in 0. Each advances by the
+    given number of bytes per iteration.
     """
     body = "\n".join(f"  {line}" for line in printer.lines)
     pointers = "".join(

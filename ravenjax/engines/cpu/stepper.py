@@ -1,9 +1,9 @@
-"""One robot, compiled, advanced a tick at a time by whoever holds the clock.
+"""One compiled robot that its caller advances tick by tick, as in a training session.
 
-The same operations as engine `simd`, one lane wide: the same bits. State, inputs and tables are
-plain memory between two ticks, so that inputs may change (a fault is armed), the state may be
-copied (a robot to try things on), and the operator's motion may be written row by row as it
-happens.
+It runs the same operations as engine `simd`, one lane wide, with the same bits. Between two ticks,
+state, inputs and tables are plain memory. So inputs may change (a fault is armed), the state may be
+copied (to try something on a copy of the robot), and the operator's motion may be written row by
+row as it happens.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from ravenjax.numbers.lazy import jax
 
 @dataclasses.dataclass(frozen=True)
 class _Form:
-    """What is kept of traced and printed code."""
+    """The part of traced and generated code that is cached."""
 
     text: str
     state: RecordKind
     outcomes: RecordKind
-    outputs: int  # numbers that go out of a tick
+    outputs: int  # how many numbers each tick returns
 
 
 class StepCode:
@@ -54,11 +54,12 @@ class StepCode:
         key: str = "",
     ) -> None:
         """begin(inputs) -> state; step(inputs, state, tick, entering, tables) -> (state, float32
-        numbers that go out); finish(inputs, state) -> named numbers. `inputs` and `entering`:
-        records of numbers with the right types, of 32 bits each; `tables`: lengths of float32
-        tables. objects: where code is kept. key: hash of all that decides the functions, besides
-        this package's lower floors; "": nothing is kept. Raises TypeError where something else than
-        float32 goes out of a tick."""
+        outputs of the tick); finish(inputs, state) -> named numbers. `inputs` and `entering`:
+        records of numbers of the right types, 32 bits each; `tables`: lengths of float32 tables.
+        objects: cache of compiled code. key: hash of everything that decides the functions, except
+        the modules below this package, which are added; "": nothing is cached. Raises TypeError if
+        a tick returns anything but float32.
+        """
         self.inputs = RecordKind.of(inputs)
         self.entering = RecordKind.of((np.int32(0), entering))
         self.tables = tuple(tables)
@@ -84,7 +85,7 @@ class StepCode:
             named = RecordKind.of(outcomes)
             return _Form(print_module(transitions), kind, named, len(tree.leaves(out)))
 
-        # The CPU's instructions are printed.
+        # The generated code depends on the CPU's instructions.
         types = [str(kind.layout) + repr(kind.record) for kind in (self.inputs, self.entering)]
         key = key and trace_key.persistent_key("step", key, types, self.tables, jit.host().text)
         form = trace_key.load_or_make(objects, key, make)
@@ -93,22 +94,21 @@ class StepCode:
 
 
 class Stepper:
-    """One robot of a `StepCode`.
+    """One robot that runs a `StepCode`.
 
-    `inputs`, `entering` and `tables` are arrays to write to: `inputs[k][0] = x` changes an input,
-    `entering[k][0] = x` what enters the next tick; `tables[k]` a table, which steppers may share.
+    `inputs`, `entering` and `tables` are arrays to write to. `inputs[k][0] = x` changes an input,
+    `entering[k][0] = x` an input of the next tick, and `tables[k]` is a table that steppers may
+    share.
     """
 
     def __init__(self, code: StepCode, inputs: Any, tables: np.ndarray | None = None) -> None:
-        """inputs: as in `StepCode`. tables: float32, all columns one after the other; zeros if
-        left out.
-        """
+        """inputs: as in `StepCode`. tables: float32, all columns concatenated; zeros if omitted."""
         self.code = code
         fixed, entering = code.inputs.row(inputs), buffer(1, code.entering.layout.bytes)
         self.inputs: list[np.ndarray] = tree.leaves(code.inputs.views(fixed))
         self._tick: np.ndarray
         self._tick, *self.entering = tree.leaves(code.entering.views(entering[0]))
-        # full, not zeros: there before it is used
+        # np.full instead of np.zeros: the memory is then allocated before the first tick.
         self.flat = np.full(sum(code.tables), 0.0, np.float32) if tables is None else tables
         ends = np.cumsum(code.tables)
         self.tables = [
@@ -125,38 +125,42 @@ class Stepper:
         self.begin()
 
     def begin(self) -> None:
-        """Back to before the first tick."""
+        """Return to the state before the first tick."""
         self._begin()
 
     def step(self, tick: int, out: int) -> None:
-        """One tick; writes what goes out as float32 numbers to address `out`."""
+        """Run one tick, and write its float32 outputs to address `out`."""
         self._tick[0] = tick
         self._step.leave_at(out)
         self._step()
 
     def outcomes(self) -> dict[str, Any]:
-        """What became of it so far."""
+        """Return the outcomes so far."""
         self._finish()
         return self.code.outcomes.read(self._results[0])
 
     def snapshot(self) -> np.ndarray:
-        """A copy of its state, for `restore` of any stepper of the same code."""
+        """Return a copy of the state, for `restore` of any stepper of the same code."""
         return self._state[0].copy()
 
     def restore(self, snapshot: np.ndarray) -> None:
-        """Take over a state."""
+        """Set the state from a snapshot."""
         self._state[0] = snapshot
 
     def change(self, function: Callable[[Any], Any]) -> None:
-        """Put `function` of the state in its place: a record of numbers in, the same with some of
-        them replaced out.
+        """Replace the state by `function` of it.
+
+        The function takes the state as a record of numbers and returns it with some of them
+        replaced.
         """
         kind = self.code.state
         with lazy.at_once():
             self._state[0] = kind.row(function(kind.read(self._state[0])))
 
     def restore_leaves(self, snapshot: np.ndarray, leaves: Sequence[int]) -> None:
-        """Take over some numbers of a state, by their places among the leaves of its record."""
+        """Set some numbers of the state from a snapshot, given by their indices among the leaves of
+        its record.
+        """
         layout = self.code.state.layout
         for k in leaves:
             place = slice(layout.offsets[k], layout.offsets[k] + size(layout.types[k]))

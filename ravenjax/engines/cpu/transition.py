@@ -1,9 +1,9 @@
-"""A state that moves a step at a time by functions of single numbers: (fixed, state, entering,
-tables) -> (state, leaving).
+"""A state that functions of single numbers advance step by step: (fixed, state, entering, tables)
+-> (state, leaving).
 
-All numbers stand in memory, one row of bytes for each of the four; what enters and what leaves may
-be many rows, one a step. No operation is fused here. `Compiled` and `Interpreted` have the same
-bits: the second runs `ir.semantics`, to check the first by.
+All numbers are in memory, one row of bytes for each of the four. `entering` and `leaving` may have
+many rows, one per step. No operation is fused here. `Compiled` and `Interpreted` give the same
+bits; `Interpreted` runs `ir.semantics` to check `Compiled`.
 """
 
 from __future__ import annotations
@@ -31,39 +31,40 @@ STEPS = (
     "ptr noalias %fixed, ptr noalias %state, ptr noalias %entering0, i64 %entering_bytes, ptr"
     " noalias %leaving0, i64 %leaving_bytes, ptr noalias %tables"
 )
-"""Parameters of a transition's function before `i64 %count`: what is fixed, the state, rows in and
-out and bytes between two, the tables.
+"""Parameters of a transition's function before `i64 %count`.
+
+They are: fixed numbers, state, rows of inputs and outputs with their strides in bytes, tables.
 """
 _MOVES = {"entering": "%entering_bytes", "leaving": "%leaving_bytes"}
 
 
 @dataclasses.dataclass(frozen=True)
 class RecordKind:
-    """A kind of record of single numbers, and where they stand in a row of bytes."""
+    """The types of a record of single numbers, and their locations in a row of bytes."""
 
-    record: Any  # each leaf its dtype
+    record: Any  # the record with each leaf replaced by its dtype
     layout: BufferLayout
 
     @staticmethod
     def of(example: Any) -> RecordKind:
-        """The kind of a record of NumPy numbers, which stand one after the other."""
+        """Return the kind of a record of NumPy numbers, which are consecutive in memory."""
         record = tree.mapped(
             lambda x: x.dtype if hasattr(x, "dtype") else np.asarray(x).dtype, example
         )
         return RecordKind(record, BufferLayout.aligned(map(str, tree.leaves(record))))
 
     def shapes(self) -> Any:
-        """The record as tracing takes it."""
+        """Return the record of shapes that tracing takes."""
         return traced.shapes(self.record)
 
     def row(self, value: Any) -> np.ndarray:
-        """A record's numbers in memory."""
+        """Return a record's numbers as a row of bytes."""
         row = buffer(1, self.layout.bytes)[0]
         write(self.layout, row, tree.leaves(value))
         return row
 
     def read(self, row: np.ndarray | bytes) -> Any:
-        """The record of numbers in memory."""
+        """Return the record of the numbers in a row."""
         return self._filler(read(self.layout, row))
 
     @functools.cached_property
@@ -71,11 +72,11 @@ class RecordKind:
         return tree.filler(self.record)
 
     def views(self, row: np.ndarray) -> Any:
-        """A record of arrays of one number each, which are those in memory."""
+        """Return a record of views of a row, arrays of one number each."""
         return tree.filled(self.record, [x for (x,) in self.layout.views(row[np.newaxis])])
 
     def columns(self, rows: np.ndarray) -> Any:
-        """A record of arrays [rows]."""
+        """Return a record of arrays [rows]."""
         pairs = zip(self.layout.views(rows), self.layout.types, strict=True)
         return tree.filled(
             self.record, [(x != 0 if kind == "bool" else x)[:, 0] for x, kind in pairs]
@@ -83,7 +84,7 @@ class RecordKind:
 
 
 def read(layout: BufferLayout, row: np.ndarray | bytes) -> list[Any]:
-    """Numbers of a row: Python's, but for float32."""
+    """Return the numbers of a row as Python numbers, except for float32."""
     if not layout.types:
         return []
     (numbers,) = np.frombuffer(row, layout.dtype).tolist()
@@ -95,16 +96,16 @@ def read(layout: BufferLayout, row: np.ndarray | bytes) -> list[Any]:
 
 
 def write(layout: BufferLayout, row: np.ndarray, numbers: Sequence[Any]) -> None:
-    """Put numbers in a row, if there are any."""
+    """Write numbers to a row, if there are any."""
     if numbers:
         row[: layout.bytes].view(layout.dtype)[0] = tuple(numbers)
 
 
 @dataclasses.dataclass(frozen=True)
 class StateTransition:
-    """One function and where its numbers stand."""
+    """One transition function and the layouts of its numbers."""
 
-    # of the numbers of `fixed`, `state` and `entering` to those of `state` and `leaving`
+    # Computes `state` and `leaving` from the numbers of `fixed`, `state` and `entering`.
     program: Program
     fixed: BufferLayout
     state: BufferLayout
@@ -112,14 +113,14 @@ class StateTransition:
 
     @property
     def leaving(self) -> BufferLayout:
-        """What leaves: the results behind the new state."""
+        """Layout of the outputs: the results after the new state."""
         outputs = self.program.outputs[len(self.state.types) :]
         return BufferLayout.aligned(self.program.operations[i].dtype for i in outputs)
 
 
 class Memory(NamedTuple):
-    """What transitions work on, bytes each: what is fixed, the state, which they overwrite, and
-    rows in and out; and the tables one after the other.
+    """The arrays of bytes that transitions read and write: fixed numbers, state (overwritten), rows
+    in and out; and the concatenated tables.
     """
 
     fixed: np.ndarray  # [bytes]
@@ -130,15 +131,15 @@ class Memory(NamedTuple):
 
 
 class TransitionMachine(Protocol):
-    """Runs transitions."""
+    """Runs transitions, compiled or interpreted."""
 
     def bind(self, name: str, memory: Memory) -> Callable[[], None]:
-        """A function that takes the transition `name` once for each row of `memory`."""
+        """Return a function that makes the transition `name` once for each row of `memory`."""
         ...
 
 
 class Interpreted:
-    """Transitions one operation at a time in Python."""
+    """Runs transitions one operation at a time in Python."""
 
     def __init__(self, transitions: Mapping[str, StateTransition]) -> None:
         self._transitions = transitions
@@ -160,10 +161,10 @@ class Interpreted:
 
 
 class Compiled:
-    """Transitions as machine code, all in one module."""
+    """Runs transitions as machine code, all in one module."""
 
     def __init__(self, text: str, names: Iterable[str], objects: jit.Objects | None = None) -> None:
-        """text: of `print_module`. objects: where compiled code is kept."""
+        """text: from `print_module`. objects: cache of compiled code."""
         names = list(names)
         self._module = jit.compile(text, names, objects)
         pointer, size = ctypes.c_void_p, ctypes.c_int64
@@ -181,14 +182,14 @@ class Compiled:
 
 
 class BoundTransition:
-    """A transition with its memory; call it to take it once for each row."""
+    """A transition with its memory. A call makes the transition once for each row."""
 
     def __init__(self, function: Any, memory: Memory, machine: Compiled) -> None:
         fixed, state, entering, leaving, tables = memory
         self._alive = memory, machine
         self._function, self._steps = function, len(entering)
         self._leaving = ctypes.c_void_p(leaving.ctypes.data)
-        # ctypes takes its own numbers faster than Python's.
+        # ctypes converts its own number types faster than Python's.
         self._arguments = (
             *(ctypes.c_void_p(fixed.ctypes.data), ctypes.c_void_p(state.ctypes.data)),
             *(ctypes.c_void_p(entering.ctypes.data), ctypes.c_int64(entering.strides[0])),
@@ -198,20 +199,21 @@ class BoundTransition:
         )
 
     def __call__(self) -> None:
-        """Take it once for each row."""
+        """Make the transition once for each row."""
         if self._steps:
             self._function(*self._arguments)
 
     def leave_at(self, address: int) -> None:
-        """Write what leaves to another address from now on."""
+        """Write the outputs to another address from now on."""
         self._leaving.value = address
 
 
 def print_module(
     transitions: Mapping[str, StateTransition], features: Set[str] | None = None
 ) -> str:
-    """LLVM IR of a function for each transition, for a CPU with these features, this machine's if
-    left out; see `STEPS`.
+    """Return LLVM IR with a function for each transition; see `STEPS`.
+
+    features: of the CPU; None: this machine's.
     """
     features = jit.host().features if features is None else features
     texts, declared = [], set[str]()
@@ -223,7 +225,7 @@ def print_module(
 
 
 def _printed(transition: StateTransition, features: Set[str]) -> LlvmPrinter:
-    """The lines of one step."""
+    """Print the lines of one step."""
     program = transition.program
     sources_of = [
         *transition.fixed.places("%fixed"),

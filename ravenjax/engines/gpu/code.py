@@ -1,6 +1,6 @@
-"""A compiled time loop on one GPU: moves numbers there and back, runs chunk after chunk.
+"""A compiled time loop on one GPU: transfers numbers in both directions and runs chunk after chunk.
 
-While lanes run through a chunk, their groups' rows for the next one are made.
+While lanes run through a chunk, the rows of their groups for the next one are computed.
 """
 
 from __future__ import annotations
@@ -20,21 +20,24 @@ from ravenjax.engines.lanes import Lanes, Trunk
 from ravenjax.ir.time_loop import TimeLoop, split
 
 CHUNK = 1000
-"""Ticks that one launch takes, at most, but as many as there is room for where blocks run at
-different times: one waits for another no earlier than at the end of a launch."""
+"""Largest number of ticks of a launch.
+
+Where blocks run at different times, a launch has as many ticks as fit in memory, because a block
+waits for another one at the earliest at the end of a launch.
+"""
 ROW_WORDS = 2**25
-"""Words that the rows of a chunk may take, at most."""
+"""Largest number of words for the rows of a chunk."""
 
 
 def form_for(device: Device) -> Form:
-    """The form measured to be fastest on an H200, with the shared memory that this device has."""
+    """Return the form that was fastest on an H200, limited to this device's shared memory."""
     form = Form()
     words = device.shared_bytes // (form.threads * 4) // VECTOR * VECTOR
     return dataclasses.replace(form, shared_words=min(form.shared_words, words))
 
 
 def words(column: np.ndarray) -> np.ndarray:
-    """A column as 32-bit words."""
+    """Return a column as 32-bit words."""
     return (
         column.astype(np.uint32)
         if column.dtype == bool
@@ -43,15 +46,15 @@ def words(column: np.ndarray) -> np.ndarray:
 
 
 def typed(column: np.ndarray, dtype: str) -> np.ndarray:
-    """The numbers of a column of words."""
+    """Return the numbers of a column of words."""
     return column.astype(bool) if dtype == "bool" else column.view(dtype)
 
 
 class CudaCode:
     """`loop` compiled for a device.
 
-    grouped: the first `shared` inputs of a group's lanes, and what enters a tick, are alike. The
-    tick's own number always is.
+    grouped: the first `shared` inputs of a group's lanes, and the inputs of each tick, are equal.
+    The tick's number always is.
     """
 
     def __init__(
@@ -64,7 +67,7 @@ class CudaCode:
         cubins: Cubins | None = None,
         printed: Callable[[Callable[[], KernelSource]], KernelSource] = lambda make: make(),
     ) -> None:
-        """printed: the kernels as they were printed before, or `make()`."""
+        """printed: returns the generated kernels from a cache, or calls `make()`."""
         ticks = range(len(loop.step.inputs) - loop.lane_inputs - loop.states)
         self.grouped, self.device, self.form = grouped, device, form
 
@@ -85,21 +88,22 @@ class CudaCode:
         }
 
     def whole(self, places: Places, ticks: int) -> BlockCourse:
-        """Every lane from the first tick to before tick `ticks`."""
+        """Return the course of every lane from the first tick to before tick `ticks`."""
         return plan_course(places, self.form.threads, np.full(len(places.thread), ticks))
 
     def follow(
         self, lanes: Lanes, places: Places, course: BlockCourse, progress: Progress | None = None
     ) -> list[np.ndarray]:
-        """Run lanes along `course`; their results, each [lanes]."""
+        """Run lanes along `course`; return their results, each [lanes]."""
         at_once = self.grouped and course.scattered and lanes.out is None
         chunk = course.last - course.first if at_once else CHUNK
         with DeviceSession(self.device) as session:
             return _Run(self, session, lanes, places, course, chunk).results(progress)
 
     def trunk(self, lanes: Lanes, places: Places, last: int) -> Trunk:
-        """Run lanes of one group that are all the same golden run; its snapshots before tick
-        `last`.
+        """Run lanes of one group that are all the same golden run.
+
+        Return its snapshots before tick `last`.
         """
         course = self.whole(places, max(last, 1))
         with DeviceSession(self.device) as session:
@@ -107,7 +111,7 @@ class CudaCode:
 
 
 class _Run:
-    """One way of lanes through the ticks."""
+    """One pass of lanes through the ticks."""
 
     def __init__(
         self,
@@ -118,7 +122,7 @@ class _Run:
         course: BlockCourse,
         chunk: int,
     ) -> None:
-        """chunk: ticks that one launch takes, at most."""
+        """chunk: largest number of ticks of a launch."""
         self.code, self.session, self.lanes = code, session, lanes
         self.places, self.course = places, course
         source = code.source
@@ -152,15 +156,16 @@ class _Run:
             if lanes.out is not None
             else None
         )
-        self.snapshots: dict[str, object] = {}  # rooms for those of the group and of the lane
+        # Device memory for the snapshots of the group and of the lane.
+        self.snapshots: dict[str, object] = {}
 
     def results(self, progress: Progress | None) -> list[np.ndarray]:
-        """Run; the results, each [lanes]."""
+        """Run the lanes; return the results, each [lanes]."""
         self._run(progress)
         return self._finish()
 
     def trunk(self) -> Trunk:
-        """Run; the states of the first lane and of its group before each chunk."""
+        """Run the lanes; return the states of the first lane and of its group before each chunk."""
         source, session = self.code.source, self.session
         count = -(-self.course.last // self.chunk)
         snapshots = Trunk.room(self.chunk, count, source.group_state, source.state)
@@ -175,7 +180,8 @@ class _Run:
         session, code, course = self.session, self.code, self.course
         main = session.main
         self._begin()
-        if progress is not None:  # what nobody has to run is done
+        # Count also the ticks that no lane has to run.
+        if progress is not None:
             idle = course.last * len(self.places.thread) - course.lane_ticks(
                 self.places, 0, course.last
             )
@@ -187,7 +193,8 @@ class _Run:
             count = min(self.chunk, course.last - first)
             if k + 1 < len(starts):
                 if k:
-                    session.finish(finished[k - 1])  # it read the buffers that are written next
+                    # That launch read the buffers that are written next.
+                    session.finish(finished[k - 1])
                 marks.append(self._make_rows(k + 1, starts[k + 1]))
             session.wait(main, marks[k])
             self._leave_snapshot("lane", code.source.state, main, self.state, k)
@@ -206,7 +213,7 @@ class _Run:
                 progress(course.lane_ticks(self.places, first, first + count))
 
     def _begin(self) -> None:
-        """Put groups and lanes where they begin, or where their golden runs were."""
+        """Set groups and lanes to their initial state, or to that of their golden runs."""
         session, code, course = self.session, self.code, self.course
         if course.group_state is None:
             self._by_group("shared_begin", self.group_inputs, self.group_state, self.groups)
@@ -222,7 +229,7 @@ class _Run:
     def _leave_snapshot(
         self, what: str, words: int, stream: object, state: object, row: int
     ) -> None:
-        """Copy a state of "group" or "lane" to where snapshots are collected, if they are."""
+        """Copy a state of "group" or "lane" to the snapshots, if these are collected."""
         if self.snapshots and words:
             self.session.launch(
                 self.code.functions[f"{what}_snapshot"],
@@ -236,7 +243,9 @@ class _Run:
         )
 
     def _make_rows(self, k: int, first: int) -> object:
-        """Start the rows of chunk `k`; the point where they are there."""
+        """Start computing the rows of chunk `k`; return a mark that is reached once they are
+        ready.
+        """
         count, given, rows = (
             min(self.chunk, self.course.last - first),
             self.given[k % 2],
@@ -253,7 +262,7 @@ class _Run:
         return self.session.mark(urgent)
 
     def _take_out(self, first: int, count: int) -> None:
-        """Bring what went out in a chunk back into the order of lanes."""
+        """Copy the outputs of a chunk to the host, in the order of lanes."""
         assert self.lanes.out is not None
         block = np.empty((count, len(self.code.source.outputs), self.total), np.uint32)
         self.session.read(block, self.out, self.session.main)

@@ -1,8 +1,8 @@
-"""Which thread of a launch computes which lane, from which tick to which its blocks of threads run,
-and from which snapshots they go on.
+"""Assigns lanes to threads of a launch, and decides the ticks and the snapshot from which each
+block runs.
 
-A block's threads begin a tick together, so a block begins with its earliest lane and stops with its
-last one. Before that a lane is its golden run; after its own end it waits.
+All threads of a block begin in the same tick. A block begins with its earliest lane and stops with
+its last one. Before that a lane equals its golden run; after its end it waits.
 """
 
 from __future__ import annotations
@@ -20,15 +20,16 @@ from ravenjax.engines.lanes import Trunk
 class Places:
     """Which thread computes which lane."""
 
-    lane: np.ndarray  # [threads], the lane that each computes; whole blocks of them
-    thread: np.ndarray  # [lanes], where each lane is computed
-    group: np.ndarray  # int32 [warps]
-    first: np.ndarray  # [groups], a lane of each
+    lane: np.ndarray  # [threads]: the lane of each thread, in whole blocks
+    thread: np.ndarray  # [lanes]: the thread of each lane
+    group: np.ndarray  # int32 [warps]: group of each warp
+    first: np.ndarray  # [groups]: one lane of each group
 
 
 def place(group: np.ndarray, threads: int) -> Places:
-    """Whole warps for the lanes of each group, whole blocks of `threads` for all; the last lane
-    of each fills them.
+    """Give whole warps to the lanes of each group, and whole blocks of `threads` to all.
+
+    The last lane of each group fills its last warp.
     """
     order = np.argsort(group, kind="stable")
     sizes = np.bincount(group)
@@ -54,13 +55,16 @@ EVERY = 100
 class BlockCourse:
     """When each block of a launch runs, and from where."""
 
-    spans: (
-        np.ndarray
-    )  # int32 [blocks, 2]: the first tick of each, and the first that it does not run
-    ends: np.ndarray  # int32 [threads]: the first tick that the thread's lane does not run
-    snapshots: np.ndarray  # uint32 [snapshots, words], states of a lane from which warps go on
-    snapshot: np.ndarray  # int32 [warps], that of each; -1: it begins as lanes do
-    group_state: np.ndarray | None  # uint32 [groups, words], at tick `first`; None: as groups begin
+    # int32 [blocks, 2]: the first tick of each block, and the first that it does not run.
+    spans: np.ndarray
+    # int32 [threads]: the first tick that the thread's lane does not run.
+    ends: np.ndarray
+    # uint32 [snapshots, words]: states of a lane from which warps start.
+    snapshots: np.ndarray
+    # int32 [warps]: snapshot of each warp; -1: it begins as lanes do.
+    snapshot: np.ndarray
+    # uint32 [groups, words]: state at tick `first`; None: as groups begin.
+    group_state: np.ndarray | None
 
     @property
     def first(self) -> int:
@@ -69,17 +73,17 @@ class BlockCourse:
 
     @property
     def last(self) -> int:
-        """The first tick that none runs."""
+        """The first tick that no block runs."""
         return int(self.spans[:, 1].max())
 
     @property
     def scattered(self) -> bool:
-        """Whether blocks run at such different times that in most ticks most of them do not."""
+        """Whether blocks run at such different times that in most ticks most of them are idle."""
         ticks = (self.spans[:, 1] - self.spans[:, 0]).sum(dtype=np.int64)
         return 2 * ticks < len(self.spans) * (self.last - self.first)
 
     def lane_ticks(self, places: Places, first: int, until: int) -> int:
-        """Ticks of all lanes together from tick `first` to before `until`."""
+        """Return the number of lane ticks from tick `first` to before `until`."""
         blocks = len(self.spans)
         lanes = np.bincount(places.thread // (len(places.lane) // blocks), minlength=blocks)
         return int(
@@ -97,7 +101,8 @@ def plan_course(
     acts: np.ndarray | None = None,
     trunks: Sequence[Trunk | None] | None = None,
 ) -> BlockCourse:
-    """Each block from the last snapshot before any of its lanes acts to the last of their ends.
+    """Let each block run from the last snapshot before any of its lanes acts to the last of their
+    ends.
 
     acts, ends: int [lanes], as in `interface.Block`; trunks: of each group, with snapshots every
     `EVERY` ticks. Without them every block runs from the first tick.

@@ -1,8 +1,8 @@
-"""Straight-line programs printed as CUDA C: one statement an operation, one robot a thread.
+"""Prints straight-line programs as CUDA C: one statement per operation, one robot per thread.
 
-The text calls no mathematical library. Every float operation is rounded as it stands if the
-compiler neither fuses nor flushes (`OPTIONS`), so that all devices give the same bits, a NaN's
-payload aside. Numbers have 32 bits; there is no float64.
+The text calls no mathematical library. Every float operation is rounded separately, provided that
+the compiler neither fuses nor flushes (`OPTIONS`). Therefore all devices give the same bits, except
+for the payload of a NaN. Numbers have 32 bits; there is no float64.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ravenjax.engines.printing import Printing
 from ravenjax.ir.program import Program, number
 
 OPTIONS = ("--fmad=false", "--ftz=false", "--prec-div=true", "--prec-sqrt=true")
-"""Options of the compiler."""
+"""Options of the compiler that keep each operation's rounding."""
 
 TYPES = {"float32": "float", "int32": "int", "uint32": "unsigned", "bool": "bool"}
 _READ = {
@@ -73,11 +73,13 @@ INLINE unsigned left(unsigned x, unsigned by) { return by < 32u ? x << by : 0u; 
 INLINE unsigned right(unsigned x, unsigned by) { return by < 32u ? x >> by : 0u; }
 INLINE int signed_right(int x, unsigned by) { return x >> (by < 31u ? by : 31u); }
 """  # noqa: E501
-"""What the statements call."""
+"""Functions that the statements call."""
 
 
 class CudaPrinter(Printing[str]):
-    """Statements of one function body; places are 32-bit words, as text of an lvalue."""
+    """Prints the statements of one function body. Places are 32-bit words, given as text of an
+    lvalue.
+    """
 
     def __init__(self, indent: str = "  ") -> None:
         super().__init__()
@@ -88,7 +90,7 @@ class CudaPrinter(Printing[str]):
         self.lines.append(self._indent + text)
 
     def text(self) -> str:
-        """All statements, each with its line end."""
+        """Return all statements, each with its line end."""
         return "".join(f"{line}\n" for line in self.lines)
 
     def _constant(self, dtype: str, value: Any) -> str:
@@ -134,7 +136,7 @@ class CudaPrinter(Printing[str]):
 
 
 def constant(dtype: str, value: Any) -> str:
-    """Text of a constant."""
+    """Return the text of a constant."""
     if dtype == "bool":
         return "true" if value else "false"
     if dtype == "int32":
@@ -142,7 +144,8 @@ def constant(dtype: str, value: Any) -> str:
     if dtype == "uint32":
         return f"{int(value)}u"
     if np.isfinite(value):
-        text = f"{float(value):.9g}"  # nine digits tell every float32
+        # Nine digits distinguish all float32 numbers.
+        text = f"{float(value):.9g}"
         return f"({text}{'' if set(text) & set('.e') else '.'}f)"
     return f"__uint_as_float(0x{int(np.asarray(value).view(np.uint32)):x}u)"
 
@@ -150,10 +153,10 @@ def constant(dtype: str, value: Any) -> str:
 def expression(
     name: str, dtype: str, sources: Sequence[str], x: Sequence[str], known: Any = None
 ) -> str:
-    """Text of one operation on operands `x` of types `sources`; known: the first one's value, if it
-    is a constant.
+    """Return the text of one operation on operands `x` of types `sources`.
 
-    Raises NotImplementedError for an operation that has no form here.
+    known: value of the first operand if it is a constant. Raises NotImplementedError for an
+    operation that CUDA C cannot express here.
     """
     real, source = dtype == "float32", sources[0]
     if "float64" in (dtype, *sources):
@@ -208,5 +211,5 @@ def expression(
 
 
 def _typed(dtype: str, text: str) -> str:
-    """An unsigned result as the int that it stands for."""
+    """Return an unsigned result converted to the int with the same bits."""
     return f"(int)({text})" if dtype == "int32" else text

@@ -1,7 +1,8 @@
-"""NVIDIA GPUs through NVIDIA's own bindings: what is there, compiling for it, memory and launches.
+"""NVIDIA GPUs through NVIDIA's Python bindings: lists devices, compiles, manages memory and
+launches.
 
-The packages are optional and looked for when first asked. Every call is checked; what a user can
-repair is a UserError of one line.
+The packages are optional and are imported at first use. Every call is checked. An error that a user
+can correct is a UserError of one line.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ Cubins = MutableMapping[str, bytes]
 
 
 def _bindings() -> tuple[Any, Any]:
-    """Modules `driver` and `nvrtc`."""
+    """Return the modules `driver` and `nvrtc`."""
     try:
         from cuda.bindings import driver, nvrtc  # type: ignore[import-not-found]
     except ImportError as error:
@@ -35,7 +36,7 @@ def _bindings() -> tuple[Any, Any]:
 
 
 def _call(name: str, *arguments: Any) -> Any:
-    """Result of a driver function. Raises RuntimeError with the driver's own words."""
+    """Return the result of a driver function. Raises RuntimeError with the driver's message."""
     driver, _ = _bindings()
     code, *results = getattr(driver, name)(*arguments)
     if int(code) != 0:
@@ -46,14 +47,16 @@ def _call(name: str, *arguments: Any) -> Any:
 
 @cache
 def devices() -> tuple[Device, ...]:
-    """Every GPU that this process may use. Raises UserError where there is none, or no driver or
-    package.
+    """Return every GPU that this process may use.
+
+    Raises UserError if there is none, or if the driver or a package is missing.
     """
     _bindings()
     try:
         _call("cuInit", 0)
         gpus = tuple(Device(k) for k in range(_call("cuDeviceGetCount")))
-    except Exception as error:  # the bindings raise their own kinds where the driver is absent
+    # The bindings raise exceptions of their own classes if the driver is absent.
+    except Exception as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise UserError(
             f"engine 'cuda' finds no NVIDIA driver ({reason}); engine 'simd' needs none"
@@ -65,7 +68,7 @@ def devices() -> tuple[Device, ...]:
 
 @dataclasses.dataclass(frozen=True)
 class Device:
-    """One GPU, by its number among the visible ones."""
+    """One GPU, identified by its number among the visible ones."""
 
     number: int
 
@@ -80,32 +83,32 @@ class Device:
 
     @cached_property
     def context(self) -> Any:
-        """The device's primary context, the one that other libraries use too."""
+        """The device's primary context, which other libraries use as well."""
         return _call("cuDevicePrimaryCtxRetain", self._handle)
 
     @cached_property
     def name(self) -> str:
-        """As its maker calls it."""
+        """Name of the device, as given by its maker."""
         return _call("cuDeviceGetName", 256, self._handle).split(b"\0")[0].decode()
 
     @cached_property
     def architecture(self) -> str:
-        """As NVRTC takes it: "sm_90"."""
+        """Architecture in NVRTC's format, such as "sm_90"."""
         return f"sm_{self._attribute('COMPUTE_CAPABILITY_MAJOR')}{self._attribute('COMPUTE_CAPABILITY_MINOR')}"  # noqa: E501
 
     @cached_property
     def multiprocessors(self) -> int:
-        """How many."""
+        """Number of multiprocessors."""
         return self._attribute("MULTIPROCESSOR_COUNT")
 
     @cached_property
     def shared_bytes(self) -> int:
-        """Shared memory that one block may have, at most."""
+        """Largest shared memory of one block, bytes."""
         return self._attribute("MAX_SHARED_MEMORY_PER_BLOCK_OPTIN")
 
 
 def require() -> None:
-    """Raise UserError unless there is a GPU and each can be compiled for."""
+    """Raise UserError unless there is a GPU and code can be compiled for all GPUs."""
     for device in devices():
         _compiler_for(device.architecture)
 
@@ -113,8 +116,10 @@ def require() -> None:
 def compile(
     text: str, architecture: str, options: Sequence[str], cubins: Cubins | None = None
 ) -> bytes:
-    """Machine code of a module's text, or from `cubins`, where it is left otherwise. Raises
-    UserError, RuntimeError.
+    """Return machine code of a module's text, from `cubins` if it is there. New code is stored
+    there.
+
+    Raises UserError and RuntimeError.
     """
     nvrtc, version = _compiler_for(architecture)
     flags = [f"--gpu-architecture={architecture}", "--std=c++17", "--disable-warnings", *options]
@@ -128,14 +133,16 @@ def compile(
 
 
 def _compiler_for(architecture: str) -> tuple[Any, tuple[int, int]]:
-    """Module `nvrtc` and the compiler's version. Raises UserError where there is none that knows
-    the architecture.
+    """Return module `nvrtc` and the compiler's version.
+
+    Raises UserError if no compiler knows the architecture.
     """
     _, nvrtc = _bindings()
     try:
         _, major, minor = nvrtc.nvrtcVersion()
         architectures = nvrtc.nvrtcGetSupportedArchs()[1]
-    except Exception as error:  # the bindings raise their own kinds where the library is absent
+    # The bindings raise exceptions of their own classes if the library is absent.
+    except Exception as error:
         raise UserError(
             f"engine 'cuda' finds no NVRTC ({str(error).splitlines()[0]}): {INSTALL}"
         ) from None
@@ -171,7 +178,7 @@ class DeviceModule:
         self._module = _call("cuModuleLoadData", cubin)
 
     def function(self, name: str, shared_bytes: int = 0) -> Function:
-        """A kernel whose blocks have so much dynamic shared memory."""
+        """Return a kernel whose blocks have `shared_bytes` of dynamic shared memory."""
         driver, _ = _bindings()
         handle = _call("cuModuleGetFunction", self._module, name.encode())
         if shared_bytes:
@@ -189,7 +196,7 @@ class Function:
 
 
 class DeviceSession:
-    """Work of one thread on one device: its streams, and memory that goes back at the end."""
+    """One thread's work on one device: its streams, and memory that is freed at the end."""
 
     def __init__(self, device: Device) -> None:
         self.device = device
@@ -222,7 +229,7 @@ class DeviceSession:
             _call("cuStreamDestroy", stream)
 
     def room(self, words: int) -> Any:
-        """Memory for so many 32-bit words, zeroed; at hand in both streams."""
+        """Allocate zeroed memory for `words` 32-bit words, usable from both streams."""
         size = max(words, 4)
         address = _call("cuMemAllocAsync", 4 * size, self.main)
         self._rooms.append(address)
@@ -231,7 +238,7 @@ class DeviceSession:
         return address
 
     def upload(self, words: np.ndarray) -> Any:
-        """New memory that holds an array."""
+        """Return new device memory that holds an array."""
         address = self.room(words.nbytes // 4)
         self.write(address, words, self.urgent)
         self.wait(self.main, self.mark(self.urgent))
@@ -243,7 +250,7 @@ class DeviceSession:
             _call("cuMemcpyHtoDAsync", place, words.ctypes.data, words.nbytes, stream)
 
     def read(self, words: np.ndarray, place: Any, stream: Any) -> None:
-        """Copy from the device into a contiguous array, and wait for it."""
+        """Copy from the device into a contiguous array, and wait for the copy."""
         if words.nbytes:
             _call("cuMemcpyDtoHAsync", words.ctypes.data, place, words.nbytes, stream)
         _call("cuStreamSynchronize", stream)
@@ -251,8 +258,8 @@ class DeviceSession:
     def launch(
         self, function: Function, blocks: int, threads: int, stream: Any, *arguments: Any
     ) -> None:
-        """Start a kernel; whole numbers are ints, everything else addresses, None that of
-        nothing.
+        """Start a kernel. Whole numbers are passed as ints, everything else as addresses; None is
+        the null pointer.
         """
         values = tuple(0 if a is None else int(a) for a in arguments)
         types = tuple(ctypes.c_int if isinstance(a, int) else ctypes.c_void_p for a in arguments)
@@ -272,7 +279,7 @@ class DeviceSession:
         )
 
     def mark(self, stream: Any) -> Any:
-        """The point that a stream has reached in its work."""
+        """Return a mark of the point that a stream has reached in its work."""
         driver, _ = _bindings()
         event = _call("cuEventCreate", driver.CUevent_flags.CU_EVENT_DISABLE_TIMING)
         self._events.append(event)
@@ -280,10 +287,10 @@ class DeviceSession:
         return event
 
     def wait(self, stream: Any, mark: Any) -> None:
-        """Let a stream wait until another has reached a mark."""
+        """Let a stream wait until another one has reached a mark."""
         _call("cuStreamWaitEvent", stream, mark, 0)
 
     @staticmethod
     def finish(mark: Any) -> None:
-        """Wait here until a mark is reached."""
+        """Block until a mark is reached."""
         _call("cuEventSynchronize", mark)

@@ -1,10 +1,10 @@
-"""Engine `cuda`: the tick printed as CUDA C with the time loop inside, compiled by NVRTC, one robot
-a thread.
+"""Engine `cuda`: the tick and its time loop as generated CUDA C, compiled by NVRTC, with one robot
+per thread.
 
-Lanes that share their varied parameters form a group, as in engine `simd`: what does not differ
-between them is computed once for all of them. Every visible GPU takes blocks. The same operations
-in the same order as in `simd`, each rounded alike: where the CPU fuses multiply-adds, too, both
-engines give the same bits.
+Lanes that share their varied parameters form a group, as in engine `simd`. What does not differ
+between them is computed once for the group. Every visible GPU takes blocks. Operations, their order
+and their rounding are those of `simd`. Both engines therefore give the same bits if the CPU fuses
+multiply-adds.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ from ravenjax.numbers import tree
 from ravenjax.numbers.setup import Precision
 
 WAVES = 4
-"""Times that a block of lanes fills the device, at most."""
+"""How many times a block of lanes fills the device, at most."""
 SEATS = 2
-"""Threads that use one device: while one's lanes run, the other packs and unpacks its own."""
+"""Threads per device: while the lanes of one thread run, the other packs and unpacks its lanes."""
 _KERNELS = itertools.count()
 
 
@@ -52,14 +52,16 @@ class CudaKernel(traced.PrintedKernel):
         super().__init__(program, lanes, {} if cubins is None else cubins)
         self.devices = devices
         self._seats: queue.Queue[Device] = queue.Queue()
-        # Kernels that run one block each, side by side, use all devices.
+        # Start at different devices, so that parallel kernels with one block each use all of them.
         first = next(_KERNELS) % len(devices)
         for device in (devices[first:] + devices[:first]) * SEATS:
             self._seats.put(device)
         self.branches = wave(devices)
 
     def size(self, rows: int) -> int:
-        """See `interface.Kernel`: whole warps, but no more than a block has where that is less."""
+        """Return a number of lanes in whole warps, but at most the size of a block; see
+        `interface.Kernel`.
+        """
         return min(self.lanes, -(-rows // WARP) * WARP)
 
     def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
@@ -86,7 +88,7 @@ class CudaKernel(traced.PrintedKernel):
 
     @contextlib.contextmanager
     def _seat(self) -> Iterator[Device]:
-        """A device on which one more thread may work."""
+        """Yield a device on which one more thread may work."""
         device = self._seats.get()
         try:
             yield device
@@ -113,8 +115,10 @@ class CudaKernel(traced.PrintedKernel):
         return BlockResult(dict(zip(names, outcomes, strict=True)), out.view(np.float32)), out
 
     def _placed(self, block: Block, device: Device) -> tuple[list[np.ndarray], Places, bool]:
-        """A block's inputs, where its lanes are computed, and whether by group: if that fits the
-        device at once, or wastes half at most.
+        """Return a block's inputs, the threads of its lanes, and whether lanes run by group.
+
+        They do if the groups fit on the device at once, or if at most half of the threads are
+        wasted.
         """
         form = form_for(device)
         inputs, group = self.groups(block)
@@ -125,7 +129,7 @@ class CudaKernel(traced.PrintedKernel):
 
     def _course(self, block: Block, places: Places, grouped: bool, code: CudaCode) -> BlockCourse:
         ends = np.full(len(places.thread), self.program.ticks) if block.ends is None else block.ends
-        # What goes out in each tick is asked for, from the first on.
+        # The outputs of each tick are needed, from the first tick on.
         if block.reference is None or not grouped:
             return plan_course(places, code.form.threads, ends)
         trunks = [block.trunk(lane) for lane in places.first.tolist()]
@@ -145,12 +149,12 @@ class CudaKernel(traced.PrintedKernel):
 
 
 def wave(devices: tuple[Device, ...]) -> int:
-    """Lanes that run at once on all devices."""
+    """Return the number of lanes that run at once on all devices."""
     return sum(device.multiprocessors * form_for(device).threads for device in devices)
 
 
 def _ending(block: Block, ends: np.ndarray) -> Block:
-    """The first lane of a block, once for each of `ends`."""
+    """Return a block with its first lane repeated once for each of `ends`."""
     first = np.zeros(len(ends), np.int64)
     return dataclasses.replace(
         block,
@@ -163,8 +167,10 @@ def _ending(block: Block, ends: np.ndarray) -> Block:
 
 
 def block_lanes(runs: int, devices: tuple[Device, ...]) -> int:
-    """Lanes of a block: each device gets as many blocks, and all but the last lanes fill it a
-    whole number of times.
+    """Return the lanes of a block.
+
+    Each device gets the same number of blocks. All lanes except the last ones fill it a whole
+    number of times.
     """
     wave = devices[0].multiprocessors * form_for(devices[0]).threads
     share = -(-runs // len(devices))
@@ -174,7 +180,7 @@ def block_lanes(runs: int, devices: tuple[Device, ...]) -> int:
 
 
 def _given(block: Block, places: Places, grouped: bool) -> np.ndarray:
-    """The golden runs' series as the code reads it; empty, and then zero, where there are none."""
+    """Return the golden runs' series as the code reads it; an empty series reads as zeros."""
     if not block.compared:
         return np.zeros((0, 0, 0), np.float32)
     if grouped:
@@ -184,9 +190,10 @@ def _given(block: Block, places: Places, grouped: bool) -> np.ndarray:
 
 @dataclasses.dataclass(frozen=True)
 class CudaEngine:
-    """Every visible NVIDIA GPU."""
+    """Engine that uses every visible NVIDIA GPU."""
 
-    cubins: Cubins | None = None  # compiled code kept between processes
+    # Cache of compiled code that outlives the process.
+    cubins: Cubins | None = None
     name: str = "cuda"
 
     @property
@@ -199,22 +206,24 @@ class CudaEngine:
 
     @property
     def threads(self) -> int:
-        """Blocks side by side: `SEATS` a GPU."""
+        """Parallel blocks: `SEATS` per GPU."""
         return len(cuda_device.devices()) * SEATS
 
     def compile(self, program: TickProgram, runs: int) -> CudaKernel:
-        """See `interface.Engine`. Raises UserError where no GPU can run it."""
+        """See `interface.Engine`. Raises UserError if no GPU can run the program."""
         require_float32(program.setup.precision)
         devices = cuda_device.devices()
         return CudaKernel(program, block_lanes(runs, devices), devices, self.cubins)
 
     def tracer(self, program: TickProgram, lanes: int) -> Tracer:
-        """See `interface.Engine`: that of engine `simd`, which computes the same bits."""
+        """See `interface.Engine`. This is the tracer of engine `simd`, which computes the same
+        bits.
+        """
         require_float32(program.setup.precision)
         return SimdEngine(self.cubins).tracer(program, lanes)
 
 
 def require_float32(precision: Precision) -> None:
-    """Raise UserError for a precision that this engine does not have."""
+    """Raise UserError for a precision that this engine does not support."""
     if precision.needs_x64:
         raise UserError("engine 'cuda' computes in float32; for float64 take engine 'xla'")

@@ -1,21 +1,24 @@
-"""A split time loop as one CUDA C module, and how the buffers of its kernels are laid out.
+"""Generates a split time loop as one CUDA C module, and defines the buffer layouts of its kernels.
 
-shared_begin    state of each group from its inputs; one thread a group shared_run      some ticks
-of each group: advances its state, writes a row of numbers a tick lane_begin      state of each lane
-from its inputs; one thread a lane lane_branch     state of the lanes of some warps from snapshots
-lane_run        the same ticks of each lane, reading its group's rows, from where its block begins
-to the lane's own end lane_finish     results of each lane group_snapshot  copies the state of the
-first group; one thread a number lane_snapshot   copies the state of the first lane; one thread a
-number
+shared_begin    makes the state of each group from its inputs; one thread per group
+shared_run      runs some ticks of each group: advances its state, writes one row per tick
+lane_begin      makes the state of each lane from its inputs; one thread per lane
+lane_branch     sets the state of the lanes of some warps from snapshots
+lane_run        runs the same ticks of each lane, reading its group's rows, from the first
+                tick of its block to the lane's end
+lane_finish     writes the results of each lane
+group_snapshot  copies the state of the first group; one thread per number
+lane_snapshot   copies the state of the first lane; one thread per number
 
-A lane that has ended waits for the others of its block. What it shares with its group goes on, so
-its last tick leaves those numbers of the group's state that its results need in `saved`: a row has
-them, too.
+A lane that has ended waits for the others of its block, while its group continues. Therefore its
+last tick stores in `saved` those numbers of the group's state that its results need. A row contains
+them as well.
 
-Every number takes a 32-bit word. Lanes come in whole blocks of threads, and the lanes of a warp are
-of one group. Inputs, `saved` and results of lanes are [number, lane], their state is [block,
-number, thread]; buffers of groups are [group, number], rows [group, tick, number]. What goes in and
-out in each tick is [tick, number, lane], or [group, tick, number] where it is alike in a group.
+Every number takes a 32-bit word. Lanes fill whole blocks of threads, and the lanes of a warp belong
+to one group. Inputs, `saved` and results of lanes are [number, lane]; their state is [block,
+number, thread]. Buffers of groups are [group, number], rows [group, tick, number]. Inputs and
+outputs of each tick are [tick, number, lane], or [group, tick, number] if they are equal in a
+group.
 """
 
 from __future__ import annotations
@@ -35,44 +38,49 @@ VECTOR = 4
 """Words that one instruction moves."""
 
 _MOST_PLAIN = 128
-"""Words of state in device memory; with more, accesses are assembly: 2 % slower, but compiled in
-2 s, not in 13.
+"""Words of state in device memory up to which accesses are plain C.
+
+With more, accesses are assembly: 2 % slower, but compiled in 2 s instead of 13 s.
 """
 
 
 @dataclasses.dataclass(frozen=True)
 class Form:
-    """How `lane_run` uses a multiprocessor, which is to hold one block of it.
+    """How `lane_run` uses a multiprocessor, which should hold one block of it.
 
-    No number of the state lives in a register from one tick to the next: registers are for what a
-    tick computes. Measured (analysis/engines/gpu.md).
+    No number of the state stays in a register from one tick to the next; registers are for the
+    computation of a tick. Measured (analysis/engines/gpu.md).
     """
 
-    threads: int = 384  # of a block; 168 registers each
+    threads: int = 384  # per block, with 168 registers each
     shared_words: int = (
-        148  # words of a thread's state in shared memory, at most; the others stay in device memory
+        # Largest number of words of a thread's state in shared memory. The others stay in device
+        # memory.
+        148
     )
-    # statements across which the compiler may move memory accesses, or it holds too much at once
+    # Statements across which the compiler may move memory accesses. With more it would hold too
+    # many numbers at once.
     region: int = 1000
-    # operations of a tick from which warps begin it together, to share fetched instructions
+    # Operations of a tick from which on warps begin it together, to share fetched instructions.
     in_step_from: int = 5000
 
     @property
     def bounds(self) -> str:
-        """What holds the compiler to as many registers as a block of so many threads may have."""
+        """Launch bounds that limit the registers to what a block of this many threads may have."""
         return f"__launch_bounds__({self.threads}, 1)"
 
 
 @dataclasses.dataclass(frozen=True)
 class KernelSource:
-    """The module's text and its buffers, in words of a lane or group."""
+    """The module's text and the layout of its buffers, in words per lane or group."""
 
     text: str
     form: Form
     inputs: tuple[str, ...]  # types
     results: tuple[str, ...]  # types
-    outputs: tuple[str, ...]  # types of what goes out in each tick
-    tick_inputs: int  # numbers that enter each tick, the tick's own number aside
+    outputs: tuple[str, ...]  # types of the outputs of each tick
+    # How many numbers enter each tick, besides the tick's number.
+    tick_inputs: int
     state: int
     group_state: int
     saved: int
@@ -81,8 +89,9 @@ class KernelSource:
 
 
 def print_loop(split: Split, form: Form, given_by_group: bool) -> KernelSource:
-    """Print `split`; given_by_group: what enters a tick is alike in a group. Raises
-    NotImplementedError for float64.
+    """Generate the module of `split`.
+
+    given_by_group: inputs of a tick are equal in a group. Raises NotImplementedError for float64.
     """
     return _CudaModule(split, form, given_by_group).source()
 
@@ -146,7 +155,9 @@ class _CudaModule:
     # --- words ---
 
     def _words(self, program: Program, inputs: str, state: dict[int, str]) -> dict[int, str]:
-        """Words of a program's inputs: those of the lane by template, the state's by number."""
+        """Return the words of a program's inputs: those of the lane by template, the state's by
+        number.
+        """
         numbers = {i: op.detail for i, op in enumerate(program.operations) if op.name == "input"}
         words = {i: inputs.format(k) for i, k in numbers.items() if k < self.inputs}
         return words | {
@@ -154,7 +165,7 @@ class _CudaModule:
         }
 
     def _of_this_tick(self, template: str) -> tuple[dict[int, str], dict[int, str]]:
-        """Words of what enters a tick, and the text of the tick's number."""
+        """Return the words of a tick's inputs, and the text of the tick's number."""
         first = self.inputs + self.states
         at = {
             i: op.detail - first for i, op in enumerate(self.step.operations) if op.name == "input"
@@ -164,11 +175,11 @@ class _CudaModule:
 
     @staticmethod
     def _of_lane(name: str) -> str:
-        """Template of the words of a lane's inputs or results."""
+        """Return a template of the words of a lane's inputs or results."""
         return f"{name}[{{}} * (size_t)lanes]"
 
     def _reads(self) -> tuple[collections.Counter[int], dict[int, int]]:
-        """How often the loop of a lane reads each operation of a step, and where first."""
+        """Return how often the loop of a lane reads each operation of a step, and where first."""
         times, first = collections.Counter[int](), dict[int, int]()
         for place, i in enumerate(self.split.lane):
             for o in self.step.operations[i].operands:
@@ -177,10 +188,10 @@ class _CudaModule:
         return times, first
 
     def _kept(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """Numbers of a lane's state that are kept in device memory (those read least) and in shared
+        """Return the numbers of a lane's state in device memory (those read least) and in shared
         memory.
 
-        Both in the order of first use: neighbours are read together.
+        Both are in the order of first use, because neighbours are read together.
         """
         times, first = self._reads()
         at = {
@@ -198,22 +209,22 @@ class _CudaModule:
         return tuple(next(parts)), tuple(next(parts))
 
     def _row_order(self) -> tuple[int, ...]:
-        """The numbers of a row: those that a tick reads in the order of first use, then what is
-        saved besides.
+        """Return the numbers of a row: those that a tick reads, in the order of first use, then
+        those that are only saved.
         """
         _, first = self._reads()
         after = {self.step.outputs[k] for k in self.saved}.difference(self.split.row)
         return (*sorted(self.split.row, key=lambda i: first.get(i, -1)), *sorted(after))
 
     def _finish_reads(self) -> tuple[int, ...]:
-        """Numbers of a group's state that the results of its lanes need."""
+        """Return the numbers of a group's state that the results of its lanes need."""
         operations = (self.finish.operations[i] for i in self.finish.needed())
         read = {op.detail - self.inputs for op in operations if op.name == "input"}
         return tuple(k for k in self.split.shared_state if k in read)
 
     def _state_in_loop(self) -> dict[int, str]:
-        """The word that holds each number of a lane's state in the loop; four of a thread are
-        neighbours.
+        """Return the word of each number of a lane's state in the loop. Groups of four words of a
+        thread are adjacent.
         """
         template = "state[{} * {}]" if len(self.far) <= _MOST_PLAIN else "Far{{state + {} * {}}}"
         places = {
@@ -225,7 +236,7 @@ class _CudaModule:
         return places
 
     def _stored(self, position: int) -> str:
-        """The word of a number of a lane's state in device memory."""
+        """Return the word of a number of a lane's state in device memory."""
         return f"state[{position} * {self.form.threads}]"
 
     # --- statements of kernels ---
@@ -233,7 +244,7 @@ class _CudaModule:
     def _statements(
         self, program: Program, sources: dict[int, str], results: list[tuple[int, str]]
     ) -> str:
-        """What computes these results."""
+        """Return the statements that compute these results."""
         printer = CudaPrinter()
         printer.run(program, program.needed(i for i, _ in results), sources, results)
         return printer.text()
@@ -265,7 +276,7 @@ class _CudaModule:
         return self._statements(self.begin, sources, results)
 
     def _lane_run(self) -> dict[str, Any]:
-        """The statements, and what stands around them."""
+        """Return the statements of `lane_run` and the values of its template."""
         step, split, form = self.step, self.split, self.form
         state = self._state_in_loop()
         inputs = self._words(step, "in{}", state)
@@ -298,8 +309,8 @@ class _CudaModule:
         }
 
     def _held(self, inputs: dict[int, str]) -> tuple[list[str], dict[int, str], str]:
-        """Words packed with the truth values that the loop reads, the word of each held number,
-        and the statements.
+        """Return the words packed with truth values that the loop reads, the word of each held
+        number, and the statements.
         """
         printer = CudaPrinter()
         numbers = self.split.prologue_results

@@ -1,5 +1,5 @@
-"""Printed LLVM IR to a WebAssembly module: vectors of 128 bits, no fused multiply-add, no
-imports but its memory.
+"""Compiles LLVM IR to a WebAssembly module with 128-bit vectors, no fused multiply-add, and no
+import but its memory.
 
 LLVM writes an object file. `link` makes it a module that runtimes load, as a linker would.
 """
@@ -19,21 +19,21 @@ from ravenjax.engines.cpu import jit
 
 MAGIC = b"\0asm\1\0\0\0"
 MEMORY = ("env", "__linear_memory")
-"""Module and name under which an object imports its memory."""
+"""Module and name under which an object file imports its memory."""
 _CUSTOM, _TYPE, _IMPORT, _FUNCTION, _EXPORT, _CODE = 0, 1, 2, 3, 7, 10
 _SYMBOL_TABLE = 8  # subsection of "linking"
 _UNDEFINED = 0x10  # flag of a symbol
 
 
 class Unlinkable(ValueError):
-    """The object holds what this linker does not know."""
+    """The object file contains something that this linker does not support."""
 
 
 class _Reader(io.BytesIO):
-    """Reads the numbers and names of a binary."""
+    """Reads numbers and names of a binary."""
 
     def number(self) -> int:
-        """An unsigned LEB128."""
+        """Read an unsigned LEB128 number."""
         result = shift = 0
         while True:
             byte = self.read(1)[0]
@@ -43,12 +43,12 @@ class _Reader(io.BytesIO):
                 return result
 
     def content(self) -> bytes:
-        """As many bytes as the number before them says."""
+        """Read as many bytes as the number before them states."""
         return self.read(self.number())
 
 
 def number(value: int) -> bytes:
-    """An unsigned LEB128."""
+    """Encode a number as unsigned LEB128."""
     out = bytearray()
     while value > 127:
         out.append(value & 127 | 128)
@@ -57,12 +57,12 @@ def number(value: int) -> bytes:
 
 
 def link(code: bytes, names: Sequence[str]) -> bytes:
-    """The module of an object file, its functions `names` exported. Raises Unlinkable.
+    """Return the module of an object file, with its functions `names` exported. Raises Unlinkable.
 
-    The code calls nothing outside, holds no data and needs no stack: it imports its memory alone.
-    So LLVM has written the final number of each function into its calls. The sections of types,
-    imports, functions and code are kept, and only exports are added.
-    Format: the WebAssembly core specification; WebAssembly tool conventions, Linking.md.
+    The code calls no outside function, holds no data and needs no stack: it imports only its
+    memory. Therefore LLVM has already written the final number of each function into its calls. The
+    sections of types, imports, functions and code are kept, and only exports are added. Format: the
+    WebAssembly core specification; WebAssembly tool conventions, Linking.md.
     """
     reader = _Reader(code)
     if reader.read(len(MAGIC)) != MAGIC:
@@ -98,7 +98,7 @@ def link(code: bytes, names: Sequence[str]) -> bytes:
 
 
 def _functions(linking: _Reader) -> dict[str, int]:
-    """The number of each function by its name."""
+    """Return the number of each function by its name."""
     if linking.number() != 2:
         raise Unlinkable("the object's section 'linking' is not of version 2")
     numbers: dict[str, int] = {}
@@ -118,22 +118,25 @@ def _functions(linking: _Reader) -> dict[str, int]:
 
 TRIPLE = "wasm32-unknown-unknown"
 FEATURES = frozenset(("simd128", "bulk-memory", "nontrapping-fptoint", "sign-ext"))
-"""WebAssembly 2.0, which browsers have had since 2023 (Safari 16.4). The relaxed vector
-instructions of 3.0, a multiply-add among them, may round as the machine likes: no two machines need
-agree."""
+"""Features of WebAssembly 2.0, which browsers have had since 2023 (Safari 16.4).
+
+The relaxed vector instructions of 3.0, which include a multiply-add, may round differently on each
+machine.
+"""
 WIDTH = 4
 """float32 lanes of a vector."""
-_OPTIMISATION = 2  # of code generation: it decides which values live in locals
+# Level of code generation. It decides which values are kept in locals.
+_OPTIMISATION = 2
 
 
 def text() -> str:
-    """All that decides how operations are printed, in words."""
+    """Return a text of everything that decides how operations are printed."""
     return ",".join(f"+{name}" for name in sorted(FEATURES))
 
 
 def emit(printed: str, names: Sequence[str], objects: jit.Objects | None = None) -> bytes:
-    """The module of a text's functions `names`; taken from `objects`, where it is left
-    otherwise.
+    """Return the module of a text's functions `names`, from `objects` if it is there. New code is
+    stored there.
     """
     source = (llvmlite.__version__, TRIPLE, text(), str(_OPTIMISATION), *names, printed)
     key = hashlib.sha256("\n".join(source).encode()).hexdigest()
@@ -150,7 +153,8 @@ def emit(printed: str, names: Sequence[str], objects: jit.Objects | None = None)
 
 @cache
 def _target() -> Any:
-    jit.host()  # LLVM's options hold for the whole process: they are set first
+    # LLVM's options hold for the whole process and must be set first.
+    jit.host()
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
     return llvm.Target.from_triple(TRIPLE)

@@ -1,11 +1,11 @@
 """Engines `xla` and `mjx`: the tick under `vmap`, its time loop a `lax.scan`, compiled by `jit`.
 
-A kernel advances one block by one *segment* of ticks and is called again for the next, so one
-compiled function serves any duration and its memory does not grow with it. The first segment makes
-the initial state, and each returns the outcomes so far.
+A kernel advances one block by one *segment* of ticks and is called again for the next segment. So
+one compiled function serves any duration, and its memory does not grow with it. The first segment
+makes the initial state, and each returns the outcomes so far.
 
-On a CPU a block is small, and one runs on each core. On accelerators one large block runs at a
-time, and `jit` divides its lanes among the devices.
+On a CPU a block is small, and each core runs one. On accelerators one large block runs at a time,
+and `jit` divides its lanes among the devices.
 """
 
 from __future__ import annotations
@@ -25,35 +25,44 @@ from ravenjax.engines.interface import Block, BlockResult, Progress, TickProgram
 from ravenjax.numbers.lazy import jax, jnp, lax
 
 MAX_SEGMENT = 1000
-"""Ticks of a segment, at most."""
+"""Largest number of ticks of a segment."""
 SERIES_BYTES = 2**30
-"""Device memory of a segment's series, once for the golden runs and once for the lanes."""
+"""Device memory of a segment's series in bytes, once for the golden runs and once for the lanes."""
 SMALL_LANES = 256
-"""Lanes of a block on a CPU core, whose second-level cache then holds the state; and of a block of
-few rows, such as golden runs, on an accelerator."""
+"""Lanes of a block on a CPU core, whose second-level cache then holds the state.
+
+Also the lanes of a block of few rows, such as golden runs, on an accelerator.
+"""
 ACCELERATOR_LANES = 2**19
-"""Lanes of a block on each accelerator, at most. A tick launches some 400 kernels, which takes
-1.7 ms on an H100, so large blocks are the fastest (analysis/engines/README.md). With 2**20 lanes an
-array of engine mjx exceeds 2**31 bytes, and its results were wrong."""
+"""Largest number of lanes of a block on each accelerator.
+
+A tick launches some 400 kernels, which takes 1.7 ms on an H100, so large blocks are the fastest
+(analysis/engines/README.md). With 2**20 lanes an array of engine mjx exceeds 2**31 bytes, and its
+results were wrong.
+"""
 LANE_BYTES = 2**14
-"""Device memory for each lane: its state and the intermediate results of a tick."""
+"""Device memory of each lane in bytes: its state and the intermediate results of a tick."""
 LANE_MULTIPLE = 16
 """Lanes come in multiples of the widest float32 vector, so that every lane is in a full vector."""
 
 
 def segment_ticks(ticks: int, longest: int = MAX_SEGMENT) -> int:
-    """Ticks of each of the equal segments that cover a run; the last may overshoot a little."""
+    """Return the ticks of each of the equal segments that cover a run. The last may extend slightly
+    beyond the run.
+    """
     return -(-ticks // -(-ticks // max(1, min(ticks, longest))))
 
 
 @functools.cache
 def _accelerators() -> tuple[Any, ...]:
-    """The devices that JAX computes on, unless that is the CPU."""
+    """Return the devices that JAX computes on, unless that is the CPU."""
     return () if jax.default_backend() == "cpu" else tuple(jax.devices())
 
 
 def _choose_lanes(runs: int, cores: int) -> int:
-    """Lanes of a block for so many runs: on all accelerators together, or on a CPU core."""
+    """Return the lanes of a block for `runs` runs: on all accelerators together, or on one CPU
+    core.
+    """
     devices = _accelerators()
     if not devices:
         share, most, multiple = -(-runs // cores), SMALL_LANES, LANE_MULTIPLE
@@ -65,7 +74,7 @@ def _choose_lanes(runs: int, cores: int) -> int:
 
 
 def _place(array: Any, axis: int = 0) -> Any:
-    """An array on the accelerators, divided along its axis of lanes."""
+    """Put an array on the accelerators, divided along its axis of lanes."""
     devices = _accelerators()
     if len(devices) < 2:
         return jnp.asarray(array)
@@ -75,13 +84,14 @@ def _place(array: Any, axis: int = 0) -> Any:
 
 
 def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> tuple[Any, Any]:
-    """The segment, and the shapes of the state that it carries.
+    """Return the segment function, and the shapes of the state that it passes on.
 
-    segment(varied, faults, ends, state, first tick, reference [length, series, lanes], motion)
-    returns the state, the outcomes so far, the reference series [length, series, lanes] and, if
-    kept, every signal of the first lane [length]. ends: as `traced.own_ends`.
+    segment(varied, faults, ends, state, first tick, reference, motion) returns the state, the
+    outcomes so far, the lanes' reference series and, if kept, every signal of the first lane
+    [length]. Both series are [length, series, lanes]. ends: as from `traced.own_ends`.
     """
-    overshoots = program.ticks % length != 0  # the last segment, the run
+    # The last segment extends beyond the run.
+    overshoots = program.ticks % length != 0
 
     def values(varied: Any) -> list[Any]:
         return [varied[path] for path in program.varied]
@@ -140,7 +150,7 @@ class ScanKernel:
         self._locks = collections.defaultdict(threading.Lock)
 
     def size(self, rows: int) -> int:
-        """See `interface.Kernel`: one of two sizes, each compiled once."""
+        """Return one of two block sizes, each compiled once; see `interface.Kernel`."""
         return min(self.lanes, SMALL_LANES) if rows <= SMALL_LANES else self.lanes
 
     def _compile(self, lanes: int, arguments: tuple[Any, ...]) -> Any:
@@ -151,7 +161,7 @@ class ScanKernel:
         return self._compiled[lanes]
 
     def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
-        """Compile for blocks and motions of these types, for both sizes at once."""
+        """Compile for blocks and motions of these types, for both sizes in parallel."""
 
         def compile_for(block: Block) -> None:
             with traced.x64(self.program.setup):
@@ -164,7 +174,7 @@ class ScanKernel:
     def _arguments(
         self, block: Block, motion: tuple[np.ndarray, ...]
     ) -> tuple[int, tuple[Any, ...]]:
-        """Lanes of the block, and what the segment takes."""
+        """Return the lanes of the block, and the arguments of the segment function."""
         lanes = block.lanes or self.lanes
         varied = {p: _place(block.varied[p]) for p in self.program.varied}
         faults = jax.tree.map(_place, block.faults)
@@ -176,8 +186,10 @@ class ScanKernel:
         return lanes, (varied, faults, ends, state, jnp.int32(0), reference, columns)
 
     def _reference(self, block: Block, first: int, lanes: int) -> Any:
-        """What the lanes are compared with in the segment that begins with tick `first`, [length,
-        series, lanes]. The last row is repeated where the segment ends after the run.
+        """Return the lanes' golden series for the segment that begins with tick `first`, [length,
+        series, lanes].
+
+        The last row is repeated if the segment ends after the run.
         """
         if not block.compared:
             return _place(np.zeros((self.length, self.series, lanes), self.dtype), 2)
@@ -195,7 +207,7 @@ class ScanKernel:
         return BlockResult(outcomes, series)
 
     def run_signals(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[BlockResult, Any]:
-        """As `run`, and every signal of the first lane, each leaf [ticks]."""
+        """Run as `run`, and return also every signal of the first lane, each leaf [ticks]."""
         outcomes, series, signals = self._run(block, motion, None, keep=True)
         return BlockResult(outcomes, series), signals
 
@@ -207,7 +219,8 @@ class ScanKernel:
             lanes, arguments = self._arguments(block, motion)
             compiled = self._compile(lanes, arguments)
             varied, faults, ends, state, _, reference, columns = arguments
-            del arguments  # the state is donated
+            # The state's memory is donated to the compiled function.
+            del arguments
             outcomes: Any = {}
             chunks: list[Any] = []
             for first in range(0, ticks, self.length):
@@ -242,7 +255,7 @@ class ScanEngine:
 
     @property
     def threads(self) -> int:
-        """One block a core on a CPU; an accelerator takes one at a time."""
+        """Parallel blocks: one per core on a CPU, one at a time on an accelerator."""
         return len(os.sched_getaffinity(0)) if jax.default_backend() == "cpu" else 1
 
     def _program(self, program: TickProgram) -> TickProgram:
@@ -252,8 +265,8 @@ class ScanEngine:
         )
 
     def compile(self, program: TickProgram, runs: int) -> ScanKernel:
-        """See `interface.Engine`. The block never depends on the chunk that results are stored
-        in.
+        """See `interface.Engine`. The block size does not depend on the chunk size of the
+        results.
         """
         return ScanKernel(self._program(program), _choose_lanes(runs, self.threads))
 

@@ -1,1 +1,1 @@
-"""Result folders as others use them: read by SQL, checked, merged, locked."""
+"""Reads result folders by SQL, and checks, merges and locks them."""

@@ -1,6 +1,7 @@
-"""Checks a result folder: whole parts, each row once, values that a run can have.
+"""Checks a result folder: parts are complete, each row occurs once, and values are possible for a
+run.
 
-Each check is one line of a table: what was looked at, and each thing that is wrong in words.
+Each check is one line of a table: what was checked, and each error in words.
 """
 
 from __future__ import annotations
@@ -23,32 +24,34 @@ from ravenjax.store.manifest import Manifest
 from ravenjax.vocabulary import failures
 
 MOST = 5
-"""Problems of one check that are printed, and columns in one of them."""
+"""Number of problems of one check that are printed, and of columns named in one of them."""
 WORDS = {
     "response": verdict.RESPONSES,
     "hazard": verdict.HAZARDS,
     "failed": failures.CAUSES,
     "verdict": (*verdict.VERDICTS, ""),
 }
-"""All words of a column."""
+"""Columns of words, and all words that each may hold."""
 
 
 class FolderCheck(NamedTuple):
-    """One thing that was looked at."""
+    """Result of one check."""
 
     name: str
-    looked_at: str  # how much of it, in words
-    problems: list[str]  # none: as it must be
+    looked_at: str  # what was checked, and how much, in words
+    problems: list[str]  # empty if there is none
 
     @property
     def fine(self) -> bool:
-        """Whether nothing is wrong."""
+        """Whether no problem was found."""
         return not self.problems
 
 
 def files(folder: Path, record: Manifest) -> tuple[FolderCheck, list[parts.Part]]:
-    """That every recorded part is to the byte what was recorded, and that there is no other; and
-    the whole ones.
+    """Check that every recorded part is byte for byte what was recorded, and that there are no
+    others.
+
+    Return also the parts that are complete.
     """
     there = {path.name for path in parts.files(folder / PARTS)}
     stray = sorted(there - {part.file for part in record.parts})
@@ -74,7 +77,7 @@ def files(folder: Path, record: Manifest) -> tuple[FolderCheck, list[parts.Part]
 
 
 def rows(record: Manifest) -> FolderCheck:
-    """That the recorded parts hold each row that they are to hold, and none twice."""
+    """Check that the recorded parts hold each row that they should, and none twice."""
     complaints = [
         f"{part.file}: holds rows that another part holds, too"
         for part in parts.apart(record.parts)[1]
@@ -94,7 +97,7 @@ def rows(record: Manifest) -> FolderCheck:
 
 
 def values(folder: Path, record: Manifest, whole: list[parts.Part]) -> list[FolderCheck]:
-    """That the rows of whole parts have values that a run can have, as rules.toml says."""
+    """Check that the rows of complete parts have values that a run can have, as rules.toml says."""
     if not whole:
         return []
     with query.open_parts(
@@ -144,8 +147,8 @@ def _check(
 
 
 def _differs(path: Path, part: parts.Part, shape: schema.Shape) -> str:
-    """How columns and number of rows of a part differ from those that it must have, "" if they
-    do not.
+    """Return how columns and number of rows of a part differ from the expected ones; "" if they do
+    not.
     """
     footer = pq.read_metadata(path)
     if footer.num_rows != len(part.rows):

@@ -1,6 +1,4 @@
-"""Explained runs of a result folder: one Parquet file, a row a run, to which every further
-explanation adds.
-"""
+"""Stores the explained runs of a result folder in one Parquet file, a row per run."""
 
 from __future__ import annotations
 
@@ -21,10 +19,10 @@ _CAMPAIGN, _CODE = b"config_hash", b"code_hash"
 
 
 def add(place: Path, ticks: pd.DataFrame, record: Manifest) -> Path:
-    """Put explained runs, as `campaign.inspection.explain`, into a folder's file, in place of what
-    it had of them.
+    """Add explained runs, as from `campaign.inspection.explain`, to a folder's file; they replace
+    earlier rows of the same runs.
 
-    Explanations by other code or of another campaign are dropped. Raises StoreError where it
+    Explanations by other code or of another campaign are dropped. Raises StoreError if the file
     cannot be written.
     """
     path, own = place / FILE, manifest.code_hash(record.robot).encode()
@@ -39,9 +37,9 @@ def add(place: Path, ticks: pd.DataFrame, record: Manifest) -> Path:
 
 
 def read(place: Path, record: Manifest) -> pd.DataFrame | None:
-    """The explained runs of a campaign in a folder; None where there are none of this campaign.
+    """Return the explained runs of a campaign in a folder; None if there are none of this campaign.
 
-    Raises StoreError for a file that is damaged.
+    Raises StoreError for a damaged file.
     """
     path = place / FILE
     if not path.is_file():

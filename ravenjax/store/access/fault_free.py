@@ -1,10 +1,10 @@
-"""Fault-free motion beside a campaign's result: more of the same robot, so that rates of false cues
-can be stated.
+"""Finds fault-free motion of a campaign's robot beside its result, from which rates of false cues
+are computed.
 
-A result folder may hold a folder FOLDER with a result folder for each further motion. `ravenjax
-fault-free` computes them; any fault-free campaign of the same robot, cues and detectors may be put
-there, too. The golden runs of a campaign are often a few seconds of one motion, which say nothing
-about false cues an hour.
+A result folder may contain a folder FOLDER with one result folder per additional motion. `ravenjax
+fault-free` computes them. Results of any fault-free campaign with the same robot, cues and
+detectors may also be put there. The golden runs of a campaign are often a few seconds of one
+motion, which do not determine a rate of false cues per hour.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ FOLDER = "fault_free"
 UNVARIED = ("still",)
 """Generated motions that are the same for every seed."""
 _NOT_OF_ROBOT = ("name", "description", "seed", "duration_s", "limit", "chunk")
-"""Keys of [campaign] that do not say which robot."""
+"""Keys of [campaign] that do not describe the robot."""
 SCALE = "scale"
-"""The one key of [operator] that does; the others say along which motion."""
+"""The one key of [operator] that describes the robot; the others describe the motion."""
 _WITHOUT_PART = ("group", "outcomes", "reaction", "stop", "cross")
-"""Sections that say nothing of the robot in fault-free motion, up to the first cue."""
+"""Sections that do not affect the robot in fault-free motion up to the first cue."""
 REACTION = "reaction."
-"""Beginning of the paths of parameters that say what the operator does at a cue."""
+"""Beginning of the paths of parameters that describe the operator's reaction to a cue."""
 
 
 class MotionFolder(NamedTuple):
@@ -39,18 +39,19 @@ class MotionFolder(NamedTuple):
 
 
 class Companions(NamedTuple):
-    """What lies in the folder of fault-free motion."""
+    """The result folders in the folder of fault-free motion."""
 
-    motions: tuple[MotionFolder, ...]  # of the campaign's robot, each another motion
-    excluded: tuple[str, ...]  # the others: 'NAME: why'
+    motions: tuple[MotionFolder, ...]  # of the campaign's robot, each a different motion
+    excluded: tuple[str, ...]  # the others, as 'NAME: reason'
 
 
 NO_COMPANIONS = Companions((), ())
 
 
 def find(folder: Path, campaign: Manifest) -> Companions:
-    """The fault-free motion beside the result in `folder`, whose manifest is `campaign`; in the
-    order of names.
+    """Return the fault-free motion beside the result in `folder`, in the order of names.
+
+    campaign: manifest of that result.
     """
     place = Path(folder) / FOLDER
     paths = sorted(path for path in place.iterdir() if path.is_dir()) if place.is_dir() else []
@@ -73,11 +74,11 @@ def find(folder: Path, campaign: Manifest) -> Companions:
 
 
 def motion_of(manifest: Manifest) -> str:
-    """What decides how the hands move: equal for two campaigns in which they move alike, or one
-    longer than the other.
+    """Return what decides how the hands move.
 
-    With noise, or packets of drawn lengths, it is what the run draws, too, so that the same hands
-    make another motion of the robot.
+    It is equal for two campaigns with the same motion, or if one motion is a continuation of the
+    other. With noise, or with packets of random durations, it also includes what the run draws: the
+    same hands then cause another motion of the robot.
     """
     operator = {
         name: value
@@ -93,7 +94,7 @@ def motion_of(manifest: Manifest) -> str:
 
 
 def _difference(campaign: Manifest, other: Manifest) -> str:
-    """Why the motion of `other` is not that of the campaign's robot; empty where it is."""
+    """Return why the robot of `other` is not that of the campaign; "" if it is."""
     if campaign.code_hash != other.code_hash:
         return f"computed by another version of the code, {other.code_hash[:16]}"
     for name in ("cues", "detectors"):
@@ -104,7 +105,9 @@ def _difference(campaign: Manifest, other: Manifest) -> str:
 
 
 def robot(config: dict[str, Any]) -> dict[str, Any]:
-    """The parts of a resolved campaign that decide how the robot follows fault-free motion."""
+    """Return the parts of a resolved campaign that decide how the robot follows fault-free
+    motion.
+    """
     parts = {name: value for name, value in config.items() if name not in _WITHOUT_PART}
     parts["campaign"] = {
         name: v for name, v in config.get("campaign", {}).items() if name not in _NOT_OF_ROBOT
@@ -115,5 +118,5 @@ def robot(config: dict[str, Any]) -> dict[str, Any]:
 
 
 def without_reaction(parameters: dict[str, Any]) -> dict[str, Any]:
-    """A table of parameters without those of an operator who reacts."""
+    """Return a table of parameters without those of the operator's reaction."""
     return {path: value for path, value in parameters.items() if not path.startswith(REACTION)}

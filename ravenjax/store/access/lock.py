@@ -1,8 +1,8 @@
-"""One writer a result folder: a second writer is refused with the name of the first.
+"""Allows one writer per result folder; a second one is refused with the name of the first.
 
 The lock is the operating system's (`flock` on `DIR/.lock`), so it ends with the process that held
-it. The file only says who that was. Linux passes `flock` on NFS to the server. A file system
-without any locks gives no protection.
+it. The file only names the holder. Linux passes `flock` on NFS to the server. A file system without
+locks gives no protection.
 """
 
 from __future__ import annotations
@@ -27,8 +27,9 @@ _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL)
 
 @contextlib.contextmanager
 def held(folder: Path) -> Iterator[None]:
-    """Hold the lock of `folder`, which exists. Raises StoreError naming the holder where another
-    process has it.
+    """Hold the lock of `folder`, which must exist.
+
+    Raises StoreError that names the holder if another process has the lock.
     """
     path = folder / FILE
     try:
@@ -48,7 +49,7 @@ def held(folder: Path) -> Iterator[None]:
                 raise StoreError(f"{path}: cannot be locked ({error.strerror or error})") from error
         since = datetime.now(UTC).isoformat(timespec="seconds")
         holder = {"pid": os.getpid(), "host": socket.gethostname(), "since": since}
-        # A full disk is no reason to refuse: the lock itself holds.
+        # A full disk is no reason to refuse, because the lock works without the file's content.
         with contextlib.suppress(OSError):
             _put(file, json.dumps(holder))
         try:

@@ -1,9 +1,8 @@
-"""Shards of one campaign joined into one result folder, which is then as if it had been computed in
-one place.
+"""Merges the shards of a campaign into one result folder, as if it had been computed in one place.
 
-Parts are taken over as they are, by hard link where the file system can, else as copies, each
-checked before and after; the manifest comes last. The target folder counts as one more shard: so
-the same command may be given again after an interruption, or with further shards.
+Parts are hard-linked if the file system allows it, else copied. Each is checked before and after.
+The manifest is written last. The target folder counts as one more shard, so the same command can be
+repeated after an interruption, or with further shards.
 """
 
 from __future__ import annotations
@@ -27,37 +26,39 @@ from ravenjax.store.manifest import Manifest
 from ravenjax.store.parts import Part
 
 MAY_DIFFER = ("device", "shard")
-"""Of what else identifies a folder: shards may come from different machines."""
+"""Fields of a folder's identity that may differ, because shards may come from different
+machines.
+"""
 
 
 class Merged(NamedTuple):
-    """What a merge did."""
+    """Result of a merge."""
 
     manifest: Manifest  # of the merged folder
     linked: int  # parts that are hard links
     copied: int
-    present: int  # parts that were there already
+    present: int  # parts that were in the target folder before
     missing: list[range]  # rows that no shard holds
 
 
 class PartSource(NamedTuple):
-    """A part and where it is."""
+    """A part and its folder."""
 
     folder: Path  # the shard
     part: Part
 
     @property
     def file(self) -> Path:
-        """Its path."""
+        """Path of the part."""
         return self.folder / PARTS / self.part.file
 
 
 def merge(out: Path, shards: Sequence[Path], partial: bool = False) -> Merged:
-    """Join the result folders `shards` into the folder `out`; `partial`: though rows are missing.
+    """Join the result folders `shards` into the folder `out`; partial: also if rows are missing.
 
-    Shards are of one campaign, engine, code and package versions, and left as they are. Raises
-    StoreError, before anything is written, where they differ, a part is damaged, two parts hold the
-    same row, or rows are missing.
+    All shards must have the same campaign, engine, code and package versions. They are not changed.
+    Raises StoreError, before anything is written, if they differ, a part is damaged, two parts hold
+    the same row, or rows are missing.
     """
     folders = _folders(out, shards)
     records = {folder: manifests.read(folder) for folder in folders}
@@ -80,7 +81,9 @@ def merge(out: Path, shards: Sequence[Path], partial: bool = False) -> Merged:
 
 
 def _folders(out: Path, shards: Sequence[Path]) -> list[Path]:
-    """Where parts may be, each place once: the folder merged into first, if it holds something."""
+    """Return the folders that may hold parts, each once; the target folder comes first if it has
+    content.
+    """
     if not shards:
         raise StoreError(f"{out}: nothing to merge; name the result folders of the shards after it")
     own = [out] if (out / manifests.FILE).exists() else []
@@ -104,8 +107,9 @@ def _require_same(first: Path, one: Manifest, other: Path, two: Manifest) -> Non
 
 
 def _parts(folder: Path, record: Manifest) -> list[PartSource]:
-    """The whole parts of a shard; one that was renamed but not recorded when the power went is
-    one, too.
+    """Return the complete parts of a shard.
+
+    They include a part that was renamed but not yet recorded when the power failed.
     """
     recorded = {part.file: part for part in record.parts}
     there = {path.name: path for path in parts.files(folder / PARTS)}
@@ -121,8 +125,9 @@ def _parts(folder: Path, record: Manifest) -> list[PartSource]:
 
 
 def _disjoint(sources: list[PartSource]) -> list[PartSource]:
-    """The parts by row, those that several shards hold alike once. Raises StoreError where two
-    differ in a row.
+    """Return the parts by row, with identical parts of several shards once.
+
+    Raises StoreError if two parts hold different versions of a row.
     """
     alike: dict[tuple[int, int, str], PartSource] = {}
     for source in sources:
@@ -156,7 +161,7 @@ def _incomplete(records: dict[Path, Manifest], missing: list[range]) -> str:
 
 
 def _taken(source: PartSource, out: Path, config_hash: str) -> str:
-    """How a part came into the folder: kept, linked or copied."""
+    """Put a part into the folder; return whether it was kept, linked or copied."""
     target = out / PARTS / source.part.file
     if target.exists() and (target.samefile(source.file) or sha256(target) == source.part.sha256):
         return "kept"
@@ -164,11 +169,13 @@ def _taken(source: PartSource, out: Path, config_hash: str) -> str:
 
     def fill(aside: Path) -> None:
         with contextlib.suppress(FileNotFoundError):
-            aside.unlink()  # of an attempt that was interrupted
+            # Left by an attempt that was interrupted.
+            aside.unlink()
         try:
             os.link(source.file, aside)
             ways.append("linked")
-        except OSError:  # another file system, or one without links
+        # Another file system, or one without links.
+        except OSError:
             shutil.copyfile(source.file, aside)
             ways.append("copied")
 
@@ -179,7 +186,7 @@ def _taken(source: PartSource, out: Path, config_hash: str) -> str:
 
 
 def _require_own(out: Path, sources: list[PartSource]) -> None:
-    """StoreError where the folder holds another part: nobody would know what it is."""
+    """Raise StoreError if the folder holds a part that belongs to no source."""
     own = {source.part.file for source in sources}
     foreign = [path for path in parts.files(out / PARTS) if path.name not in own]
     if foreign:
@@ -190,7 +197,9 @@ def _require_own(out: Path, sources: list[PartSource]) -> None:
 
 
 def _joined(records: list[Manifest], sources: list[PartSource], incomplete: bool) -> Manifest:
-    """One record for all: as if one start had computed everything, as fast as all together."""
+    """Return the joint manifest, as if one start had computed everything at the speed of all
+    together.
+    """
     finished = [record.finished for record in records]
     seconds = [record.run_s for record in records if record.run_s]
     return records[0].model_copy(

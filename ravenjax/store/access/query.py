@@ -1,10 +1,10 @@
-"""A result table that need not fit in memory: the parts of a folder as a DuckDB relation,
-read-only, in bounded memory.
+"""Queries result tables that need not fit in memory: the parts of a folder as a read-only DuckDB
+relation.
 
-Every query reads from the view `results`, one row a run: columns as in `schema`, and `row`, the
-number of the run. What does not fit in the memory that was given goes to a temporary folder, which
-is deleted at the end. Only the parts that the manifest names are read, each checked against its
-checksum first.
+Every query reads from the view `results`, one row per run. Its columns are those of `schema`, and
+`row`, the number of the run. Data that exceeds the given memory is spilled to a temporary folder,
+which is deleted at the end. Only the parts that the manifest names are read, and each is first
+checked against its checksum.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 MEMORY_MB = 1000
-"""Memory that DuckDB may take, of which it spills what does not fit."""
+"""Memory that DuckDB may use, MB. It spills what does not fit."""
 RESULTS = "results"
-"""The view of the whole table."""
+"""Name of the view of the whole table."""
 
 
 class ResultTable:
-    """SQL over one result table. Use as a context manager, or `close` it."""
+    """SQL over one result table. Use it as a context manager, or `close` it."""
 
     def __init__(
         self, connection: duckdb.DuckDBPyConnection, closing: contextlib.ExitStack
@@ -47,32 +47,32 @@ class ResultTable:
         self.close()
 
     def close(self) -> None:
-        """Close the connection and delete what it wrote aside."""
+        """Close the connection and delete its temporary files."""
         self._closing.close()
 
     def run(self, sql: str) -> None:
-        """A statement without a result, as the definition of a view."""
+        """Run a statement without a result, such as the definition of a view."""
         self._told(sql)
 
     def rows(self, sql: str, given: Sequence[Any] = ()) -> list[tuple[Any, ...]]:
-        """The rows of a query; `given` replaces its question marks."""
+        """Return the rows of a query; `given` replaces its question marks."""
         return self._told(sql, given).fetchall()
 
     def row(self, sql: str, given: Sequence[Any] = ()) -> tuple[Any, ...]:
-        """The one row of a query."""
+        """Return the only row of a query."""
         (only,) = self.rows(sql, given)
         return only
 
     def frame(self, sql: str, given: Sequence[Any] = ()) -> pd.DataFrame:
-        """A query as a DataFrame, for what is known to be small."""
+        """Return the result of a query as a DataFrame. The result must be small."""
         return self._told(sql, given).df()
 
     def batches(self, sql: str, rows: int) -> Iterator[pa.RecordBatch]:
-        """A query as Arrow, in batches of `rows`."""
+        """Return the result of a query as Arrow batches of `rows` rows."""
         yield from self._connection.sql(sql).to_arrow_reader(rows)
 
     def types(self, name: str = RESULTS) -> dict[str, str]:
-        """Columns of a table or view, in order, and their SQL types."""
+        """Return the columns of a table or view, in order, and their SQL types."""
         return dict(self.rows(f"SELECT column_name, column_type FROM (DESCRIBE {quoted(name)})"))
 
     def register(self, name: str, table: pa.Table) -> None:
@@ -95,11 +95,11 @@ class ResultTable:
 
 
 def open_folder(path: str | Path, memory_mb: int | None = None) -> ResultTable:
-    """The finished rows of a result folder.
+    """Open the finished rows of a result folder.
 
-    memory_mb: of DuckDB, in MB; None is MEMORY_MB, or what the environment variable
-    RAVENJAX_QUERY_MB says. Raises StoreError where the folder holds no result, a part is missing or
-    damaged, or one is of another schema version.
+    memory_mb: memory of DuckDB, MB; None: the environment variable RAVENJAX_QUERY_MB, else
+    MEMORY_MB. Raises StoreError if the folder holds no result, a part is missing or damaged, or a
+    part has another schema version.
     """
     path = Path(path)
     return open_parts(whole_parts(path), path, memory_mb)
@@ -111,10 +111,10 @@ def open_parts(
     memory_mb: int | None = None,
     numbered: bool = False,
 ) -> ResultTable:
-    """The rows of these Parquet files, taken as they are.
+    """Open the rows of these Parquet files without checks.
 
-    aside: where there is room to spill, if it may be written to. numbered: with columns `filename`
-    and `file_row_number`, which counts from 0.
+    aside: folder with space to spill, if it is writable. numbered: add columns `filename` and
+    `file_row_number`, which counts from 0.
     """
     table = empty(aside, memory_mb)
     more = ", filename = true, file_row_number = true" if numbered else ""
@@ -123,16 +123,18 @@ def open_parts(
 
 
 def of_files(files: Sequence[Path], options: str = "") -> str:
-    """The rows of Parquet files, to select from; options: of DuckDB's read_parquet, beginning
-    with a comma.
+    """Return the SQL source of the rows of Parquet files.
+
+    options: further arguments of DuckDB's read_parquet, beginning with a comma.
     """
     names = ", ".join(_literal(file) for file in files)
     return f"read_parquet([{names}]{options})"
 
 
 def whole_parts(path: Path) -> list[Path]:
-    """Files of the finished parts of a result folder, each checked. Raises StoreError as
-    `open_folder`.
+    """Return the files of the finished parts of a result folder, each checked.
+
+    Raises StoreError as `open_folder`.
     """
     record = read_complete_manifest(path)
     threads.mapped(
@@ -144,7 +146,7 @@ def whole_parts(path: Path) -> list[Path]:
 
 
 def empty(aside: Path | None = None, memory_mb: int | None = None) -> ResultTable:
-    """A connection without a table; arguments as of `open_parts`."""
+    """Return a connection without a table; arguments as in `open_parts`."""
     import duckdb
 
     limit_mb = memory_mb or _memory_mb()
@@ -156,30 +158,28 @@ def empty(aside: Path | None = None, memory_mb: int | None = None) -> ResultTabl
                 "memory_limit": f"{limit_mb}MB",
                 "temp_directory": folder,
                 "threads": len(os.sched_getaffinity(0)),
-                # Queries name their order; keeping one takes memory.
+                # Queries state their order. Preserving the insertion order would take memory.
                 "preserve_insertion_order": False,
                 "autoinstall_known_extensions": False,
             },
         )
         closing.callback(connection.close)
-        with contextlib.suppress(
-            duckdb.InvalidInputException
-        ):  # of a notebook without ipywidgets, which has none
+        # A notebook without ipywidgets has no progress bar.
+        with contextlib.suppress(duckdb.InvalidInputException):
             connection.execute("SET enable_progress_bar = false")
-        connection.execute(
-            "ATTACH ':memory:' AS aside (COMPRESS)"
-        )  # tables made on the way take a third of the room
+        # Intermediate tables take a third of the space.
+        connection.execute("ATTACH ':memory:' AS aside (COMPRESS)")
         connection.execute("USE aside")
         return ResultTable(connection, closing.pop_all())
 
 
 def lacking(wanted: Sequence[range], held: Sequence[parts.Part]) -> list[range]:
-    """Rows of `wanted` that no part holds, as ranges in order."""
+    """Return the rows of `wanted` that no part holds, as ranges in order."""
     return list(parts.gaps(held, wanted, 2**62))
 
 
 def in_words(ranges: Sequence[range], most: int = 5) -> str:
-    """Row ranges as an error tells them: `0 to 99, 300 and 2 more ranges`."""
+    """Return row ranges as text for an error: `0 to 99, 300 and 2 more ranges`."""
     words = [
         f"{rows.start:,}" + (f" to {rows.stop - 1:,}" if len(rows) > 1 else "")
         for rows in ranges[:most]
@@ -189,22 +189,22 @@ def in_words(ranges: Sequence[range], most: int = 5) -> str:
 
 
 def quoted(name: str) -> str:
-    """A column's name as SQL takes it."""
+    """Return a column's name as SQL identifier."""
     return '"' + name.replace('"', '""') + '"'
 
 
 def enum(words: Sequence[str]) -> str:
-    """A type that holds one byte a word, of these words."""
+    """Return an SQL enum type of these words, which takes one byte per value."""
     return "ENUM (" + ", ".join(text(word) for word in words) + ")"
 
 
 def text(word: str) -> str:
-    """A word as SQL takes it."""
+    """Return a word as SQL string literal."""
     return "'" + word.replace("'", "''") + "'"
 
 
 def _literal(path: Path) -> str:
-    """A file's path as DuckDB reads it: to the letter, not as a pattern."""
+    """Return a file's path as DuckDB reads it, with pattern characters escaped."""
     return text("".join(f"[{letter}]" if letter in "*?[" else letter for letter in str(path)))
 
 

@@ -1,4 +1,4 @@
-"""The result table of a campaign that has run; nothing is read before it is asked for."""
+"""The result table of a finished campaign. Nothing is read before it is needed."""
 
 from __future__ import annotations
 
@@ -19,25 +19,27 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Results:
-    """One row a run, ordered by `index`, columns as in `schema`."""
+    """A result table with one row per run, ordered by `index`, and the columns of `schema`."""
 
     shape: schema.Shape  # which repeated columns the table has
     path: Path  # result folder
 
     def frame(self, columns: Sequence[str] | None = None) -> pd.DataFrame:
-        """The table, or some of its columns. Raises StoreError as `folder.read_all`."""
+        """Return the table, or some of its columns. Raises StoreError as `folder.read_all`."""
         return folder.read_all(self.path, columns)
 
     def arrow(self, columns: Sequence[str] | None = None) -> pa.Table:
-        """The table, or some of its columns, as Arrow. Raises StoreError as `folder.read_all`."""
+        """Return the table, or some of its columns, as Arrow. Raises StoreError as
+        `folder.read_all`.
+        """
         return pa.concat_tables(self._of_parts(lambda table: table, columns)).unify_dictionaries()
 
     def verdicts(self) -> dict[str, int]:
-        """How many of the faulty runs have each verdict, most frequent first; "" is that of failed
-        runs.
+        """Return how many of the faulty runs have each verdict, most frequent first; "" means
+        failed runs.
 
-        Counted part by part, so that memory does not grow with the table. Raises StoreError as
-        `folder.read_all`.
+        Parts are counted one by one, so that memory does not grow with the table. Raises StoreError
+        as `folder.read_all`.
         """
         sites = [f"fault{slot}_site" for slot in range(self.shape.slots)]
 
@@ -53,5 +55,5 @@ class Results:
     def _of_parts(
         self, measure: Callable[[pa.Table], Measured], columns: Sequence[str] | None
     ) -> list[Measured]:
-        """What `measure` makes of the columns of each part, by the first row; None: of all."""
+        """Return `measure` of the columns of each part, in the order of rows; columns None: all."""
         return folder.read_parts(self.path, columns, measure)

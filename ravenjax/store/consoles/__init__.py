@@ -1,1 +1,1 @@
-"""Console profiles: bundled ones by name, and files of the user."""
+"""Loads console profiles: bundled ones by name, or the user's files."""

@@ -20,7 +20,7 @@ _SUFFIX = ".toml"
 
 @functools.cache
 def bundled() -> tuple[ConsoleProfile, ...]:
-    """Every bundled profile, the robot's own protocol first."""
+    """Return every bundled profile, the robot's native protocol first."""
     texts = {
         file.name: file.read_text() for file in _FOLDER.iterdir() if file.name.endswith(_SUFFIX)
     }
@@ -29,7 +29,7 @@ def bundled() -> tuple[ConsoleProfile, ...]:
 
 
 def load(name: str) -> ConsoleProfile:
-    """The profile of a bundled name or of a .toml file. UserError."""
+    """Return the profile of a bundled name or of a .toml file. Raises UserError."""
     by_name = {profile.name: profile for profile in bundled()}
     if name in by_name:
         return by_name[name]
@@ -41,8 +41,10 @@ def load(name: str) -> ConsoleProfile:
             f"{suggestion(name, [*by_name, AUTO])}"
         )
     try:
-        text = path.read_text(encoding="utf-8-sig")  # some editors put a byte order mark first
-    except (OSError, ValueError) as error:  # ValueError: not UTF-8, or a path with a zero byte
+        # Some editors write a byte order mark first.
+        text = path.read_text(encoding="utf-8-sig")
+    # ValueError: the text is not UTF-8, or the path contains a zero byte.
+    except (OSError, ValueError) as error:
         raise UserError(
             f"{path}: the console's profile cannot be read: {error}; expected a TOML file"
         ) from None
@@ -50,7 +52,10 @@ def load(name: str) -> ConsoleProfile:
 
 
 def choice(name: str) -> tuple[ConsoleProfile, ...]:
-    """The profiles that a console may have: one, or every bundled one for "auto". UserError."""
+    """Return the profiles that a console may have: one, or every bundled one for "auto".
+
+    Raises UserError.
+    """
     return bundled() if name == AUTO else (load(name),)
 
 
@@ -62,10 +67,8 @@ def _checked(where: str, text: str) -> ConsoleProfile:
             f"{where}: not a console's profile:\n"
             + listed([_line(fault) for fault in error.errors()])
         ) from None
-    except (
-        ValueError,
-        RecursionError,
-    ) as error:  # ValueError also where a number has thousands of digits
+    # tomllib also raises ValueError where a number has thousands of digits.
+    except (ValueError, RecursionError) as error:
         raise UserError(f"{where}: not a TOML file: {error}") from None
 
 

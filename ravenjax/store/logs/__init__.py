@@ -1,1 +1,1 @@
-"""Time series and recordings: what a trace or a session holds, as MCAP, CSV or xarray."""
+"""Stores time series and recordings of traces and sessions as MCAP, CSV or xarray."""

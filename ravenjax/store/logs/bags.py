@@ -1,10 +1,11 @@
-"""Reads bags of ROS 1 and ROS 2, and MCAP files of either, by the rosbags library; and writes a
-recording, session.mcap or the trace of a run, as a bag: of ROS 1 (.bag) or of ROS 2 (a folder).
+"""Reads bags of ROS 1 and ROS 2 and MCAP files with the rosbags library, and writes recordings as
+bags.
 
-In a written bag topics, types and times are those of the recording. In ROS 1 a header has a number,
-which is 0, and there is no rcl_interfaces/Log: `/ravenjax/events` has the same events. A trace
-begins at time 0, which ROS 1 takes for "no time" (its players leave such messages out): all its
-times are one second later there.
+A recording is session.mcap or the trace of a run. It is written as a bag of ROS 1 (.bag) or of ROS
+2 (a folder), with the same topics, types and times. In ROS 1 a header has a sequence number, which
+is 0, and there is no rcl_interfaces/Log; `/ravenjax/events` has the same events. A trace begins at
+time 0, which ROS 1 takes for "no time": its players omit such messages. Therefore all times of a
+trace are one second later in a bag of ROS 1.
 """
 
 from __future__ import annotations
@@ -31,9 +32,9 @@ RECORDING = "session.mcap"
 """Name of a recording in the folder of a session."""
 ONLY_ROS2 = "rcl_interfaces/msg/Log"
 LATER_NS = 1_000_000_000
-"""By so much a recording that begins at time 0 is later in a bag of ROS 1."""
+"""Time that is added in a bag of ROS 1 to a recording that begins at time 0, ns."""
 VERSION = 8
-"""Of a bag of ROS 2; the oldest that the library writes."""
+"""Version of a bag of ROS 2; the oldest that the library writes."""
 
 
 class TopicMessages(NamedTuple):
@@ -41,17 +42,20 @@ class TopicMessages(NamedTuple):
 
     topic: str
     arrived_ns: np.ndarray  # int64 [n] since the epoch
-    stamped_ns: np.ndarray  # int64 [n] as their headers say; 0 where there are none
+    # int64 [n]: times in their headers; 0 without headers.
+    stamped_ns: np.ndarray
     messages: list[Any]
 
     @property
     def stamps_run(self) -> bool:
-        """Whether headers carry times: where nobody fills them they are all alike."""
+        """Whether headers carry times. If nobody fills them, all are equal."""
         return bool(self.stamped_ns.max() > self.stamped_ns.min())
 
     @property
     def time_ns(self) -> np.ndarray:
-        """When each message was sampled: by its header, where headers carry times."""
+        """Time at which each message was sampled: from its header if headers carry times, else its
+        arrival.
+        """
         return self.stamped_ns if self.stamps_run else self.arrived_ns
 
 
@@ -63,12 +67,14 @@ class Joints(NamedTuple):
 
     @property
     def time_ns(self) -> np.ndarray:
-        """As of its messages."""
+        """Times of the messages."""
         return self.messages.time_ns
 
 
 def read_joints(path: Path, reader: AnyReader, topic: str) -> Joints:
-    """Joints by the names that ravenjax writes, else seven in their order. UserError."""
+    """Read joints by the names that ravenjax writes, else seven joints in their order. Raises
+    UserError.
+    """
     states = read_topic(path, reader, topic)
     first = states.messages[0]
     places = {
@@ -89,7 +95,7 @@ def read_joints(path: Path, reader: AnyReader, topic: str) -> Joints:
 
 
 def read_topic(path: Path, reader: AnyReader, topic: str) -> TopicMessages:
-    """The messages of one topic. UserError where it has none."""
+    """Read the messages of one topic. Raises UserError if it has none."""
     connections = [one for one in reader.connections if one.topic == topic]
     arrived, stamped, messages = [], [], []
     for connection, time_ns, data in reader.messages(connections=connections):
@@ -105,11 +111,11 @@ def read_topic(path: Path, reader: AnyReader, topic: str) -> TopicMessages:
 
 @contextlib.contextmanager
 def open_bag(path: Path) -> Iterator[AnyReader]:
-    """Open a bag or MCAP file and read its definitions. Any damage is a UserError."""
+    """Open a bag or MCAP file and read its definitions. Raises UserError for any damage."""
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
-    # Files of ROS 2 may hold no definitions: these are enough for CRTK.
+    # Files of ROS 2 may contain no definitions. The usual ones suffice for CRTK.
     usual = get_typestore(Stores.LATEST)
     try:
         with AnyReader([path], default_typestore=usual) as reader:
@@ -125,7 +131,7 @@ def open_bag(path: Path) -> Iterator[AnyReader]:
 
 
 class WrittenBag(NamedTuple):
-    """What was written."""
+    """A bag that was written, and its size."""
 
     path: Path
     topics: int
@@ -133,15 +139,15 @@ class WrittenBag(NamedTuple):
     seconds: float  # from the first message to the last
 
     def __str__(self) -> str:
-        """In words, for the command line."""
+        """Return a sentence for the command line."""
         return f"{self.path}: {self.topics} topics, {self.messages} messages, {self.seconds:.3f} s"
 
 
 def write_bag(source: Path, ros: Ros, out: Path | None = None) -> WrittenBag:
-    """The bag of a recording: an MCAP file of ROS 2, or the folder of a session.
+    """Write the bag of a recording, which is an MCAP file of ROS 2 or the folder of a session.
 
-    out: default beside the recording, its name with `.bag`, or with `_ros2` for the folder.
-    UserError where the recording cannot be read or `out` is there already, StoreError where the
+    out: path of the bag; None: beside the recording, with its name and `.bag`, or `_ros2` for the
+    folder. Raises UserError if the recording cannot be read or `out` exists, and StoreError if the
     disk refuses.
     """
     recording = source / RECORDING if source.is_dir() else source
@@ -176,7 +182,7 @@ def write_bag(source: Path, ros: Ros, out: Path | None = None) -> WrittenBag:
                     f"{target}: cannot be written ({error.strerror or error})"
                 ) from error
     except BaseException as error:
-        # No half a bag is left.
+        # Delete the incomplete bag.
         if target.is_dir():
             shutil.rmtree(target, ignore_errors=True)
         else:
@@ -222,7 +228,7 @@ def _write(reader: AnyReader, ros: Ros, target: Path) -> WrittenBag:
 
 
 def _shift(store: Typestore, data: bytes, kind: str, later: int) -> Any:
-    """The message with all stamps later: its own, and those of its transforms."""
+    """Return the message with all its stamps later, including those of its transforms."""
     message: Any = store.deserialize_cdr(data, kind)
     for part in (message, *getattr(message, "transforms", ())):
         if hasattr(part, "header"):

@@ -1,12 +1,12 @@
-"""What an MCAP file holds, whole, cut short or damaged: every complete record, and how much is
-missing.
+"""Reads all complete records of an MCAP file that may be truncated or damaged, and counts the lost
+bytes.
 
-The library's seeking reader needs the index at the end of a file, and its other one ends at the
-first damaged byte; this one reads record by record with the library. A record whose content does
-not match its length or checksum is left out and counted, and reading goes on at the next whole
+The library's seeking reader needs the index at the end of a file, and its other reader stops at the
+first damaged byte. This module reads record by record with the library. A record whose content does
+not match its length or checksum is skipped and counted, and reading continues at the next complete
 chunk.
 
-`recover` writes a truncated file anew, with the index that other tools need.
+`recover` rewrites a truncated file with the index that other tools need.
 """
 
 from __future__ import annotations
@@ -45,19 +45,21 @@ _CHUNK = re.compile(rb"\x06.{6}\0\0.{28}(?:\0\0\0\0|\x03\0\0\0lz4|\x04\0\0\0zstd
 
 @dataclass
 class Scan:
-    """A file's records; the file stays mapped, so that a long one does not fill the memory."""
+    """A file's records. The file is memory-mapped, so that a long one does not fill the memory."""
 
     data: mmap.mmap = field(repr=False)
     profile: str = ""
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
     metadata: list[Metadata] = field(default_factory=list)
-    places: list[int] = field(default_factory=list)  # where chunks, and messages beside them, begin
-    complete: bool = False  # the footer and the closing magic are there
-    lost_bytes: int = 0  # of no whole record: of damaged ones, and behind the last
+    # Positions of chunks, and of messages outside chunks.
+    places: list[int] = field(default_factory=list)
+    complete: bool = False  # the footer and the closing magic are present
+    # Bytes that belong to no complete record: damaged ones, and those after the last.
+    lost_bytes: int = 0
 
     def messages(self) -> Iterator[Message]:
-        """Every message in the order of the file."""
+        """Yield every message in the order of the file."""
         for place in self.places:
             for record in _read_record(self.data, place)[0]:
                 if isinstance(record, Message):
@@ -65,7 +67,9 @@ class Scan:
 
 
 def scan(path: Path) -> Scan:
-    """Read a file, whole or cut short. StoreError where it cannot be read or is no MCAP file."""
+    """Scan a file, complete or truncated. Raises StoreError if it cannot be read or is no MCAP
+    file.
+    """
     try:
         with open(path, "rb") as file:
             begins = file.read(len(MCAP0_MAGIC))
@@ -112,10 +116,10 @@ def scan(path: Path) -> Scan:
 
 
 def _read_record(data: mmap.mmap, place: int) -> tuple[list[McapRecord], int]:
-    """The record that begins at `place`, or those of the chunk that does, and where it ends.
+    """Return the record that begins at `place`, or those of the chunk that does, and where it ends.
 
-    Raises any exception where its bytes do not hold together: a record that is written again has
-    the same length.
+    Raises any exception if its bytes are inconsistent: a record that is written again must have the
+    same length.
     """
     end = place + _HEAD + int.from_bytes(data[place + 1 : place + _HEAD], "little")
     content = io.BytesIO(data[place:end])
@@ -128,16 +132,17 @@ def _read_record(data: mmap.mmap, place: int) -> tuple[list[McapRecord], int]:
 
 
 class Recovered(NamedTuple):
-    """What was saved of a file."""
+    """Result of a recovery."""
 
     path: Path  # of the new file
     messages: int
     seconds: float  # from the first message to the last
-    lost_bytes: int  # of the old file, behind its last whole record or in damaged chunks
-    complete: bool  # the old file was whole: nothing was missing
+    # Bytes of the old file after its last complete record or in damaged chunks.
+    lost_bytes: int
+    complete: bool  # whether the old file was complete
 
     def __str__(self) -> str:
-        """In words, for the command line."""
+        """Return a sentence for the command line."""
         if self.complete and not self.lost_bytes:
             return (
                 f"{self.path}: {self.seconds:.3f} s, {self.messages} messages; the file was whole"
@@ -149,16 +154,15 @@ class Recovered(NamedTuple):
 
 
 def recovered_path(path: Path) -> Path:
-    """Where `recover` writes unless told: session.mcap -> session.recovered.mcap."""
+    """Return the default output of `recover`: session.mcap -> session.recovered.mcap."""
     return path.with_name(f"{path.stem}.recovered{path.suffix}")
 
 
 def recover(path: Path, out: Path | None = None) -> Recovered:
-    """Write what is whole of the MCAP file `path` to `out`, which is `recovered_path` if left out;
-    any MCAP file.
+    """Write the complete records of the MCAP file `path` to `out`; None: `recovered_path`.
 
-    Messages keep their order, times and numbers. `out` may be `path` itself: it is replaced in one
-    step. Raises StoreError where the file cannot be read, holds no whole message, or the disk
+    Messages keep their order, times and numbers. `out` may equal `path`, which is then replaced
+    atomically. Raises StoreError if the file cannot be read, holds no complete message, or the disk
     refuses.
     """
     out = recovered_path(path) if out is None else out

@@ -1,4 +1,4 @@
-"""Makes, encodes and decodes messages of ROS 1 and ROS 2 by the rosbags library."""
+"""Makes, encodes and decodes messages of ROS 1 and ROS 2 with the rosbags library."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ WRENCH = "geometry_msgs/msg/WrenchStamped"
 
 
 class MessageTypes:
-    """The message types of one ROS."""
+    """The message types of one ROS version."""
 
     def __init__(self, ros: Ros, definitions: Mapping[str, str] | None = None) -> None:
-        """definitions: by type, of those that are not part of the distribution."""
+        """definitions: text by type, of types that are not part of the distribution."""
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
         self.ros: Ros = ros
@@ -32,27 +32,30 @@ class MessageTypes:
             self.store.register({k: v for k, v in types.items() if k not in known})
 
     def encode(self, message: Any) -> bytes:
-        """The bytes of a message: CDR with its head, or ROS 1's own."""
+        """Return the bytes of a message: CDR with its header, or the format of ROS 1."""
         store = self.store
         write = store.serialize_ros1 if self.ros == "ros1" else store.serialize_cdr
         return bytes(write(message, message.__msgtype__))
 
     def decode(self, content: bytes, kind: str) -> Any:
-        """The message; ValueError where the bytes are none."""
+        """Return the message. Raises ValueError if the bytes are not a message of this type."""
         store = self.store
         read = store.deserialize_ros1 if self.ros == "ros1" else store.deserialize_cdr
         try:
             return read(content, kind)
-        except Exception as error:  # whatever the library stumbles over
+        # The library may raise any exception here.
+        except Exception as error:
             raise ValueError(f"no {kind}: {error}") from None
 
     def header(self, stamp_ns: int, frame: str = "") -> tuple[Any, ...]:
-        """Fields of a header; stamp_ns: since 1970."""
+        """Return the fields of a header; stamp_ns: since 1970."""
         stamp = divmod(stamp_ns, 10**9)
         return (0, stamp, frame) if self.ros == "ros1" else (stamp, frame)
 
     def message(self, kind: str, *values: Any) -> Any:
-        """A message of these fields, in their order; a field that has fields is a sequence."""
+        """Return a message with these fields, in their order. A field with subfields is a
+        sequence.
+        """
         from rosbags.interfaces import Nodetype
 
         fields = []
@@ -71,7 +74,7 @@ class MessageTypes:
     def joint_state(
         self, header: Any, names: Sequence[str], position: Any, velocity: Any = ()
     ) -> Any:
-        """Joints: rad, insertion m, and their rates."""
+        """Return a JointState of joints (rad, insertion m) and their rates."""
         return self.message(JOINT_STATE, header, list(names), position, velocity, ())
 
 

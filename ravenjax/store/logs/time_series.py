@@ -1,9 +1,10 @@
-"""Every time series of one run: name, axes, unit and meaning, in the order in which they are
-stored; and all of a run as a CSV file or an xarray.Dataset.
+"""Lists every time series of one run with name, axes, unit and meaning, and writes them as CSV or
+xarray.
 
-The series of a run are a dict of arrays [T] or [T, ...], one row a millisecond: `runlevel`, and
-`gold/jpos` for what each arm has. Trace files, CSV files and datasets take units and meanings from
-here. time_series.csv lists them.
+The series of a run are a dict of arrays [T] or [T, ...], one row per millisecond: for example
+`runlevel`, and `gold/jpos` for a series of an arm. They are listed in the order in which they are
+stored. Traces, CSV files and datasets take units and meanings from here. The list is in
+time_series.csv.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ _PLACES = ("x", "y", "z")
 
 
 def axes(robot: Robot) -> dict[str, tuple[str, ...]]:
-    """Names along an axis; others count from 0."""
+    """Return the names along each axis. Elements of other axes are numbered from 0."""
     return {"joint": robot.joints, "axis": _PLACES, "jaw_axis": _PLACES}
 
 
@@ -36,14 +37,16 @@ class TimeSeries(NamedTuple):
     """One quantity."""
 
     name: str  # without the arm
-    unit: str  # of a joint: of a revolute one
+    # Unit; for a joint, that of a revolute one.
+    unit: str
     meaning: str
-    axes: tuple[str, ...] = ()  # beside the time
-    linear_unit: str = ""  # of a joint that slides, where it differs
+    axes: tuple[str, ...] = ()  # besides time
+    # Unit of a prismatic joint, if it differs.
+    linear_unit: str = ""
 
 
 def _series_of(owner: str) -> dict[str, TimeSeries]:
-    """The series of the run or of each arm, as time_series.csv lists them."""
+    """Return the series of the run or of each arm, as time_series.csv lists them."""
     with open(Path(__file__).with_suffix(".csv"), encoding="utf-8", newline="") as file:
         rows = [row for row in csv.DictReader(file) if row["of"] == owner]
     return {
@@ -59,16 +62,18 @@ def _series_of(owner: str) -> dict[str, TimeSeries]:
 
 
 OF_RUN = _series_of("run")
-"""What belongs to no arm. `fault_active` is stored as one series a fault: fault0_active,
-fault1_active, ...
+"""Series that belong to no arm.
+
+`fault_active` is stored as one series per fault: fault0_active, fault1_active, ...
 """
 OF_ARM = _series_of("arm")
-"""What each arm has."""
+"""Series of each arm."""
 
 
 def check(series: Mapping[str, np.ndarray], where: str) -> int:
-    """The number of ticks that all series have. StoreError, beginning with `where`, where they
-    differ or have none.
+    """Return the number of ticks of all series.
+
+    Raises StoreError, with a message that begins with `where`, if they differ or have none.
     """
     lengths = {name: values.shape[0] if values.ndim else 0 for name, values in series.items()}
     counts = set(lengths.values())
@@ -82,8 +87,8 @@ def check(series: Mapping[str, np.ndarray], where: str) -> int:
 
 
 def described(name: str) -> TimeSeries:
-    """What a stored series is, by its stored name; one that is not listed here has unit "" and
-    no meaning.
+    """Return the description of a stored series by its name. An unlisted one has unit "" and no
+    meaning.
     """
     arm, _, own = name.rpartition("/")
     if arm:
@@ -94,8 +99,9 @@ def described(name: str) -> TimeSeries:
 
 
 def scalars(robot: Robot, name: str, shape: tuple[int, ...]) -> Iterator[tuple[str, str]]:
-    """(name, unit) of each number of a series, last axis fastest: gold/jpos/elbow, rad. `shape`:
-    without the time.
+    """Yield (name, unit) of each number of a series, last axis fastest: gold/jpos/elbow, rad.
+
+    shape: without time.
     """
     one = described(name)
     along = one.axes if len(one.axes) == len(shape) else ("",) * len(shape)
@@ -114,11 +120,11 @@ def _step(names: tuple[str, ...], place: int, size: int) -> str:
 
 
 def write_csv(path: Path, series: Mapping[str, np.ndarray], robot: Robot = robots.USUAL) -> None:
-    """Write the series of one run: time_s, then each number as `gold/jpos/elbow [rad]`; empty where
-    there is none.
+    """Write the series of one run: time_s, then each number as `gold/jpos/elbow [rad]`; NaN is
+    empty.
 
-    Numbers are in single precision, seven digits, as a campaign computes them.
-    Raises StoreError where the series do not have the same number of ticks or the disk refuses.
+    Numbers are in single precision, seven digits, as a campaign computes them. Raises StoreError if
+    the series differ in their number of ticks or the disk refuses.
     """
     import pyarrow as pa
     from pyarrow import csv
@@ -151,12 +157,12 @@ def dataset(
     thresholds_mm: Sequence[float] = (),
     robot: Robot = robots.USUAL,
 ) -> xarray.Dataset:
-    """The series of a run, those of this module, as one variable a quantity.
+    """Return the series of a run as a Dataset with one variable per quantity.
 
-    Dimensions: time (s), arm, joint, axis (of frame 0), jaw_axis, cue and fault (numbers from 0);
-    each has a coordinate, and cue_threshold_mm goes along cue. attrs of a variable: units,
-    long_name, and insertion_units where those of the insertion differ. attributes: attrs of the
-    whole. Raises StoreError where the series do not have the same number of ticks.
+    Dimensions: time (s), arm, joint, axis (of frame 0), jaw_axis, cue and fault (numbers from 0).
+    Each has a coordinate, and cue_threshold_mm is along cue. attrs of a variable: units, long_name,
+    and insertion_units if the insertion has another unit. attributes: attrs of the dataset. Raises
+    StoreError if the series differ in their number of ticks.
     """
     import xarray
 

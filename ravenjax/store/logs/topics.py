@@ -1,11 +1,12 @@
-"""Topics of MCAP logs: name, type and messages of those that a trace and a session share.
+"""Topics of MCAP logs that traces and sessions share: names, types and messages.
 
 Names are CRTK's as raven2 has them: gold is arm1, green arm2. Poses are in frame 0 of their arm,
-which is the frame `armN_base`. An orientation that nobody knows is not published: where there is
-none the message is a point.
+which is the frame `armN_base`. An unknown orientation is not published: the message is then a
+point.
 
-Names and sizes of a log's messages do not change from tick to tick. So rosbags encodes one message
-of each topic, with marks in place of times and numbers, and numpy fills in those of all ticks.
+Names and sizes of a log's messages do not change from tick to tick. Therefore rosbags encodes one
+message of each topic, with marks in place of times and numbers, and NumPy fills in those of all
+ticks.
 """
 
 from __future__ import annotations
@@ -25,14 +26,14 @@ from ravenjax.store.logs.ros_types import HEADER, JOINT_STATE, POINT, POSE, WREN
 from ravenjax.vocabulary.robot import Robot
 
 ARM_TOPICS = {"gold": "arm1", "green": "arm2"}
-"""CRTK's names of the arms of a Raven-II; an arm of another robot keeps its own."""
+"""CRTK's names of the arms of a Raven-II. An arm of another robot keeps its name."""
 METADATA = "ravenjax"
 SIGNALS = "/ravenjax/signals"
-"""The flat message: every scalar under a name of its own."""
+"""Topic of the flat message, with a field for every scalar."""
 EVENTS = "/ravenjax/events"
-"""What happened, one JSON object a message, for programs."""
+"""Topic of events for programs, one JSON object per message."""
 LOG = "/ravenjax/log"
-"""The same in words, for people: viewers show it as a log."""
+"""Topic of events in words, for people; viewers show it as a log."""
 FRAMES = "/tf"
 WORLD = "world"
 LEVELS = {"debug": 10, "info": 20, "warn": 30, "error": 40, "fatal": 50}
@@ -43,7 +44,10 @@ SIGNALS_TYPE = "ravenjax_msgs/msg/Signals"
 TEXT, LOG_ENTRY = "std_msgs/msg/String", "rcl_interfaces/msg/Log"
 _SECOND_NS = 1_000_000_000
 _STAMP_MARK, _FIRST_MARK = 0x5A5A5A5A, 1e6
-"""In a template: seconds and nanoseconds of a time, and the first number; the next is one more."""
+"""Marks in a template: seconds and nanoseconds of a time, and the first number.
+
+Each further number is one more.
+"""
 
 
 _JOINT_STATES = {
@@ -65,7 +69,7 @@ SERIES = {name for names in (*_JOINT_STATES.values(), *_TIPS.values()) for name 
 
 
 class Base(NamedTuple):
-    """Where an arm stands: its frame 0 in the world."""
+    """Pose of an arm's base: its frame 0 in the world frame."""
 
     origin: tuple[float, float, float]  # m
     quaternion: tuple[float, float, float, float]  # x, y, z, w
@@ -73,19 +77,21 @@ class Base(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Topic:
-    """One topic, and a message of it whose times and numbers are filled in."""
+    """One topic, and a template of its messages in which times and numbers are filled in."""
 
     name: str
     schema: str
-    definition: str  # ros2msg text of the schema
+    definition: str  # schema in ros2msg text
     template: bytes = b""
     stamps: tuple[int, ...] = ()  # first byte of each time
-    spans: tuple[tuple[int, int], ...] = ()  # of numbers in a row: first byte, how many
+    spans: tuple[tuple[int, int], ...] = ()  # of consecutive numbers: first byte, count
     size: int = 8  # bytes of a number
 
     def encode(self, time_ns: np.ndarray, values: np.ndarray) -> dict[int, bytes]:
-        """Messages by tick: `time_ns` int64 [T], `values` [T, k]. Of a pose, point or frame that
-        is not known in a tick (a number is none) there is no message then.
+        """Return messages by tick: `time_ns` int64 [T], `values` [T, k].
+
+        If a pose, point or frame is unknown in a tick (one of its numbers is NaN), it is omitted
+        there.
         """
         assert sum(count for _, count in self.spans) == values.shape[1]
         ticks = np.arange(len(values))
@@ -106,12 +112,12 @@ class Topic:
 
 
 def base(arm: str) -> str:
-    """Name of the frame that all poses of an arm are in, its frame 0."""
+    """Return the name of an arm's frame 0, in which all its poses are given."""
     return f"{arm_name(arm)}_base"
 
 
 def tip(arm: str, which: str) -> str:
-    """Name of the frame of an arm's jaws: `which` is measured, true or model."""
+    """Return the name of the frame of an arm's jaws: `which` is measured, true or model."""
     return f"{arm_name(arm)}_tip_{which}"
 
 
@@ -124,7 +130,7 @@ def joint_state(
     velocity: bool = False,
     effort: bool = False,
 ) -> Topic:
-    """JointState: those of position, velocity and effort that are present, in this order."""
+    """JointState with those of position, velocity and effort that are present, in this order."""
     marks = np.split(_marks(3 * len(joints)), 3)
     filled = [marks.pop(0) if present else () for present in (position, velocity, effort)]
     return _topic(arm, name, JOINT_STATE, list(joints), *filled)
@@ -138,7 +144,7 @@ def pose(arm: str, name: str) -> Topic:
 
 @functools.cache
 def point(arm: str, name: str) -> Topic:
-    """PointStamped: x, y, z in m of a tip whose orientation is not known."""
+    """PointStamped: x, y, z in m of a tip with unknown orientation."""
     return _topic(arm, name, POINT, _marks(3))
 
 
@@ -150,7 +156,7 @@ def wrench(arm: str, name: str) -> Topic:
 
 @functools.cache
 def frames(pairs: tuple[tuple[str, str], ...]) -> Topic:
-    """TFMessage: of each (parent, child) x, y, z in m and a quaternion x, y, z, w."""
+    """TFMessage: for each (parent, child) x, y, z in m and a quaternion x, y, z, w."""
     transforms = [
         (_header(parent), child, (_marks(3, 7 * i), _marks(4, 7 * i + 3)))
         for i, (parent, child) in enumerate(pairs)
@@ -161,8 +167,10 @@ def frames(pairs: tuple[tuple[str, str], ...]) -> Topic:
 def standard(
     robot: Robot, series: Mapping[str, np.ndarray], bases: Mapping[str, Base]
 ) -> Iterator[tuple[Topic, np.ndarray]]:
-    """The topics with types of their own that series [T, ...] of arms fill, and the numbers [T, k]
-    of each; bases: of each arm, without one its base is the root of its frames.
+    """Yield the standard-typed topics that the arms' series [T, ...] fill, and the numbers [T, k]
+    of each.
+
+    bases: base of each arm; an arm without one has its base frame as the root of its frames.
     """
     pairs: list[tuple[str, str]] = []
     places: list[np.ndarray] = []
@@ -201,11 +209,14 @@ def standard(
 
 
 def signals(names: Sequence[str], single: bool = False) -> Topic:
-    """The flat message of one number per name: float64, or float32 if `single`."""
+    """Return the topic of the flat message with one number per name: float64, or float32 if
+    `single`.
+    """
     kind, size = ("float32", 4) if single else ("float64", 8)
     fields = "".join(f"{kind} {name}\n" for name in names)
     needed = f"{'=' * 80}\nMSG: std_msgs/Header\n{_definition(HEADER)}"
-    # A header and numbers behind it: rosbags would compile an encoder of some hundred fields.
+    # A header followed by numbers is encoded here: rosbags would compile an encoder of some hundred
+    # fields.
     head = types().encode(types().message(HEADER, *_header("")))
     head += bytes(-(len(head) - 4) % size)
     template, spans = head + bytes(size * len(names)), ((len(head), len(names)),)
@@ -214,7 +225,7 @@ def signals(names: Sequence[str], single: bool = False) -> Topic:
 
 
 class LogWriter:
-    """Writes an MCAP file in the profile ros2: messages of topics, and events."""
+    """Writes an MCAP file in profile ros2, with messages of topics and events."""
 
     def __init__(
         self,
@@ -223,7 +234,9 @@ class LogWriter:
         metadata: Mapping[str, str],
         chunk_bytes: int = 1 << 20,
     ) -> None:
-        """metadata: the file's record `METADATA`. chunk_bytes: a kill loses at most one chunk."""
+        """metadata: content of the file's record `METADATA`. chunk_bytes: a kill loses at most one
+        chunk.
+        """
         self._writer = Writer(file, chunk_size=chunk_bytes)
         self._writer.start(profile="ros2", library="ravenjax")
         self._writer.add_metadata(METADATA, dict(metadata))
@@ -253,7 +266,7 @@ class LogWriter:
             self._add(topic, stamp_ns, types().encode(types().message(schema, *fields)), number)
 
     def flush(self) -> None:
-        """End the chunk and hand it to the operating system."""
+        """End the chunk and pass it to the operating system."""
         self._writer.flush()
 
     def finish(self, metadata: Mapping[str, str] | None = None) -> None:
@@ -276,23 +289,23 @@ class LogWriter:
 
 
 def field(name: str) -> str:
-    """A field name as ROS 2 allows it: lower case letters, digits, single underscores."""
+    """Return a field name that ROS 2 allows: lower case letters, digits, single underscores."""
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
 
 
 def arm_name(arm: str) -> str:
-    """What an arm is called in topics and frames."""
+    """Return an arm's name in topics and frames."""
     return ARM_TOPICS.get(arm) or field(arm)
 
 
 def quaternions(rotation: np.ndarray) -> np.ndarray:
-    """Unit quaternions x, y, z, w [T, ..., 4] of rotations [T, ..., 3, 3]; NaN where a matrix is no
-    rotation.
+    """Return unit quaternions x, y, z, w [T, ..., 4] of rotations [T, ..., 3, 3]; NaN where a
+    matrix is no rotation.
 
-    A matrix that is a rotation up to rounding, as control software in single precision holds it,
-    gives the nearest one. The sign is kept from tick to tick, so that a curve of it has no jumps.
+    A matrix that is a rotation up to rounding, as in control software of single precision, gives
+    the nearest rotation. The sign is continuous from tick to tick, so that its curve has no jumps.
     """
-    # half a second to import: who must not wait calls this once before
+    # The import takes half a second. A caller that must not wait calls this function once before.
     from scipy.spatial.transform import Rotation
 
     matrices = np.asarray(rotation, float)
@@ -308,7 +321,7 @@ def quaternions(rotation: np.ndarray) -> np.ndarray:
 
 @functools.cache
 def types() -> MessageTypes:
-    """The types of ROS 2."""
+    """Return the types of ROS 2."""
     return MessageTypes("ros2")
 
 
@@ -331,7 +344,7 @@ def _topic(arm: str, name: str, schema: str, *fields: Any) -> Topic:
 
 
 def _template(name: str, message: Any) -> Topic:
-    """The topic of messages like this one, whose times and numbers are marks."""
+    """Return the topic of messages like this one, whose times and numbers are marks."""
     template, spans = types().encode(message), []
     count = 0
     while (mark := struct.pack("<d", _FIRST_MARK + count)) in template:

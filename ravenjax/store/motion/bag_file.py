@@ -1,5 +1,6 @@
-"""Reads a recording in an MCAP file or a bag of ROS 1 or ROS 2, all of CRTK topics. The package's
-docstring lists them.
+"""Reads a recording from CRTK topics in an MCAP file or a bag of ROS 1 or ROS 2.
+
+The package's docstring lists the topics.
 """
 
 from __future__ import annotations
@@ -14,11 +15,11 @@ from ravenjax.store.logs.topics import ARM_TOPICS, JOINT_STATE, POSE
 from ravenjax.store.motion.track import ArmTrack, Track, unit_quaternions
 
 SOURCES = ("setpoint", "measured")
-"""What a motion is taken from: the first of them that the file has."""
+"""Kinds of topics that a motion may come from, in order of preference."""
 
 
 def arms_in(path: Path) -> tuple[str, ...]:
-    """The arms that a file has tip poses of."""
+    """Return the arms for which a file has tip poses."""
     with open_bag(path) as reader:
         return tuple(
             arm
@@ -28,7 +29,10 @@ def arms_in(path: Path) -> tuple[str, ...]:
 
 
 def read_track(path: Path, arms: tuple[str, ...], rate_hz: float | None) -> Track:
-    """The recording of `arms`. UserError names the topic and what is wrong with it."""
+    """Return the recording of `arms`.
+
+    Raises UserError that names the topic and the problem.
+    """
     with open_bag(path) as reader:
         kinds = {one.topic: one.msgtype for one in reader.connections if one.msgcount}
         tips = {arm: read_topic(path, reader, _tip_topic(path, kinds, arm)) for arm in arms}
@@ -91,7 +95,7 @@ def read_track(path: Path, arms: tuple[str, ...], rate_hz: float | None) -> Trac
 
 
 def _tip_topic(path: Path, kinds: dict[str, str], arm: str) -> str:
-    """The topic of an arm's tip poses; kinds: type of each topic. UserError."""
+    """Return the topic of an arm's tip poses; kinds: type of each topic. Raises UserError."""
     wanted = [f"/{ARM_TOPICS[arm]}/{source}_cp" for source in SOURCES]
     topic = next((topic for topic in wanted if topic in kinds), None)
     if topic is None:

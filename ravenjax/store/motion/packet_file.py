@@ -1,14 +1,13 @@
-"""Reads a recorded stream of a console's packets as a motion: its increments, summed up from where
-homing ends.
+"""Reads a recorded stream of a console's packets as a motion: its increments, summed from the pose
+after homing.
 
-A table (Parquet) has a column `packet` (124 bytes each) and one that says when each arrived; a
-capture of the network (.pcap, .pcapng), as tcpdump and Wireshark write it, has both by itself. A
-console's packets are UDP datagrams of at least 124 bytes to port 36000; where nothing goes there,
-to the one port that gets datagrams of that size. Of several senders the one that sent most is the
-console.
+A table (Parquet) has a column `packet` (124 bytes each) and a column of arrival times. A network
+capture (.pcap, .pcapng), as tcpdump and Wireshark write it, contains both. A console's packets are
+UDP datagrams of at least 124 bytes to port 36000. If there are none, the only port that receives
+datagrams of that size is used. If there are several senders, the console is the one that sent most.
 
-Whole packets are read under the console's profile, in their order. What the robot would drop moves
-nothing: repeated and older numbers, and the packet after a gap. A stream may restart, see
+Complete packets are read with the console's profile, in order. Packets that the robot would drop
+move nothing: repeated and older numbers, and the packet after a gap. A stream may restart, see
 `_restarts`.
 """
 
@@ -46,13 +45,13 @@ CAPTURES = (".pcap", ".pcapng")
 INSTALL = "pip install 'ravenjax[pcap]'"
 PACKET, ARRIVAL = "packet", "arrival"
 MOST_MISFITS = 0.02
-"""Of a recording: with more of them the profile is another console's."""
+"""Share of misfits in a recording above which the profile belongs to another console."""
 RATE_AGREES = 3.0
-"""By so much the rate of arrivals may differ from the profile's."""
+"""Factor by which the rate of arrivals may differ from the profile's rate."""
 
 
 class Home(NamedTuple):
-    """Where a tip begins, frame 0."""
+    """Pose in which a tip begins, in frame 0."""
 
     position: np.ndarray  # [3] m
     quat: np.ndarray  # [4] x, y, z, w
@@ -63,38 +62,42 @@ class PacketStream(NamedTuple):
     """A recorded stream, read."""
 
     profile: ConsoleProfile
-    delta_um: np.ndarray  # [T, A, 3] about the ITP axes; 0 where a packet moves nothing
-    quat: np.ndarray  # [T, A, 4] turn about the ITP axes
-    grasp_mrad: np.ndarray  # [T, A] closing
-    pedal: np.ndarray  # [T] 0 or 1, held where a packet does not count
-    counted: np.ndarray  # bool [T]
+    # [T, A, 3] along the ITP axes; 0 where a packet moves nothing.
+    delta_um: np.ndarray
+    quat: np.ndarray  # [T, A, 4] rotation about the ITP axes
+    grasp_mrad: np.ndarray  # [T, A] positive closes
+    # [T] 0 or 1, held where a packet does not count.
+    pedal: np.ndarray
+    counted: np.ndarray  # bool [T], whether the packet counts
     arrivals: Arrivals
 
 
 class Arrivals(NamedTuple):
-    """When packets arrived."""
+    """Arrival times of packets."""
 
     seconds: np.ndarray  # [T] since the first
-    clock: str  # what says so
+    clock: str  # description of their source
     notes: tuple[str, ...]
 
 
 class RawPackets(NamedTuple):
-    """A recording as it is."""
+    """The packets of a recording, not yet decoded."""
 
     datagrams: list[bytes]  # 124 bytes or more each
-    time: np.ndarray  # [T], since any moment
-    clock: str  # the column of times, or "" of a capture
+    time: np.ndarray  # [T], since an arbitrary moment
+    clock: str  # the column of times, or "" for a capture
     notes: tuple[str, ...] = ()
 
     @property
     def fields(self) -> list[tuple]:
-        """What each packet holds."""
+        """Decoded fields of each packet."""
         return [FIELDS.unpack_from(one) for one in self.datagrams]
 
 
 def read_packets(path: Path) -> RawPackets:
-    """The datagrams of a Parquet file or a capture, and when they came. UserError."""
+    """Return the datagrams of a Parquet file or a capture, and their arrival times. Raises
+    UserError.
+    """
     capture = path.suffix.lower() in CAPTURES
     packets = _read_capture(path) if capture else _read_table(path, files.read_table(path))
     if len(packets.datagrams) < 2:
@@ -132,11 +135,11 @@ def _read_table(path: Path, table: pd.DataFrame) -> RawPackets:
 
 
 class Datagram(NamedTuple):
-    """One datagram of UDP."""
+    """One UDP datagram."""
 
     time_s: float  # since the epoch
     sender: tuple[bytes, int]  # address and port
-    port: int  # it went to
+    port: int  # destination
     content: bytes
 
 
@@ -165,9 +168,7 @@ def _read_capture(path: Path) -> RawPackets:
 
 
 def _datagrams(path: Path) -> Iterator[Datagram]:
-    """The datagrams among the frames of a capture, which may end within a frame where it was
-    stopped.
-    """
+    """Yield the datagrams of a capture, which may end within a frame."""
     if importlib.util.find_spec("dpkt") is None:
         raise UserError(
             f"{path}: a capture is read by the package dpkt, which is not installed: {INSTALL}"
@@ -183,7 +184,7 @@ def _datagrams(path: Path) -> Iterator[Datagram]:
         pcap.DLT_LINUX_SLL: sll.SLL,
         pcap.DLT_LINUX_SLL2: sll2.SLL2,
         **dict.fromkeys((pcap.DLT_NULL, pcap.DLT_LOOP), loopback.Loopback),
-        # 101 is what files have in place of DLT_RAW.
+        # Files have 101 in place of DLT_RAW.
         **dict.fromkeys((pcap.DLT_RAW, 101, pcap.DLT_IPV4, pcap.DLT_IPV6), plain),
     }
     not_of_udp = dpkt.UnpackError, struct.error, IndexError, ValueError
@@ -219,14 +220,14 @@ def _datagrams(path: Path) -> Iterator[Datagram]:
 
 
 def read_arrivals(path: Path, packets: RawPackets, console: str) -> Arrivals:
-    """When packets arrived. UserError where no profile fits."""
+    """Return the arrival times of packets. Raises UserError if no profile fits."""
     return _arrivals(path, packets, _profile(path, packets.fields, ARMS, console))
 
 
 def read_track(
     path: Path, arms: tuple[ArmName, ...], console: str, home: dict[ArmName, Home]
 ) -> Track:
-    """The tips that a stream asks for. home: where each arm begins."""
+    """Return the tip poses that a stream commands. home: pose in which each arm begins."""
     read = read_stream(path, arms, console)
     tracks: dict[str, ArmTrack] = {}
     for i, arm in enumerate(arms):
@@ -281,14 +282,15 @@ def _profile(
 
 
 def _arrivals(path: Path, packets: RawPackets, profile: ConsoleProfile) -> Arrivals:
-    """In the unit that the column's name says, or in the only one that agrees with the profile's
-    rate, with a note.
+    """Return the arrival times in the unit of the column's name.
+
+    Without a unit, take the only one that agrees with the profile's rate, and add a note.
     """
     since, name = packets.time, packets.clock
     if not name:
         return Arrivals(since, "times of the capture", packets.notes)
     expected, unit = profile.stream.rate_hz, name.rpartition("_")[2]
-    # The longest step in fifty is left out: a pause is no other unit.
+    # The longest 2 % of steps are left out, because a pause does not indicate another unit.
     steps = np.sort(np.diff(since))[: math.floor(0.98 * (len(since) - 1)) or None]
     usual, mean = 1.0 / (steps.mean() or since[-1] / len(since)), (len(since) - 1) / since[-1]
     near = [
@@ -314,8 +316,9 @@ def _arrivals(path: Path, packets: RawPackets, profile: ConsoleProfile) -> Arriv
 
 
 def read_stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketStream:
-    """The packets of a Parquet file or a capture. console: a profile of `store.consoles`, or
-    "auto". UserError.
+    """Return the packets of a Parquet file or a capture.
+
+    console: a profile of `store.consoles`, or "auto". Raises UserError.
     """
     packets = read_packets(path)
     fields = packets.fields
@@ -327,7 +330,7 @@ def read_stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketSt
     pedal, counted = np.zeros(rows), np.zeros(rows, bool)
     reader, misfits, last = PacketReader(profile, arms), [], fields[0][0] - 1
     why: Misfit | None = None
-    # When the stream last went on.
+    # Time of the last packet that continued the stream.
     heard_s = 0.0
     for row, (packet, time_s) in enumerate(zip(fields, arrivals.seconds.tolist(), strict=True)):
         number = packet[0]
@@ -360,10 +363,11 @@ def read_stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketSt
 
 
 def _restarts(number: int, last: int, silence_s: float) -> bool:
-    """Whether a number below the last one restarts the stream; that packet itself moves nothing.
+    """Return whether a number below the last one restarts the stream; that packet itself moves
+    nothing.
 
-    The robot's own rule, far behind; and those by which a console that was started again comes back
-    in a session.
+    It does if it is far behind, which is the robot's rule, or if it meets the rules by which a
+    session accepts a console that was restarted.
     """
     far = last > RESET_GAP and number < last - RESET_GAP
     return number > 0 and (
@@ -372,8 +376,9 @@ def _restarts(number: int, last: int, silence_s: float) -> bool:
 
 
 def _accumulated(quat: np.ndarray, turns: np.ndarray) -> np.ndarray:
-    """Orientation after each of `turns` [T, 4], each multiplied from the left as the robot does;
-    [T, 4], unit.
+    """Return the orientation after each of `turns` [T, 4], as unit quaternions [T, 4].
+
+    Each turn is multiplied from the left, as the robot does.
     """
     from scipy.spatial.transform import Rotation
 

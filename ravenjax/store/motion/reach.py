@@ -1,4 +1,6 @@
-"""Which rows of a recording an arm can reach inside its joint limits, and in which joints."""
+"""Computes which rows of a recording an arm can reach inside its joint limits, and with which
+joints.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +16,12 @@ from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import JOINTS, ArmName
 
 MARGIN_RAD, MARGIN_M = math.radians(1.0), 2e-3
-"""Distance from the soft limits: the robot lags behind the operator."""
+"""Distance to keep from the soft limits, because the robot lags behind the operator."""
 
 LARGEST_STEP = 0.1
-"""rad or m within a millisecond; more is a change of branch, not a motion."""
+"""Largest step of a joint per millisecond, rad or m. A larger one is a change of branch, not a
+motion.
+"""
 
 BLOCK_ROWS = 4096
 
@@ -25,15 +29,15 @@ _INSERTION = JOINTS.index("insertion")
 
 
 class Bounds(NamedTuple):
-    """Soft limits of shoulder, elbow (rad), insertion (m), tool roll and wrist (rad), without
-    the margin.
+    """Soft limits of shoulder, elbow (rad), insertion (m), tool roll and wrist (rad), without the
+    margin.
     """
 
     lower: tuple[float, ...]
     upper: tuple[float, ...]
 
     def within(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lowest and highest joints [5] that a motion may have."""
+        """Return the lowest and highest joints [5] that a motion may have."""
         margin = np.full(5, MARGIN_RAD)
         margin[_INSERTION] = MARGIN_M
         return np.array(self.lower, float) + margin, np.array(self.upper, float) - margin
@@ -41,7 +45,7 @@ class Bounds(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Poses:
-    """Where the tips of some arms are to be, a row a millisecond."""
+    """Desired tip poses of some arms, one row per millisecond."""
 
     arms: tuple[ArmName, ...]
     position: np.ndarray  # [T, A, 3] m
@@ -49,28 +53,31 @@ class Poses:
     opening_mrad: np.ndarray  # [T, A]
 
     def part(self, begin: int, end: int) -> Poses:
-        """Rows from `begin` to before `end`."""
+        """Return the rows from `begin` to before `end`."""
         rows = slice(begin, end)
         return Poses(self.arms, self.position[rows], self.quat[rows], self.opening_mrad[rows])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ArmReach:
-    """Joints that put the tips of some arms at the wanted poses."""
+    """Joints that put the tips of some arms at the desired poses."""
 
     jpos: np.ndarray  # [T, A, 7] rad and m
     inside: np.ndarray  # [T, A] whether within the limits
-    leaps: np.ndarray  # [T] whether some joint cannot have come from the row before
+    # [T] whether some joint jumps from the row before.
+    leaps: np.ndarray
 
     def first_bad(self, begin: int, end: int) -> int | None:
-        """The first row from `begin` to before `end` that cannot be replayed from `begin` on."""
+        """Return the first row from `begin` to before `end` that cannot be replayed from `begin`
+        on.
+        """
         bad = ~np.all(self.inside[begin:end], axis=1) | self.leaps[begin:end]
         bad[0] = not np.all(self.inside[begin])
         return begin + int(np.argmax(bad)) if bad.any() else None
 
 
 def reach(poses: Poses, bounds: Bounds) -> ArmReach:
-    """The joints of every row."""
+    """Compute the joints of every row."""
     parts = [_arm_joints(poses, i, bounds) for i in range(len(poses.arms))]
     jpos = np.stack([one for one, _ in parts], axis=1)
     steps = np.abs(np.diff(jpos[..., :6], axis=0, prepend=jpos[:1, :, :6])).max(axis=(1, 2))
@@ -92,7 +99,7 @@ def _arm_joints(poses: Poses, i: int, bounds: Bounds) -> tuple[np.ndarray, np.nd
 
 
 def reason(poses: Poses, row: int, bounds: Bounds) -> str:
-    """Why a row is not reached, in words."""
+    """Return why a row is not reached, in words."""
     lower, upper = bounds.within()
     for i, arm in enumerate(poses.arms):
         candidates, valid = _candidates(poses, i, np.array([row]))
@@ -113,7 +120,9 @@ def reason(poses: Poses, row: int, bounds: Bounds) -> str:
 
 
 def _candidates(poses: Poses, i: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """All solutions [n, 8, 7] of one arm in at most BLOCK_ROWS rows, and their validity [n, 8]."""
+    """Return all solutions [n, 8, 7] of one arm in at most BLOCK_ROWS rows, and their validity [n,
+    8].
+    """
     from ravenjax.numbers.lazy import jax
 
     index = rows[np.minimum(np.arange(BLOCK_ROWS), len(rows) - 1)]
@@ -127,7 +136,7 @@ def _candidates(poses: Poses, i: int, rows: np.ndarray) -> tuple[np.ndarray, np.
 
 @functools.cache
 def _solver(arm: ArmName) -> Callable[..., Any]:
-    """The inverse kinematics of one arm for BLOCK_ROWS poses, compiled once."""
+    """Return the inverse kinematics of one arm for BLOCK_ROWS poses, compiled once."""
     from ravenjax.numbers.lazy import jax, jnp
     from ravenjax.robots.raven2.geometry import kinematics
     from ravenjax.robots.raven2.geometry.joints import joint_from_theta

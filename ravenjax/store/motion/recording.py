@@ -1,5 +1,5 @@
-"""A recording, evenly timed: a row a millisecond, by the file's stamps or at the stated rate,
-filtered where asked.
+"""Resamples a recording to one row per millisecond, using the file's stamps or the stated rate,
+with an optional filter.
 """
 
 from __future__ import annotations
@@ -28,31 +28,33 @@ KINDS = (*files.TABLES, *bags.SUFFIXES, *CAPTURES)
 ANY_KIND = f"{', '.join(KINDS[:-1])} or {KINDS[-1]}"
 
 USUAL_STEPS, LEAST_GAP_S = 3.0, 0.02
-"""What is called a gap: more than so many median steps, and longer than this."""
+"""A gap is a step of more than USUAL_STEPS median steps that is longer than LEAST_GAP_S."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class HandRecording:
-    """Every sample of a file, and its motion at 1 kHz: row k is k ms after the first sample that
-    all arms have.
+    """Every sample of a file, and its motion at 1 kHz.
+
+    Row k is k ms after the first moment at which all arms have a sample.
     """
 
     track: Track
     time_s: dict[str, np.ndarray]  # [T] of each arm's samples
     options: ReplayOptions
-    poses: Poses  # what is replayed
+    poses: Poses  # poses for the replay
     unfiltered: np.ndarray  # [rows, A, 3] m, positions without the low-pass
     pedal: np.ndarray | None  # [rows]
-    covered: np.ndarray  # [rows] False in gaps and jumps that the options refuse
-    cuts: tuple[int, ...]  # rows after these gaps and jumps, at which a new stretch begins
+    # [rows] False in gaps and jumps that the options refuse.
+    covered: np.ndarray
+    # Rows after these gaps and jumps, at which a new stretch begins.
+    cuts: tuple[int, ...]
     spikes: tuple[Spike, ...]
-    gaps: tuple[
-        tuple[int, float, float], ...
-    ]  # row before it, its begin and end: longer than usual, in order
+    # Gaps in order: the row before each, its begin and its end.
+    gaps: tuple[tuple[int, float, float], ...]
 
     @property
     def path(self) -> Path:
-        """The file."""
+        """Path of the file."""
         return self.track.path
 
     def __len__(self) -> int:
@@ -60,7 +62,10 @@ class HandRecording:
 
 
 def arms_in(path: Path) -> tuple[ArmName, ...]:
-    """The arms that a file holds, gold first. UserError where it cannot be read, or holds none."""
+    """Return the arms that a file holds, gold first.
+
+    Raises UserError if the file cannot be read, or holds none.
+    """
     from ravenjax.store.motion import bag_file, table_file
 
     require_readable(path)
@@ -72,7 +77,7 @@ def arms_in(path: Path) -> tuple[ArmName, ...]:
     else:
         table = files.read_table(path)
         held = ARMS if PACKET in table else table_file.arms_in(table)
-    # Without any arm, the error then names gold.
+    # Without any arm, the error names gold.
     return tuple(arm for arm in ARMS if arm in held) or ("gold",)
 
 
@@ -94,8 +99,9 @@ def _read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -
 
 
 def load(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> HandRecording:
-    """The recording of `arms`. UserError for a file that cannot be used, whichever part of it is
-    replayed.
+    """Return the recording of `arms`.
+
+    Raises UserError for a file that cannot be used, whichever part of it is replayed.
     """
     require_readable(path)
     track = _read_track(path, arms, options)
@@ -143,7 +149,7 @@ def load(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> HandR
 
 
 def require_readable(path: Path) -> None:
-    """UserError for what is no file of a known kind."""
+    """Raise UserError for a file of an unknown kind."""
     if not path.is_file():
         raise UserError(f"{path}: no such file; expected a recorded operator motion ({ANY_KIND})")
     if path.suffix.lower() not in KINDS:
@@ -155,7 +161,7 @@ def require_readable(path: Path) -> None:
 
 
 def _times(track: Track, options: ReplayOptions) -> dict[str, np.ndarray]:
-    """Seconds of each arm's samples since the first moment at which all arms have one."""
+    """Return seconds of each arm's samples since the first moment at which all arms have one."""
     times: dict[str, np.ndarray] = {}
     for arm, one in track.arms.items():
         if one.time_s is None:
@@ -174,7 +180,7 @@ def _evenly(
     options: ReplayOptions,
     rows: int,
 ) -> tuple[Poses, np.ndarray | None]:
-    """Poses and pedal a row a millisecond."""
+    """Return poses and pedal, one row per millisecond."""
     at = np.arange(rows) * TICK_S
     position, quat, opening = [], [], []
     arms: tuple[ArmName, ...] = tuple(arm for arm in ARMS if arm in track.arms)
@@ -202,7 +208,7 @@ def _evenly(
 
 
 def _gaps(time_s: dict[str, np.ndarray]) -> list[tuple[int, float, float]]:
-    """(row before it, begin, end) of every step that is longer than usual, in order of time."""
+    """Return (row before it, begin, end) of every gap, in order of time."""
     gaps: dict[tuple[float, float], int] = {}
     for times in time_s.values():
         steps = np.diff(times)
@@ -214,19 +220,19 @@ def _gaps(time_s: dict[str, np.ndarray]) -> list[tuple[int, float, float]]:
 
 
 def refused(jumps: Sequence[Spike], options: ReplayOptions) -> list[Spike]:
-    """Jumps that must not be replayed."""
+    """Return the jumps that must not be replayed."""
     if options.spikes == "replay":
         return []
     return [spike for spike in jumps if options.spikes == "refuse" or not spike.rows]
 
 
 def _row_at(time_s: float) -> int:
-    """The first row that is not before a time."""
+    """Return the first row that is not before a time."""
     return math.ceil(time_s / TICK_S - 1e-6)
 
 
 def _home(arm: ArmName) -> Home:
-    """Where a tip is after homing."""
+    """Return the pose of a tip after homing."""
     from ravenjax.numbers.lazy import jax
     from ravenjax.robots.raven2.geometry import kinematics, limits, mapping
 

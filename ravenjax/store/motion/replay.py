@@ -1,4 +1,4 @@
-"""A recording becomes a motion: as long as the campaign, inside what the arms can reach, in the
+"""Converts a recording to a motion: as long as the campaign, inside the reach of the arms, in the
 frame of the hands.
 """
 
@@ -31,12 +31,12 @@ from ravenjax.store.motion.timeline import Timeline
 STILL_M, STILL_RAD = 5e-5, math.radians(0.2)
 """A tip that moves and turns less than this is at rest."""
 OUTSIDE_LISTED = 8
-"""Stretches that cannot be replayed, in the summary."""
+"""Number of stretches in the summary that cannot be replayed."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class OperatorReplay:
-    """A motion made of a recording."""
+    """A motion made from a recording."""
 
     recording: HandRecording
     motion: Motion
@@ -61,11 +61,11 @@ def replay(
     *,
     bounds: Bounds,
 ) -> OperatorReplay:
-    """The motion of `ticks` ms that a recording makes; None: as long as its window.
+    """Return the motion of `ticks` ms that a recording gives; None: as long as its window.
 
-    scale: teleoperation scale at which the tip moves as recorded. bounds: soft joint limits.
-    Raises UserError for a file that cannot be used, and where what is replayed has a gap or a jump,
-    is too short or leaves the limits.
+    scale: teleoperation scale at which the tip moves as recorded. bounds: soft joint limits. Raises
+    UserError for a file that cannot be used. Also raises it if the replayed part has a gap or a
+    jump, is too short or leaves the limits.
     """
     path = Path(path)
     require_readable(path)
@@ -74,9 +74,8 @@ def replay(
     return _replay(path, key, arms, options or ReplayOptions(), ticks, scale, bounds)
 
 
-@functools.lru_cache(
-    maxsize=2
-)  # a campaign is planned for each look of its stop rule, and printed before
+# Cached, because a campaign is planned for each look of its stop rule, and printed before.
+@functools.lru_cache(maxsize=2)
 def _replay(
     path: Path,
     state: tuple[int, int],
@@ -109,7 +108,8 @@ def _replay(
         hand.append(position)
         quat.append(turn)
         opening = resampling.at_rows(poses.opening_mrad[:, i], rows)
-        grasp.append(opening[0] - opening)  # the console's grasp closes
+        # The console's grasp is positive when it closes.
+        grasp.append(opening[0] - opening)
     motion = Motion(
         name=path.stem,
         arms=arms,
@@ -124,9 +124,7 @@ def _replay(
 
 
 def require_scales(one: OperatorReplay, scales: Sequence[float] | np.ndarray) -> None:
-    """UserError where a teleoperation scale that a campaign varies takes a tip out of its joint
-    limits.
-    """
+    """Raise UserError if a varied teleoperation scale moves a tip out of its joint limits."""
     begin, end = one.begin, one.end
     poses, base = one.recording.poses.part(begin, end), one.summary.scale
 
@@ -152,7 +150,9 @@ def require_scales(one: OperatorReplay, scales: Sequence[float] | np.ndarray) ->
 def courses(
     recording: HandRecording, inside: np.ndarray, one: OperatorReplay | None
 ) -> tuple[TipCourse, ...]:
-    """What a picture shows: each arm's samples, and what `one` makes of them."""
+    """Return the courses for a picture: each arm's samples, and the motion that `one` makes of
+    them.
+    """
     none = np.zeros(0)
     limit = recording.options.max_gap_s
     return tuple(
@@ -183,7 +183,7 @@ def _end(begin: int, course: Timeline) -> int:
 
 
 def _window(recording: HandRecording) -> tuple[int, int]:
-    """First row and row after the last that may be replayed."""
+    """Return the first row, and the row after the last, that may be replayed."""
     if recording.options.window_s is None:
         return 0, len(recording)
     begin, end = (round(seconds / TICK_S) for seconds in recording.options.window_s)
@@ -196,7 +196,7 @@ def _window(recording: HandRecording) -> tuple[int, int]:
 
 
 def _require_covered(recording: HandRecording, begin: int, end: int) -> None:
-    """UserError where what is replayed has a gap or a jump that the options refuse."""
+    """Raise UserError if the replayed part has a gap or a jump that the options refuse."""
     first, last, path = begin * TICK_S, (end - 1) * TICK_S, recording.path
     jumps = [
         s
@@ -228,7 +228,7 @@ def _require_covered(recording: HandRecording, begin: int, end: int) -> None:
 def _require_inside(
     recording: HandRecording, reachable: ArmReach, begin: int, end: int, bounds: Bounds
 ) -> None:
-    """UserError where what is replayed leaves the joint limits of an arm."""
+    """Raise UserError if the replayed part leaves the joint limits of an arm."""
     if (bad := reachable.first_bad(begin, end)) is None:
         return
     inside = np.all(reachable.inside, axis=1)
@@ -255,8 +255,9 @@ def _require_inside(
 def _longest_first(
     recording: HandRecording, mask: np.ndarray, cuts: Sequence[int] = ()
 ) -> list[tuple[float, float]]:
-    """Stretches of at least two rows without a break, s; a new one begins at each of `cuts`,
-    too.
+    """Return uninterrupted stretches of at least two rows, s, the longest first.
+
+    A new stretch begins at each of `cuts`.
     """
     spans = resampling.stretches(mask, sorted([*recording.cuts, *cuts]))
     spans = [span for span in spans if span[1] - span[0] > 1]
@@ -287,14 +288,15 @@ def _require_moving(recording: HandRecording, begin: int, end: int, rows: np.nda
 def _itp(
     arm: ArmName, position: np.ndarray, quat: np.ndarray, scale: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Hand positions [T, 3] um and quaternions [T, 4] in the ITP frame, relative to the first
-    row.
+    """Return hand positions [T, 3] um and quaternions [T, 4] in the ITP frame, relative to the
+    first row.
     """
     from scipy.spatial.transform import Rotation
 
     from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 
-    axes = np.array(ITP_AXES[arm])  # x @ axes is the inverse of the mapping
+    # x @ axes is the inverse of the mapping.
+    axes = np.array(ITP_AXES[arm])
     turns = Rotation.from_quat(quat)
     turn = (turns * turns[0].inv()).as_quat()
     turn *= np.where(turn[:, 3:] < 0.0, -1.0, 1.0)
@@ -311,7 +313,7 @@ def _summary(
     pedal: np.ndarray,
     scale: float,
 ) -> MotionSummary:
-    """What became of a recording whose rows `begin` to `end` are replayed along `course`."""
+    """Return the summary of a recording whose rows `begin` to `end` are replayed along `course`."""
     track, options, poses = recording.track, recording.options, recording.poses
     times = recording.time_s[poses.arms[0]]
     steps = np.diff(times) * 1e3

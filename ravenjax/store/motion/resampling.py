@@ -1,9 +1,8 @@
-"""Samples at any times to one a millisecond: by time, through every sample, and a low-pass where
-one is wanted.
+"""Resamples samples at arbitrary times to one per millisecond, with an optional low-pass filter.
 
-Between two samples a piecewise cubic (PCHIP) rises or falls as they do: it has no corners and never
-leaves what was recorded. Of a curve whose second derivative is at most M it is at most M h**2 / 2
-off where samples are h apart.
+Interpolation goes through every sample. Between two samples a piecewise cubic (PCHIP) is monotonic:
+it has no corners and stays within the recorded values. For a curve with a second derivative of at
+most M, the error is at most M h**2 / 2, where h is the distance of samples.
 """
 
 from __future__ import annotations
@@ -14,34 +13,40 @@ from collections.abc import Sequence
 import numpy as np
 
 TICK_S = 1e-3
-"""As TICK_S of raven2.console.motion, which cannot be imported without importing jax; reports do
-without it.
+"""Equals TICK_S of raven2.console.motion.
+
+That module imports JAX, which reports do not need.
 """
 
 
 def by_time(time_s: np.ndarray, values: np.ndarray, at_s: np.ndarray) -> np.ndarray:
-    """`values` [T] or [T, k] at times `at_s` within those of the samples."""
-    from scipy.interpolate import PchipInterpolator  # slow to import
+    """Interpolate `values` [T] or [T, k] at times `at_s`, which must lie within the samples'
+    times.
+    """
+    # Slow to import.
+    from scipy.interpolate import PchipInterpolator
 
     return PchipInterpolator(time_s, values, axis=0)(np.clip(at_s, time_s[0], time_s[-1]))
 
 
 def turns_by_time(time_s: np.ndarray, quat: np.ndarray, at_s: np.ndarray) -> np.ndarray:
-    """Unit quaternions [T, 4] at times `at_s`; neighbours of opposite sign are the same
-    rotation.
+    """Interpolate unit quaternions [T, 4] at times `at_s`.
+
+    Neighbours of opposite sign are the same rotation.
     """
     signs = np.cumprod(np.where(np.sum(quat[1:] * quat[:-1], axis=1) < 0.0, -1.0, 1.0))
     return unit(by_time(time_s, quat * np.concatenate([[1.0], signs])[:, None], at_s))
 
 
 def unit(quat: np.ndarray) -> np.ndarray:
-    """Quaternions at length 1."""
+    """Normalise quaternions to length 1."""
     return quat / np.linalg.norm(quat, axis=1, keepdims=True)
 
 
 def before(time_s: np.ndarray, values: np.ndarray, at_s: np.ndarray) -> np.ndarray:
-    """`values` [T] of the last sample at or before each time: what switches keeps its state
-    until it is said anew.
+    """Return `values` [T] of the last sample at or before each time.
+
+    A switch keeps its state until its next sample.
     """
     return values[
         np.clip(np.searchsorted(time_s, at_s + 1e-9, side="right") - 1, 0, len(values) - 1)
@@ -49,17 +54,20 @@ def before(time_s: np.ndarray, values: np.ndarray, at_s: np.ndarray) -> np.ndarr
 
 
 def at_rows(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """`values` [T] or [T, k] at fractional rows, linearly: rows are a millisecond apart."""
+    """Interpolate `values` [T] or [T, k] linearly at fractional rows, which are a millisecond
+    apart.
+    """
     low = np.clip(np.floor(rows).astype(int), 0, len(values) - 2)
     part = (rows - low).reshape(-1, *[1] * (values.ndim - 1))
     return values[low] * (1.0 - part) + values[low + 1] * part
 
 
 def low_pass(values: np.ndarray, cutoff_hz: float, stretches: list[tuple[int, int]]) -> np.ndarray:
-    """Each stretch (first row, row after the last) of `values` [T, k] without what is faster,
-    and without phase.
+    """Filter each stretch (first row, row after the last) of `values` [T, k] with a low-pass
+    without phase shift.
     """
-    from scipy.signal import butter, sosfiltfilt  # slow to import
+    # Slow to import.
+    from scipy.signal import butter, sosfiltfilt
 
     sections = butter(2, cutoff_hz, fs=1.0 / TICK_S, output="sos")
     smooth = values.copy()
@@ -70,8 +78,9 @@ def low_pass(values: np.ndarray, cutoff_hz: float, stretches: list[tuple[int, in
 
 
 def stretches(mask: np.ndarray, cuts: Sequence[int] = ()) -> list[tuple[int, int]]:
-    """(first, after the last) of each run of true values; a new one begins at each of `cuts`,
-    ascending.
+    """Return (first, after the last) of each run of true values.
+
+    A new run begins at each of `cuts`, ascending.
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     pieces = []
@@ -82,5 +91,5 @@ def stretches(mask: np.ndarray, cuts: Sequence[int] = ()) -> list[tuple[int, int
 
 
 def seconds(spans: list[tuple[int, int]]) -> list[tuple[float, float]]:
-    """Spans of rows as times."""
+    """Convert spans of rows to seconds."""
     return [(begin * TICK_S, end * TICK_S) for begin, end in spans]

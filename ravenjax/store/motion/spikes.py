@@ -1,4 +1,4 @@
-"""Samples at which a recorded tip jumps: where, how far, and whether it comes back at once."""
+"""Finds samples at which a recorded tip jumps: where, how far, and whether it returns at once."""
 
 from __future__ import annotations
 
@@ -13,34 +13,37 @@ from ravenjax.store.motion.options import Spikes
 from ravenjax.store.motion.track import ArmTrack
 
 FASTEST_M_S = 0.5
-"""Tips of instruments move at 5 to 60 mm/s in surgery; the fastest of the public recording at
-190 mm/s.
+"""Fastest plausible motion of a tip.
+
+Tips of instruments move at 5 to 60 mm/s in surgery; the fastest of the public recording at 190
+mm/s.
 """
 
 LEAST_M = 1e-3
-"""A step that is smaller is no jump, however close its two stamps."""
+"""Smallest step that counts as a jump, however close its two stamps are."""
 
 MOST_ROWS = 20
-"""A tip that stays away for more samples has not spiked, it has gone."""
+"""Largest number of samples of a spike. A tip that stays away longer has moved."""
 
 SHOWN = 5
-"""Spikes that an error lists."""
+"""Number of spikes that an error lists."""
 
 
 class Spike(NamedTuple):
-    """Some samples away from where the tip was before and after, or a jump without return."""
+    """Some samples away from the tip's position before and after, or a jump without return."""
 
     arm: str
-    row: int  # first row away
-    rows: int  # how many are away; 0: it does not come back
-    time_s: float  # of the first
-    size_mm: float  # farthest from the sample before
+    row: int  # first sample that is away
+    # Number of samples that are away; 0: the tip does not return.
+    rows: int
+    time_s: float  # of that sample
+    size_mm: float  # largest distance from the sample before
     begin_s: float  # time of the sample before
     end_s: float  # time of the sample after
 
     @property
     def words(self) -> str:
-        """Row, time and size."""
+        """Return row, time and size as text."""
         what = f"{self.size_mm:.3g} mm"
         length = (
             f" for {self.rows} rows"
@@ -53,7 +56,7 @@ class Spike(NamedTuple):
 
 
 def find(arm: str, track: ArmTrack, time_s: np.ndarray, max_gap_s: float) -> list[Spike]:
-    """Jumps of one arm in order; time_s [T] of its samples."""
+    """Return the jumps of one arm in order; time_s [T]: times of its samples."""
     place = track.position
     length, seconds = np.linalg.norm(np.diff(place, axis=0), axis=1), np.diff(time_s)
     jumps = np.flatnonzero((length > LEAST_M) & (length > FASTEST_M_S * seconds)).tolist()
@@ -82,7 +85,7 @@ def find(arm: str, track: ArmTrack, time_s: np.ndarray, max_gap_s: float) -> lis
 
 
 def _returns(place: np.ndarray, time_s: np.ndarray, before: int, after: int) -> bool:
-    """Whether the tip, after step `after`, is where it can have come to without the jump."""
+    """Return whether the tip, after step `after`, is where it could be without the jump."""
     way = float(np.linalg.norm(place[after + 1] - place[before]))
     return way <= max(LEAST_M, FASTEST_M_S * float(time_s[after + 1] - time_s[before]))
 
@@ -90,7 +93,7 @@ def _returns(place: np.ndarray, time_s: np.ndarray, before: int, after: int) -> 
 def without(
     track: ArmTrack, time_s: np.ndarray, spikes: list[Spike]
 ) -> tuple[ArmTrack, np.ndarray]:
-    """The arm's samples and their times less the samples that are away."""
+    """Return the arm's samples, and their times, without those that are away."""
     stay = np.ones(len(track), bool)
     for spike in spikes:
         stay[spike.row : spike.row + spike.rows] = False
@@ -105,7 +108,7 @@ def without(
 
 
 def refusal(path: Path, spikes: list[Spike], treatment: Spikes) -> UserError:
-    """The error for jumps in what is to be replayed; treatment: of the options."""
+    """Return the error for jumps in the replayed part; treatment: value of the option `spikes`."""
     more = f" and {len(spikes) - SHOWN} more" if len(spikes) > SHOWN else ""
     removal = 'operator.spikes = "remove" interpolates over them; ' if treatment == "refuse" else ""
     if not all(spike.rows for spike in spikes):

@@ -1,5 +1,5 @@
-"""When the rows of a recording were sampled: which column says so, in which unit, and whether it
-can be believed.
+"""Determines when the rows of a recording were sampled: the column of times, its unit, and whether
+it is plausible.
 """
 
 from __future__ import annotations
@@ -13,28 +13,31 @@ from ravenjax.errors import UserError
 
 NAMES = ("time", "t", "stamp", "timestamp")
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-"""Seconds in a unit. A column is a time where its name is one of NAMES and a unit: `t_ms`."""
+"""Seconds per unit. A column holds times if its name is one of NAMES and a unit, such as `t_ms`."""
 
 LOWEST_HZ, HIGHEST_HZ = 10.0, 20_000.0
-"""Rates of recorders of hands: what lies outside has most likely another unit."""
+"""Plausible rates of recorders of hands. A rate outside most likely has another unit."""
 
 RATES_AGREE = 0.05
-"""A stated rate and the mean rate of time stamps may differ by this share."""
+"""Share by which a stated rate and the mean rate of time stamps may differ."""
 
 BURSTS, LEAST_ROWS = 4.0, 20
-"""Rows come in bursts where most follow one another this many times faster than on average; not
-told of fewer rows.
+"""Rows come in bursts if most follow one another BURSTS times faster than on average.
+
+This is not checked for fewer than LEAST_ROWS rows.
 """
 
 
 def time_columns(names: Iterable[str], stems: tuple[str, ...] = NAMES) -> list[str]:
-    """Those that are times with a unit."""
+    """Return the names that are times with a unit."""
     return [name for name in names for stem in stems for unit in UNITS if name == f"{stem}_{unit}"]
 
 
 def seconds_since_first(values: np.ndarray) -> np.ndarray:
-    """Times in their unit since the first of them; integers are subtracted before they are
-    rounded, because nanoseconds since 1970 do not fit a double.
+    """Return times since the first of them, in their unit.
+
+    Integers are subtracted before they are converted, because nanoseconds since 1970 do not fit a
+    double.
     """
     if values.dtype.kind in "iu":
         values = values.astype(np.int64)
@@ -44,12 +47,12 @@ def seconds_since_first(values: np.ndarray) -> np.ndarray:
 def sample_times(
     path: Path, name: str | None, values: np.ndarray | None, rows: int, rate_hz: float | None
 ) -> tuple[np.ndarray | None, str, tuple[str, ...]]:
-    """Seconds [T] since the first row, where they come from in words, and notes; None where rows
-    are even.
+    """Return seconds [T] since the first row (None if rows are evenly spaced), their source in
+    words, and notes.
 
-    name, values: the column of times, where there is one. rate_hz: as the campaign states it.
-    Raises UserError where neither the file nor the campaign says when rows were sampled, or they
-    contradict.
+    name, values: the column of times, if there is one. rate_hz: as the campaign states it. Raises
+    UserError if neither the file nor the campaign states the times of rows, or if they contradict
+    each other.
     """
     seconds = None
     if name is not None and values is not None:
@@ -82,8 +85,8 @@ def sample_times(
 
 
 def require_plausible(path: Path, time_s: np.ndarray, clock: str, max_gap_s: float) -> None:
-    """UserError for stamps [T] that stand still, go back, come in bursts or have an implausible
-    rate.
+    """Raise UserError for stamps [T] that stand still, go back, come in bursts or have an
+    implausible rate.
     """
     steps, span = np.diff(time_s), float(time_s[-1] - time_s[0])
     mean_hz = len(steps) / span if span > 0.0 else np.inf

@@ -1,4 +1,4 @@
-"""Reads a recording in a table: Parquet or CSV. The package's docstring lists the columns."""
+"""Reads a recording from a Parquet or CSV table. The package's docstring lists the columns."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PEDAL = "surgeon_mode"
 
 
 def arms_in(table: pd.DataFrame) -> tuple[str, ...]:
-    """The arms that a table has positions of, by the names of its columns."""
+    """Return the arms for which a table has positions, by the names of its columns."""
     return tuple(
         arm for arm in ARM_TOPICS if any(str(name).startswith(f"{arm}_x_") for name in table)
     )
@@ -32,8 +32,9 @@ def arms_in(table: pd.DataFrame) -> tuple[str, ...]:
 def read_track(
     path: Path, table: pd.DataFrame, arms: tuple[str, ...], rate_hz: float | None
 ) -> Track:
-    """The recording of `arms` in a table. UserError names file, row and column of what is wrong
-    with it.
+    """Return the recording of `arms` in a table.
+
+    Raises UserError that names file, row, column and problem.
     """
     if len(table) < 2:
         held = f"holds {len(table)} rows" if len(table) else "the table has no rows"
@@ -45,7 +46,7 @@ def read_track(
         return _numbers(path, table, name)
 
     def quantity(name: str, units: dict[str, float]) -> np.ndarray | None:
-        """The column `name`_<unit> in the base unit."""
+        """Return the column `name`_<unit>, converted to the base unit."""
         names = [f"{name}_{unit}" for unit in units if f"{name}_{unit}" in table]
         if len(names) > 1:
             raise UserError(f"{path}: columns {' and '.join(names)} say the same; keep one of them")
@@ -108,8 +109,9 @@ def read_track(
 
 
 def _numbers(path: Path, table: pd.DataFrame, name: str) -> np.ndarray:
-    """A column's numbers; those of whole numbers as they are. UserError names the first row that
-    has none.
+    """Return a column's numbers; integers stay integers.
+
+    Raises UserError that names the first row without a number.
     """
     import pandas as pd
 

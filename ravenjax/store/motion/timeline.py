@@ -1,6 +1,4 @@
-"""Which row of a recording the hands are at in each millisecond of a run, and when the pedal is
-down.
-"""
+"""Computes the row of a recording at each millisecond of a run, and when the pedal is down."""
 
 from __future__ import annotations
 
@@ -16,7 +14,7 @@ from ravenjax.store.motion.options import ReplayOptions
 from ravenjax.store.motion.resampling import TICK_S
 
 RUN_UP_S = 0.5
-"""s from rest until the motion is replayed at full speed; as long where it comes to rest again."""
+"""Time from rest to full speed of the replay, and from full speed to rest, s."""
 
 SLOWEST = 100.0
 """Largest `slow_down` of a campaign."""
@@ -26,25 +24,26 @@ REST_TICKS, RUN_UP_TICKS = round(MOTION_S / TICK_S), round(RUN_UP_S / TICK_S)
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Timeline:
-    """One entry a tick."""
+    """The row of the recording and the pedal at each tick."""
 
-    row: np.ndarray  # [ticks] row of the recording, fractional, from the first that is replayed
-    pedal: np.ndarray  # [ticks] 1 down, 0 up: before the motion begins
-    end_s: (
-        float | None
-    )  # when the recording came to its end and hands stopped or turned, s; None: it did not
-    turns: int  # how often it was played in the other direction after that
+    # Row of the recording, fractional, counted from the first that is replayed, [ticks].
+    row: np.ndarray
+    # [ticks] 1 down, 0 up: up before the motion begins.
+    pedal: np.ndarray
+    # When the recording ended and the hands stopped or reversed, s; None: it did not end.
+    end_s: float | None
+    turns: int  # how often the direction was reversed after that
 
 
 def natural_ticks(rows: int, slow_down: float) -> int:
-    """Ticks in which `rows` of a recording are replayed once, without coming to rest."""
+    """Return the ticks in which `rows` of a recording are replayed once, without coming to rest."""
     return REST_TICKS + RUN_UP_TICKS + _cruise(rows - 1 - _ramp(slow_down)[-1], slow_down)
 
 
 def make(path: Path, rows: int, ticks: int | None, options: ReplayOptions) -> Timeline:
-    """The timeline of `ticks` ms over `rows` of a recording; None: as long as the rows last.
+    """Return the timeline of `ticks` ms over `rows` of a recording; None: as long as the rows last.
 
-    Raises UserError where they do not last as long and the options do not say what then.
+    Raises UserError if the rows do not last and the options do not state what happens then.
     """
     slow_down, natural = options.slow_down, natural_ticks(rows, options.slow_down)
     ticks = natural if ticks is None else ticks
@@ -84,21 +83,23 @@ def make(path: Path, rows: int, ticks: int | None, options: ReplayOptions) -> Ti
 
 
 def _ramp(slow_down: float, ticks: int = RUN_UP_TICKS) -> np.ndarray:
-    """Rows after each tick of getting up to speed: speed and acceleration begin at 0, speed ends
-    at full.
+    """Return the row after each tick of an acceleration to full speed.
+
+    Speed and acceleration begin at 0.
     """
     fraction = np.arange(1, ticks + 1) / ticks
     return ticks / slow_down * fraction**4 * (2.5 - 3.0 * fraction + fraction**2)
 
 
 def _cruise(rows: float, slow_down: float) -> int:
-    """Ticks at full speed."""
+    """Return the ticks at full speed for a distance of `rows`."""
     return max(0, math.floor(rows * slow_down))
 
 
 def _there(rows: int, slow_down: float) -> np.ndarray:
-    """Rows after each tick from rest in the first row to rest in the last, `rows` on: up to
-    speed, steady, to rest.
+    """Return the row after each tick from rest in the first row to rest `rows` later.
+
+    The motion accelerates, continues at constant speed and slows down.
     """
     up = _ramp(slow_down, min(RUN_UP_TICKS, max(1, math.floor(rows * slow_down))))
     up *= min(1.0, rows / 2.0 / up[-1])

@@ -1,6 +1,4 @@
-"""What a recording holds, before anything is done to it, and whether its numbers can be what their
-units say.
-"""
+"""The content of a recording before any conversion, and checks that its units are plausible."""
 
 from __future__ import annotations
 
@@ -15,21 +13,22 @@ from ravenjax.errors import UserError
 LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
 
 NEAREST_M, FARTHEST_M = 0.005, 0.5
-"""A tip stays farther than the one from the remote centre (the wrist alone is 13 mm long) and
-nearer than the other (the insertion ends at 0.25 m): a whole recording outside has another unit, or
-another frame."""
+"""Plausible distances of a tip from the remote centre.
+
+The wrist alone is 13 mm long, and the insertion ends at 0.25 m. A recording that lies outside as a
+whole has another unit or another frame.
+"""
 
 WIDEST_RAD = math.radians(245.0)
-"""Jaws cannot open wider: each turns by 120 degrees at most."""
+"""Largest opening of the jaws, because each turns by 120 degrees at most."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ArmTrack:
-    """One arm's samples; rows of a file may be fewer for one arm than for the other."""
+    """One arm's samples. A file may have fewer rows for one arm than for the other."""
 
-    time_s: (
-        np.ndarray | None
-    )  # [T] s, on a clock that both arms share; None where the file has no times
+    # [T] s, on a clock that both arms share; None if the file has no times.
+    time_s: np.ndarray | None
     position: np.ndarray  # [T, 3] m, tip in frame 0
     quat: np.ndarray | None  # [T, 4] x, y, z, w, tip in frame 0
     opening_mrad: np.ndarray | None  # [T] positive opens
@@ -43,17 +42,18 @@ class Track:
     """A whole recording."""
 
     path: Path
-    clock: str  # where its times come from, "" where it has none
+    clock: str  # source of its times, "" if it has none
     arms: dict[str, ArmTrack]
     surgeon_mode: np.ndarray | None  # [T] 0 or 1, at the times of the first arm
     read: tuple[str, ...]  # columns or topics
     ignored: tuple[str, ...]  # the others
-    notes: tuple[str, ...] = ()  # what else a reader should know
+    notes: tuple[str, ...] = ()  # further notes
 
 
 def unit_quaternions(path: Path, arm: str, quat: np.ndarray) -> np.ndarray | None:
-    """Quaternions [T, 4] of length 1; None where all are zero, as a trace without rotations
-    writes them.
+    """Return quaternions [T, 4] normalised to length 1.
+
+    Returns None if all are zero, as a trace without rotations writes them.
     """
     length = np.linalg.norm(quat, axis=1)
     if (length == 0.0).all():
@@ -67,8 +67,8 @@ def unit_quaternions(path: Path, arm: str, quat: np.ndarray) -> np.ndarray | Non
 
 
 def check_plausible(track: Track) -> None:
-    """UserError for positions that are not those of a tip in frame 0, and for jaws that open too
-    wide.
+    """Raise UserError for positions that are not those of a tip in frame 0, and for jaws that open
+    too wide.
     """
     for arm, samples in track.arms.items():
         distance = np.linalg.norm(samples.position, axis=1)

@@ -1,1 +1,1 @@
-"""What a training session leaves: session.json, session.mcap, and its events in words."""
+"""The files of a training session: session.json, session.mcap, and its events in words."""

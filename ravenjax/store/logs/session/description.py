@@ -1,7 +1,8 @@
-"""session.json: what a training session was, in its folder beside session.mcap and hazards.csv.
+"""Reads and writes session.json, which describes a training session, beside session.mcap and
+hazards.csv.
 
-Written aside and renamed, so that a reader never meets half of it; "ended" stays null until the
-session is over.
+The file is replaced atomically, so that a reader never sees an incomplete one. "ended" is null
+until the session is over.
 """
 
 from __future__ import annotations
@@ -21,7 +22,9 @@ VERSION = 1
 
 
 class HeaderTable(BaseModel):
-    """A table of session.json: numbers are numbers; a session that was killed may lack any key."""
+    """Base of the tables of session.json. Any key may be missing, because a session may have been
+    killed.
+    """
 
     model_config = ConfigDict(strict=True)
 
@@ -34,7 +37,7 @@ class ListedHazard(HeaderTable):
 
 
 class HarmLimits(HeaderTable):
-    """`scenario.harm`: from which on a motion counts as harm, mm."""
+    """`scenario.harm`: motions from which on there is harm, mm."""
 
     excursion_mm: float | None = None
     depth_mm: float | None = None
@@ -49,7 +52,7 @@ class ScenarioOfSession(HeaderTable):
 
 
 class SessionHeader(HeaderTable):
-    """The whole file."""
+    """The whole content of session.json."""
 
     version: int = Field(le=VERSION)
     name: str | None = None
@@ -70,7 +73,7 @@ class SessionHeader(HeaderTable):
 
 
 def write(folder: Path, header: Mapping[str, Any]) -> None:
-    """Create the folder if need be and replace its session.json. StoreError where the disk
+    """Create the folder if needed and replace its session.json. Raises StoreError if the disk
     refuses.
     """
     require_writable(folder)
@@ -80,8 +83,9 @@ def write(folder: Path, header: Mapping[str, Any]) -> None:
 
 
 def read(folder: Path) -> dict[str, Any]:
-    """The session of a folder. StoreError where there is none, it is damaged, or newer than this
-    reader.
+    """Return the session description of a folder.
+
+    Raises StoreError if there is none, it is damaged, or it is newer than this reader.
     """
     path = Path(folder) / FILE
     try:
@@ -110,8 +114,10 @@ def read(folder: Path) -> dict[str, Any]:
 
 
 def update(folder: Path, changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Change some keys of the folder's session.json, tables key by key, and return the whole.
-    One writer at a time.
+    """Change some keys of the folder's session.json, tables key by key; return the whole
+    description.
+
+    Only one process may write at a time.
     """
     header = _merged(read(folder), changes)
     write(folder, header)

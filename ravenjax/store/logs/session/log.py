@@ -1,24 +1,25 @@
-"""A training session's recording, session.mcap: written while it happens, read back even where it
-was cut short.
+"""A training session's recording, session.mcap: written during the session, and readable even if
+truncated.
 
-Profile ros2, CDR, for each arm (arm1 is gold, arm2 green) `STANDARD_HZ` times a second
+The profile is ros2 with CDR. For each arm (arm1 is gold, arm2 green) it holds, `STANDARD_HZ` times
+a second,
 
-    /armN/measured_js, setpoint_js, true_js, model_js  sensor_msgs/JointState     joints measured, wanted, true, of the
-                                                                                  nominal model
-    /armN/measured_cp, true_cp, model_cp       geometry_msgs/PoseStamped   the tip, with the orientation at those joints
-    /armN/haptic_cf                            geometry_msgs/WrenchStamped  force of the cue
-    /tf                                        tf2_msgs/TFMessage          frames as in a trace (`trace.log`)
+    /armN/measured_js, setpoint_js,    sensor_msgs/JointState
+        true_js, model_js              joints measured, desired, true, of the nominal model
+    /armN/measured_cp, true_cp,        geometry_msgs/PoseStamped
+        model_cp                       the tip, with the orientation at those joints
+    /armN/haptic_cf                    geometry_msgs/WrenchStamped: force of the cue
+    /tf                                tf2_msgs/TFMessage: frames as in a trace (`trace.log`)
 
-every millisecond /ravenjax/signals, a flat message with every channel of the session as float32,
-exactly as it was; /ravenjax/events, std_msgs/String, one JSON object each, and the same in words on
-/ravenjax/log, rcl_interfaces/Log. A message's time is the session's start plus a millisecond a row,
-its sequence number the number of the row, so that rows which were lost leave a gap instead of
-shifting the rest.
+Every millisecond there is a flat message on /ravenjax/signals, with every channel of the session as
+float32, unchanged. Events are on /ravenjax/events (std_msgs/String, one JSON object each), and in
+words on /ravenjax/log (rcl_interfaces/Log). The time of a message is the session's start plus one
+millisecond per row. Its sequence number is the number of the row, so that lost rows leave a gap
+instead of shifting the others.
 
-A block of rows is one chunk that is handed to the operating system at once: a killed recorder loses
-what it had not yet written, never what it had. What a power cut loses is the operating system's
-affair.
-"""  # noqa: E501
+A block of rows is one chunk, which is passed to the operating system at once. A killed recorder
+loses only what it had not yet written. What a power failure loses depends on the operating system.
+"""
 
 from __future__ import annotations
 
@@ -51,17 +52,18 @@ _TIPS = {
     "tip": ("tip", "tip_rotation", "link_jpos"),
     "model_tip": ("model_position", "model_rotation", "model_jpos"),
 }
-"""Of a channel: the series of its place and of its orientation as `topics.standard` names them, and
-the joints at which the orientation is taken."""
+"""For each channel: the series of its position and of its orientation as named in
+`topics.standard`, and the joints at which the orientation is computed.
+"""
 
 
 class SessionWriter:
-    """The recording in progress."""
+    """A recording in progress."""
 
     def __init__(self, path: Path, names: Sequence[str], header: Mapping[str, Any]) -> None:
-        """names: of a row's numbers, `gold/jpos/0` and so on; header: what session.json says.
+        """names: names of a row's numbers, such as `gold/jpos/0`; header: content of session.json.
 
-        Raises StoreError where the file cannot be made.
+        Raises StoreError if the file cannot be created.
         """
         self.path = path
         try:
@@ -78,7 +80,7 @@ class SessionWriter:
             arm: Base(tuple(one["origin"]), tuple(one["quaternion"]))
             for arm, one in (header.get("bases") or {}).items()
         }
-        # Imports what it needs, too: a recording that began must not wait for it.
+        # This also runs slow imports, which must not delay a recording that has begun.
         standard = [topic for topic, _ in self._standard(np.zeros((1, len(names))))]
         self._flat = topics.signals([topics.field(name) for name in names], single=True)
         self._metadata = {"header": json.dumps(header), "channels": json.dumps(list(names))}
@@ -87,10 +89,10 @@ class SessionWriter:
         self._file.flush()
 
     def add(self, first: int, rows: np.ndarray, events: Sequence[Mapping[str, Any]] = ()) -> None:
-        """Write rows float32 [n, names], the first of them number `first`, and the events that came
-        with them.
+        """Write rows float32 [n, names], numbered from `first`, and the events that occurred with
+        them.
 
-        They are with the operating system when it returns. Raises StoreError where the disk
+        On return they have been passed to the operating system. Raises StoreError if the disk
         refuses.
         """
         self._next = first + len(rows)
@@ -113,13 +115,18 @@ class SessionWriter:
             ) from error
 
     def close(self) -> None:
-        """Write the index; the seeking readers of other tools open the file from then on. What the
-        session was stands at both ends of the file, since without it no row can be read."""
+        """Write the index, so that the seeking readers of other tools can open the file.
+
+        The session's description is at both ends of the file, because no row can be read without
+        it.
+        """
         self._log.finish(self._metadata)
         self._file.close()
 
     def _standard(self, rows: np.ndarray) -> Iterator[tuple[Topic, np.ndarray]]:
-        """The standard topics that the channels allow, and what rows [n, names] fill them with."""
+        """Yield the standard topics that the channels allow, and their numbers from rows [n,
+        names].
+        """
         series = {}
         for arm in ARM_TOPICS:
             own = {
@@ -139,20 +146,22 @@ class SessionWriter:
 
 @dataclass(frozen=True, eq=False)
 class SessionLog:
-    """A recording read back."""
+    """A recording that was read back."""
 
-    header: dict[str, Any]  # as session.json had it when the session began
-    names: list[str]  # of a row's numbers
-    numbers: np.ndarray  # int64 [T], number of each row: gaps where rows were lost
+    header: dict[str, Any]  # session.json at the beginning of the session
+    names: list[str]  # names of a row's numbers
+    numbers: np.ndarray  # int64 [T], number of each row, with gaps where rows were lost
     rows: np.ndarray  # float32 [T, names]
     events: list[dict[str, Any]]
-    complete: bool  # closed by its recorder, not cut short
-    lost_bytes: int  # at the end, of a chunk that was not finished; or damaged
+    complete: bool  # closed by its recorder, not truncated
+    # Bytes at the end, of an unfinished chunk, and damaged bytes.
+    lost_bytes: int
 
 
 def read(path: Path) -> SessionLog:
-    """The recording of a session, as much as is there. Raises StoreError where it is no
-    recording of a session.
+    """Read the recording of a session, as far as it is complete.
+
+    Raises StoreError if it is not the recording of a session.
     """
     content = mcap_records.scan(path)
     metadata = next((one.metadata for one in content.metadata if one.name == METADATA), {})
@@ -186,14 +195,15 @@ def read(path: Path) -> SessionLog:
 
 
 def _start_ns(header: Mapping[str, Any]) -> int:
-    """ns since 1970 at which the session began; 0 where the header does not say."""
+    """Return the ns since 1970 at which the session began; 0 if the header does not say."""
     started = header.get("started")
     return round(datetime.fromisoformat(started).timestamp() * 1e3) * 1_000_000 if started else 0
 
 
 @cache
 def _event_texts() -> tuple[dict[str, jinja2.Template], dict[str, str]]:
-    """The sentence of each kind of event, and the severity of those that are no mere information.
+    """Return the sentence of each kind of event, and the severity of those that are not mere
+    information.
 
     The kinds are those of `ravenjax.train.protocol.messages`.
     """
@@ -204,7 +214,9 @@ def _event_texts() -> tuple[dict[str, jinja2.Template], dict[str, str]]:
 
 
 def event_text(event: Mapping[str, Any]) -> str:
-    """A sentence; the keys as they are where the kind is unknown or a key is missing."""
+    """Return a sentence for an event; its keys and values if the kind is unknown or a key is
+    missing.
+    """
     try:
         return _event_texts()[0][event["kind"]].render(event, robot=ROBOT)
     except (KeyError, TypeError, ValueError, jinja2.UndefinedError):
@@ -215,5 +227,5 @@ def event_text(event: Mapping[str, Any]) -> str:
 
 
 def event_level(event: Mapping[str, Any]) -> str:
-    """Severity, one of `topics.LEVELS`."""
+    """Return the severity of an event, one of `topics.LEVELS`."""
     return _event_texts()[1].get(event["kind"], "info")

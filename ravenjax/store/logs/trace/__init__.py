@@ -1,1 +1,1 @@
-"""One run's time series as files: MCAP and CSV."""
+"""Writes one run's time series to files: MCAP and CSV."""

@@ -1,23 +1,25 @@
-"""One run's full time series as an MCAP file: profile ros2, CRTK topic names, standard messages.
+"""Writes one run's full time series as an MCAP file: profile ros2, CRTK topic names, standard
+messages.
 
-Opens in Foxglove, Lichtblick, PlotJuggler, rerun and `ros2 bag`. Gold is arm1, green arm2, as in
-the CRTK interface of raven2. Poses are in frame 0 of their arm, `armN_base`; /tf carries the frames
+The file opens in Foxglove, Lichtblick, PlotJuggler, rerun and `ros2 bag`. Gold is arm1, green arm2,
+as in the CRTK interface of raven2. Poses are in frame 0 of their arm, `armN_base`; /tf carries the
+frames
 
     world -> armN_base -> armN_tip_measured, armN_tip_true, armN_tip_model
 
-Series are those of `time_series`, each optional: of each arm
+Series are those of `time_series`, each optional. Topics of each arm:
 
     /armN/measured_js, setpoint_js, true_js, model_js    sensor_msgs/JointState
     /armN/measured_cp, setpoint_cp, true_cp, model_cp    geometry_msgs/PoseStamped
-    /armN/golden_tip                                     geometry_msgs/PointStamped: its orientation is not kept
+    /armN/golden_tip                                     geometry_msgs/PointStamped
+                                                         (its orientation is not stored)
     /armN/haptic_cf                                      geometry_msgs/WrenchStamped, device units
 
-A tip whose rotation is not among the series is a point, `/armN/model_tip`, instead of a pose. What
-happened is on /ravenjax/events (std_msgs/String, one JSON object each) and in words on
-/ravenjax/log (rcl_interfaces/Log). Every series without a topic of its own, [T] or [T, k], becomes
-one or k named float64 of the flat message on /ravenjax/signals; so do the true tip and the golden
-run's.
-"""  # noqa: E501
+A tip without a rotation among the series is a point, `/armN/model_tip`, instead of a pose. Events
+are on /ravenjax/events (std_msgs/String, one JSON object each), and in words on /ravenjax/log
+(rcl_interfaces/Log). Every series without a topic, [T] or [T, k], becomes one or k named float64
+fields of the flat message on /ravenjax/signals. So do the true tip and the golden run's tip.
+"""
 
 from __future__ import annotations
 
@@ -34,8 +36,8 @@ from ravenjax.store.logs.topics import Base, Topic
 from ravenjax.vocabulary.robot import Robot
 
 CHUNK_BYTES = 64 * 1024
-"""A few ticks: a kill loses at most one chunk."""
-TICK_NS = 1_000_000  # one control tick
+"""Bytes of a chunk, which are a few ticks. A kill loses at most one chunk."""
+TICK_NS = 1_000_000  # one control tick, ns
 BLOCK = 64  # ticks that are written together
 _ALSO_SIGNALS = {"tip", "golden_tip"}
 
@@ -49,13 +51,13 @@ def write(
     events: Sequence[Mapping[str, Any]] = (),
     robot: Robot = robots.USUAL,
 ) -> None:
-    """Write the time series of one run, one message per topic and millisecond, first tick at time
-    0.
+    """Write the time series of one run, one message per topic and millisecond, with the first tick
+    at time 0.
 
-    metadata: run id, fault, ... bases: of each
-    arm; without one its base is the root of its frames. events: each has "tick" (ms), "kind",
-    "text" and "level" of topics.LEVELS. Raises StoreError where the series do not have the same
-    number of ticks or the disk refuses.
+    metadata: run id, fault, ... bases: base of each arm; an arm without one has its base frame as
+    the root of its frames. events: each has "tick" (ms), "kind", "text" and "level", one of
+    topics.LEVELS. Raises StoreError if the series differ in their number of ticks or the disk
+    refuses.
     """
     arrays = {name: np.asarray(values) for name, values in series.items()}
     ticks = time_series.check(arrays, str(path))
