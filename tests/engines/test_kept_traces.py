@@ -119,14 +119,6 @@ def test_numbers_of_the_parameters_count(made, counted):
     assert len(counted) == 1 + len(leaves[::5])
 
 
-def test_a_block_of_other_types_is_another(made, counted):
-    varied, faults = made.lanes([0], 1)
-    wide = {path: np.asarray(values, np.float64) for path, values in varied.items()}
-    for values in (varied, wide):
-        traced.forms(made.program, Block(values, faults, None), made.columns)
-    assert len(counted) == 2
-
-
 def test_who_asks_for_the_same_at_the_same_time_waits(made, counted):
     together = threading.Barrier(4)
 
@@ -152,17 +144,6 @@ def test_other_code_or_versions_are_traced(made, counted, monkeypatch):
     assert len(counted) == 3
     forms(made, objects)
     assert len(counted) == 3
-
-
-def test_code_that_changed_since_it_was_imported_keeps_and_finds_nothing(
-    made, counted, monkeypatch
-):
-    objects = {}
-    forms(made, objects)
-    number = len(objects)
-    monkeypatch.setattr(trace_key, "hash_files", lambda: "edited meanwhile")
-    forms(made, objects)
-    assert len(counted) == 2 and len(objects) == number
 
 
 def test_a_robot_of_another_package_is_not_kept(made, counted, monkeypatch):

@@ -73,8 +73,3 @@ def test_any_slot_may_last() -> None:
         ignore_index=True,
     )
     assert severity.lasting(table).tolist() == [True, False]
-
-
-def test_a_missing_column_is_told() -> None:
-    with pytest.raises(KeyError, match="lacks golden_tissue_depth_mm"):
-        severity.severity(result_rows.frame({}).drop(columns="golden_tissue_depth_mm"))

@@ -178,33 +178,6 @@ def test_two_parts_may_import_modules_of_one_name(tmp_path):
     assert scores == [6.0, 21.0]
 
 
-def test_what_is_wrong_in_a_module_beside_the_file_is_told_with_its_place(tmp_path):
-    path = written(tmp_path, "import gains\n" + STEP + "return state, gains.of(view)")
-    for text, said in (
-        ("def of(x:\n    pass\n", r"gains\.py:1: is no Python \('\(' was never closed\)"),
-        (
-            "import no_such_module\n",
-            r"gains\.py:1: the file raises ModuleNotFoundError: No module named 'no_such_",
-        ),
-        (
-            "def of(x):\n    return 1.0 if x > 2 else 0.0\n",
-            r"gains\.py:2: step\(params, state, view\) uses a value",
-        ),
-    ):
-        (tmp_path / "gains.py").write_text(text)
-        with pytest.raises(UserError, match=said):
-            traced(path)
-
-
-def test_a_module_beside_the_file_is_imported_at_its_top(tmp_path):
-    (tmp_path / "gains.py").write_text("GAIN = 2.0\n")
-    path = written(tmp_path, STEP + "import gains\n    return state, view * gains.GAIN")
-    with pytest.raises(
-        UserError, match=r"mine\.py:4: .* raises ImportError: import gains at the top of the file"
-    ):
-        traced(path)
-
-
 KEPT = """
 kept = []
 

@@ -93,8 +93,3 @@ def test_it_does_what_wasm_ld_does(tmp_path):
 def test_what_it_does_not_know_is_refused(text, told):
     with pytest.raises(code.Unlinkable, match=told):
         code.link(an_object(text), ["f"])
-
-
-def test_what_is_no_object_is_refused():
-    with pytest.raises(code.Unlinkable, match="no WebAssembly object"):
-        code.link(b"\x7fELF\2\1\1\0", ["f"])

@@ -117,23 +117,6 @@ def test_a_robot_that_enters_its_e_stop_has_tripped_a_check(driven):
     assert (trip.check.name, trip.check.response, trip.beyond_golden) == ("estop", "stopped", True)
 
 
-def test_what_the_robots_process_tells_of_its_checks_is_shown(driven):
-    places, *_, far = driven
-    far.remote.stale = False
-    trips = far.row[places["trips"]].item()
-    far.remote.checks = {"joint_limit": (13308, far.remote._tick - 39), "no_such_check": (1, 1)}
-    far.motion[:, far.now] = far.motion[:, far.now - 1]
-    far.step()
-    outcomes = far.outcomes()
-    assert (outcomes["check_joint_limit_count"], outcomes["check_joint_limit_first_ms"]) == (
-        13308,
-        far.now - 41,
-    )
-    assert far.row[places["trips"]] == trips + 13308
-    names = {trip.check.name for trip in Trips().look(far.now, far.now, outcomes)}
-    assert "joint_limit" in names and "no_such_check" not in names
-
-
 def test_a_robot_that_nothing_is_heard_of_is_a_lost_link_and_not_a_stop():
     chosen = scenario.from_dict({"name": "far", "duration_s": 30, "task": {"kind": "free"}})
     wires = []

@@ -147,18 +147,6 @@ def test_a_pedal_of_a_console_counts_after_it_was_seen_up(rig, why):
     assert press(0) == [0, 0, 0] and press(1) == [1, 1, 1]
 
 
-def test_why_a_pedal_does_not_count_is_told_once(rig):
-    def told(mode, count=60):
-        for _ in range(count):
-            rig.console.send(surgeon_mode=mode)
-            rig.tick()
-        return rig.station.news()
-
-    line = "itp: the pedal is down, and counts once it was seen up: lift it first"
-    assert told(1) == [line] and told(1) == []
-    assert told(0) == [] and told(1) == []
-
-
 def test_the_robot_sees_a_stream_without_gaps_and_reports_the_consoles_numbers(rig):
     for number in (1, 2, 5, 6, 7):  # 5 comes after a gap and is lost
         rig.console.send_bytes(datagram(number, gold=(1, 0, 0)))

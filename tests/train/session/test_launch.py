@@ -147,12 +147,6 @@ def test_an_address_where_no_page_can_be_is_refused_at_once(tmp_path, wrong, tol
     assert not (tmp_path / "x").exists()
 
 
-@pytest.mark.parametrize("text", ["", ":1", "h:x", "h:1:2:3", "h:70000", "h:1:ros3", "h:ros1"])
-def test_addresses_that_are_none(text):
-    with pytest.raises(UserError, match=r"expected HOST.*ros1 or ros2"):
-        launch.address(text)
-
-
 @pytest.mark.slow
 def test_a_second_session_begins_without_jax_and_trimesh(tmp_path):
     code = """if True:

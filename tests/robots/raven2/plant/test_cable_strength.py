@@ -119,8 +119,3 @@ def test_what_a_cable_carries_is_its_stretch_and_its_damping() -> None:
     assert (
         columns(out.carried)[1:] / np.maximum(np.abs(columns(out.tension)[1:]), 1e-9)
     ).max() > 2.0
-
-
-def test_the_authors_cables_have_no_strength() -> None:
-    assert not parameter_sets.tells_tension("traj3")
-    assert min(robot.params(setup(), "gold", "traj3").cable_strength) >= 1e6

@@ -344,14 +344,6 @@ def test_a_wrong_input_is_named_and_nothing_has_happened(given, words):
     assert software.step(_counts()).dac == other.step(_counts()).dac
 
 
-@pytest.mark.slow
-def test_a_raw_datagram_is_no_absolute_pose():
-    refused(
-        lambda: ControlSoftware(console="absolute").step(_counts(), bytes(124)),
-        ("absolute", "Packet"),
-    )
-
-
 def test_whatever_a_network_brings_is_taken():
     """Bytes of any length and quaternions of any numbers are the software's to judge."""
     software = ControlSoftware()
