@@ -88,21 +88,9 @@ WRONG = {
         STEP + "if view > 1:\n        return state, 1.0\n    return state, 0.0",
         r"mine\.py:4: .* jnp\.where",
     ),
-    "array": (
-        STEP + "return state, jnp.ones(3) * view",
-        r"array of shape \(3,\) for score, expected a single number",
-    ),
     "kind": (
         "def init(params):\n    return (0,)\n" + STEP + "return (state[0] + view,), view",
         r"makes the state's 0 a float, it began as int",
-    ),
-    "structure": (
-        "def init(params):\n    return (0.0,)\n" + STEP + "return (view, view), view",
-        r"gives a state of 0, 1; init began with one of 0",
-    ),
-    "no record": (
-        "def params():\n    return 3\n" + STEP + "return state, view",
-        r"params\(\) gives 3, expected a record",
     ),
     "no range": (
         "@record\nclass P:\n    a: Scalar\n\ndef params():\n    return P(1.0)\n"

@@ -57,20 +57,6 @@ def test_binds_loopback_and_says_when_the_port_is_taken(server):
     assert UDP_PORT == 36000
 
 
-def test_message_of_one_packet(server, console):
-    console.send(gold=(1, -2, 3), green=(4, 5, -6), grasp=(7, -8), surgeon_mode=1)
-    (message,) = server.poll()
-    assert message == {
-        "type": "increments",
-        "source": "itp",
-        "pedal": True,
-        "arms": {
-            "gold": {"delta_um": [1, -2, 3], "quat": list(IDENTITY), "grasp_mrad": 7},
-            "green": {"delta_um": [4, 5, -6], "quat": list(IDENTITY), "grasp_mrad": -8},
-        },
-    }
-
-
 def test_packets_of_a_tick_add_up_in_their_order(server, console):
     about_x, about_y = (
         (math.sin(0.02), 0.0, 0.0, math.cos(0.02)),

@@ -63,13 +63,8 @@ def test_transmission_and_gravity(tool):
     ("value", "words"),
     [
         (np.zeros(7) + 1j, "it holds complex128, expected real numbers"),
-        ([1 + 2j] * 7, "it holds complex128"),
         (["1"] * 7, "it holds <U1"),
-        ([True] * 7, "it holds bool"),
-        ([None] * 7, "it holds object"),
-        (None, "it holds object"),
         ([[0.0] * 7, [0.0] * 6], "is not an array of numbers"),
-        (np.zeros(7, "M8[s]"), "it holds datetime64"),
         (np.ma.masked_array(np.zeros(7), [True] + [False] * 6), "it holds masked numbers"),
         (np.zeros(8), r"jpos has shape \(8,\), expected"),
         ([np.inf] + [0.0] * 6, r"jpos\[0\] \(shoulder\) is inf"),
@@ -85,7 +80,6 @@ def test_what_is_no_real_number_is_refused(value, words):
     ("rotation", "words"),
     [
         (np.zeros((3, 3)), "not orthonormal"),
-        (2.0 * np.eye(3), "not orthonormal"),
         (np.diag([1.0, 1.0, -1.0]), "mirrors"),
         (np.stack([np.eye(3), np.ones((3, 3))]), r"rotation\[1\] has columns"),
     ],

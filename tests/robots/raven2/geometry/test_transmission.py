@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from test_kinematics import RECORDED
 
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS
@@ -20,27 +21,15 @@ from ravenjax.robots.raven2.geometry.transmission import (
 
 DEG = np.pi / 180
 
-# A stored state of a real Raven-II, 8 slots: joints deg (insertion m times 180/pi) and motors deg.
-RECORDED = {
+# deg, of the motors in the stored state of `test_kinematics`, 8 slots.
+MOTORS = {
     "gold": (
-        (
-            "29.9492835999 90.373336792 22.9568557739 0 5.11032962799 4.20706319809 43.4555168152"
-            " 51.1591072083"
-        ),
-        (
-            "4078.98022461 11511.7197266 51634.2617188 0 17779.2304688 17789.4902344 -17360.9101562"
-            " 18211.6816406"
-        ),
+        "4078.98022461 11511.7197266 51634.2617188 0 17779.2304688 17789.4902344 -17360.9101562"
+        " 18211.6816406"
     ),
     "green": (
-        (
-            "29.9215259552 90.3847808838 22.9222049713 0 -4.35502958298 -3.17343592644 48.013507843"
-            " 42.5473213196"
-        ),
-        (
-            "4075.19995117 11512.6210938 51559.1992188 0 -17749.3496094 -17754.390625 18157.5898438"
-            " -17343.2714844"
-        ),
+        "4075.19995117 11512.6210938 51559.1992188 0 -17749.3496094 -17754.390625 18157.5898438"
+        " -17343.2714844"
     ),
 }
 
@@ -74,7 +63,7 @@ def test_ratios():
 
 @pytest.mark.parametrize("arm", ARMS)
 def test_recorded_robot(arm):
-    jpos, mpos = (seven(text) for text in RECORDED[arm])
+    jpos, mpos = seven(RECORDED[arm][2]), seven(MOTORS[arm])
     np.testing.assert_allclose(
         np.array(joint_from_motor(arm, "r_grasper", Vec(mpos))) / DEG, jpos / DEG, atol=1.6e-4
     )

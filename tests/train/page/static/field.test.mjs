@@ -4,7 +4,7 @@ import test from "node:test";
 import { element, load } from "../../../browser_scripts.mjs";
 
 Object.assign(globalThis, { matchMedia: () => ({ matches: false }), ResizeObserver: class { observe() {} } });
-const { Scope, between, free } = await load("ravenjax/train/page/static/scope.js");
+const { Scope } = await load("ravenjax/train/page/static/scope.js");
 const { CueSign, named, seen } = await load("ravenjax/train/page/static/sign.js");
 const { Alarms } = await load("ravenjax/train/page/static/alarms.js");
 const { Coach, steps } = await load("ravenjax/train/page/static/coach.js");

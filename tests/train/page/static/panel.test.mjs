@@ -3,11 +3,8 @@ import test from "node:test";
 
 import { load, run } from "../../../browser_scripts.mjs";
 
-const { WORDS, clock, levelWords } = await load("ravenjax/train/page/static/panels.js");
-const { fitted, niced } = await load("ravenjax/train/page/static/plots.js");
-const { reached } = await load("ravenjax/train/page/static/pads.js");
+const { Plan } = await load("ravenjax/train/page/static/hazards.js");
 const { Probe } = await load("ravenjax/train/page/static/probe.js");
-const { Scope } = await load("ravenjax/train/page/static/scope.js");
 
 /** A frame of one arm whose tip is so far to the right. */
 const frame = (x, stamp) => ({
@@ -76,4 +73,18 @@ test("without a graphics card the 2D view comes by itself, and what is asked for
   }
   assert.equal(arrived("?role=operator&scene=off").plain, "?role=operator&scene=off", "it stays when the tab is loaded anew");
   assert.equal(new URLSearchParams(arrived("?inset=second", {}, null).full).get("websocket"), `ws://127.0.0.1:8080/scene/${"ab".repeat(12)}.second`);
+});
+
+test("a plan arms one hazard after another, each at its time and none beside another", () => {
+  const plan = new Plan();
+  plan.add(20, 1);
+  plan.add(10, 0);
+  assert.equal(plan.due(9.9, true), null);
+  assert.equal(plan.due(10, false), null);
+  assert.equal(plan.due(12, true), 0);
+  assert.equal(plan.due(25, true), 1);
+  assert.equal(plan.due(99, true), null);
+  plan.add(5, 7);
+  plan.remove(plan.entries[0]);
+  assert.equal(plan.due(99, true), null);
 });
