@@ -62,14 +62,6 @@ def test_what_is_said_makes_sense():
     assert len({(path, row.joints) for path, row in said}) == len(said)
 
 
-def test_unlike_joints_share_no_number_and_leave_none_out():
-    shared: dict[str, list[str]] = {}
-    for path, row in quantities(TickParams):
-        if row.joints:
-            shared.setdefault(path, []).extend(row.joints)
-    assert shared and all(sorted(joints) == sorted(ROBOT.joints) for joints in shared.values())
-
-
 @given(data=st.data())
 def test_a_value_is_refused_just_where_it_leaves_its_range(data):
     path, row = data.draw(st.sampled_from(bounds.rows(ROBOT)))

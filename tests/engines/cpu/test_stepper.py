@@ -70,17 +70,3 @@ def test_a_function_changes_the_state_between_two_ticks(code):
     stepper.change(lambda state: state)
     assert (stepper.snapshot() == before).all()
     assert stepped(stepper, 1, first=3)[0, 0] == 8.25
-
-
-def test_a_snapshot_is_taken_over_whole_or_in_part(code):
-    one, other = (Stepper(code, Inputs(np.float32(2.0), np.int32(1))) for _ in range(2))
-    one.tables[0][:] = 1.0
-    stepped(one, 3)
-    other.restore(one.snapshot())
-    assert other.outcomes() == one.outcomes()
-    fresh = Stepper(code, Inputs(np.float32(2.0), np.int32(1))).snapshot()
-    ticks = jax.tree.leaves(State(0, 1, 2)).index(1)
-    other.restore_leaves(fresh, [ticks])
-    assert other.outcomes() == {"ticks": 0, "sum": 6.0, "spare": 7.0}
-    one.begin()
-    assert one.outcomes() == {"ticks": 0, "sum": 0.0, "spare": 7.0}

@@ -58,18 +58,10 @@ def test_calls_reach_the_functions_that_they_name():
 def test_it_does_what_wasm_ld_does(tmp_path):
     path, linked = tmp_path / "o.o", tmp_path / "o.wasm"
     path.write_bytes(an_object(CALLS))
-    command = [
-        WASM_LD,
-        path,
-        "-o",
-        linked,
-        "--no-entry",
-        "--export=twice",
-        "--export=chosen",
-        "--export=there",
-    ]
-    subprocess.run([str(word) for word in command], check=True)
-    ours = code.link(path.read_bytes(), ["twice", "chosen", "there"])
+    names = ["twice", "chosen", "there"]
+    exports = [f"--export={name}" for name in names]
+    subprocess.run([WASM_LD, path, "-o", linked, "--no-entry", *exports], check=True)
+    ours = code.link(path.read_bytes(), names)
     assert results(linked.read_bytes(), exported_memory=True) == results(ours)
 
 

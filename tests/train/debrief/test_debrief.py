@@ -96,8 +96,7 @@ def test_pauses_are_left_out(tmp_path):
 def test_the_page_is_honest_about_what_is_missing(tmp_path):
     bare = synthetic.write(tmp_path / "bare", None, recorded=False, ended=None, summary={})
     told = text_of(debrief.write(bare).read_text())
-    assert "Nothing is known of hazards" in told and "did not end by itself" in told
-    assert "There is no recording" in told and "Nobody timed this session" in told
+    assert "Nothing is known of hazards" in told and "There is no recording" in told
 
     cut = synthetic.write(tmp_path / "cut", [MET, ALARMED], seconds=8.0, cue_threshold_mm=9.0)
     data = (cut / log.FILE).read_bytes()
@@ -105,7 +104,6 @@ def test_the_page_is_honest_about_what_is_missing(tmp_path):
     told = text_of(debrief.write(cut).read_text())
     assert "The recording was cut short" in told and "ravenjax log recover" in told
     assert "The recording does not reach this hazard" in told
-    assert "Harm begins at 8 mm, not beyond the cue's threshold of 9 mm" in told
 
     (cut / log.FILE).write_bytes(b"nothing")
     assert "cannot be read" in text_of(debrief.write(cut).read_text())

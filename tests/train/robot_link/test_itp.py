@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from itp_client import IDENTITY, STILL, Console, datagram
+from itp_client import IDENTITY, STILL, Clock, Console, datagram
 
 from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec
@@ -15,14 +15,6 @@ from ravenjax.train.protocol.messages import STALE_MS
 from ravenjax.train.robot_link.itp import PER_TICK, USUAL_PER_TICK, ItpServer
 
 BOTH = ("gold", "green")
-
-
-class Clock:
-    def __init__(self):
-        self.ms = 1000.0
-
-    def __call__(self):
-        return round(self.ms * 1e6)
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ import time
 import numpy as np
 import pytest
 import waiting
-from itp_client import datagram
+from itp_client import Clock, datagram
 
 from ravenjax.errors import UserError
 from ravenjax.train import scenario
@@ -27,14 +27,6 @@ from ravenjax.train.robot_link.remote import RemoteRobot
 from ravenjax.train.session.advance import Session
 
 GOLD = ("gold",)
-
-
-class Clock:
-    def __init__(self):
-        self.ms = 0.0
-
-    def __call__(self):
-        return round(self.ms * 1e6)
 
 
 class StandIn:

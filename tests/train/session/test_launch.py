@@ -130,14 +130,7 @@ def test_a_script_that_is_none_leaves_no_session(tmp_path, how):
 @pytest.mark.parametrize(
     ("wrong", "told"),
     [
-        (
-            {"host": "203.0.113.1"},
-            (
-                r"host is '203\.0\.113\.1', where the page cannot listen \(.*\); give an address of"
-                r" this"
-            ),
-        ),
-        ({"host": "no.such.host.invalid"}, "where the page cannot listen"),
+        ({"host": "203.0.113.1"}, r"host is '203\.0\.113\.1', where the page cannot listen"),
         ({"port": 65536}, "port is 65536, expected 0"),
     ],
 )

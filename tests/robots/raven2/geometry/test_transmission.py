@@ -69,24 +69,6 @@ def test_recorded_robot(arm):
     )
 
 
-def test_recorded_joints(shared_data):
-    """Motors of the recorded run lead to joints inside the range that the same run's joint
-    record spans.
-    """
-    import pandas
-
-    table = pandas.read_parquet(shared_data("recording_gold_joints123.parquet"))
-    motors = table.filter(like="mpos").to_numpy(float) * DEG
-    joints = joint_from_motor("gold", "r_grasper", Vec((*motors.T, 0.0, 0.0, 0.0, 0.0)))
-    np.testing.assert_allclose(
-        [joints[0].min() / DEG, joints[0].max() / DEG], [24.36, 33.78], atol=0.006
-    )
-    np.testing.assert_allclose(
-        [joints[1].min() / DEG, joints[1].max() / DEG], [83.66, 94.40], atol=0.006
-    )
-    np.testing.assert_allclose([joints[2].min(), joints[2].max()], [0.3975, 0.4049], atol=6e-5)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("software", ["raven2", "fork2015"])
 @pytest.mark.parametrize("tool", TOOLS)

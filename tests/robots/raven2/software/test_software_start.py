@@ -93,20 +93,6 @@ def test_pedal_down_from_the_first_cycle_on_asks_for_what_is_there(software):
             )  # rad; the insertion motor turns 2 rad a mm
 
 
-def test_joints_become_the_nearest_counts():
-    joints = [legal_joints(random.Random(3))] * 2
-    offsets = [100, -200, 300, 0, 5, 6, 7]
-    for software in ("raven2", "fork2015"):
-        there = ControlSoftware(
-            software, jpos=joints, enc_offset=offsets, tools=("large_needle", "r_grasper")
-        )
-        signals = there.step(np.array(there.state.usb.enc_val)).signals
-        for arm, row in zip(signals.arms, joints, strict=True):
-            assert (
-                np.abs(np.subtract(arm.jpos, row)).max() < 5e-4
-            )  # a count of a tool motor is 2e-4 rad
-
-
 def arrived(seed: int, ticks: int, options: dict):
     """A software in the midst of it, and how its robot goes on."""
     software = ControlSoftware(**options)

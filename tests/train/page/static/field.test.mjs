@@ -7,7 +7,7 @@ Object.assign(globalThis, { matchMedia: () => ({ matches: false }), ResizeObserv
 const { Scope } = await load("ravenjax/train/page/static/scope.js");
 const { CueSign, named, seen } = await load("ravenjax/train/page/static/sign.js");
 const { Alarms } = await load("ravenjax/train/page/static/alarms.js");
-const { Coach, steps } = await load("ravenjax/train/page/static/coach.js");
+const { steps } = await load("ravenjax/train/page/static/coach.js");
 const { Lesson } = await load("ravenjax/train/page/static/drill.js");
 
 const PLAIN = { origin: [0, 0, 0], turn: [[1, 0, 0], [0, 1, 0], [0, 0, 1]] };
@@ -26,15 +26,6 @@ test("of pegs and laps it is the arm's turn that the progress says", () => {
   const tips = { gold: [0, 0, 0.2], green: [0, 0, 0.19] };
   assert.deepEqual([0, 1, 2, 3, 8].map((placed) => scope(task, tips, 1, Math.fround(placed / 8)).turn()), ["gold", "green", "gold", "green", "gold"]);
   close(scope(task, tips, 1).goal().distance, 0.01); // L's, though R is nearer
-});
-
-test("an object goes with the tip that holds it", () => {
-  const made = scope({ object: { number: 1, at: [0, 0, 0.19] }, pegs: [] }, { gold: [0.02, 0, 0.2] }, 1);
-  assert.deepEqual(made.thing(), [0, 0, 0.19]);
-  made.moved({ held: "gold", at: [0, 0, 0.19] });
-  assert.deepEqual(made.thing(), [0.02, 0, 0.2]);
-  made.moved({ held: "", at: [0.02, 0.01, 0.181] });
-  assert.deepEqual(made.thing(), [0.02, 0.01, 0.181]);
 });
 
 test("a pull is named along the operator's view, its largest part first", () => {
@@ -75,21 +66,6 @@ test("what follows from a stop does not hide its cause, and words age", () => {
   assert.deepEqual([place.hidden, parts.em.textContent], [false, "Go back the way you came."]);
   alarms.age(false, 77_000);
   assert.equal(place.hidden, true);
-});
-
-test("whoever holds a pedal that does not count is told to let go of it", () => {
-  const [text, begin] = [element(), element()];
-  const place = element({ querySelector: (name) => ({ p: text, ".begin": begin })[name] ?? element() });
-  const coach = new Coach(place);
-  const field = scope({ targets: [{ number: 0, arm: "gold", at: [0, 0, 0.19] }] }, { gold: [0, 0, 0.2] }, 0);
-  const told = (more) => {
-    coach.frame({ phase: "running", down: false, lift: false, blocked: false, ...more }, field);
-    return place.hidden ? "" : text.textContent;
-  };
-  assert.match(told({}), /^Hold SPACE/);
-  assert.match(told({ lift: true }), /^Let go of SPACE, then hold it again/);
-  assert.match(told({}), /^Hold SPACE/);
-  assert.equal(told({ lift: true, blocked: true }), "");
 });
 
 test("the way to a goal is told by keys, the longest first", () => {

@@ -53,17 +53,6 @@ test("repeats, chords of the browser and other keys say nothing; stop and restar
   assert.deepEqual([sent, commands], [[], ["estop", "restart"]]);
 });
 
-test("whoever lets go lets go of everything", () => {
-  const { input, sent } = made();
-  input.down(key("KeyD"));
-  input.foot(true);
-  input.pad("green", { move: [1, 0, 0], turn: [0, 0, 0], grasp: 0 }, true);
-  assert.equal(sent.at(-1).source, "mouse");
-  input.release();
-  const { pedal, arms } = sent.at(-1);
-  assert.deepEqual([pedal, arms.gold.move, arms.green.move], [false, [0, 0, 0], [0, 0, 0]]);
-});
-
 test("a pad holds the pedal as long as it is held, if asked to", () => {
   const { input } = made();
   const hand = { move: [0, 0, 0], turn: [0, 0, 0], grasp: 0 };

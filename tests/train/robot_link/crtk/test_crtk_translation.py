@@ -167,20 +167,6 @@ def test_a_pedal_is_held_by_somebody_or_comes_up():
     assert settled(state, ms=60_001.0, connected=False) == "PAUSED"
 
 
-def test_who_asks_while_another_drives_does_not_get_the_pedal_when_that_one_lets_go():
-    state = driven()
-    state.command("pause", 0.0)
-    settled(state)
-    for ms in range(0, 600, 100):
-        settled(state, 3, float(ms))
-    assert state.state == "PAUSED"  # it may still be coming up
-    assert settled(state, 3, 601.0) == "ENABLED" and not state.drives
-    state.command("resume", 601.0)
-    state.foot(True, None, 601.0)
-    assert settled(state, 3, 602.0) == "ENABLED" and not state.pedal and not state.drives
-    assert settled(state, 2, 603.0) == "PAUSED" and not state.pedal
-
-
 # --- messages ---
 
 
