@@ -73,8 +73,7 @@ def same(a, b):
         np.testing.assert_array_equal(a[name], b[name], err_msg=name)
 
 
-# --- two engines ----------------------------------------------------------------------------------
-# --------------------
+# --- two engines ---
 
 
 def gap(a, b):
@@ -134,8 +133,7 @@ def test_mjx_and_xla_give_the_same_verdicts():
 
 LANES = 256
 
-# --- one engine -----------------------------------------------------------------------------------
-# --------------------
+# --- one engine ---
 
 TICKS = 1013  # a prime: no segment but one tick divides it
 
