@@ -6,11 +6,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cuda_as_cpp import Device, pretend
+from cuda_as_cpp import pretend
 
 import ravenjax as rj
 from ravenjax.campaign import plan
-from ravenjax.engines.cpu.engine import SimdEngine, SimdKernel
+from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.engines.gpu import engine as cuda
 from ravenjax.engines.interface import Block
 from ravenjax.engines.xla.engine import ScanEngine
@@ -77,16 +77,6 @@ def test_small_blocks_give_the_bits_of_a_large_one(engine, ready):
             np.testing.assert_array_equal(
                 found.outcomes[name][: len(some)], values[some], err_msg=name
             )
-
-
-def test_sizes(ready):
-    simd = SimdKernel(ready.program, 64)
-    width = simd.width
-    assert [simd.size(rows) for rows in (1, width, width + 1, 64)] == [width, width, 2 * width, 64]
-    gpu = cuda.CudaKernel(ready.program, 96, (Device(),))
-    assert [gpu.size(rows) for rows in (1, 32, 33, 96)] == [32, 32, 64, 96]
-    xla = ScanEngine("xla").compile(ready.program, ready.runs)
-    assert xla.size(1) == xla.size(xla.lanes) == xla.lanes
 
 
 @pytest.mark.slow

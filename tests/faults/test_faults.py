@@ -186,12 +186,6 @@ def test_bits_of_whole_numbers_flip_exactly(code, bit):
     assert int(slot.changed_ticks) == 6
 
 
-def test_a_fault_that_changes_nothing_was_not_activated():
-    _, slot = run(make(2, "offset", 0.0, "time", 0, TICKS, 0))
-    assert int(slot.changed_ticks) == 0
-    assert int(slot.first_tick) == -1
-
-
 def struck_from_5(slot, level, ticks):
     """The slot after so many ticks of a signal that stands still."""
     faults, state = fault.Faults((slot, no_fault())), fault.init(SETUP)

@@ -8,7 +8,7 @@ import pytest
 
 from ravenjax.hazards import library
 from ravenjax.robots.raven2.declaration import SITES
-from ravenjax.vocabulary.effects import EFFECTS, NETWORK_EFFECTS, TRIGGERS
+from ravenjax.vocabulary.effects import EFFECTS
 
 # Counted by hand in the published lists, 3.2.1 to 3.2.5 of the fault specification: console and
 # operator C01 to C19,
@@ -33,12 +33,6 @@ SCENARIOS = {  # as the specification maps rows to the training scenarios of IRO
 
 UNITS = {"scale": "times", "bit_flip": "bit", "delay": "packets"}
 """Effects whose value is not in the channel's unit, and what it is in."""
-SLOTS = [
-    pytest.param(row, case, slot, id=f"{row.id}-{case.name}")
-    for row in library.rows()
-    for case in row.case
-    for slot in case.fault
-]
 
 
 def test_every_published_row_is_there_once() -> None:
@@ -61,12 +55,6 @@ def test_rows_that_cannot_be_run_say_why() -> None:
     assert all(len(row.documented_only) > 10 for row in library.rows() if not row.runnable)
 
 
-def test_each_source_is_explained() -> None:
-    known = library.terms()["sources"]
-    for row in library.rows():
-        assert any(row.source.startswith(name) for name in known), f"{row.id}: {row.source}"
-
-
 @pytest.mark.parametrize("scenario", SCENARIOS)
 def test_training_scenarios(scenario: str) -> None:
     found = {row.id for row in library.rows() if scenario in row.scenarios}
@@ -78,31 +66,11 @@ def test_every_site_is_struck_by_some_hazard() -> None:
     assert struck == set(SITES)
 
 
-@pytest.mark.parametrize(("row", "case", "slot"), SLOTS)
-def test_a_slot_is_what_the_robot_has(row, case, slot) -> None:
-    site, effect = SITES[slot.site], EFFECTS[slot.effect]
-    channels = {channel.name: channel for channel in site.channels}
-    assert slot.trigger in TRIGGERS and set(slot.channels) <= set(channels)
-    assert slot.effect not in NETWORK_EFFECTS or slot.site == "network"
-    assert effect.takes_value == (slot.value is not None)
-    units = dict.fromkeys(channels[name].unit for name in slot.channels)
-    unit = UNITS.get(slot.effect, ", ".join(units)) if effect.takes_value else None
-    assert slot.unit == unit
-    assert bool(slot.period_ms) == (slot.effect == "periodic")
-    numbers = (slot.value, slot.start_ms, slot.duration_ms, slot.every_ms, slot.period_ms)
-    drawn = [one for one in numbers if isinstance(one, dict)]
-    assert all(set(one) <= {"uniform", "choice"} for one in drawn)
-    if slot.along is not None or row.arm == "both":
-        assert len(case.fault) == 1 and case.design == "grid" and not drawn
-    assert slot.along is None or slot.channel is None
-
-
-@pytest.mark.parametrize("row", library.rows(), ids=lambda row: row.id)
-def test_a_row_says_what_it_must(row) -> None:
-    words = library.terms()
-    assert set(row.hazards) <= set(words["hazards"])
-    assert set(row.unsafe_control_actions) <= set(words["unsafe_control_actions"])
-    assert row.runnable != bool(row.documented_only)
-    assert len({case.name for case in row.case}) == len(row.case)
-    assert all((case.runs is None) == (case.design in ("grid", "zip")) for case in row.case)
-    assert (row.activated is None) == (row.injected is None)
+def test_values_are_in_the_units_of_their_channels() -> None:
+    slots = [slot for row in library.rows() for case in row.case for slot in case.fault]
+    for slot in slots:
+        channels = {channel.name: channel for channel in SITES[slot.site].channels}
+        units = dict.fromkeys(channels[name].unit for name in slot.channels)
+        takes_value = EFFECTS[slot.effect].takes_value
+        assert takes_value == (slot.value is not None)
+        assert slot.unit == (UNITS.get(slot.effect, ", ".join(units)) if takes_value else None)

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import math
 
-import pytest
-
-from ravenjax.errors import UserError
 from ravenjax.hazards import ranges
 from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.declaration import SITES
@@ -30,10 +27,3 @@ def test_ranges_hold_what_is_known_of_fault_free_motion() -> None:
     assert (
         0.0 < shoulder.low < math.radians(30.0) < shoulder.high < math.pi / 2
     )  # home and soft limits
-
-
-def test_an_unknown_channel_is_told() -> None:
-    with pytest.raises(
-        UserError, match=r"no normal range of channel 'nose' at site 'mpos', arm 'gold'"
-    ):
-        ranges.normal("mpos", "nose")

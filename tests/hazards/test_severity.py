@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import pandas as pd
 import pytest
 import result_rows
 
@@ -60,21 +59,3 @@ def test_a_failed_run_has_none() -> None:
     found = severity.severity(result_rows.frame({}, {"failed": "nan", "jump_text": True}))
     assert found[0] == 0
     assert found.isna().tolist() == [False, True]
-
-
-def test_any_slot_may_last() -> None:
-    second = {
-        "fault1_site": "brake",
-        "fault1_duration_ms": severity.UNTIL_END,
-        "fault1_every_ms": 0,
-    }
-    table = pd.concat(
-        [result_rows.frame(second), result_rows.frame({**second, "fault1_site": ""})],
-        ignore_index=True,
-    )
-    assert severity.lasting(table).tolist() == [True, False]
-
-
-def test_a_missing_column_is_told() -> None:
-    with pytest.raises(KeyError, match="lacks golden_tissue_depth_mm"):
-        severity.severity(result_rows.frame({}).drop(columns="golden_tissue_depth_mm"))

@@ -2,14 +2,7 @@
 
 from __future__ import annotations
 
-import pytest
-
 from ravenjax.hazards import library, titles
-
-
-@pytest.mark.parametrize("group", ["C13", "library/C13", "C13 scaled", "library/C13-case"])
-def test_a_group_has_the_title_of_its_hazard(group):
-    assert titles.of_group(group) == library.find("C13").title
 
 
 def test_several_and_none():

@@ -12,25 +12,8 @@ from small_loop import TABLE, in_numpy, loop
 from ravenjax.engines.cpu import kernel
 from ravenjax.engines.cpu.code import VectorCode
 from ravenjax.engines.lanes import Lanes
-from ravenjax.ir.time_loop import split
 
 TICKS = 1003  # not a multiple of the chunk
-
-
-def test_each_number_is_computed_where_it_belongs():
-    parts = split(loop(), shared_inputs=[0], shared_ticks=[0, 1])
-    assert parts.shared_state == (0, 1)  # clock and filter: of the group
-    assert parts.lane_state == (2, 4, 5, 6)
-    assert parts.held_state == (3,)
-    names = [parts.loop.step.operations[i].name for i in parts.lane]
-    assert "lookup" not in names and "mul" not in names  # the sine came along as one number a tick
-    assert 7 not in (*parts.lane_state, *parts.held_state, *parts.shared_state)
-
-
-def test_inputs_of_its_own_make_a_lane_compute_more():
-    alike, apart = (split(loop(), shared, ticks) for shared, ticks in (([0], [0, 1]), ([], [0])))
-    assert len(apart.lane) > len(alike.lane)
-    assert apart.shared_state == (0,)
 
 
 @pytest.mark.slow

@@ -2,9 +2,6 @@
 of the robot's own.
 """
 
-import dataclasses
-from typing import Annotated
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,47 +10,9 @@ from ravenjax.campaign import loading, plan
 from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.axis import fixed
 from ravenjax.numbers import paths
-from ravenjax.numbers.quantity import Quantity, Reserved, quantities, reserved
-from ravenjax.numbers.vec import Scalar, Vec
+from ravenjax.numbers.quantity import quantities
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.loop.records import TickParams
-
-SCALE = Quantity("", 0, 1, "a scale")
-ANGLE = Quantity("rad", -1, 1, "an angle", joints=("elbow",))
-TRAVEL = Quantity("m", 0, 1, "a travel", joints=("insertion",))
-
-
-@dataclasses.dataclass(frozen=True)
-class Inner:
-    step: Annotated[Scalar, ANGLE, TRAVEL]
-    note: str
-
-
-@dataclasses.dataclass(frozen=True)
-class Outer:
-    scale: Annotated[Scalar, "any word", SCALE]
-    pair: Annotated[Vec, (ANGLE, TRAVEL)]
-    arms: Annotated[tuple[Vec, ...], SCALE]
-    elbow: Inner
-    insertion: tuple[Inner, ...]
-    other: Annotated[Inner | None, Reserved("leave it")]
-    levels: tuple[tuple[Annotated[Scalar, Reserved("nor this")], ...], ...]
-
-
-def test_rows_stand_in_the_order_of_the_fields_whatever_they_are_wrapped_in():
-    whole = {"joints": ()}
-    assert list(quantities(Outer)) == [
-        ("scale", SCALE),
-        ("pair", ANGLE),
-        ("pair", TRAVEL),
-        ("arms", SCALE),
-        ("elbow.step", dataclasses.replace(ANGLE, **whole)),
-        ("insertion.step", dataclasses.replace(TRAVEL, **whole)),
-        ("other.step", ANGLE),
-        ("other.step", TRAVEL),
-    ]
-    assert list(reserved(Outer)) == [("other", "leave it"), ("levels", "nor this")]
-
 
 # --- the Raven-II ---
 
@@ -101,14 +60,6 @@ def test_what_is_said_makes_sense():
         if row.whole:
             assert row.low == int(row.low) and row.high == int(row.high), path
     assert len({(path, row.joints) for path, row in said}) == len(said)
-
-
-def test_unlike_joints_share_no_number_and_leave_none_out():
-    shared: dict[str, list[str]] = {}
-    for path, row in quantities(TickParams):
-        if row.joints:
-            shared.setdefault(path, []).extend(row.joints)
-    assert shared and all(sorted(joints) == sorted(ROBOT.joints) for joints in shared.values())
 
 
 @given(data=st.data())

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import jax
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -52,12 +51,3 @@ def test_leaves_and_maps_are_those_of_jax(value):
     assert tree.mapped(lambda x, y: (x, y), value, value) == jax.tree.map(
         lambda x, y: (x, y), value, value
     )
-
-
-def test_unlike_trees_are_refused():
-    for one, other in (((1, 2), (1,)), ((1, 2), 3), (Pair(1, 2), None)):
-        with pytest.raises(ValueError):
-            tree.mapped(lambda x, y: x, one, other)
-    for numbers in ([1], [1, 2, 3]):
-        with pytest.raises(ValueError):
-            tree.filled((1, 2), numbers)

@@ -14,11 +14,8 @@ import pytest
 from rendered_page import Page, words
 
 import ravenjax as rj
-from ravenjax import robots
-from ravenjax.bundled import resources
 from ravenjax.cli import main
 from ravenjax.errors import UserError
-from ravenjax.report import wording
 from ravenjax.store import manifest
 
 FILE = """
@@ -150,11 +147,6 @@ def test_results_are_reported_verified_and_traced(file, tmp_path, capsys):
     assert "arm/jpos/elbow [rad]" in trace.read_text().splitlines()[0]
 
 
-def test_a_time_without_a_pedal_counts_from_being_live(tables):
-    row = tables["simd"].iloc[27].to_dict() | {"fault0_trigger": "pedal"}
-    assert wording.fault(row, planar_arm.ROBOT).endswith("from 150 ms after it became live")
-
-
 def test_series_have_names_and_units(file):
     run = rj.simulate(file, 3, engine="simd")
     assert list(run["jpos"].coords["joint"].values) == list(planar_arm.JOINTS)
@@ -178,12 +170,6 @@ def test_what_the_robot_has_not_is_refused(file, override, complaint):
         rj.run(rj.load_campaign(file, overrides=[override]), engine="simd")
 
 
-def test_a_module_without_a_robot_is_named():
-    with pytest.raises(UserError, match="declares no ROBOT"):
-        robots.find("json")
-    assert robots.find("raven2") is robots.USUAL
-
-
 def test_the_code_and_the_model_of_a_robot_of_ones_own_count(tmp_path, monkeypatch):
     """Results of one version are not continued by another."""
     source, model = tmp_path / "own_arm.py", tmp_path / "arm.xml"
@@ -197,14 +183,3 @@ def test_the_code_and_the_model_of_a_robot_of_ones_own_count(tmp_path, monkeypat
         manifest.code_hash.cache_clear()
         hashes.append(manifest.code_hash(own))
     assert len({*hashes, manifest.code_hash()}) == 4 and hashes[1] == hashes[3]
-
-
-def test_another_model_of_the_raven_is_another_identity(tmp_path, monkeypatch):
-    (tmp_path / "models/raven2").mkdir(parents=True)
-    usual = manifest.code_hash()
-    text = resources.model("raven2/raven2.xml").read_text()
-    (tmp_path / "models/raven2/raven2.xml").write_text(text.replace('timestep="', 'timestep=" '))
-    monkeypatch.chdir(tmp_path)
-    manifest.code_hash.cache_clear()
-    assert manifest.code_hash() != usual
-    manifest.code_hash.cache_clear()

@@ -9,7 +9,6 @@ import pytest
 
 from ravenjax.numbers.setup import REFERENCE
 from ravenjax.numbers.vec import Vec
-from ravenjax.parts import part
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import detectors
 from ravenjax.vocabulary.detectors import DetectorUse
@@ -111,28 +110,4 @@ def test_score_first_alarm_and_alarms_follow_the_rule(series, found, d):
         assert found[f"detector{d}_threshold{k}_alarms"] == rises.sum()
         assert found[f"detector{d}_threshold{k}_first_ms"] == (
             np.flatnonzero(over)[0] if over.any() else -1
-        )
-
-
-@pytest.mark.parametrize("scores", [(2.0, float("nan")), (float("nan"), 2.0)])
-def test_a_score_that_is_no_number_hides_none_of_the_other_arm(tmp_path, scores):
-    (tmp_path / "own.py").write_text("def step(params, state, view):\n    return state, view\n")
-    use = DetectorUse("own", thresholds=1, part=part.read("own", tmp_path / "own.py"))
-    setup = RavenSetup(
-        arms=("gold", "green"),
-        tools=("r_grasper", "r_grasper"),
-        precision=REFERENCE,
-        detectors=(use,),
-    )
-    with jax.enable_x64(True):
-        still, commands = (Vec.full(7, jnp.float64(0.0)),) * 2, (Vec.full(7, jnp.int32(0)),) * 2
-        error, limit = (jnp.float64(0.0),) * 2, Vec.full(7, jnp.int32(1))
-        signal = detectors.DetectorSignal(
-            *(still,) * 4, error, commands, limit, True, jnp.int32(700), scores
-        )
-        params = detectors.params(setup)
-        state = detectors.step(setup, params, detectors.init(setup, params), signal)
-        assert (
-            float(state.detectors[0].peak) == 2.0
-            and int(state.detectors[0].thresholds[0].first_tick) == 700
         )

@@ -116,14 +116,6 @@ def test_it_never_makes_energy(forces, mass, damping, stiffness, grip):
     assert (energy[1:] <= put_in + 1e-9 * (1.0 + np.abs(put_in).max())).all()
 
 
-@settings(max_examples=30, deadline=None)
-@given(force=st.tuples(numbers, numbers, numbers), angle=st.floats(-180.0, 180.0))
-def test_a_turned_force_is_as_large(force, angle):
-    turned = np.array([float(x) for x in hand.turned(three(force), jnp.float64(angle))])
-    np.testing.assert_allclose(np.linalg.norm(turned), np.linalg.norm(force), rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(turned.sum(), sum(force), rtol=1e-9, atol=1e-9)
-
-
 def test_the_largest_displacement_is_kept():
     params, state = constants(), hand.init(SETUP)
     for force in [2.0] * 200 + [0.0] * 400:

@@ -171,22 +171,3 @@ def test_what_left_the_finite_first_is_told(name, signal, wrong):
     series["tip"][90] = np.nan  # comes later, and tells nothing new
     found = watched(series)
     assert (found["failed_ms"], found["failed_signal"]) == (77, CODES[signal])
-
-
-def test_a_restarted_observer_forgets_what_was_missed_and_a_realigned_one_where_the_golden_run_was():  # noqa: E501
-    tip, golden = Vec((0.1, 0.2, 0.3)), Vec((0.4, 0.5, 0.6))
-    with jax.enable_x64(True):
-        state = monitor.init(SETUP, (tip,), (tip,))
-    state = replace(
-        state,
-        arms=(replace(state.arms[0], missed=Vec((1.0, 2.0, 3.0)), golden_tip=golden, path=7.0),),
-    )
-    restarted, realigned = monitor.restarted(state).arms[0], monitor.realigned(state).arms[0]
-    assert restarted.missed == realigned.missed == (0.0, 0.0, 0.0)
-    assert restarted.golden_tip == golden and realigned.golden_tip == realigned.tip
-    for new in (restarted, realigned):
-        kept = replace(new, missed=state.arms[0].missed, golden_tip=state.arms[0].golden_tip)
-        assert all(
-            a is b
-            for a, b in zip(jax.tree.leaves(kept), jax.tree.leaves(state.arms[0]), strict=True)
-        )

@@ -32,13 +32,6 @@ def test_lengths_are_as_frequent_as_stated(choice):
     assert (np.abs(counts - DRAWS * shares) <= 4.5 * spread).all()
 
 
-def test_a_choice_that_varies_draws_the_same():
-    for choice in range(len(DISTRIBUTIONS)):
-        np.testing.assert_array_equal(
-            lengths(np.int32(choice), 3, 999), lengths(jnp.int32(choice), 3, 999)
-        )
-
-
 @pytest.mark.slow
 def test_packets_come_where_the_lengths_say():
     clock, index, ticks = packet_clock.init(), -1, []

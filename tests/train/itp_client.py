@@ -38,20 +38,21 @@ def force(packet):
     """v_struct: what came back, 52 bytes."""
     assert len(packet) == 52
     forces = [f"f{axis}{arm}" for axis in "xyz" for arm in (0, 1)]
-    names = [
-        "sequence",
-        "last_sequence",
-        "pactyp",
-        "version",
-        *forces,
-        "runlevel",
-        "jointflags",
-        "checksum",
-    ]
+    names = [*["sequence", "last_sequence", "pactyp", "version"], *forces]
+    names += ["runlevel", "jointflags", "checksum"]
     fields = dict(zip(names, struct.unpack("<IIIIiiiiiiiIi", packet), strict=True))
     fields["gold"] = tuple(fields.pop(f"f{axis}0") for axis in "xyz")
     fields["green"] = tuple(fields.pop(f"f{axis}1") for axis in "xyz")
     return fields
+
+
+class Clock:
+    """Nanoseconds, as far as a test has set `ms`."""
+
+    ms = 1000.0
+
+    def __call__(self):
+        return round(self.ms * 1e6)
 
 
 class Console:

@@ -7,7 +7,6 @@ milliseconds, from a thread.
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 import threading
@@ -23,20 +22,10 @@ class LiveSession:
     """
 
     def __init__(self, scenario, folder, *options):
-        command = [
-            sys.executable,
-            "-m",
-            "ravenjax.cli",
-            "train",
-            str(scenario),
-            "--out",
-            str(folder),
-            "--port",
-            "0",
-        ]
+        words = ["train", scenario, "--out", folder, "--port", 0, "--itp-port", 0, "--linger", 1]
         self.folder, self.lines = folder, []
         self._process = subprocess.Popen(
-            [*command, "--itp-port", "0", "--linger", "1", *options],
+            [sys.executable, "-m", "ravenjax.cli", *map(str, words), *options],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
@@ -63,9 +52,6 @@ class LiveSession:
         if self._process.poll() is None:
             self._process.terminate()
             self._process.wait(waiting.DEADLINE_S)
-
-    def header(self):
-        return json.loads((self.folder / "session.json").read_text())
 
     def _listen(self):
         for line in self._process.stdout:

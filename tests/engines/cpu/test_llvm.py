@@ -8,7 +8,6 @@ from compiled_program import HARD_FLOATS, compiled, pairs, same_bits
 from operation_cases import CASES, FUSED, case, look_ups
 
 from ravenjax.ir import semantics
-from ravenjax.ir.program import Operation, Program
 
 
 @pytest.mark.parametrize("width", [1, 4, 8, 16])
@@ -31,9 +30,3 @@ def test_float64_has_half_the_lanes_but_all_operations():
     for name in ("add", "mul", "div", "max", "lt"):
         one = case(name, "bool" if name == "lt" else "float64", *columns)
         same_bits(compiled(one.program, 8, columns)[0], semantics.run(one.program, columns)[0])
-
-
-def test_an_operation_without_a_form_is_refused_by_name():
-    operations = Operation("input", "float32", (), 0), Operation("frobnicate", "float32", (0,))
-    with pytest.raises(NotImplementedError, match="'frobnicate' of float32"):
-        compiled(Program(operations, ("float32",), (1,)), 4, (HARD_FLOATS,))

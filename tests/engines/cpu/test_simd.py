@@ -5,9 +5,7 @@ engine xla.
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
-import jax
 import numpy as np
 import pandas as pd
 import pytest
@@ -19,8 +17,6 @@ from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.engine import SimdEngine, SimdKernel
 from ravenjax.engines.interface import Block
 from ravenjax.engines.xla.engine import ScanEngine
-
-EVERY_LAYER = Path(__file__).resolve().parents[3] / "analysis" / "agreement" / "every_layer.toml"
 
 
 def campaign(runs, duration_s=0.6, **changes):
@@ -126,33 +122,6 @@ def test_a_lane_does_not_see_its_neighbours_nor_other_threads(ready, loop, whole
         found = list(pool.map(lambda block: run(kernel, ready, block), rows))
     for block, result in zip(rows, found, strict=True):
         same_lanes(result, whole, slice(None), block)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("row", [0, 9, 24])
-def test_a_trace_is_the_run(ready, whole, row):
-    varied, faults = ready.lanes([row], 3)
-    _, harmless = ready.lanes([row], 3, harmless=True)
-    tracer = SimdEngine().tracer(ready.program, 3)
-    golden, result, signals = tracer.run(
-        Block(varied, harmless, None), Block(varied, faults, None), ready.columns
-    )
-    for name, column in golden.outcomes.items():
-        np.testing.assert_array_equal(
-            column, np.repeat(whole[0].outcomes[name][row], 3), err_msg=name
-        )
-    for name, column in result.outcomes.items():
-        np.testing.assert_array_equal(
-            column, np.repeat(whole[1].outcomes[name][row], 3), err_msg=name
-        )
-    ticks = ready.program.ticks
-    assert all(leaf.shape == (ticks,) for leaf in jax.tree.leaves(signals))
-    assert signals.fault_active[0].dtype == bool
-    assert signals.control.arms[0].current_cmd_written[0].dtype == np.int32
-    tip = np.stack(signals.tip[0], axis=1)
-    assert tip.dtype == np.float32
-    np.testing.assert_array_equal(tip, result.reference[:, 0:3, 0])
-    assert signals.fault_active[0].sum() >= whole[1].outcomes["active_ticks"][row]
 
 
 @pytest.mark.slow

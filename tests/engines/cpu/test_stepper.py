@@ -7,9 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ravenjax.engines import traced
 from ravenjax.engines.cpu.stepper import StepCode, Stepper
-from ravenjax.numbers import lazy
 from ravenjax.numbers.vec import record
 
 
@@ -62,15 +60,6 @@ def test_a_tick_reads_tables_inputs_and_what_enters_and_tells_what_goes_out(code
     assert stepper.outcomes() == {"ticks": 5, "sum": 4224.5, "spare": 7.0}
 
 
-def test_a_changed_input_counts_from_the_next_tick_and_leaves_the_state(code):
-    stepper = Stepper(code, Inputs(np.float32(2.0), np.int32(1)))
-    stepper.tables[0][:] = 1.0
-    stepped(stepper, 3)
-    stepper.inputs[0][0], stepper.inputs[1][0] = -1.0, 10
-    assert stepped(stepper, 2, first=3)[:, 0].tolist() == [5.0, 4.0]
-    assert stepper.outcomes()["ticks"] == 23
-
-
 def test_a_function_changes_the_state_between_two_ticks(code):
     stepper = Stepper(code, Inputs(np.float32(2.0), np.int32(1)))
     stepper.tables[0][:] = 1.0
@@ -81,63 +70,3 @@ def test_a_function_changes_the_state_between_two_ticks(code):
     stepper.change(lambda state: state)
     assert (stepper.snapshot() == before).all()
     assert stepped(stepper, 1, first=3)[0, 0] == 8.25
-
-
-def test_a_snapshot_is_taken_over_whole_or_in_part(code):
-    one, other = (Stepper(code, Inputs(np.float32(2.0), np.int32(1))) for _ in range(2))
-    one.tables[0][:] = 1.0
-    stepped(one, 3)
-    other.restore(one.snapshot())
-    assert other.outcomes() == one.outcomes()
-    fresh = Stepper(code, Inputs(np.float32(2.0), np.int32(1))).snapshot()
-    ticks = jax.tree.leaves(State(0, 1, 2)).index(1)
-    other.restore_leaves(fresh, [ticks])
-    assert other.outcomes() == {"ticks": 0, "sum": 6.0, "spare": 7.0}
-    one.begin()
-    assert one.outcomes() == {"ticks": 0, "sum": 0.0, "spare": 7.0}
-
-
-def test_only_float32_may_go_out():
-    with pytest.raises(TypeError, match="float32"):
-        StepCode(
-            lambda i: i,
-            lambda i, s, now, e, t: (s, [now]),
-            lambda i, s: {"s": s},
-            np.float32(0),
-            (),
-            [],
-        )
-
-
-def own_functions(gain):
-    """Functions as this package writes them: `jnp` is taken from `numbers.lazy`."""
-
-    def begin(inputs):
-        return State(inputs.gain * 0.0, lazy.jnp.int32(0), lazy.jnp.float32(7.0))
-
-    def step(inputs, state, now, entering, tables):
-        new = State(
-            state.sum + inputs.gain * gain + entering[0], state.ticks + inputs.count, state.spare
-        )
-        return new, [new.sum, lazy.jnp.float32(now)]
-
-    return begin, step, lambda inputs, state: {"ticks": state.ticks, "sum": state.sum}
-
-
-def test_code_that_was_kept_is_found_by_its_key_and_not_traced_again(monkeypatch):
-    inputs, entering, objects = Inputs(np.float32(2.0), np.int32(1)), (np.float32(0.5),), {}
-    first = StepCode(*own_functions(3.0), inputs, entering, [], objects, "three")
-    calls, real = [], traced.trace_function
-    monkeypatch.setattr(traced, "trace_function", lambda *args: calls.append(args) or real(*args))
-    again = StepCode(*own_functions(3.0), inputs, entering, [], objects, "three")
-    assert not calls and again.state == first.state
-    out = np.zeros(2, np.float32)
-    stepper = Stepper(again, inputs)
-    stepper.entering[0][0] = 0.5
-    stepper.step(0, out.ctypes.data)
-    stepper.change(lambda state: State(state.sum * 2.0, state.ticks, state.spare))
-    assert out.tolist() == [6.5, 0.0] and stepper.outcomes() == {"ticks": 1, "sum": 13.0}
-    StepCode(*own_functions(4.0), inputs, entering, [], objects, "four")
-    assert len(calls) == 3
-    StepCode(*own_functions(3.0), inputs, (np.int32(0),), [], objects, "three")  # other types
-    assert len(calls) == 6

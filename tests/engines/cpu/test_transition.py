@@ -156,13 +156,3 @@ def test_wide_integers_are_wrapped_and_widened():
 
     x = np.array([0, 1, -1, 2**31 - 1, -(2**31), 123456789], np.int32)
     same(*both(wide, np.float64(0), (x, x[::-1].copy())))
-
-
-def test_a_row_without_numbers_takes_no_room():
-    layout = BufferLayout.aligned(["int32", "float64", "bool", "int64", "float32"])
-    assert layout.offsets == (0, 8, 16, 24, 32) and layout.bytes == 40
-    assert BufferLayout.aligned([]).bytes == 0
-    row = buffer(3, layout.bytes)
-    transition.write(layout, row[1], (1, 0.5, True, -(2**40), np.float32(0.1)))
-    assert transition.read(layout, row[1]) == [1, 0.5, True, -(2**40), np.float32(0.1)]
-    assert not row[0].any() and not row[2].any()

@@ -26,16 +26,6 @@ from ravenjax.numbers.setup import REFERENCE
 from ravenjax.numbers.vec import replace
 
 
-def test_lanes_are_placed_in_warps_of_one_group():
-    group = np.array([1] * 40 + [0] * 5 + [1] * 3 + [2] * 64)
-    places = place(group, 64)
-    assert len(places.lane) == 192  # 1, 2 and 2 warps, and one that fills the last block
-    np.testing.assert_array_equal(places.lane[places.thread], np.arange(len(group)))
-    np.testing.assert_array_equal(group[places.lane], np.repeat(places.group, 32))
-    assert places.group.tolist() == [0, 1, 1, 2, 2, 2]
-    assert group[places.first].tolist() == [0, 1, 2]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("by_group", [True, False])
 @pytest.mark.parametrize("shared_words", [0, 3, 64])
@@ -138,12 +128,3 @@ def test_what_cannot_be_is_one_line_that_says_so(monkeypatch, short):
         UserError, match=r"needs the package cuda-bindings .*: pip install 'ravenjax\[cuda\]'"
     ):
         cuda.CudaEngine().compile(short.program, 1)
-
-
-def test_blocks_are_dealt_out_evenly():
-    wave = 384  # the pretended device has one multiprocessor
-    assert cuda.block_lanes(5, (Device(),)) == 32
-    assert cuda.block_lanes(100 * wave, (Device(),)) == 4 * wave
-    lanes = cuda.block_lanes(6 * wave * 4, (Device(),) * 4)
-    assert lanes == 3 * wave
-    assert 6 * wave * 4 // lanes == 8

@@ -14,10 +14,15 @@ from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
-from ravenjax.robots.raven2.plant import robot
+from ravenjax.robots.raven2.plant import parameter_sets, robot
 from ravenjax.robots.raven2.setup import RavenSetup
 
 N = 7
+CAPSTAN_M, TORQUE_PER_COUNT = 5.675e-3, 0.0603 * 12.25 / 2730.0
+POWER_CONSISTENT = parameter_sets.parameter_set("power_consistent")
+FRICTION_N = (
+    POWER_CONSISTENT.actuators.coulomb[0] + abs(POWER_CONSISTENT.actuators.bias[0])
+) / CAPSTAN_M
 CHUNK = 20  # ticks a compiled call: one compile serves runs of any length
 
 

@@ -71,18 +71,6 @@ def test_the_table_is_read_back_as_it_was_written(folder):
     assert found[3].after == {} and hazard_table.read_table(folder.parent) == []
 
 
-def test_a_damaged_table_is_named(tmp_path):
-    synthetic.write(tmp_path, [MET], recorded=False)
-    path = tmp_path / "hazards.csv"
-    whole = path.read_text()
-    path.write_text(whole.replace("2430.0", "soon"))
-    with pytest.raises(StoreError, match="line 2: response_ms is 'soon', expected a number"):
-        hazard_table.read_table(tmp_path)
-    path.write_text(whole.replace("response_ms", "answer"))
-    with pytest.raises(StoreError, match="no column response_ms"):
-        hazard_table.read_table(tmp_path)
-
-
 def test_the_page_says_what_struck_when_it_could_be_known_and_how_it_was_met(text):
     assert "2 of 3 hazards met with the right response" in text
     # Reactions of 395 and 345 ms.
@@ -108,8 +96,7 @@ def test_pauses_are_left_out(tmp_path):
 def test_the_page_is_honest_about_what_is_missing(tmp_path):
     bare = synthetic.write(tmp_path / "bare", None, recorded=False, ended=None, summary={})
     told = text_of(debrief.write(bare).read_text())
-    assert "Nothing is known of hazards" in told and "did not end by itself" in told
-    assert "There is no recording" in told and "Nobody timed this session" in told
+    assert "Nothing is known of hazards" in told and "There is no recording" in told
 
     cut = synthetic.write(tmp_path / "cut", [MET, ALARMED], seconds=8.0, cue_threshold_mm=9.0)
     data = (cut / log.FILE).read_bytes()
@@ -117,7 +104,6 @@ def test_the_page_is_honest_about_what_is_missing(tmp_path):
     told = text_of(debrief.write(cut).read_text())
     assert "The recording was cut short" in told and "ravenjax log recover" in told
     assert "The recording does not reach this hazard" in told
-    assert "Harm begins at 8 mm, not beyond the cue's threshold of 9 mm" in told
 
     (cut / log.FILE).write_bytes(b"nothing")
     assert "cannot be read" in text_of(debrief.write(cut).read_text())
@@ -173,27 +159,6 @@ def test_text_from_a_session_cannot_become_markup(tmp_path):
     )
     html = debrief.write(made).read_text()
     assert "<script>alert" not in html.lower() and "<b>P</b>" not in html and "&lt;b&gt;P" in html
-
-
-def test_every_round_of_a_level_stands_in_the_table_and_those_in_time_are_bold(tmp_path):
-    level = [
-        {"title": "Drive <slowly>", "targets": 6, "within_s": 8.0},
-        {"title": "Hold", "targets": 3, "within_s": 12.5},
-        {"title": "Both", "targets": 2, "within_s": 20.0},
-    ]
-    rounds = [[9.31, 7.5, 8.0], [14.0], []]
-    task = {"levels": 3, "levels_proficient": 1, "rounds_s_of_level": rounds}
-    scenario = {"name": "l", "task": {"kind": "levels", "in_a_row": 2, "level": level}}
-    made = synthetic.write(tmp_path, [], recorded=False, scenario=scenario, summary={"task": task})
-    html = debrief.write(made).read_text()
-    (section,) = re.findall(r'<section id="levels">.*?</section>', html, flags=re.S)
-    rows = re.findall(r"<tr>.*?</tr>", section)
-    cells = [re.sub(r"<(?!b>|/b>)[^>]+>", " ", row).split() for row in rows]
-    assert " ".join(cells[1]) == (
-        "1. Drive &lt;slowly&gt; 6 targets 8 s 3 7.5 s 9.3, <b>7.5</b>, <b>8.0</b> yes"
-    )
-    assert " ".join(cells[2]) == "2. Hold 3 targets 12.5 s 1 14.0 s 14.0 not yet"
-    assert " ".join(cells[3]).endswith("0 – none –")
 
 
 def test_the_replay_has_the_worlds_places_and_a_mark_for_every_hazard(recording, folder):

@@ -130,16 +130,6 @@ def test_a_person_knows_of_a_millimetre_and_not_of_what_a_computer_could_tell(ch
     assert (row["knowable_ms"], row["knowable_by"]) == (111, "tip")
 
 
-def test_a_burst_that_peaks_before_anyone_could_act_is_nobodys_failure():
-    play = Play()
-    play.run(1000).strike(gold__off_mm=0.5).run(20).run(
-        100, gold__off_mm=12.0
-    )  # 12 mm within 120 ms
-    row = play.run(160).run(10, pedal=0, runlevel=2).over()
-    assert (row["response"], row["response_ok"], row["outcome"]) == ("release", True, "unavoidable")
-    assert row["score"] > 98.0 and row["unintended_mm"] == 12.0
-
-
 def test_what_comes_after_a_person_could_have_acted_counts_on_what_was_left():
     play = Play()
     play.run(1000).strike(gold__off_mm=4.0).run(149).run(
@@ -160,20 +150,6 @@ def test_a_dead_console_is_no_response_and_feels_nothing():
         None,
     )  # it is not the operator's that a console dies
     assert [(event["number"], event["by"]) for event in play.of("interrupted")] == [(0, "console")]
-
-
-def test_what_was_answered_before_it_was_cut_off_counts():
-    play = (
-        Play()
-        .run(1000)
-        .strike()
-        .run(20, gold__known_mm=2.0, gold__off_mm=2.0)
-        .run(300, pedal=0, runlevel=2)
-    )
-    play.judge.interrupted(play.tick, "instructor")
-    row = play.over()
-    assert (row["response"], row["outcome"]) == ("release", "avoided") and row["score"] > 80
-    assert not play.of("interrupted")
 
 
 @pytest.mark.parametrize(
@@ -200,14 +176,6 @@ def test_harm_is_what_the_fault_did(channels, outcome, score):
     row = play.run(10, pedal=0, runlevel=2).over()
     assert row["outcome"] == outcome and row["response_ok"]
     assert row["score"] == {50.0: 50.0, 60.0: 60.0, 80.0: 80.0}[score]
-
-
-def test_a_robot_that_halts_by_itself_is_halted_and_a_late_foot_is_no_response():
-    play = Play()
-    play.run(10).strike(gold__known_mm=1.0, gold__off_mm=2.0).run(50)
-    play.run(300, runlevel=0, soft_estopped=1).run(100, pedal=0)
-    row = play.over()
-    assert row["halted"] and row["outcome"] == "halted" and row["response"] is None
 
 
 def test_a_note_that_says_convert_is_a_conversion():

@@ -20,53 +20,24 @@ from ravenjax.train import page
 from ravenjax.train.protocol.frame import CONSOLES, PHASES, VIEWS, Frame, FrameLayout
 from ravenjax.train.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring, put_json, read_json
 
+FACTS = ("number", "hazard", "title", "group", "right_response", "within_s")
+HAZARDS = (
+    ("C09", "Encoder of the shoulder jumps", "encoder", ["release"], 1.0),
+    ("L7", "Elbow command overwritten after the checks", "usb", ["release", "estop"], 2.0),
+)
+PLACES = (("gold", -0.03, -0.02, 0.19), ("green", 0.01, 0.02, 0.195), ("gold", -0.01, -0.01, 0.19))
 HEADER = {
     "version": 1,
     "name": "reach-20260101-120000",
-    "scenario": {
-        "title": "Three targets",
-        "description": (
-            "Reach each target and hold it. When the instrument moves by itself, lift the pedal at"
-            " once."
-        ),
-    },
-    "seed": 7,
-    "participant": "p01",
-    "group": "cue",
-    "cue": True,
-    "blinded": False,
-    "arms": ["gold", "green"],
-    "robot": "virtual",
-    "cue_threshold_mm": 3.0,
-    "hazards": [
-        {
-            "number": 0,
-            "hazard": "C09",
-            "title": "Encoder of the shoulder jumps",
-            "group": "encoder",
-            "right_response": ["release"],
-            "within_s": 1.0,
-        },
-        {
-            "number": 1,
-            "hazard": "L7",
-            "title": "Elbow command overwritten after the checks",
-            "group": "usb",
-            "right_response": ["release", "estop"],
-            "within_s": 2.0,
-        },
-    ],
+    "scenario": {"title": "Three targets", "description": "Reach each target and hold it."},
+    **{"seed": 7, "participant": "p01", "group": "cue", "cue": True, "blinded": False},
+    **{"arms": ["gold", "green"], "robot": "virtual", "cue_threshold_mm": 3.0},
+    "hazards": [dict(zip(FACTS, (k, *hazard), strict=True)) for k, hazard in enumerate(HAZARDS)],
     "task": {
         "kind": "reach",
         "targets": [
             {"number": k, "arm": arm, "at": at, "radius_m": 0.003, "colour": "#d9a441"}
-            for k, (arm, at) in enumerate(
-                [
-                    ("gold", [-0.03, -0.02, 0.19]),
-                    ("green", [0.01, 0.02, 0.195]),
-                    ("gold", [-0.01, -0.01, 0.19]),
-                ]
-            )
+            for k, (arm, *at) in enumerate(PLACES)
         ],
     },
 }

@@ -5,71 +5,31 @@ who drives, and when.
 from __future__ import annotations
 
 import contextlib
-import csv
-import shutil
 import time
 
 import pytest
 import waiting
 from foot import hold_pedal
 from live_session import HeldConsole, LiveSession
+from page_visit import BROWSER, until
 
 from ravenjax.train.recording import reader
 
-sync_api = pytest.importorskip(
-    "playwright.sync_api", reason="playwright is not installed (pip install playwright)"
-)
-CHROMIUM = (
-    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-)
-pytestmark = [
-    pytest.mark.skipif(
-        CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)"
-    ),
-    pytest.mark.slow,  # sessions against the clock
-]
+pytestmark = BROWSER
 SCENARIO = """
 name = "fair"
-duration_s = {seconds}
+duration_s = 60
 arms = ["gold"]
 [task]
 kind = "free"
-[[hazard]]
-when = {when}
-within_s = 1.5
-right_response = ["release"]
-[[hazard.fault]]
-site = "usb_out"
-channel = "shoulder"
-effect = "overwrite"
-value = 6000
-duration_ms = 40
 """
 
 
-@pytest.fixture(scope="module")
-def browser():
-    with sync_api.sync_playwright() as playwright:
-        launched = playwright.chromium.launch(
-            executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"]
-        )
-        yield launched
-        launched.close()
-
-
 @pytest.fixture
-def begin(tmp_path):
-    """Begins a session; ends it with the test."""
-    with contextlib.ExitStack() as stack:
-
-        def started(seconds=8, when='"instructor"', folder="session", options=()):
-            file = tmp_path / "fair.toml"
-            file.write_text(SCENARIO.format(seconds=seconds, when=when))
-            session = LiveSession(file, tmp_path / folder, *options)
-            stack.callback(session.close)
-            return session
-
-        yield started
+def session(tmp_path):
+    (tmp_path / "fair.toml").write_text(SCENARIO)
+    with contextlib.closing(LiveSession(tmp_path / "fair.toml", tmp_path / "session")) as live:
+        yield live
 
 
 @contextlib.contextmanager
@@ -78,51 +38,30 @@ def visit(browser, address):
     page = context.new_page()
     page.set_default_timeout(waiting.DEADLINE_MS)
     page.goto(f"{address}&scene=off")
-    page.wait_for_function(
-        "window.ravenjax.state && window.ravenjax.state().frames > 3", polling=50
-    )
+    until(page, "window.ravenjax.state && window.ravenjax.state().frames > 3")
     try:
         yield page
     finally:
         context.close()
 
 
-@contextlib.contextmanager
-def console(session):
-    held = HeldConsole(session.console)
-    try:
-        yield held
-    finally:
-        held.close()
-
-
-def until(page, expression, **options):
-    page.wait_for_function(expression, polling=50, **options)
-
-
 def number(page, name):
     return page.evaluate(f"window.ravenjax.state().latest.number({name!r})")
 
 
-def became(page, name, value, **options):
-    until(page, f"window.ravenjax.state().latest?.number({name!r}) === {value}", **options)
-
-
-def hazards(session):
-    with open(session.folder / "hazards.csv", newline="") as file:
-        return list(csv.DictReader(file))
+def became(page, name, value):
+    until(page, f"window.ravenjax.state().latest?.number({name!r}) === {value}")
 
 
 def events(session, kind):
     return [one for one in reader.read(session.folder).events if one["kind"] == kind]
 
 
-def test_handing_over_is_an_act_that_is_seen_and_recorded(browser, begin):
-    session = begin(seconds=60)
+def test_handing_over_is_an_act_that_is_seen_and_recorded(browser, session):
     with (
         visit(browser, session.operator) as page,
         visit(browser, session.instructor) as instructor,
-        console(session) as held,
+        contextlib.closing(HeldConsole(session.console)) as held,
     ):
         waiting.until(lambda: held.sent > 50)
         held.pedal = 1

@@ -4,23 +4,13 @@ every size of screen.
 
 from __future__ import annotations
 
-import shutil
-
 import pytest
 from fake_session import AS_INSTRUCTOR, HEADER, FakeSession
-from test_page_browser import CHROMIUM, FLAT, Visit, click, until
+from page_visit import BROWSER, Visit, click, until
 
 from ravenjax.robots.raven2 import ROBOT
 
-sync_api = pytest.importorskip(
-    "playwright.sync_api", reason="playwright is not installed (pip install playwright)"
-)
-pytestmark = [
-    pytest.mark.skipif(
-        CHROMIUM is None or shutil.which("chromium") is None, reason="no chromium on the path"
-    ),
-    pytest.mark.slow,  # a process and a browser
-]
+pytestmark = BROWSER
 CONTROLS = """
 window.controls = [...document.querySelectorAll("#rj :is(button, input, select, textarea, a[href])")]
   .filter((one) => one.offsetParent && !one.disabled && one.tabIndex >= 0);
@@ -41,22 +31,6 @@ FOCUSED = """(() => {
 })()"""
 SHOWN = "!document.querySelector({!r}).hidden"
 PEDAL_DOWN = "document.querySelector('#pedal').classList.contains('down')"
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with sync_api.sync_playwright() as playwright:
-        launched = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAT)
-        yield launched
-        launched.close()
-
-
-@pytest.fixture(scope="module")
-def session(tmp_path_factory):
-    made = FakeSession(folder=tmp_path_factory.mktemp("session"))
-    made.wait()
-    yield made
-    made.close()
 
 
 @pytest.fixture

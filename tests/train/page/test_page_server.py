@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 import waiting
-from fake_session import AS_INSTRUCTOR, FakeSession
+from fake_session import AS_INSTRUCTOR
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
@@ -21,14 +21,6 @@ PRESSED = {
     "pedal": True,
     "arms": {"gold": {"move": [1, 0, 0]}},
 }
-
-
-@pytest.fixture(scope="module")
-def session(tmp_path_factory):
-    made = FakeSession(folder=tmp_path_factory.mktemp("session"))
-    made.wait()
-    yield made
-    made.close()
 
 
 class Window:

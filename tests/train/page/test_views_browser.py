@@ -4,22 +4,12 @@ stereo side by side.
 
 from __future__ import annotations
 
-import shutil
-
 import pytest
 import waiting
 from fake_session import FakeSession
-from test_page_browser import CHROMIUM, DRAWN, Visit, until
+from page_visit import BROWSER, CHROMIUM, DRAWN, Visit, until
 
-sync_api = pytest.importorskip(
-    "playwright.sync_api", reason="playwright is not installed (pip install playwright)"
-)
-pytestmark = [
-    pytest.mark.skipif(
-        CHROMIUM is None or shutil.which("chromium") is None, reason="no chromium on the path"
-    ),
-    pytest.mark.slow,  # two scenes, drawn in software
-]
+pytestmark = BROWSER
 WIDTH = 1366
 CAMERAS = {"theatre": "theatre", "second": "second", "stereo": "endoscope_right"}
 DRAWS = "[...{}.querySelectorAll('canvas')].some((one) => one.width > 0 && one.clientWidth > 0)"
@@ -28,16 +18,15 @@ BOX = "JSON.parse(JSON.stringify(document.querySelector({!r}).getBoundingClientR
 
 
 @pytest.fixture(scope="module")
-def page():
+def page(chromium):
     session = FakeSession()
     session.wait()
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=DRAWN)
-        with Visit(browser, session, "role=operator&scene=on&quality=low", WIDTH) as opened:
-            opened.set_default_timeout(3 * waiting.DEADLINE_MS)
-            until(opened, DRAWS.format("document.getElementById('root')"))
-            yield opened
-        browser.close()
+    browser = chromium.launch(executable_path=CHROMIUM, args=DRAWN)
+    with Visit(browser, session, "role=operator&scene=on&quality=low", WIDTH) as opened:
+        opened.set_default_timeout(3 * waiting.DEADLINE_MS)
+        until(opened, DRAWS.format("document.getElementById('root')"))
+        yield opened
+    browser.close()
     session.close()
 
 

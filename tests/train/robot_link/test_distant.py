@@ -28,13 +28,13 @@ class Wire:
 
     def __init__(self, robot):
         self.robot, self.orders, self.stale = robot, [], False
-        self.report, self.checks, self._tick = None, {}, 0
+        self.report, self._tick = None, 0
 
     def exchange(self, datagram):
         assert len(datagram) == 124
         frame = self.robot.tick(decode(datagram, self.robot.arms))
         self._tick += 1
-        line = encode_report(frame, self._tick, self._tick, self.checks)
+        line = encode_report(frame, self._tick, self._tick, {})
         self.report = JointReport.model_validate_json(line)
         return self.report
 
@@ -115,23 +115,6 @@ def test_a_robot_that_enters_its_e_stop_has_tripped_a_check(driven):
     assert outcomes["check_estop_count"] == 1 and outcomes["check_estop_first_ms"] > TICKS
     (trip,) = Trips().look(far.now, far.now, outcomes)
     assert (trip.check.name, trip.check.response, trip.beyond_golden) == ("estop", "stopped", True)
-
-
-def test_what_the_robots_process_tells_of_its_checks_is_shown(driven):
-    places, *_, far = driven
-    far.remote.stale = False
-    trips = far.row[places["trips"]].item()
-    far.remote.checks = {"joint_limit": (13308, far.remote._tick - 39), "no_such_check": (1, 1)}
-    far.motion[:, far.now] = far.motion[:, far.now - 1]
-    far.step()
-    outcomes = far.outcomes()
-    assert (outcomes["check_joint_limit_count"], outcomes["check_joint_limit_first_ms"]) == (
-        13308,
-        far.now - 41,
-    )
-    assert far.row[places["trips"]] == trips + 13308
-    names = {trip.check.name for trip in Trips().look(far.now, far.now, outcomes)}
-    assert "joint_limit" in names and "no_such_check" not in names
 
 
 def test_a_robot_that_nothing_is_heard_of_is_a_lost_link_and_not_a_stop():

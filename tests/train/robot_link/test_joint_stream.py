@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import waiting
 
-from ravenjax.errors import UserError
 from ravenjax.train.protocol.frame import Frame, FrameLayout
 from ravenjax.train.robot_link.joint_stream import (
     BUFFER_BYTES,
@@ -176,10 +175,3 @@ def test_from_another_machine_only_with_the_token(listen, token, given, allowed)
         answer = client.heard(2)[1]
         assert (answer["ok"], answer["answer"]) == (False, "estop") and "token" in answer["error"]
     server.close()
-
-
-def test_a_port_that_is_taken(server):
-    host, port = server.address
-    assert host == "127.0.0.1"
-    with pytest.raises(UserError, match=rf"TCP 127.0.0.1:{port} cannot be opened.*another port"):
-        JointServer(GREETING, "127.0.0.1", port)

@@ -162,14 +162,9 @@ def test_hands_take_up_a_speed_smoothly_and_let_go_of_it_so():
 
 BAD = [
     said(pedal=1),
-    said() | {"arms": []},
-    said(gold=3),
     said(golden={}),
     said(gold={"move": [1, 2]}),
-    said(gold={"move": [1, 2, float("nan")]}),
     said(gold={"turn": "left"}),
-    said(gold={"grasp": True}),
-    incremented(gold={}),
     incremented(gold={"delta_um": [1, 1, 10**400]}),
     incremented(gold={"delta_um": [1, 1, 1], "quat": [0, 0, 0, 0]}),
 ]

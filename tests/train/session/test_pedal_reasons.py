@@ -73,15 +73,6 @@ def test_each_change_of_the_reason_is_told_once(told):
     assert again[-1] == f"itp: {pedal.LIFT} (the robot began anew)"
 
 
-def test_who_steps_on_a_pedal_while_another_console_drives_is_told(told):
-    told.run(False, 100, console="page")
-    told.run(True, 100, console="page")
-    told.run(False, 10)
-    assert told.run(True, 100) == [f"itp: {pedal.other('page')}"]
-    told.run(True, 100, console="page")
-    assert not [line for line in told.lines if line.startswith("page")], "the page shows its own"
-
-
 def test_packets_that_are_refused_are_told_and_that_they_are_taken_again(told):
     gate = Gate(("gold",))
     refusals = Refusals(gate)
@@ -99,16 +90,3 @@ def test_packets_that_are_refused_are_told_and_that_they_are_taken_again(told):
     assert told.run(None, 100, {**said, "why": ""}) == [""]
     assert "another console" in commands(**{TAKEN: 50, "stranger": 50})[0]["why"]
     assert commands(step=3) == [], "a few are no reason"
-
-
-def test_increments_that_lead_too_far_are_told(told):
-    told.run(False, 100)
-    far = {"gold": {"delta_um": [2_000_000, 0, 0], "quat": [0, 0, 0, 1], "grasp_mrad": 0}}
-    for _ in range(100):
-        told.run(None, 1, {"type": "increments", "console": "itp", "pedal": True, "arms": far})
-    assert told.whys == [f"itp: {pedal.OUT_OF_RANGE}"]
-
-
-def test_what_crtk_did_not_follow_is_told_each_time(told):
-    once = {"type": "unheard", "console": "crtk", "once": True, "why": pedal.RELEASED["silence"]}
-    assert told.run(None, 10, once) == [f"crtk: {once['why']}"] == told.lines

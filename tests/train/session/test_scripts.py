@@ -74,6 +74,3 @@ def test_a_line_that_is_no_message_is_told_with_its_number(tmp_path, line):
         read_commands(path)
     with pytest.raises(UserError, match="cannot be read"):
         read_commands(tmp_path / "none.jsonl")
-
-
-# --- a whole session ---

@@ -79,18 +79,6 @@ def test_sessions_of_other_studies_are_refused(tmp_path):
     ):
         study_sessions.collect([tmp_path])
     assert "different scenarios" in study_sessions.collect([tmp_path], mixed=True).notes[0]
-    shutil.rmtree(tmp_path / "P2-control")
-    session(tmp_path, "P2", "control", [met(0, 900.0)], versions={"ravenjax": "9"})
-    with pytest.raises(UserError, match=r"different versions, which differ in ravenjax"):
-        study_sessions.collect([tmp_path])
-
-
-def test_the_cue_of_a_scenario_may_differ(tmp_path):
-    for person, on in (("P1", True), ("P2", False)):
-        scenario = {"name": "x", "cue": {"on": on, "threshold_mm": 3.0}}
-        session(tmp_path, person, "", [met(0, 500.0)], cue=on, scenario=scenario)
-    found = study_sessions.collect([tmp_path])
-    assert found.by == "cue" and found.labels == {"off": "cue off", "on": "cue on"}
 
 
 def test_what_cannot_be_compared_says_why(tmp_path):
@@ -104,8 +92,6 @@ def test_what_cannot_be_compared_says_why(tmp_path):
     shutil.copytree(one, tmp_path / "copy")
     with pytest.raises(UserError, match="is a copy of"):
         study_sessions.collect([tmp_path])
-    with pytest.raises(UserError, match="expected one of group, cue"):
-        study_sessions.collect([one], by="age")
 
 
 def test_hazards_that_were_cut_off_count_for_nobody(tmp_path):
@@ -165,18 +151,6 @@ def test_groups_of_different_participants_are_compared(result):
     assert time.g.value < -1
     # Every participant of one group before every one of the other.
     assert time.p == pytest.approx(2 / math.comb(12, 6)) and time.adjusted >= time.p
-
-
-@pytest.mark.slow
-def test_a_study_is_written_as_text_table_and_page(result):
-    folder = result.page.parent
-    assert result.text == (folder / page.TEXT).read_text(encoding="utf-8")
-    assert "better with cue than with control" in result.text
-    html = result.page.read_text(encoding="utf-8")
-    assert '<meta charset="utf-8">' in html and "https://" not in html.split("<body>")[1]
-    assert html.count('data-figure="dots-') == 4
-    rows = list(csv.DictReader((folder / page.TABLE).open(encoding="utf-8")))
-    assert len(rows) == 36 and {row["compared"] for row in rows} == {"cue", "control"}
 
 
 def test_participants_of_both_conditions_are_compared_with_themselves(tmp_path):

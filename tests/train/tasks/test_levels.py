@@ -7,8 +7,7 @@ from __future__ import annotations
 import pytest
 from made_frames import TIPS, kinds, made, put, running
 
-from ravenjax.errors import UserError
-from ravenjax.train import scenario, tasks
+from ravenjax.train import tasks
 
 LEVELS = [
     {"title": "one", "targets": 3, "tolerance_mm": 3, "dwell_ms": 0, "within_s": 1.0},
@@ -64,17 +63,3 @@ def test_rounds_in_a_row_within_the_time_lead_on():
     result = one.result()
     assert (result["levels_proficient"], result["done"]) == (2, True)
     assert result["rounds_s_of_level"] == [[1.0, 1.002, 0.2, 0.2], [0.5, 0.5]]
-
-
-@pytest.mark.parametrize(
-    ("level", "words"),
-    [
-        ({"targets": 3}, r"task\.level\.0\.within_s|within_s"),
-        ({"within_s": 3, "targets": 1}, "targets"),
-        ({"within_s": 3, "arms": ["green"]}, "arm 'green' is not in this session"),
-        ({"within_s": 3, "tolerance": 3}, "tolerance"),
-    ],
-)
-def test_what_is_wrong_with_a_level_is_said(level, words):
-    with pytest.raises(UserError, match=words):
-        scenario.from_dict({"name": "x", "task": {"kind": "levels", "level": [level]}})

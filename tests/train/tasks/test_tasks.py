@@ -159,6 +159,3 @@ def test_a_short_cut_and_a_tip_off_the_line_do_not_advance():
     put(frame, "gold", one.points[52])
     hold(one, frame, 1)
     assert one.target == 52
-
-
-# --- all ---

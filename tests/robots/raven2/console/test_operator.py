@@ -38,16 +38,6 @@ def motion():
     return motions.generate("suture", 6.0, BOTH, seed=5)
 
 
-def test_lookup_takes_rows_and_clips():
-    table = tuple(jnp.arange(5, dtype=jnp.float32) + 10 * i for i in range(17))
-    for k, expected in ((-3, 0), (0, 0), (3, 3), (4, 4), (99, 4)):
-        row = operator.lookup(table, k)
-        assert [float(x) for x in row.position[0]] == [expected, expected + 10, expected + 20]
-        assert [float(x) for x in row.quat[1]] == [expected + 10 * i for i in range(11, 15)]
-        assert float(row.grasp[1]) == expected + 150
-        assert int(row.surgeon_mode) == expected + 160
-
-
 @pytest.mark.parametrize("scale", [0.05, 0.1, 0.2])
 def test_increments_add_up_to_the_scaled_hand(motion, scale):
     """No drift: after any packet the sum is the truncated scaled position, so it is within 1 um
@@ -73,17 +63,6 @@ def test_increment_quaternions_compose_to_the_hand(motion):
             apart < 2e-5
         )  # float32 columns: 6e-8 a tick over 6000 ticks, as a random walk and its bias
         assert np.abs(np.linalg.norm(np.stack(sent.quat[i], axis=1), axis=1) - 1.0).max() < 3e-7
-
-
-def test_header(motion):
-    sent = packets(make_setup(), motion, 0.1)
-    assert (sent.sequence == np.arange(1, len(motion) + 1)).all()
-    assert (sent.size == 124).all() and (sent.received == 1).all()
-    assert (sent.surgeon_mode[:200] == 0).all() and (sent.surgeon_mode[200:] == 1).all()
-    assert {
-        x.dtype.name
-        for x in (sent.sequence, sent.size, sent.surgeon_mode, sent.grasp[0], sent.delta[0][0])
-    } == {"int32"}
 
 
 def test_pedal_up_sends_no_motion():
@@ -158,19 +137,3 @@ def test_what_hands_do_beyond_the_plan_is_sent_once_and_adds_up(motion):
         whole = np.trunc((motion.position_um[329].astype(np.float32) + numbers(hands.offset)) * 0.1)
         assert np.abs(numbers(hands.offset)).max() > 100.0
         np.testing.assert_array_equal(total, whole - begun)
-
-
-@pytest.mark.parametrize("scale", [0.05, 0.2])
-def test_hands_that_steer_tips_ask_them_there(motion, scale):
-    setup = make_setup(precision=REFERENCE)
-    tips = np.array([[1e-3, -2e-3, 5e-4], [0.0, 3e-4, -1e-3]])
-    with jax.enable_x64(True):
-        params = operator.params(setup, motion.start_jpos, scale)
-        hands = operator.steered(setup, params, operator.at_plan(setup), vectors(*tips))
-        np.testing.assert_allclose(
-            numbers(operator.tip_offset(setup, params, hands)), tips, atol=1e-15
-        )
-        axes = np.array(ITP_AXES["gold"])
-        np.testing.assert_allclose(
-            numbers(hands.offset)[0], axes.T @ tips[0] * 1e6 / scale, rtol=1e-12
-        )

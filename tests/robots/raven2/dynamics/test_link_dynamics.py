@@ -90,18 +90,6 @@ def test_random_trees_equal_mujoco(seed):
     assert relative(np.array(acceleration), data.qacc) < 1e-10
 
 
-def test_other_joint_types_are_refused():
-    spec = mujoco.MjSpec()
-    base = spec.worldbody.add_body(name="base")
-    body = base.add_body(name="floating", mass=1, inertia=(1, 1, 1), explicitinertial=True)
-    body.add_joint(name="ball", type=mujoco.mjtJoint.mjJNT_BALL)
-    with pytest.raises(
-        ValueError,
-        match=r"joint 'ball' of body 'floating' is of type mjJNT_BALL.*hinges and slides",
-    ):
-        read_tree(spec.compile(), "base")
-
-
 def within_range(rng: np.random.Generator, count: int) -> np.ndarray:
     low, high = arm_model.scene().jnt_range[:7].T
     return rng.uniform(low, high, size=(count, 7))

@@ -59,47 +59,12 @@ def test_transmission_and_gravity(tool):
     np.testing.assert_allclose(arrays.gravity_torque(JPOS, "green")[1, 1], expected, atol=1e-15)
 
 
-def test_errors_say_what_is_wrong():
-    with pytest.raises(
-        UserError, match=r"unknown arm 'geen', expected one of gold, green\. Did you mean 'green'\?"
-    ):
-        arrays.forward_kinematics(HOME, "geen")
-    with pytest.raises(
-        UserError,
-        match=r"jpos has shape \(2, 6\), expected \[\.\.\., 7\] in the order shoulder, elbow",
-    ):
-        arrays.forward_kinematics(np.zeros((2, 6)), "gold")
-    with pytest.raises(UserError, match=r"rotation has shape \(3,\), expected \[\.\.\., 3, 3\]"):
-        arrays.inverse_kinematics(np.zeros(3), np.zeros(3), 0.0, HOME, "gold")
-    with pytest.raises(UserError, match=r"jpos has shape \(\), expected"):
-        arrays.gravity_torque(1.0, "gold")
-    bad = JPOS.copy()
-    bad[1, 0, 2] = np.nan
-    with pytest.raises(
-        UserError, match=r"jpos\[1, 0, 2\] \(insertion\) is nan, expected a finite number"
-    ):
-        arrays.gravity_torque(bad, "gold")
-    with pytest.raises(UserError, match=r"grasp is inf, expected a finite number"):
-        arrays.inverse_kinematics(np.zeros(3), np.eye(3), np.inf, HOME, "gold")
-    with pytest.raises(UserError, match=r"do not broadcast.*position \(2,\).*jpos_ref \(3,\)"):
-        arrays.inverse_kinematics(np.zeros((2, 3)), np.eye(3), 0.0, np.zeros((3, 7)), "gold")
-    with pytest.raises(UserError, match=r"mpos is not an array of numbers"):
-        arrays.joint_from_motor(["a"] * 7, "gold")
-    with pytest.raises(UserError, match=r"unknown tool"):
-        arrays.motor_from_joint(HOME, "gold", "grasper")
-
-
 @pytest.mark.parametrize(
     ("value", "words"),
     [
         (np.zeros(7) + 1j, "it holds complex128, expected real numbers"),
-        ([1 + 2j] * 7, "it holds complex128"),
         (["1"] * 7, "it holds <U1"),
-        ([True] * 7, "it holds bool"),
-        ([None] * 7, "it holds object"),
-        (None, "it holds object"),
         ([[0.0] * 7, [0.0] * 6], "is not an array of numbers"),
-        (np.zeros(7, "M8[s]"), "it holds datetime64"),
         (np.ma.masked_array(np.zeros(7), [True] + [False] * 6), "it holds masked numbers"),
         (np.zeros(8), r"jpos has shape \(8,\), expected"),
         ([np.inf] + [0.0] * 6, r"jpos\[0\] \(shoulder\) is inf"),
@@ -115,7 +80,6 @@ def test_what_is_no_real_number_is_refused(value, words):
     ("rotation", "words"),
     [
         (np.zeros((3, 3)), "not orthonormal"),
-        (2.0 * np.eye(3), "not orthonormal"),
         (np.diag([1.0, 1.0, -1.0]), "mirrors"),
         (np.stack([np.eye(3), np.ones((3, 3))]), r"rotation\[1\] has columns"),
     ],
@@ -123,12 +87,3 @@ def test_what_is_no_real_number_is_refused(value, words):
 def test_what_is_no_rotation_is_refused(rotation, words):
     with pytest.raises(UserError, match=words):
         arrays.inverse_kinematics(np.zeros(3), rotation, 0.0, HOME, "gold")
-
-
-def test_names_are_texts():
-    for arm in (None, 3, ["gold"]):
-        with pytest.raises(UserError, match="unknown arm"):
-            arrays.gravity_torque(HOME, arm)
-    for tool in (None, ["r_grasper"]):
-        with pytest.raises(UserError, match="unknown tool"):
-            arrays.motor_from_joint(HOME, "gold", tool)

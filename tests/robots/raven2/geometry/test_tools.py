@@ -3,9 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ravenjax.errors import UserError
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS, soft_limits
-from ravenjax.robots.raven2.geometry.tools import TOOLS, find_tool
+from ravenjax.robots.raven2.geometry.tools import TOOLS
 
 DEG = np.pi / 180
 
@@ -15,19 +14,6 @@ def test_soft_limits_lie_inside_the_hard_stops(tool):
     limits = np.radians(tool.limit_deg)
     assert (limits < tool.hard_max).all() and (-limits > np.array(tool.hard_min)).all()
     assert tool.wrist_coupling == 0 or tool.style == "dv"
-
-
-def test_asymmetric_roll_stop():
-    assert find_tool("r_grasper_A").hard_min[0] == pytest.approx(-330 * DEG)
-    assert find_tool("r_grasper_A").hard_max[0] == pytest.approx(290 * DEG)
-
-
-def test_an_unknown_tool_is_named_with_a_suggestion():
-    with pytest.raises(
-        UserError,
-        match=r"unknown tool 'r_graspr', expected one of r_grasper, .*Did you mean 'r_grasper'",
-    ):
-        find_tool("r_graspr")
 
 
 def test_soft_limits():

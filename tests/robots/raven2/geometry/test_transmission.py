@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from test_kinematics import RECORDED
 
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS
@@ -20,27 +21,15 @@ from ravenjax.robots.raven2.geometry.transmission import (
 
 DEG = np.pi / 180
 
-# A stored state of a real Raven-II, 8 slots: joints deg (insertion m times 180/pi) and motors deg.
-RECORDED = {
+# deg, of the motors in the stored state of `test_kinematics`, 8 slots.
+MOTORS = {
     "gold": (
-        (
-            "29.9492835999 90.373336792 22.9568557739 0 5.11032962799 4.20706319809 43.4555168152"
-            " 51.1591072083"
-        ),
-        (
-            "4078.98022461 11511.7197266 51634.2617188 0 17779.2304688 17789.4902344 -17360.9101562"
-            " 18211.6816406"
-        ),
+        "4078.98022461 11511.7197266 51634.2617188 0 17779.2304688 17789.4902344 -17360.9101562"
+        " 18211.6816406"
     ),
     "green": (
-        (
-            "29.9215259552 90.3847808838 22.9222049713 0 -4.35502958298 -3.17343592644 48.013507843"
-            " 42.5473213196"
-        ),
-        (
-            "4075.19995117 11512.6210938 51559.1992188 0 -17749.3496094 -17754.390625 18157.5898438"
-            " -17343.2714844"
-        ),
+        "4075.19995117 11512.6210938 51559.1992188 0 -17749.3496094 -17754.390625 18157.5898438"
+        " -17343.2714844"
     ),
 }
 
@@ -74,28 +63,10 @@ def test_ratios():
 
 @pytest.mark.parametrize("arm", ARMS)
 def test_recorded_robot(arm):
-    jpos, mpos = (seven(text) for text in RECORDED[arm])
+    jpos, mpos = seven(RECORDED[arm][2]), seven(MOTORS[arm])
     np.testing.assert_allclose(
         np.array(joint_from_motor(arm, "r_grasper", Vec(mpos))) / DEG, jpos / DEG, atol=1.6e-4
     )
-
-
-def test_recorded_joints(shared_data):
-    """Motors of the recorded run lead to joints inside the range that the same run's joint
-    record spans.
-    """
-    import pandas
-
-    table = pandas.read_parquet(shared_data("recording_gold_joints123.parquet"))
-    motors = table.filter(like="mpos").to_numpy(float) * DEG
-    joints = joint_from_motor("gold", "r_grasper", Vec((*motors.T, 0.0, 0.0, 0.0, 0.0)))
-    np.testing.assert_allclose(
-        [joints[0].min() / DEG, joints[0].max() / DEG], [24.36, 33.78], atol=0.006
-    )
-    np.testing.assert_allclose(
-        [joints[1].min() / DEG, joints[1].max() / DEG], [83.66, 94.40], atol=0.006
-    )
-    np.testing.assert_allclose([joints[2].min(), joints[2].max()], [0.3975, 0.4049], atol=6e-5)
 
 
 @pytest.mark.slow

@@ -8,6 +8,10 @@ import jax
 import numpy as np
 import pytest
 from plant_runs import (
+    CAPSTAN_M,
+    FRICTION_N,
+    POWER_CONSISTENT,
+    TORQUE_PER_COUNT,
     N,
     columns,
     constant,
@@ -22,15 +26,10 @@ from plant_runs import (
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
-from ravenjax.robots.raven2.plant import parameter_sets, robot
+from ravenjax.robots.raven2.plant import robot
 
-CAPSTAN_M, STRENGTH_N = 5.675e-3, 1200.0
-POWER_CONSISTENT = parameter_sets.parameter_set("power_consistent")
-TORQUE_PER_COUNT = 0.0603 * 12.25 / 2730.0
+STRENGTH_N = 1200.0
 BREAKING = setup(cables="break")
-FRICTION_N = (
-    POWER_CONSISTENT.actuators.coulomb[0] + abs(POWER_CONSISTENT.actuators.bias[0])
-) / CAPSTAN_M
 
 
 def params() -> robot.PlantParams:
@@ -119,8 +118,3 @@ def test_what_a_cable_carries_is_its_stretch_and_its_damping() -> None:
     assert (
         columns(out.carried)[1:] / np.maximum(np.abs(columns(out.tension)[1:]), 1e-9)
     ).max() > 2.0
-
-
-def test_the_authors_cables_have_no_strength() -> None:
-    assert not parameter_sets.tells_tension("traj3")
-    assert min(robot.params(setup(), "gold", "traj3").cable_strength) >= 1e6

@@ -180,7 +180,7 @@ def test_every_number_equals_the_original_order_of_statements(run):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("run", ["raven2", "fork2015", "coupled wrist"])
+@pytest.mark.parametrize("run", ["fork2015", "coupled wrist"])
 def test_long_runs_equal_the_original_order_of_statements(run):
     seen = Pair(**RUNS[run]).compare(10_000)
     assert seen["clamped"] > 0 and seen["stops"] > 0
@@ -234,24 +234,11 @@ def refused(call, words):
 
 SETUPS = [
     ({"software": "raven3"}, ("software is 'raven3'", "raven2")),
-    ({"policy": "firm"}, ("policy is 'firm'", "no_regulation, soft_regulation, hard_regulation")),
-    ({"level": "expert"}, ("level is 'expert'", "beginner, moderate")),
-    ({"console": "increment"}, ("console is 'increment'", "Did you mean 'increments'")),
     ({"arms": "gold"}, ("arms is 'gold'", "arms=['gold']")),
-    ({"arms": ("gold", "gold")}, ("['gold', 'gold']", "at most once")),
-    ({"arms": ("grey",)}, ("arm is 'grey'", "Did you mean 'green'")),
     ({"tools": ("r_grasper",)}, ("tools has 1 entries", "one tool per arm ['gold', 'green']")),
     ({"tools": ("r_graspr", "r_grasper")}, ("'r_graspr'", "Did you mean 'r_grasper'")),
     ({"enc_offset": float("nan")}, ("enc_offset is nan", "integers")),
-    ({"enc_offset": [1, 2]}, ("enc_offset has shape (2,)", "[2, 7]")),
-    (
-        {"enc_offset": [0, 0, 2**40, 0, 0, 0, 0]},
-        ("enc_offset[2] is 1099511627776", "32 bits"),
-    ),
     ({"runlevel": 9}, ("runlevel is 9", "0..3")),
-    ({"runlevel": True}, ("runlevel is True",)),
-    ({"precision": "double"}, ("precision is 'double'", "Precision")),
-    ({"params": 3}, ("params is 3", "a function")),
     ({"params": lambda params: None}, ("params returned None",)),
 ]
 
@@ -277,26 +264,11 @@ def test_changed_parameters_are_numbers_of_their_own_type():
         software.step(_counts()).dac
         == ControlSoftware(params=one_gain(np.float32(0.5))).step(_counts()).dac
     )
-    for value, got in (
-        (float("nan"), "nan"),
-        (float("inf"), "inf"),
-        ("0.5", "'0.5'"),
-        (None, "None"),
-        (1e300, "1e+300"),
-    ):
+    for value, got in ((float("nan"), "nan"), ("0.5", "'0.5'")):
         refused(
             lambda v=value: ControlSoftware(params=one_gain(v)),
             ("params.motor_control[0].kp[0]", got, "finite"),
         )
-
-    def whole(params):
-        machine = dataclasses.replace(params.state_machine, plc_obeyed=0.5)
-        return dataclasses.replace(params, state_machine=machine)
-
-    refused(
-        lambda: ControlSoftware(params=whole),
-        ("params.state_machine.plc_obeyed is 0.5", "whole number"),
-    )
 
 
 def changed(**fields):
@@ -304,34 +276,18 @@ def changed(**fields):
 
 
 INPUTS = [
-    ({"encoders": [[0] * 8] * 2}, ("encoders has shape (2, 8)", "[2, 7]", "shoulder, elbow")),
     ({"encoders": [[0] * 7, [0] * 6]}, ("encoders is [[0, 0", "[2, 7]")),
     ({"encoders": [[0.5] * 7] * 2}, ("encoders", "float64", "integers")),
     (
         {"encoders": [[0] * 6 + [2**31], [0] * 7]},
         ("encoders[0][6] (grasp2) is 2147483648", "32 bits"),
     ),
-    ({"encoders": None}, ("encoders is None",)),
-    ({"pins": [0, 0, 0]}, ("pins has shape (3,)", "[arms] = [2]")),
     ({"pins": 256}, ("pins is 256", "0..255")),
-    ({"pins": [0, -1]}, ("pins[1] is -1",)),
-    ({"pins": None}, ("pins is None",)),
     ({"read_ok": 5}, ("read_ok is 5", "0..1")),
-    ({"read_ok": [True]}, ("read_ok has shape (1,)",)),
     ({"packet": "packet"}, ("packet is str", "bytes")),
-    ({"packet": [POSE, "x"]}, ("packet is str",)),
     (changed(delta=((0.5, 0, 0), (0, 0, 0))), ("packet.delta[0][0] is 0.5", "whole number")),
-    (changed(delta=((2**31, 0, 0), (0, 0, 0))), ("packet.delta[0][0] is 2147483648",)),
-    (
-        changed(delta=((0, 0, 0), (0, 0, 0, 0)), grasp=(0,)),
-        ("packet.delta[1] has 4 entries", "expected 3"),
-    ),
-    (changed(delta=((0, 0, 0),)), ("packet.delta has 1 entries", "expected 2")),
     (changed(quat=((0, 0, 0, 1), ("a", 0, 0, 1))), ("packet.quat[1][0] is 'a'", "number")),
-    (changed(grasp=("a", 0)), ("packet.grasp[0] is 'a'",)),
     (changed(sequence=2**32), ("packet.sequence is 4294967296",)),
-    (changed(received=7), ("packet.received is 7", "True or False")),
-    (changed(size=-1), ("packet.size is -1",)),
 ]
 
 
@@ -344,26 +300,10 @@ def test_a_wrong_input_is_named_and_nothing_has_happened(given, words):
     assert software.step(_counts()).dac == other.step(_counts()).dac
 
 
-@pytest.mark.slow
-def test_a_raw_datagram_is_no_absolute_pose():
-    refused(
-        lambda: ControlSoftware(console="absolute").step(_counts(), bytes(124)),
-        ("absolute", "Packet"),
-    )
-
-
 def test_whatever_a_network_brings_is_taken():
     """Bytes of any length and quaternions of any numbers are the software's to judge."""
     software = ControlSoftware()
-    for datagram in (
-        b"",
-        b"abc",
-        bytes(124),
-        bytes(70_000),
-        bytearray(124),
-        memoryview(bytes(124)),
-        b"\xff" * 124,
-    ):
+    for datagram in (b"", b"abc", bytes(70_000), memoryview(bytes(124)), b"\xff" * 124):
         software.step(_counts(), datagram)
     assert software.state.network.size.count == 2
     wild = dataclasses.replace(

@@ -51,23 +51,10 @@ def test_one_number_stands_for_all_cycles_and_arms():
 
 CYCLES = {"encoders": np.zeros((3, 2, 7), int)}
 WRONG = [
-    (
-        {"encoders": np.zeros((3, 7), int)},
-        ("encoders has shape (3, 7)", "[cycles, arms, 7] = [.., 2, 7]"),
-    ),
-    ({"encoders": np.zeros((3, 2, 7))}, ("encoders", "float64", "integers")),
-    ({"encoders": [[[0] * 7] * 2, [[0] * 7]]}, ("encoders is [[[", "[cycles, arms, 7]")),
-    (
-        {"encoders": np.full((3, 2, 7), 2**31)},
-        ("encoders[0][0][0] (shoulder) is 2147483648", "32 bits"),
-    ),
+    ({"encoders": np.zeros((3, 7), int)}, ("encoders has shape (3, 7)", "[.., 2, 7]")),
+    ({"encoders": np.full((3, 2, 7), 2**31)}, ("encoders[0][0][0] (shoulder) is 2147483648",)),
     ({"packets": [None]}, ("packets has 1 entries", "one entry a cycle (3)")),
-    ({"packets": b""}, ("packets is b''", "a list")),
-    ({"packets": [None, None, "x"]}, ("packet is str",)),
-    ({"pins": [0, 0]}, ("pins has shape (2,)", "[cycles] = [3]")),
-    ({"pins": 256}, ("pins is 256", "0..255")),
     ({"pins": [0, 0, -1]}, ("pins[2] is -1",)),
-    ({"read_ok": [1, 0, 2]}, ("read_ok[2] is 2", "0..1")),
 ]
 
 

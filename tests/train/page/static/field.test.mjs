@@ -4,10 +4,10 @@ import test from "node:test";
 import { element, load } from "../../../browser_scripts.mjs";
 
 Object.assign(globalThis, { matchMedia: () => ({ matches: false }), ResizeObserver: class { observe() {} } });
-const { Scope, between, free } = await load("ravenjax/train/page/static/scope.js");
+const { Scope } = await load("ravenjax/train/page/static/scope.js");
 const { CueSign, named, seen } = await load("ravenjax/train/page/static/sign.js");
 const { Alarms } = await load("ravenjax/train/page/static/alarms.js");
-const { Coach, steps } = await load("ravenjax/train/page/static/coach.js");
+const { steps } = await load("ravenjax/train/page/static/coach.js");
 const { Lesson } = await load("ravenjax/train/page/static/drill.js");
 
 const PLAIN = { origin: [0, 0, 0], turn: [[1, 0, 0], [0, 1, 0], [0, 0, 1]] };
@@ -26,35 +26,6 @@ test("of pegs and laps it is the arm's turn that the progress says", () => {
   const tips = { gold: [0, 0, 0.2], green: [0, 0, 0.19] };
   assert.deepEqual([0, 1, 2, 3, 8].map((placed) => scope(task, tips, 1, Math.fround(placed / 8)).turn()), ["gold", "green", "gold", "green", "gold"]);
   close(scope(task, tips, 1).goal().distance, 0.01); // L's, though R is nearer
-});
-
-test("an object goes with the tip that holds it", () => {
-  const made = scope({ object: { number: 1, at: [0, 0, 0.19] }, pegs: [] }, { gold: [0.02, 0, 0.2] }, 1);
-  assert.deepEqual(made.thing(), [0, 0, 0.19]);
-  made.moved({ held: "gold", at: [0, 0, 0.19] });
-  assert.deepEqual(made.thing(), [0.02, 0, 0.2]);
-  made.moved({ held: "", at: [0.02, 0.01, 0.181] });
-  assert.deepEqual(made.thing(), [0.02, 0.01, 0.181]);
-});
-
-test("of a line the goal is the point to come", () => {
-  const made = scope({ path: { points: [[0, 0, 0.19], [0.003, 0, 0.19], [0, 0, 0.19]], radius_m: 0.0025 } }, { gold: [0.003, 0.004, 0.19] }, 1);
-  close(made.goal().distance, 0.004);
-  assert.equal(scope({}, { gold: [0, 0, 0] }, -1).goal(), null);
-});
-
-test("the view takes in goals and tips, and the tissue is lower toward its rim", () => {
-  const made = scope({ targets: [{ number: 0, arm: "gold", at: [-0.04, 0, 0.19] }] }, { gold: [0.04, 0, 0.21] }, 0);
-  assert.deepEqual(made.box.middle, [0, 0, 0.2]);
-  close(made.box.half, 0.048);
-  close(made.surface([0.01, 0.02]), 0.18 - 0.0001 - 0.0008);
-  assert.equal(made.surface([0.08, 0]), null);
-});
-
-test("two shafts are as far apart as two straight pieces are", () => {
-  close(between([[-1, 0, 0], [1, 0, 0]], [[0, -1, 0.3], [0, 1, 0.3]]), 0.3); // crossing
-  close(between([[0, 0, 0], [1, 0, 0]], [[0, 2, 0], [1, 2, 0]]), 2); // side by side
-  close(between([[0, 0, 0], [1, 0, 0]], [[4, 4, 0], [4, 9, 0]]), 5); // end to end: 3, 4, 5
 });
 
 test("a pull is named along the operator's view, its largest part first", () => {
@@ -95,52 +66,6 @@ test("what follows from a stop does not hide its cause, and words age", () => {
   assert.deepEqual([place.hidden, parts.em.textContent], [false, "Go back the way you came."]);
   alarms.age(false, 77_000);
   assert.equal(place.hidden, true);
-});
-
-test("a robot that begins anew has no alarm left", () => {
-  const parts = { b: {}, span: {}, em: {} };
-  const place = element({ hidden: true, querySelector: (name) => parts[name] });
-  const alarms = new Alarms(place);
-  alarms.tell({ check: "estop" }, 0);
-  alarms.forget();
-  assert.equal(place.hidden, true);
-  alarms.tell({ check: "estop" }, 100);
-  assert.equal(place.hidden, false, "the next one is told");
-});
-
-test("what to press before the time runs is told until it runs", () => {
-  const [text, begin] = [element(), element()];
-  const coach = new Coach(element({ querySelector: (name) => ({ p: text, ".begin": begin })[name] ?? element() }));
-  const field = scope({ targets: [{ number: 0, arm: "gold", at: [0, 0, 0.19] }] }, { gold: [0, 0, 0.2] }, 0);
-  const ready = (more) => {
-    coach.frame({ phase: "ready", started: false, down: false, lift: false, blocked: false, ...more }, field);
-    return begin.hidden ? text.textContent : "begin";
-  };
-  assert.equal(ready({}), "begin");
-  assert.match(ready({ started: true }), /^Hold SPACE/);
-  assert.match(ready({ started: true, lift: true, down: true }), /^Let go of SPACE/);
-});
-
-test("an alarm names no key where a finger drives", (t) => {
-  t.mock.method(globalThis, "matchMedia", () => ({ matches: true }));
-  const words = { b: {}, span: {}, em: {} };
-  new Alarms({ querySelector: (name) => words[name] }).tell({ check: "overdrive_instant" });
-  assert.equal(words.em.textContent, "Lift the pedal. Once you know why, restart.");
-});
-
-test("whoever holds a pedal that does not count is told to let go of it", () => {
-  const [text, begin] = [element(), element()];
-  const place = element({ querySelector: (name) => ({ p: text, ".begin": begin })[name] ?? element() });
-  const coach = new Coach(place);
-  const field = scope({ targets: [{ number: 0, arm: "gold", at: [0, 0, 0.19] }] }, { gold: [0, 0, 0.2] }, 0);
-  const told = (more) => {
-    coach.frame({ phase: "running", down: false, lift: false, blocked: false, ...more }, field);
-    return place.hidden ? "" : text.textContent;
-  };
-  assert.match(told({}), /^Hold SPACE/);
-  assert.match(told({ lift: true }), /^Let go of SPACE, then hold it again/);
-  assert.match(told({}), /^Hold SPACE/);
-  assert.equal(told({ lift: true, blocked: true }), "");
 });
 
 test("the way to a goal is told by keys, the longest first", () => {
@@ -190,13 +115,4 @@ test("who lifts late, or never, tries again until the foot is quick", () => {
   go(1.2, true);
   go(0.01, false);
   assert.deepEqual([lesson.stage, lesson.tries], ["done", 3]);
-});
-
-test("the words of a goal stand where neither the tip nor the next goal is", () => {
-  const [goal, radius] = [[200, 250], 14];
-  assert.deepEqual(free(goal, radius, []), [200, 228, "center"]);
-  assert.deepEqual(free(goal, radius, [[205, 215]]), [200, 282, "center"]); // the tip is above
-  assert.deepEqual(free(goal, radius, [[205, 215], [183, 278]]), [222, 254, "left"]); // and the next goal below
-  assert.equal(free(goal, radius, [[205, 215], [183, 278], [250, 250]])[2], "right");
-  assert.deepEqual([5, 395].map((across) => free([across, 250], radius, [], 400)[0]), [36, 364]); // whole at the edges
 });

@@ -44,13 +44,6 @@ test("opposite keys cancel, equal ones do not add up beyond full speed", () => {
   assert.deepEqual([input.now().arms.gold.move, input.now().arms.green.move], [[0, 0, 0], [1, 0, 0]]);
 });
 
-test("with one arm both halves of the keyboard are its own", () => {
-  const { input } = made(["green"]);
-  input.down(key("KeyD"));
-  input.down(key("PageUp"));
-  assert.deepEqual(input.now().arms, { green: { move: [1, 1, 0], turn: [0, 0, 0], grasp: 0 } });
-});
-
 test("repeats, chords of the browser and other keys say nothing; stop and restart are always heard", () => {
   const { input, sent, commands } = made();
   input.enabled = false;
@@ -58,26 +51,6 @@ test("repeats, chords of the browser and other keys say nothing; stop and restar
   input.enabled = true;
   for (const one of [key("KeyD", { ctrlKey: true }), key("KeyD", { repeat: true }), key("F5")]) input.down(one);
   assert.deepEqual([sent, commands], [[], ["estop", "restart"]]);
-});
-
-test("the same is sent once, and a heartbeat all the same", () => {
-  const { input, sent } = made();
-  input.tell();
-  input.tell();
-  assert.equal(sent.length, 1);
-  input.beat();
-  assert.equal(sent.length, 2);
-});
-
-test("whoever lets go lets go of everything", () => {
-  const { input, sent } = made();
-  input.down(key("KeyD"));
-  input.foot(true);
-  input.pad("green", { move: [1, 0, 0], turn: [0, 0, 0], grasp: 0 }, true);
-  assert.equal(sent.at(-1).source, "mouse");
-  input.release();
-  const { pedal, arms } = sent.at(-1);
-  assert.deepEqual([pedal, arms.gold.move, arms.green.move], [false, [0, 0, 0], [0, 0, 0]]);
 });
 
 test("a pad holds the pedal as long as it is held, if asked to", () => {

@@ -3,55 +3,8 @@ import test from "node:test";
 
 import { load, run } from "../../../browser_scripts.mjs";
 
-const { WORDS, clock, levelWords } = await load("ravenjax/train/page/static/panels.js");
-const { fitted, niced } = await load("ravenjax/train/page/static/plots.js");
-const { reached } = await load("ravenjax/train/page/static/pads.js");
+const { Plan } = await load("ravenjax/train/page/static/hazards.js");
 const { Probe } = await load("ravenjax/train/page/static/probe.js");
-const { Scope } = await load("ravenjax/train/page/static/scope.js");
-
-test("the clock shows minutes, seconds and tenths", () => {
-  assert.deepEqual([0, 9940, 59960, 65300, 600000].map(clock), ["0:00.0", "0:09.9", "1:00.0", "1:05.3", "10:00.0"]);
-});
-
-test("events are told in words", () => {
-  assert.equal(WORDS.unintended_motion({ arm: "gold", mm: 3.1478 }), "unintended motion: gold arm, 3.1 mm");
-  assert.equal(WORDS.loss_of_motion({ halted_ms: 250 }), "loss of motion: out of pedal-down for 250 ms");
-  assert.equal(WORDS.loss_of_motion({ arm: "green", mm: "4" }), "loss of motion: green arm, 4.0 mm");
-  assert.equal(WORDS.response({ what: "release", ok: false }), "response: release, not the right one");
-  assert.equal(WORDS.cue({ number: -1 }), "cue without a hazard");
-  assert.equal(WORDS.console({ alive: true, source: "itp" }), "console alive (itp)");
-});
-
-test("a level is told with what it asks and how the round before went", () => {
-  const level = { level: 2, of: 3, title: "Be exact", within_s: 16, in_a_row: 0, needs: 2, took_ms: null, within: false };
-  assert.equal(levelWords(level), "Level 2 of 3 · Be exact · a round within 16 s · 0 of 2 in a row");
-  const slow = { ...level, title: "", took_ms: 18240 };
-  assert.equal(levelWords(slow), "Level 2 of 3 · a round within 16 s · last round 18.2 s, too slow · 0 of 2 in a row");
-  assert.equal(WORDS.level({ ...slow, within: true, in_a_row: 1 }), "Level 2 of 3 · a round within 16 s · last round 18.2 s, in time · 1 of 2 in a row");
-  assert.equal(WORDS.refused({ why: "" }), "");
-});
-
-test("an axis ends at a round number that nothing drawn exceeds", () => {
-  assert.deepEqual([0.9, 1, 1.2, 3.6, 5.5, 7, 9, 0.05, 42].map(niced), [1, 1, 2, 4, 6, 8, 10, 0.05, 50]);
-});
-
-test("a canvas is as sharp as the screen", () => {
-  globalThis.devicePixelRatio = 1.5;
-  const canvas = { clientWidth: 101, clientHeight: 40, width: 0, height: 0 };
-  const turns = [];
-  assert.deepEqual(fitted(canvas, { setTransform: (...numbers) => turns.push(numbers) }), [101, 40]);
-  assert.deepEqual([canvas.width, canvas.height, turns], [152, 60, [[1.5, 0, 0, 1.5, 0, 0]]]);
-});
-
-test("a hand is at full speed where the pad ends", () => {
-  assert.deepEqual([0, 21, -42, 90].map((px) => reached(px, 42)), [0, 0.5, -1, 1]);
-});
-
-test("a place of an arm is turned and moved into the world", () => {
-  const bases = { gold: { origin: [1, 2, 3], turn: [[0, -1, 0], [1, 0, 0], [0, 0, 1]] } };
-  const scope = new Scope({ getContext: () => null }, ["gold"], bases, {}, null);
-  assert.deepEqual(scope.world("gold", [10, 20, 30]), [1 - 20, 2 + 10, 3 + 30]);
-});
 
 /** A frame of one arm whose tip is so far to the right. */
 const frame = (x, stamp) => ({
@@ -120,4 +73,18 @@ test("without a graphics card the 2D view comes by itself, and what is asked for
   }
   assert.equal(arrived("?role=operator&scene=off").plain, "?role=operator&scene=off", "it stays when the tab is loaded anew");
   assert.equal(new URLSearchParams(arrived("?inset=second", {}, null).full).get("websocket"), `ws://127.0.0.1:8080/scene/${"ab".repeat(12)}.second`);
+});
+
+test("a plan arms one hazard after another, each at its time and none beside another", () => {
+  const plan = new Plan();
+  plan.add(20, 1);
+  plan.add(10, 0);
+  assert.equal(plan.due(9.9, true), null);
+  assert.equal(plan.due(10, false), null);
+  assert.equal(plan.due(12, true), 0);
+  assert.equal(plan.due(25, true), 1);
+  assert.equal(plan.due(99, true), null);
+  plan.add(5, 7);
+  plan.remove(plan.entries[0]);
+  assert.equal(plan.due(99, true), null);
 });

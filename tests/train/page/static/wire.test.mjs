@@ -26,11 +26,6 @@ function made(token = "") {
 }
 const WELCOME = { type: "welcome", arms: ["gold", "green"], layout: { tick: [0, 1], "gold/tip": [1, 3], runlevel: [4, 1] } };
 
-test("the address is the page's, with role and window", () => {
-  assert.equal(made().socket.address, "wss://robot.example:8080/session?role=operator&window=abc");
-  assert.equal(made("a key").socket.address.split("&").at(-1), "instructor_token=a+key");
-});
-
 test("a frame is five numbers an arm and then the row, by the names of the welcome", () => {
   const { wire, heard, socket } = made();
   socket.onmessage({ data: new Float32Array(15).buffer });
@@ -42,13 +37,6 @@ test("a frame is five numbers an arm and then the row, by the names of the welco
   assert.deepEqual([frame.number("tick"), frame.number("runlevel"), [...frame.get("gold/tip")]], [100, 3, [0.5, 0.25, 0.125]]);
   assert.deepEqual([frame.peaks("gold"), frame.peaks("green")], [{ error: 1, force: 2 }, { error: 6, force: 7 }]);
   assert.deepEqual([[...frame.aim("gold")], [...frame.aim("green")]], [[3, 4, 5], [8, 9, 10]]);
-});
-
-test("each kind of message goes to who is to hear it", () => {
-  const { heard, socket } = made();
-  const told = [{ type: "event", kind: "cue" }, { type: "seat", free: true }, { type: "refused", why: "late" }, { type: "of tomorrow" }];
-  for (const one of told) socket.onmessage({ data: JSON.stringify(one) });
-  assert.deepEqual(heard, [["event", told[0]], ["seat", true], ["refused", "late"]]);
 });
 
 test("nothing is sent to a socket that is not open, or that does not keep up", () => {

@@ -2,7 +2,6 @@
 ROS, no clock.
 """
 
-import multiprocessing
 import socket
 
 import numpy as np
@@ -12,9 +11,7 @@ from test_crtk_translation import BOTH, YAML, robot_row
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.console.packet import U_STRUCT
 from ravenjax.robots.raven2.geometry.arrays import forward_kinematics, motor_from_joint
-from ravenjax.train.protocol.frame import FrameLayout
 from ravenjax.train.robot_link.crtk import messages
-from ravenjax.train.robot_link.crtk.bridge import CrtkConsole
 from ravenjax.train.robot_link.crtk.interpreter import Interpreter
 from ravenjax.train.robot_link.crtk.ros_robot import RosRobot
 
@@ -81,24 +78,3 @@ def test_what_a_robot_tells_over_ros_is_its_joint_report(ros):
 
 def position_of(arm):
     return forward_kinematics(YAML[arm][0], arm)[0]
-
-
-@pytest.mark.parametrize(
-    ("word", "told"), [("the node of ROS 1 has ended (code -9)", "code -9"), (None, "is gone")]
-)
-def test_a_terminal_is_told_once_that_nobody_speaks_crtk_any_more(word, told):
-    answers, tells = multiprocessing.Pipe(duplex=False)
-    lines = []
-    console = CrtkConsole(FrameLayout.of(("gold",)), "ros1", lines.append)
-    console.process_says = answers
-    for _ in range(1000):
-        assert console.poll() == []
-    assert not lines
-    if word:
-        tells.send(word)
-    tells.close()
-    for _ in range(1000):
-        assert console.poll() == []
-    assert len(lines) == 1 and lines[0].startswith("CRTK over ros1 has ended") and told in lines[0]
-    console.close()
-    answers.close()

@@ -12,7 +12,7 @@ from ravenjax.train.protocol.frame import Frame, FrameLayout
 from ravenjax.train.robot import tip_pose
 from ravenjax.train.robot_link.crtk import messages, motion
 from ravenjax.train.robot_link.crtk.bridge import CrtkConsole, RobotRings
-from ravenjax.train.robot_link.crtk.interpreter import ELSEWHERE, Interpreter
+from ravenjax.train.robot_link.crtk.interpreter import Interpreter
 from ravenjax.train.robot_link.crtk.motion import (
     FASTEST,
     STILL,
@@ -167,20 +167,6 @@ def test_a_pedal_is_held_by_somebody_or_comes_up():
     assert settled(state, ms=60_001.0, connected=False) == "PAUSED"
 
 
-def test_who_asks_while_another_drives_does_not_get_the_pedal_when_that_one_lets_go():
-    state = driven()
-    state.command("pause", 0.0)
-    settled(state)
-    for ms in range(0, 600, 100):
-        settled(state, 3, float(ms))
-    assert state.state == "PAUSED"  # it may still be coming up
-    assert settled(state, 3, 601.0) == "ENABLED" and not state.drives
-    state.command("resume", 601.0)
-    state.foot(True, None, 601.0)
-    assert settled(state, 3, 602.0) == "ENABLED" and not state.pedal and not state.drives
-    assert settled(state, 2, 603.0) == "PAUSED" and not state.pedal
-
-
 # --- messages ---
 
 
@@ -303,31 +289,3 @@ def test_a_servo_command_becomes_increments_that_add_up():
     assert sum(interpreter.counts.values()) == 4
     (still,) = interpreter.commands(ms + 60)
     assert still["arms"]["gold"]["delta_um"] == [0, 0, 0]
-
-
-def test_a_busy_machine_has_not_taken_the_robot_elsewhere():
-    """The robot's own ticks count since it took the last increment, not the clock."""
-    types = messages.types("ros2")
-    interpreter = Interpreter(("gold",), ("r_grasper",), types)
-    row = robot_row(3)
-    ms = row.clock_ns * 1e-6
-    header = types.header(row.stamp_ns)
-    row.frame["runlevel"] = 2
-    interpreter.observe(row, True, ms)
-    interpreter.hear("state_command", types.message(messages.STRING, header, "enable"), ms)
-    row.frame["runlevel"] = 3
-    interpreter.observe(row, True, ms)
-    interpreter.hear("arm1/servo_jr", types.joint_state(header, [], [0.004] + [0] * 6), ms)
-    interpreter.commands(ms)
-    for number in range(1, 100):
-        interpreter.commands(ms + number)
-        interpreter.note_sent(number)
-    for taken, number in (
-        (0, 500),
-        (99, 501),
-        (99, 530),
-    ):  # its setpoint stays where it was all the time
-        interpreter.observe(row._replace(last_command=taken, number=number), True, ms + 240)
-        assert ELSEWHERE not in interpreter.counts
-    interpreter.observe(row._replace(last_command=99, number=531), True, ms + 240)
-    assert interpreter.counts[ELSEWHERE] == 1
