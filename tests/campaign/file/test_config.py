@@ -8,7 +8,6 @@ import pytest
 
 from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
-from ravenjax.campaign.file import location
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.errors import UserError
 
@@ -221,18 +220,6 @@ def test_one_table_where_several_are_expected(write):
     )
 
 
-def test_a_list_that_says_so_is_a_list(write):
-    plain, explicit = (
-        loading.load(write(GOOD.replace("[100, 200]", text)))
-        for text in ("[100, 200]", "{list=[100, 200]}")
-    )
-    assert design.expand(explicit).equals(design.expand(plain))
-    assert explicit.group[1].fault[0].value.explicit and not plain.group[1].fault[0].value.explicit
-    assert loading.from_dict(explicit.model_dump(mode="json")).group == explicit.group, (
-        "a manifest keeps the words"
-    )
-
-
 def test_lists_side_by_side_are_looked_at_pair_by_pair(write):
     """Bit 3 and count 100 each fit their own effect; in a grid they would be crossed."""
     text = GOOD.replace('"overwrite"', '["bit_flip", "overwrite"]').replace(
@@ -288,15 +275,6 @@ def test_bundled_campaigns_need_no_suffix(tmp_path, monkeypatch):
     assert loading.load("mine").campaign.name == "x"
 
 
-@pytest.mark.parametrize("name", ["", ".", "x\0y", 5])
-def test_what_names_no_file(name):
-    with pytest.raises(
-        UserError, match=r"expected (a|the path of a) campaign|no such campaign|cannot be read"
-    ) as error:
-        loading.load(name)
-    assert len(str(error.value)) < 250
-
-
 def test_a_byte_order_mark_is_skipped(tmp_path):
     path = tmp_path / "c.toml"
     path.write_bytes(b"\xef\xbb\xbf" + GOOD.encode())
@@ -314,10 +292,6 @@ def test_unknown_parameters(write):
         ":9: parameters.plant.friction_scale: unknown parameter. Did you mean 'plant.friction_scal'"
         in str(error.value)
     )
-
-
-# --- overrides ------------------------------------------------------------------------------------
-# --------------------
 
 
 def test_overrides(write):
@@ -356,10 +330,6 @@ def test_bad_overrides(write, override, parts):
         assert part in message, message
 
 
-# --- haptics and limits
-# -----------------------------------------------------------------------------------------------
-
-
 def with_section(section: dict) -> CampaignConfig:
     return loading.from_dict({**tomllib.loads(GOOD), **section})
 
@@ -375,20 +345,3 @@ def test_cues_are_the_product_in_si():
         (0.003, 9.0),
     ]
     assert all(c.cap == 0.05 and abs(c.kd - 0.09) < 1e-12 for c in cues)
-
-
-# --- lines ----------------------------------------------------------------------------------------
-# --------------------
-
-
-def test_lines_of_keys():
-    found = location.lines(
-        GOOD + "[[group]]\nname = 'b'\n[[group.fault]]\n'site' = 1\n[[group.fault]]\na.b = 2\n"
-    )
-    assert found["campaign.duration_s"] == 3
-    assert found["parameters.plant.friction_scale"] == 9
-    assert found["parameters.operator.scale"] == 10
-    assert found["group[1].fault[0].effect"] == 21
-    assert found["group[2].fault[0].site"] == 28
-    assert found["group[2].fault[1].a.b"] == 30
-    assert location.nearest(found, ("group", 2, "fault", 1, "nowhere")) == 29

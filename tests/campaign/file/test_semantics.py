@@ -10,9 +10,8 @@ from typing import Any
 import pytest
 
 from ravenjax.campaign import loading
-from ravenjax.campaign.file import bounds, semantics
+from ravenjax.campaign.file import semantics
 from ravenjax.errors import UserError
-from ravenjax.robots.raven2 import ROBOT
 
 HEAD = """
 [campaign]
@@ -89,20 +88,6 @@ def test_what_is_refused_and_what_to_write(text: str, message: str) -> None:
     with pytest.raises(UserError) as error:
         load(text)
     assert message in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ("path", "other", "both"),
-    [
-        ("plant.friction_scale", "plant.gold.friction_scale", True),
-        ("plant.gold.friction_scale", "plant.green.friction_scale", False),
-        ("nominal.kp", "nominal.gold.kp.elbow", True),
-        ("nominal.kp.shoulder", "nominal.gold.kp.elbow", False),
-        ("haptics.cues.threshold_m", "haptics.cues.1.threshold_m", True),
-    ],
-)
-def test_paths_that_share_a_number(path: str, other: str, both: bool) -> None:
-    assert bounds.overlap(ROBOT, path, other) is bounds.overlap(ROBOT, other, path) is both
 
 
 def test_notices_are_no_errors() -> None:

@@ -67,33 +67,11 @@ def problems(kind: str, text: str) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("kind", SCHEMAS)
-def test_it_is_a_schema(kind):
-    jsonschema.Draft202012Validator.check_schema(SCHEMAS[kind])
-
-
 @pytest.mark.parametrize(
     ("kind", "path"), FILES, ids=lambda value: value.stem if isinstance(value, Path) else value
 )
 def test_every_bundled_file_is_valid(kind, path):
     assert problems(kind, path.read_text(encoding="utf-8")) == []
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        CAMPAIGN.replace(
-            "start_ms = 3", 'start_ms = [1, 2]\nduration_ms = { choice = [5, "end"] }'
-        ),
-        CAMPAIGN + '[[group]]\nname = "library"\nhazards = "all"\narm = ["gold", "green"]\n',
-        CAMPAIGN
-        + "[parameters]\nplant.friction_scale = 2\nnominal.gold.kp.elbow = { list = [1, 2] }\n",
-        CAMPAIGN + '[[detector]]\nname = "d"\nkind = "steps"\nfusion = "any"\nconsecutive = [1,'
-        " 8]\nthreshold = 2\n",
-    ],
-)
-def test_what_a_campaign_may_say(text):
-    assert problems("campaign", text) == []
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import synthetic_results as synthetic
 from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.stop import decisions
-from ravenjax.campaign.stop.adaptive import group_draws, stop_rule
+from ravenjax.campaign.stop.adaptive import stop_rule
 from ravenjax.errors import StoreError, UserError
 from ravenjax.outcomes import events
 from ravenjax.outcomes.events import Rules
@@ -43,40 +43,6 @@ def config(stop=None, groups=GROUPS, **more):
             **more,
         }
     )
-
-
-def test_each_group_is_a_stratum_and_one_without_faults_is_not_judged():
-    found = stop_rule(
-        config(
-            {
-                "rates": ["unintended_motion"],
-                "looks": [0.25, 1],
-                "of": "whole",
-                "allocation": "neyman",
-            }
-        )
-    )
-    assert [(s.name, s.size, s.judged) for s in found.strata] == [
-        ("free", 1, False),
-        ("grid", 200, True),
-        ("drawn", 64, True),
-    ]
-    assert found.first().tolist() == [1, 50, 16]
-    assert (found.rates, found.of, found.allocation, found.half_width) == (
-        ("unintended_motion",),
-        "whole",
-        "neyman",
-        0.1,
-    )
-
-
-def test_repeats_and_crossed_variants_are_one_draw():
-    groups = [GROUPS[0], GROUPS[1] | {"repeats": 3}]
-    one = config(
-        groups=groups, campaign={"name": "x", "noise": True}, cross={"operator.scale": [0.1, 0.2]}
-    )
-    assert [tuple(of) for of in group_draws(one)] == [(0, 1, 2), (2, 200, 6)]
-    assert group_draws(one)[1].rows_of(10) == range(2, 62)
 
 
 def test_the_beginning_of_a_grid_is_a_sample_of_it():
