@@ -183,36 +183,6 @@ def window_pdf(browser, report):
     return pdf
 
 
-def rows_of(page, table):
-    return page.evaluate(
-        f"[...document.querySelectorAll('{table} tbody tr')].map((row) =>"
-        " row.cells[0].firstChild.textContent)"
-    )
-
-
-def test_a_table_sorts_by_a_column_and_back(opened):
-    table = "#checks .scroll:first-of-type table"
-    given = rows_of(opened, table)
-    button = opened.locator(f"{table} thead th").nth(0).locator("button")
-    button.click()
-    assert rows_of(opened, table) == sorted(given)
-    assert opened.locator(f"{table} thead th").nth(0).get_attribute("aria-sort") == "ascending"
-    button.click()
-    assert rows_of(opened, table) == sorted(given, reverse=True)
-    button.click()
-    assert rows_of(opened, table) == given
-    numbers = opened.locator(f"{table} thead th").nth(1).locator("button")
-    numbers.click()
-    shares = opened.evaluate(
-        f"[...document.querySelectorAll('{table} tbody td:nth-child(2) b')].map((one) =>"
-        " one.innerText)"
-    )
-    shares = [float(share.removesuffix("\u202f%")) for share in shares]
-    assert shares == sorted(shares, reverse=True)
-    numbers.click()
-    numbers.click()
-
-
 def test_values_are_read_off_a_chart(opened):
     area = opened.locator("[data-figure=curves] svg.wide")
     area.scroll_into_view_if_needed()

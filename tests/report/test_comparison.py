@@ -5,7 +5,6 @@ plain pandas.
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 import pytest
 import synthetic_results as synthetic
 
@@ -149,31 +148,6 @@ def test_what_differs_is_named(found):
         ),
     ]
     assert pairs.faults == pairs.compared and pairs.sampled
-
-
-@pytest.mark.slow
-def test_repeats_of_a_fault_are_one_unit(tmp_path, found):
-    """Three seeds of each fault with the same outcome say no more than one."""
-
-    def thrice(frame):
-        parts = [
-            frame.assign(seed=seed, run_id=[f"{seed}{name[1:]}" for name in frame["run_id"]])
-            for seed in (1, 2, 3)
-        ]
-        every = pd.concat(parts, ignore_index=True)
-        return every.assign(index=np.arange(len(every)), pair=np.arange(len(every)))
-
-    three = comparison.compare(
-        folder(tmp_path / "a", thrice(FIRST)), folder(tmp_path / "b", thrice(SECOND))
-    )
-    assert (
-        three.pairs.faults == found.pairs.faults
-        and three.pairs.compared == 3 * found.pairs.compared
-    )
-    for many, one in zip(three.rates, found.rates, strict=True):
-        assert many.difference.value == pytest.approx(one.difference.value)
-        width, plain = (x.difference.high - x.difference.low for x in (many, one))
-        assert width == pytest.approx(plain, rel=0.15)
 
 
 def test_folders_that_share_nothing_are_refused(tmp_path, folders):

@@ -139,9 +139,6 @@ def test_whatever_comes_only_small_increments_are_read(name, hostile):
             assert abs(result.grasp_mrad[0]) <= 200
 
 
-# --- the recorded console ---
-
-
 @pytest.fixture(scope="module")
 def recorded(shared_data):
     packets = pd.read_parquet(shared_data("console_itp_packets.parquet"))["packet"]

@@ -77,10 +77,6 @@ def test_orientation_is_followed(parquet):
     assert one.summary.arms[0].orientation == "recorded"
 
 
-# --- MCAP -----------------------------------------------------------------------------------------
-# --------------------
-
-
 def trace(path, place, ticks=ROWS, arms=("gold",)):
     """What `ravenjax trace` writes of a motion along `place` [T, 3] m."""
     home = Rotation.from_quat(recordings._home("gold").quat).as_matrix()
@@ -113,10 +109,6 @@ def test_a_trace_is_a_recording(tmp_path, parquet):
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2])
     refused(path, "truncated")
-
-
-# --- damage ---------------------------------------------------------------------------------------
-# --------------------
 
 
 def test_missing_empty_and_unknown(tmp_path):
@@ -153,24 +145,12 @@ def test_a_wrong_value_or_column_is_named(tmp_path, column, row, value, says):
     refused(tmp_path / "m.csv", says)
 
 
-# --- units ----------------------------------------------------------------------------------------
-# --------------------
-
-
 @pytest.mark.parametrize(("is_in", "called"), [("m", "um"), ("um", "mm")])
 def test_implausible_units_are_refused(parquet, is_in, called):
     frame = recording(is_in).rename(
         columns={f"gold_{a}_{is_in}": f"gold_{a}_{called}" for a in "xyz"}
     )
     refused(parquet(frame), "expected 5 to 500 mm", "gold_x_m, gold_x_mm or gold_x_um")
-
-
-# --- nothing moves --------------------------------------------------------------------------------
-# --------------------
-
-
-# --- the public recordings
-# --------------------------------------------------------------------------------------------
 
 
 def test_public_recording(shared_data):
