@@ -81,20 +81,6 @@ def test_what_cannot_be_replayed_is_drawn_and_refused(run, tmp_path):
     assert ">jump<" in (tmp_path / "spiked.svg").read_text()
 
 
-def test_what_cannot_be_read_is_refused_once(run, tmp_path):
-    path = tmp_path / "hands.csv"
-    frame().rename(columns={"t_ms": "t"}).to_csv(path, index=False)
-    code, _, err = run("motion", path, "--out", tmp_path / "pictures")
-    assert (
-        code == USER_ERROR
-        and "nothing says when its 90 rows were sampled" in err
-        and err.count("error:") == 1
-    )
-    assert not (tmp_path / "pictures").exists()
-    code, _, err = run("motion", tmp_path / "none.csv")
-    assert code == USER_ERROR and "no such file" in err
-
-
 @pytest.mark.slow
 def test_a_run_says_what_it_does_with_the_hands(run, hands, tmp_path):
     path = tmp_path / "small.toml"

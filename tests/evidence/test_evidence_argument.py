@@ -12,7 +12,6 @@ import pytest
 import synthetic_results as synthetic
 
 from evidence import record, writing
-from evidence.record import Node
 from ravenjax import cli
 from ravenjax.errors import StoreError
 from ravenjax.store import manifest as manifests
@@ -204,7 +203,3 @@ def test_a_record_that_is_none(kept, change, complaint):
     )
     with pytest.raises(StoreError, match=complaint):
         record.read_record(kept / "evidence")
-
-
-def node(name, kind, *below, **fields):
-    return Node(name=name, kind=kind, text=f"of {name}", supported_by=below, **fields)

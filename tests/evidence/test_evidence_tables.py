@@ -12,7 +12,7 @@ import synthetic_results as synthetic
 from evidence import control_actions, trace
 from evidence.control_actions import count_control_actions
 from evidence.failure_modes import count_failure_modes
-from evidence.sources import Source, identify, opened
+from evidence.sources import Source, opened
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import tables
 from ravenjax.store.folder import ResultFolder
@@ -132,13 +132,3 @@ def test_the_trace_names_every_run_and_its_part(folder, tmp_path):
         for hazard in trace.TRACED:
             assert line[hazard.replace(" ", "_")] == (mine["hazard"] == hazard).sum()
     assert {line["group"] for line in matrix} == set(synthetic.BLOCKS)
-
-
-def test_identity_is_of_what_decides_outcomes():
-    record = synthetic.manifest()
-    same = record.model_copy(
-        update={"starts": 4, "command": ("ravenjax",), "run_s": 3.0, "finished": "2026"}
-    )
-    assert identify(same) == identify(record)
-    for change in ({"limit_mm": 2.0}, {"seed": 8}, {"code_hash": "0" * 64}, {"config": {}}):
-        assert identify(record.model_copy(update=change)) != identify(record)

@@ -91,37 +91,6 @@ def contents(folder: Path):
     return {path: path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
-def line_of(path: Path, text: str) -> int:
-    """Number of the line that holds `text`."""
-    return next(n for n, line in enumerate(path.read_text().splitlines(), 1) if text in line)
-
-
-# --- the campaign file
-# ------------------------------------------------------------------------------------------------
-
-
-def test_an_unknown_fault_site(campaign, refused, tmp_path):
-    path = campaign(site="usb_output")
-    out = tmp_path / "out"
-    where = f"{path}:{line_of(path, 'usb_output')}: group[1].fault[0].site"
-    refused(
-        ["run", path, "--out", out],
-        where,
-        "'usb_output'",
-        "expected one of hand, console, network",
-        "'usb_out'",
-    )
-    assert not out.exists()
-
-
-# --- the operator's file
-# ----------------------------------------------------------------------------------------------
-
-
-# --- the result folder
-# ------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     """A result folder of three parts and its campaign file."""

@@ -107,13 +107,6 @@ def test_what_is_no_toml(source, words):
         rj.Campaign.from_toml(source)
 
 
-def test_an_error_in_a_file_names_its_line(tmp_path):
-    file = tmp_path / "bad.toml"
-    file.write_text('[campaign]\nname = "x"\nsed = 3\n[[group]]\nname = "a"\n')
-    with pytest.raises(rj.UserError, match=r"bad\.toml:3: campaign\.sed: unknown key"):
-        rj.Campaign.from_toml(file)
-
-
 def test_overrides_are_those_of_the_command_line():
     campaign = rj.Campaign.from_toml("quick", ["campaign.limit=5", "group.hand.fault.0.value=7"])
     assert campaign == rj.Campaign.from_toml(campaign.to_toml())
@@ -167,15 +160,6 @@ def test_files_are_taken_along(tmp_path, monkeypatch):
         campaign.to_toml(tmp_path / "nowhere" / "own.toml")
     with pytest.raises(rj.UserError, match="expected the path of a file to write"):
         campaign.to_toml(5)
-
-
-def test_a_notebook_shows_a_campaign():
-    card = rj.Campaign(**minimal(description="<b>what</b>"))._repr_html_()
-    assert (
-        "&lt;b&gt;what&lt;/b&gt;" in card
-        and "<script" not in card
-        and ">1</b><span>run of 3 s" in card
-    )
 
 
 def test_a_campaign_of_another_robot():

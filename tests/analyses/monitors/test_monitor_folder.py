@@ -119,9 +119,6 @@ def compiled(
     return subprocess.run([str(out), str(folder / writing.VECTOR)], capture_output=True, text=True)
 
 
-# --- C ---
-
-
 @pytest.mark.parametrize("options", [["-O0"], ["-O3", "-march=native"]])
 def test_c_gives_the_bits_of_the_tick(folder, compiler, tmp_path, options):
     result = compiled(compiler, folder, tmp_path / "a.out", *options)
@@ -155,9 +152,6 @@ def test_every_kind_of_score_gives_the_same_bits_in_c(compiler, tmp_path, kind):
         (tmp_path / name).write_text(text)
     (tmp_path / writing.VECTOR).write_text(writing._csv(vector))
     assert compiled(compiler, tmp_path, tmp_path / "a.out").stdout.endswith(" 0 differ\n")
-
-
-# --- the folder ---
 
 
 def test_the_record_says_what_the_promise_rests_on(folder):
@@ -225,9 +219,6 @@ def test_a_calibration_goes_on_and_changes_nothing(folder, tmp_path):
         if name == writing.RECORD:
             left["design"].pop("operations_sha256"), right["design"].pop("operations_sha256")
         assert left == right
-
-
-# --- fresh operations ---
 
 
 @pytest.mark.slow

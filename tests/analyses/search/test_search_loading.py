@@ -124,11 +124,6 @@ def test_other_kinds_are_checked(search, told):
         loading.from_dict(raw)
 
 
-def test_a_missing_file_names_the_bundled_ones():
-    with pytest.raises(UserError, match="Did you mean 'rare_tip_error'"):
-        loading.load("rare_tip_eror")
-
-
 def test_bundled_files_are_valid():
     found = loading.bundled()
     assert len(found) >= 4
