@@ -79,16 +79,11 @@ def test_a_whole_campaign_and_the_python_api_say_the_same(said, folder):
     ("words", "told"),
     [
         (("nowhere",), "nowhere: is not a result folder, it holds no manifest.json"),
-        (("FOLDER", "ffff0000"), "run 'ffff0000': no run has this id"),
         (
             ("FOLDER", "--group", "dak"),
             "--group 'dak': unknown, expected dac, free; did you mean dac?",
         ),
         (("FOLDER", "--worst", "0"), "--worst 0: expected a number of runs, 1 or more"),
-        (
-            ("FOLDER", "7", "--worst", "2"),
-            "which runs? Give run ids or indices, or --worst N, or --group NAME",
-        ),
         (
             ("FOLDER", "7", "--engine", "mjx"),
             "engine 'mjx' cannot explain runs: expected auto or simd, xla, cuda",

@@ -15,7 +15,6 @@ from evidence.failure_modes import count_failure_modes
 from evidence.sources import Source, opened
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import tables
-from ravenjax.store.folder import ResultFolder
 
 RUNS = 600
 FRAME = synthetic.frame(RUNS)
@@ -30,17 +29,6 @@ def of(frame, **changes):
     return Source("R1", None, manifest, Runs.of(frame, manifest))  # type: ignore[arg-type]
 
 
-def folder_of(place, frame, record):
-    """A result folder of these rows, in parts of which one begins with a run that ended in a
-    hazard.
-    """
-    results = ResultFolder.open(place, record)
-    for rows in results.missing(BEGINS):
-        results.add(frame.iloc[rows.start : rows.stop])
-    results.close(compile_s=1.0, run_s=1.0, rows=len(frame))
-    return place
-
-
 @pytest.fixture(scope="module")
 def source():
     return of(FRAME)
@@ -48,9 +36,9 @@ def source():
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    return folder_of(
-        tmp_path_factory.mktemp("evidence") / "made up", FRAME, synthetic.manifest(RUNS)
-    )
+    """In parts of which one begins with a run that ended in a hazard."""
+    place = tmp_path_factory.mktemp("evidence") / "made up"
+    return synthetic.folder(place, FRAME, synthetic.manifest(RUNS), BEGINS)
 
 
 def test_failure_modes_are_counted_by_hand(source):

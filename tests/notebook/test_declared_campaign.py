@@ -54,10 +54,6 @@ def minimal(**more):
         minimal(sed=3),
         minimal(haptic={"cap": 0.1}),
         {"name": "x"},
-        minimal(
-            group=[{"name": "a", "fault": [{"site": "usb_ou", "effect": "offset", "start_ms": 1}]}]
-        ),
-        minimal(group=[{"name": "a", "hazards": "C0"}]),
         minimal(parameters={"plant.mass_scale": {"uniform": [2, 1]}}),
     ],
     ids=lambda keys: str(sorted(keys)),

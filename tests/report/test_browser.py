@@ -6,27 +6,19 @@ from __future__ import annotations
 
 import csv
 import io
-import shutil
 import xml.etree.ElementTree as ET
 
 import pytest
 import reacting_results as reacting
+import synthetic_results as synthetic
+from chromium import CHROMIUM, NEEDED
 
 from ravenjax.report import page
-from ravenjax.store.folder import ResultFolder
 
 sync_api = pytest.importorskip(
     "playwright.sync_api", reason="playwright is not installed (pip install playwright)"
 )
-CHROMIUM = (
-    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-)
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(
-        CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)"
-    ),
-]
+pytestmark = [pytest.mark.slow, NEEDED]
 
 ARGUMENTS = ["--no-sandbox"]  # a container has none
 
@@ -38,11 +30,7 @@ def report(tmp_path_factory):
     frame.loc[frame["group"] == "encoder", "group"] = (
         "C09 encoder"  # a hazard of the library, for the risk table
     )
-    results = ResultFolder.open(folder, reacting.manifest(len(frame)))
-    for rows in results.missing(500):
-        results.add(frame.iloc[rows.start : rows.stop])
-    results.close(compile_s=1.0, run_s=1.0, rows=len(frame))
-    return page.build(folder)
+    return page.build(synthetic.folder(folder, frame, reacting.manifest(len(frame))))
 
 
 @pytest.fixture(scope="module")

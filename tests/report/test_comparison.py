@@ -13,7 +13,6 @@ from ravenjax.outcomes import verdict
 from ravenjax.report import comparison
 from ravenjax.stats.comparison import paired
 from ravenjax.store import manifest
-from ravenjax.store.folder import ResultFolder
 
 RUNS = 900
 FIRST = synthetic.frame(RUNS)
@@ -46,10 +45,7 @@ SECOND = changed()
 
 
 def folder(place, frame, **changes):
-    opened = ResultFolder.open(place, synthetic.manifest(len(frame), **changes))
-    for rows in opened.missing(400):
-        opened.add(frame.iloc[rows.start : rows.stop])
-    return place
+    return synthetic.folder(place, frame, synthetic.manifest(len(frame), **changes))
 
 
 @pytest.fixture(scope="module")
@@ -136,18 +132,6 @@ def test_what_differs_is_named(found):
         ("operator.name", '"suturing"', '"circle"')
     ]
     assert [one.path for one in found.environment] == ["code_hash"]
-    pairs = found.pairs
-    assert found.sentences() == [
-        (
-            f"Paired by run id: {pairs.by_run_id} runs, by fault: {pairs.by_fault}. "
-            f"Compared: {pairs.compared} pairs with a fault and two valid outcomes."
-        ),
-        (
-            f"Of {pairs.compared} faults; intervals, 95 %, are over these faults, all pairs of a"
-            " fault together."
-        ),
-    ]
-    assert pairs.faults == pairs.compared and pairs.sampled
 
 
 def test_folders_that_share_nothing_are_refused(tmp_path, folders):

@@ -47,11 +47,7 @@ def of_facts(**columns):
 @pytest.fixture(scope="module")
 def built(tmp_path_factory):
     folder = tmp_path_factory.mktemp("with space") / "quick"
-    results = ResultFolder.open(folder, MANIFEST)
-    for rows in results.missing(300):
-        results.add(FRAME.iloc[rows.start : rows.stop])
-    results.close(compile_s=12.0, run_s=40.0, rows=RUNS)
-    path = page.build(folder)
+    path = page.build(synthetic.folder(folder, FRAME, MANIFEST))
     return path, path.read_text(encoding="utf-8")
 
 

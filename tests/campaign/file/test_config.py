@@ -81,22 +81,6 @@ def test_quick_is_what_the_readme_says():
             ":3: campaign.sed: unknown key | Did you mean 'seed'",
         ),
         (
-            "duration_s = 2.0",
-            "duration_s = -2",
-            ":3: campaign.duration_s: got -2, expected greater than 0",
-        ),
-        (
-            "duration_s = 2.0",
-            "duration_s = true",
-            ":3: campaign.duration_s: got 'true', expected a valid number",
-        ),
-        (
-            "start_ms = 1000",
-            "start_ms = true",
-            ":23: | start_ms: got True | whole number of milliseconds",
-        ),
-        ("[operator]", "[operatr]", "operatr: unknown key | Did you mean 'operator'"),
-        (
             'motion = "reach"',
             'motion = "rech"',
             ":6: operator.motion: unknown motion 'rech' | Did you mean 'reach'",
@@ -112,13 +96,6 @@ def test_quick_is_what_the_readme_says():
             ":19: group[1].fault[0].site: unknown fault site 'usbout' | Did you mean 'usb_out'",
         ),
         (
-            '"overwrite"',
-            '"overwrit"',
-            ":21: | unknown effect 'overwrit' | Did you mean 'overwrite'",
-        ),
-        ("value = [100, 200]", 'value = "big"', ":22: | got 'big', expected a number"),
-        ("value = [100, 200]", "value = []", ":22: | at least one value, got []"),
-        (
             "value = [100, 200]",
             "value = {unifrm = [1, 2]}",
             "exactly one of the keys | Did you mean 'uniform'",
@@ -131,11 +108,6 @@ def test_quick_is_what_the_readme_says():
         ('[10, "end"]', '{uniform = ["end", 5]}', ":24: | got 'end', expected a number"),
         (
             "value = [100, 200]",
-            "value = {uniform = [-3e9, 0]}",
-            ":22: | shoulder is a 16-bit number: expected -32768..32767, got -3000000000",
-        ),
-        (
-            "value = [100, 200]",
             "value = 99999",
             ":22: | shoulder is a 16-bit number: | got 99999, which would wrap to -31073",
         ),
@@ -143,11 +115,6 @@ def test_quick_is_what_the_readme_says():
             "start_ms = 1000",
             'start_ms = 5000\ntrigger = "pedal"',
             "got 5000, expected less than the run's 2000 ms",
-        ),
-        (
-            "start_ms = 1000",
-            "start_ms = 1000\nruns = 5",
-            "fault[0].runs: unknown key | It is a key of [[group]]",
         ),
         (
             "duration_s = 2.0",
@@ -161,16 +128,10 @@ def test_quick_is_what_the_readme_says():
         ),
         ('"overwrite"', '"bit_flip"', ":22: | index of a bit, 0..15, got 100"),
         (
-            '"x"',
-            '"xxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxx"',
-            ":2: campaign.name | at most 100 characters",
-        ),
-        (
             "start_ms = 1000",
             'start_ms = 1000\narm = "green"',
             "arm 'green' is not in this campaign",
         ),
-        ("start_ms = 1000", "start_ms = 1000\nevery_ms = 5", "every_ms | not longer than every_ms"),
         ('"free"', '"dac"', "got name 'dac' twice"),
         (
             '"free"',

@@ -45,20 +45,7 @@ def load(text: str) -> Any:
             NETWORK + "effect = 'drop'\nvalue = 1",
             "group[0].fault[0].value: effect 'drop' takes no value: remove the key",
         ),
-        (
-            FAULT.replace("overwrite", "periodic"),
-            "fault[0].period_ms: effect 'periodic' needs a period of at least 1 ms",
-        ),
         (FAULT.replace("overwrite", "delay"), "fault[0].effect: 'delay' belongs to site 'network'"),
-        (
-            FAULT.replace('channel = "shoulder"\n', ""),
-            "channel: missing: site usb_out has",
-        ),
-        (
-            FAULT.replace("[100, 200]", "{ together = [1, 2] }"),
-            "a table has exactly one of the keys uniform, loguniform, normal, choice, list, got"
-            " together",
-        ),
         (
             "[parameters]\nplant.friction_scale = { together = [1, 2] }\n"
             "plant.mass_scale = { together = [1, 2, 3] }\n" + PLAIN,
