@@ -110,9 +110,9 @@ def test_unfinished_campaign_says_so(tmp_path):
 def test_a_campaign_that_stopped_by_itself_says_why_and_what_its_pooled_rates_are(tmp_path, even):
     results = ResultFolder.open(tmp_path, MANIFEST)
     results.add(FRAME.iloc[:100])
-    look = Look(
-        2, 4, {"dac": 60}, {"dac": 800}, (), 0.04, (), True, half_width=0.05, each=0.99, even=even
-    )
+    rows = {"taken": {"dac": 60}, "held": {"dac": 800}, "intervals": (), "waiting": ()}
+    known = {"widest": 0.04, "half_width": 0.05, "each": 0.99, "even": even}
+    look = Look(number=2, looks=4, stop=True, **rows, **known)
     decisions.write(tmp_path, [look])
     text = words(Page(page.build(tmp_path).read_text(encoding="utf-8")))
     assert "Stopped at look 2 of 4: every rate is known within +-0.05." in text
