@@ -105,15 +105,6 @@ def crtk_bag(path: Path, gold: Motion, green: Motion, ros: int = 1, swapped: boo
     return (_ros1 if ros == 1 else _ros2)(path, store, topics, messages)
 
 
-def other_bag(path: Path) -> Path:
-    """ROS 1: joint states under a name that nobody looks for."""
-    store, kind = get_typestore(Stores.ROS1_NOETIC), "sensor_msgs/msg/JointState"
-    message = store.types[kind](_header(store, 0.0), ["shoulder_L"], *[np.zeros(1)] * 3)
-    return _ros1(
-        path, store, {"/joint_states": kind}, lambda: iter([("/joint_states", EPOCH_NS, message)])
-    )
-
-
 def _ros1(
     path: Path, store: Any, topics: dict[str, str], messages: Callable[[], Iterator[Any]]
 ) -> Path:

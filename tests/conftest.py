@@ -46,6 +46,22 @@ def usual_code():
         yield
 
 
+@pytest.fixture
+def command_line(capsys, monkeypatch):
+    """Runs a command line, on a wide terminal: (exit code, stdout, stderr)."""
+    from ravenjax.cli import console, main
+
+    monkeypatch.setattr(console, "out", type(console.out)(width=600))
+    monkeypatch.setattr(console, "err", type(console.err)(width=600, stderr=True))
+
+    def run(*tokens):
+        code = main([str(token) for token in tokens])
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return run
+
+
 @pytest.fixture(scope="session")
 def shared_data() -> Callable[[str], Path]:
     """Path of a public recording by name; the test is skipped, naming the file, where it is

@@ -12,6 +12,7 @@ import pandas as pd
 
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.store import parts, schema
+from ravenjax.store.folder import ResultFolder
 from ravenjax.store.manifest import CueRecord, DetectorRecord, Manifest, config_hash
 
 CHECKS = (
@@ -249,6 +250,15 @@ def manifest(runs: int = 2000, **changes: object) -> Manifest:
         "code_hash": "0123456789abcdef" * 4,
     }
     return Manifest.model_validate(fields | changes)
+
+
+def folder(place: Path, rows: pd.DataFrame, record: Manifest, chunk: int = 500) -> Path:
+    """A finished result folder of these rows, in parts of so many."""
+    results = ResultFolder.open(place, record)
+    for span in results.missing(chunk):
+        results.add(rows.iloc[span.start : span.stop])
+    results.close(compile_s=1.0, run_s=1.0, rows=len(rows))
+    return place
 
 
 def write_part(folder: Path, columns, shape: schema.Shape, config_hash: str) -> parts.Part:

@@ -10,18 +10,6 @@ import pytest
 from ravenjax import threads
 
 
-def test_what_comes_is_in_order_whatever_ends_first():
-    assert threads.mapped(lambda n: time.sleep(0.02 * (5 - n)) or n * n, range(6), 6) == [
-        0,
-        1,
-        4,
-        9,
-        16,
-        25,
-    ]
-    assert threads.mapped(str, ()) == [] and threads.mapped(str, iter([3])) == ["3"]
-
-
 @pytest.mark.parametrize("most", [1, 2, 5])
 def test_no_more_run_at_a_time_than_asked_for(most):
     now, peak, lock = 0, 0, threading.Lock()

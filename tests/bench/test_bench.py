@@ -12,7 +12,6 @@ from bench import (
     commands,
     engines,
     peers,
-    scaling,
 )
 from bench.workload import PATTERN_RUNS, Workload
 from ravenjax.campaign import loading, plan
@@ -112,22 +111,6 @@ def test_campaigns_are_timed_by_size_and_by_fault_time(own_cache, monkeypatch):
     ways = [(row["fault_at_ms"], row["observe_ms"]) for row in rows]
     assert ways == [(0, None), (30, None), (0, 20), (30, 20)]
     assert all(row["us_per_run"] > 0.0 for row in rows)
-
-
-@pytest.mark.parametrize(
-    ("real", "threads", "usable", "counts"),
-    [
-        (1, 1, 1, [1]),
-        (2, 2, 2, [1, 2]),
-        (6, 6, 6, [1, 2, 4, 6]),
-        (8, 16, 16, [1, 2, 4, 8, 16]),
-        (8, 16, 3, [1, 2, 3]),
-        (1, 2, 2, [1, 2]),
-        (2, 4, 1, [1]),
-    ],
-)
-def test_counts_of_cores(real, threads, usable, counts):
-    assert scaling.count_cores(real, threads, usable) == counts
 
 
 def test_a_command_is_timed_in_a_process_of_its_own(tmp_path):

@@ -87,15 +87,6 @@ def test_ratios_are_those_of_the_best():
     assert ratios == {("simd", "mjx"): 1000.0, ("simd", "mujoco.rollout"): 5.0}
 
 
-def test_tables_have_every_key_and_escape_bars():
-    found = {"cores": [{"cores": 1, "rate": 12345.6}, {"cores": 2, "s": [1.0, 0.5]}], "peers": []}
-    ((title, columns, rows),) = suite.make_tables(found)
-    assert title.startswith("Cores") and columns == ("cores", "rate", "s")
-    assert rows == [("1", "12,346", ""), ("2", "", "2 times, 0.5 to 1")]
-    page = suite.write_markdown("T", "command", [("A", ("x",), [(suite._text("a|b"),)])])
-    assert "| a\\|b |" in page and "Written by `command`." in page
-
-
 def test_times_that_make_no_sense_are_refused(capsys):
     for seconds in ("1", "-5", "nan", "1e9"):
         assert main(["bench", "--seconds", seconds]) == 2

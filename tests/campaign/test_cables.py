@@ -80,7 +80,6 @@ def test_engine_cuda_has_the_bits_of_engine_simd(monkeypatch, tmp_path):
             {"cables": "break"},
             "motors pull at the cables of parameter_set 'traj3' twelve times as hard",
         ),
-        ({"cables": "brake"}, "campaign.cables"),
         (
             {"parameters": {"plant.cable_strength": 900.0}},
             "nothing reads it but with parameter_set = 'power_consistent'",

@@ -15,7 +15,6 @@ from ravenjax.campaign.memory_windows import (
 )
 
 SEED = st.integers(0, 9)
-SAME = np.zeros(1000, int)
 
 
 @st.composite
@@ -63,14 +62,6 @@ def test_every_row_is_in_one_block_and_nothing_is_too_large(
             assert len(block) <= lanes and (shared or len(block) <= min(most, alone))
 
 
-def test_blocks_are_full_where_a_golden_run_is_shared():
-    found = list(
-        cut_into_windows([range(0, 70), range(80, 1000)], SAME, SAME, WindowLimits(64, 4, 1, 1))
-    )
-    assert [len(block) for window in found for block in window.blocks] == [64] * 15 + [30]
-    assert [len(window.blocks) for window in found] == [4, 4, 4, 4]
-
-
 @given(ranges(), st.integers(1, 50), st.integers(1, 40), SEED)
 def test_parts_hold_the_rows_of_their_ranges(ranges, lanes, golden_runs, seed):
     """Also where the blocks of a window hold its rows in another order."""
@@ -90,12 +81,3 @@ def test_parts_hold_the_rows_of_their_ranges(ranges, lanes, golden_runs, seed):
     for part in found:
         np.testing.assert_array_equal(part.outcomes["row"], np.asarray(part.rows))
         np.testing.assert_array_equal(part.golden_runs["golden"], golden[np.asarray(part.rows)])
-
-
-def test_columns_of_one_value_stay_one_number():
-    window = next(cut_into_windows([range(4)], SAME, SAME, WindowLimits(2, 4, 1, 1)))
-    one, other = (np.broadcast_to(np.array([value]), 2) for value in (1.0, 2.0))
-    for second, strides in ((one, (0,)), (other, (8,))):
-        table, _ = join_blocks(window, [({"x": one}, {"g": one}), ({"x": second}, {"g": one})])
-        assert table["x"].strides == strides
-        assert table["x"].tolist() == [*one, *second]

@@ -286,28 +286,6 @@ WRONG = {
             r" pedal, pace\. Did .*'delta'"
         ),
     ),
-    "one hand": (
-        STEP + "state, {'delta': view.arms[0].delta}",
-        (
-            r"mine\.py:2: .* for delta, expected a tuple of 1, one for each arm: a Vec of 3"
-            r" numbers, um"
-        ),
-    ),
-    "branch": (
-        (
-            "def step(params, state, view):\n    if view.arms[0].force > 0:\n        return state,"
-            " {'pedal': view.pedal}\n    return state, {'pedal': view.pedal}\n"
-        ),
-        r"mine\.py:3: .* write jnp\.where",
-    ),
-    "state": (
-        "def init(params):\n    return (0,)\n" + STEP + "(view.scale,), {}",
-        r"mine\.py:4: .*makes the state's 0 a float, it began as int",
-    ),
-    "attribute": (
-        STEP + "state, {'pedal': view.pedal_down}",
-        r"mine\.py:3: .*has no pedal_down",
-    ),
 }
 
 

@@ -124,13 +124,6 @@ def test_engine_cuda_has_the_bits_of_engine_simd(monkeypatch, tmp_path):
 @pytest.mark.parametrize(
     ("value", "words"),
     [
-        (
-            "measurd",
-            (
-                "got 'measurd', expected one of 'every_cycle', 'measured', 'bursts'. Did you mean"
-                " 'measured'"
-            ),
-        ),
         ([0.5, 0.4], "whose sum is 0.9, expected shares of packets that last 1, 2, 3, .. cycles"),
         ([], "got 0 shares, expected 1 to 32"),
     ],

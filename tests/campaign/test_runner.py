@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import time
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -115,52 +112,6 @@ def test_rows_do_not_depend_on_the_size_of_blocks(whole, monkeypatch):
     monkeypatch.setattr(simd, "MAX_LANES", 16)
     monkeypatch.setattr(computation, "GOLDEN_BYTES", 1)
     same(whole, rj.run(config()))
-
-
-@pytest.fixture
-def blocks(monkeypatch):
-    """(lanes, whether it is one of golden runs) of each block that engine simd runs."""
-    ran, run = [], simd.SimdKernel.run
-
-    def watched(self, block, *others):
-        lanes = len(next(iter(block.faults.slots)).code)
-        ran.append((lanes, block.reference is None))
-        return run(self, block, *others)
-
-    monkeypatch.setattr(simd.SimdKernel, "run", watched)
-    return ran
-
-
-@pytest.mark.slow
-def test_nothing_piles_up_behind_a_slow_disk(blocks, monkeypatch, tmp_path):
-    """While the first parts cannot be written, no more blocks are computed than may be under
-    way.
-    """
-    monkeypatch.setattr(simd, "MAX_LANES", 16)
-    monkeypatch.setattr(computation, "SORTED_ROWS", 1)
-    threads = len(os.sched_getaffinity(0))
-    a_golden, written = 1, 2 * min(local.WRITERS, threads)
-    under_way = 2 * computation.AHEAD * threads  # the blocks of two windows
-    runs = 16 * 2 * (a_golden + under_way + written)
-    put, stuck = runner.ResultFolder.put, []
-
-    def waiting(self, part):
-        before = -1
-        while not stuck and before != len(blocks):
-            before = len(blocks)
-            time.sleep(0.2)
-        stuck.append(len(blocks))
-        put(self, part)
-
-    monkeypatch.setattr(runner.ResultFolder, "put", waiting)
-    many = {**CAMPAIGN["group"][1], "runs": runs}
-    wanted = {"name": "many", "duration_s": 0.02, "chunk": 16}
-    many["fault"] = [{**many["fault"][0], "start_ms": 5}]
-    table = rj.run(
-        rj.load_campaign({**CAMPAIGN, "campaign": wanted, "group": [many]}), tmp_path, engine="simd"
-    )
-    assert stuck[0] <= a_golden + under_way + written
-    assert len(table) == runs
 
 
 def test_another_campaign_is_refused_and_nothing_is_lost(tmp_path):

@@ -1,4 +1,4 @@
-"""What a start computes and what it tells: rows that grow, shards, one writer, progress for
+"""What a start computes and what it tells: limits, shards, one writer, progress for
 whoever watches.
 """
 
@@ -13,7 +13,7 @@ import tiny_campaign as tiny
 from ravenjax.campaign import runner
 from ravenjax.campaign.executors.shards import Shard
 from ravenjax.campaign.progress import Status
-from ravenjax.errors import StoreError, UserError
+from ravenjax.errors import StoreError
 from ravenjax.store import manifest, parts
 from ravenjax.store.access import lock
 from ravenjax.store.folder import read_all
@@ -31,28 +31,6 @@ def whole(tmp_path_factory):
         command=["ravenjax", "run", "tiny.toml"],
     )
     return out, told
-
-
-@pytest.mark.slow
-def test_rows_may_grow_and_no_part_is_made_twice(whole, tmp_path):
-    steps = (
-        [range(30, 50), range(100, 101)],
-        [range(0, 30), range(30, 50)],
-        [range(200, 300)],
-        None,
-    )
-    expected = (21, 51, 151, 300)
-    for rows, count in zip(steps, expected, strict=True):
-        before = {path: path.stat().st_mtime_ns for path in parts.files(tmp_path / "parts")}
-        told: list[Status] = []
-        table = runner.run_campaign(
-            tiny.config(), tmp_path, "simd", rows=rows, on_progress=told.append
-        ).frame()
-        assert len(table) == count == manifest.read(tmp_path).done
-        assert manifest.read(tmp_path).finished is not None
-        assert (told[-1].phase, told[-1].done, told[-1].total) == ("done", count, count)
-        assert {path: path.stat().st_mtime_ns for path in before} == before
-    assert tiny.digest(tmp_path) == tiny.digest(whole[0])
 
 
 def limited(limit):
@@ -83,12 +61,6 @@ def test_a_limited_run_goes_on_to_more_and_to_all(whole, tmp_path):
     assert tiny.digest(tmp_path) == tiny.digest(whole[0])
     last, expected = manifest.read(tmp_path), manifest.read(whole[0])
     assert last.differences(expected) == [] and last.rows is None and last.done == 300
-
-
-@pytest.mark.parametrize("rows", [[range(-1, 2)], [range(290, 301)], [range(0, 10, 2)]])
-def test_rows_that_the_campaign_has_not(rows):
-    with pytest.raises(UserError, match="expected ranges of step 1 within 0 to 300"):
-        runner.run_campaign(tiny.config(), None, "simd", rows=rows)
 
 
 def test_a_shard_has_its_rows_and_says_so(whole, tmp_path):

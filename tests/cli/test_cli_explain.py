@@ -5,7 +5,6 @@ be explained.
 from __future__ import annotations
 
 import csv
-import importlib
 import json
 from typing import Any
 
@@ -80,16 +79,11 @@ def test_a_whole_campaign_and_the_python_api_say_the_same(said, folder):
     ("words", "told"),
     [
         (("nowhere",), "nowhere: is not a result folder, it holds no manifest.json"),
-        (("FOLDER", "ffff0000"), "run 'ffff0000': no run has this id"),
         (
             ("FOLDER", "--group", "dak"),
             "--group 'dak': unknown, expected dac, free; did you mean dac?",
         ),
         (("FOLDER", "--worst", "0"), "--worst 0: expected a number of runs, 1 or more"),
-        (
-            ("FOLDER", "7", "--worst", "2"),
-            "which runs? Give run ids or indices, or --worst N, or --group NAME",
-        ),
         (
             ("FOLDER", "7", "--engine", "mjx"),
             "engine 'mjx' cannot explain runs: expected auto or simd, xla, cuda",
@@ -100,17 +94,3 @@ def test_what_cannot_be_explained_is_one_error(said, folder, words, told):
     code, out, err = said(*(folder if word == "FOLDER" else word for word in words))
     assert code == cli.USER_ERROR and not out
     assert told.replace("FOLDER", str(folder)).split("; did")[0] in err
-
-
-def test_results_of_engine_mjx_name_another(said, folder, tmp_path):
-    record = manifest.read(folder).model_copy(update={"engine": "mjx"})
-    (tmp_path / "manifest.json").write_text(record.model_dump_json())
-    code, _, err = said(tmp_path, "7", "--out", tmp_path)
-    assert code == cli.USER_ERROR and "engine 'mjx' cannot" in err and "--engine simd" in err
-
-
-def test_a_robot_without_seams_is_named(monkeypatch):
-    homes = importlib.import_module("ravenjax.robots.raven2.campaign")._HOMES
-    monkeypatch.delitem(homes, "explained")
-    with pytest.raises(rj.UserError, match="robot 'raven2' declares no seams"):
-        rj.explain(tiny_campaign.config(runs=5))

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from ravenjax.document import drawing, palette
-from ravenjax.document.chart import RESOLUTION, Chart, ChartAxis, Curve, Dots
+from ravenjax.document import drawing
+from ravenjax.document.chart import RESOLUTION, Chart, ChartAxis, Curve
 
 TIME = ChartAxis("time, ms", 1.0, 1000.0, log=True, unit="ms")
 SHARE = ChartAxis("share of faults", 0.0, 0.8, share=True)
@@ -87,30 +87,9 @@ def test_its_numbers_as_a_table():
     assert "How soon" in CHART.words() and "share of faults over time, ms, of cue" in CHART.words()
 
 
-def test_marks_in_numbers():
-    dots = Dots(
-        "sets",
-        "cue",
-        np.array([0.0]),
-        np.array([0.05]),
-        np.array([0.0]),
-        np.array([396.0]),
-        tips=("2 mm",),
-    )
-    (marks,) = Chart("Trade", ChartAxis("per hour", 0, 400), SHARE, (dots,)).numbers()
-    assert marks.rows == [("2 mm", "0 (0 to 396)", "5.0\u202f%")]
-
-
 def test_every_drawing_tells_what_it_is_and_no_name_is_markup():
     evil = Chart('<b>"', TIME, SHARE, (Curve('<script>"', "cue", CURVE.x, CURVE.y, step=True),))
     for chart in (CHART, evil):
         root, _ = drawn(chart)
         assert root.get("role") == "img" and root.get("aria-label") == chart.words()
         assert root.get("aria-describedby") == "n"
-
-
-def test_colours_differ_and_every_name_has_both_schemes():
-    light = [palette.PALETTE[name].light for name in palette.SERIES]
-    assert len(set(light)) == len(light)
-    for name in palette.PALETTE:
-        assert palette.css().count(f"--{name}: #") == 2

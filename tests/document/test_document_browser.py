@@ -4,21 +4,15 @@ is shown.
 
 from __future__ import annotations
 
-import shutil
-
 import pytest
+from chromium import CHROMIUM, NEEDED
 
 from ravenjax.document import html
 
 sync_api = pytest.importorskip(
     "playwright.sync_api", reason="playwright is not installed (pip install playwright)"
 )
-CHROMIUM = (
-    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-)
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)"
-)
+pytestmark = NEEDED
 
 NUMBERS = ["12", "−3.5 mm", "1,200", "–", *(f"{n}.5 (1 to 9)" for n in range(20, 36))]
 LONG = "# Long\n\n## Numbers\n\n| name | number | a | b | c |\n|---|---|---|---|---|\n" + "".join(

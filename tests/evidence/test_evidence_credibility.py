@@ -15,7 +15,6 @@ from evidence.credibility import CredibilityStatement, ModelCredibility
 from evidence.record import NOTICE
 from ravenjax import cli
 from ravenjax.store.files import sha256
-from ravenjax.store.folder import ResultFolder
 from studies import claims
 
 ROOT = Path(__file__).parents[2]
@@ -25,10 +24,7 @@ RUNS = 120
 @pytest.fixture
 def folder(tmp_path):
     place = tmp_path / "result"
-    results = ResultFolder.open(place, synthetic.manifest(RUNS))
-    results.add(synthetic.frame(RUNS))
-    results.close(compile_s=1.0, run_s=1.0, rows=RUNS)
-    return place
+    return synthetic.folder(place, synthetic.frame(RUNS), synthetic.manifest(RUNS))
 
 
 def node_of(place, file):

@@ -12,10 +12,9 @@ import synthetic_results as synthetic
 from evidence import control_actions, trace
 from evidence.control_actions import count_control_actions
 from evidence.failure_modes import count_failure_modes
-from evidence.sources import Source, identify, opened
+from evidence.sources import Source, opened
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import tables
-from ravenjax.store.folder import ResultFolder
 
 RUNS = 600
 FRAME = synthetic.frame(RUNS)
@@ -30,17 +29,6 @@ def of(frame, **changes):
     return Source("R1", None, manifest, Runs.of(frame, manifest))  # type: ignore[arg-type]
 
 
-def folder_of(place, frame, record):
-    """A result folder of these rows, in parts of which one begins with a run that ended in a
-    hazard.
-    """
-    results = ResultFolder.open(place, record)
-    for rows in results.missing(BEGINS):
-        results.add(frame.iloc[rows.start : rows.stop])
-    results.close(compile_s=1.0, run_s=1.0, rows=len(frame))
-    return place
-
-
 @pytest.fixture(scope="module")
 def source():
     return of(FRAME)
@@ -48,9 +36,9 @@ def source():
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    return folder_of(
-        tmp_path_factory.mktemp("evidence") / "made up", FRAME, synthetic.manifest(RUNS)
-    )
+    """In parts of which one begins with a run that ended in a hazard."""
+    place = tmp_path_factory.mktemp("evidence") / "made up"
+    return synthetic.folder(place, FRAME, synthetic.manifest(RUNS), BEGINS)
 
 
 def test_failure_modes_are_counted_by_hand(source):
@@ -132,13 +120,3 @@ def test_the_trace_names_every_run_and_its_part(folder, tmp_path):
         for hazard in trace.TRACED:
             assert line[hazard.replace(" ", "_")] == (mine["hazard"] == hazard).sum()
     assert {line["group"] for line in matrix} == set(synthetic.BLOCKS)
-
-
-def test_identity_is_of_what_decides_outcomes():
-    record = synthetic.manifest()
-    same = record.model_copy(
-        update={"starts": 4, "command": ("ravenjax",), "run_s": 3.0, "finished": "2026"}
-    )
-    assert identify(same) == identify(record)
-    for change in ({"limit_mm": 2.0}, {"seed": 8}, {"code_hash": "0" * 64}, {"config": {}}):
-        assert identify(record.model_copy(update=change)) != identify(record)

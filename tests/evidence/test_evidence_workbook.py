@@ -14,7 +14,6 @@ import synthetic_results as synthetic
 from evidence import workbook, writing
 from evidence.record import NOTICE
 from ravenjax import cli
-from ravenjax.store.folder import ResultFolder
 
 RUNS = 120
 SPACE = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
@@ -23,10 +22,7 @@ SPACE = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     place = tmp_path_factory.mktemp("workbook") / "result"
-    results = ResultFolder.open(place, synthetic.manifest(RUNS))
-    results.add(synthetic.frame(RUNS))
-    results.close(compile_s=1.0, run_s=1.0, rows=RUNS)
-    return place
+    return synthetic.folder(place, synthetic.frame(RUNS), synthetic.manifest(RUNS))
 
 
 def sheets(path):

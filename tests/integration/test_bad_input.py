@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from ravenjax.cli import USER_ERROR, console, main
+from ravenjax.cli import USER_ERROR, main
 
 CAMPAIGN = """
 [campaign]
@@ -57,25 +57,11 @@ def campaign(tmp_path):
 
 
 @pytest.fixture
-def run(capsys, monkeypatch):
-    """(code, stdout, stderr) of a command line, on a wide terminal."""
-    monkeypatch.setattr(console, "out", type(console.out)(width=400))
-    monkeypatch.setattr(console, "err", type(console.err)(width=400, stderr=True))
-
-    def run(*tokens):
-        code = main([str(token) for token in tokens])
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return run
-
-
-@pytest.fixture
-def refused(run):
+def refused(command_line):
     """The one error of a command line that must fail; each of `words` must be in it."""
 
     def refused(tokens, *words):
-        code, out, err = run(*tokens)
+        code, out, err = command_line(*tokens)
         assert code == USER_ERROR, out + err
         assert err.count("error:") == 1 and "Traceback" not in out + err
         for word in words:
@@ -89,37 +75,6 @@ def refused(run):
 def contents(folder: Path):
     """Bytes of every file below a folder, by path."""
     return {path: path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
-
-
-def line_of(path: Path, text: str) -> int:
-    """Number of the line that holds `text`."""
-    return next(n for n, line in enumerate(path.read_text().splitlines(), 1) if text in line)
-
-
-# --- the campaign file
-# ------------------------------------------------------------------------------------------------
-
-
-def test_an_unknown_fault_site(campaign, refused, tmp_path):
-    path = campaign(site="usb_output")
-    out = tmp_path / "out"
-    where = f"{path}:{line_of(path, 'usb_output')}: group[1].fault[0].site"
-    refused(
-        ["run", path, "--out", out],
-        where,
-        "'usb_output'",
-        "expected one of hand, console, network",
-        "'usb_out'",
-    )
-    assert not out.exists()
-
-
-# --- the operator's file
-# ----------------------------------------------------------------------------------------------
-
-
-# --- the result folder
-# ------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -147,7 +102,7 @@ def copied(finished, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_truncated_part(copied, refused, run):
+def test_a_truncated_part(copied, refused, command_line):
     path, out = copied
     parts = sorted((out / "parts").iterdir())
     assert len(parts) == 3
@@ -163,7 +118,7 @@ def test_a_truncated_part(copied, refused, run):
     )
     assert str(parts[0]) not in err
     assert contents(out) == before, "nothing is written over what is there"
-    code, printed, err = run("run", path, "--out", out, "--engine", "simd", "--no-report")
+    code, printed, err = command_line("run", path, "--out", out, "--engine", "simd", "--no-report")
     assert code == 0, err
     assert str(parts[1]) in printed and "set aside" in printed and str(parts[0]) not in printed
     assert {p.name for p in (out / "parts").iterdir()} == {p.name for p in parts}
@@ -174,12 +129,12 @@ def test_a_truncated_part(copied, refused, run):
     )
 
 
-def test_a_trace_of_other_code_says_so(copied, run, monkeypatch):
+def test_a_trace_of_other_code_says_so(copied, command_line, monkeypatch):
     from ravenjax.store import manifest
 
     _, out = copied
     monkeypatch.setattr(manifest, "code_hash", lambda *_: "another")
-    code, _, err = run("trace", out, "1", "--engine", "simd")
+    code, _, err = command_line("trace", out, "1", "--engine", "simd")
     assert code == 0 and f"note: {out} was computed by another version of the code" in err
 
 
@@ -211,7 +166,7 @@ def test_a_trace_that_cannot_be_written(copied, refused, tmp_path):
     )
 
 
-def test_a_disk_that_fills_up_keeps_the_parts_that_are_there(copied, run, monkeypatch):
+def test_a_disk_that_fills_up_keeps_the_parts_that_are_there(copied, command_line, monkeypatch):
     """The remedy of the message, the same command again, then computes the rest."""
     path, out = copied
     parts = sorted((out / "parts").iterdir())
@@ -225,10 +180,10 @@ def test_a_disk_that_fills_up_keeps_the_parts_that_are_there(copied, run, monkey
         replace(source, target)
 
     monkeypatch.setattr(os, "replace", full)
-    code, _, err = run("run", path, "--out", out, "--engine", "simd", "--no-report")
+    code, _, err = command_line("run", path, "--out", out, "--engine", "simd", "--no-report")
     assert code == USER_ERROR and err.count("error:") == 1
     assert str(parts[2]) in err and "No space left on device" in err and "same command again" in err
     assert sorted((out / "parts").iterdir()) == parts[:2]
     monkeypatch.setattr(os, "replace", replace)
-    assert run("run", path, "--out", out, "--engine", "simd", "--no-report")[0] == 0
+    assert command_line("run", path, "--out", out, "--engine", "simd", "--no-report")[0] == 0
     assert sorted((out / "parts").iterdir()) == parts

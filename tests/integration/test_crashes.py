@@ -16,7 +16,7 @@ import tiny_campaign as tiny
 import waiting
 
 from ravenjax.campaign import runner
-from ravenjax.cli import USER_ERROR, main
+from ravenjax.cli import USER_ERROR
 from ravenjax.store import manifest
 from ravenjax.store.access import merging
 
@@ -119,19 +119,6 @@ def test_fifty_kills_lose_nothing_and_do_nothing_twice(tmp_path):
     assert not (out / "set-aside").exists(), "no kill left half a part"
     assert not list(out.rglob(".*.tmp"))
     assert tiny.digest(out) == undisturbed(tmp_path / "whole", **SIZE)
-
-
-@pytest.mark.slow
-def test_a_second_process_is_refused_and_the_first_not_disturbed(small, tmp_path, capsys):
-    file, whole = small
-    first = started(file, tmp_path)
-    until(lambda: len(stored(tmp_path)) > 2, first)
-    assert main(command(file, tmp_path)[3:]) == USER_ERROR
-    told = capsys.readouterr().err.replace("\n", " ")
-    assert f"is being written by process {first.pid} on" in told and "since" in told
-    out, err = first.communicate(timeout=waiting.DEADLINE_S)
-    assert first.returncode == 0, out + err
-    assert tiny.digest(tmp_path) == whole and manifest.read(tmp_path).starts == 1
 
 
 @pytest.mark.slow
@@ -242,21 +229,3 @@ def test_shards_that_are_killed_in_a_folder_without_locks_lose_nothing(small, tm
         assert shard.returncode == 0, printed + err
     merging.merge(tmp_path / "joined", folders)
     assert tiny.digest(tmp_path / "joined") == whole
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("of", [3])
-def test_shards_hold_the_rows_of_the_whole_campaign(small, tmp_path, of):
-    file, whole = small
-    folders = [tmp_path / f"{number}" for number in range(1, of + 1)]
-    for number, folder in enumerate(folders, start=1):
-        assert main(command(file, folder, "--shard", f"{number}/{of}")[3:]) == 0
-        held = manifest.read(folder)
-        assert (
-            held.shard == f"{number}/{of}" and held.finished is not None and held.done == held.due
-        )
-    merging.merge(tmp_path / "joined", folders)
-    assert tiny.digest(tmp_path / "joined") == whole
-    assert main(command(file, folders[0], "--shard", f"2/{of + 1}")[3:]) == USER_ERROR, (
-        "another shard's folder"
-    )

@@ -9,24 +9,16 @@ from __future__ import annotations
 
 import csv
 import re
-import shutil
 
 import pytest
 import waiting
+from chromium import CHROMIUM, NEEDED
 from live_session import LiveSession
 
 sync_api = pytest.importorskip(
     "playwright.sync_api", reason="playwright is not installed (pip install playwright)"
 )
-CHROMIUM = (
-    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-)
-pytestmark = [
-    pytest.mark.skipif(
-        CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)"
-    ),
-    pytest.mark.slow,  # a session against the clock
-]
+pytestmark = [NEEDED, pytest.mark.slow]  # a session against the clock
 SCENARIO = """
 name = "first_day"
 arms = ["gold"]

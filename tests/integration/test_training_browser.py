@@ -6,27 +6,19 @@ from __future__ import annotations
 
 import csv
 import re
-import shutil
 import signal
 import subprocess
 import sys
 
 import pytest
 import waiting
+from chromium import CHROMIUM, NEEDED
 from foot import hold_pedal
 
 sync_api = pytest.importorskip(
     "playwright.sync_api", reason="playwright is not installed (pip install playwright)"
 )
-CHROMIUM = (
-    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-)
-pytestmark = [
-    pytest.mark.skipif(
-        CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)"
-    ),
-    pytest.mark.slow,
-]
+pytestmark = [NEEDED, pytest.mark.slow]
 
 HERE = ("http://127.0.0.1", "ws://127.0.0.1", "data:", "blob:")
 SCENARIO = """

@@ -54,10 +54,6 @@ def minimal(**more):
         minimal(sed=3),
         minimal(haptic={"cap": 0.1}),
         {"name": "x"},
-        minimal(
-            group=[{"name": "a", "fault": [{"site": "usb_ou", "effect": "offset", "start_ms": 1}]}]
-        ),
-        minimal(group=[{"name": "a", "hazards": "C0"}]),
         minimal(parameters={"plant.mass_scale": {"uniform": [2, 1]}}),
     ],
     ids=lambda keys: str(sorted(keys)),
@@ -105,13 +101,6 @@ def test_a_table_is_checked_when_it_is_made(make, words):
 def test_what_is_no_toml(source, words):
     with pytest.raises(rj.UserError, match=words):
         rj.Campaign.from_toml(source)
-
-
-def test_an_error_in_a_file_names_its_line(tmp_path):
-    file = tmp_path / "bad.toml"
-    file.write_text('[campaign]\nname = "x"\nsed = 3\n[[group]]\nname = "a"\n')
-    with pytest.raises(rj.UserError, match=r"bad\.toml:3: campaign\.sed: unknown key"):
-        rj.Campaign.from_toml(file)
 
 
 def test_overrides_are_those_of_the_command_line():
@@ -167,15 +156,6 @@ def test_files_are_taken_along(tmp_path, monkeypatch):
         campaign.to_toml(tmp_path / "nowhere" / "own.toml")
     with pytest.raises(rj.UserError, match="expected the path of a file to write"):
         campaign.to_toml(5)
-
-
-def test_a_notebook_shows_a_campaign():
-    card = rj.Campaign(**minimal(description="<b>what</b>"))._repr_html_()
-    assert (
-        "&lt;b&gt;what&lt;/b&gt;" in card
-        and "<script" not in card
-        and ">1</b><span>run of 3 s" in card
-    )
 
 
 def test_a_campaign_of_another_robot():

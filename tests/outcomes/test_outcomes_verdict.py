@@ -14,7 +14,6 @@ from ravenjax import robots
 from ravenjax.outcomes import events, verdict
 from ravenjax.outcomes.events import Rules
 from ravenjax.robots.raven2.declaration import CHECKS
-from ravenjax.robots.raven2.loop import run
 
 STRENGTH = {"stop": 3, "flag": 2, "limit": 1}
 WORDS = {3: "stopped", 2: "flagged", 1: "limited", 0: "silent"}
@@ -127,20 +126,6 @@ def test_what_the_golden_run_has_by_then_does_not_count():
     frame = pd.DataFrame({"cue2_first_ms": own, "golden_cue2_first_ms": golden, "failed": ""})
     _, cue = events.happened(pa.Table.from_pandas(frame), ["cue"], Rules(cue=2))
     assert cue.tolist() == [True, False, True, False, False, False]
-
-
-@pytest.mark.slow
-def test_every_check_of_the_tick_has_its_definition(any_setup_and_state):
-    setup, state = any_setup_and_state
-    assert tuple(run.checks(setup, state)) == tuple(CHECKS)
-
-
-@pytest.fixture(scope="module")
-def any_setup_and_state():
-    from ravenjax.robots.raven2.setup import RavenSetup
-
-    setup = RavenSetup()
-    return setup, run.init(setup, run.params(setup, ((0.4, 1.5, 0.4, 0.0, 0.0, 0.4, 0.4),)))
 
 
 EVENTS = {

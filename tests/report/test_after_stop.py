@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 import pytest
 import synthetic_results as synthetic
 
@@ -65,10 +64,3 @@ def test_a_cue_in_the_millisecond_of_the_stop_came_too_late():
     frame = synthetic.judged(FRAME.assign(cue0_first_ms=FRAME["response_ms"]))
     first, *_ = after_stop.rows(Runs.of(frame, MANIFEST))
     assert (first.cue_before.k, first.cue_after.k, first.no_cue.k) == (0, first.n, 0)
-
-
-def test_repeats_of_a_fault_count_once():
-    twice = pd.concat([FRAME, FRAME.assign(seed=8)], ignore_index=True).assign(
-        pair=np.arange(2 * RUNS)
-    )
-    assert after_stop.rows(Runs.of(twice, MANIFEST)) == ROWS

@@ -6,27 +6,19 @@ from __future__ import annotations
 
 import csv
 import io
-import shutil
 import xml.etree.ElementTree as ET
 
 import pytest
 import reacting_results as reacting
+import synthetic_results as synthetic
+from chromium import CHROMIUM, NEEDED
 
 from ravenjax.report import page
-from ravenjax.store.folder import ResultFolder
 
 sync_api = pytest.importorskip(
     "playwright.sync_api", reason="playwright is not installed (pip install playwright)"
 )
-CHROMIUM = (
-    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-)
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(
-        CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)"
-    ),
-]
+pytestmark = [pytest.mark.slow, NEEDED]
 
 ARGUMENTS = ["--no-sandbox"]  # a container has none
 
@@ -38,11 +30,7 @@ def report(tmp_path_factory):
     frame.loc[frame["group"] == "encoder", "group"] = (
         "C09 encoder"  # a hazard of the library, for the risk table
     )
-    results = ResultFolder.open(folder, reacting.manifest(len(frame)))
-    for rows in results.missing(500):
-        results.add(frame.iloc[rows.start : rows.stop])
-    results.close(compile_s=1.0, run_s=1.0, rows=len(frame))
-    return page.build(folder)
+    return page.build(synthetic.folder(folder, frame, reacting.manifest(len(frame))))
 
 
 @pytest.fixture(scope="module")
@@ -181,36 +169,6 @@ def window_pdf(browser, report):
     pdf = page.pdf(prefer_css_page_size=True)
     page.close()
     return pdf
-
-
-def rows_of(page, table):
-    return page.evaluate(
-        f"[...document.querySelectorAll('{table} tbody tr')].map((row) =>"
-        " row.cells[0].firstChild.textContent)"
-    )
-
-
-def test_a_table_sorts_by_a_column_and_back(opened):
-    table = "#checks .scroll:first-of-type table"
-    given = rows_of(opened, table)
-    button = opened.locator(f"{table} thead th").nth(0).locator("button")
-    button.click()
-    assert rows_of(opened, table) == sorted(given)
-    assert opened.locator(f"{table} thead th").nth(0).get_attribute("aria-sort") == "ascending"
-    button.click()
-    assert rows_of(opened, table) == sorted(given, reverse=True)
-    button.click()
-    assert rows_of(opened, table) == given
-    numbers = opened.locator(f"{table} thead th").nth(1).locator("button")
-    numbers.click()
-    shares = opened.evaluate(
-        f"[...document.querySelectorAll('{table} tbody td:nth-child(2) b')].map((one) =>"
-        " one.innerText)"
-    )
-    shares = [float(share.removesuffix("\u202f%")) for share in shares]
-    assert shares == sorted(shares, reverse=True)
-    numbers.click()
-    numbers.click()
 
 
 def test_values_are_read_off_a_chart(opened):

@@ -1,10 +1,7 @@
-"""Explained runs in the report: against plain Python, and of campaigns with little or nothing to
-say.
-"""
+"""Explained runs in the report, against plain Python."""
 
 from __future__ import annotations
 
-import re
 from typing import Any
 
 import numpy as np
@@ -31,8 +28,6 @@ FRAME = synthetic.frame(RUNS)
 PLACES = crossings(ROBOT.seams, ("gold",))
 GROUPS = [{"name": name, "fault": [{"value": {"uniform": [0, 1]}}]} for name in synthetic.BLOCKS]
 DRAWN = MANIFEST.model_copy(update={"config": {**MANIFEST.config, "group": GROUPS}})
-LISTED = [{"name": name, "fault": [{"value": {"list": [0, 1]}}]} for name in synthetic.BLOCKS]
-ENUMERATED = MANIFEST.model_copy(update={"config": {**MANIFEST.config, "group": LISTED}})
 
 
 def ticks_of(frame, seed=1):
@@ -143,60 +138,6 @@ def without(condition):
     return FRAME[~condition].reset_index(drop=True)
 
 
-def calm():
-    """No unintended motion at all."""
-    return synthetic.judged(FRAME.assign(unintended_first_ms=-1, unintended_mm=0.5))
-
-
-def never(ticks):
-    """Nothing leaves its range."""
-    return ticks.assign(**{name: -1 for name in ticks if name.startswith("leaves:")})
-
-
-def single():
-    """One evading fault alone."""
-    only = evading(FRAME).iloc[[0]].reset_index(drop=True)
-    return only.assign(index=0, pair=0)
-
-
-def of_runs(frame):
-    """Explanations of these runs alone."""
-    wanted = set(frame["run_id"])
-    return TICKS[[run_id in wanted for run_id in TICKS["run_id"]]]
-
-
-CAMPAIGNS = {
-    "all": (FRAME, DRAWN, TICKS),
-    "nothing evades": (calm(), DRAWN, TICKS),
-    "nothing is visible": (FRAME, DRAWN, never(TICKS)),
-    "one group": (
-        FRAME[FRAME["group"] == "encoder"],
-        DRAWN,
-        of_runs(FRAME[FRAME["group"] == "encoder"]),
-    ),
-    "one fault": (single(), ENUMERATED, ticks_of(single())),
-    "one explained run": (FRAME, DRAWN, TICKS[TICKS["run_id"] == evading(FRAME)["run_id"].iloc[0]]),
-    "only runs without effect": (FRAME, DRAWN, of_runs(FRAME[~FRAME["activated"]])),
-}
-
-
-def page_of(monkeypatch, name):
-    frame, manifest, ticks = CAMPAIGNS[name]
-    monkeypatch.setattr(explained, "read", lambda *_: ticks)
-    text = rendered(frame, manifest)
-    start = text.index('<section id="chains">')
-    return Page(text), text[start : text.index("</section>", start)]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", CAMPAIGNS)
-def test_every_campaign_has_a_whole_section_whose_numbers_are_numbers(name, monkeypatch):
-    page, section = page_of(monkeypatch, name)
-    assert page.stack == [] and "#chains" in page.targets
-    text = re.sub("<script.*?</script>|<[^>]+>", " ", section, flags=re.S)
-    assert not re.search(r"\bnan\b|\binf\b|None|\{\{", text)
-
-
 def test_the_sentences_have_the_numbers_of_the_loops(monkeypatch):
     _, hidden, best = naive(FRAME, TICKS)
     n = len(evading(FRAME))
@@ -240,24 +181,3 @@ def test_a_chain_has_the_earliest_number_of_each_signal():
         one.first is None or one.first.leaves_ms == min(came)
     )
     assert [check.margin for check in one.checks] == [1.5] * len(synthetic.CHECKS)
-
-
-def test_the_long_table_is_every_chain_below_each_other():
-    runs = evading(FRAME).iloc[:4]
-    ticks = TICKS.set_index("run_id", drop=False).loc[runs["run_id"]]
-    table: Any = chain.table(runs, ticks.reset_index(drop=True), ROBOT, ("gold",))
-    rows = iter(table.to_dict("records"))
-    for run in runs.to_dict("records"):
-        for link in chain_of(run).links:
-            row = next(rows)
-            arm, _, seam = link.signal.rpartition("/")
-            assert (row["run_id"], row["layer"], row["arm"], row["seam"]) == (
-                run["run_id"],
-                link.layer,
-                arm,
-                seam,
-            )
-            assert (row["differs_ms"], row["differs_in"]) == (link.differs_ms, link.differs_in)
-            assert (row["leaves_ms"], row["leaves_in"]) == (link.leaves_ms, link.leaves_in)
-            assert link.left_ms == (None if np.isnan(row["left_ms"]) else row["left_ms"])
-    assert next(rows, None) is None

@@ -5,7 +5,6 @@ plain pandas.
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 import pytest
 import synthetic_results as synthetic
 
@@ -14,7 +13,6 @@ from ravenjax.outcomes import verdict
 from ravenjax.report import comparison
 from ravenjax.stats.comparison import paired
 from ravenjax.store import manifest
-from ravenjax.store.folder import ResultFolder
 
 RUNS = 900
 FIRST = synthetic.frame(RUNS)
@@ -47,10 +45,7 @@ SECOND = changed()
 
 
 def folder(place, frame, **changes):
-    opened = ResultFolder.open(place, synthetic.manifest(len(frame), **changes))
-    for rows in opened.missing(400):
-        opened.add(frame.iloc[rows.start : rows.stop])
-    return place
+    return synthetic.folder(place, frame, synthetic.manifest(len(frame), **changes))
 
 
 @pytest.fixture(scope="module")
@@ -137,43 +132,6 @@ def test_what_differs_is_named(found):
         ("operator.name", '"suturing"', '"circle"')
     ]
     assert [one.path for one in found.environment] == ["code_hash"]
-    pairs = found.pairs
-    assert found.sentences() == [
-        (
-            f"Paired by run id: {pairs.by_run_id} runs, by fault: {pairs.by_fault}. "
-            f"Compared: {pairs.compared} pairs with a fault and two valid outcomes."
-        ),
-        (
-            f"Of {pairs.compared} faults; intervals, 95 %, are over these faults, all pairs of a"
-            " fault together."
-        ),
-    ]
-    assert pairs.faults == pairs.compared and pairs.sampled
-
-
-@pytest.mark.slow
-def test_repeats_of_a_fault_are_one_unit(tmp_path, found):
-    """Three seeds of each fault with the same outcome say no more than one."""
-
-    def thrice(frame):
-        parts = [
-            frame.assign(seed=seed, run_id=[f"{seed}{name[1:]}" for name in frame["run_id"]])
-            for seed in (1, 2, 3)
-        ]
-        every = pd.concat(parts, ignore_index=True)
-        return every.assign(index=np.arange(len(every)), pair=np.arange(len(every)))
-
-    three = comparison.compare(
-        folder(tmp_path / "a", thrice(FIRST)), folder(tmp_path / "b", thrice(SECOND))
-    )
-    assert (
-        three.pairs.faults == found.pairs.faults
-        and three.pairs.compared == 3 * found.pairs.compared
-    )
-    for many, one in zip(three.rates, found.rates, strict=True):
-        assert many.difference.value == pytest.approx(one.difference.value)
-        width, plain = (x.difference.high - x.difference.low for x in (many, one))
-        assert width == pytest.approx(plain, rel=0.15)
 
 
 def test_folders_that_share_nothing_are_refused(tmp_path, folders):

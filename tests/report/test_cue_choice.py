@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import pytest
 import synthetic_results as synthetic
-from cue_results import FRAME, MANIFEST, ROWS, RUNS, TABLE
+from cue_results import FRAME, ROWS, RUNS, TABLE
 
-from ravenjax.report import page
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import cues
 from ravenjax.stats.sample_size.planning import hours_to_bound
@@ -52,13 +50,3 @@ def test_as_many_hours_as_it_asks_for_decide():
     assert (
         named.row.per_hour.high <= 0.5 and named.alike == 1
     )  # the other gain does exactly as well
-
-
-@pytest.mark.slow
-def test_the_page_says_that_it_cannot_be_said_and_offers_the_command():
-    text = page.render(Runs.of(FRAME, MANIFEST), MANIFEST, Path("out"))
-    assert "cannot be said before 7.38 h of fault-free motion" in text
-    assert "ravenjax fault-free out 7.4" in text
-    assert (
-        "80 fault-free motions of 3.7 min in pedal-down together, of 1 motion of the hands" in text
-    )

@@ -81,13 +81,6 @@ def test_any_table_gives_the_same_facts(rows, seed, reacts, rules):
     same(frame.sample(frac=1, random_state=seed), *rules)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("rules", RULES)
-def test_rules_of_the_campaign(rules):
-    for frame in (synthetic.frame(300), reacting.frame(100)):
-        same(synthetic.judged(frame, rules[0]), *rules)
-
-
 def test_words_may_be_categories_and_slots_may_be_none():
     frame = synthetic.frame(100)
     words = ("group", "response", "hazard", "verdict", "failed", "fault0_site", "operator")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 import pytest
 import synthetic_results as synthetic
 
@@ -70,16 +69,6 @@ def counts(panel):
 def panel_of(item, name="unintended"):
     (found,) = [panel for panel in item["panels"] if panel["name"] == name]
     return found
-
-
-def plain(frame, across, up, name="unintended"):
-    """The same by pandas, of inputs with few values."""
-    hit = MEASURES[name](frame)
-    found = hit.groupby([frame[across], frame[up]]).agg(["sum", "size"])
-    return {
-        (f"{x:g}".replace("-", "−"), f"{y:g}"): tuple(row)
-        for (x, y), row in zip(found.index, found.to_numpy(), strict=True)
-    }
 
 
 @pytest.mark.parametrize(
@@ -151,13 +140,3 @@ def test_of_many_inputs_those_that_decide_are_the_axes():
     (item,) = made(frame)
     panel = panel_of(item)
     assert {panel["across"], panel["up"]} == {"value", "p6"}
-
-
-def test_repeats_of_a_fault_count_once():
-    onset = np.tile([100, 200], 30)
-    frame = moving(
-        swept(60, fault0_start_ms=onset, fault0_value=np.repeat(np.arange(30.0), 2)), onset == 100
-    )
-    twice = pd.concat([frame, frame.assign(seed=8)], ignore_index=True).assign(pair=np.arange(120))
-    (once,), (again,) = made(frame), made(twice)
-    assert again["n"] == once["n"] == 60 and counts(panel_of(again)) == counts(panel_of(once))

@@ -1,6 +1,4 @@
-"""The report: its numbers against an independent count, one file, no request, well formed; rates
-in words.
-"""
+"""The report: its numbers against an independent count, one file, no request, well formed."""
 
 from __future__ import annotations
 
@@ -49,11 +47,7 @@ def of_facts(**columns):
 @pytest.fixture(scope="module")
 def built(tmp_path_factory):
     folder = tmp_path_factory.mktemp("with space") / "quick"
-    results = ResultFolder.open(folder, MANIFEST)
-    for rows in results.missing(300):
-        results.add(FRAME.iloc[rows.start : rows.stop])
-    results.close(compile_s=12.0, run_s=40.0, rows=RUNS)
-    path = page.build(folder)
+    path = page.build(synthetic.folder(folder, FRAME, MANIFEST))
     return path, path.read_text(encoding="utf-8")
 
 
@@ -116,9 +110,9 @@ def test_unfinished_campaign_says_so(tmp_path):
 def test_a_campaign_that_stopped_by_itself_says_why_and_what_its_pooled_rates_are(tmp_path, even):
     results = ResultFolder.open(tmp_path, MANIFEST)
     results.add(FRAME.iloc[:100])
-    look = Look(
-        2, 4, {"dac": 60}, {"dac": 800}, (), 0.04, (), True, half_width=0.05, each=0.99, even=even
-    )
+    rows = {"taken": {"dac": 60}, "held": {"dac": 800}, "intervals": (), "waiting": ()}
+    known = {"widest": 0.04, "half_width": 0.05, "each": 0.99, "even": even}
+    look = Look(number=2, looks=4, stop=True, **rows, **known)
     decisions.write(tmp_path, [look])
     text = words(Page(page.build(tmp_path).read_text(encoding="utf-8")))
     assert "Stopped at look 2 of 4: every rate is known within +-0.05." in text
@@ -221,9 +215,6 @@ def test_delays_are_censored_at_stop_and_end():
     )  # flagged: the robot went on, so to the end
 
 
-# outcome: (response, hazard, the cue came, failed)
-
-
 def test_every_table_is_named_and_every_heading_has_its_scope(built):
     text = re.sub(r"<script.*?</script>", "", built[1], flags=re.DOTALL)
     found = re.findall(r"<table.*?</table>", text, re.DOTALL)
@@ -241,85 +232,6 @@ def test_every_chart_can_be_read_without_seeing_it(built):
     for one in drawings:
         assert 'role="img"' in one and len(re.search('aria-label="([^"]*)"', one)[1]) > 40
         assert re.search('aria-describedby="([^"]*)"', one)[1] in parsed.ids
-
-
-def test_rates_in_words():
-    assert wording.percent(0.1561) == "15.6\u202f%" and wording.percent(0.0041) == "0.41\u202f%"
-    assert (
-        wording.interval(wilson(0, 170)) == "0.0–2.2\u202f%"
-        and wording.interval(wilson(0, 0)) == "no runs"
-    )
-
-
-BURST = {
-    "fault0_site": "usb_out",
-    "fault0_arm": "gold",
-    "fault0_channel": "shoulder",
-    "fault0_effect": "overwrite",
-    "fault0_value": -18000.0,
-    "fault0_trigger": "time",
-    "fault0_start_ms": 1200,
-    "fault0_duration_ms": 300,
-    "fault0_every_ms": 0,
-    "fault0_period_ms": 0,
-}
-
-
-@pytest.mark.parametrize(
-    ("changed", "words"),
-    [
-        ({}, "usb_out gold shoulder, overwrite −18,000 counts, 300 ms from 1,200 ms"),
-        ({"fault0_site": ""}, "no fault"),
-        (
-            {"fault0_site": "a site to come"},
-            "a site to come gold shoulder, overwrite −18,000, 300 ms from 1,200 ms",
-        ),
-        (
-            {"fault0_trigger": "pedal", "fault0_every_ms": 8000},
-            (
-                "usb_out gold shoulder, overwrite −18,000 counts, 300 ms from 1,200 ms after"
-                " pedal-down, again every 8,000 ms"
-            ),
-        ),
-        (
-            {"fault0_trigger": "packet", "fault0_duration_ms": -1},
-            "usb_out gold shoulder, overwrite −18,000 counts, from packet 1,200 to the end",
-        ),
-        (
-            {
-                "fault0_site": "packet",
-                "fault0_channel": "delx",
-                "fault0_effect": "drift",
-                "fault0_value": 2.5,
-            },
-            "packet gold delx, drift 2.5 um/ms, 300 ms from 1,200 ms",
-        ),
-        (
-            {
-                "fault0_site": "tau_d",
-                "fault0_effect": "periodic",
-                "fault0_value": 0.3,
-                "fault0_period_ms": 40,
-            },
-            "tau_d gold shoulder, periodic 0.3 N m, period 40 ms, 300 ms from 1,200 ms",
-        ),
-        (
-            {"fault0_site": "encoder", "fault0_effect": "bit_flip", "fault0_value": 12.0},
-            "encoder gold shoulder, bit_flip of bit 12, 300 ms from 1,200 ms",
-        ),
-        (
-            {
-                "fault0_site": "jpos",
-                "fault0_effect": "stuck",
-                "fault0_value": float("nan"),
-                "fault0_duration_ms": 1500,
-            },
-            "jpos gold shoulder, stuck, 1,500 ms from 1,200 ms",
-        ),
-    ],
-)
-def test_fault_in_words(changed, words):
-    assert wording.fault(BURST | changed) == words
 
 
 def test_a_campaign_without_fault_slots_has_a_page():

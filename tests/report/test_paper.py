@@ -4,23 +4,15 @@ from __future__ import annotations
 
 import pytest
 import reacting_results as reacting
+import synthetic_results as synthetic
 
 from ravenjax.report import paper
-from ravenjax.store.folder import ResultFolder
-
-
-def folder_of(path, frame, manifest):
-    results = ResultFolder.open(path, manifest)
-    for rows in results.missing(1000):
-        results.add(frame.iloc[rows.start : rows.stop])
-    results.close(compile_s=1.0, run_s=1.0, rows=len(frame))
-    return path
 
 
 @pytest.mark.slow
 def test_main_figures_as_svg_and_pdf_alike_each_time(tmp_path):
     frame = reacting.frame(150)
-    folder = folder_of(tmp_path / "results", frame, reacting.manifest(len(frame)))
+    folder = synthetic.folder(tmp_path / "results", frame, reacting.manifest(len(frame)))
     paths = paper.write(folder, tmp_path / "one")
     names = [path.name for path in paths]
     assert names == [

@@ -5,11 +5,9 @@ plain pandas.
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 import pytest
 import synthetic_results as synthetic
 
-from ravenjax.report.data import fault_free as motions
 from ravenjax.report.data.runs import Runs
 from ravenjax.stats.alarms.false_alarms import alarm_rate
 from ravenjax.store.access import fault_free
@@ -83,23 +81,3 @@ def test_motion_beside_the_result_counts_with_its_own_length(tmp_path):
     rate = free.first_rate("golden_detector0_score > 0.5", "detector0_threshold0_first_ms")
     assert rate == pytest.approx(alarm_rate(1, (PEDAL.sum() + 599_800 * (2 + 0.05)) / 3.6e6))
     runs.close()
-
-
-def test_the_command_is_rounded_up_and_quoted(tmp_path):
-    assert (
-        motions.command(tmp_path / "my results", MANIFEST, 7.378)
-        == f"ravenjax fault-free '{tmp_path}/my results' 7.4"
-    )
-    assert [motions.rounded_up(hours) for hours in (7.378, 0.0615, 64.6, 7.4, 0.5)] == [
-        7.4,
-        0.062,
-        65,
-        7.4,
-        0.5,
-    ]
-
-
-def test_nothing_but_fault_free_motion_is_needed():
-    frame = FRAME[FRAME["fault0_site"] == ""].reset_index(drop=True)
-    free = Runs.of(frame, MANIFEST).motions()
-    assert free.count == len(pd.unique(frame["golden_tip_path_mm"]))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from ravenjax.outcomes.events import Rules
-from ravenjax.report.run import summary as run_summary
 from ravenjax.report.run.summary import events
 
 TICKS = 3000
@@ -127,27 +126,3 @@ def test_a_run_is_told_in_the_order_of_the_loop():
     assert [event.level for event in found if event.kind in ("check", "hazard")] == [
         *("debug", "warn", "error", "warn", "error")
     ]
-
-
-def test_the_summary_has_fault_verdict_course_and_sizes():
-    summary = run_summary.summary(ROW, RULES, series(), GOLDEN)
-    lines = summary.lines()
-    assert lines[:3] == [
-        "run 0123456789abcdef, row 17, group dac",
-        "  fault    usb_out gold shoulder, overwrite 12,000 counts, 16 ms from 1,200 ms",
-        (
-            "  verdict  flagged/unintended motion/cue; a check told a person, and the robot went on"
-            " (ik_reject at 1,400 ms)"
-        ),
-    ]
-    assert lines[3] == "      200 ms  the PLC opens the brakes", (
-        "what happens in the golden run, too, is left out"
-    )
-    assert lines[-5:] == [
-        "  largest  true gold tip 12.3 mm off the nominal model, at 1,300 ms",
-        "  largest  true gold tip 12.3 mm off the golden run, at 1,300 ms",
-        "  largest  reported tip 4.5 mm off the true one, beyond the golden run",
-        "  largest  true tip 2.25 mm deep in the tissue (golden run 0.5 mm)",
-        "  largest  cue of 0.0312 device units, on for 170 ms in all",
-    ]
-    assert len(summary.as_dict()["events"]) == len(summary.events) == 14

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import re
 
-import naive_facts
 import pandas as pd
 import pytest
 import reacting_results as reacting
@@ -58,24 +57,6 @@ def test_distinct_faults_however_often_they_were_run():
         for one, other in zip(RUNS.faults(by), again.faults(by), strict=True):
             assert other == one._replace(runs=2 * one.runs)
     assert again.count("sample") == RUNS.count("sample") == (FRAME["failed"] == "").sum()
-
-
-@pytest.mark.parametrize("by", ["group", "site", "layer"])
-def test_faults_by_class_against_a_plain_count(by):
-    naive = naive_facts.derive(FRAME)
-    faulty = naive[naive["faulty"]]
-    assert [one.name for one in RUNS.faults(by)] == sorted(faulty[by].astype(str).unique())
-    for one in RUNS.faults(by):
-        mine = faulty[faulty[by].astype(str) == one.name]
-        valid = mine[~mine["failed"]]
-        assert (one.runs, one.faults) == (len(mine), len(valid))
-        told = (
-            valid["evaded"].sum(),
-            valid["unintended"].sum(),
-            valid["loss"].sum(),
-            valid["told"].sum(),
-        )
-        assert (one.evaded, one.unintended, one.loss, one.alarms) == told
 
 
 @pytest.mark.slow

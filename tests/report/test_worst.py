@@ -45,13 +45,3 @@ def test_each_kind_by_pandas(name):
     assert kind["n"] == chosen.sum()
     assert [row["run_id"] for row in kind["rows"]] == expected["run_id"].tolist()
     assert [row["far"] for row in kind["rows"]] == pytest.approx(expected[column].tolist())
-
-
-def test_a_row_says_what_responded_when_and_how_to_see_it_again():
-    row = FOUND["told"]["rows"][0]
-    run = FRAME.set_index("run_id").loc[row["run_id"]]
-    assert row["command"] == f"ravenjax trace 'my out' {row['run_id']}"
-    assert (row["response"], row["cause"]) == (run["response"], run["response_cause"])
-    assert row["response_ms"] == run["response_ms"] - run["first_active_ms"]
-    assert row["cue_ms"] == run["cue0_first_ms"] - run["first_active_ms"]
-    assert row["verdict"] == run["verdict"] and row["depth_mm"] == run["tissue_depth_mm"]

@@ -7,7 +7,6 @@ import synthetic_results as synthetic
 
 from ravenjax.errors import UserError
 from ravenjax.report.run import ranking
-from ravenjax.store.folder import ResultFolder
 
 FRAME = synthetic.frame(600)
 CASES = FRAME[(FRAME["failed"] == "") & (FRAME["fault0_site"] != "")]
@@ -15,11 +14,7 @@ CASES = FRAME[(FRAME["failed"] == "") & (FRAME["fault0_site"] != "")]
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    place = tmp_path_factory.mktemp("worst")
-    opened = ResultFolder.open(place, synthetic.manifest(600))
-    for rows in opened.missing(250):
-        opened.add(FRAME.iloc[rows.start : rows.stop])
-    return place
+    return synthetic.folder(tmp_path_factory.mktemp("worst"), FRAME, synthetic.manifest(600), 250)
 
 
 def sorted_ids(values, most):

@@ -132,9 +132,6 @@ def test_the_rate_is_kept_where_only_a_part_of_the_hours_counts():
     assert loss.mean() == pytest.approx(wanted.risk, rel=0.1)
 
 
-# --- shift ---
-
-
 def test_p_values_are_uniform_and_independent_where_nothing_changed():
     rng = np.random.default_rng(5)
     p = np.array(
@@ -166,9 +163,6 @@ def test_the_martingale_has_mean_one_and_grows_against_small_p_values():
     ends = [shift.martingale(rng.random(40))[-1] for _ in range(4000)]
     assert np.mean(ends) == pytest.approx(1.0, abs=5 * np.std(ends) / np.sqrt(4000))
     assert shift.martingale(np.full(40, 0.02))[-1] > 100
-
-
-# --- bands ---
 
 
 def test_the_joint_score_is_the_largest_over_time_to_the_bit():

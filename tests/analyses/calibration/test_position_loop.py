@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 import virtual_log
@@ -54,19 +52,3 @@ def test_engines_replay_the_same_loop(monkeypatch) -> None:
     scan = replayed(desired, ())
     following = np.abs(scan - desired).mean(axis=0)
     assert (np.abs(printed - scan).mean(axis=0) < 0.02 * following + 1e-7).all()
-
-
-@pytest.mark.slow
-def test_without_whole_numbers_a_small_step_moves_a_joint_a_little() -> None:
-    """Its size halves with the step, where that of the counting loop is chance."""
-    wanted = parameters.unknowns(range(3), ("offsets",))
-    desired = virtual_log.swept(1500)
-    setup = replays.setup_of(virtual_log.SETUP, "gold", position_loop.RAVEN2, wanted)
-    moved = {}
-    for whole in (True, False):
-        predict = replays.predictor(
-            dataclasses.replace(setup, whole=whole), BASE, wanted, log(desired)
-        )
-        joints = predict(np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0], [0.1, 0.0, 0.0]]))[:, 500:, 0]
-        moved[whole] = [np.abs(joints[k] - joints[0]).mean() for k in (1, 2)]
-    assert moved[False][1] == pytest.approx(2.0 * moved[False][0], rel=0.1)

@@ -9,7 +9,6 @@ import numpy as np
 import virtual_log
 
 from ravenjax.analyses.calibration import parameters, robot_file
-from ravenjax.campaign import loading
 from ravenjax.robots.raven2.plant import robot
 
 
@@ -18,23 +17,6 @@ def content(draws: np.ndarray) -> dict:
     base = parameters.believed(robot.params(virtual_log.SETUP, "gold"), wanted)
     values = parameters.values(base, wanted, draws[:, None] * np.ones(len(wanted)))
     return tomllib.loads(robot_file.text(values, "gold", "power_consistent", Path("log.bag")))
-
-
-def test_every_parameter_of_the_robot_is_one_of_a_campaign(tmp_path) -> None:
-    import tiny_campaign
-
-    robots = content(np.array([-1.0, 0.0, 2.0]))
-    raw = tiny_campaign.tables(runs=203)
-    raw["group"], raw["parameters"] = raw["group"][1:], robots["parameters"]
-    raw["campaign"] |= robots["campaign"]
-    config = loading.from_dict(raw)
-    assert {one.kind for one in config.parameters.values()} == {"together"}
-    names = {path.rpartition(".")[0] for path in config.parameters if path.startswith("plant.")}
-    assert {
-        "plant.gold.actuators.gain",
-        "plant.gold.cable_stiffness",
-        "plant.gold.cable_damping",
-    } < names
 
 
 def test_a_command_is_late_by_whole_cycles_and_the_logs_shift_is_no_robots() -> None:

@@ -8,13 +8,13 @@ import dataclasses
 import json
 import math
 import re
-import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pyarrow as pa
 import pytest
+from chromium import CHROMIUM, NEEDED
 
 import ravenjax as rj
 from ravenjax.analyses.explorer import program
@@ -31,15 +31,7 @@ sync_api = pytest.importorskip(
     "playwright.sync_api", reason="playwright is not installed (pip install playwright)"
 )
 
-CHROMIUM = (
-    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-)
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(
-        CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)"
-    ),
-]
+pytestmark = [pytest.mark.slow, NEEDED]
 SCRIPTS = Path(program.__file__).with_name("static")
 QUIET = SimpleNamespace(
     **{name: lambda *_, **__: None for name in ("tell", "began", "more_due", "ticks", "note")}

@@ -4,17 +4,12 @@ map.
 
 from __future__ import annotations
 
-import shutil
-
 import pytest
+from chromium import CHROMIUM, NEEDED, PATIENCE_MS
 
 from ravenjax.analyses.explorer import gallery
 from ravenjax.errors import UserError
 
-CHROMIUM = (
-    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-)
-PATIENCE_MS = 120_000
 FILE = """
 [campaign]
 name = "{name}"
@@ -55,7 +50,7 @@ def test_a_campaign_without_a_fault_has_no_page_and_says_so(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)")
+@NEEDED
 def test_the_index_opens_from_a_file_and_each_link_computes(tmp_path):
     sync_api = pytest.importorskip(
         "playwright.sync_api", reason="playwright is not installed (pip install playwright)"

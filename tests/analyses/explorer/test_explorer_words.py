@@ -7,13 +7,10 @@ from __future__ import annotations
 import math
 import tomllib
 
-import pytest
-
 from ravenjax.analyses.explorer import program, words
 from ravenjax.campaign import loading
 from ravenjax.campaign.file.config import validated
 from ravenjax.campaign.stop import adaptive
-from ravenjax.errors import UserError
 from ravenjax.store import manifest
 
 STUCK = {"site": "usb_out", "channel": "elbow", "effect": "stuck", "start_ms": 9, "duration_ms": 5}
@@ -83,10 +80,3 @@ def test_a_table_has_the_runs_that_a_page_can_ask_for(tmp_path):
     assert told["columns"]["start_ms"][1] == 20
     assert (told["evading"]["n"], told["evading"]["k"]) == (5, 0)
     assert math.isnan(told["evading"]["low"]), "faults that were chosen have no interval"
-
-
-def test_a_campaign_without_faults_is_refused():
-    with pytest.raises(UserError, match=r"'some' has no fault that a page could ask about"):
-        program.question_plan(
-            validated({"campaign": {"name": "some"}, "group": [{"name": "free"}]})
-        )

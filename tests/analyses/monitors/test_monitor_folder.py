@@ -46,48 +46,26 @@ name = "healthy"
 design = "random"
 runs = 2
 """
-OPTIONS = [
-    "--false-alarms-per-hour",
-    "150",
-    "--confidence",
-    "0.5",
-    "--length-s",
-    "3",
-    "--robots",
-    "2",
-]
-HOURS = ["--hours", "0.0534"]  # 32 operators
-SIGNALS = [
-    "--signals",
-    "tip_error_bound",
-    "boards_cmd_rate",
-    "jpos_residual_model_jpos",
-    "--segments",
-    "tick=800",
-]
+RATE = ("--false-alarms-per-hour", "150", "--confidence", "0.5")
+SCORES = ("tip_error_bound", "boards_cmd_rate", "jpos_residual_model_jpos")
+SIGNALS = ("--hours", "0.0534", "--signals", *SCORES, "--segments", "tick=800")  # 32 operators
 
 
 def command(*words: object) -> int:
     return cli.main(list(map(str, words)))
 
 
+def calibrate(place: Path, out: Path, *words: object) -> int:
+    """Exit code of a calibration of the campaign in `place`."""
+    design = (*RATE, "--length-s", "3", "--robots", "2")
+    return command("monitor", "calibrate", place / "robots.toml", "--out", out, *design, *words)
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("monitor")
     (place / "robots.toml").write_text(CAMPAIGN)
-    assert (
-        command(
-            "monitor",
-            "calibrate",
-            place / "robots.toml",
-            "--out",
-            place / "m",
-            *OPTIONS,
-            *HOURS,
-            *SIGNALS,
-        )
-        == 0
-    )
+    assert calibrate(place, place / "m", *SIGNALS) == 0
     return place / "m"
 
 
@@ -117,9 +95,6 @@ def compiled(
     sources = [str(folder / name) for name in (code.SOURCE, code.TEST)]
     subprocess.run([compiler, *strict, *sources, "-lm", "-o", str(out)], check=True)
     return subprocess.run([str(out), str(folder / writing.VECTOR)], capture_output=True, text=True)
-
-
-# --- C ---
 
 
 @pytest.mark.parametrize("options", [["-O0"], ["-O3", "-march=native"]])
@@ -155,9 +130,6 @@ def test_every_kind_of_score_gives_the_same_bits_in_c(compiler, tmp_path, kind):
         (tmp_path / name).write_text(text)
     (tmp_path / writing.VECTOR).write_text(writing._csv(vector))
     assert compiled(compiler, tmp_path, tmp_path / "a.out").stdout.endswith(" 0 differ\n")
-
-
-# --- the folder ---
 
 
 def test_the_record_says_what_the_promise_rests_on(folder):
@@ -199,19 +171,7 @@ def test_a_calibration_goes_on_and_changes_nothing(folder, tmp_path):
     before = pq.read_table(parts[0])
     for part in parts[:3]:
         part.unlink()
-    assert (
-        command(
-            "monitor",
-            "calibrate",
-            folder.parent / "robots.toml",
-            "--out",
-            other,
-            *OPTIONS,
-            *HOURS,
-            *SIGNALS,
-        )
-        == 0
-    )
+    assert calibrate(folder.parent, other, *SIGNALS) == 0
     assert pq.read_table(parts[0]).equals(before)
     for name in (writing.RECORD, code.PART, writing.VECTOR, writing.REFERENCE):
         left, right = (
@@ -227,9 +187,6 @@ def test_a_calibration_goes_on_and_changes_nothing(folder, tmp_path):
         assert left == right
 
 
-# --- fresh operations ---
-
-
 @pytest.mark.slow
 def test_a_shifted_robot_is_reported_and_a_like_one_is_not(folder, tmp_path, capsys):
     for name, changes, status in (
@@ -241,21 +198,8 @@ def test_a_shifted_robot_is_reported_and_a_like_one_is_not(folder, tmp_path, cap
         ),
     ):
         out = tmp_path / name
-        assert (
-            command(
-                "monitor",
-                "operate",
-                folder,
-                "--out",
-                out,
-                "--hours",
-                0.0184,
-                "--robots",
-                1,
-                *changes,
-            )
-            == 0
-        )
+        hours = ("--hours", 0.0184, "--robots", 1)
+        assert command("monitor", "operate", folder, "--out", out, *hours, *changes) == 0
         capsys.readouterr()
         assert command("monitor", "check", folder, out, "--json") == status
         result = json.loads(capsys.readouterr().out)
@@ -309,17 +253,9 @@ BAD_SOURCES = {
         _log(lambda lines: lines[:500]),
         r"499 ms long, the calibration's operations are 3000 ms",
     ),
-    "column": (
-        _log(lambda lines: [lines[0].replace("tip_error", "tip"), *lines[1:]]),
-        "has no column tip_error",
-    ),
     "text": (
         _log(lambda lines: [*lines[:7], lines[7].replace("0,", "zero,", 1), *lines[8:]]),
         "line 8 has something",
-    ),
-    "cell": (
-        _log(lambda lines: [*lines[:7], "1,0\n", *lines[8:]]),
-        "line 8 has something else than a number",
     ),
 }
 
@@ -357,10 +293,6 @@ BAD_OPTIONS = {
         "expected a field and ascending numbers, as tick=1000,5000",
     ),
     "hours": (["--hours", "0.001"], r"--hours \d+ or more\. With --robots 1 it would be"),
-    "rate": (["--false-alarms-per-hour", "0"], "a rate and a length lie above 0"),
-    "confidence": (["--confidence", "1"], "a confidence lies between 0 and 1"),
-    "robots": (["--robots", "0"], "0 robots an operator: expected a number from 1 on"),
-    "length": (["--length-s", "9000"], "expected 1 to 3600 s"),
     "motion": (
         ["--motions", "stil"],
         r"motion 'stil' is none: expected one of suture, .* Did you mean 'still'",
@@ -371,11 +303,7 @@ BAD_OPTIONS = {
 @pytest.mark.parametrize("case", BAD_OPTIONS)
 def test_bad_options_are_one_error(folder, tmp_path, capsys, case):
     options, message = BAD_OPTIONS[case]
-    usual = dict(zip(OPTIONS[::2], OPTIONS[1::2], strict=True))
-    words = [word for pair in (usual | dict([options])).items() for word in pair]
-    status = command(
-        "monitor", "calibrate", folder.parent / "robots.toml", "--out", tmp_path / "m", *words
-    )
+    status = calibrate(folder.parent, tmp_path / "m", *options)
     captured = capsys.readouterr()
     assert status == 2 and re.search(message, captured.err.replace("\n", " "))
 
@@ -383,18 +311,7 @@ def test_bad_options_are_one_error(folder, tmp_path, capsys, case):
 def test_another_campaign_does_not_go_on_in_the_folder(folder, tmp_path, capsys):
     other = tmp_path / "m"
     shutil.copytree(folder, other)
-    status = command(
-        "monitor",
-        "calibrate",
-        folder.parent / "robots.toml",
-        "--out",
-        other,
-        *OPTIONS,
-        *HOURS,
-        *SIGNALS,
-        "--seed",
-        3,
-    )
+    status = calibrate(folder.parent, other, *SIGNALS, "--seed", 3)
     assert status == 2 and "holds operations of another design" in capsys.readouterr().err.replace(
         "\n", " "
     )

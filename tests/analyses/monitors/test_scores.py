@@ -7,46 +7,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ravenjax import robots
-from ravenjax.analyses.monitors import code, scores
+from ravenjax.analyses.monitors import code
 from ravenjax.analyses.monitors.scores import Score
 from ravenjax.numbers.vec import Vec
 from ravenjax.parts import part
-from ravenjax.robots.raven2.loop.user_files import View
-
-RAVEN = robots.USUAL
-
-
-def test_every_signal_of_the_catalogue_is_a_field_of_the_view():
-    names = set(View.__annotations__)
-    for score in scores.catalogue(RAVEN):
-        assert score.signal in names and score.against in names | {""}
-        assert score.layer in RAVEN.layers
-
-
-def test_candidates_have_names_of_their_own_and_cover_every_kind():
-    every = scores.catalogue(RAVEN)
-    assert len({score.name for score in every}) == len(every) > 50
-    assert {score.kind for score in every} == set(scores.KINDS)
-    (tool,) = [score for score in every if score.name == "jpos_residual_jpos_d_tool"]
-    assert tool.channels == (3, 4, 5, 6) and tool.labels == (
-        "tool_roll",
-        "wrist",
-        "grasp1",
-        "grasp2",
-    )
-    (speed,) = [score for score in every if score.name == "jvel_bound"]
-    assert (
-        speed.units == ("rad/s", "rad/s", "m/s")
-        and speed.words == "jvel (shoulder, elbow, insertion)"
-    )
-    assert [one.words for one in speed.singles] == [
-        "jvel (shoulder)",
-        "jvel (elbow)",
-        "jvel (insertion)",
-    ]
-    assert sum(len(score.singles) for score in every) == sum(len(score.scales) for score in every)
-
 
 VIEW = {"mvel": 7, "jpos": 7, "jpos_d": 7, "tip_error": 0}
 SOME = (

@@ -103,18 +103,6 @@ def test_rows_are_those_of_a_campaign_of_listed_runs(template, points, evaluated
     assert rows["index"].tolist() == rows["pair"].tolist() == list(range(len(rows)))
 
 
-@pytest.mark.slow
-def test_a_point_that_comes_again_is_not_run_again(points, evaluated):
-    evaluator, found = evaluated
-    case, values = points
-    before = evaluator.runs, evaluator.batches
-    again = evaluator(case[::-1], values[::-1])
-    np.testing.assert_array_equal(again, found[::-1])
-    twice = evaluator(np.repeat(case[:1], 3), np.repeat(values[:1], 3, axis=0))
-    np.testing.assert_array_equal(twice, np.repeat(found[:1], 3, axis=0))
-    assert (evaluator.runs, evaluator.batches) == before
-
-
 def test_unit_points_become_the_values_that_a_sampled_design_draws():
     """The same points of the cube through a campaign of design "sobol" and through a template."""
     group = RAW["group"][0]["fault"][0] | {

@@ -16,7 +16,7 @@ from ravenjax.analyses.search.file import loading, outcome
 from ravenjax.analyses.search.file.template import Template
 from ravenjax.analyses.search.journal import Journal
 from ravenjax.errors import StoreError
-from ravenjax.store import folder, manifest, parts
+from ravenjax.store import folder, parts
 
 FAULT = {
     "site": "usb_out",
@@ -85,16 +85,6 @@ def kept(tmp_path, monkeypatch):
     return tmp_path, found, made.rows()
 
 
-@pytest.mark.slow
-def test_the_next_start_computes_nothing_again_and_has_the_same_table(kept):
-    out, found, rows = kept
-    with searching(out) as again:
-        assert (again.held, again.runs, again.batches) == (30, 0, 0)
-        np.testing.assert_array_equal(ask(again), found)
-    assert (stored(again), again.runs, again.batches) == (0, 30, 3)
-    assert content(again.rows()) == content(rows)
-
-
 def test_a_damaged_part_is_set_aside_and_named(kept):
     out, _, _ = kept
     last = parts.files(out / folder.PARTS)[2]
@@ -106,21 +96,6 @@ def test_a_damaged_part_is_set_aside_and_named(kept):
         str(out / folder.SET_ASIDE / last.name) in note and "start the same command again" in note
     )
     assert not last.exists()
-
-
-def test_what_is_done_is_one_file_and_taken_over_too(kept):
-    out, found, rows = kept
-    made = Journal(out, "same")
-    checksum = made.conclude(rows)
-    made.forget()
-    assert not (out / folder.PARTS).exists() and not (out / manifest.PARTS_FILE).exists()
-    with searching(out, checksum) as again:
-        np.testing.assert_array_equal(ask(again), found)
-    assert stored(again) == 0
-
-    (out / journal.ROWS).write_bytes(b"changed")
-    spoiled = Journal(out, "same", checksum)
-    assert not spoiled.tables and "its content was changed" in spoiled.notes[0]
 
 
 def test_a_disk_that_refuses_is_told_of(tmp_path, monkeypatch):

@@ -105,28 +105,6 @@ def test_the_same_search_may_come_again_and_another_not(bounded):
         runner.run(search(**BOUNDARY | {"tolerance": 0.1}), out)
 
 
-def test_a_search_that_was_ended_goes_on(bounded, tmp_path):
-    """Ended twice with some runs done; the third start makes the rest."""
-    out, whole = bounded
-    for ended in (1, whole.record["runs"] // 2):
-
-        def end(status, ended=ended):
-            if status.done >= ended:
-                raise KeyboardInterrupt
-
-        with pytest.raises(KeyboardInterrupt):
-            runner.run(search(**BOUNDARY), tmp_path, on_progress=end)
-        assert json.loads((tmp_path / "progress.json").read_text())["phase"] == "stopped"
-    found = runner.run(search(**BOUNDARY), tmp_path)
-    assert plain(found.record["result"]) == plain(whole.record["result"])
-    assert (tmp_path / journal.ROWS).read_bytes() == (out / journal.ROWS).read_bytes()
-    assert 0 < found.record["computed"] < found.record["runs"] == whole.record["runs"]
-    assert found.record["batches"] == whole.record["batches"]
-    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(
-        path.name for path in out.iterdir()
-    )
-
-
 @pytest.mark.slow
 def test_a_searched_parameter_has_the_golden_run_of_its_own_value(tmp_path):
     """Of a fault-free change of the robot nothing is harm that its golden run shares."""

@@ -111,19 +111,3 @@ def test_a_chunk_that_always_fails_is_named_and_the_others_are_delivered(cluster
 def test_an_address_where_nobody_answers():
     with pytest.raises(UserError, match=r"--ray-address 127\.0\.0\.1:1: no Ray cluster answers"):
         runner.run_campaign(tiny.config(), None, "simd", executor=ray_cluster.Ray(1, "127.0.0.1:1"))
-
-
-def test_a_task_has_the_coordinators_environment(monkeypatch):
-    monkeypatch.setenv("XLA_FLAGS", "--xla_flag")
-    monkeypatch.delenv("JAX_PLATFORMS", raising=False)
-    assert ray_cluster.task_environment("simd") == {
-        "JAX_PLATFORMS": "cpu",
-        "XLA_FLAGS": "--xla_flag",
-    } | {
-        name: value
-        for name, value in ray_cluster.task_environment("xla").items()
-        if name == "RAVENJAX_CACHE"
-    }
-    assert "JAX_PLATFORMS" not in ray_cluster.task_environment("xla")
-    monkeypatch.setenv("JAX_PLATFORMS", "cuda")
-    assert ray_cluster.task_environment("simd")["JAX_PLATFORMS"] == "cuda"

@@ -101,17 +101,6 @@ def test_shares_are_places_among_the_ticks_of_a_phase():
     assert starts(10, run).tolist() == [ticks[-1]]
 
 
-def test_a_campaign_is_written_as_it_was_read():
-    config = rj.load_campaign(campaign([700, {"phase": "slow", "share": 0.25}]))
-    again = rj.load_campaign(config.model_dump(mode="json", exclude_defaults=True))
-    assert again.group == config.group
-    config = rj.load_campaign(campaign({"phase": "slow"}, {"design": "random", "runs": 3}))
-    assert (
-        rj.load_campaign(config.model_dump(mode="json", exclude_defaults=True)).group
-        == config.group
-    )
-
-
 @pytest.mark.parametrize(
     ("start", "fault", "words"),
     [

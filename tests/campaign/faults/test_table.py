@@ -1,12 +1,10 @@
-"""Fault table to engine arrays: codes, canonical order, translation of network effects."""
+"""Fault table to engine arrays: codes, keys, translation of network effects."""
 
-import numpy as np
 import pytest
 
 from ravenjax import robots
 from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design, table
-from ravenjax.robots.raven2.declaration import SITES
 from ravenjax.vocabulary.effects import EFFECT_CODES, TRIGGER_CODES
 
 CONFIG = {
@@ -70,26 +68,6 @@ CONFIG = {
 @pytest.fixture(scope="module")
 def runs():
     return design.rows(loading.from_dict(CONFIG))
-
-
-def test_injection_is_the_union_in_canonical_order(runs):
-    injection = table.injection(runs, robots.USUAL)
-    assert injection.slots == 2
-    assert [use.site for use in injection.sites] == [
-        s for s in SITES if s in ("network", "tau_d", "usb_out", "brake")
-    ]
-    by_site = {use.site: use for use in injection.sites}
-    expected = (("gold", "elbow"), ("gold", "wrist"), ("green", "elbow"), ("green", "wrist"))
-    assert by_site["usb_out"].channels == expected
-    assert by_site["usb_out"].effects == ("overwrite", "toggle")
-    assert by_site["network"].channels == (("", "lag"), ("", "delay"), ("", "lost"))
-    assert by_site["network"].effects == ("overwrite",)
-    assert injection.triggers == ("time", "pedal")
-
-
-def test_injection_does_not_depend_on_the_order_of_rows(runs):
-    shuffled = runs.take(np.random.default_rng(3).permutation(len(runs)))
-    assert table.injection(shuffled, robots.USUAL) == table.injection(runs, robots.USUAL)
 
 
 def test_arrays_say_what_the_table_says(runs):

@@ -9,7 +9,6 @@ import ravenjax as rj
 from ravenjax.campaign import loading, plan
 from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.axis import fixed
-from ravenjax.campaign.file.group import flatten_parameters
 from ravenjax.errors import UserError
 from ravenjax.numbers import paths
 from ravenjax.robots.raven2 import ROBOT
@@ -40,22 +39,6 @@ def every():
         | leaves(software="fork2015")
         | leaves(console="absolute")
     )
-
-
-def test_a_parameter_is_named_as_its_fields_are(every):
-    kinds = {bounds.plain(ROBOT, path) for path in every}
-    assert {path for path, _ in bounds.rows(ROBOT)} == {
-        kind for kind in kinds if not bounds.reserved(ROBOT, kind)
-    }
-
-
-def test_no_word_of_a_path_is_taken_for_a_misspelt_distribution():
-    """But `nominal`, which is like `normal` and names no number."""
-    words = bounds.names(ROBOT) - {"nominal"}
-    for word in words:
-        assert flatten_parameters({"parameters": {"a": {word: [1, 2]}}}) == {
-            "parameters": {f"a.{word}": [1, 2]}
-        }
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,6 @@ import pytest
 
 from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
-from ravenjax.campaign.file import location
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.errors import UserError
 
@@ -82,22 +81,6 @@ def test_quick_is_what_the_readme_says():
             ":3: campaign.sed: unknown key | Did you mean 'seed'",
         ),
         (
-            "duration_s = 2.0",
-            "duration_s = -2",
-            ":3: campaign.duration_s: got -2, expected greater than 0",
-        ),
-        (
-            "duration_s = 2.0",
-            "duration_s = true",
-            ":3: campaign.duration_s: got 'true', expected a valid number",
-        ),
-        (
-            "start_ms = 1000",
-            "start_ms = true",
-            ":23: | start_ms: got True | whole number of milliseconds",
-        ),
-        ("[operator]", "[operatr]", "operatr: unknown key | Did you mean 'operator'"),
-        (
             'motion = "reach"',
             'motion = "rech"',
             ":6: operator.motion: unknown motion 'rech' | Did you mean 'reach'",
@@ -113,13 +96,6 @@ def test_quick_is_what_the_readme_says():
             ":19: group[1].fault[0].site: unknown fault site 'usbout' | Did you mean 'usb_out'",
         ),
         (
-            '"overwrite"',
-            '"overwrit"',
-            ":21: | unknown effect 'overwrit' | Did you mean 'overwrite'",
-        ),
-        ("value = [100, 200]", 'value = "big"', ":22: | got 'big', expected a number"),
-        ("value = [100, 200]", "value = []", ":22: | at least one value, got []"),
-        (
             "value = [100, 200]",
             "value = {unifrm = [1, 2]}",
             "exactly one of the keys | Did you mean 'uniform'",
@@ -132,11 +108,6 @@ def test_quick_is_what_the_readme_says():
         ('[10, "end"]', '{uniform = ["end", 5]}', ":24: | got 'end', expected a number"),
         (
             "value = [100, 200]",
-            "value = {uniform = [-3e9, 0]}",
-            ":22: | shoulder is a 16-bit number: expected -32768..32767, got -3000000000",
-        ),
-        (
-            "value = [100, 200]",
             "value = 99999",
             ":22: | shoulder is a 16-bit number: | got 99999, which would wrap to -31073",
         ),
@@ -144,11 +115,6 @@ def test_quick_is_what_the_readme_says():
             "start_ms = 1000",
             'start_ms = 5000\ntrigger = "pedal"',
             "got 5000, expected less than the run's 2000 ms",
-        ),
-        (
-            "start_ms = 1000",
-            "start_ms = 1000\nruns = 5",
-            "fault[0].runs: unknown key | It is a key of [[group]]",
         ),
         (
             "duration_s = 2.0",
@@ -162,16 +128,10 @@ def test_quick_is_what_the_readme_says():
         ),
         ('"overwrite"', '"bit_flip"', ":22: | index of a bit, 0..15, got 100"),
         (
-            '"x"',
-            '"xxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxx"',
-            ":2: campaign.name | at most 100 characters",
-        ),
-        (
             "start_ms = 1000",
             'start_ms = 1000\narm = "green"',
             "arm 'green' is not in this campaign",
         ),
-        ("start_ms = 1000", "start_ms = 1000\nevery_ms = 5", "every_ms | not longer than every_ms"),
         ('"free"', '"dac"', "got name 'dac' twice"),
         (
             '"free"',
@@ -218,18 +178,6 @@ def test_one_table_where_several_are_expected(write):
     assert complaint(write(text)).endswith(expected)
     assert "tools: got 5, expected a list" in complaint(
         write(GOOD.replace("duration_s = 2.0", "tools = 5"))
-    )
-
-
-def test_a_list_that_says_so_is_a_list(write):
-    plain, explicit = (
-        loading.load(write(GOOD.replace("[100, 200]", text)))
-        for text in ("[100, 200]", "{list=[100, 200]}")
-    )
-    assert design.expand(explicit).equals(design.expand(plain))
-    assert explicit.group[1].fault[0].value.explicit and not plain.group[1].fault[0].value.explicit
-    assert loading.from_dict(explicit.model_dump(mode="json")).group == explicit.group, (
-        "a manifest keeps the words"
     )
 
 
@@ -288,15 +236,6 @@ def test_bundled_campaigns_need_no_suffix(tmp_path, monkeypatch):
     assert loading.load("mine").campaign.name == "x"
 
 
-@pytest.mark.parametrize("name", ["", ".", "x\0y", 5])
-def test_what_names_no_file(name):
-    with pytest.raises(
-        UserError, match=r"expected (a|the path of a) campaign|no such campaign|cannot be read"
-    ) as error:
-        loading.load(name)
-    assert len(str(error.value)) < 250
-
-
 def test_a_byte_order_mark_is_skipped(tmp_path):
     path = tmp_path / "c.toml"
     path.write_bytes(b"\xef\xbb\xbf" + GOOD.encode())
@@ -314,10 +253,6 @@ def test_unknown_parameters(write):
         ":9: parameters.plant.friction_scale: unknown parameter. Did you mean 'plant.friction_scal'"
         in str(error.value)
     )
-
-
-# --- overrides ------------------------------------------------------------------------------------
-# --------------------
 
 
 def test_overrides(write):
@@ -356,10 +291,6 @@ def test_bad_overrides(write, override, parts):
         assert part in message, message
 
 
-# --- haptics and limits
-# -----------------------------------------------------------------------------------------------
-
-
 def with_section(section: dict) -> CampaignConfig:
     return loading.from_dict({**tomllib.loads(GOOD), **section})
 
@@ -375,20 +306,3 @@ def test_cues_are_the_product_in_si():
         (0.003, 9.0),
     ]
     assert all(c.cap == 0.05 and abs(c.kd - 0.09) < 1e-12 for c in cues)
-
-
-# --- lines ----------------------------------------------------------------------------------------
-# --------------------
-
-
-def test_lines_of_keys():
-    found = location.lines(
-        GOOD + "[[group]]\nname = 'b'\n[[group.fault]]\n'site' = 1\n[[group.fault]]\na.b = 2\n"
-    )
-    assert found["campaign.duration_s"] == 3
-    assert found["parameters.plant.friction_scale"] == 9
-    assert found["parameters.operator.scale"] == 10
-    assert found["group[1].fault[0].effect"] == 21
-    assert found["group[2].fault[0].site"] == 28
-    assert found["group[2].fault[1].a.b"] == 30
-    assert location.nearest(found, ("group", 2, "fault", 1, "nowhere")) == 29

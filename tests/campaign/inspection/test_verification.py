@@ -15,7 +15,6 @@ import ravenjax as rj
 from ravenjax.campaign import runner
 from ravenjax.campaign.inspection import verification
 from ravenjax.cli import results
-from ravenjax.errors import StoreError, UserError
 from ravenjax.store import manifest as manifests
 from ravenjax.store import parts
 from ravenjax.store.folder import read_all
@@ -160,15 +159,6 @@ def test_damaged_missing_and_stray_parts_are_each_named(folder):
         files[1].name,
         "part-000000025-000000034.parquet",
     ]
-
-
-def test_what_a_user_asks_wrongly(folder, tmp_path):
-    with pytest.raises(UserError, match="--sample -1"):
-        verification.verify(folder, sample=-1)
-    with pytest.raises(UserError, match="engine 'smd' is unknown"):
-        verification.verify(folder, engine="smd")
-    with pytest.raises(StoreError, match=r"holds no manifest.json"):
-        verification.verify(tmp_path)
 
 
 def test_the_command_ends_with_code_1_where_something_is_wrong(folder, capsys):

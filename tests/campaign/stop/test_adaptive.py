@@ -1,6 +1,4 @@
-"""A campaign that stops by itself: as far as its rule asks, the same way however often it is
-interrupted.
-"""
+"""A campaign that stops by itself: as far as its rule asks."""
 
 from __future__ import annotations
 
@@ -52,37 +50,27 @@ def config(allocation="proportional", of="groups", half_width=0.06, repeats=1):
 
 
 class Stand:
-    """Takes the place of the runner: rows of a made-up table, through the real store; dies after
-    so many parts.
-    """
+    """Takes the place of the runner: rows of a made-up table, through the real store."""
 
-    def __init__(self, rows=2101, parts_to_live=None):
+    def __init__(self, rows=2101):
         self.table = synthetic.frame(rows)
         drawn = self.table.index >= rows - 1500
         self.table["jump_code"] = np.random.default_rng(1).random(rows) < np.where(drawn, 0.4, 0.03)
-        self.left = parts_to_live
 
     def __call__(self, config, out, *, rows, **_):
         asked = tuple((r.start, r.stop - 1) for r in rows)
         folder = ResultFolder.open(out, synthetic.manifest(len(self.table), rows=asked))
-        try:
-            for span in folder.missing(CHUNK):
-                if self.left is not None:
-                    self.left -= 1
-                    if self.left < 0:
-                        raise KeyboardInterrupt
-                folder.add(self.table.iloc[span.start : span.stop])
-        finally:
-            folder.close(0.0, 0.0, 0)
+        for span in folder.missing(CHUNK):
+            folder.add(self.table.iloc[span.start : span.stop])
+        folder.close(0.0, 0.0, 0)
         return Results(synthetic.shape(), out)
 
 
 @pytest.fixture
 def run(monkeypatch):
-    def go(config, out=None, **stand):
-        stands = Stand(**stand)
-        monkeypatch.setattr(adaptive.runner, "run_campaign", stands)
-        return adaptive.run(config, out), stands
+    def go(config, out=None):
+        monkeypatch.setattr(adaptive.runner, "run_campaign", Stand())
+        return adaptive.run(config, out)
 
     return go
 
@@ -93,7 +81,7 @@ def run(monkeypatch):
 def test_it_stops_at_the_first_look_at_which_every_interval_is_narrow(
     run, tmp_path, allocation, of
 ):
-    results, _ = run(config(allocation, of), tmp_path)
+    results = run(config(allocation, of), tmp_path)
     looks, rows = decisions.read(tmp_path), results.frame()
     assert looks[-1].stop and not looks[-1].waiting and 1 < looks[-1].number < len(LOOKS)
     assert all(look.waiting and look.widest > 0.06 for look in looks[:-1])
@@ -107,7 +95,7 @@ def test_it_stops_at_the_first_look_at_which_every_interval_is_narrow(
 
 @pytest.mark.slow
 def test_a_look_counts_what_the_table_says(run, tmp_path):
-    table = run(config("neyman"), tmp_path)[0].frame().set_index("index")
+    table = run(config("neyman"), tmp_path).frame().set_index("index")
     first = {of.first: of for of in group_draws(config())}
     for look in decisions.read(tmp_path):
         for interval in look.intervals:
@@ -116,28 +104,6 @@ def test_a_look_counts_what_the_table_says(run, tmp_path):
             rows = rows[rows["failed"] == ""]
             came = rows["jump_code"] if interval.rate == "jump" else rows["response"] == "flagged"
             assert (interval.k, interval.n) == (came.sum(), len(rows))
-
-
-@pytest.mark.slow
-def test_an_interrupted_campaign_takes_the_same_way(run, tmp_path):
-    run(config("neyman"), tmp_path / "whole")
-    whole = (tmp_path / "whole" / decisions.FILE).read_bytes()
-    starts = []
-    for lives in (1, 2, 5):
-        folder = tmp_path / f"{lives}"
-        starts.append(0)
-        done = False
-        while not done:
-            starts[-1] += 1
-            try:
-                run(config("neyman"), folder, parts_to_live=lives)
-                done = True
-            except KeyboardInterrupt:
-                cut = folder / decisions.FILE
-                assert whole.startswith(cut.read_bytes() if cut.exists() else b"")
-        assert (folder / decisions.FILE).read_bytes() == whole
-        assert read_all(folder).equals(read_all(tmp_path / "whole"))
-    assert starts[0] > starts[1] > starts[2] > 1
 
 
 @pytest.mark.slow
@@ -168,18 +134,6 @@ def test_of_repeats_the_first_valid_one_counts(tmp_path):
         results, group_draws(one), np.array([1, 3, 0]), ("jump",), one.rules
     )
     assert k.tolist() == [[0, 1, 0]] and n.tolist() == [1, 2, 0]
-
-
-def test_without_a_stop_section_nothing_is_different(monkeypatch):
-    plain, share = config().model_copy(update={"stop": None}), Shard(2, 7)
-    calls = []
-    monkeypatch.setattr(
-        adaptive.runner, "run_campaign", lambda *args, **kwargs: calls.append((args, kwargs))
-    )
-    adaptive.run(plain, None, "simd", shard=share, command=["ravenjax"])
-    ((args, given),) = calls
-    assert args == (plain, None) and given["engine"] == "simd" and "rows" not in given
-    assert (given["shard"], given["command"]) == (share, ["ravenjax"])
 
 
 def test_a_shard_of_it_is_refused():

@@ -12,7 +12,7 @@ import synthetic_results as synthetic
 from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.stop import decisions
-from ravenjax.campaign.stop.adaptive import group_draws, stop_rule
+from ravenjax.campaign.stop.adaptive import stop_rule
 from ravenjax.errors import StoreError, UserError
 from ravenjax.outcomes import events
 from ravenjax.outcomes.events import Rules
@@ -43,40 +43,6 @@ def config(stop=None, groups=GROUPS, **more):
             **more,
         }
     )
-
-
-def test_each_group_is_a_stratum_and_one_without_faults_is_not_judged():
-    found = stop_rule(
-        config(
-            {
-                "rates": ["unintended_motion"],
-                "looks": [0.25, 1],
-                "of": "whole",
-                "allocation": "neyman",
-            }
-        )
-    )
-    assert [(s.name, s.size, s.judged) for s in found.strata] == [
-        ("free", 1, False),
-        ("grid", 200, True),
-        ("drawn", 64, True),
-    ]
-    assert found.first().tolist() == [1, 50, 16]
-    assert (found.rates, found.of, found.allocation, found.half_width) == (
-        ("unintended_motion",),
-        "whole",
-        "neyman",
-        0.1,
-    )
-
-
-def test_repeats_and_crossed_variants_are_one_draw():
-    groups = [GROUPS[0], GROUPS[1] | {"repeats": 3}]
-    one = config(
-        groups=groups, campaign={"name": "x", "noise": True}, cross={"operator.scale": [0.1, 0.2]}
-    )
-    assert [tuple(of) for of in group_draws(one)] == [(0, 1, 2), (2, 200, 6)]
-    assert group_draws(one)[1].rows_of(10) == range(2, 62)
 
 
 def test_the_beginning_of_a_grid_is_a_sample_of_it():
@@ -115,7 +81,6 @@ def test_events_are_those_of_the_report(event):
 @pytest.mark.parametrize(
     ("stop", "key", "message"),
     [
-        ({"half_width": 0}, "stop.half_width", "got 0, expected greater than 0"),
         (
             {"rates": ["evade"]},
             "stop.rates[0]",
@@ -123,8 +88,6 @@ def test_events_are_those_of_the_report(event):
         ),
         ({"rates": ["cue", "cue"]}, "stop", "rates = ['cue', 'cue'], expected each once"),
         ({"looks": [0.5, 0.2]}, "stop", "looks = [0.5, 0.2], expected increasing shares"),
-        ({"confidence": 1}, "stop.confidence", "got 1, expected less than 1"),
-        ({"width": 0.1}, "stop.width", "unknown key, expected one of half_width, rates"),
     ],
 )
 def test_what_is_wrong_is_said_with_its_key(stop, key, message):

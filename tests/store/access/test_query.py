@@ -14,18 +14,10 @@ from hypothesis import strategies as st
 
 from ravenjax.errors import StoreError
 from ravenjax.store.access import query
-from ravenjax.store.folder import ResultFolder, read_all
+from ravenjax.store.folder import read_all
 
 RUNS = 90
 FRAME = synthetic.frame(RUNS)
-
-
-def fill(path, chunk):
-    folder = ResultFolder.open(path, synthetic.manifest(RUNS))
-    for rows in folder.missing(chunk):
-        folder.add(FRAME.iloc[rows.start : rows.stop])
-    folder.close(compile_s=1.0, run_s=2.0, rows=RUNS)
-    return path
 
 
 @pytest.mark.slow
@@ -33,7 +25,7 @@ def fill(path, chunk):
 @given(st.integers(9, RUNS))
 def test_the_relation_is_the_table_whatever_the_parts(chunk):
     with tempfile.TemporaryDirectory() as place:
-        folder = fill(Path(place) / "results", chunk)
+        folder = synthetic.folder(Path(place) / "results", FRAME, synthetic.manifest(RUNS), chunk)
         with query.open_folder(folder) as table:
             found = table.frame('SELECT * EXCLUDE row FROM results ORDER BY "index"')
             assert table.row('SELECT count(*), bool_and(row = "index") FROM results') == (

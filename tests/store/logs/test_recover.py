@@ -90,17 +90,6 @@ def test_a_file_without_a_whole_chunk_is_refused(whole, tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_the_index_names_the_channels_where_the_first_chunk_is_damaged(whole, tmp_path):
-    data, _, ends = whole
-    at = ends[0] - 40
-    path = tmp_path / "damaged.mcap"
-    path.write_bytes(data[:at] + bytes(byte ^ 0xFF for byte in data[at : at + 8]) + data[at + 8 :])
-    assert session_log.read(path).numbers.tolist() == list(range(BLOCK, BLOCKS * BLOCK))
-    path.write_bytes(path.read_bytes()[: ends[4]])
-    with pytest.raises(StoreError, match="the chunk that names its channels is damaged"):
-        mcap_records.recover(path)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("cut", [False, True])
 @pytest.mark.parametrize("size", [1, 300])

@@ -45,10 +45,6 @@ def test_what_cannot_be_reached_is_refused_with_how_much_where_and_why(leaving):
         assert one.summary.arms[0].inside < 1.0 and one.summary.outside_share > 0.0
 
 
-# --- scale ----------------------------------------------------------------------------------------
-# --------------------
-
-
 def test_a_scale_that_is_varied_beyond_the_limits_is_refused(parquet):
     one = play(parquet(recording()))
     replay.require_scales(one, np.array([0.05, 0.1, 0.2]))

@@ -46,10 +46,6 @@ def test_nanoseconds_since_1970_lose_nothing(parquet, kind):
     )
 
 
-# --- no time --------------------------------------------------------------------------------------
-# --------------------
-
-
 def test_a_file_without_times_needs_a_rate(parquet):
     path = parquet(table(np.arange(ROWS) * 1e-3))
     refused(
@@ -60,31 +56,6 @@ def test_a_file_without_times_needs_a_rate(parquet):
     one = play(path, rate_hz=1000.0)
     assert one.summary.clock == "operator.rate_hz = 1000"
     assert len(one.motion) == ROWS + 749
-
-
-# --- a rate beside stamps
-# ---------------------------------------------------------------------------------------------
-
-
-def test_a_rate_overrules_stamps_of_arrival_and_says_so(parquet):
-    """Rows of 1 kHz that a network hands over forty at a time."""
-    arrival = (np.arange(ROWS) // 40) * 0.04 + (np.arange(ROWS) % 40) * 3e-5
-    path = parquet(table(np.arange(ROWS) * 1e-3).assign(time_s=arrival))
-    refused(
-        path,
-        "the stamps come in bursts: column time_s has half of the rows within 0.03 ms",
-        "rate_hz = 1012.78",
-    )
-    one = play(path, rate_hz=1000.0)
-    assert one.summary.notes == (
-        "column time_s is not used, operator.rate_hz spaces rows evenly; it says 2.961 s in all",
-    )
-    plain = play(parquet(recording()))
-    np.testing.assert_allclose(one.motion.position_um, plain.motion.position_um, atol=1e-6)
-
-
-# --- what cannot be -------------------------------------------------------------------------------
-# --------------------
 
 
 @pytest.mark.parametrize(("name", "factor"), [("time_ms", 1.0), ("time_s", 1e3)])

@@ -19,10 +19,6 @@ from studies.study import Context, Findings, Study
 ONSETS_A = range(1000, 2000, 50)
 
 
-# --- campaigns and published numbers
-# ----------------------------------------------------------------------------------
-
-
 def test_every_cell_of_scenario_a_displaces_three_axes_alike() -> None:
     rows = design.expand(loading.load("dsn16_a.toml"))
     rows = rows[rows["fault0_site"] != ""]
@@ -41,14 +37,6 @@ def test_every_cell_of_scenario_a_displaces_three_axes_alike() -> None:
     cells = rows.groupby([displacement, "fault0_duration_ms"])["fault0_start_ms"].agg(list)
     assert len(cells) == 12 * 8
     assert all(sorted(onsets) == list(ONSETS_A) for onsets in cells)
-
-
-# --- trajectories ---------------------------------------------------------------------------------
-# --------------------
-
-
-# --- counting -------------------------------------------------------------------------------------
-# --------------------
 
 
 def test_runs_are_counted_from_a_table_in_any_order() -> None:
@@ -85,10 +73,6 @@ def test_large_values_wrap_or_saturate(value: int, wrapped: int, saturated: int)
     assert stored(value) == wrapped
     assert stored(value, "saturate") == saturated
     assert stored(value, "unwrapped") == value
-
-
-# --- end to end -----------------------------------------------------------------------------------
-# --------------------
 
 
 def smaller(study: Study, overrides: dict[str, tuple[str, ...]], out: Path) -> Findings:

@@ -8,35 +8,10 @@ import json
 
 import pytest
 
-from ravenjax.campaign import loading, plan
-from ravenjax.numbers import paths
-from ravenjax.robots.raven2.campaign.program import NOISE_KEY, PACKET_KEY
 from studies import findings as findings_files
 from studies.seed import fault_free
 from studies.seed.fault_free import MODELLED, MOTIONS, SCALES, STUDY, RunSegment, Setting
 from studies.study import Context
-
-
-def own(ready, path):
-    """The robot's own value of the first number that a path names."""
-    return float(next(iter(paths.named(ready.program.params, ready.program.setup, path).values())))
-
-
-@pytest.fixture(scope="module")
-def ready():
-    return plan.make_plan(loading.load(fault_free.CAMPAIGN))
-
-
-def test_the_first_four_runs_are_as_modelled(ready):
-    first = ready.table.iloc[: len(SCALES)]
-    assert (first["group"] == MODELLED).all() and first["param:operator.scale"].tolist() == list(
-        SCALES
-    )
-    noises = ("plant.gold.encoder_noise", "plant.gold.torque_noise")
-    for path, values in ready.varied.items():
-        if path not in ("operator.scale", NOISE_KEY, PACKET_KEY, *noises):
-            assert values[0] == pytest.approx(own(ready, path)), path
-    assert all((ready.varied[path][: len(SCALES)] == 0.0).all() for path in noises)
 
 
 def made(mean_of, peak_of=lambda motion, scale: 15.0 * scale, pulses=0):

@@ -10,9 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-import synthetic_results
 
-from ravenjax.report.data import facts as run_facts
 from studies import findings as findings_files
 from studies import uncertain_robot
 from studies.uncertain_robot import EVENTS, PARAMETERS, RobotRates, Uncertain
@@ -27,34 +25,6 @@ def table(faults: int, **hits: list[int]) -> pd.DataFrame:
     columns = {event: np.isin(np.arange(faults), hits.get(event, [])) for event in EVENTS}
     layers = np.where(np.arange(faults) % 2, "packets", "USB in")
     return pd.DataFrame({**columns, "layer": layers, "kind": np.arange(faults)})
-
-
-def test_events_are_those_of_the_result_table() -> None:
-    made, frame = synthetic_results.manifest(runs=800), synthetic_results.frame(800)
-    chosen = frame["activated"] & (frame["fault0_site"] != "") & (frame["failed"] == "")
-    found = uncertain_robot.events(frame[chosen], run_facts.of(frame, made)[chosen])
-    assert set(found) == {*EVENTS, "layer", "kind"}
-    mine = frame[chosen]
-    moved, began, cue = (
-        mine["unintended_mm"] > 3.0,
-        mine["unintended_first_ms"],
-        mine["cue0_first_ms"],
-    )
-    nobody = mine["response"].isin(["silent", "limited"])
-    expected = {
-        "evaded": moved & nobody,
-        "cue": cue >= 0,  # no golden run has one
-        "stopped": mine["response"] == "stopped",
-        "unintended": moved,
-        "unwarned": moved & ~((cue >= 0) & (cue < began)),
-        "loss": mine["hazard"] == "loss of motion",
-        "misreport": mine["hazard"] == "false report",
-        "jump": mine["jump_code"],
-    }
-    for event, hits in expected.items():
-        assert found[event].tolist() == hits.tolist(), event
-        assert 0 < hits.sum() < len(hits), event
-    assert (found["injury"] >= found["unintended"]).all()
 
 
 def ends(

@@ -1,4 +1,4 @@
-"""The browser that the explorer's tests use."""
+"""The browser that tests use."""
 
 from __future__ import annotations
 
