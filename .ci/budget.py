@@ -16,7 +16,7 @@ import tokenize
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-LIMITS = {"tokens": 500_500, "lines": 78_600, "modules": 466, "lines of tests": 58_900}
+LIMITS = {"tokens": 459_500, "lines": 73_600, "modules": 447, "lines of tests": 42_000}
 COUNTED = {tokenize.NAME, tokenize.OP, tokenize.NUMBER, tokenize.STRING}
 
 
