@@ -36,6 +36,7 @@ from ravenjax.engines.xla.engine import LANE_MULTIPLE, ScanKernel
 from ravenjax.numbers.setup import CAMPAIGN, ORIGINAL, REFERENCE, Precision
 from ravenjax.outcomes.events import Rules
 from ravenjax.robots.raven2 import run_levels
+from ravenjax.robots.raven2.campaign import hands
 from ravenjax.robots.raven2.software.control_software import ControlSoftware
 from ravenjax.robots.raven2.stages import plc
 from ravenjax.stats.intervals import wilson
@@ -94,7 +95,7 @@ def exact_campaign() -> dict:
 def exact() -> Iterator[str]:
     """Yield the largest difference of any signal, in units of max(1, magnitude)."""
     ready = plan.make_plan(rj.load_campaign(exact_campaign()), precision=REFERENCE)
-    longer = plan.operator_motion(
+    longer = hands.operator_motion(
         rj.load_campaign(exact_campaign(), [f"campaign.duration_s={2 * TICKS / 1e3}"])
     )
     columns = tuple(

@@ -23,7 +23,7 @@ from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
-from ravenjax.robots.raven2.plant import drives, nominal, parameter_sets, robot
+from ravenjax.robots.raven2.plant import nominal, parameter_sets, robot
 from ravenjax.robots.raven2.plant.coupling import N, coupling
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stats.bootstrap.resample import bootstrap
@@ -416,10 +416,11 @@ def _statics(rows: Sequence[Statics]) -> Table:
         (one.who, *(_plain(x, d) for x, d in zip(one[1:], (0, 0, 1, 0, 2), strict=True)))
         for one in rows
     )
+    strength = parameter_sets.parameter_set(OURS).cable_strength[0]
     note = (
         f"{COUNTS} counts after the checks press the shoulder on its stop; the largest"
         " tension on the way depends on the assumed stiffness of the stop. A cable of this size"
-        f" breaks at some {drives.POSITIONING_STRENGTH:.0f} N. Statics of speed: the supply of 48 V"
+        f" breaks at some {strength:.0f} N. Statics of speed: the supply of 48 V"
         " by the back EMF. The push of the last column meets a controller with KP of raven2."
     )
     return Table("What a sudden command and a push do", columns, cells, note)

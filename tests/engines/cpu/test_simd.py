@@ -11,8 +11,8 @@ import pandas as pd
 import pytest
 
 import ravenjax as rj
-from ravenjax.campaign import plan, runner
-from ravenjax.engines import traced
+from ravenjax.campaign import plan
+from ravenjax.engines import selection, traced
 from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.engine import SimdEngine, SimdKernel
 from ravenjax.engines.interface import Block
@@ -137,7 +137,7 @@ def test_compiled_code_is_kept_and_used_again(ready, loop, whole, monkeypatch):
 
 
 def rows_of(config, engine, monkeypatch) -> pd.DataFrame:
-    monkeypatch.setattr(runner.selection, "select", lambda *_: engine)
+    monkeypatch.setattr(selection, "select", lambda *_: engine)
     return rj.run(config)
 
 
