@@ -181,11 +181,11 @@ def evading(runs: Mapping[str, int], limit_mm: float) -> str:
         for cue in verdict.CUES
     ]
     many, of = sum(by_cue), sum(valid.values())
-    harm = f"the instrument moves more than {limit_mm:g} mm by itself"
+    harm = f"the instrument moves more than {limit_mm:g} mm off its course"
     if not many:
         return (
-            f"None of {of} runs with a fault evades the checks: wherever {harm}, a check tells"
-            " someone."
+            f"None of {of} runs with a fault evades the checks: wherever {harm}, a check raises"
+            " an alarm."
         )
     evade = f"{many} of {of} runs with a fault {'evades' if many == 1 else 'evade'} the checks"
-    return f"{evade}: no check tells anyone, and {harm}. The cue comes in {by_cue[0]} of these."
+    return f"{evade}: no check raises an alarm, and {harm}. The cue comes in {by_cue[0]} of these."

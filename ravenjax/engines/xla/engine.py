@@ -37,7 +37,7 @@ ACCELERATOR_LANES = 2**19
 """Largest number of lanes of a block on each accelerator.
 
 A tick launches some 400 kernels, which takes 1.7 ms on an H100, so large blocks are the fastest
-(analysis/engines/README.md). With 2**20 lanes an array of engine mjx exceeds 2**31 bytes, and its
+(analysis/engines/gpu.md). With 2**20 lanes an array of engine mjx exceeds 2**31 bytes, and its
 results were wrong.
 """
 LANE_BYTES = 2**14
@@ -63,20 +63,20 @@ def _choose_lanes(runs: int, cores: int) -> int:
     """Return the lanes of a block for `runs` runs: on all accelerators together, or on one CPU
     core.
     """
-    devices = _accelerators()
-    if not devices:
-        share, most, multiple = -(-runs // cores), SMALL_LANES, LANE_MULTIPLE
-    else:
+    share, limit, multiple = -(-runs // cores), SMALL_LANES, LANE_MULTIPLE
+    if devices := _accelerators():
         memory = min(device.memory_stats()["bytes_limit"] for device in devices)
-        most = min(ACCELERATOR_LANES, memory // LANE_BYTES // LANE_MULTIPLE * LANE_MULTIPLE)
-        share, most, multiple = runs, most * len(devices), LANE_MULTIPLE * len(devices)
-    return min(most, -(-share // multiple) * multiple)
+        fitting = memory // LANE_BYTES // LANE_MULTIPLE * LANE_MULTIPLE
+        share, limit = runs, min(ACCELERATOR_LANES, fitting) * len(devices)
+        multiple = LANE_MULTIPLE * len(devices)
+    return min(limit, -(-share // multiple) * multiple)
 
 
 def _place(array: Any, axis: int = 0) -> Any:
-    """Put an array on the accelerators, divided along its axis of lanes."""
+    """Put an array on the accelerators, divided along its axis of lanes if that is possible."""
     devices = _accelerators()
-    if len(devices) < 2:
+    # Few lanes, as of a single trace, stay on the first device.
+    if len(devices) < 2 or np.shape(array)[axis] % len(devices):
         return jnp.asarray(array)
     mesh = jax.sharding.Mesh(np.array(devices), ("lanes",))
     spec = jax.sharding.PartitionSpec(*[None] * axis, "lanes")

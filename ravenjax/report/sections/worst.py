@@ -31,7 +31,9 @@ class WorstKind(NamedTuple):
 
 
 KINDS = (
-    WorstKind("evaded", "Unintended motion, nobody told", "evaded", "unintended_mm", "off course"),
+    WorstKind(
+        "evaded", "Unintended motion without an alarm", "evaded", "unintended_mm", "off course"
+    ),
     WorstKind(
         "told",
         "Unintended motion, a check told",

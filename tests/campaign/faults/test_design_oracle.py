@@ -228,7 +228,7 @@ def beginnings(config, table):
     for group, of in zip(config.group, draws, strict=True):
         assert of.number * of.rows == (table["group"] == group.name).sum()
         for taken in {1, of.number // 2, of.number}:
-            rows = table.iloc[list(of.range(taken))]
+            rows = table.iloc[list(of.rows_of(taken))]
             assert set(rows["pair"]) <= set(rows["index"]), "crossed variants are taken together"
             assert (rows.groupby("pair").size() == of.rows // group.repeats).all()
             assert (rows["seed"].value_counts() == len(rows) // group.repeats).all(), (
