@@ -1,8 +1,8 @@
 """Allows one writer per result folder; a second one is refused with the name of the first.
 
 The lock is the operating system's (`flock` on `DIR/.lock`), so it ends with the process that held
-it. The file only names the holder. Linux passes `flock` on NFS to the server. A file system without
-locks gives no protection.
+it. The file only names the holder. Linux passes `flock` on NFS to the server. On a file system
+without locks the file must do: a folder is refused if its holder is on another host or still runs.
 """
 
 from __future__ import annotations
@@ -43,10 +43,14 @@ def held(folder: Path) -> Iterator[None]:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
-            if error.errno in _TAKEN:
-                raise _refusal(folder, file.read()) from None
-            if error.errno not in _NO_LOCKS:
+            if error.errno not in (*_TAKEN, *_NO_LOCKS):
                 raise StoreError(f"{path}: cannot be locked ({error.strerror or error})") from error
+            holder = file.read()
+            if error.errno in _TAKEN:
+                raise _refusal(folder, holder) from None
+            if _may_run(holder):
+                hint = f" This file system has no locks: if that process has ended, delete {path}."
+                raise _refusal(folder, holder, hint) from None
         since = datetime.now(UTC).isoformat(timespec="seconds")
         holder = {"pid": os.getpid(), "host": socket.gethostname(), "since": since}
         # A full disk is no reason to refuse, because the lock works without the file's content.
@@ -66,7 +70,21 @@ def _put(file, text: str) -> None:
     file.flush()
 
 
-def _refusal(folder: Path, text: str) -> StoreError:
+def _may_run(text: str) -> bool:
+    """Return whether the process that a lock file names may still run."""
+    try:
+        holder = parsed(text)
+        if holder["host"] == socket.gethostname():
+            os.kill(int(holder["pid"]), 0)
+    except (ValueError, KeyError, TypeError, ProcessLookupError):
+        return False
+    except PermissionError:
+        # It is the process of another user.
+        pass
+    return True
+
+
+def _refusal(folder: Path, text: str, hint: str = "") -> StoreError:
     try:
         holder = parsed(text)
         who = f"process {holder['pid']} on {holder['host']}, since {holder['since']}"
@@ -74,5 +92,5 @@ def _refusal(folder: Path, text: str) -> StoreError:
         who = "another process"
     return StoreError(
         f"{folder}: is being written by {who}. Two runs into one folder would do the same work"
-        " twice: wait for it, stop it, or choose another --out. Nothing was changed."
+        f" twice: wait for it, stop it, or choose another --out.{hint} Nothing was changed."
     )
