@@ -135,7 +135,10 @@ def counterfactual(
     UserError and StoreError.
     """
     question = Question(false_alarms_per_hour, lead_ms, hours, most, tuple(groups), seed)
-    one = finding.find(_config(campaign), question, engine)
+    if isinstance(campaign, CampaignResults):
+        campaign = campaign.folder
+    config = load_source(campaign) if result_folder(campaign) else _config(campaign)  # type: ignore[arg-type]
+    one = finding.find(config, question, engine)
     files = [] if out is None else output.write(one, Path(out))
     table = pd.read_csv(
         io.StringIO(downloads.text(output.table(one))), keep_default_na=False, na_values=[""]
@@ -202,11 +205,7 @@ def check_monitor(
 
 
 def _config(campaign: Any) -> CampaignConfig:
-    """Return the configuration of a campaign: an object, tables, a file or a result folder."""
-    if isinstance(campaign, CampaignResults):
-        campaign = campaign.folder
+    """Return the configuration of a campaign: an object, tables or a file."""
     if isinstance(campaign, Campaign):
         return campaign.config
-    if isinstance(campaign, CampaignConfig):
-        return campaign
-    return load_source(campaign) if isinstance(campaign, str | Path) else load_campaign(campaign)
+    return campaign if isinstance(campaign, CampaignConfig) else load_campaign(campaign)

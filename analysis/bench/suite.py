@@ -208,7 +208,7 @@ def bench(
     json: bool, quick: bool, markdown: Path | None, only: Sequence[str], seconds: float | None
 ) -> int:
     """Run the benchmark and return the exit code of `ravenjax bench`."""
-    from ravenjax.cli import console, terminal
+    from ravenjax.cli import console
 
     if markdown is not None and not markdown.absolute().parent.is_dir():
         raise UserError(
@@ -232,6 +232,6 @@ def bench(
         console.emit_json(found)
     else:
         for title, columns, rows in every:
-            console.out.print(terminal.table(title, columns, rows))
+            console.table(title, columns, rows)
             console.out.print()
     return int(not found.keys() & {part.table for part in list_parts(1)})

@@ -49,7 +49,7 @@ def reproduce(name: str | None, out: Path, engine: str, keep: Path | None, as_js
         if not as_json:
             if found.lines:
                 rows = findings_files.line_rows(found)
-                console.out.print(terminal.table(study.title, findings_files.BRIEF_COLUMNS, rows))
+                console.table(study.title, findings_files.BRIEF_COLUMNS, rows)
             for state in standings(plain(found)["lines"]):
                 console.say(f"{state.sentence}. {targets()[state.id].definition}")
             for answer in claims.answers(findings_files.read(folder)):

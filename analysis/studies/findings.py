@@ -15,7 +15,6 @@ from typing import Any
 
 from ravenjax.campaign import loading, runner
 from ravenjax.campaign.faults import design
-from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.progress import OnProgress, Status
 from ravenjax.document import html
 from ravenjax.errors import StoreError
@@ -80,13 +79,11 @@ def reproduce(
         runner.run_campaign(config, folders[variant], engine, on_progress=of_campaign)
     tell("compare")
     findings = study.compare(Context(folders, engine))
-    write(study, findings, _provenance(study, configs, folders), folder)
+    write(study, findings, _provenance(study, folders), folder)
     return findings
 
 
-def _provenance(
-    study: Study, configs: Mapping[str, CampaignConfig], folders: Mapping[str, Path]
-) -> dict[str, Any]:
+def _provenance(study: Study, folders: Mapping[str, Path]) -> dict[str, Any]:
     """Return everything that decides a study's findings."""
     records = {name: manifest.read(folder) for name, folder in folders.items()}
     first = next(iter(records.values()), None)

@@ -51,8 +51,8 @@ GPU_TIMES = 2
 """Factor on GOLDEN_BYTES for a GPU, which needs many lanes at a time and copies those of a block.
 """
 AHEAD, ENOUGH_ROWS = 4, 2**18
-"""Blocks of a window for each block that runs at a time; only one if the window would exceed
-ENOUGH_ROWS rows.
+"""Blocks of a window for each block that runs at a time; fewer, but at least one, if the window
+would exceed ENOUGH_ROWS rows.
 
 More than one lets the rows of one block be packed while the next block runs.
 """

@@ -21,7 +21,6 @@ class Window(NamedTuple):
 
     rows: np.ndarray  # int64, in order
     blocks: list[np.ndarray]  # of each block, the indices of its rows in `rows`
-    golden_runs: np.ndarray  # numbers of their golden runs, ascending
 
 
 class WindowLimits(NamedTuple):
@@ -58,7 +57,7 @@ def cut_into_windows(
             shared = len(np.unique(golden[some[full]])) <= max(1, len(full) // SHARED)
             step = len(full) if shared else alone
             blocks += [full[i : i + step] for i in range(0, len(full), step)]
-        yield Window(some, blocks, np.unique(golden[some]))
+        yield Window(some, blocks)
 
 
 Columns = dict[str, np.ndarray]

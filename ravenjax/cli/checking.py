@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ravenjax.cli import console
 from ravenjax.cli.console import AsJson, Count, Listing, Overrides
-
-if TYPE_CHECKING:
-    pass
 
 MOST_ROWS = 40
 """Number of groups that are printed; further ones are only counted."""

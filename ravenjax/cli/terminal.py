@@ -168,7 +168,11 @@ def share_rows(counts: Mapping[str, int], total: int) -> list[tuple[str, ...]]:
     fault once.
     """
     ordered = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
-    return [(name, str(n), f"{100 * n / total:.1f} %") for name, n in ordered if name]
+
+    def share(n: int) -> str:
+        return f"{100 * n / total:.1f} %" if 2000 * n >= total else "< 0.1 %"
+
+    return [(name, str(n), share(n)) for name, n in ordered if name]
 
 
 def evading(runs: Mapping[str, int], limit_mm: float) -> str:

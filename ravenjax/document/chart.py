@@ -177,8 +177,6 @@ class Chart:
     marks: tuple[Mark, ...]
     # Height of the drawn area, px.
     height: int = 300
-    # A unit has the same length on both axes.
-    equal: bool = False
 
     def legend(self) -> list[tuple[str, str, bool]]:
         """Return name, colour and visibility of each entry of the legend."""

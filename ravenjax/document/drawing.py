@@ -155,8 +155,6 @@ def draw(chart: Chart, axes: Axes, *, page: bool = False, longest: int = 1000) -
             artists += 1
     for name, axis in (("x", chart.x), ("y", chart.y)):
         _scale(axes, name, axis, longest)
-    if chart.equal:
-        axes.set_aspect("equal")
     axes.patch.set_gid("hit")
 
 

@@ -122,18 +122,12 @@ class Block:
     faults: Any  # faults.fault.Faults of arrays [lanes]
     # [ticks, series, golden runs]; None: the lanes are golden runs; NO_REFERENCE: no reference
     reference: np.ndarray | None
-    golden: np.ndarray | None = (
-        # int [lanes]: golden run of each lane; None: one per lane, in order.
-        None
-    )
-    acts: np.ndarray | None = (
-        # int [lanes]: up to this tick a lane equals its golden run bit by bit; None: not known.
-        None
-    )
-    ends: np.ndarray | None = (
-        # int [lanes]: the first tick that a lane does not run; None: all run to the end.
-        None
-    )
+    # int [lanes]: golden run of each lane; None: one per lane, in order.
+    golden: np.ndarray | None = None
+    # int [lanes]: up to this tick a lane equals its golden run bit by bit; None: not known.
+    acts: np.ndarray | None = None
+    # int [lanes]: the first tick that a lane does not run; None: all run to the end.
+    ends: np.ndarray | None = None
     # Number of lanes, from the first, whose results are read; None: all.
     rows: int | None = None
     # For each golden run, what `Kernel.trunk` returned, or None; empty: none has any.

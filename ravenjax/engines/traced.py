@@ -135,6 +135,8 @@ def forms(
             _FORMS[key] = Forms(traced, kept, objects)
             if len(_FORMS) > KEPT:
                 del _FORMS[next(iter(_FORMS))]
+        # The most recently used program is last; the first is dropped.
+        _FORMS[key] = _FORMS.pop(key)
         return _FORMS[key]
 
 
@@ -271,8 +273,7 @@ class PrintedKernel(ABC):
         lanes of the kernel.
         """
         columns = inputs(self.program, block)
-        sized = (x for x in (*columns, block.golden, block.acts) if x is not None)
-        group = np.zeros(next(map(len, sized), self.lanes), np.int64)
+        group = np.zeros(block.lanes or self.lanes, np.int64)
         for column in columns[: len(self.program.varied)]:
             pattern = np.ascontiguousarray(column).view(f"u{column.dtype.itemsize}")
             _, value = np.unique(pattern, return_inverse=True)

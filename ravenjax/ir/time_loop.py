@@ -61,8 +61,6 @@ class Split:
     """Decides which part computes which operation of `loop.step`, given by their numbers."""
 
     loop: TimeLoop
-    # Inputs of a lane that are equal within a group.
-    shared_inputs: frozenset[int]
     # Numbers of the state that each lane stores.
     lane_state: tuple[int, ...]
     # Numbers of the state that never change, but differ between lanes.
@@ -127,7 +125,6 @@ def split(loop: TimeLoop, shared_inputs: Iterable[int], shared_ticks: Iterable[i
     shared = step.needed([*row, *(step.outputs[k] for k in shared_state)])
     return Split(
         loop,
-        shared_inputs,
         tuple(k for k in sorted(live) if state[k] == LANE | TICK),
         tuple(k for k in sorted(live) if state[k] == LANE),
         tuple(shared_state),

@@ -3,7 +3,7 @@
 Wilson is for display and Clopper-Pearson for guarantees, because it never covers less than
 promised. Both come from statsmodels' proportion_confint (Brown, Cai, DasGupta, Statistical Science
 16, 2001). They assume that the n trials are independent. Repeats of a deterministic run are not, so
-count distinct faults, or resample clusters (`bootstrap.clusters`).
+count distinct faults, or resample clusters (`bootstrap.units`).
 """
 
 from __future__ import annotations

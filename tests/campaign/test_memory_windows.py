@@ -54,8 +54,7 @@ def test_every_row_is_in_one_block_and_nothing_is_too_large(
         assert (np.diff(golden[own].astype(int) * 9 + acts[own]) >= 0).all(), (
             "neighbours act at about the same time"
         )
-        np.testing.assert_array_equal(window.golden_runs, np.unique(golden[window.rows]))
-        assert len(window.golden_runs) <= most
+        assert len(np.unique(golden[window.rows])) <= most
         for block in window.blocks:
             different = len(np.unique(golden[window.rows[block]]))
             shared = different == 1 or different * SHARED <= len(block)

@@ -100,14 +100,13 @@ def bare_rotors(params: robot.PlantParams) -> robot.PlantParams:
 
 def start(
     setup: RavenSetup,
-    arm: ArmName,
     controller: Controller,
     plant: robot.PlantState,
     whole: bool = True,
 ) -> LoopState:
     """Return the state of a robot at rest whose controller has integrated nothing."""
     zero = Vec(jnp.asarray(0.0, setup.precision.real) for _ in range(JOINTS))
-    past = (readings(setup, arm, plant, whole),) * READINGS
+    past = (readings(setup, plant, whole),) * READINGS
     return LoopState(
         plant=plant,
         readings=past if controller.filtered else past[:1],
@@ -117,7 +116,7 @@ def start(
     )
 
 
-def readings(setup: RavenSetup, arm: ArmName, plant: robot.PlantState, whole: bool = True) -> Vec:
+def readings(setup: RavenSetup, plant: robot.PlantState, whole: bool = True) -> Vec:
     """Return motor angles (rad) as encoders read them. If not `whole`, return them unrounded, so
     that they have a derivative.
     """
@@ -150,7 +149,7 @@ def cycle(
     that are written in place of the controller's. `whole`: encoders and DAC use whole counts.
     """
     tool = setup.tools[setup.arms.index(arm)]
-    new = readings(setup, arm, state.plant, whole)
+    new = readings(setup, state.plant, whole)
     angle, before = (
         (_low_passed(new, state), state.outputs[0])
         if controller.filtered

@@ -64,7 +64,7 @@ def init(setup: ReplaySetup, params: ReplayParams) -> LoopState:
     (arm,) = setup.arms
     plant = robot.init(setup, arm, params.loop.plant, params.first)
     plant = replace(plant, brakes=replace(plant.brakes, engaged=jnp.int32(0)))
-    return position_loop.start(setup, arm, setup.controller, plant, whole=setup.whole)
+    return position_loop.start(setup, setup.controller, plant, whole=setup.whole)
 
 
 def advance(
@@ -91,7 +91,7 @@ def advance(
     state, _, _ = position_loop.cycle(
         setup, arm, setup.controller, params.loop, state, desired, whole=setup.whole
     )
-    motors = position_loop.readings(setup, arm, state.plant, setup.whole)
+    motors = position_loop.readings(setup, state.plant, setup.whole)
     joints = transmission.joint_from_motor(arm, tool, motors, setup.software)
     return state, tuple(joints), ()
 

@@ -301,11 +301,15 @@ def words(what: str, known: Iterable[str] | None = None) -> OneValue:
 
 NUMBER = OneValue("a number", _number, {"type": ["number", "boolean"]})
 _ONSET = times(0)
+_SHARE = {"type": "number", "minimum": 0, "maximum": 1}
 _PLACE = {
     "type": "object",
     "properties": {
         PHASE: {"description": "a phase of the operation", "type": "string"},
-        SHARE: {"description": "0: the first millisecond, 1: the last; or a list of such"},
+        SHARE: {
+            "description": "0: the first millisecond, 1: the last; or a list of such",
+            "anyOf": [_SHARE, {"type": "array", "items": _SHARE, "minItems": 1}],
+        },
     },
     "required": [PHASE],
     "additionalProperties": False,

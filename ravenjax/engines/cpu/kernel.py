@@ -87,12 +87,10 @@ def _straight(
     """
     # From here on operations are identified by their index in `order`.
     place = {i: k for k, i in enumerate(order)}
-    # Number of operands that have not begun yet; cycle in which the operands that have begun are
-    # available.
-    missing, ready = (
-        [0] * len(order),
-        [0] * len(order),
-    )
+    # Number of operands that have not begun yet.
+    missing = [0] * len(order)
+    # Cycle in which the operands that have begun are available.
+    ready = [0] * len(order)
     readers: list[list[int]] = [[] for _ in order]
     for k, i in enumerate(order):
         for operand in operations[i].operands:

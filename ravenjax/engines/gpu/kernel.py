@@ -53,11 +53,8 @@ class Form:
     """
 
     threads: int = 384  # per block, with 168 registers each
-    shared_words: int = (
-        # Largest number of words of a thread's state in shared memory. The others stay in device
-        # memory.
-        148
-    )
+    # Largest number of words of a thread's state in shared memory; the others are in device memory.
+    shared_words: int = 148
     # Statements across which the compiler may move memory accesses. With more it would hold too
     # many numbers at once.
     region: int = 1000

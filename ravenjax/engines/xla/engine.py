@@ -197,7 +197,8 @@ class ScanKernel:
         rows = np.minimum(np.arange(first, first + self.length), len(block.reference) - 1)
         golden = np.arange(lanes) if block.golden is None else block.golden
         runs, golden = np.unique(golden, return_inverse=True)
-        return jnp.take(jnp.asarray(block.reference[rows][:, :, runs]), _place(golden), axis=2)
+        series = jnp.take(jnp.asarray(block.reference[rows][:, :, runs]), _place(golden), axis=2)
+        return _place(series, 2)
 
     def run(
         self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None

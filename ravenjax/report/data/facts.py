@@ -48,11 +48,8 @@ class Choices(NamedTuple):
     """Choices of a campaign that affect how its runs are judged."""
 
     rules: Rules = Rules()  # rules that define the outcomes
-    action: int = (
-        # Operator's action at a cue, an index into ACTIONS, for runs whose parameters do not set
-        # it.
-        0
-    )
+    # Operator's action at a cue, an index into ACTIONS, for runs whose parameters do not set it.
+    action: int = 0
     robot: Robot = robots.USUAL
 
 

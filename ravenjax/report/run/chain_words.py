@@ -110,7 +110,7 @@ def timeline(one: Chain) -> Chart | None:
     marks = {
         "fault": one.fault_ms,
         "cue": one.cue_ms,
-        "check tells": one.told_ms,
+        "alarm": one.told_ms,
         one.hazard: one.harm_ms,
     }
     marks = {name: ms for name, ms in marks.items() if ms >= 0}
@@ -118,7 +118,7 @@ def timeline(one: Chain) -> Chart | None:
     margin = max(MARGIN_MS, 0.04 * float(every.max() - every.min()))
     low, high = max(0.0, float(every.min()) - margin), float(every.max()) + margin
     upright = np.array([-0.5, len(one.links) - 0.5])
-    colours = {"fault": "series3", "cue": CUE, "check tells": RESPONSE}
+    colours = {"fault": "series3", "cue": CUE, "alarm": RESPONSE}
     outside = leaves >= 0
     tips = {
         name: tuple(f"{link.signal}, {text(link)}" for link in one.links)

@@ -33,8 +33,8 @@ class ClassRow(NamedTuple):
 
     name: str
     evaded: Rate  # of distinct faults
-    unintended: Rate  # of distinct faults, with or without a check
-    loss: Rate  # of distinct faults, with or without a check
+    unintended: Rate  # of distinct faults, with or without an alarm
+    loss: Rate  # of distinct faults, with or without an alarm
     # Of faults with an unintended motion: those that could be known before it. See Knowledge.lead.
     before: Rate
     # Time from the first effect by which half of these faults could be known.

@@ -62,10 +62,8 @@ class DetectorThreshold(NamedTuple):
     harmless: Rate  # of faults without an unintended motion: those with an alarm
     precision: Rate  # of faults with an alarm: those with an unintended motion
     false: AlarmRate | None  # on fault-free motion; None: unknown
-    delay_ms: (
-        # Median over faults with an unintended motion, from the fault's first effect.
-        Estimate
-    )
+    # Median over faults with an unintended motion, from the fault's first effect.
+    delay_ms: Estimate
     # Of faults with an unintended motion: those with an alarm before it.
     before: Rate
     # Median over faults with an unintended motion; NaN if at least half of them never had an alarm.

@@ -74,10 +74,8 @@ class Difference(NamedTuple):
     spared: int  # pairs in which only the run without the reaction had one
     caused: int  # pairs in which only the run with the reaction had one
     p: float  # exact; NaN if nothing was drawn
-    distance_mm: (
-        # Mean difference of EXCURSION; bounds are NaN for one pair, or if nothing was drawn.
-        Estimate
-    )
+    # Mean difference of EXCURSION; bounds are NaN for one pair, or if nothing was drawn.
+    distance_mm: Estimate
     depth_mm: Estimate  # the same for the depth in tissue
     reacted: Rate  # pairs in which the operator acted
     # Of the pairs in which the operator acted: those without an unintended motion even if nobody

@@ -29,7 +29,7 @@ class RobotRate(NamedTuple):
     """The rate of one question, with its interval for one more robot."""
 
     name: str
-    # K of n faults on all robots; the 95 % interval is for one robot.
+    # Share of the faults on all robots; the 95 % interval is for one robot.
     rate: Rate
     robots: int
     deviation: float  # standard deviation of the robots' rates

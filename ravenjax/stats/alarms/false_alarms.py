@@ -33,13 +33,13 @@ def alarm_rate(count: int, hours: float, confidence: float = 0.95) -> AlarmRate:
     independent alarms.
     """
     if not hours:
-        return AlarmRate(0, 0.0, math.nan, math.nan, math.nan)
+        return AlarmRate(int(count), 0.0, math.nan, math.nan, math.nan)
     low, high = rate_bounds(count, hours, confidence)
     return AlarmRate(int(count), float(hours), count / hours, float(low), float(high))
 
 
 def ending_rate(alarm: np.ndarray, hours: np.ndarray, confidence: float = 0.95) -> AlarmRate:
-    """Return alarms per hour if an alarm ends its operation: the rate that `stats.conformal.target`
+    """Return alarms per hour if an alarm ends its operation: the rate that `FalseAlarmTarget`
     promises.
 
     `alarm`: bool [operations], independent. `hours`: [operations], length of the whole operation.

@@ -9,7 +9,7 @@ includes sizes that the data themselves chose, by stopping or by giving one stra
 another. Each interval is exact (Clopper, Pearson, Biometrika 26, 1934).
 
 The rate of the whole table is that of strata weighted by their sizes. Its interval is the
-effective-sample-size Wilson interval of `strata.stratified`, at 1 - (1 - confidence) / (looks x
+effective-sample-size Wilson interval of `stratified`, at 1 - (1 - confidence) / (looks x
 rates). It is approximate, as that one is.
 
 Runs count as independent draws. A table that is itself the population, such as a shuffled grid, is
@@ -39,10 +39,8 @@ class Stratum(NamedTuple):
 
     name: str
     size: int  # number of draws that it holds
-    judged: bool = (
-        # True if its rates count. Otherwise the whole stratum is taken at the first look.
-        True
-    )
+    # Whether its rates count. If not, the whole stratum is taken at the first look.
+    judged: bool = True
 
 
 def _nan_of_null(value: float | None) -> float:

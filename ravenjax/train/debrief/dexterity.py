@@ -87,7 +87,7 @@ def measure_contact(course: Course) -> dict[str, dict[str, float]]:
         vessel, between = (course.channel(f"{arm}/{name}") for name in ("vessel_n", "between_n"))
         measures[arm] = {
             "peak_n": float(force.max()),
-            # T: rows are ms
+            # A row is a millisecond.
             "impulse_n_s": float(force.sum() * 1e-3),
             "vessel_n": float(vessel.max()),
             "between_n": float(between.max()),

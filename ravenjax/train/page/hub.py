@@ -167,7 +167,11 @@ class Hub:
         return len(self._clients)
 
     def _visible(self, client: Client, events: list[dict[str, Any]]) -> list[dict[str, Any]]:
-        return [event for event in events if self._visibility[client.role].shows_event(event)]
+        """Return the events that a window may see. Their rows of hazards.csv are for the recording
+        alone: a row says whether the cue is on, which blinding hides.
+        """
+        shown = filter(self._visibility[client.role].shows_event, events)
+        return [{key: value for key, value in event.items() if key != "row"} for event in shown]
 
     def _part(self, client: Client) -> None:
         """Remove a window that is gone or has another connection now."""

@@ -65,14 +65,17 @@ class Inbox:
             raise RefusedMessage(f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from None
         kind, do = content["type"], content.get("do", "")
         name, keys = f"{kind} {do}".rstrip(), content.keys() - {"type", "do"}
-        rule = {"by": ["operator"], "needs": [*keys]}
-        if kind != "input" and (rule := _COMMANDS[kind].get(do, {})) == {}:
+        if kind == "input":
+            rule = {"by": ["operator"], "may": [*keys]}
+        elif do in _COMMANDS[kind]:
+            rule = _COMMANDS[kind][do]
+        else:
             raise RefusedMessage(f"got {name}, expected one of {', '.join(_COMMANDS[kind])}")
         if role not in rule["by"]:
             raise RefusedMessage(f"a {role} may not send {name}")
         needs = rule.get("needs", [])
-        known = {*needs, *rule.get("may", [])}
-        if not set(needs) <= keys <= known:
+        known = [*needs, *rule.get("may", [])]
+        if not set(needs) <= keys <= set(known):
             got, expected = " ".join(keys) or "nothing", " ".join(known) or "nothing"
             raise RefusedMessage(f"{name}: got {got}, expected {expected}")
         self._require_sense(name, content)

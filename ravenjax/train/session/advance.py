@@ -85,7 +85,7 @@ class Session:
         self.cue_on = chosen.cue.on if cue is None else cue
         self.estop_row = self.blueprint.plan.runs - 1
         self.task = tasks.make(chosen, self._tips(), seed)
-        self.director = director.Director(chosen, self.hazards, seed)
+        self.director = director.Director(self.hazards, seed)
         self.judge = judge.Judge(chosen, self.hazards, self.cue_on, self._record)
         self.phase, self.view = READY, REAL
         self.ticks = 0  # ms of the session, without pauses

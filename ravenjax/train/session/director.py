@@ -19,7 +19,7 @@ import numpy as np
 
 from ravenjax.train.protocol.frame import PHASES, VIEWS, Frame
 from ravenjax.train.robot import PEDAL_DOWN
-from ravenjax.train.scenario import Armable, Scenario
+from ravenjax.train.scenario import Armable
 
 SETTLED_MS = 500
 """After this time the robot has adopted pedal-down and the hands move. The library uses the same
@@ -46,7 +46,7 @@ class Order(NamedTuple):
 class Director:
     """Schedules the hazards of one session."""
 
-    def __init__(self, scenario: Scenario, hazards: Sequence[Armable], seed: int) -> None:
+    def __init__(self, hazards: Sequence[Armable], seed: int) -> None:
         self.hazards = tuple(hazards)
         self.at_work = -1
         """Number of the hazard that is armed or active; -1: none."""

@@ -158,7 +158,7 @@ class FakeSession:
                 self._set("view", 2 if told["do"] == "reengage" else 0)
             elif told["do"] == "arm":
                 self._hazard, self._struck = told["hazard"], self.tick + 200
-                self.event("hazard_armed", number=self._hazard)
+                self.event("hazard_armed", number=self._hazard, row={"cue": "on"})
             elif told["do"] in ("pause", "resume"):
                 self._set("phase", PAUSED if told["do"] == "pause" else RUNNING)
             elif told["do"] == "cue":

@@ -18,8 +18,8 @@ def hazard(name, **keys):
 
 
 def director(*entries, seed=0):
-    chosen, armable = made(hazard=list(entries))
-    return Director(chosen, armable, seed)
+    _, armable = made(hazard=list(entries))
+    return Director(armable, seed)
 
 
 def run(one, frame, first, last):

@@ -70,7 +70,7 @@ def inverse_kinematics(
         grasp=(grasp, ()),
         jpos_ref=(jpos_ref, (7,)),
     )
-    _require_rotations(turns)
+    _require_rotations(_checked("rotation", rotation, (3, 3)))
     pose = Pose(_vec(places), Vec(_vec(turns[..., k, :]) for k in range(3)))
     with _numpy():
         solution = kinematics.inverse(arm, pose, openings[()], _vec(measured))
@@ -169,9 +169,10 @@ def _require_rotations(matrices: Array) -> None:
     off = np.abs(np.swapaxes(matrices, -1, -2) @ matrices - np.eye(3)).max(axis=(-1, -2))
     mirrored = np.linalg.det(matrices) < 0
     for index in np.argwhere((off > ORTHONORMAL) | mirrored)[:1].tolist():
-        apart = off[tuple(index)]
-        problem = "has columns that are not orthonormal" if apart > ORTHONORMAL else "mirrors"
+        apart, problem = off[tuple(index)], "mirrors"
+        if apart > ORTHONORMAL:
+            problem = f"has columns that are not orthonormal (off by {apart:.2g})"
         raise UserError(
-            f"rotation{index or ''} {problem} (off by {apart:.2g}), expected a rotation matrix:"
+            f"rotation{index or ''} {problem}, expected a rotation matrix:"
             " its columns are the axes of the jaws' frame"
         )

@@ -43,7 +43,7 @@ class Start(NamedTuple):
 
 @dataclasses.dataclass
 class Console:
-    """The console in this tick. Stages before it may change all fields but `signal`."""
+    """The console in this tick. Stages that `act` may change all fields but `signal`."""
 
     signal: Input
     newest: Scalar  # int32, index of the newest packet before this tick; -1: none yet

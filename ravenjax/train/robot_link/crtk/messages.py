@@ -22,7 +22,6 @@ from ravenjax.store.logs.ros_types import (
 )
 from ravenjax.train.robot import ArmName
 
-JOY = "sensor_msgs/msg/Joy"  # foot pedals
 OPERATING_STATE = "crtk_msgs/msg/OperatingState"
 STRING = "crtk_msgs/msg/StringStamped"
 RAVEN_STATE = "raven_2/msg/raven_state"
