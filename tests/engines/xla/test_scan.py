@@ -196,8 +196,8 @@ results = []
 for devices in ((), tuple(jax.devices())):
     here.scan._accelerators = lambda: devices
     ready, columns = here.planned(40)
-    kernel = here.ScanKernel(ready.program, 2 * here.LANE_MULTIPLE)
-    golden = kernel.run(here.Block(*ready.lanes([0], kernel.lanes, harmless=True), None), columns)
+    kernel = here.scan.ScanKernel(ready.program, 2 * here.scan.LANE_MULTIPLE)
+    golden = kernel.run(here.scan.Block(*ready.lanes([0], kernel.lanes, harmless=True), None), columns)
     results.append(here.run_rows((ready, columns), kernel, golden, range(ready.runs)))
 assert len(devices) == 2
 here.same(*results)
