@@ -197,7 +197,8 @@ for devices in ((), tuple(jax.devices())):
     here.scan._accelerators = lambda: devices
     ready, columns = here.planned(40)
     kernel = here.scan.ScanKernel(ready.program, 2 * here.scan.LANE_MULTIPLE)
-    golden = kernel.run(here.scan.Block(*ready.lanes([0], kernel.lanes, harmless=True), None), columns)
+    block = here.scan.Block(*ready.lanes([0], kernel.lanes, harmless=True), None)
+    golden = kernel.run(block, columns)
     results.append(here.run_rows((ready, columns), kernel, golden, range(ready.runs)))
 assert len(devices) == 2
 here.same(*results)
