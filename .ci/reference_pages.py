@@ -548,7 +548,7 @@ def _python() -> Iterator[str]:
     )
     members = vars(ravenjax.functional)
     things = {name: getattr(ravenjax, name) for name in ravenjax.__all__} | {
-        f"functional.{name}": members[name] for name in ("Model", "Rollout", "load")
+        f"functional.{name}": members[name] for name in ("Model", "Rollout", "inject", "load")
     }
     for name, thing in sorted(things.items()):
         yield f"## {name}"

@@ -2,14 +2,19 @@
 
     from ravenjax import functional
 
-    model = functional.load("campaign.toml", vary=["nominal.kp.shoulder"])
+    model = functional.load("campaign.toml", vary=["nominal.gold.kp.shoulder"])
     golden = model.rollout(params, no_faults)
     run = model.rollout(params, faults, golden.series)
 
-Parameters are a dict of path -> number, faults a record of numbers. Both are pytrees. `Model.params`
-and `Model.faults` hold those of all runs of the campaign, each leaf [runs], so `jax.vmap` computes
-the campaign. Parts of a Raven-II also work alone: `nominal` (`init`, `step` and `track`), `control`
-(`init` and `cycle`) and `Injector`. They take `Model.setup` and the parts of `Model.record`.
+Parameters are a dict of path -> number, faults a record of numbers. Both are pytrees.
+`Model.params` and `Model.faults` hold those of all runs of the campaign, each leaf [runs], so
+`jax.vmap` computes the campaign. Parts of a Raven-II also work alone: `nominal` (`init`, `step` and
+`track`), `control` (`init` and `cycle`) and `inject`. They take `Model.setup` and the parts of
+`Model.record`.
+
+Encoder counts and DAC commands are whole numbers, whose derivative is 0 in JAX. So a derivative is
+exact for the nominal model and for what follows the DAC within a tick. It does not pass through the
+control software.
 """
 
 from __future__ import annotations
@@ -28,14 +33,14 @@ from ravenjax.campaign.loading import load_campaign
 from ravenjax.campaign.plan import make_plan
 from ravenjax.engines.interface import TickProgram
 from ravenjax.faults import injection
-from ravenjax.faults.fault import Faults
+from ravenjax.faults.fault import Faults, FaultState, TriggerClocks, open_windows
 from ravenjax.numbers import paths
 from ravenjax.numbers.setup import CAMPAIGN, Precision
 from ravenjax.robots.raven2.loop import control
-from ravenjax.robots.raven2.loop.injector import RavenInjector as Injector
+from ravenjax.robots.raven2.loop.injector import RavenInjector
 from ravenjax.robots.raven2.plant import nominal
 
-__all__ = ["Injector", "Model", "Rollout", "control", "load", "nominal"]
+__all__ = ["Model", "Rollout", "control", "inject", "load", "nominal"]
 
 
 class Rollout(NamedTuple):
@@ -140,3 +145,17 @@ def load(
         varied |= {name: np.full(plan.runs, value) for name, value in found.items()}
     params, faults = jax.tree.map(jnp.asarray, (varied, faults))
     return Model(plan.program, tuple(map(jnp.asarray, plan.columns)), params, faults)
+
+
+def inject(
+    setup: Any, faults: Faults, state: FaultState, tick: Any, site: str, signal: Any
+) -> tuple[FaultState, Any]:
+    """Return the faults' state and the signal of a Raven-II's site after the faults in one tick.
+
+    state: at first `Model.init(params).faults`. Every trigger's clock starts at tick 0. signal: as
+    `loop.tick` and `loop.control` pass it, for example DAC counts, 7 int32 for each arm.
+    """
+    clocks = TriggerClocks(tick, tick + 1, tick)
+    injector = RavenInjector(setup, faults, open_windows(setup, faults, state, clocks), clocks)
+    signal = injector(site, signal)
+    return injector.state, signal
