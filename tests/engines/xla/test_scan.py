@@ -70,9 +70,6 @@ def same(a, b):
         np.testing.assert_array_equal(a[name], b[name], err_msg=name)
 
 
-# --- two engines ---
-
-
 def gap(a, b):
     """Largest |a - b| / max(1, |a|) of two arrays."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
@@ -98,8 +95,6 @@ def test_whole_ticks_of_mjx_are_those_of_simd(arm):
         if values.dtype.kind != "f":
             np.testing.assert_allclose(values, mjx.outcomes[name], rtol=0, atol=2, err_msg=name)
 
-
-# --- one engine ---
 
 TICKS = 1013  # a prime: no segment but one tick divides it
 
