@@ -546,19 +546,24 @@ def _python() -> Iterator[str]:
         " modules, classes and functions that can be imported from the package's folders may move,"
         " change or go with any version."
     )
-    for name in ravenjax.__all__:
-        thing = getattr(ravenjax, name)
+    members = vars(ravenjax.functional)
+    things = {name: getattr(ravenjax, name) for name in ravenjax.__all__} | {
+        f"functional.{name}": members[name] for name in ("Model", "Rollout", "inject", "load")
+    }
+    for name, thing in sorted(things.items()):
         yield f"## {name}"
         if inspect.isclass(thing) and issubclass(thing, Section) and name != "CampaignConfig":
             keys = ", ".join(f"`{key}`" for key in inspect.signature(thing).parameters)
             summary = _prose(thing).partition("\n\n")[0].replace("\n", " ")
             yield f"{summary} Its [keys](campaigns.md): {keys}."
             continue
-        plain = inspect.isclass(thing) and issubclass(thing, BaseModel | Exception)
+        plain = inspect.ismodule(thing) or (
+            inspect.isclass(thing) and issubclass(thing, BaseModel | Exception | tuple)
+        )
         if not plain:
             yield f"```text\n{_signature(name, thing)}\n```"
         yield _prose(thing)
-        if inspect.isclass(thing) and not plain:
+        if not plain and inspect.isclass(thing):
             for inner, method in inspect.getmembers(thing, inspect.isroutine):
                 if not inner.startswith("_") and method.__doc__:
                     yield f"### {name}.{inner}"

@@ -12,6 +12,7 @@ runs in parallel.
     checks = rj.counterfactual(config)           # pandas: what further checks would have detected
     position, rotation = rj.forward_kinematics(jpos, "gold")
     software = rj.ControlSoftware()              # drive the control software alone
+    model = rj.functional.load(config)           # the tick as pure functions of JAX
 
 The names in `__all__` are public. Every other module and name is internal and may change with any
 version. Names are imported when they are first used, so `import ravenjax` is fast.
@@ -42,6 +43,8 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(
             f"module 'ravenjax' has no attribute {name!r}; it has {', '.join(__all__)}"
         )
+    if _HOMES[name] == __name__:
+        return importlib.import_module(f"{__name__}.{name}")
     return getattr(importlib.import_module(_HOMES[name]), name)
 
 

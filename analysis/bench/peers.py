@@ -90,8 +90,7 @@ def measure_mjx_step(
     """
     import jax
     import jax.numpy as jnp
-
-    from ravenjax.robots.raven2.dynamics.mjx_dynamics import mjx
+    from mujoco import mjx
 
     on_cpu = jax.default_backend() == "cpu"
     batches = batches or ((1024,) if on_cpu else tuple(4**n for n in range(5, 10)))

@@ -9,13 +9,13 @@ a derivation by hand would give.
 from __future__ import annotations
 
 import dataclasses
-import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from ravenjax.ir.builder import Builder
 from ravenjax.ir.program import Program, number
+from ravenjax.numbers import trigonometry
 
 _REAL = "float64"
 
@@ -104,7 +104,7 @@ def sin(x: Number) -> Number:
     return (
         Term(x.builder, x.builder.emit("sin", _REAL, x.number), x.sign)
         if isinstance(x, Term)
-        else math.sin(x)
+        else trigonometry.sin(x)
     )
 
 
@@ -113,7 +113,7 @@ def cos(x: Number) -> Number:
     return (
         Term(x.builder, x.builder.emit("cos", _REAL, x.number))
         if isinstance(x, Term)
-        else math.cos(x)
+        else trigonometry.cos(x)
     )
 
 

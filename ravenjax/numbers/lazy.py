@@ -4,8 +4,8 @@
 and `from jax import lax`. Within `at_once()`, functions of NumPy take the place of `jnp` and `lax`.
 Code of the tick then runs on plain numbers, without JAX.
 
-NumPy's results have the types and the bits that XLA gives on a CPU. Sine and cosine of float32 are
-the exception: NumPy's are correctly rounded.
+NumPy's results have the types and the bits that XLA gives on a CPU. Sine and cosine are the
+exception: they are those of `trigonometry`, the same on every host.
 """
 
 from __future__ import annotations
@@ -23,11 +23,9 @@ if TYPE_CHECKING:
     from jax import lax
 
 
-import math
-
 import numpy as np
 
-from ravenjax.numbers import tree
+from ravenjax.numbers import tree, trigonometry
 
 
 class Numpy:
@@ -39,12 +37,12 @@ class Numpy:
     @staticmethod
     def sin(x: Any) -> Any:
         """Return the sine of a number or array."""
-        return np.sin(x) if np.ndim(x) else _of_type(x)(math.sin(x))
+        return _as(x, trigonometry.sin)
 
     @staticmethod
     def cos(x: Any) -> Any:
         """Return the cosine of a number or array."""
-        return np.cos(x) if np.ndim(x) else _of_type(x)(math.cos(x))
+        return _as(x, trigonometry.cos)
 
     @staticmethod
     def where(condition: Any, yes: Any, no: Any) -> Any:
@@ -66,8 +64,11 @@ class Lax:
         return tree.mapped(lambda a, b: np.where(condition, a, b)[()], yes(), no())
 
 
-def _of_type(x: Any) -> Any:
-    return type(x) if isinstance(x, np.floating) else float
+def _as(x: Any, function: Callable[[Any], Any]) -> Any:
+    """Return the function's value in the type of `x`."""
+    if np.ndim(x):
+        return function(x.astype(np.float64)).astype(x.dtype)
+    return (type(x) if isinstance(x, np.floating) else float)(function(float(x)))
 
 
 __all__ = ["at_once", "jax", "jnp", "lax", "when_loaded"]

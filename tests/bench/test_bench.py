@@ -6,6 +6,7 @@ import jax
 import mujoco
 import numpy as np
 import pytest
+from mujoco import mjx
 
 from bench import (
     campaigns,
@@ -16,7 +17,6 @@ from bench import (
 from bench.workload import PATTERN_RUNS, Workload
 from ravenjax.campaign import loading, plan
 from ravenjax.engines.cpu.engine import SimdEngine
-from ravenjax.robots.raven2.dynamics.mjx_dynamics import mjx
 
 TICKS = 20
 

@@ -8,12 +8,15 @@ import dataclasses
 import re
 from pathlib import Path
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import planar_arm
 import pytest
 from rendered_page import Page, words
 
 import ravenjax as rj
+from ravenjax import functional
 from ravenjax.cli import main
 from ravenjax.errors import UserError
 from ravenjax.store import manifest
@@ -79,6 +82,42 @@ def test_two_engines_agree(tables):
         "check_torque_limit_margin",
     ):
         np.testing.assert_allclose(simd[name], xla[name], rtol=1e-4, atol=1e-4, err_msg=name)
+
+
+def test_pure_functions_compute_the_campaign_in_any_transformation(file, tables):
+    """`functional`: vmap and shard_map against two engines and one run alone, grad against finite
+    differences.
+    """
+    model = functional.load(file)
+    assert model.targets["torque", "arm", "elbow"] == 4
+    mesh, spec = jax.sharding.Mesh(jax.devices(), ("runs",)), jax.sharding.PartitionSpec("runs")
+    every = jax.jit(
+        jax.shard_map(
+            jax.vmap(model.rollout), mesh=mesh, in_specs=spec, out_specs=spec, check_vma=False
+        )
+    )
+    harmless, nothing = jax.tree.map(jnp.zeros_like, model.faults), jnp.zeros((28, 600, 6))
+    golden = every(model.params, harmless, nothing).series
+    found = every(model.params, model.faults, golden).outcomes
+    for name, table in tables.items():
+        for column in ("check_torque_limit_first_ms", "unintended_mm", "active_ticks"):
+            np.testing.assert_allclose(
+                found[column], table[column], rtol=1e-4, atol=1e-4, err_msg=name
+            )
+
+    struck = jax.tree.map(lambda leaf: leaf[25], model.faults)
+
+    @jax.jit
+    @jax.value_and_grad
+    def excursion(kp):
+        out = model.rollout({"kp": kp}, struck, golden[25])
+        return out.outcomes["unintended_mm"]
+
+    kp = model.params["kp"][25]
+    alone, slope = map(float, excursion(kp))
+    lower, higher = (float(excursion(kp + step)[0]) for step in (-1, 1))
+    assert alone == pytest.approx(float(found["unintended_mm"][25]), rel=1e-5)
+    assert slope == pytest.approx((higher - lower) / 2, rel=0.02) and abs(slope) > 0.01
 
 
 def test_faults_strike_when_and_where_they_are_told(tables):

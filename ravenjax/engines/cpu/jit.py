@@ -14,6 +14,7 @@ import llvmlite
 import llvmlite.binding as llvm
 
 from ravenjax.engines.trace_key import Objects
+from ravenjax.errors import UserError
 
 _OPTIMISATION = 1
 """Optimisation level of code generation. The IR needs no passes, and a higher level gives the same
@@ -24,6 +25,9 @@ _OPTIONS = ("-pre-RA-sched=source", "-enable-misched=false")
 
 They hold for the whole process.
 """
+
+_FUSED = frozenset(("fma", "neon", "fp-armv8"))
+"""CPU features that provide a fused multiply-add."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,12 +55,19 @@ class Host:
 
 @cache
 def host() -> Host:
-    """Return this machine's CPU."""
+    """Return this machine's CPU. Raises UserError if it has no fused multiply-add."""
     for option in _OPTIONS:
         llvm.set_option("ravenjax", option)
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     features = frozenset(name for name, there in llvm.get_host_cpu_features().items() if there)
+    if not features & _FUSED:
+        raise UserError(
+            f"CPU {llvm.get_host_cpu_name()} has no fused multiply-add, so its results would differ"
+            " from those of other machines: expected x86-64-v3 (Intel or AMD since 2013) or"
+            " aarch64; in an emulator or a virtual machine, pass the CPU of the host through; or"
+            " use --engine xla"
+        )
     return Host(llvm.get_host_cpu_name(), features)
 
 

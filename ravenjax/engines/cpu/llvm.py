@@ -2,10 +2,9 @@
 lanes.
 
 `Place`s give the locations of numbers in memory. Every float operation is printed as it is. LLVM
-may neither fuse nor reassociate, so that all widths and CPUs give the same bits. The exception is a
-CPU without fused multiply-add, where `fma` rounds twice. A program that was lowered with functions
-of the C library calls them, one lane wide. They are the same functions of this process that
-Python's `math` calls.
+may neither fuse nor reassociate, so that all widths and CPUs give the same bits. A program that was
+lowered with functions of the C library calls them, one lane wide. They are the same functions of
+this process that Python's `math` calls.
 """
 
 from __future__ import annotations
@@ -40,8 +39,6 @@ _COMPARED = {
 }
 _ROUNDED = {"floor": "floor", "ceil": "ceil", "round": "rint", "sqrt": "sqrt", "abs": "fabs"}
 _SHIFTED = {"shl": "shl", "shr": "lshr", "sar": "ashr"}
-_FUSED = frozenset(("fma", "neon", "fp-armv8"))
-"""CPU features that provide a fused multiply-add."""
 
 
 class LlvmPrinter(Printing[Place]):
@@ -219,9 +216,6 @@ class LlvmPrinter(Printing[Place]):
                 return self.op(f"fdiv {wide} {', '.join(x)}")
             case "div" | "rem" if not real and size(dtype) == 4:
                 return self._divided(name, dtype, x)
-            case "fma" if not self.features & _FUSED:
-                product = self.op(f"fmul {wide} {x[0]}, {x[1]}")
-                return self.op(f"fadd {wide} {product}, {x[2]}")
             case "fma":
                 return self.intrinsic("fma", dtype, *x)
             case "neg":

@@ -7,6 +7,8 @@ import pytest
 from compiled_program import HARD_FLOATS, compiled, pairs, same_bits
 from operation_cases import CASES, FUSED, case, look_ups
 
+from ravenjax.engines.cpu import jit
+from ravenjax.errors import UserError
 from ravenjax.ir import semantics
 
 
@@ -30,3 +32,9 @@ def test_float64_has_half_the_lanes_but_all_operations():
     for name in ("add", "mul", "div", "max", "lt"):
         one = case(name, "bool" if name == "lt" else "float64", *columns)
         same_bits(compiled(one.program, 8, columns)[0], semantics.run(one.program, columns)[0])
+
+
+def test_a_cpu_without_fused_multiply_add_is_refused(monkeypatch):
+    monkeypatch.setattr(jit.llvm, "get_host_cpu_features", lambda: {"avx": True, "fma": False})
+    with pytest.raises(UserError, match="expected x86-64-v3"):
+        jit.host.__wrapped__()

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ravenjax.numbers.trigonometry import cos, sin
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.motion import NOMINAL_SCALE, TICK_S, Motion
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
@@ -62,7 +63,8 @@ class Segment(NamedTuple):
 
 def minimum_jerk(fraction: np.ndarray) -> np.ndarray:
     """Return the progress 0..1 of a rest-to-rest move after a `fraction` 0..1 of its time."""
-    return fraction**3 * (10.0 - 15.0 * fraction + 6.0 * fraction**2)
+    # Not `**3`, whose last bit depends on the host
+    return fraction * fraction * fraction * (10.0 - 15.0 * fraction + 6.0 * fraction**2)
 
 
 class _Path:
@@ -103,7 +105,9 @@ class _Path:
             end[_TURN] = turn
         if grasp is not None:
             end[_GRASP] = grasp
-        way, turned = (float(np.linalg.norm((end - self.pose)[part])) for part in (_TIP, _TURN))
+        way, turned = (
+            float(np.linalg.norm((end - self.pose)[part], axis=0)) for part in (_TIP, _TURN)
+        )
         return self._to(end, self._ticks(way, turned, pace))
 
     def arc(self, radius: float, angle: float, roll: float) -> Segment:
@@ -116,8 +120,8 @@ class _Path:
         def pose(fraction: np.ndarray) -> np.ndarray:
             progress = minimum_jerk(fraction)
             out = np.repeat(begin[None], len(progress), axis=0)
-            out[:, 0] += radius * (1.0 - np.cos(progress * angle))
-            out[:, 2] += radius * np.sin(progress * angle)
+            out[:, 0] += radius * (1.0 - cos(progress * angle))
+            out[:, 2] += radius * sin(progress * angle)
             out[:, 5] += progress * roll
             return out
 
@@ -149,7 +153,7 @@ def _anywhere(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     direction = rng.normal(size=3)
     tip = (
         direction
-        / np.linalg.norm(direction)
+        / np.linalg.norm(direction, axis=0)
         * rng.uniform(0.5, 1.0)
         * np.array([0.012, 0.012, 0.008])
     )
@@ -179,13 +183,14 @@ def _circle(path: _Path, rng: np.random.Generator) -> Iterator[Segment]:
 
     def at(phase: np.ndarray) -> np.ndarray:
         out = np.zeros((len(phase), len(_REST)))
-        out[:, 0] = radius * (np.cos(start + phase) - math.cos(start))
-        out[:, 1] = radius * (np.sin(start + phase) - math.sin(start))
+        out[:, 0] = radius * (cos(start + phase) - cos(start))
+        out[:, 1] = radius * (sin(start + phase) - sin(start))
         return out
 
     # The run-up's speed rises as minimum_jerk, so its mean is half the final speed
     yield Segment(
-        round(run_up_s / TICK_S), lambda s: at(speed * run_up_s * s**4 * (2.5 - 3.0 * s + s**2))
+        round(run_up_s / TICK_S),
+        lambda s: at(speed * run_up_s * s**2 * s**2 * (2.5 - 3.0 * s + s**2)),
     )
     while True:
         yield Segment(
@@ -330,20 +335,25 @@ def _hand(arm: ArmName, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     poses: tip poses in instrument axes.
     """
     axes = _axes()
-    tip, turn = (poses[:, _TIP] + poses[:, _HAND]) @ axes, poses[:, _TURN] @ axes
+    tip, turn = _product(poses[:, _TIP] + poses[:, _HAND], axes), _product(poses[:, _TURN], axes)
     if (
         arm == "green"
         # gold mirrored at the x-z plane of frame 0; rotations mirror as pseudovectors
     ):
         tip, turn = tip * [1.0, -1.0, 1.0], turn * [-1.0, 1.0, -1.0]
     to_itp = np.array(ITP_AXES[arm])  # x @ C is C^-1 x, because C is a rotation
-    return tip @ to_itp / NOMINAL_SCALE * 1e6, _quaternion(turn @ to_itp)
+    return _product(tip, to_itp) / NOMINAL_SCALE * 1e6, _quaternion(_product(turn, to_itp))
+
+
+def _product(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """Return rows [T, 3] times a matrix [3, 3], with the same bits on every host, unlike BLAS."""
+    return sum(rows[:, k, None] * matrix[k] for k in range(3))  # type: ignore[return-value]
 
 
 def _axes() -> np.ndarray:
     """Return the instrument axes a, b, c in frame 0 of gold at home, as rows."""
     a = np.cross(_SHAFT, [0.0, 0.0, 1.0])
-    a /= np.linalg.norm(a)
+    a /= np.linalg.norm(a, axis=0)
     return np.stack([a, np.cross(_SHAFT, a), _SHAFT])
 
 
@@ -351,4 +361,4 @@ def _quaternion(turn: np.ndarray) -> np.ndarray:
     """Return quaternions [T, 4] x, y, z, w of rotation vectors [T, 3]."""
     angle = np.linalg.norm(turn, axis=1, keepdims=True)
     axis = np.divide(turn, angle, out=np.zeros_like(turn), where=angle > 0.0)
-    return np.concatenate([axis * np.sin(angle / 2.0), np.cos(angle / 2.0)], axis=1)
+    return np.concatenate([axis * sin(angle / 2.0), cos(angle / 2.0)], axis=1)

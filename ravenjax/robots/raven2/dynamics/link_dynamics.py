@@ -7,13 +7,15 @@ units: `raven2.arms.JOINTS`, rad and m.
 
 from __future__ import annotations
 
+import contextlib
 import functools
-from typing import TYPE_CHECKING
+import io
+from typing import TYPE_CHECKING, Any
 
 from ravenjax.ir.program import Program
 from ravenjax.ir.symbolic import replay
 from ravenjax.numbers.algebra import mul
-from ravenjax.numbers.lazy import jnp
+from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.numbers.vec import Scalar, Vec
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.dynamics import arm_model
@@ -37,21 +39,44 @@ def mass_matrix_and_bias(
     of the tool spindles on the diagonal. Entries of M that never change are Python numbers. Python
     numbers among the arguments are folded as constants.
     """
-    if setup.link_dynamics == "mjx":
-        from ravenjax.robots.raven2.dynamics import (
-            # this import takes half a second, which only this choice should cost
-            mjx_dynamics,
-        )
-
-        mass, bias = mjx_dynamics.mass_matrix_and_bias(arm, qpos, qvel, gravity)
-    else:
-        mass, bias = _unrolled(arm, qpos, qvel, gravity)
+    evaluate = _by_mjx if setup.link_dynamics == "mjx" else _unrolled
+    mass, bias = evaluate(arm, qpos, qvel, gravity)
     mass = [[mul(x, mass_scale) for x in row] for row in mass]
     bias = [mul(x, mass_scale) for x in bias]
     for i, link in enumerate(links(arm)):
         if link.armature:
             mass[i][i] = mass[i][i] + link.armature
     return tuple(Vec(row) for row in mass), Vec(bias)
+
+
+def _by_mjx(
+    arm: ArmName, qpos: Vec, qvel: Vec, gravity: Vec
+) -> tuple[list[list[Scalar]], list[Scalar]]:
+    dtype = jnp.result_type(*qpos, *qvel, *gravity)
+    dtype = dtype if jnp.issubdtype(dtype, jnp.floating) else jnp.result_type(float)
+    mjx, model, data = _mjx_model(arm, str(dtype))
+    down = jnp.asarray(arm_model.frame_rotation(arm), dtype) @ jnp.array(gravity, dtype)
+    model = model.replace(opt=model.opt.replace(gravity=down))
+    data = data.replace(qpos=jnp.array(qpos, dtype), qvel=jnp.array(qvel, dtype))
+    data = mjx.com_pos(model, mjx.kinematics(model, data))
+    data = mjx.rne(model, mjx.com_vel(model, mjx.crb(model, data)))
+    # MJX widens numbers if x64 is on
+    mass, bias = (x.astype(dtype) for x in (mjx.full_m(model, data), data.qfrc_bias))
+    return [list(row) for row in mass], list(bias)
+
+
+@functools.cache
+def _mjx_model(arm: ArmName, dtype: str) -> tuple[Any, Any, Any]:
+    """Return module `mjx`, the arm's model without armature, and its data, for reals of type
+    `dtype`.
+    """
+    # The import takes half a second and prints a line for each optional backend that is missing.
+    with contextlib.redirect_stdout(io.StringIO()):
+        from mujoco import mjx
+    compiled = arm_model.one_arm(arm)
+    with jax.ensure_compile_time_eval():
+        model = mjx.put_model(compiled)
+        return mjx, model.replace(dof_armature=model.dof_armature * 0.0), mjx.make_data(compiled)
 
 
 @functools.cache

@@ -5,9 +5,9 @@ Any subtree of any model works; this module does not depend on the Raven. Three 
 later operation count low; none of them changes the dynamics:
 
 - Each moving link gets its own frame: z along its joint axis, x along the common normal to its
-  first child's axis, origin at the foot of the common normal to its parent's axis (slides: at the
-  parent's origin). A transform to the parent is then Rz(beta) Rx(alpha) Rz(angle), with beta mostly
-  zero (W. Khalil, J. F. Kleinfinger, ICRA 1986).
+  first child's axis. Its origin is at the foot of the common normal to its parent's axis (slides:
+  at the parent's origin). A transform to the parent is then Rz(beta) Rx(alpha) Rz(angle), with beta
+  mostly zero (W. Khalil, J. F. Kleinfinger, ICRA 1986).
 - Bodies that are fixed to a link are lumped into it.
 - Inertia that a joint's motion does not show is moved to the parent. For a hinge about z this is
   the mass, the first moment along z and the second moment along z; for a slide it is all second

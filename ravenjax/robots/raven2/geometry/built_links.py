@@ -7,8 +7,7 @@ Craig).
 
 from __future__ import annotations
 
-import math
-
+from ravenjax.numbers import trigonometry
 from ravenjax.numbers.algebra import add, mul, sub
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import described
@@ -70,7 +69,7 @@ def _link(point: Vec, length: Scalar, twist: Scalar) -> Vec:
 
     The link is a translation along x by its length and a rotation about x by its twist.
     """
-    exact = isinstance(twist, float)
-    cosine, sine = (math.cos(twist), math.sin(twist)) if exact else (jnp.cos(twist), jnp.sin(twist))
+    of = trigonometry if isinstance(twist, float) else jnp
+    cosine, sine = of.cos(twist), of.sin(twist)
     x, y, z = point
     return Vec((add(x, length), cosine * y - sine * z, sine * y + cosine * z))

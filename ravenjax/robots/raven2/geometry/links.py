@@ -9,11 +9,13 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from ravenjax.numbers.trigonometry import cos, sin
+
 PI = math.pi
 LINK12 = math.radians(75.0)  # rad, La12: shoulder axis to elbow axis
 LINK23 = math.radians(52.0)  # rad, La23: elbow axis to insertion axis
-GM1, GM2 = math.sin(LINK12), math.cos(LINK12)
-GM3, GM4 = math.sin(LINK23), math.cos(LINK23)
+GM1, GM2 = sin(LINK12), cos(LINK12)
+GM3, GM4 = sin(LINK23), cos(LINK23)
 D4 = -0.47  # m, remote centre to wrist axis at insertion 0
 LW = 0.013  # m, Lw: wrist axis to jaw axis, Raven tool; the original uses it for every tool
 

@@ -1,7 +1,8 @@
-"""Unrolled link dynamics against C MuJoCo and MJX, and the linear solver against NumPy."""
+"""Unrolled link dynamics and the linear solver against C MuJoCo and MJX."""
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 
 import jax
@@ -12,7 +13,8 @@ import pytest
 
 from ravenjax.ir.symbolic import replay
 from ravenjax.numbers.linear_solve import solve_spd
-from ravenjax.numbers.vec import Vec
+from ravenjax.numbers.setup import REFERENCE
+from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.dynamics import arm_model, rigid_program
 from ravenjax.robots.raven2.dynamics.link_dynamics import (
@@ -20,6 +22,8 @@ from ravenjax.robots.raven2.dynamics.link_dynamics import (
     mass_matrix_and_bias,
 )
 from ravenjax.robots.raven2.dynamics.rigid_tree import read_tree
+from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
+from ravenjax.robots.raven2.plant import robot
 from ravenjax.robots.raven2.setup import RavenSetup
 
 UNROLLED, MJX = RavenSetup(), dataclasses.replace(RavenSetup(), link_dynamics="mjx")
@@ -135,18 +139,32 @@ def test_mjx_equals_unrolled(arm):
     for a, b in zip(unrolled, mjx, strict=True):
         assert a.dtype == b.dtype == np.float64
         np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-13)
-    narrow = [jnp.asarray(x, jnp.float32) for x in inputs]
-    for setup in (UNROLLED, MJX) if arm == "gold" else (UNROLLED,):
-        mass, bias = stacked(setup, arm, 1.3)(*narrow)
-        assert mass.dtype == bias.dtype == np.float32
-        np.testing.assert_allclose(mass, unrolled[0], rtol=1e-4, atol=1e-6)
-        np.testing.assert_allclose(bias, unrolled[1], rtol=1e-4, atol=1e-4)
+    mass, bias = stacked(UNROLLED, arm, 1.3)(*(jnp.asarray(x, jnp.float32) for x in inputs))
+    assert mass.dtype == bias.dtype == np.float32
+    np.testing.assert_allclose(mass, unrolled[0], rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(bias, unrolled[1], rtol=1e-4, atol=1e-4)
 
 
-@pytest.mark.parametrize("size", [1, 2, 5, 9])
-def test_solve_spd(size):
-    rng = np.random.default_rng(size)
-    root = rng.normal(size=(size, size))
-    matrix, right = root @ root.T + np.eye(size), rng.normal(size=size)
-    x = solve_spd(tuple(Vec(row) for row in matrix.tolist()), Vec(right.tolist()))
-    np.testing.assert_allclose(x, np.linalg.solve(matrix, right), rtol=1e-10)
+@pytest.mark.slow
+@pytest.mark.parametrize("arm", ARMS)
+def test_an_arm_without_cables_moves_as_by_the_implicit_integrator_of_mujoco(arm):
+    viscous = np.array([0.5, 0.5, 5.0, 1e-3, 1e-3, 1e-3, 1e-3])
+    model = copy.copy(arm_model.one_arm(arm))
+    model.opt.timestep, model.opt.integrator = 1e-3, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    model.opt.gravity[:] = arm_model.frame_rotation(arm) @ [-9.81, 0.0, 0.0]
+    model.dof_damping[:], model.jnt_limited[:] = viscous, 0
+    data = mujoco.MjData(model)
+    data.qpos[:] = HOME_JPOS
+    setup, none = RavenSetup((arm,), precision=REFERENCE), Vec.full(7, 0.0)
+    with jax.enable_x64(True):
+        params = robot.params(setup, arm)
+        state = robot.init(setup, arm, params, HOME_JPOS)
+        loose = {"cable_stiffness": none, "cable_damping": none, "link_coulomb": none}
+        params = replace(params, **loose, link_viscous=Vec(viscous))
+        signal = robot.nominal_signal(Vec((jnp.int32(0),) * 7), jnp.int32(1))
+        step = jax.jit(lambda state: robot.step(setup, arm, params, state, signal))
+        for _ in range(100):
+            state, out = step(state)
+            mujoco.mj_step(model, data)
+    np.testing.assert_allclose(out.jpos, data.qpos, rtol=0, atol=1e-12)
+    assert np.abs(data.qpos - np.array(HOME_JPOS)).max() > 0.02
