@@ -11,12 +11,12 @@ than a micrometre.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ravenjax.numbers.lazy import at_once, jnp
-from ravenjax.numbers.quantity import Quantity
+from ravenjax.numbers.quantity import described
 from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, to_int32, where
 from ravenjax.parts import part
@@ -32,44 +32,15 @@ from ravenjax.robots.raven2.geometry.mapping import (
 from ravenjax.robots.raven2.setup import RavenSetup
 
 
+@described
 @record
 class OperatorParams:
     """Console parameters that a campaign may vary."""
 
-    scale: Annotated[  # SEED uses 0.05 .. 0.2
-        Scalar, Quantity("", 0.001, 1, "tip motion per hand motion: the teleoperation scale")
-    ]
-    start_position: Annotated[
-        tuple[Vec, ...],
-        Quantity(
-            "um",
-            -1e6,
-            1e6,
-            "tip where an absolute console starts, in frame 0",
-            read_when=("console", "absolute"),
-        ),
-    ]
-    start_quat: Annotated[  # x, y, z, w
-        tuple[Vec, ...],
-        Quantity(
-            "",
-            -1,
-            1,
-            "tip rotation where an absolute console starts, in frame 0",
-            why="component of a unit quaternion",
-            read_when=("console", "absolute"),
-        ),
-    ]
-    start_grasp: Annotated[
-        tuple[Scalar, ...],
-        Quantity(
-            "mrad",
-            -6300,
-            6300,
-            "jaw opening where an absolute console starts",
-            read_when=("console", "absolute"),
-        ),
-    ]
+    scale: Scalar  # SEED uses 0.05 .. 0.2
+    start_position: tuple[Vec, ...]
+    start_quat: tuple[Vec, ...]  # x, y, z, w
+    start_grasp: tuple[Scalar, ...]
     # parameters of a user's file in place of the operator, under `hands`
     own: Any = None
 

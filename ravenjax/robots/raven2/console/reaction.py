@@ -23,13 +23,11 @@ one.
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import numpy as np
 
 from ravenjax.numbers.algebra import dot
 from ravenjax.numbers.lazy import jnp, lax
-from ravenjax.numbers.quantity import HOUR_MS, Quantity
+from ravenjax.numbers.quantity import described
 from ravenjax.numbers.setup import per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
 from ravenjax.robots.raven2.console.operator import Deviation
@@ -41,30 +39,19 @@ TICK_S = 1e-3
 TINY_M = 1e-9
 
 
+@described
 @record
 class ReactionParams:
     """Reaction parameters that a campaign may vary; the defaults are the assumptions above, with no
     action.
     """
 
-    action: Annotated[  # int32, one of ACTIONS
-        Scalar,
-        Quantity(
-            "", 0, 3, "what the operator does: 0 none, 1 release, 2 slow, 3 correct", whole=True
-        ),
-    ] = np.int32(NONE)
-    delay_ms: Annotated[
-        Scalar, Quantity("ms", 0, HOUR_MS, "from the first felt pull to the action")
-    ] = 250.0
-    felt_force: Annotated[
-        Scalar, Quantity("device units", 0, 1e9, "weakest pull that the operator notices")
-    ] = 0.0
-    slow_to: Annotated[Scalar, Quantity("", 0, 1, "speed of slowed hands, of what it was")] = 0.25
-    correct_per_s: Annotated[
-        Scalar,
-        Quantity("1/s", 0, 1e3, "share of the distance that a correcting operator takes back"),
-    ] = 5.0
-    correct_speed: Annotated[Scalar, Quantity("m/s", 0, 10, "fastest correction of the tip")] = 0.05
+    action: Scalar = np.int32(NONE)  # int32, one of ACTIONS
+    delay_ms: Scalar = 250.0
+    felt_force: Scalar = 0.0
+    slow_to: Scalar = 0.25
+    correct_per_s: Scalar = 5.0
+    correct_speed: Scalar = 0.05
 
 
 @record

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
 from ravenjax.faults import fault
-from ravenjax.numbers.quantity import Quantity, Reserved
+from ravenjax.numbers.quantity import described
 from ravenjax.numbers.vec import Scalar, Vec, record
 from ravenjax.robots.raven2.console import operator, reaction
 from ravenjax.robots.raven2.loop import control, user_files
@@ -24,6 +24,7 @@ from ravenjax.stages import (
 from ravenjax.vocabulary import packets
 
 
+@described
 @record
 class TickParams:
     """Everything that a campaign may vary, one sub-record per stage."""
@@ -41,13 +42,8 @@ class TickParams:
     detectors: detectors.DetectorParams | None  # only if there are detectors
     checks: user_files.CheckParams | None  # only if there are users' checks
     contact: contact.ContactParams | None  # only with Setup.contact
-    monitor: Annotated[
-        monitor.MonitorParams, Reserved("it belongs to the observer, not to the robot")
-    ]
-    start: Annotated[  # joints at the start of the run, 7, rad and m
-        tuple[Vec, ...],
-        Reserved("it is where the operator's motion begins; write [operator.start]"),
-    ]
+    monitor: monitor.MonitorParams
+    start: tuple[Vec, ...]  # joints at the start of the run, 7, rad and m
 
     @property
     def observers(self) -> ObserverParams:
@@ -55,40 +51,23 @@ class TickParams:
         return ObserverParams(self.nominal, self.haptics, self.monitor)
 
 
+@described
 @record
 class NetworkParams:
     """Parameters of the channel from console to robot."""
 
-    cycles_per_packet: Annotated[  # int32; 1: one packet per millisecond
-        Scalar, Quantity("cycles", 1, 1000, "how long a packet of the console lasts", whole=True)
-    ] = np.int32(1)
-    packets: Annotated[  # int32, number of a distribution of vocabulary.packets
-        Scalar,
-        Quantity(
-            "",
-            0,
-            3,
-            "how long packets last, drawn: 0 every_cycle, 1 measured, 2 bursts, 3 the shares in"
-            " campaign.packets",
-            whole=True,
-        ),
-    ] = np.int32(packets.EVERY_CYCLE)
-    packet_key: Annotated[  # uint32; a run and its golden run share it
-        Scalar,
-        Reserved(
-            "it is derived from each run's id, so that no two runs draw the same packets; set"
-            " campaign.packets"
-        ),
-    ] = np.uint32(0)
+    cycles_per_packet: Scalar = np.int32(1)  # int32; 1: one packet per millisecond
+    # int32, number of a distribution of vocabulary.packets
+    packets: Scalar = np.int32(packets.EVERY_CYCLE)
+    packet_key: Scalar = np.uint32(0)  # uint32; a run and its golden run share it
 
 
+@described
 @record
 class UsbParams:
     """Parameters of the path from USB board to motor."""
 
-    command_delay: Annotated[  # int32, at most Setup.command_delay
-        Scalar, Quantity("ms", 0, 16, "from USB write to motor", whole=True)
-    ] = np.int32(0)
+    command_delay: Scalar = np.int32(0)  # int32, at most Setup.command_delay
 
 
 @record

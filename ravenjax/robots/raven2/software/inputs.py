@@ -16,12 +16,13 @@ from ravenjax.errors import UserError, shown, suggestion
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS, JOINTS, LINEAR
 from ravenjax.robots.raven2.console.packet import Packet, silence
-from ravenjax.robots.raven2.geometry import limits
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS, find_tool
 from ravenjax.robots.raven2.setup import RavenSetup
 
 INT32 = (-(2**31), 2**31 - 1)
 Shape = tuple[int | None, ...]
+_POSITIONS = (-6.3, 6.3, "rad", "degrees"), (0.0, 1.0, "m", "millimetres")
+"""Range of the position of a joint that turns, and of one that slides; as in quantities.toml."""
 
 
 def known(what: str, word: Any, words: Iterable[str]) -> Any:
@@ -166,14 +167,13 @@ def _array(
 def joints(what: str, given: Any, arms: int) -> list[list[float]]:
     """Return [arms, 7] joint positions, rad and m, anywhere within a turn and within a metre."""
     array = _array(what, given, {"[arms, 7]": (arms, 7)}, "iuf", "numbers in rad and m")
-    angle, travel = limits.position("position of the joint")
     for place, value in np.ndenumerate(array):
         is_linear = JOINTS[place[1]] in LINEAR
-        quantity, hint = (travel, "millimetres") if is_linear else (angle, "degrees")
-        if not quantity.low <= value <= quantity.high:
+        low, high, unit, mistaken = _POSITIONS[is_linear]
+        if not low <= value <= high:
             raise UserError(
-                f"{what}{_index(place)} is {value}, expected {quantity.low:g}..{quantity.high:g}"
-                f" {quantity.unit}; give {quantity.unit}, not {hint}"
+                f"{what}{_index(place)} is {value}, expected {low:g}..{high:g} {unit};"
+                f" give {unit}, not {mistaken}"
             )
     return array.astype(np.float64).tolist()
 

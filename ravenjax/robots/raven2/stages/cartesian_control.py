@@ -9,15 +9,15 @@ beyond a joint limit is clamped, and the desired pose becomes that of the clampe
 from __future__ import annotations
 
 from functools import reduce
-from typing import Annotated
 
 import numpy as np
 
 from ravenjax.numbers.lazy import jnp
+from ravenjax.numbers.quantity import described
 from ravenjax.numbers.setup import narrow, per_arm, real, wide
 from ravenjax.numbers.vec import Scalar, Vec, rarely, record, replace, to_int32, where
 from ravenjax.robots.raven2.arms import ArmName
-from ravenjax.robots.raven2.geometry import limits, stored_pose
+from ravenjax.robots.raven2.geometry import stored_pose
 from ravenjax.robots.raven2.geometry.inverse import COST_LIMIT, REJECTED
 from ravenjax.robots.raven2.geometry.stored_pose import StoredPose
 from ravenjax.robots.raven2.original.constants import joint_limits
@@ -42,14 +42,13 @@ class Arm:
 State = tuple[Arm, ...]
 
 
+@described
 @record
 class CartesianParams:
     """Software joint limits, the same for every arm, as float32 numbers."""
 
-    # 5: without the jaws
-    lower: Annotated[Vec, limits.position("lower soft limit of the joint in the control software")]
-    # 5: without the jaws
-    upper: Annotated[Vec, limits.position("upper soft limit of the joint in the control software")]
+    lower: Vec  # 5, without the jaws
+    upper: Vec  # 5, without the jaws
 
 
 def params(setup: RavenSetup) -> CartesianParams:

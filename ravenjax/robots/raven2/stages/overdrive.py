@@ -10,13 +10,12 @@ trip resets it. The 2015 fork clips at every run level and has no policies.
 from __future__ import annotations
 
 from functools import reduce
-from typing import Annotated
 
 import numpy as np
 
 from ravenjax.errors import UserError, suggestion
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import Quantity
+from ravenjax.numbers.quantity import described
 from ravenjax.numbers.setup import real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -50,42 +49,12 @@ overdrive_detect.cpp.
 CHECKED_JOINTS = 6
 
 
+@described
 @record
 class OverdriveParams:
-    policy: Annotated[  # int32; unused by the 2015 fork
-        Scalar,
-        Quantity(
-            "",
-            0,
-            2,
-            "overdrive policy: 0 no_regulation, 1 soft_regulation (clips), 2 hard_regulation (stops"
-            " after ten)",
-            whole=True,
-            read_when=("software", "raven2"),
-        ),
-    ]
-    dac_max: Annotated[  # 7, int32; the limit of grasp2 is unused, as in the original
-        Vec,
-        Quantity(
-            "counts",
-            0,
-            2**15,
-            "command to which the overdrive check clips",
-            whole=True,
-            why="a magnitude of 16 bits",
-        ),
-    ]
-    max_inst_dac: Annotated[  # int32
-        Scalar,
-        Quantity(
-            "counts",
-            0,
-            2**15,
-            "command above which the overdrive check stops the robot",
-            whole=True,
-            why="a magnitude of 16 bits",
-        ),
-    ]
+    policy: Scalar  # int32; unused by the 2015 fork
+    dac_max: Vec  # 7, int32; the limit of grasp2 is unused, as in the original
+    max_inst_dac: Scalar  # int32
 
 
 @record

@@ -8,12 +8,10 @@ again, as the real robot does in cartesian mode.
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import numpy as np
 
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import Quantity
+from ravenjax.numbers.quantity import described
 from ravenjax.numbers.vec import Scalar, as_int, record, replace
 from ravenjax.robots.raven2.run_levels import E_STOP, INIT
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -29,12 +27,10 @@ SETTLING_CYCLES = 11
 """Cycles of sublevel 2; raven2: init.cpp."""
 
 
+@described
 @record
 class StateMachineParams:
-    plc_obeyed: Annotated[  # int32; 0 in the simulator builds of the 2015 fork
-        Scalar,
-        Quantity("", 0, 1, "1: the software looks at the PLC's pins, 0: it does not", whole=True),
-    ]
+    plc_obeyed: Scalar  # int32; 0 in the simulator builds of the 2015 fork
 
 
 @record

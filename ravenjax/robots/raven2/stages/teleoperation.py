@@ -10,12 +10,11 @@ instead of jumping.
 from __future__ import annotations
 
 import math
-from typing import Annotated
 
 import numpy as np
 
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import HOUR_MS, Quantity
+from ravenjax.numbers.quantity import described
 from ravenjax.numbers.setup import narrow, per_arm, real, wide
 from ravenjax.numbers.vec import INT32_MIN, Scalar, Vec, as_int, record, replace, where
 from ravenjax.robots.raven2.arms import ArmName
@@ -37,45 +36,13 @@ NO_PACKET_SEQUENCE = 111
 """last_seq before the first packet; raven2: local_io.cpp."""
 
 
+@described
 @record
 class TeleoperationParams:
-    grasp_gain: Annotated[  # raven2: local_io.cpp
-        Scalar,
-        Quantity(
-            "",
-            -100,
-            100,
-            "jaw opening per grasp increment of a packet",
-            whole=True,
-            read_when=("console", "increments"),
-        ),
-    ]
-    grasp_min_mrad: Annotated[
-        Scalar,
-        Quantity(
-            "mrad",
-            -6300,
-            6300,
-            "smallest jaw opening",
-            whole=True,
-            read_when=("console", "increments"),
-        ),
-    ]
-    grasp_max_mrad: Annotated[
-        Scalar,
-        Quantity(
-            "mrad",
-            -6300,
-            6300,
-            "largest jaw opening",
-            whole=True,
-            read_when=("console", "increments"),
-        ),
-    ]
-    timeout_ticks: Annotated[  # raven2: local_io.cpp
-        Scalar,
-        Quantity("ms", 0, HOUR_MS, "silence of the console that lifts the pedal", whole=True),
-    ]
+    grasp_gain: Scalar  # raven2: local_io.cpp
+    grasp_min_mrad: Scalar
+    grasp_max_mrad: Scalar
+    timeout_ticks: Scalar  # raven2: local_io.cpp
 
 
 @record
