@@ -213,13 +213,12 @@ def _half(blueprint: Blueprint) -> StepCode:
     """Compile the console's half of the tick. The robot's last report is its input."""
     setup = blueprint.setup
     params = blueprint.plan.program.params_of(blueprint.inputs[0])
-    watched = observers.ObserverParams(params.nominal, params.haptics, params.monitor)
     unwritten = per_arm(setup, lambda i, arm: Vec.full(7, np.int32(0)))
 
     def begin(inputs: Any) -> observers.ObserverState:
         start = real(setup, params.start)
         tips = per_arm(setup, lambda i, arm: kinematics.forward(arm, start[i]).position)
-        return observers.init(setup, watched, start, tips)
+        return observers.init(setup, params, start, tips)
 
     def step(
         inputs: Any, state: observers.ObserverState, now: Scalar, entering: _Reported, motion: Any
@@ -228,8 +227,10 @@ def _half(blueprint: Blueprint) -> StepCode:
         packet = connections.packet(setup, params.operator, motion, timing)
         robot = observers.RobotView(*entering, unwritten)
         fresh = jnp.bool_(True)
-        after, view = observers.see(setup, watched, state, packet, fresh, robot)
-        judged = observers.judge(setup, watched, after, packet, fresh, robot, view, None, now)
+        after, view = observers.see(setup, params, state, packet, fresh, robot)
+        judged = observers.judge(
+            setup, params, state.monitor, packet, fresh, robot, view, None, now
+        )
         after = replace(after, monitor=judged)
         out: list[Scalar] = []
         for i, (model, cue) in enumerate(zip(view.models, view.cues, strict=True)):

@@ -149,9 +149,7 @@ def _frame(
         as_int(pulls),
     ]
     positions = connections.measured(setup, software)
-    golden = observers.reference(
-        setup, observers.Golden(signal.reference, signal.apart), out.tip, positions
-    )
+    golden = observers.reference(setup, signal, out.tip, positions)
     for i, measured in enumerate(software.arms):
         cue, position = out.haptics[i], positions[i]
         numbers += [*measured.jpos, *measured.jpos_d, *measured.mpos, *measured.mvel]

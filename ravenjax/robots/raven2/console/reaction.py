@@ -23,6 +23,9 @@ one.
 
 from __future__ import annotations
 
+from functools import reduce
+from operator import or_
+
 import numpy as np
 
 from ravenjax.numbers.algebra import dot
@@ -122,9 +125,7 @@ def feel(
     """Return the state after this tick's cue, and each tip's correction by the hands, m
     in frame 0.
     """
-    noticed = felt.force[0] > params.felt_force
-    for force in felt.force[1:]:
-        noticed = noticed | (force > params.felt_force)
+    noticed = reduce(or_, (force > params.felt_force for force in felt.force))
     correcting = (state.acted >= 0) & (params.action == CORRECT) & felt.pedal_down
 
     def corrected(i: int) -> Vec:

@@ -225,7 +225,7 @@ def cycle(
         pedal_down,
         tuple(arm.pos_d for arm in state.cartesian),
     )
-    cartesian = each(lambda i, *_: replace(state.cartesian[i], pos_d=poses_d[i]))
+    cartesian = _changed(state.cartesian, pos_d=poses_d)
     machine, following = state_machine.initialise(setup, machine)
     cartesian = cartesian_control.follow(cartesian, following)
 
@@ -248,11 +248,9 @@ def cycle(
     slave = (level != run_levels.PEDAL_DOWN) & (level != run_levels.INIT)
     cartesian = cartesian_control.sense(setup, cartesian, jpos)
     poses = _struck(inject, ("pos", "ori"), tuple(arm.pos for arm in cartesian))
-    cartesian = cartesian_control.follow(
-        each(lambda i, *_: replace(cartesian[i], pos=poses[i])), slave
-    )
+    cartesian = cartesian_control.follow(_changed(cartesian, pos=poses), slave)
     poses_d = _struck(inject, ("pos_d", "ori_d"), tuple(arm.pos_d for arm in cartesian))
-    cartesian = each(lambda i, *_: replace(cartesian[i], pos_d=poses_d[i]))
+    cartesian = _changed(cartesian, pos_d=poses_d)
     cartesian, clamped = cartesian_control.solve(
         setup, params.cartesian, cartesian, tick, active, jpos
     )
@@ -265,7 +263,7 @@ def cycle(
         pos_d=tuple(arm.pos_d.position_um for arm in cartesian),
     )
     jpos_d = files.check("jpos_d", jpos_d)
-    cartesian = each(lambda i, *_: replace(cartesian[i], jpos_d=jpos_d[i]))
+    cartesian = _changed(cartesian, jpos_d=jpos_d)
 
     mpos_d = inject(
         "mpos_d",
@@ -290,16 +288,14 @@ def cycle(
         )
     files.note(mpos_d=tuple(motor.mpos_d for motor in motors))
     tau_d = files.check("tau_d", inject("tau_d", tuple(motor.tau_d for motor in motors)))
-    motors = each(lambda i, *_: replace(motors[i], tau_d=tau_d[i]))
+    motors = _changed(motors, tau_d=tau_d)
     resting = _resting_commands(setup, params, state.held_cmd, active)
     live = files.allow(active & (machine.soft_estopped == 0))
     if files.replaces(user_files.DAC):
         commands = files.commands(live, resting)
     else:
         commands = each(lambda i, arm, tool: dac.step(setup, arm, tool, tau_d[i], live, resting[i]))
-    current_cmd = inject("current_cmd", commands)
-
-    current_cmd = files.check("current_cmd", current_cmd)
+    current_cmd = files.check("current_cmd", inject("current_cmd", commands))
 
     # --- check ---
     over, checked, tripped = overdrive.step(
@@ -316,22 +312,23 @@ def cycle(
     pins = inject("pins_out", pins)
 
     signals = ControlSignals(
-        arms=each(
-            lambda i, *_: ArmSignals(
-                enc_val=read.enc_val[i],
-                mpos=mpos[i],
-                mvel=mvel[i],
-                jpos=jpos[i],
-                jvel=jvel[i],
-                pos=cartesian[i].pos,
-                pos_d=cartesian[i].pos_d,
-                jpos_d=jpos_d[i],
-                mpos_d=motors[i].mpos_d,
-                tau_g=motors[i].tau_g,
-                tau_d=tau_d[i],
-                current_cmd=current_cmd[i],
-                current_cmd_checked=checked[i],
-                current_cmd_written=written[i],
+        arms=tuple(
+            ArmSignals(**row)
+            for row in _rows(
+                enc_val=read.enc_val,
+                mpos=mpos,
+                mvel=mvel,
+                jpos=jpos,
+                jvel=jvel,
+                pos=tuple(arm.pos for arm in cartesian),
+                pos_d=tuple(arm.pos_d for arm in cartesian),
+                jpos_d=jpos_d,
+                mpos_d=tuple(motor.mpos_d for motor in motors),
+                tau_g=tuple(motor.tau_g for motor in motors),
+                tau_d=tau_d,
+                current_cmd=current_cmd,
+                current_cmd_checked=checked,
+                current_cmd_written=written,
             )
         ),
         tick=tick,
@@ -362,16 +359,25 @@ def cycle(
     return state, signals
 
 
+def _rows(**columns: tuple[Any, ...]) -> list[dict[str, Any]]:
+    """Return the fields of each arm, from tuples with one entry per arm."""
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+def _changed(records: tuple[Any, ...], **columns: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return the arms' records with other values in these fields."""
+    return tuple(replace(old, **row) for old, row in zip(records, _rows(**columns), strict=True))
+
+
 def _struck(
     inject: Inject, sites: tuple[str, str], poses: tuple[StoredPose, ...]
 ) -> tuple[StoredPose, ...]:
     """Return poses after the faults at `sites`, the sites of position and of rotation."""
     position, rotation = sites
-    positions = inject(position, tuple(pose.position_um for pose in poses))
-    rotations = inject(rotation, tuple(pose.rotation for pose in poses))
-    return tuple(
-        replace(pose, position_um=at, rotation=turned)
-        for pose, at, turned in zip(poses, positions, rotations, strict=True)
+    return _changed(
+        poses,
+        position_um=inject(position, tuple(pose.position_um for pose in poses)),
+        rotation=inject(rotation, tuple(pose.rotation for pose in poses)),
     )
 
 

@@ -6,6 +6,7 @@ Faults act on rotations as quaternions. USB words are stored as the setup says.
 from __future__ import annotations
 
 from functools import cache, reduce
+from operator import ne, or_
 from typing import Any
 
 from ravenjax.faults import fault, injection
@@ -52,7 +53,7 @@ def _rotated(setup: RavenSetup, rotation: Vec, quat: Vec, struck: Vec) -> Vec:
 
     If no fault changed the quaternion, the matrix keeps every bit.
     """
-    changed = reduce(lambda a, b: a | b, quat.map(lambda before, after: before != after, struck))
+    changed = reduce(or_, quat.map(ne, struck))
     return where(changed, narrow(setup, matrix_from_quat(struck)), rotation)
 
 

@@ -7,32 +7,25 @@ known.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from ravenjax.numbers import tree
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import per_arm, real
-from ravenjax.numbers.vec import Scalar, Vec, record, where
+from ravenjax.numbers.vec import Scalar, Vec, record, replace, where
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry import kinematics, scene, transmission
+from ravenjax.robots.raven2.loop.records import Input, TickParams, TickState
 from ravenjax.robots.raven2.plant import nominal
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import haptics, monitor
 
 
-class ObserverParams(NamedTuple):
-    """Parameters of each observer; those that a campaign may vary are part of `TickParams`."""
-
-    nominal: tuple[nominal.NominalParams, ...]
-    haptics: haptics.HapticParams
-    monitor: monitor.MonitorParams
-
-
 @record
 class ObserverState:
-    """The observers' state, one entry per arm."""
+    """The observers' state without a robot, one entry per arm; in the tick it is in `TickState`."""
 
     nominal: tuple[nominal.NominalState, ...]
     haptics: tuple[haptics.HapticState, ...]
@@ -51,12 +44,7 @@ class RobotView(NamedTuple):
     tips: tuple[Vec, ...] | None = None  # m, true tips; None: the reported tips
 
 
-class Golden(NamedTuple):
-    """The golden run with which the robot is compared."""
-
-    reference: monitor.Reference  # the golden run in this tick
-    # bool, False: no fault has acted yet, so the robot is its own golden run; None: True
-    apart: Scalar | None = None
+Observed = TypeVar("Observed", TickState, ObserverState)
 
 
 class Seen(NamedTuple):
@@ -72,7 +60,7 @@ class Seen(NamedTuple):
 
 
 def init(
-    setup: RavenSetup, params: ObserverParams, start: tuple[Vec, ...], tips: tuple[Vec, ...]
+    setup: RavenSetup, params: TickParams, start: tuple[Vec, ...], tips: tuple[Vec, ...]
 ) -> ObserverState:
     """Return the state next to a robot at rest with these joints (rad; insertion m) and true tips
     (m).
@@ -88,12 +76,12 @@ def init(
 
 def see(
     setup: RavenSetup,
-    params: ObserverParams,
-    state: ObserverState,
+    params: TickParams,
+    state: Observed,
     clean: Packet,
     fresh: Scalar,
     robot: RobotView,
-) -> tuple[ObserverState, Seen]:
+) -> tuple[Observed, Seen]:
     """Compute one tick of the nominal model and of the cue; `judge` follows.
 
     clean: the newest packet as the console sent it, even if it was changed or lost; fresh: whether
@@ -130,7 +118,7 @@ def see(
     models = per_arm(setup, step_model)
     reported, felt, cues = zip(*per_arm(setup, sense), strict=True)
     tips = reported if robot.tips is None else robot.tips
-    return ObserverState(tuple(new for new, _ in models), felt, state.monitor), Seen(
+    return replace(state, nominal=tuple(new for new, _ in models), haptics=felt), Seen(
         tuple(out for _, out in models),
         cues,
         tips,
@@ -142,18 +130,18 @@ def see(
 
 def judge(
     setup: RavenSetup,
-    params: ObserverParams,
-    state: ObserverState,
+    params: TickParams,
+    state: monitor.MonitorState,
     clean: Packet,
     fresh: Scalar,
     robot: RobotView,
     seen: Seen,
-    golden: Golden | None,
+    golden: Input | None,
     now: Scalar,
 ) -> monitor.MonitorState:
     """Return the monitor after a tick.
 
-    golden: None if there is no golden run; the nominal model then takes its place.
+    golden: holds the golden run; None: there is none, and the nominal model takes its place.
     """
     model_tips = tuple(out.tip_position for out in seen.models)
     pos = _um(seen.tips) if robot.pos is None else real(setup, robot.pos)
@@ -172,7 +160,7 @@ def judge(
     beside = monitor.Reference(model_tips, _um(model_tips))
     if golden is not None:
         beside = reference(setup, golden, seen.tips, pos)
-    return monitor.step(setup, params.monitor, state.monitor, signal, beside)
+    return monitor.step(setup, params.monitor, state, signal, beside)
 
 
 def live(runlevel: Scalar, soft_estopped: Scalar) -> Scalar:
@@ -184,18 +172,20 @@ def live(runlevel: Scalar, soft_estopped: Scalar) -> Scalar:
 
 
 def reference(
-    setup: RavenSetup, golden: Golden, tips: tuple[Vec, ...], pos: tuple[Vec, ...]
+    setup: RavenSetup, signal: Input, tips: tuple[Vec, ...], pos: tuple[Vec, ...]
 ) -> monitor.Reference:
     """Return the golden run in this tick.
 
     As long as the robot equals its golden run, it is the robot itself (true tips, m; measured tips,
     um).
     """
-    beside, apart = golden
-    if apart is None:
-        return beside
-    own = monitor.Reference(tips, pos)
-    return tree.mapped(lambda there, here: jnp.where(apart, there, real(setup, here)), beside, own)
+    if signal.apart is None:
+        return signal.reference
+    return tree.mapped(
+        lambda golden, own: jnp.where(signal.apart, golden, real(setup, own)),
+        signal.reference,
+        monitor.Reference(tips, pos),
+    )
 
 
 def _um(tips: tuple[Vec, ...]) -> tuple[Vec, ...]:

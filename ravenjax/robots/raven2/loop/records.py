@@ -11,7 +11,6 @@ from ravenjax.numbers.quantity import described
 from ravenjax.numbers.vec import Scalar, Vec, record
 from ravenjax.robots.raven2.console import operator, reaction
 from ravenjax.robots.raven2.loop import control, user_files
-from ravenjax.robots.raven2.loop.observers import ObserverParams
 from ravenjax.robots.raven2.plant import contact, nominal
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.stages import plc, usb
@@ -44,11 +43,6 @@ class TickParams:
     contact: contact.ContactParams | None  # only with Setup.contact
     monitor: monitor.MonitorParams
     start: tuple[Vec, ...]  # joints at the start of the run, 7, rad and m
-
-    @property
-    def observers(self) -> ObserverParams:
-        """Parameters of the observers."""
-        return ObserverParams(self.nominal, self.haptics, self.monitor)
 
 
 @described

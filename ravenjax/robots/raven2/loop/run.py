@@ -78,7 +78,7 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
     plants = per_arm(setup, lambda i, arm: plant.init(setup, arm, params.plant[i], start[i]))
     robots = per_arm(setup, lambda i, arm: plant.observe(setup, arm, params.plant[i], plants[i]))
     tips = connections.tips(setup, params.plant, plants, robots)
-    beside = observers.init(setup, params.observers, start, tips)
+    beside = observers.init(setup, params, start, tips)
     zero = jnp.int32(0)
     with at_once():  # the start of a run is a constant of the campaign
         software = control.init(setup, params.start, ready)

@@ -24,7 +24,7 @@ from ravenjax.robots.raven2.console import operator, own_operator
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.loop import connections, control, observers
 from ravenjax.robots.raven2.loop.injector import RavenInjector, seeded
-from ravenjax.robots.raven2.loop.optional import Console, Sight, find_stages
+from ravenjax.robots.raven2.loop.optional import Console, Sight, Stage, find_stages
 from ravenjax.robots.raven2.loop.records import Input, TickParams, TickSignals, TickState
 from ravenjax.robots.raven2.loop.user_files import UserFiles
 from ravenjax.robots.raven2.plant import robot as plant
@@ -48,12 +48,11 @@ def tick(
     )
     files = UserFiles(setup, params.checks, params.control.own, state.files, now)
 
-    clean, packet, arrives = _send_packet(setup, params, inject, state, stages, console)
+    clean, packet, arrives = _send_packet(setup, params, inject, state, present, stages, console)
     pressed = detectors.stops(setup, stages.get("detectors"))
     state, software, relays, robots = _move_robot(
         setup, params, inject, state, packet, files, pressed
     )
-    before = observers.ObserverState(state.nominal, state.haptics, state.monitor)
     robot = observers.RobotView(
         jpos=tuple(arm.jpos for arm in software.arms),
         mvel=tuple(arm.mvel for arm in software.arms),
@@ -63,7 +62,7 @@ def tick(
         pos=tuple(arm.pos.position_um for arm in software.arms),
         tips=connections.tips(setup, params.plant, state.plant, robots),
     )
-    beside, seen = observers.see(setup, params.observers, before, clean, fresh, robot)
+    state, seen = observers.see(setup, params, state, clean, fresh, robot)
     signals = TickSignals(
         packet=packet,
         control=software,
@@ -86,10 +85,7 @@ def tick(
                 stages[name] = stage.watch(setup, params, stages[name], sight)
 
     watch(early=True)
-    golden = observers.Golden(signal.reference, signal.apart)
-    monitor = observers.judge(
-        setup, params.observers, beside, clean, fresh, robot, seen, golden, now
-    )
+    monitor = observers.judge(setup, params, state.monitor, clean, fresh, robot, seen, signal, now)
     watch(early=False)
     numbers = {"joint": [x for out in robots for x in (*out.jpos, *out.mpos)]}
     for name, stage in present.items():
@@ -99,8 +95,6 @@ def tick(
     state = replace(
         state,
         faults=inject.state,
-        nominal=beside.nominal,
-        haptics=beside.haptics,
         hands=sight.hands,
         files=files.state,
         stages=stages,
@@ -154,6 +148,7 @@ def _send_packet(
     params: TickParams,
     inject: RavenInjector,
     state: TickState,
+    present: dict[str, Stage],
     stages: dict[str, Any],
     console: Console,
 ) -> tuple[Packet, Packet, Scalar]:
@@ -180,7 +175,7 @@ def _send_packet(
             jnp.int32(0), jnp.int32(0), jnp.bool_(False), real(setup, 0.0), real(setup, 0.0)
         ),
     )
-    for name, stage in find_stages(setup).items():
+    for name, stage in present.items():
         stages[name], network = stage.transmit(stages[name], console, network)
     if seeded(setup, "jitter"):
         late = console.packets_in(channel.delay_ms(network.jitter, sequence))

@@ -39,6 +39,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import reduce
+from operator import or_
 from typing import Any
 
 from ravenjax.numbers.lazy import jnp
@@ -291,22 +292,15 @@ class UserFiles:
 
     def check_packet(self, packet: Packet) -> Packet:
         """Return the packet that the network layer gets."""
-        self.note(
-            received=packet.received,
-            sequence=packet.sequence,
-            size=packet.size,
-            delta=packet.delta,
-            grasp=packet.grasp,
-            surgeon_mode=packet.surgeon_mode,
-        )
+        self.note(**{name: value for name, value in vars(packet).items() if name != "quat"})
         nothing = tuple(Vec(()) for _ in self._setup.arms)
         for place, use in self._checks_at(PACKET):
-            trips, _ = self._look(place, nothing)
+            trips = reduce(or_, self._look(place, nothing)[0])
             if use.acts == "limit":
-                packet = replace(packet, received=jnp.where(_any(trips), 0, packet.received))
+                packet = replace(packet, received=jnp.where(trips, 0, packet.received))
                 self.note(received=packet.received)
             elif use.acts == "stop":
-                self._stops.append(_any(trips))
+                self._stops.append(trips)
         return packet
 
     def check(self, seam: str, signal: tuple[Vec, ...]) -> tuple[Vec, ...]:
@@ -322,7 +316,7 @@ class UserFiles:
                 else:
                     signal = _chosen(trips, narrow(self._setup, values), signal)
             elif use.acts == "stop":
-                self._stops.append(_any(trips))
+                self._stops.append(reduce(or_, trips))
                 if seam in COMMANDS:
                     signal = _chosen(trips, _zeros(signal), signal)
             self.note(**{name: signal})
@@ -337,7 +331,7 @@ class UserFiles:
 
     def stop(self, tripped: Scalar) -> Scalar:
         """Return whether the software E-stop is raised in this cycle: `tripped`, or by a check."""
-        return reduce(lambda a, b: a | b, self._stops, tripped)
+        return reduce(or_, self._stops, tripped)
 
     def check_boards(
         self, held: usb.UsbOut, boards: usb.UsbOut, plc_runlevel: Scalar
@@ -393,7 +387,7 @@ class UserFiles:
             margins.append(threshold - lowest)
         self._after[place] = tuple(arms)
         self._histories[place] = check.update(
-            self._histories[place], self._tick, _any(trips), reduce(jnp.minimum, margins)
+            self._histories[place], self._tick, reduce(or_, trips), reduce(jnp.minimum, margins)
         )
         return tuple(trips), tuple(values)
 
@@ -490,14 +484,10 @@ def _limited(
 
     A command of 0 stays 0, so that no check overrides an E-stop.
     """
-    there = (_any([x != 0 for x in command]) for command in commands)
+    there = (reduce(or_, (x != 0 for x in command)) for command in commands)
     limited = [trip & some for trip, some in zip(trips, there, strict=True)]
     within = tuple(
         value.map(lambda x: jnp.minimum(jnp.maximum(x, dac.LOWEST), dac.HIGHEST))
         for value in values
     )
     return _chosen(limited, within, commands)
-
-
-def _any(flags: Sequence[Scalar]) -> Scalar:
-    return reduce(lambda a, b: a | b, flags)

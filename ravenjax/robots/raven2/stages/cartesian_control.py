@@ -9,6 +9,7 @@ beyond a joint limit is clamped, and the desired pose becomes that of the clampe
 from __future__ import annotations
 
 from functools import reduce
+from operator import or_
 
 import numpy as np
 
@@ -147,7 +148,7 @@ def solve(
         )
         clamped.append(limited)
         proceed = solved
-    return tuple(arms), reduce(lambda a, b: a | b, clamped)
+    return tuple(arms), reduce(or_, clamped)
 
 
 def _clamp(
@@ -168,4 +169,4 @@ def _clamp(
     if lowest_yaw is not None:
         at_limit.append(yaw <= lowest_yaw)
         yaw = jnp.where(yaw <= lowest_yaw, lowest_yaw, yaw)
-    return Vec((*values, yaw)), reduce(lambda a, b: a | b, at_limit), reduce(jnp.minimum, spares)
+    return Vec((*values, yaw)), reduce(or_, at_limit), reduce(jnp.minimum, spares)

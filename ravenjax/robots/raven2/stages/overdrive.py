@@ -10,6 +10,7 @@ trip resets it. The 2015 fork clips at every run level and has no policies.
 from __future__ import annotations
 
 from functools import reduce
+from operator import or_
 
 import numpy as np
 
@@ -22,10 +23,9 @@ from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import check
 from ravenjax.stages.check import CheckHistory
 
-NO_REGULATION, SOFT_REGULATION, HARD_REGULATION = 0, 1, 2
+SOFT_REGULATION, HARD_REGULATION = 1, 2
 POLICIES = ("no_regulation", "soft_regulation", "hard_regulation")
-"""Names of the policies, by number."""
-"""Policies; raven2: defines.h."""
+"""Names of the policies, by number; raven2: defines.h."""
 
 LEVELS: dict[str, tuple[int, ...]] = {
     "beginner": (1500, 1500, 1000, 3000, 3000, 3800, 3800),
@@ -127,17 +127,17 @@ def step(
             sizes.append(size)
             spares.append(limit - size)
         checked.append(Vec((*joints, *commands[CHECKED_JOINTS:])))
-    instant_trip, spare = _any(instants), real(setup, reduce(jnp.minimum, spares))
+    instant_trip, spare = reduce(or_, instants), real(setup, reduce(jnp.minimum, spares))
     instant_spare = real(setup, params.max_inst_dac - reduce(jnp.maximum, sizes))
     state = OverdriveState(
         counter,
         check.update(state.instant, tick, instant_trip, instant_spare),
-        check.update(state.clip, tick, _any(clips), jnp.where(regulated, spare, np.inf)),
+        check.update(state.clip, tick, reduce(or_, clips), jnp.where(regulated, spare, np.inf)),
         state.hard,
     )
     if hard is None:
         return state, tuple(checked), instant_trip
-    hard_trip = _any(trips)
+    hard_trip = reduce(or_, trips)
     left = jnp.where(hard, real(setup, HARD_SAMPLES + 1 - counter), np.inf)
     state = replace(state, hard=check.update(state.hard, tick, hard_trip, left))
     return state, tuple(checked), instant_trip | hard_trip
@@ -152,7 +152,3 @@ def _counted(counter: Scalar, instant: Scalar, over: Scalar, hard: Scalar) -> tu
     trip = counting & (counter > HARD_SAMPLES)
     restarted = instant | trip | (over & ~hard)
     return jnp.where(restarted, 0, counter) + as_int(counting), trip
-
-
-def _any(flags: list[Scalar]) -> Scalar:
-    return reduce(lambda a, b: a | b, flags)

@@ -8,6 +8,8 @@ again, as the real robot does in cartesian mode.
 
 from __future__ import annotations
 
+from functools import reduce
+
 import numpy as np
 
 from ravenjax.numbers.lazy import jnp
@@ -67,10 +69,7 @@ def desired_runlevel(
     params: StateMachineParams, state: StateMachineState, pins: tuple[Scalar, ...]
 ) -> Scalar:
     """Return the run level on the input pins: bits 7..6 as a number, the lowest of all boards."""
-    levels = [(byte >> 6) & 3 for byte in pins]
-    lowest = levels[0]
-    for level in levels[1:]:
-        lowest = jnp.minimum(lowest, level)
+    lowest = reduce(jnp.minimum, ((byte >> 6) & 3 for byte in pins))
     return jnp.where(params.plc_obeyed != 0, lowest, state.runlevel)
 
 
