@@ -26,9 +26,10 @@ from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, cast, replace
 from ravenjax.robots.raven2 import ROBOT
+from ravenjax.robots.raven2.console import operator
 from ravenjax.robots.raven2.console.reading import FIELDS
 from ravenjax.robots.raven2.geometry import kinematics
-from ravenjax.robots.raven2.loop import connections, observers
+from ravenjax.robots.raven2.loop import observers
 from ravenjax.stages import monitor
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.robot import ARMS, E_STOP
@@ -223,8 +224,8 @@ def _half(blueprint: Blueprint) -> StepCode:
     def step(
         inputs: Any, state: observers.ObserverState, now: Scalar, entering: _Reported, motion: Any
     ) -> tuple[observers.ObserverState, list[Scalar]]:
-        timing = connections.row_by_row(now)
-        packet = connections.packet(setup, params.operator, motion, timing)
+        timing = operator.row_by_row(now)
+        packet = operator.packet(setup, params.operator, motion, timing)
         robot = observers.RobotView(*entering, unwritten)
         fresh = jnp.bool_(True)
         after, view = observers.see(setup, params, state, packet, fresh, robot)

@@ -135,8 +135,7 @@ class _Path:
         return self._to(end, round(seconds / TICK_S), pedal=0.0)
 
 
-# --- the named motions: endless chains of segments
-# --------------------------------------------------------------------
+# --- the named motions: endless chains of segments ---
 
 
 def _still(path: _Path, rng: np.random.Generator) -> Iterator[Segment]:
@@ -281,20 +280,15 @@ def generate(
     is not in MOTIONS.
     """
     rows = max(1, math.ceil(duration_s / TICK_S - 1e-9))
-    position, quat, grasp, pedals = [], [], [], []
-    for i, arm in enumerate(arms):
-        poses, pedal = _follow(_CHAINS[name], rows, np.random.default_rng([seed, i]))
-        hand, turned = _hand(arm, poses)
-        position.append(hand)
-        quat.append(turned)
-        grasp.append(poses[:, _GRASP])
-        pedals.append(pedal)
+    streams = [np.random.default_rng([seed, i]) for i in range(len(arms))]
+    poses, pedals = zip(*(_follow(_CHAINS[name], rows, stream) for stream in streams), strict=True)
+    position, quat = zip(*map(_hand, arms, poses), strict=True)
     return Motion(
         name=name,
         arms=tuple(arms),
         position_um=np.stack(position, axis=1),
         quat=np.stack(quat, axis=1),
-        grasp_mrad=np.stack(grasp, axis=1),
+        grasp_mrad=np.stack(poses, axis=1)[..., _GRASP],
         surgeon_mode=pedals[0],
         start_jpos=tuple(tuple(float(q) for q in HOME_JPOS) for _ in arms),
     )
@@ -331,10 +325,8 @@ def _hand(arm: ArmName, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     axes = _axes()
     tip, turn = (poses[:, _TIP] + poses[:, _HAND]) @ axes, poses[:, _TURN] @ axes
-    if (
-        arm == "green"
+    if arm == "green":
         # gold mirrored at the x-z plane of frame 0; rotations mirror as pseudovectors
-    ):
         tip, turn = tip * [1.0, -1.0, 1.0], turn * [-1.0, 1.0, -1.0]
     to_itp = np.array(ITP_AXES[arm])  # x @ C is C^-1 x, because C is a rotation
     return tip @ to_itp / NOMINAL_SCALE * 1e6, _quaternion(turn @ to_itp)

@@ -33,6 +33,7 @@ from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.quantity import described
 from ravenjax.numbers.setup import per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
+from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console.operator import Deviation
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.vocabulary.reactions import CORRECT, NONE, RELEASE, SLOW
@@ -45,9 +46,7 @@ TINY_M = 1e-9
 @described
 @record
 class ReactionParams:
-    """Reaction parameters that a campaign may vary; the defaults are the assumptions above, with no
-    action.
-    """
+    """Parameters of the reaction. The defaults are the assumptions above, with no action."""
 
     action: Scalar = np.int32(NONE)  # int32, one of ACTIONS
     delay_ms: Scalar = 250.0
@@ -68,13 +67,13 @@ class ReactionState:
 
 @record
 class OperatorSenses:
-    """What the operator sees and feels; tuples have one entry per arm."""
+    """What the operator sees and feels."""
 
-    force: tuple[Scalar, ...]  # device units, of the first haptic set
-    tip: tuple[Vec, ...]  # m, true tip
-    model_tip: tuple[Vec, ...]  # m, tip of the nominal model
+    force: PerArm[Scalar]  # device units, of the first haptic set
+    tip: PerArm[Vec]  # m, true tip
+    model_tip: PerArm[Vec]  # m, tip of the nominal model
     # m, frame 0, tip motion beyond the plan that the hands asked for, the same for robot and model
-    off_plan: tuple[Vec, ...]
+    off_plan: PerArm[Vec]
     pedal_down: Scalar  # bool
     tick: Scalar  # int32
 
@@ -87,9 +86,7 @@ def init(setup: RavenSetup) -> ReactionState:
 def act(
     setup: RavenSetup, params: ReactionParams, state: ReactionState, tick: Scalar, packet: Scalar
 ) -> ReactionState:
-    """Decide whether the action begins now, before this tick's packet, of row `packet` of the
-    motion.
-    """
+    """Decide whether the action begins in this tick, whose packet has row `packet`."""
     waited = lax.convert_element_type(tick - state.felt, setup.precision.real) >= params.delay_ms
     begins = (params.action != NONE) & (state.felt >= 0) & waited & (state.acted < 0)
     return replace(
@@ -102,9 +99,7 @@ def act(
 def deviation(
     setup: RavenSetup, params: ReactionParams, state: ReactionState, row: Scalar, before: Scalar
 ) -> Deviation:
-    """Return the deviations of foot and hands in the packet of row `row`, after a packet of row
-    `before`.
-    """
+    """Return foot's and hands' deviations in the packet of row `row`, which follows `before`."""
 
     def since(packet: Scalar) -> tuple[Scalar, Scalar]:
         rows = packet - state.acted_packet
@@ -121,10 +116,8 @@ def deviation(
 
 def feel(
     setup: RavenSetup, params: ReactionParams, state: ReactionState, felt: OperatorSenses
-) -> tuple[ReactionState, tuple[Vec, ...]]:
-    """Return the state after this tick's cue, and each tip's correction by the hands, m
-    in frame 0.
-    """
+) -> tuple[ReactionState, PerArm[Vec]]:
+    """Return the state after this tick's cue, and the correction of each tip, m in frame 0."""
     noticed = reduce(or_, (force > params.felt_force for force in felt.force))
     correcting = (state.acted >= 0) & (params.action == CORRECT) & felt.pedal_down
 

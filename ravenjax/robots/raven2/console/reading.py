@@ -13,9 +13,11 @@ import struct
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS, ArmName
 from ravenjax.robots.raven2.console.packet import U_STRUCT
 from ravenjax.robots.raven2.console.profile import ConsoleProfile
+from ravenjax.robots.raven2.geometry import mapping
 
 FIELDS = struct.Struct("<3I6i8d6i")
 """Layout of U_STRUCT; unpacking it is ten times as fast as NumPy."""
@@ -23,7 +25,7 @@ QUAT, BUTTONS, GRASP, MODE, CHECKSUM = 9, 17, 19, 21, 22
 """Indices of Qx[0], buttonstate[0], grasp[0], surgeon_mode and checksum among the fields."""
 assert FIELDS.size == U_STRUCT.itemsize
 
-Quat = tuple[float, float, float, float]
+Quat = tuple[float, ...]
 _LEVEL: Quat = (0.0, 0.0, 0.0, 1.0)
 
 
@@ -64,9 +66,7 @@ class PacketReader:
     """Reads a stream of packets under one profile, and keeps the state of the stream."""
 
     def __init__(self, profile: ConsoleProfile, arms: Sequence[ArmName]) -> None:
-        """Prepare to read packets. arms: arms whose fields are read; other arms may have any
-        values.
-        """
+        """Prepare to read the fields of these arms; other arms may have any values."""
         self.profile = profile
         self._slots = tuple(ARMS.index(arm) for arm in arms)
         self._hands = [_NEW] * len(self._slots)
@@ -159,9 +159,7 @@ class PacketReader:
         return (x, y, z), turn, grasp, _Hand(jaw, place, (left_x, left_y, left_z, left_jaw))
 
     def _turn(self, sent: Sequence[float], before: Quat | None) -> tuple[Quat | None, Quat | None]:
-        """Return the turn that a packet asks for (None: no rotation), and the orientation
-        to keep.
-        """
+        """Return the turn that a packet asks for (None: not a rotation), and the orientation."""
         x, y, z, w = sent
         square = x * x + y * y + z * z + w * w
         form = self.profile.orientation.form
@@ -180,7 +178,11 @@ class PacketReader:
             return (x, y, z, w), None
         over = 1.0 / math.sqrt(square)
         now = x * over, y * over, z * over, w * over
-        return (_LEVEL if before is None else _between(before, now)), now
+        if before is None:
+            return _LEVEL, now
+        x, y, z, w = before
+        turn = mapping.quat_mul(Vec(now), Vec((-x, -y, -z, w)))
+        return (-turn if turn[3] < 0.0 else turn), now
 
     def _form(self) -> str:
         form = self.profile.orientation.form
@@ -189,17 +191,6 @@ class PacketReader:
         return "a unit quaternion" + (
             ", the turn since the last packet" if form == "increments" else ""
         )
-
-
-def _between(before: Quat, now: Quat) -> Quat:
-    """Return the turn from `before` to `now`: now times the inverse of before, with w >= 0."""
-    ax, ay, az, aw = now
-    bx, by, bz, bw = -before[0], -before[1], -before[2], before[3]
-    x = aw * bx + ax * bw + ay * bz - az * by
-    y = aw * by + ay * bw + az * bx - ax * bz
-    z = aw * bz + az * bw + ax * by - ay * bx
-    w = aw * bw - ax * bx - ay * by - az * bz
-    return (-x, -y, -z, -w) if w < 0.0 else (x, y, z, w)
 
 
 def _whole(value: float) -> tuple[int, float]:

@@ -128,9 +128,7 @@ def _matrices(rows: Vec) -> Array:
 
 
 def _rows(arm: str, **arguments: tuple[ArrayLike, tuple[int, ...]]) -> list[Array]:
-    """Check the arguments and return them with the same leading axes; each comes with the shape of
-    one row.
-    """
+    """Check the arguments, each given with the shape of one row; broadcast their leading axes."""
     if arm not in ARMS:
         raise UserError(unknown("arm", arm, ARMS))
     checked = {name: _checked(name, value, row) for name, (value, row) in arguments.items()}

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec
-from ravenjax.robots.raven2.geometry.links import GEOMETRY, GM1, GM2, GM3
+from ravenjax.robots.raven2.geometry.joints import GEOMETRY, GM1, GM2, GM3
 from ravenjax.robots.raven2.geometry.transmission import JOINT_PER_CAPSTAN_TORQUE
 
 GRAVITY = 9.8  # m/s^2 along -x of frame 0, both arms

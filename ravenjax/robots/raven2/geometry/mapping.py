@@ -29,9 +29,7 @@ def position_to_itp(arm: str, position: Vec) -> Vec:
 
 
 def rotation_from_itp(arm: str, rotation: Vec) -> Vec:
-    """Return a rotation (3 rows) about the axes of an ITP packet as one about the axes of
-    frame 0.
-    """
+    """Turn the axes of a rotation (3 rows) from those of an ITP packet to those of frame 0."""
     axes = ITP_AXES[arm]
     return matmul(matmul(axes, rotation), transpose(axes))
 

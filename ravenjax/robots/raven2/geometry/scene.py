@@ -78,9 +78,7 @@ def world(arm: ArmName, position: Vec) -> Vec:
 
 
 def tissue_depth(arm: ArmName, tip: Vec) -> Scalar:
-    """Return the depth of `tip` (m, frame 0) below the tissue's surface, m; negative above, -inf
-    beside it.
-    """
+    """Return the depth of `tip` (m, frame 0) below the tissue, m; negative above, -inf beside."""
     x, y, z = world(arm, tip)
     return jnp.where(_inside(x, y), _dome(x, y) - z, -jnp.inf)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import narrow, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.geometry.stored_pose import StoredPose
@@ -31,17 +31,12 @@ from ravenjax.robots.raven2.stages import (
     watchdog,
 )
 
-
-class Inject(Protocol):
-    """Returns the signal of a site of `ravenjax.vocabulary.sites` after the faults, if it is
-    `present`.
-    """
-
-    def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any: ...
+Inject = Callable[..., Any]
+"""Returns the signal of a site after faults, as `ravenjax.faults.injection.Injector`."""
 
 
 def unharmed(site: str, signal: Any, present: Scalar = True) -> Any:
-    """The `Inject` of a robot without faults: return the signal unchanged."""
+    """Return the signal unchanged: the `Inject` of a robot without faults."""
     return signal
 
 
@@ -51,9 +46,9 @@ class ControlParams:
 
     teleoperation: teleoperation.TeleoperationParams
     state_machine: state_machine.StateMachineParams
-    estimator: tuple[estimator.EstimatorParams, ...]
+    estimator: PerArm[estimator.EstimatorParams]
     cartesian: cartesian_control.CartesianParams
-    motor_control: tuple[motor_control.MotorControlParams, ...]
+    motor_control: PerArm[motor_control.MotorControlParams]
     overdrive: overdrive.OverdriveParams
     own: Any = None  # parameters of users' files in place of stages, by stage
 
@@ -67,25 +62,23 @@ class ControlState:
     teleoperation: teleoperation.TeleoperationState
     usb: usb.UsbIn
     state_machine: state_machine.StateMachineState
-    estimator: tuple[estimator.EstimatorState, ...]
+    estimator: PerArm[estimator.EstimatorState]
     cartesian: cartesian_control.State
-    motor_control: tuple[motor_control.MotorControlState, ...]
-    held_cmd: tuple[Vec, ...]  # int32 DAC counts last written; only the 2015 fork keeps them
+    motor_control: PerArm[motor_control.MotorControlState]
+    held_cmd: PerArm[Vec]  # int32 DAC counts last written; only the 2015 fork keeps them
     overdrive: overdrive.OverdriveState
     watchdog: watchdog.WatchdogState
 
 
 @record
 class Inputs:
-    """Inputs of the control computer in one cycle. Tuples have one entry per arm, one USB board
-    each.
-    """
+    """Inputs of the control computer in a cycle. Tuples have one entry per arm and USB board."""
 
     packet: Packet
     usb: usb.UsbIn
-    read_ok: tuple[Scalar, ...]  # int32, 0: the read from the board failed
+    read_ok: PerArm[Scalar]  # int32, 0: the read from the board failed
     # In a dynamics-simulator build: motors 1-3 of the model, rad, rad/s
-    simulated: tuple[tuple[Vec, Vec], ...] = ()
+    simulated: PerArm[tuple[Vec, Vec]] = ()
 
 
 @record
@@ -112,7 +105,7 @@ class ArmSignals:
 class ControlSignals:
     """Signals at the seams of the control software in one cycle."""
 
-    arms: tuple[ArmSignals, ...]
+    arms: PerArm[ArmSignals]
     tick: Scalar  # int32
     runlevel: Scalar  # int32
     sublevel: Scalar  # int32
@@ -141,7 +134,7 @@ def params(setup: RavenSetup) -> ControlParams:
 
 
 def init(
-    setup: RavenSetup, jpos: tuple[Vec, ...] | None = None, runlevel: int | None = None
+    setup: RavenSetup, jpos: PerArm[Vec] | None = None, runlevel: int | None = None
 ) -> ControlState:
     """Return a homed robot at rest at `jpos` (rad and m, one Vec per arm; default: home) and
     `runlevel`.
@@ -370,8 +363,8 @@ def _changed(records: tuple[Any, ...], **columns: tuple[Any, ...]) -> tuple[Any,
 
 
 def _struck(
-    inject: Inject, sites: tuple[str, str], poses: tuple[StoredPose, ...]
-) -> tuple[StoredPose, ...]:
+    inject: Inject, sites: tuple[str, str], poses: PerArm[StoredPose]
+) -> PerArm[StoredPose]:
     """Return poses after the faults at `sites`, the sites of position and of rotation."""
     position, rotation = sites
     return _changed(
@@ -382,8 +375,8 @@ def _struck(
 
 
 def _measured(
-    setup: RavenSetup, inputs: Inputs, state: ControlState, estimates: tuple[tuple[Vec, Vec], ...]
-) -> tuple[tuple[Vec, Vec], ...]:
+    setup: RavenSetup, inputs: Inputs, state: ControlState, estimates: PerArm[tuple[Vec, Vec]]
+) -> PerArm[tuple[Vec, Vec]]:
     """Return motor positions and velocities of each arm.
 
     They are the estimator's. In a dynamics-simulator build joints 1-3 come unchanged from its
@@ -401,8 +394,8 @@ def _measured(
 
 
 def _resting_commands(
-    setup: RavenSetup, params: ControlParams, held_cmd: tuple[Vec, ...], active: Scalar
-) -> tuple[Vec, ...]:
+    setup: RavenSetup, params: ControlParams, held_cmd: PerArm[Vec], active: Scalar
+) -> PerArm[Vec]:
     """Return the DAC commands before the torques are converted.
 
     They are cleared, except in the fork's simulator builds.

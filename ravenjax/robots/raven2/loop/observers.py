@@ -14,7 +14,7 @@ from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, record, replace, where
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry import kinematics, scene, transmission
 from ravenjax.robots.raven2.loop.records import Input, TickParams, TickState
@@ -25,46 +25,44 @@ from ravenjax.stages import haptics, monitor
 
 @record
 class ObserverState:
-    """The observers' state without a robot, one entry per arm; in the tick it is in `TickState`."""
+    """The observers' state without a robot; in the tick it is in `TickState`."""
 
-    nominal: tuple[nominal.NominalState, ...]
-    haptics: tuple[haptics.HapticState, ...]
+    nominal: PerArm[nominal.NominalState]
+    haptics: PerArm[haptics.HapticState]
     monitor: monitor.MonitorState
 
 
 class RobotView(NamedTuple):
-    """What is known of the robot in this tick, one entry per arm."""
+    """What is known of the robot in this tick."""
 
-    jpos: tuple[Vec, ...]  # rad; insertion m, as the control software has them
-    mvel: tuple[Vec, ...]  # rad/s, of the motors
+    jpos: PerArm[Vec]  # rad; insertion m, as the control software has them
+    mvel: PerArm[Vec]  # rad/s, of the motors
     runlevel: Scalar  # int32
     soft_estopped: Scalar  # int32 flag
-    dac: tuple[Vec, ...]  # counts, as written to USB
-    pos: tuple[Vec, ...] | None = None  # um, measured tip; None: the tip of `jpos`
-    tips: tuple[Vec, ...] | None = None  # m, true tips; None: the reported tips
+    dac: PerArm[Vec]  # counts, as written to USB
+    pos: PerArm[Vec] | None = None  # um, measured tip; None: the tip of `jpos`
+    tips: PerArm[Vec] | None = None  # m, true tips; None: the reported tips
 
 
 Observed = TypeVar("Observed", TickState, ObserverState)
 
 
 class Seen(NamedTuple):
-    """Results of the observers in this tick, one entry per arm."""
+    """Results of the observers in this tick."""
 
-    models: tuple[nominal.NominalOutput, ...]
-    cues: tuple[haptics.HapticOutput, ...]
+    models: PerArm[nominal.NominalOutput]
+    cues: PerArm[haptics.HapticOutput]
     # m, true tip in frame 0; the reported tip if the true one is unknown
-    tips: tuple[Vec, ...]
-    depth: tuple[Scalar, ...]  # m below the tissue's surface, negative above
+    tips: PerArm[Vec]
+    depth: PerArm[Scalar]  # m below the tissue's surface, negative above
     distance: Scalar  # m between the tips; infinite with one arm
     live: Scalar  # bool
 
 
 def init(
-    setup: RavenSetup, params: TickParams, start: tuple[Vec, ...], tips: tuple[Vec, ...]
+    setup: RavenSetup, params: TickParams, start: PerArm[Vec], tips: PerArm[Vec]
 ) -> ObserverState:
-    """Return the state next to a robot at rest with these joints (rad; insertion m) and true tips
-    (m).
-    """
+    """Return the state beside a robot at rest with these joints (rad, m) and true tips (m)."""
     return ObserverState(
         nominal=per_arm(
             setup, lambda i, arm: nominal.init(setup, arm, params.nominal[i], start[i])
@@ -102,9 +100,7 @@ def see(
         return nominal.step(setup, arm, params.nominal[i], state.nominal[i], asked(i), jpos)
 
     def sense(i: int, arm: ArmName) -> tuple[Any, ...]:
-        """Return what the console compares, the robot as its control software reports it, and the
-        cue.
-        """
+        """Return the reported tip, the state of the haptic device, and the cue."""
         model = models[i][1]
         jpos, mvel = real(setup, (robot.jpos[i], robot.mvel[i]))
         tool, software = setup.tools[i], setup.software
@@ -172,7 +168,7 @@ def live(runlevel: Scalar, soft_estopped: Scalar) -> Scalar:
 
 
 def reference(
-    setup: RavenSetup, signal: Input, tips: tuple[Vec, ...], pos: tuple[Vec, ...]
+    setup: RavenSetup, signal: Input, tips: PerArm[Vec], pos: PerArm[Vec]
 ) -> monitor.Reference:
     """Return the golden run in this tick.
 
@@ -188,6 +184,6 @@ def reference(
     )
 
 
-def _um(tips: tuple[Vec, ...]) -> tuple[Vec, ...]:
+def _um(tips: PerArm[Vec]) -> PerArm[Vec]:
     """Return metres as micrometres."""
     return tuple(tip * 1e6 for tip in tips)

@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import per_arm
-from ravenjax.numbers.vec import Scalar, Vec, as_int, replace
+from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
+from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console import operator, own_operator, reaction
+from ravenjax.robots.raven2.console.operator import PacketTiming
 from ravenjax.robots.raven2.geometry.mapping import position_to_itp
-from ravenjax.robots.raven2.loop import connections
-from ravenjax.robots.raven2.loop.connections import Network, PacketTiming
 from ravenjax.robots.raven2.loop.injector import seeded
 from ravenjax.robots.raven2.loop.records import Input, TickParams, TickSignals
 from ravenjax.robots.raven2.loop.user_files import UserFiles
@@ -33,11 +33,23 @@ from ravenjax.stages import (
 )
 
 
-class Start(NamedTuple):
-    """The start of a run, one entry per arm."""
+@record
+class Network:
+    """What a fault may do to the newest packet on its way to the robot."""
 
-    jpos: tuple[Vec, ...]  # 7, rad and m
-    tips: tuple[Vec, ...]  # m, frame 0
+    # int32, packets; how much older the packet is that is sent instead
+    lag: Scalar
+    delay: Scalar  # int32, packets; delay of a channel that delivers in order
+    lost: Scalar  # bool
+    bursts: Scalar  # float, seed of the channel's losses; 0: none
+    jitter: Scalar  # float, seed of the channel's delays; 0: none
+
+
+class Start(NamedTuple):
+    """The start of a run."""
+
+    jpos: PerArm[Vec]  # 7, rad and m
+    tips: PerArm[Vec]  # m, frame 0
     runlevel: int
 
 
@@ -106,9 +118,7 @@ def find_stages(setup: RavenSetup) -> dict[str, Stage]:
 def _draw_length(
     setup: RavenSetup, params: TickParams, clock: packet_clock.PacketClock, console: Console
 ) -> packet_clock.PacketClock:
-    """Let packets last a number of cycles that is drawn; each has the motion of the hands at its
-    time.
-    """
+    """Draw how many cycles each packet lasts. It has the motion of the hands at its time."""
     now, network = console.signal.tick, params.network
     if console.signal.packet is None:
         fresh = now >= clock.due
@@ -291,7 +301,7 @@ STAGES: dict[str, Stage] = {
     ),
     "hand": Stage(
         present=lambda setup: setup.hand_yields,
-        init=lambda setup, params, start: connections.each(setup, hand.init(setup)),
+        init=lambda setup, params, start: per_arm(setup, lambda *_: hand.init(setup)),
         watch=_yield,
         outcomes=hand.outcomes,
         moves_hands=True,

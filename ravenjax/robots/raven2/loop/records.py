@@ -1,4 +1,4 @@
-"""Records of the tick: parameters, state, inputs, signals. Tuples have one entry per arm."""
+"""Records of the tick: parameters, state, inputs, signals."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from ravenjax.faults import fault
 from ravenjax.numbers.quantity import described
 from ravenjax.numbers.vec import Scalar, Vec, record
+from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console import operator, reaction
 from ravenjax.robots.raven2.loop import control, user_files
 from ravenjax.robots.raven2.plant import contact, nominal
@@ -33,8 +34,8 @@ class TickParams:
     usb: UsbParams
     control: control.ControlParams
     plc: plc.PlcParams
-    plant: tuple[plant.PlantParams, ...]
-    nominal: tuple[nominal.NominalParams, ...]
+    plant: PerArm[plant.PlantParams]
+    nominal: PerArm[nominal.NominalParams]
     haptics: haptics.HapticParams
     reaction: reaction.ReactionParams | None  # only with Setup.reacts
     hand: hand.HandParams | None  # only with Setup.hand_yields
@@ -42,7 +43,7 @@ class TickParams:
     checks: user_files.CheckParams | None  # only if there are users' checks
     contact: contact.ContactParams | None  # only with Setup.contact
     monitor: monitor.MonitorParams
-    start: tuple[Vec, ...]  # joints at the start of the run, 7, rad and m
+    start: PerArm[Vec]  # joints at the start of the run, 7, rad and m
 
 
 @described
@@ -72,14 +73,14 @@ class TickState:
     control: control.ControlState
     boards: usb.UsbOut  # values that the USB boards hold
     # int32, values that the boards held in earlier ticks, latest first
-    commands: tuple[tuple[Vec, ...], ...]
+    commands: tuple[PerArm[Vec], ...]
     plc: plc.PlcState
-    plant: tuple[plant.PlantState, ...]
-    enc_val: tuple[Vec, ...]  # int32 counts that the encoders show
+    plant: PerArm[plant.PlantState]
+    enc_val: PerArm[Vec]  # int32 counts that the encoders show
     # rad, rad/s of motors 1-3, only for dynamics-simulator builds
-    motors: tuple[tuple[Vec, Vec], ...]
-    nominal: tuple[nominal.NominalState, ...]
-    haptics: tuple[haptics.HapticState, ...]
+    motors: PerArm[tuple[Vec, Vec]]
+    nominal: PerArm[nominal.NominalState]
+    haptics: PerArm[haptics.HapticState]
     hands: operator.HandOffsets
     files: user_files.UserFilesState
     monitor: monitor.MonitorState
@@ -111,13 +112,13 @@ class TickSignals:
 
     packet: Any  # packet.Packet as it reached the robot
     control: control.ControlSignals
-    plant: tuple[plant.PlantOutput, ...]
+    plant: PerArm[plant.PlantOutput]
     # 7 int32 DAC counts that the USB boards hold, after the checks at the boards
-    boards: tuple[Vec, ...]
+    boards: PerArm[Vec]
     plc: plc.PlcOutput
-    nominal: tuple[nominal.NominalOutput, ...]
-    haptics: tuple[haptics.HapticOutput, ...]
-    tip: tuple[Vec, ...]  # m, true tip in frame 0
-    depth: tuple[Scalar, ...]  # m below the tissue's surface, negative above
+    nominal: PerArm[nominal.NominalOutput]
+    haptics: PerArm[haptics.HapticOutput]
+    tip: PerArm[Vec]  # m, true tip in frame 0
+    depth: PerArm[Scalar]  # m below the tissue's surface, negative above
     tip_distance: Scalar  # m between the tips; infinite with one arm
     fault_active: tuple[Scalar, ...]  # bool, one per slot

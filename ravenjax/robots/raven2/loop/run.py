@@ -14,8 +14,9 @@ from ravenjax.numbers.lazy import at_once, jnp
 from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec
 from ravenjax.robots.raven2 import run_levels
+from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console import operator, reaction
-from ravenjax.robots.raven2.loop import connections, control, observers, user_files
+from ravenjax.robots.raven2.loop import control, observers, user_files
 from ravenjax.robots.raven2.loop.optional import Start, find_stages
 from ravenjax.robots.raven2.loop.records import (
     Input,
@@ -25,7 +26,7 @@ from ravenjax.robots.raven2.loop.records import (
     TickState,
     UsbParams,
 )
-from ravenjax.robots.raven2.loop.tick import tick
+from ravenjax.robots.raven2.loop.tick import boards_apart, each, motors, tick
 from ravenjax.robots.raven2.plant import contact, nominal, parameter_sets
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -70,14 +71,12 @@ def params(
 
 
 def init(setup: RavenSetup, params: TickParams) -> TickState:
-    """Return a homed robot at rest at `params.start`, pedal up, ready, with its nominal model
-    there, too.
-    """
+    """Return a homed and ready robot at rest at `params.start`, pedal up, its model beside it."""
     ready = run_levels.PEDAL_UP if setup.software == "raven2" else run_levels.PEDAL_DOWN
     start = real(setup, params.start)
     plants = per_arm(setup, lambda i, arm: plant.init(setup, arm, params.plant[i], start[i]))
     robots = per_arm(setup, lambda i, arm: plant.observe(setup, arm, params.plant[i], plants[i]))
-    tips = connections.tips(setup, params.plant, plants, robots)
+    tips = plant.tips(setup, params.plant, plants, robots)
     beside = observers.init(setup, params, start, tips)
     zero = jnp.int32(0)
     with at_once():  # the start of a run is a constant of the campaign
@@ -89,11 +88,11 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
         faults=fault.init(setup),
         control=software,
         boards=usb.init_out(setup),
-        commands=(connections.each(setup, Vec.full(7, zero)),) * setup.command_delay,
-        plc=plc.init(setup, params.plc, ready, connections.boards_apart(setup)),
+        commands=(each(setup, Vec.full(7, zero)),) * setup.command_delay,
+        plc=plc.init(setup, params.plc, ready, boards_apart(setup)),
         plant=plants,
         enc_val=tuple(out.enc_val for out in robots),
-        motors=connections.motors(setup, robots),
+        motors=motors(setup, robots),
         nominal=beside.nominal,
         haptics=beside.haptics,
         hands=operator.at_plan(setup) if moves else operator.ON_PLAN,
@@ -124,10 +123,15 @@ def outcomes(setup: RavenSetup, params: TickParams, state: TickState) -> dict[st
     return out | monitor.outcomes(setup, state.monitor)
 
 
+def measured(setup: RavenSetup, signals: control.ControlSignals) -> PerArm[Vec]:
+    """Return the measured tip of each arm, whole um."""
+    return tuple(real(setup, arm.pos.position_um) for arm in signals.arms)
+
+
 def reference_series(setup: RavenSetup, signals: TickSignals) -> tuple[Scalar, ...]:
     """Return the numbers of a fault-free tick with which its faulty runs are compared."""
-    measured = connections.measured(setup, signals.control)
-    return tuple(x for tip, pos in zip(signals.tip, measured, strict=True) for x in (*tip, *pos))
+    rows = zip(signals.tip, measured(setup, signals.control), strict=True)
+    return tuple(x for tip, pos in rows for x in (*tip, *pos))
 
 
 def advance(

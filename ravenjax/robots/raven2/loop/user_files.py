@@ -47,6 +47,7 @@ from ravenjax.numbers.setup import narrow, per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, cast, record, replace, where
 from ravenjax.parts import part
 from ravenjax.parts.part import SCORE
+from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.original import constants as stored
@@ -187,26 +188,22 @@ class CheckState:
 class UserFilesState:
     """State of checks and stages; empty without them."""
 
-    checks: tuple[tuple[CheckState, ...], ...]  # for each check, one entry per arm
+    checks: tuple[PerArm[CheckState], ...]  # for each check
     histories: tuple[CheckHistory, ...]
     # bool, the arm's board refuses; (): no check can stop it at the boards
-    refusing: tuple[Scalar, ...]
+    refusing: PerArm[Scalar]
     stages: tuple[tuple[Any, ...], ...]  # state of each in the order of `RavenSetup.controller`
 
 
 def check_params(setup: RavenSetup, thresholds: Sequence[float]) -> CheckParams:
-    """Return the parameters of the checks' files, with these thresholds, in the order of the
-    checks.
-    """
+    """Return the parameters of the checks' files, with these thresholds in the same order."""
     names = tuple(use.name for use in setup.checks)
     own = part.parameters(tuple(use.part for use in setup.checks))
     return CheckParams(own, part.named(names, thresholds))
 
 
 def stage_params(setup: RavenSetup) -> Any:
-    """Return the parameters of the files in place of stages, by stage; None if no stage is
-    replaced.
-    """
+    """Return the parameters of the files that replace stages; None if no stage is replaced."""
     files = tuple(source for _, source in setup.controller)
     return part.parameters(files) if files else None
 
@@ -238,9 +235,7 @@ def histories(setup: RavenSetup, state: UserFilesState) -> dict[str, CheckHistor
 
 
 def refuses(setup: RavenSetup) -> bool:
-    """Return whether a board may refuse, so that its output pins may differ from the
-    other board's.
-    """
+    """Return whether a board may refuse, so that its pins may differ from the other board's."""
     return any(use.at == BOARDS and use.acts == "stop" for use in setup.checks)
 
 
@@ -271,12 +266,10 @@ class UserFiles:
         )
 
     def note(self, **numbers: Any) -> None:
-        """Store numbers that have crossed a seam: each a number, or a tuple with one
-        entry per arm.
-        """
+        """Store what has crossed a seam: each a number, or a tuple with one entry per arm."""
         self._crossed.update(numbers)
 
-    def views(self, at: str, width: str) -> tuple[View, ...]:
+    def views(self, at: str, width: str) -> PerArm[View]:
         """Return the view of each arm, with floats in the given width."""
 
         def view(i: int, _: Any) -> View:
@@ -303,7 +296,7 @@ class UserFiles:
                 self._stops.append(trips)
         return packet
 
-    def check(self, seam: str, signal: tuple[Vec, ...]) -> tuple[Vec, ...]:
+    def check(self, seam: str, signal: PerArm[Vec]) -> PerArm[Vec]:
         """Return the signal after the checks at a seam of the control software, one Vec per arm."""
         name = _FIELDS.get(seam, seam)
         self.note(**{name: signal})
@@ -365,9 +358,7 @@ class UserFiles:
     def _checks_at(self, seam: str) -> list[tuple[int, Any]]:
         return [(place, use) for place, use in enumerate(self._setup.checks) if use.at == seam]
 
-    def _look(
-        self, place: int, crossing: tuple[Vec, ...]
-    ) -> tuple[tuple[Scalar, ...], tuple[Vec, ...]]:
+    def _look(self, place: int, crossing: PerArm[Vec]) -> tuple[PerArm[Scalar], PerArm[Vec]]:
         """Return whether a check trips in this millisecond, and the signal if it limits."""
         assert self._checks is not None
         use, width = self._setup.checks[place], self._setup.precision.real
@@ -399,13 +390,13 @@ class UserFiles:
 
     def torques(
         self,
-        params: tuple[MotorControlParams, ...],
-        states: tuple[MotorControlState, ...],
+        params: PerArm[MotorControlParams],
+        states: PerArm[MotorControlState],
         active: Scalar,
         pedal_down: Scalar,
-        mpos_d: tuple[Vec, ...],
-        jpos: tuple[Vec, ...],
-    ) -> tuple[MotorControlState, ...]:
+        mpos_d: PerArm[Vec],
+        jpos: PerArm[Vec],
+    ) -> PerArm[MotorControlState]:
         """Return the same as `motor_control.torques`, for every arm."""
         setup, feels_gravity = self._setup, self._setup.software == "raven2"
         still = tuple(Vec.full(3, 0.0) for _ in setup.arms)
@@ -431,7 +422,7 @@ class UserFiles:
             for before, target, tau, lift in zip(states, mpos_d, torques, still, strict=True)
         )
 
-    def commands(self, live: Scalar, resting: tuple[Vec, ...]) -> tuple[Vec, ...]:
+    def commands(self, live: Scalar, resting: PerArm[Vec]) -> PerArm[Vec]:
         """Return the same as `dac.step`, for every arm."""
         setup = self._setup
         self.note(
@@ -464,22 +455,18 @@ class UserFiles:
 _FLOATS = ("mpos", "mvel", "jpos", "jvel", "jpos_d", "mpos_d", "tau_d")
 
 
-def _zeros(signal: tuple[Vec, ...]) -> tuple[Vec, ...]:
+def _zeros(signal: PerArm[Vec]) -> PerArm[Vec]:
     return tuple(Vec.full(len(one), 0) for one in signal)
 
 
-def _chosen(
-    trips: Sequence[Scalar], values: tuple[Vec, ...], signal: tuple[Vec, ...]
-) -> tuple[Vec, ...]:
+def _chosen(trips: Sequence[Scalar], values: PerArm[Vec], signal: PerArm[Vec]) -> PerArm[Vec]:
     """Return the values for the arms that trip, and the signal for the others."""
     return tuple(
         where(trip, new, old) for trip, new, old in zip(trips, values, signal, strict=True)
     )
 
 
-def _limited(
-    trips: Sequence[Scalar], values: tuple[Vec, ...], commands: tuple[Vec, ...]
-) -> tuple[Vec, ...]:
+def _limited(trips: Sequence[Scalar], values: PerArm[Vec], commands: PerArm[Vec]) -> PerArm[Vec]:
     """Return commands after a check, within 16 bits.
 
     A command of 0 stays 0, so that no check overrides an E-stop.

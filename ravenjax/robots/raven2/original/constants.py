@@ -9,7 +9,6 @@ arithmetic without widening it further.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -52,22 +51,15 @@ def amps_per_torque(arm: str, tool: str, software: str) -> Vec:
     )
 
 
-class JointLimits(NamedTuple):
-    """Limits to which joint targets are clamped."""
+def joint_limits(setup: RavenSetup) -> tuple[list[tuple[float, float]], float | None]:
+    """Return the limits to which joint targets are clamped: those of the first mechanism's tool.
 
-    # lower, upper of shoulder, elbow (rad), insertion (m), tool_roll, wrist (rad)
-    ranges: tuple[tuple[float, float], ...]
-    lowest_yaw: float | None  # rad, of the jaws; None: not limited
-
-
-def joint_limits(setup: RavenSetup) -> JointLimits:
-    """Return the software's limits: those of the first mechanism's tool apply to every arm.
-
-    All are stored as float32, except the fork's roll limit: that is a literal in its
-    r2_kinematics.cpp, and a double.
+    They are (lower, upper) of shoulder, elbow (rad), insertion (m), tool_roll, wrist (rad), and the
+    lower limit of the jaws' yaw (rad; None: not limited). All are stored as float32, except the
+    fork's roll limit: that is a literal in its r2_kinematics.cpp, and a double.
     """
     (*lower, lowest_yaw), upper = limits.soft_limits(setup.tools[0], setup.software)
     ranges = [(float32(low), float32(high)) for low, high in zip(lower, upper[:5], strict=True)]
     if setup.software == "fork2015":
         ranges[3] = (lower[3], upper[3])
-    return JointLimits(tuple(ranges), None if lowest_yaw is None else float32(lowest_yaw))
+    return ranges, None if lowest_yaw is None else float32(lowest_yaw)

@@ -3,10 +3,11 @@ double precision.
 
 If the wrist is straight, the original's roll is a quotient of two numbers that are mostly rounding
 error. To reproduce its DAC counts, code must round where the original rounds. `geometry` computes
-the same with a fraction of the operations. This module has its signatures, and `evaluation` selects
-one of the two. Sources: raven2 `src/raven/r2_kinematics.cpp`, `include/raven/r2_kinematics.h`,
-`src/raven/grav_comp.cpp` (compiled without fused operations); transforms and quaternions are those
-of ROS tf (ros/geometry `tf/LinearMath/{Transform,Matrix3x3,Vector3}.h`).
+the same with a fraction of the operations, and as exactly. `evaluation` selects one of the two: the
+order of the original only helps if results are rounded as there (precision `ORIGINAL`). Sources:
+raven2 `src/raven/r2_kinematics.cpp`, `include/raven/r2_kinematics.h`, `src/raven/grav_comp.cpp`
+(compiled without fused operations); transforms and quaternions are those of ROS tf (ros/geometry
+`tf/LinearMath/{Transform,Matrix3x3,Vector3}.h`).
 
 Products with a literal 0 or 1 are left out, which changes no bit but the sign of a zero. Products
 of quaternions and their matrices are those of `mapping`, which already has tf's order.
@@ -15,7 +16,8 @@ of quaternions and their matrices are those of `mapping`, which already has tf's
 from __future__ import annotations
 
 import math
-from functools import reduce
+from collections.abc import Callable
+from functools import partial, reduce
 from typing import NamedTuple
 
 from ravenjax.numbers.algebra import (
@@ -33,8 +35,23 @@ from ravenjax.numbers.algebra import (
 )
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec, as_int, where
+from ravenjax.robots.raven2.geometry import gravity, kinematics, mapping
 from ravenjax.robots.raven2.geometry.gravity import CENTRES, GRAVITY_AS_STORED, MASSES
-from ravenjax.robots.raven2.geometry.inverse import (
+from ravenjax.robots.raven2.geometry.joints import (
+    D4,
+    GM1,
+    GM2,
+    GM3,
+    GM4,
+    LINK12,
+    LINK23,
+    LW,
+    PI,
+    Pose,
+    jaws,
+    yaw,
+)
+from ravenjax.robots.raven2.geometry.kinematics import (
     AT_REMOTE_CENTRE,
     CLAMP,
     COST_LIMIT,
@@ -46,10 +63,9 @@ from ravenjax.robots.raven2.geometry.inverse import (
     ROLLOVER,
     SINGULAR,
 )
-from ravenjax.robots.raven2.geometry.joints import Pose, jaws, yaw
-from ravenjax.robots.raven2.geometry.links import D4, GM1, GM2, GM3, GM4, LINK12, LINK23, LW, PI
 from ravenjax.robots.raven2.geometry.transmission import GP42
 from ravenjax.robots.raven2.original import constants as stored
+from ravenjax.robots.raven2.setup import RavenSetup
 
 # --- transforms and quaternions ---
 
@@ -220,9 +236,7 @@ def _link5(theta5: Scalar) -> Transform:
 
 
 def _chain(*links: Transform) -> Transform:
-    """Return the product of links, starting from the last: the original multiplies when its
-    recursion returns.
-    """
+    """Return the product of links. It starts from the last, as the original's recursion does."""
     return reduce(lambda rest, link: product(link, rest), reversed(links))
 
 
@@ -239,11 +253,6 @@ def forward(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
     )
     tip = _chain(*links, _link(PI / 2, LW, jnp.cos(th[5]), jnp.sin(th[5]), 0.0))
     return Pose(tip.origin, tip.rotation)
-
-
-class _Solution(NamedTuple):
-    thetas: Vec  # 6
-    valid: Scalar  # truth value
 
 
 def inverse(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK:
@@ -271,12 +280,12 @@ def _rolled_over(measured: Scalar, theta4: Scalar) -> Scalar:
     return jnp.where(jnp.abs(measured - theta4) > ROLLOVER, shifted, theta4)
 
 
-def _solutions(arm: str, tip: Transform) -> tuple[list[_Solution], Scalar]:
-    """Return all eight solutions in the original's order, and whether a wrist is at the remote
-    centre.
+def _solutions(arm: str, tip: Transform) -> tuple[list[tuple[Vec, Scalar]], Scalar]:
+    """Return all eight solutions in the original's order: DH variables (6) and validity.
 
-    In that case the original stops before the first angle, and all angles are zero. It has marked
-    that side invalid; the other side counts as valid. The insertion of side 0 is known by then.
+    Returns also whether a wrist is at the remote centre. In that case the original stops before the
+    first angle, and all angles are zero. It has marked that side invalid; the other side counts as
+    valid. The insertion of side 0 is known by then.
     """
     x, y, _ = inverse_transform(tip).origin
     toward = Vec((x, y, 0.0))
@@ -301,7 +310,7 @@ def _solutions(arm: str, tip: Transform) -> tuple[list[_Solution], Scalar]:
             for sign in (1.0, -1.0):
                 th = _angles(arm, tip, wrist, d3, mul(sign, theta2))
                 angles = th.map(lambda angle: jnp.where(stopped, 0.0, angle))
-                solutions.append(_Solution(angles.replace(2, left), valid))
+                solutions.append((angles.replace(2, left), valid))
     return solutions, stopped
 
 
@@ -373,3 +382,30 @@ def gravity_torque(arm: str, jpos: Vec) -> Vec:
 
 def _about_z(centre: Vec, weight: Vec) -> Scalar:
     return sub(mul(centre[0], weight[1]), mul(centre[1], weight[0]))
+
+
+# --- choice of the order of operations ---
+
+
+class Evaluation(NamedTuple):
+    """One implementation of the geometry; contracts as in `kinematics`, `gravity` and `mapping`."""
+
+    forward: Callable[[str, Vec, Scalar], Pose]
+    inverse: Callable[[str, Pose, Scalar, Vec], IK]
+    gravity_torque: Callable[[str, Vec], Vec]
+    quat_from_matrix: Callable[[Vec], Vec]
+
+
+SHARING = Evaluation(
+    kinematics.forward,
+    kinematics.inverse,
+    partial(gravity.gravity_torque, gravity=gravity.GRAVITY_AS_STORED),
+    mapping.quat_from_matrix,
+)
+LITERAL = Evaluation(forward, inverse, gravity_torque, quat_from_matrix)
+
+
+def evaluation(setup: RavenSetup) -> Evaluation:
+    """Return LITERAL if the number widths are the original's, else SHARING."""
+    precision = setup.precision
+    return LITERAL if (precision.narrow, precision.wide) == ("float32", "float64") else SHARING

@@ -83,9 +83,7 @@ class Touch:
 
 
 class Law(NamedTuple):
-    """A normal force over the coming step: the force at the present speed, and its rate with
-    closing speed.
-    """
+    """A normal force over the coming step, and how it rises with closing speed."""
 
     force: Scalar  # N
     rate: Scalar  # N s/m
@@ -124,17 +122,13 @@ class TipContact(NamedTuple):
         return self.rise * self.normal.force - self._sliding(self.velocity) * self.drag
 
     def after(self, gained: Vec) -> Vec:
-        """Return the force in N in a step in which the joints gain these speeds (7, rad/s
-        and m/s).
-        """
+        """Return the force (N) in a step in which the joints gain these speeds (rad/s, m/s)."""
         more = self.tip.velocity(gained)
         normal = jnp.maximum(self.normal.force - self.normal.rate * dot(self.rise, more), 0.0)
         return self.rise * normal - self._sliding(self.velocity + more) * self.drag
 
     def stiffen(self, system: list[list[Scalar]]) -> None:
-        """Add J^T A J to the lower triangle. A is the loss of force (N) per gain of the tip's speed
-        (m/s).
-        """
+        """Add J^T A J to the lower triangle. A: N that are lost per m/s that the tip gains."""
         columns, along = self.tip.columns, self.tip.along(self.rise)
         across = self.normal.rate - self.drag * self.inverse
         for i, column in enumerate(columns):
@@ -150,23 +144,14 @@ class TipContact(NamedTuple):
 
 
 def tips(
-    arm: ArmName,
-    params: ContactParams,
-    jpos: Vec,
-    jvel: Vec,
-    dt: float,
-) -> tuple[TipContact, TipContact]:
+    arm: ArmName, params: ContactParams, jpos: Vec, jvel: Vec, dt: float
+) -> tuple[TipContact, ...]:
     """Return both jaw tips at `jpos` (7, rad and m) and `jvel` over the coming `dt` (s)."""
-    one, other = instrument.jaw_tips(arm, jpos)
-    return _tip(arm, params, one, jvel, dt), _tip(arm, params, other, jvel, dt)
+    return tuple(_tip(arm, params, tip, jvel, dt) for tip in instrument.jaw_tips(arm, jpos))
 
 
 def _tip(
-    arm: ArmName,
-    params: ContactParams,
-    tip: instrument.InstrumentPoint,
-    jvel: Vec,
-    dt: float,
+    arm: ArmName, params: ContactParams, tip: instrument.InstrumentPoint, jvel: Vec, dt: float
 ) -> TipContact:
     surface, velocity = scene.surface(arm, tip.at), tip.velocity(jvel)
     rise = surface.rise
@@ -184,9 +169,7 @@ def _tip(
 
 
 def felt(contacts: tuple[TipContact, ...], gained: Vec) -> Touch:
-    """Return the tissue's forces on the instrument in a step in which the joints gained these
-    speeds.
-    """
+    """Return the tissue's forces in a step in which the joints gained these speeds."""
     forces = [one.after(gained) for one in contacts]
     whole = forces[0] + forces[1]
     on_vessel = [
@@ -227,9 +210,7 @@ def meeting(
     jvel: tuple[Vec, Vec],
     dt: float,
 ) -> Meeting:
-    """Return the meeting of two instruments at `jpos` and `jvel` (7 each) over the coming
-    `dt` (s).
-    """
+    """Return how two instruments meet at `jpos` and `jvel` (7 each) over the coming `dt` (s)."""
     lines = tuple(instrument.line(arm, joints) for arm, joints in zip(arms, jpos, strict=True))
     pieces = [_pieces(arm, line) for arm, line in zip(arms, lines, strict=True)]
     best: _Pair | None = None

@@ -164,9 +164,7 @@ def linearise(arm: float, stiffness: Scalar, damping: Scalar, stretch: Scalar, d
 
 
 def resting_stretch(arm: float, stiffness: Scalar, force: Scalar) -> Scalar:
-    """Return the stretch (rad) at which the cable at rest carries `force` (N m in motor
-    coordinates).
-    """
+    """Return the stretch (rad) at which a resting cable carries `force` (N m at the motor)."""
     ratio = force / (2.0 * arm * stiffness)
     return jnp.log(ratio + jnp.sqrt(ratio * ratio + 1.0)) / arm
 

@@ -103,9 +103,7 @@ def gain(errors: KinematicErrors) -> Vec:
 
 
 def true_joints(errors: KinematicErrors, reported: Vec) -> Vec:
-    """Return the true joints (7, rad and m) if the software reports `reported` and no cable is
-    stretched.
-    """
+    """Return the true joints (7) at reported ones (rad, m), with unstretched cables."""
     out = []
     for joint, home, offset, error in zip(
         reported, limits.HOME_JPOS, errors.joint_offset, errors.ratio_error, strict=True

@@ -41,7 +41,8 @@ from ravenjax.numbers.algebra import mul
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.linear_solve import solve_spd
 from ravenjax.numbers.quantity import described
-from ravenjax.numbers.vec import Scalar, Vec, as_int, cast, record, replace, to_int32, where
+from ravenjax.numbers.setup import real
+from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, to_int32, where
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import joints, kinematics, limits, mapping, transmission
@@ -160,9 +161,7 @@ def params(
 
 def init(setup: RavenSetup, arm: ArmName, params: NominalParams, jpos0: Vec) -> NominalState:
     """Return the state at rest at `jpos0` (rad, m), which is also its target."""
-    dtype = setup.precision.real
-    jpos = Vec(jnp.asarray(x, dtype) for x in jpos0)
-    still = Vec(jnp.asarray(0.0, dtype) for _ in range(7))
+    jpos, still = real(setup, (jpos0, Vec.full(7, 0.0)))
     return NominalState(
         jpos=jpos, jvel=still, integral=still[0], target=init_target(setup, arm, jpos)
     )
@@ -190,7 +189,7 @@ def step(
     moved = replace(track(setup, arm, params, state, target.jpos_d), target=target)
     still = replace(state, jvel=state.jvel * 0.0, target=target)
     state = where(clean.engaged != 0, moved, still)
-    state = replace(cast(replace(state, target=None), setup.precision.real), target=state.target)
+    state = replace(real(setup, replace(state, target=None)), target=state.target)
     return state, observe(arm, state)
 
 
@@ -268,9 +267,7 @@ def step_target(
     clean: Clean,
     jpos: Vec,
 ) -> TargetState:
-    """Return the target after the operator's command of one tick, for a model at `jpos`
-    (rad, m).
-    """
+    """Return the target after one tick's command of the operator. jpos: the model's, rad and m."""
     engaged = clean.engaged != 0
     position_um, quat, grasp_mrad = _moved(setup, arm, state, clean)
     pose = kinematics.Pose(

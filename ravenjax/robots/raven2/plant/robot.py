@@ -29,8 +29,9 @@ from ravenjax.numbers.algebra import add, mul, sub
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.linear_solve import solve_spd
 from ravenjax.numbers.quantity import described
+from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, cast, record, replace
-from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import (
@@ -52,9 +53,7 @@ ARM_CHANNELS = 16
 @described
 @record
 class PlantParams:
-    """Parameters of one arm, all of which may vary from run to run. quantities.toml has their
-    ranges.
-    """
+    """Parameters of one arm, which may vary from run to run; quantities.toml has their ranges."""
 
     actuators: drives.ActuatorParams
     brakes: drives.BrakeParams
@@ -154,14 +153,13 @@ def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> Pl
     The software assumes the links at `jpos0` (rad, m); kinematic errors may move them from there.
     """
     geometry, errors = _coupling(setup, arm, params), params.kinematic_errors
-    dtype = setup.precision.real
-    jpos0 = Vec(jnp.asarray(x, dtype) for x in jpos0)
+    dtype, jpos0 = setup.precision.real, real(setup, jpos0)
     links = kinematic_errors.true_joints(errors, jpos0)
     at_rest = Vec.full(N, 0.0)
     _, weight = link_dynamics.mass_matrix_and_bias(
         setup, arm, links, at_rest, params.gravity, params.mass_scale
     )
-    still = Vec(jnp.asarray(0.0, dtype) for _ in range(N))
+    still = real(setup, at_rest)
     carried = geometry.carried(weight)
     stretch = Vec(
         drives.resting_stretch(
@@ -184,7 +182,7 @@ def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> Pl
         mvel=still,
         jvel=still,
         brakes=drives.BrakeState(jnp.int32(1), zero),
-        intact=Vec(jnp.asarray(1.0, dtype) for _ in range(N)) if setup.cables == "break" else None,
+        intact=real(setup, Vec.full(N, 1.0)) if setup.cables == "break" else None,
         tick=zero,
         jpos_ref=cast(links - geometry.joints(fractions - stretch), dtype),
         count_ref=Vec(motor.count for motor in motors),
@@ -214,11 +212,11 @@ def step(
 
 def step_all(
     setup: RavenSetup,
-    params: tuple[PlantParams, ...],
-    states: tuple[PlantState, ...],
-    signals: tuple[PlantSignal, ...],
+    params: PerArm[PlantParams],
+    states: PerArm[PlantState],
+    signals: PerArm[PlantSignal],
     touched: contact.ContactParams | None,
-) -> tuple[tuple[PlantState, PlantOutput], ...]:
+) -> PerArm[tuple[PlantState, PlantOutput]]:
     """Compute `step` for every arm. Two arms with contact touch tissue and each other.
 
     The force between the two is solved with both arms' equations, so it is the same on both.
@@ -448,11 +446,19 @@ def observe(
     )
 
 
-def tip(arm: ArmName, params: PlantParams, state: PlantState, jpos: Vec) -> Vec:
-    """Return the true tip (3, m, registered frame 0) with the links at `jpos`, as in
-    `PlantOutput`.
-    """
-    return kinematic_errors.tip(arm, params.kinematic_errors, state.frame, jpos)
+def tips(
+    setup: RavenSetup,
+    params: PerArm[PlantParams],
+    states: PerArm[PlantState],
+    robots: PerArm[PlantOutput],
+) -> PerArm[Vec]:
+    """Return the true tip of each arm, m in registered frame 0."""
+    return per_arm(
+        setup,
+        lambda i, arm: kinematic_errors.tip(
+            arm, params[i].kinematic_errors, states[i].frame, robots[i].jpos
+        ),
+    )
 
 
 def _whole(state: PlantState, cable_scale: Vec) -> Vec:

@@ -17,12 +17,12 @@ from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import described
 from ravenjax.numbers.setup import narrow, per_arm, real, wide
 from ravenjax.numbers.vec import Scalar, Vec, rarely, record, replace, to_int32, where
-from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.geometry import stored_pose
-from ravenjax.robots.raven2.geometry.inverse import COST_LIMIT, REJECTED
+from ravenjax.robots.raven2.geometry.kinematics import COST_LIMIT, REJECTED
 from ravenjax.robots.raven2.geometry.stored_pose import StoredPose
 from ravenjax.robots.raven2.original.constants import joint_limits
-from ravenjax.robots.raven2.original.evaluation import evaluation
+from ravenjax.robots.raven2.original.literal import evaluation
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import check
 from ravenjax.stages.check import CheckHistory
@@ -40,7 +40,7 @@ class Arm:
     joint_limit: CheckHistory
 
 
-State = tuple[Arm, ...]
+State = PerArm[Arm]
 
 
 @described
@@ -61,7 +61,7 @@ def params(setup: RavenSetup) -> CartesianParams:
     )
 
 
-def init(setup: RavenSetup, jpos: tuple[Vec, ...]) -> State:
+def init(setup: RavenSetup, jpos: PerArm[Vec]) -> State:
     """Return the state of a robot at rest at `jpos`, with this pose as the desired one."""
     number = np.dtype(setup.precision.narrow).type
 
@@ -87,9 +87,7 @@ def _yaw(setup: RavenSetup, jpos: Vec) -> Scalar:
 
 
 def _reference(setup: RavenSetup, jpos: Vec) -> Vec:
-    """Return the measured joints from which solutions are judged, with jaws that give the rounded
-    yaw.
-    """
+    """Return the measured joints, with jaws that give the rounded yaw."""
     yaw = _yaw(setup, jpos)
     return Vec((*wide(setup, Vec(jpos[:5])), -yaw, yaw))
 
@@ -99,7 +97,7 @@ def follow(state: State, condition: Scalar) -> State:
     return tuple(replace(arm, pos_d=where(condition, arm.pos, arm.pos_d)) for arm in state)
 
 
-def sense(setup: RavenSetup, state: State, jpos: tuple[Vec, ...]) -> State:
+def sense(setup: RavenSetup, state: State, jpos: PerArm[Vec]) -> State:
     """Store this cycle's measured poses."""
     return per_arm(setup, lambda i, arm: replace(state[i], pos=measure(setup, arm, jpos[i])))
 
@@ -110,7 +108,7 @@ def solve(
     state: State,
     tick: Scalar,
     active: Scalar,
-    jpos: tuple[Vec, ...],
+    jpos: PerArm[Vec],
 ) -> tuple[State, Scalar]:
     """Solve the inverse kinematics of all arms if `active`.
 

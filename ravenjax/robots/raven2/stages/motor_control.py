@@ -15,7 +15,7 @@ from ravenjax.numbers.vec import Scalar, Vec, record, where
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.original import constants as stored
-from ravenjax.robots.raven2.original.evaluation import evaluation
+from ravenjax.robots.raven2.original.literal import evaluation
 from ravenjax.robots.raven2.setup import RavenSetup
 
 

@@ -35,16 +35,12 @@ class NetworkState:
 
 
 def init(setup: RavenSetup) -> NetworkState:
-    """Return the state of a robot that has received nothing: the first accepted packet is
-    number 1.
-    """
+    """Return the state before any packet: the first accepted packet is number 1."""
     return NetworkState(np.int32(0), *(check.init(setup) for _ in range(6)))
 
 
 def _below(a: Scalar, b: Scalar) -> Scalar:
-    """Return a < b for the bits as unsigned numbers; flipping the top bit maps their order to
-    int32's.
-    """
+    """Return a < b as unsigned numbers: with the top bit flipped, int32 has their order."""
     return (a ^ INT32_MIN) < (b ^ INT32_MIN)
 
 

@@ -14,11 +14,11 @@ from operator import or_
 
 import numpy as np
 
-from ravenjax.errors import UserError, suggestion
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import described
 from ravenjax.numbers.setup import real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
+from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import check
 from ravenjax.stages.check import CheckHistory
@@ -74,11 +74,6 @@ def params(
     The default is "moderate" for raven2 and the fork's own table for the fork.
     """
     level = level or ("moderate" if setup.software == "raven2" else "fork2015")
-    if level not in LEVELS:
-        raise UserError(
-            f"overdrive level is {level!r}, expected one of"
-            f" {', '.join(LEVELS)}{suggestion(level, LEVELS)}"
-        )
     limits = Vec(np.int32(limit) for limit in LEVELS[level])
     return OverdriveParams(np.int32(policy), limits, np.int32(MAX_INST_DAC[setup.software]))
 
@@ -94,8 +89,8 @@ def step(
     state: OverdriveState,
     tick: Scalar,
     runlevel: Scalar,
-    current_cmd: tuple[Vec, ...],
-) -> tuple[OverdriveState, tuple[Vec, ...], Scalar]:
+    current_cmd: PerArm[Vec],
+) -> tuple[OverdriveState, PerArm[Vec], Scalar]:
     """Check the commands of all arms.
 
     Returns the state, the commands to write, and whether to raise the soft E-stop.
