@@ -107,10 +107,7 @@ class _Path:
         return self._to(end, self._ticks(way, turned, pace))
 
     def arc(self, radius: float, angle: float, roll: float) -> Segment:
-        """Return a needle's path through tissue: an arc in the a-c plane that dips towards c.
-
-        The shaft rolls along the arc.
-        """
+        """Return a needle's path: an arc in the a-c plane dipping to c; the shaft rolls."""
         begin = self.pose
 
         def pose(fraction: np.ndarray) -> np.ndarray:
@@ -299,10 +296,7 @@ def _follow(
     rows: int,
     rng: np.random.Generator,
 ):
-    """Return poses [rows, 10] and pedal [rows] along a chain, one row per tick.
-
-    Each motion begins with a rest.
-    """
+    """Return poses [rows, 10] and pedal [rows] along a chain, per tick, after a rest."""
     up, down = round(PEDAL_DOWN_S / TICK_S), round((MOTION_S - PEDAL_DOWN_S) / TICK_S)
     poses, pedals, filled = (
         [np.repeat(_REST[None], up + down, axis=0)],
@@ -319,10 +313,7 @@ def _follow(
 
 
 def _hand(arm: ArmName, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return hand positions [T, 3] um and quaternions [T, 4] in the arm's ITP frame.
-
-    poses: tip poses in instrument axes.
-    """
+    """Return hand positions [T, 3] um and quaternions [T, 4] in the arm's ITP frame."""
     axes = _axes()
     tip, turn = (poses[:, _TIP] + poses[:, _HAND]) @ axes, poses[:, _TURN] @ axes
     if arm == "green":

@@ -38,10 +38,7 @@ from ravenjax.stages import haptics
 
 @record
 class ScreenView:
-    """What the operator sees and feels of one arm.
-
-    Positions are about the axes of the console, from the arm's base.
-    """
+    """What the operator sees and feels of an arm, in the console's axes, from the arm's base."""
 
     tip: Vec  # 3 m, true tip, as the camera shows it
     model_tip: Vec  # 3 m, tip of the nominal model
@@ -174,10 +171,7 @@ def see(
     cues: PerArm[haptics.HapticOutput],
     runlevel: Scalar,
 ) -> OwnOperatorState:
-    """Return the state with what screen and haptic device show until the next tick.
-
-    tips: m in frame 0, one per arm.
-    """
+    """Return the state with what the operator is shown until the next tick. tips: m, frame 0."""
 
     def pulled(i: int, arm: ArmName) -> tuple[Vec, Scalar]:
         force = cues[i].force[0]

@@ -7,6 +7,7 @@ Layout, frames and units: raven2 `include/itp_teleoperation.h` (packed, little-e
 from __future__ import annotations
 
 import functools
+import struct
 from typing import Any
 
 import numpy as np
@@ -41,21 +42,12 @@ U_STRUCT = np.dtype(
 MOVES, TURNS = ("delx", "dely", "delz"), ("Qx", "Qy", "Qz", "Qw")
 """Fields of an increment's displacement and rotation."""
 
-V_STRUCT = np.dtype(
-    [
-        ("sequence", "<u4"),
-        ("last_sequence", "<u4"),
-        ("pactyp", "<u4"),
-        ("version", "<u4"),
-        ("fx", "<i4", 2),
-        ("fy", "<i4", 2),
-        ("fz", "<i4", 2),
-        ("runlevel", "<i4"),
-        ("jointflags", "<u4"),
-        ("checksum", "<i4"),
-    ]
-)
-"""Robot to console, 52 bytes; declared by raven2 and never sent by it (NET_SEND is undefined)."""
+V_STRUCT = struct.Struct("<4I7iIi")
+"""Robot to console, 52 bytes; declared by raven2 and never sent by it (NET_SEND is undefined).
+
+Fields: sequence, last_sequence, pactyp, version; fx, fy, fz, each of both arms; runlevel;
+jointflags; checksum.
+"""
 
 SIZE_BYTES = {"increments": U_STRUCT.itemsize, "absolute": 204}
 """Bytes of a datagram, by `RavenSetup.console`.

@@ -80,19 +80,13 @@ def inverse_kinematics(
 
 
 def motor_from_joint(jpos: ArrayLike, arm: str, tool: str = "r_grasper") -> Array:
-    """Return the motor angles mpos [..., 7] (rad) that hold the joints `jpos` [..., 7].
-
-    Cable coupling is included.
-    """
+    """Return motor angles [..., 7] (rad) at the joints `jpos` [..., 7], with cable coupling."""
     (joints,) = _rows(arm, jpos=(jpos, (7,)))
     return _stacked(transmission.motor_from_joint(arm, tool, _vec(joints)))
 
 
 def joint_from_motor(mpos: ArrayLike, arm: str, tool: str = "r_grasper") -> Array:
-    """Return the joints jpos [..., 7] at the motor angles `mpos` [..., 7] (rad).
-
-    Cable coupling is included.
-    """
+    """Return joints [..., 7] at the motor angles `mpos` [..., 7] (rad), with cable coupling."""
     (motors,) = _rows(arm, mpos=(mpos, (7,)))
     return _stacked(transmission.joint_from_motor(arm, tool, _vec(motors)))
 

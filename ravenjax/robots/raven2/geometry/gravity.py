@@ -35,10 +35,7 @@ CENTRES = {
 
 
 def joint_gravity_torque(arm: str, jpos: Vec, gravity: Scalar = GRAVITY) -> Vec:
-    """Return the effort that holds shoulder, elbow (Nm) and insertion (N) at `jpos` (7).
-
-    gravity: m/s^2 along -x0.
-    """
+    """Return the effort (Nm, Nm, N) that holds joints 1-3 at `jpos`. gravity: m/s^2 along -x0."""
     geometry, centres = GEOMETRY[arm], CENTRES[arm]
     theta1 = jpos[0] + geometry.zero1
     c1, s1 = jnp.cos(theta1), jnp.sin(theta1)

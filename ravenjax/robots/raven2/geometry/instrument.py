@@ -57,10 +57,7 @@ class InstrumentLine(NamedTuple):
 
 
 def jaw_tips(arm: str, jpos: Vec) -> tuple[InstrumentPoint, InstrumentPoint]:
-    """Return the tips of jaw 1 and jaw 2 at `jpos` (7, rad and m).
-
-    Both turn about DH axis 6, grasp2 by +g2, grasp1 by -g1.
-    """
+    """Return the tips of jaw 1 and 2 at `jpos` (7). They turn about DH axis 6, by -g1 and +g2."""
     chain = kinematics.chain_of(arm, jpos)
     return _jaw_tip(arm, chain, jpos[5], -1.0, 5), _jaw_tip(arm, chain, jpos[6], 1.0, 6)
 

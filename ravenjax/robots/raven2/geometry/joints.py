@@ -99,10 +99,7 @@ def theta_from_joint(arm: str, jpos: Vec) -> Theta:
 
 
 def joint_from_theta(arm: str, theta: Theta, grasp_rad: Scalar) -> Vec:
-    """Return the joints (7) of DH variables in [-pi, pi] and a jaw opening, rad.
-
-    All but the roll are shifted into [-pi, pi].
-    """
+    """Return the joints (7) of DH variables in [-pi, pi], all but the roll within [-pi, pi]."""
     geometry = GEOMETRY[arm]
     grasp1, grasp2 = jaws(theta.theta6, grasp_rad)
     return Vec(
@@ -119,10 +116,7 @@ def joint_from_theta(arm: str, theta: Theta, grasp_rad: Scalar) -> Vec:
 
 
 def _one_turn(angle: Scalar, zero: float) -> Scalar:
-    """Return angle + zero shifted into [-pi, pi].
-
-    The angle is in this range, so the sum can leave it on one side only.
-    """
+    """Return angle + zero shifted into [-pi, pi], which it can leave on one side only."""
     if zero == 0.0:
         return angle
     joint, turn = angle + zero, math.copysign(2 * PI, zero)

@@ -212,10 +212,7 @@ def _wrists(arm: str, pose: Pose) -> tuple[tuple[_Wrist, _Wrist], tuple[Vec, Vec
 
 
 def _reach(geometry: Geometry, wrist: _Wrist, axes: tuple[Vec, Vec, Vec], depth: Scalar) -> _Reach:
-    """Return both bends for the insertion axis pointing from the wrist (depth 0) or to it (1).
-
-    depth: a number or truth value.
-    """
+    """Return both bends, with the insertion axis from the wrist (depth 0) or to it (1)."""
     x6, y6, z6 = axes
     if isinstance(depth, int):
         toward, distance = (
@@ -275,10 +272,7 @@ def _bends(geometry: Geometry, reach: _Reach) -> tuple[Vec, Vec]:
 
 
 def inverse_candidates(arm: str, pose: Pose) -> tuple[tuple[Theta, Scalar], ...]:
-    """Return all eight solutions in the original's order, each with its validity.
-
-    The rules about the remote centre are not applied.
-    """
+    """Return the eight solutions and their validity, without the rules of the remote centre."""
     geometry = GEOMETRY[arm]
     wrists, axes = _wrists(arm, pose)
     return tuple(

@@ -53,10 +53,7 @@ class Surface(NamedTuple):
 
 @cache
 def frame0(arm: ArmName) -> tuple[Vec, Vec]:
-    """Return origin (m) and rotation rows of the arm's frame 0 in the world.
-
-    They are Python numbers, with literal zeros and ones.
-    """
+    """Return origin (m) and rotation rows of the arm's frame 0 in the world, as Python numbers."""
     exact = [
         Vec(float(round(x)) if abs(x - round(x)) < 1e-12 else x for x in row)
         for row in arm_model.frame_rotation(arm).tolist()

@@ -93,10 +93,7 @@ def params(setup: RavenSetup, parameter_set: str = parameter_sets.DEFAULT) -> Ro
 def begin(
     setup: RavenSetup, params: RobotParams, start: PerArm[Vec], level: Scalar
 ) -> tuple[RobotState, RobotSignals]:
-    """Return a robot at rest with the links at `start` and the PLC in run level `level`.
-
-    start: 7 joints per arm, rad and m.
-    """
+    """Return a robot at rest with joints `start` (rad, m) and the PLC in run level `level`."""
     arms = per_arm(setup, lambda i, arm: plant.init(setup, arm, params.arms[i], start[i]))
     state = RobotState(plc.init(setup, params.plc, level, BOARDS), arms)
     responses = per_arm(setup, lambda i, arm: plant.observe(setup, arm, params.arms[i], arms[i]))

@@ -146,19 +146,19 @@ def init(
     if runlevel is None:
         runlevel = run_levels.E_STOP if setup.software == "raven2" else run_levels.PEDAL_DOWN
     cartesian = cartesian_control.init(setup, rest)
-    silent = per_arm(setup, lambda *_: Vec.full(7, np.int32(0)))
+    read = usb.init(setup)
     return ControlState(
         tick=np.int32(0),
         network=network.init(setup),
         teleoperation=teleoperation.init(setup, tuple(arm.pos_d for arm in cartesian)),
-        usb=usb.init(setup),
+        usb=read,
         state_machine=state_machine.init(setup, runlevel),
         estimator=per_arm(setup, lambda *_: estimator.init(setup)),
         cartesian=cartesian,
         motor_control=per_arm(
             setup, lambda i, arm: motor_control.init(setup, arm, setup.tools[i], rest[i])
         ),
-        held_cmd=silent if setup.software == "fork2015" else (),
+        held_cmd=read.enc_val if setup.software == "fork2015" else (),
         overdrive=overdrive.init(setup),
         watchdog=watchdog.init(setup),
     )
@@ -396,10 +396,7 @@ def _measured(
 def _resting_commands(
     setup: RavenSetup, params: ControlParams, held_cmd: PerArm[Vec], active: Scalar
 ) -> PerArm[Vec]:
-    """Return the DAC commands before the torques are converted.
-
-    They are cleared, except in the fork's simulator builds.
-    """
+    """Return the DAC commands before conversion: cleared, except in the fork's simulators."""
     if not held_cmd:
         return per_arm(setup, lambda *_: Vec.full(7, 0))
     keep = ~active & (params.state_machine.plc_obeyed == 0)

@@ -49,10 +49,7 @@ ROTATIONS = ("ori", "ori_d")
 
 
 def _rotated(setup: RavenSetup, rotation: Vec, quat: Vec, struck: Vec) -> Vec:
-    """Return the rotation of a quaternion after faults.
-
-    If no fault changed the quaternion, the matrix keeps every bit.
-    """
+    """Return the rotation of a quaternion after faults. An unchanged one keeps every bit."""
     changed = reduce(or_, quat.map(ne, struck))
     return where(changed, narrow(setup, matrix_from_quat(struck)), rotation)
 

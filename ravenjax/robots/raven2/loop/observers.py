@@ -135,10 +135,7 @@ def judge(
     golden: Input | None,
     now: Scalar,
 ) -> monitor.MonitorState:
-    """Return the monitor after a tick.
-
-    golden: holds the golden run; None: there is none, and the nominal model takes its place.
-    """
+    """Return the monitor after a tick. golden: the golden run; None: the model takes its place."""
     model_tips = tuple(out.tip_position for out in seen.models)
     pos = _um(seen.tips) if robot.pos is None else real(setup, robot.pos)
     signal = monitor.MonitorSignal(
@@ -160,10 +157,7 @@ def judge(
 
 
 def live(runlevel: Scalar, soft_estopped: Scalar) -> Scalar:
-    """Return whether the robot is live, as `ravenjax.outcomes` defines it.
-
-    It is live in run level pedal-down without a software E-stop.
-    """
+    """Return whether the robot is live: in pedal-down without a software E-stop."""
     return (runlevel == run_levels.PEDAL_DOWN) & (soft_estopped == 0)
 
 

@@ -83,7 +83,7 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
         software = control.init(setup, params.start, ready)
     stages = find_stages(setup)
     moves = strikes(setup, "hand") or any(stage.moves_hands for stage in stages.values())
-    begin = Start(start, tips, ready)
+    begin = Start(setup, params, start, tips, ready)
     return TickState(
         faults=fault.init(setup),
         control=software,
@@ -98,7 +98,7 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
         hands=operator.at_plan(setup) if moves else operator.ON_PLAN,
         files=user_files.init(setup, params.checks, params.control.own),
         monitor=beside.monitor,
-        stages={name: stage.init(setup, params, begin) for name, stage in stages.items()},
+        stages={name: stage.init(begin) for name, stage in stages.items()},
         pedal_ticks=jnp.int32(-1),
         pedal_down_ticks=jnp.int32(0),
         packet=jnp.int32(-1),

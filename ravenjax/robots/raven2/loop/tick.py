@@ -65,7 +65,7 @@ def tick(
     now, present, stages = signal.tick, find_stages(setup), dict(state.stages)
     console = _wait_for_packet(setup, params, state, signal)
     for name, stage in present.items():
-        stages[name] = stage.act(setup, params, stages[name], console)
+        stages[name] = stage.act(stages[name], console)
     fresh, sequence = console.fresh, console.sequence
     triggers = fault.TriggerClocks(now, sequence + 1, state.pedal_ticks)
     inject = RavenInjector(
@@ -102,12 +102,13 @@ def tick(
         fault_active=tuple(slot.active for slot in inject.state.slots),
     )
     down = software.runlevel == run_levels.PEDAL_DOWN
-    sight = Sight(now, down, seen.live, signals, files, operator.sent(console.hands, fresh))
+    hands = operator.sent(console.hands, fresh)
+    sight = Sight(setup, params, now, down, seen.live, signals, files, hands)
 
     def watch(early: bool) -> None:
         for name, stage in present.items():
             if stage.early == early:
-                stages[name] = stage.watch(setup, params, stages[name], sight)
+                stages[name] = stage.watch(stages[name], sight)
 
     watch(early=True)
     monitor = observers.judge(setup, params, state.monitor, clean, fresh, robot, seen, signal, now)
@@ -155,6 +156,8 @@ def _wait_for_packet(
         return lax.div(late + least - 1, least)
 
     return Console(
+        setup,
+        params,
         signal,
         newest=state.packet,
         soft_estopped=stopped,
@@ -224,10 +227,7 @@ def _move_robot(
     files: UserFiles,
     pressed: Scalar,
 ) -> tuple[TickState, control.ControlSignals, plc.PlcOutput, PerArm[plant.PlantOutput]]:
-    """Compute control computer and PLC, then motors, cables and links.
-
-    pressed: bool, a detector triggers the E-stop.
-    """
+    """Compute control computer, PLC and robot. pressed: bool, a detector presses the E-stop."""
     fine = each(setup, jnp.int32(1))
     status = inject("usb_status", UsbStatus(fine, fine))
     pins = plc.input_pins(inject("plc", state.plc.runlevel))

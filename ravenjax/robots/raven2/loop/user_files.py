@@ -316,10 +316,7 @@ class UserFiles:
         return signal
 
     def allow(self, live: Scalar) -> Scalar:
-        """Return whether the DACs get a command.
-
-        It is `live`, unless a check before the DACs has stopped the robot in this cycle.
-        """
+        """Return `live`, or False if a check before the DACs has stopped the robot."""
         return reduce(lambda still, stop: still & ~stop, self._stops, live)
 
     def stop(self, tripped: Scalar) -> Scalar:
@@ -329,10 +326,7 @@ class UserFiles:
     def check_boards(
         self, held: usb.UsbOut, boards: usb.UsbOut, plc_runlevel: Scalar
     ) -> usb.UsbOut:
-        """Return what the boards hold: the values that arrived, unless a check refuses them.
-
-        held: values that the boards held a millisecond ago.
-        """
+        """Return what the boards hold, after their checks. held: what they held before."""
         self.note(held_cmd=held.current_cmd, pins=boards.pins, plc_runlevel=plc_runlevel)
         commands = boards.current_cmd
         refusing = tuple(still & (plc_runlevel != INIT) for still in self._refusing)
@@ -467,10 +461,7 @@ def _chosen(trips: Sequence[Scalar], values: PerArm[Vec], signal: PerArm[Vec]) -
 
 
 def _limited(trips: Sequence[Scalar], values: PerArm[Vec], commands: PerArm[Vec]) -> PerArm[Vec]:
-    """Return commands after a check, within 16 bits.
-
-    A command of 0 stays 0, so that no check overrides an E-stop.
-    """
+    """Return commands after a check, within 16 bits; 0 stays 0, so no check undoes an E-stop."""
     there = (reduce(or_, (x != 0 for x in command)) for command in commands)
     limited = [trip & some for trip, some in zip(trips, there, strict=True)]
     within = tuple(

@@ -186,10 +186,7 @@ def _wrapped(value: Scalar, turns: int) -> Scalar:
 
 
 def _thetas(arm: str, joints: Vec) -> Vec:
-    """Return the DH variables (6) of shoulder, elbow, insertion, roll, wrist and yaw.
-
-    The insertion is wrapped like an angle.
-    """
+    """Return the DH variables (6) of joints and yaw; the insertion is wrapped like an angle."""
 
     def near(value: Scalar) -> Scalar:
         far = jnp.abs(value) > (2 * _TURNS + 1) * PI
@@ -262,7 +259,9 @@ def inverse(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK:
     least = NO_SOLUTION_COST
     best = Vec.full(6, 0.0)
     for theta, valid in solutions:
-        theta = theta.replace(3, _rolled_over(measured[3], theta[3]))
+        turn = jnp.where(measured[3] > theta[3], theta[3] + 2 * PI, theta[3] - 2 * PI)
+        far = jnp.abs(measured[3] - theta[3]) > ROLLOVER
+        theta = theta.replace(3, jnp.where(far, turn, theta[3]))
         gaps = measured - theta
         cost = reduce(add, (gap * gap for gap in gaps.replace(2, gaps[2] * INSERTION_WEIGHT)))
         nearer = valid & (cost < least)  # never true for NaN
@@ -273,11 +272,6 @@ def inverse(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK:
         least > COST_LIMIT, REJECTED, jnp.where(at_remote_centre, AT_REMOTE_CENTRE, OK)
     )
     return IK(Vec((*joints[:5], *jaws(joints[5], grasp_rad))), joints[5], least, as_int(status))
-
-
-def _rolled_over(measured: Scalar, theta4: Scalar) -> Scalar:
-    shifted = jnp.where(measured > theta4, theta4 + 2 * PI, theta4 - 2 * PI)
-    return jnp.where(jnp.abs(measured - theta4) > ROLLOVER, shifted, theta4)
 
 
 def _solutions(arm: str, tip: Transform) -> tuple[list[tuple[Vec, Scalar]], Scalar]:

@@ -59,10 +59,7 @@ _HERTZ = 16.0 / 9.0  # 4/3 / (1 - nu^2) with nu = 0.5
 @described
 @record
 class ContactParams:
-    """Parameters of tissue, vessel and instruments, the same for every arm.
-
-    The module's docstring has the sources of the defaults.
-    """
+    """Parameters of tissue, vessel and instruments, the same for every arm; see the module."""
 
     tissue_modulus: Scalar = 12.5e3  # Pa
     tip_radius: Scalar = 2e-3  # m
@@ -266,10 +263,7 @@ def _pieces(arm: ArmName, line: instrument.InstrumentLine) -> tuple[_Piece, _Pie
 
 
 def _nearest(one: _Piece, other: _Piece) -> _Pair:
-    """Return the nearest points of two segments.
-
-    Source: C. Ericson, Real-Time Collision Detection, 2005, section 5.1.9.
-    """
+    """Return the nearest points (C. Ericson, Real-Time Collision Detection, 2005, 5.1.9)."""
     between = one.begin - other.begin
     a, b, e = dot(one.way, one.way), dot(one.way, other.way), dot(other.way, other.way)
     c, f = dot(one.way, between), dot(other.way, between)

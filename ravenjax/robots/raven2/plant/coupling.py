@@ -95,10 +95,7 @@ def _divide(a: Scalar, b: Scalar) -> Scalar:
 
 
 def _terms(own: Sequence[Vec], i: int, j: int) -> list[tuple[int, int, float]]:
-    """Return the entries of own^T inner own that inner[i][j] adds to: (row, column, factor).
-
-    Only the lower triangle is listed.
-    """
+    """Return where inner[i][j] enters the lower half of own^T inner own: row, column, factor."""
     factors: dict[tuple[int, int], float] = {}
     for a, b in ((i, j),) if i == j else ((i, j), (j, i)):
         for row in range(N):

@@ -126,11 +126,10 @@ class NominalOutput:
 def params(
     setup: RavenSetup, arm: ArmName, parameter_set: str = parameter_sets.DEFAULT
 ) -> NominalParams:
-    """Return the gains derived above, for a robot with the mechanics `parameter_set`.
-
-    parameter_set: one of `parameter_sets.Name`.
-    """
+    """Return the gains derived above. `parameter_set`: see `parameter_sets.Name`."""
     values = parameter_sets.parameter_set(parameter_sets.nominal(parameter_set))
+    # As in the software, the first arm's tool limits the joints of every arm
+    allowed = limits.soft_limits(setup.tools[0], setup.software)
     motor = values.actuators
     gain = motor.torque_per_count / transmission.TORQUE_PER_COUNT * motor.gain
     inertia, share = motor.inertia, motor.reaction_scale
@@ -155,7 +154,7 @@ def params(
         kc=Vec(kc[:LAGRANGE]),
         mass_scale=1.0,
         resync=np.int32(0),
-        target=target_params(setup),
+        target=TargetParams(Vec(allowed.lower[:5]), Vec(allowed.upper[:5])),
     )
 
 
@@ -242,12 +241,6 @@ def track(
 # --- target ---
 
 
-def target_params(setup: RavenSetup) -> TargetParams:
-    """Return the limits with the first arm's tool, as in the software."""
-    allowed = limits.soft_limits(setup.tools[0], setup.software)
-    return TargetParams(Vec(allowed.lower[:5]), Vec(allowed.upper[:5]))
-
-
 def init_target(setup: RavenSetup, arm: ArmName, jpos: Vec) -> TargetState:
     """Return a target at the joints' own pose."""
     pose = kinematics.forward(arm, jpos)
@@ -280,13 +273,9 @@ def step_target(
     reachable = solved.status != -1
 
     jpos_d = where(engaged & reachable, allowed, where(engaged, state.jpos_d, jpos))
-    anchor = kinematics.forward(arm, jpos_d)
-    fresh = TargetState(position_um=position_um, quat=quat, grasp_mrad=grasp_mrad, jpos_d=jpos_d)
-    restarted = TargetState(
-        position_um=anchor.position.map(lambda p: to_int32(p * UM_PER_M)),
-        quat=mapping.quat_from_matrix(anchor.rotation),
-        grasp_mrad=where(engaged, grasp_mrad, state.grasp_mrad),
-        jpos_d=jpos_d,
+    fresh = TargetState(position_um, quat, grasp_mrad, jpos_d)
+    restarted = replace(
+        init_target(setup, arm, jpos_d), grasp_mrad=where(engaged, grasp_mrad, state.grasp_mrad)
     )
     return where(~engaged | (reachable & clamped), restarted, fresh)
 
@@ -309,10 +298,7 @@ def _moved(
 
 
 def _clamp(setup: RavenSetup, params: TargetParams, jpos: Vec, yaw: Scalar) -> tuple[Vec, Scalar]:
-    """Return joints within the limits, and whether any was at or beyond a limit.
-
-    Jaws keep the unclamped yaw.
-    """
+    """Return joints within the limits (jaws keep their yaw), and whether any reached one."""
     angles, reached = list(jpos), False
     for i, (low, high) in enumerate(zip(params.lower, params.upper, strict=True)):
         reached = reached | (jpos[i] <= low) | (jpos[i] >= high)

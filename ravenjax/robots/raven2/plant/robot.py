@@ -30,7 +30,7 @@ from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.linear_solve import solve_spd
 from ravenjax.numbers.quantity import described
 from ravenjax.numbers.setup import per_arm, real
-from ravenjax.numbers.vec import Scalar, Vec, cast, record, replace
+from ravenjax.numbers.vec import Scalar, Vec, as_int, cast, record, replace
 from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import transmission
@@ -401,10 +401,7 @@ def observe(
     state: PlantState,
     cable_scale: Vec | None = None,
 ) -> PlantOutput:
-    """Return the outputs of a state: encoders, and the true motion.
-
-    cable_scale: as in `PlantSignal`; None: whole cables.
-    """
+    """Return the outputs of a state. cable_scale: as in `PlantSignal`; None: whole cables."""
     scale = _whole(state, Vec.full(N, 1.0) if cable_scale is None else cable_scale)
     tension = Vec(
         drives.tension(
@@ -423,12 +420,14 @@ def observe(
         for motor, reference in zip(state.motors, state.count_ref, strict=True)
     ]
     if setup.noise:
+        errors = (
+            params.encoder_noise
+            * counter_random.normal(params.noise_key, state.tick, _channel(arm, i))
+            for i in range(N)
+        )
         counts = [
-            count
-            + drives.noise_counts(
-                params.encoder_noise, params.noise_key, state.tick, _channel(arm, i)
-            )
-            for i, count in enumerate(counts)
+            count + as_int(jnp.floor(error + 0.5))
+            for count, error in zip(counts, errors, strict=True)
         ]
     return PlantOutput(
         enc_val=Vec(mul(int(sign), count) for sign, count in zip(signs, counts, strict=True)),
@@ -474,10 +473,7 @@ def _stiffness(params: PlantParams, i: int, scale: Scalar) -> Scalar:
 def _drive(
     setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantState, signal: PlantSignal
 ) -> Vec:
-    """Return the motor torques of the DAC command, constant over the tick.
-
-    They are in N m after the gearbox, positive in motor direction.
-    """
+    """Return the motor torques of the DAC command in the tick, N m after the gearbox."""
     motor = params.actuators
     signs = transmission.tau_signs(arm, _tool(setup, arm), setup.software)
     drive = []

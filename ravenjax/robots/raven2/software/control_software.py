@@ -140,7 +140,8 @@ class ControlSoftware:
         self.code = code(setup, RecordKind.of(self.params), RecordKind.of(initial), arithmetic)
         """Its transitions and records, for code that prints them."""
         if encoders is not None:
-            self._take_memory(_in_e_stop(initial))
+            machine = replace(initial.state_machine, runlevel=np.int32(run_levels.E_STOP))
+            self._take_memory(replace(initial, state_machine=machine))
             output = self.step(encoders)
             initial = _standing(initial, self.state, output.signals)
         self._take_memory(initial)
@@ -326,12 +327,6 @@ def _encoders_at(
             ]
         )
     return counts
-
-
-def _in_e_stop(state: control.ControlState) -> control.ControlState:
-    """Return the same state in E-stop."""
-    machine = replace(state.state_machine, runlevel=np.int32(run_levels.E_STOP))
-    return replace(state, state_machine=machine)
 
 
 def _standing(

@@ -84,10 +84,7 @@ def flag(what: str, given: Any) -> int:
 def counts(
     what: str, given: Any, arms: int, many: bool = False, repeated: bool = False
 ) -> np.ndarray:
-    """Return whole numbers of 32 bits [arms, 7].
-
-    many: [cycles, arms, 7]; repeated: one number, or 7, are accepted for all.
-    """
+    """Return int32 [arms, 7]; many: [cycles, arms, 7]; repeated: also one number or 7 for all."""
     is_plain = type(given) is np.ndarray and given.dtype == np.int32 and not many
     if is_plain and given.shape == (arms, 7):
         return given  # returned early, because a robot's clock ticks

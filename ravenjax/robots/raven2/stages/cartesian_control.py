@@ -74,10 +74,7 @@ def init(setup: RavenSetup, jpos: PerArm[Vec]) -> State:
 
 
 def measure(setup: RavenSetup, arm: ArmName, jpos: Vec) -> StoredPose:
-    """Return the pose of the tip at measured joints, as stored.
-
-    The jaws' difference and sum are rounded before they are used.
-    """
+    """Return the pose of the tip at measured joints, as stored; rounded jaws give its yaw."""
     pose = evaluation(setup).forward(arm, wide(setup, jpos), _yaw(setup, jpos))
     return stored_pose.store(setup, pose, to_int32((jpos[5] + jpos[6]) * 1000.0))
 
@@ -110,10 +107,7 @@ def solve(
     active: Scalar,
     jpos: PerArm[Vec],
 ) -> tuple[State, Scalar]:
-    """Solve the inverse kinematics of all arms if `active`.
-
-    Returns the state, and whether any target was clamped (bool).
-    """
+    """Solve all arms if `active`. Return the state, and whether any target was clamped."""
     forward, inverse, *_ = evaluation(setup)
     proceed = active
     clamped = []

@@ -120,9 +120,6 @@ def joints(setup: RavenSetup, arm: ArmName, tool: str, mpos: Vec) -> Vec:
 
 
 def joint_velocities(setup: RavenSetup, mvel: Vec) -> Vec:
-    """Return joint velocities (rad/s, m/s).
-
-    As in the original they are without coupling, and 0 for the tool joints.
-    """
+    """Return joint velocities (rad/s, m/s): without coupling, 0 for tools, as in the original."""
     zero = narrow(setup, 0.0)
     return Vec((*(mvel[i] / stored.TR[i] for i in range(3)), *(zero,) * 4))

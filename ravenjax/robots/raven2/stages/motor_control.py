@@ -22,10 +22,7 @@ from ravenjax.robots.raven2.setup import RavenSetup
 @described
 @record
 class MotorControlParams:
-    """Gains of seven motors, from motor angle to torque after the gearbox.
-
-    There is no integral clamp and no anti-windup. Source: raven2 params/r2params.yaml.
-    """
+    """Gains of seven motors, from motor angle to torque (raven2: params/r2params.yaml)."""
 
     kp: Vec
     kd: Vec

@@ -47,10 +47,7 @@ def _below(a: Scalar, b: Scalar) -> Scalar:
 def step(
     setup: RavenSetup, state: NetworkState, tick: Scalar, packet: Packet
 ) -> tuple[NetworkState, Scalar]:
-    """Apply the rules to the packet of this cycle.
-
-    Returns the state and whether the packet is accepted (bool).
-    """
+    """Apply the rules to this packet. Return the state, and whether it is accepted."""
     received = packet.received != 0
     spare = packet.size - SIZE_BYTES[setup.console]
     short = received & (spare < 0)

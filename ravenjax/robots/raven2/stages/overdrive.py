@@ -69,10 +69,7 @@ class OverdriveState:
 def params(
     setup: RavenSetup, level: str | None = None, policy: int = SOFT_REGULATION
 ) -> OverdriveParams:
-    """Return the limits of a safety level.
-
-    The default is "moderate" for raven2 and the fork's own table for the fork.
-    """
+    """Return the limits of a safety level; None: "moderate" for raven2, "fork2015" for the fork."""
     level = level or ("moderate" if setup.software == "raven2" else "fork2015")
     limits = Vec(np.int32(limit) for limit in LEVELS[level])
     return OverdriveParams(np.int32(policy), limits, np.int32(MAX_INST_DAC[setup.software]))
@@ -91,10 +88,7 @@ def step(
     runlevel: Scalar,
     current_cmd: PerArm[Vec],
 ) -> tuple[OverdriveState, PerArm[Vec], Scalar]:
-    """Check the commands of all arms.
-
-    Returns the state, the commands to write, and whether to raise the soft E-stop.
-    """
+    """Return the state, the commands to write, and whether to raise the soft E-stop."""
     fork = setup.software == "fork2015"
     regulated = (runlevel == runlevel) if fork else (runlevel >= 1)
     soft = regulated if fork else regulated & (params.policy == SOFT_REGULATION)

@@ -48,10 +48,7 @@ class StateMachineState:
 
 
 def params(setup: RavenSetup) -> StateMachineParams:
-    """Return the parameters.
-
-    raven2 obeys the PLC; the simulator builds of the 2015 fork leave the state machine out.
-    """
+    """Return the parameters: raven2 obeys the PLC, the fork's simulator builds do not."""
     return StateMachineParams(np.int32(setup.software == "raven2"))
 
 
