@@ -3,8 +3,8 @@ only, untraced.
 
 Each motion is a chain of rest-to-rest segments with the minimum-jerk time law, so position,
 orientation and grasp are twice continuously differentiable. It is planned as tip motion at the
-scale `NOMINAL_SCALE`, from the arm's home pose, in axes of the instrument: a and b sideways, c
-along the shaft away from the remote centre (into the tissue). The size suits scales up to 0.2: at
+scale `NOMINAL_SCALE`, from the arm's home pose. Its axes are those of the instrument: a and b point
+sideways, c along the shaft into the tissue. The size suits scales up to 0.2: at
 that scale, too, every pose lies inside the soft limits.
 """
 
@@ -45,8 +45,8 @@ _TIP, _TURN, _GRASP, _HAND = slice(0, 3), slice(3, 6), 6, slice(7, 10)
 """Slices of a pose.
 
 They are the tip offset a, b, c [m], the rotation vector about a, b, c [rad], the grasp [mrad], and
-the hand's distance [m, as tip motion] from where the tip would have it. The last one only changes
-while the pedal is up.
+the hand's offset [m, as tip motion] from the tip. The hand's offset only changes while the pedal is
+up.
 """
 
 _REST = np.zeros(10)

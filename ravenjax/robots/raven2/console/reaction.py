@@ -13,9 +13,9 @@ cue and without.
   beyond the plan. The correction reduces the distance by `correct_per_s`, at `correct_speed` at
   most.
 
-Assumptions, because no source measured them on this robot: 0.25 s from the first pull to the action
-(an expected touch takes 0.155 s in the laboratory, a brake 0.7 to 1.5 s; sources in
-`docs/explanation/hand.md`); a correction by eye has a time constant of 0.2 s. The cue's force
+No source measured the following on this robot, so it is *assumed*. The action follows the first
+pull after 0.25 s. (An expected touch takes 0.155 s in the laboratory, a brake 0.7 to 1.5 s; sources
+in `docs/explanation/hand.md`.) A correction by eye has a time constant of 0.2 s. The cue's force
 itself moves a hand only if `ravenjax.stages.hand` is in the tick. A packet that the network delays
 carries the hands' motion at the time when it was made, except a correction, which is the present
 one.

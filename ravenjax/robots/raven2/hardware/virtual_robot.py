@@ -234,7 +234,7 @@ class VirtualRobot:
         software wrote. Raises UserError, which names the wrong argument; the state is then
         unchanged.
         """
-        counts = checked.counts("dac", dac, len(self.setup.arms))
+        counts = checked.counts("dac", dac, (len(self.setup.arms), 7))
         pins = checked.whole("output_pins", output_pins, 0, 255)
         buttons = (
             checked.flag("estop_button", estop_button),

@@ -17,9 +17,8 @@ wet polished steel).
 
 Numbers and sources:
 
-- Modulus of tissue 12.5 kPa: *assumed*, of the order that a robotic indenter found on liver of
-  living pigs (Samur and others, Medical Image Analysis 11:361, 2007; the paper itself was not
-  available).
+- Modulus of tissue 12.5 kPa: *assumed*. A robotic indenter found this order on the liver of living
+  pigs (Samur and others, Medical Image Analysis 11:361, 2007; the paper was not available).
 - The vessel is a ridge of the surface with the tissue's modulus, *assumed*: a filled artery is
   stiffer, but no source states by how much for a blunt tip. The force counted as the vessel's is
   that of tips over the ridge.
@@ -29,12 +28,12 @@ Numbers and sources:
   is 0.2.
 - Friction 0.2: *assumed*, within the 0 to 0.3 of a study of a grasper on a spleen (ASME ESDA 2010,
   finite elements).
-- Stiffness between instruments 10 kN/m: *assumed*, of the order of 3 E I / l^3, a steel tube of 8.5
-  mm and 1 mm wall that is held 0.2 m away; damping 1 s/m: *assumed*.
+- Stiffness between instruments 10 kN/m: *assumed*, of the order of 3 E I / l^3 for a steel tube of
+  8.5 mm with a wall of 1 mm, held 0.2 m away. Damping 1 s/m: *assumed*.
 
-In a step of length h a law F(d, d') is linearised about the depth at which the present speed would
-end, and solved with the step's other implicit forces (Newton's first step of backward Euler). This
-is stable for any stiffness, and its error is of second order in h.
+A law F(d, d') is linearised about the depth that the present speed would reach at the end of the
+step, of length h. It is solved with the step's other implicit forces: Newton's first step of
+backward Euler. This is stable for any stiffness, and its error is of second order in h.
 """
 
 from __future__ import annotations

@@ -5,9 +5,9 @@ Three arms are distinguished:
 
 - The **true** arm: its links are at angles that nobody measures, and have the lengths and twists
   with which they were built. `robot.PlantOutput` has its joints, `tip` its tip.
-- The **reported** arm: the software turns encoder counts into joints by the ratios of the drawings
-  and by the zero that homing found, and joints into a tip by the drawings' links. Controller,
-  checks, report and cue know this arm only.
+- The **reported** arm: the software turns encoder counts into joints by the drawings' ratios and by
+  the zero that homing found. It turns joints into a tip by the drawings' links. Controller, checks,
+  report and cue know this arm only.
 - The **nominal model** starts at the reported pose and has the drawings' links: it stays where the
   report would be.
 

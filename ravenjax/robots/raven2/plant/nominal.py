@@ -16,9 +16,9 @@ the model gets the same natural frequency, damping and friction dead band:
     kp = I KP g / J,  kd = I KD g / J,
     Kv = I (tau_v + rho Fv / TR^2) / J,  Kc = I (tau_c + rho Fc / TR) / (J TR)
 
-with J = Im + rho M / TR^2, KP and KD from raven2's r2params.yaml, g the gain from commanded to real
-torque, and Im, tau, F and the reaction share rho of the robot's parameter set
-(`parameter_sets.nominal`). Nothing is fitted to a published outcome. `Kv` and `Kc` of a jaw are
+with J = Im + rho M / TR^2. KP and KD are those of raven2's r2params.yaml. g is the gain from
+commanded to real torque. Im, tau, F and the reaction share rho are those of the robot's parameter
+set (`parameter_sets.nominal`). Nothing is fitted to a published outcome. `Kv` and `Kc` of a jaw are
 zero; its viscous part is in its kd. ki: the robot's insertion has no integral. A slow one (time
 constant 4 s) removes the remainder of the dead band without changing the lag on surgical motion.
 

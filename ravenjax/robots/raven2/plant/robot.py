@@ -6,8 +6,8 @@ eliminated one by one, which leaves one symmetric system in the joint accelerati
 
     (M/dt + Fv + T^T D T) dv = T^T lambda - bias - Fv v - Coulomb + stops + external
 
-If the instrument touches something (`contact`), that force and its loss with speed are part of both
-sides.
+If the instrument touches something (`contact`), that force is part of the right side, and its loss
+with speed is part of the system.
 
 The scheme is unconditionally stable: the authors' insertion cable (-1943 /s) and the instrument's
 small masses need no small step.

@@ -122,7 +122,7 @@ class ControlSoftware:
             console=console,
             precision=precision,
         )
-        offsets = checked.counts("enc_offset", enc_offset, len(names), repeated=True)
+        offsets = checked.counts("enc_offset", enc_offset, (len(names), 7), (7,), ())
         with traced.x64(setup):
             self.params = _parameters(
                 setup, level, policy, np.broadcast_to(offsets, (len(names), 7))
@@ -134,7 +134,7 @@ class ControlSoftware:
         if jpos is not None:
             encoders = _encoders_at(setup, self.params, checked.joints("jpos", jpos, len(names)))
         if encoders is not None:
-            encoders = checked.counts(given[0], encoders, len(names))
+            encoders = checked.counts(given[0], encoders, (len(names), 7))
         if state is not None:
             initial = checked.record_like("state", state, initial)
         self.code = code(setup, RecordKind.of(self.params), RecordKind.of(initial), arithmetic)
@@ -175,9 +175,9 @@ class ControlSoftware:
         which names the wrong argument; the state is then unchanged.
         """
         row, arms = self._row, len(self.setup.arms)
-        counts = checked.counts("encoders", encoders, arms)
-        bytes_in = checked.per_board("pins", pins, arms, 255)
-        flags = checked.per_board("read_ok", read_ok, arms, 1)
+        counts = checked.counts("encoders", encoders, (arms, 7))
+        bytes_in = checked.per_board("pins", pins, 255, (arms,))
+        flags = checked.per_board("read_ok", read_ok, 1, (arms,))
         *earlier, last = self._packets(packet)
         row.enc_val[0], row.pins[0], row.read_ok[0] = counts, bytes_in, flags
         self._receive_all(earlier)
@@ -201,21 +201,18 @@ class ControlSoftware:
         wrong argument; the state is then unchanged.
         """
         arms = len(self.setup.arms)
-        counts = checked.counts("encoders", encoders, arms, many=True)
+        counts = checked.counts("encoders", encoders, (None, arms, 7))
         cycles = len(counts)
         rows = InputRows(self.setup, cycles)
         rows.enc_val[...] = counts
-        rows.pins[...] = checked.per_board("pins", pins, arms, 255, cycles)
-        rows.read_ok[...] = checked.per_board("read_ok", read_ok, arms, 1, cycles)
-        if packets is None:
-            packets = (None,) * cycles
-        if not isinstance(packets, list | tuple) or len(packets) != cycles:
-            has = isinstance(packets, list | tuple)
-            got = f"has {len(packets)} entries" if has else f"is {shown(packets)}"
-            raise UserError(
-                f"packets {got}, expected a list with one entry a cycle ({cycles}): a datagram, a"
-                " Packet, a list or None"
-            )
+        rows.pins[...] = checked.per_board("pins", pins, 255, (cycles,), (cycles, arms))
+        rows.read_ok[...] = checked.per_board("read_ok", read_ok, 1, (cycles,), (cycles, arms))
+        packets = checked.listed(
+            "packets",
+            (None,) * cycles if packets is None else packets,
+            cycles,
+            f"a list with one entry a cycle ({cycles}): a datagram, a Packet, a list or None",
+        )
         several: dict[int, list[Datagram | Packet | None]] = {}
         for cycle, packet in enumerate(packets):
             *earlier, last = self._packets(packet)

@@ -2,8 +2,8 @@
 assumption.
 
 No source publishes the PLC's program, which contains start and E-stop buttons, brake relays and
-watchdog time-out. The following is implied by the control software (raven2: defines.h,
-state_machine.cpp, update_atmel_io.cpp) or assumed here:
+watchdog time-out. The control software implies the following (raven2: defines.h, state_machine.cpp,
+update_atmel_io.cpp), or it is assumed here.
 
 - The PLC puts a run level on its pins PS0, PS1 (bits 6 and 7 of the input byte; bits 7..6 read as a
   number).
