@@ -18,10 +18,7 @@ TICK_S = 1e-3
 """Time between two rows of a motion, s: the console sends one packet per millisecond."""
 
 NOMINAL_SCALE = 0.1
-"""Teleoperation scale at which motions have their stated tip motion.
-
-It is the scale of the published fault runs.
-"""
+"""Scale at which motions have their stated tip motion: that of the published fault runs."""
 
 ARM_COLUMNS = ("x_um", "y_um", "z_um", "qx", "qy", "qz", "qw", "grasp_mrad")
 """Columns of one arm in the engine's table."""
@@ -62,10 +59,5 @@ class Motion:
     def first(self, rows: int) -> Motion:
         """Return the first `rows` rows; a shorter motion rests in its last row."""
         index = np.minimum(np.arange(rows), len(self) - 1)
-        return dataclasses.replace(
-            self,
-            position_um=self.position_um[index],
-            quat=self.quat[index],
-            grasp_mrad=self.grasp_mrad[index],
-            surgeon_mode=self.surgeon_mode[index],
-        )
+        columns = ("position_um", "quat", "grasp_mrad", "surgeon_mode")
+        return dataclasses.replace(self, **{name: getattr(self, name)[index] for name in columns})

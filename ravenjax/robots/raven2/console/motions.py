@@ -27,19 +27,13 @@ PEDAL_DOWN_S = 0.2
 MOTION_S = 0.5
 
 PEAK_TIP_SPEED = 0.045
-"""Peak speed of the tip in m/s at NOMINAL_SCALE.
-
-Instrument tips in surgery move at about 5 to 60 mm/s.
-"""
+"""Peak speed of the tip, m/s at NOMINAL_SCALE. In surgery tips move at 5 to 60 mm/s."""
 
 PEAK_TURN = math.radians(150.0)
 """Peak turning speed, rad/s."""
 
 _SHAFT = np.array([-0.939120456543, -0.304404280732, 0.159344915150])
-"""Direction from the remote centre to the gold tip in frame 0 at the home pose.
-
-It is the first column of the tip's rotation.
-"""
+"""Direction from remote centre to gold tip at home, frame 0: first column of its rotation."""
 
 _TIP, _TURN, _GRASP, _HAND = slice(0, 3), slice(3, 6), 6, slice(7, 10)
 """Slices of a pose.

@@ -56,7 +56,7 @@ class _Hand(NamedTuple):
     jaw: int | None  # value of the jaw
     quat: Quat | None  # orientation, a unit quaternion
     # um (3) and mrad that rounding to whole numbers left over
-    left: tuple[float, float, float, float]
+    left: tuple[float, ...]
 
 
 _NEW = _Hand(None, None, (0.0, 0.0, 0.0, 0.0))
@@ -69,15 +69,15 @@ class PacketReader:
         """Prepare to read the fields of these arms; other arms may have any values."""
         self.profile = profile
         self._slots = tuple(ARMS.index(arm) for arm in arms)
-        self._hands = [_NEW] * len(self._slots)
-        self._next = list(self._hands)  # state after the packet that was read last
+        # State of the arms, and their state after the packet that was read last
+        self._hands = self._next = (_NEW,) * len(self._slots)
         largest = profile.largest
         self._step_square = largest.step_um**2
         self._cos_square = math.cos(largest.turn_rad / 2) ** 2
 
     def begin(self) -> None:
         """Reset the state, because another stream begins."""
-        self._hands = [_NEW] * len(self._slots)
+        self._hands = (_NEW,) * len(self._slots)
 
     def follow(self) -> None:
         """Accept the packet that was read last as part of the stream."""
@@ -101,20 +101,14 @@ class PacketReader:
                 return Misfit(
                     "checksum", "", fields[CHECKSUM], str((total + 2**31) % 2**32 - 2**31)
                 )
-        deltas, quats, grasps, hands = [], [], [], []
+        arms = []
         for slot, hand in zip(self._slots, self._hands, strict=True):
-            if not joined:
-                hand = _NEW
-            of = self._hand(fields, slot, hand)
+            of = self._hand(fields, slot, hand if joined else _NEW)
             if isinstance(of, Misfit):
                 return of
-            delta, quat, grasp, after = of
-            deltas.append(delta)
-            quats.append(quat)
-            grasps.append(grasp)
-            hands.append(after)
-        self._next = hands
-        return PacketReading(tuple(deltas), tuple(quats), tuple(grasps))
+            arms.append(of)
+        deltas, quats, grasps, self._next = zip(*arms, strict=True)
+        return PacketReading(deltas, quats, grasps)
 
     def _hand(
         self, fields: Sequence, slot: int, hand: _Hand
@@ -123,12 +117,11 @@ class PacketReader:
         jaw = fields[GRASP + slot]
         if profile.stream.buttonstate == "jaw" and fields[BUTTONS + slot] != jaw:
             return Misfit("buttons", arm, fields[BUTTONS + slot], f"grasp again, {jaw}")
-        um, (left_x, left_y, left_z, left_jaw) = profile.position.um, hand.left
-        x, y, z = fields[3 + slot], fields[5 + slot], fields[7 + slot]
+        um, (*left, left_jaw) = profile.position.um, hand.left
+        x, y, z = fields[3 + slot : 9 : 2]
         if um != 1.0:
-            x, left_x = _whole(x * um + left_x)
-            y, left_y = _whole(y * um + left_y)
-            z, left_z = _whole(z * um + left_z)
+            steps = (_whole(n * um + rest) for n, rest in zip((x, y, z), left, strict=True))
+            (x, y, z), left = zip(*steps, strict=True)
         if x * x + y * y + z * z > self._step_square:
             return Misfit(
                 "step", arm, f"{math.hypot(x, y, z):g} um", f"at most {largest.step_um:g} um"
@@ -156,7 +149,7 @@ class PacketReader:
             return Misfit(
                 "grasp", arm, f"{grasp} mrad", f"an increment of at most {largest.jaw_mrad:g} mrad"
             )
-        return (x, y, z), turn, grasp, _Hand(jaw, place, (left_x, left_y, left_z, left_jaw))
+        return (x, y, z), turn, grasp, _Hand(jaw, place, (*left, left_jaw))
 
     def _turn(self, sent: Sequence[float], before: Quat | None) -> tuple[Quat | None, Quat | None]:
         """Return the turn that a packet asks for (None: not a rotation), and the orientation."""

@@ -28,9 +28,7 @@ from ravenjax.robots.raven2.geometry.joints import Pose
 Array = np.ndarray
 
 ORTHONORMAL = 1e-3
-"""Tolerance of R^T R of a rotation from 1; single precision and rounding in files are far
-below it.
-"""
+"""Tolerance of R^T R of a rotation from 1; single precision is far below it."""
 
 
 def forward_kinematics(jpos: ArrayLike, arm: str) -> tuple[Array, Array]:

@@ -63,17 +63,9 @@ def matrix_from_quat(quat: Vec) -> Vec:
     x, y, z, w = quat
     s = 2.0 / (x * x + y * y + z * z + w * w)
     xs, ys, zs = x * s, y * s, z * s
-    wx, wy, wz, xx, xy, xz, yy, yz, zz = (
-        w * xs,
-        w * ys,
-        w * zs,
-        x * xs,
-        x * ys,
-        x * zs,
-        y * ys,
-        y * zs,
-        z * zs,
-    )
+    wx, wy, wz = w * xs, w * ys, w * zs
+    xx, xy, xz = x * xs, x * ys, x * zs
+    yy, yz, zz = y * ys, y * zs, z * zs
     return matrix(
         (1.0 - (yy + zz), xy - wz, xz + wy),
         (xy + wz, 1.0 - (xx + zz), yz - wx),

@@ -32,10 +32,7 @@ VESSEL_COURSE = (
     (0.040, 0.018),
     (0.073, 0.022),
 )
-"""m, x and y of points of the vessel's axis, connected by straight lines.
-
-The drawn vessel is a smooth curve through these points.
-"""
+"""m, x and y of points of the vessel's axis; the drawn vessel is a smooth curve through them."""
 VESSEL_LEAN = 1.0 / (1.0 + (0.046 / 0.146) ** 2)
 """Squared ratio of the distance from the axis to that along y, for the course as a whole."""
 

@@ -22,15 +22,7 @@ from ravenjax.robots.raven2.loop.injector import seeded
 from ravenjax.robots.raven2.loop.records import Input, TickParams, TickSignals
 from ravenjax.robots.raven2.loop.user_files import UserFiles
 from ravenjax.robots.raven2.setup import RavenSetup
-from ravenjax.stages import (
-    channel,
-    detectors,
-    hand,
-    overload,
-    packet_clock,
-    packet_history,
-    touch,
-)
+from ravenjax.stages import channel, detectors, hand, overload, packet_clock, packet_history, touch
 
 
 @record

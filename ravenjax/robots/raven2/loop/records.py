@@ -15,12 +15,7 @@ from ravenjax.robots.raven2.loop import control, user_files
 from ravenjax.robots.raven2.plant import contact, nominal
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.stages import plc, usb
-from ravenjax.stages import (
-    detectors,
-    hand,
-    haptics,
-    monitor,
-)
+from ravenjax.stages import detectors, hand, haptics, monitor
 from ravenjax.vocabulary import packets
 
 

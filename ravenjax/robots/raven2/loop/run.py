@@ -31,13 +31,7 @@ from ravenjax.robots.raven2.plant import contact, nominal, parameter_sets
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
-from ravenjax.stages import (
-    check,
-    detectors,
-    hand,
-    haptics,
-    monitor,
-)
+from ravenjax.stages import check, detectors, hand, haptics, monitor
 from ravenjax.stages.check import CheckHistory
 
 

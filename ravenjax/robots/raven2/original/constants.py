@@ -27,10 +27,7 @@ PI = float32(math.pi)
 PERIOD = float32(0.001)  # s, one cycle
 TR = transmission.TR.map(float32)  # motor rad per joint rad (insertion: per m)
 GB_RATIO = (12.25 / (26 / 7)) * (5.005 / 5.675)
-"""Insertion motor rad per rad that it turns each tool motor.
-
-It is a double, computed in the original's order of operations.
-"""
+"""Insertion motor rad per rad of each tool motor: a double, in the original's order."""
 C01, C02, C12 = (float32(c) for c in (transmission.C01, transmission.C02, transmission.C12))
 TAU_PER_AMP = transmission.TORQUE_PER_AMP.map(
     lambda torque, gear: float32(torque * gear), transmission.GEARBOX

@@ -171,10 +171,7 @@ _ARMS = {
 }
 
 _TURNS = 3
-"""Number of whole turns that are subtracted one by one.
-
-Beyond them, far beyond any stop, all turns are subtracted at once.
-"""
+"""Whole turns subtracted one by one; beyond them all turns are subtracted at once."""
 
 
 def _wrapped(value: Scalar, turns: int) -> Scalar:

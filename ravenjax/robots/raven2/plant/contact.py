@@ -48,10 +48,7 @@ from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import instrument, scene
 
 CREEP_M_S = 1e-3
-"""Sliding speed below which friction is less than Coulomb's, m/s; *assumed*.
-
-At this speed friction is 0.71 of Coulomb's.
-"""
+"""Sliding speed (m/s) at which friction is 0.71 of Coulomb's, and less below; *assumed*."""
 _HERTZ = 16.0 / 9.0  # 4/3 / (1 - nu^2) with nu = 0.5
 
 

@@ -137,10 +137,7 @@ def _tip(arm: str, jpos: Vec, errors: KinematicErrors) -> Vec:
 # --- registration ---
 
 STEPS = 4
-"""Number of Gauss-Newton steps.
-
-From 20 degrees the fourth step changes nothing that single precision holds.
-"""
+"""Gauss-Newton steps: from 20 degrees the fourth changes nothing in single precision."""
 
 _RANGES = (
     (20 * _DEG, 50 * _DEG),
@@ -149,10 +146,7 @@ _RANGES = (
     (-45 * _DEG, 45 * _DEG),
     (0.0, 40 * _DEG),
 )
-"""Ranges of shoulder, elbow, insertion, roll, wrist: about where the recorded arm works.
-
-The recording is `camera_poses_left_arm`.
-"""
+"""Ranges of shoulder to wrist: where the arm of recording `camera_poses_left_arm` works."""
 POSES = tuple(
     Vec(
         (
@@ -163,10 +157,7 @@ POSES = tuple(
     )
     for a, b, c in itertools.product((0, 1), repeat=3)
 )
-"""Eight corners of those ranges: a quarter of all 32.
-
-In them any two joints have all four combinations of their ends.
-"""
+"""Eight of all 32 corners: any two joints have all four combinations of their ends."""
 
 
 @record
@@ -207,9 +198,7 @@ def _same() -> Registration:
 
 
 @functools.cache
-def _normal_equations(
-    arm: str,
-) -> tuple[tuple[tuple[float, ...], ...], tuple[tuple[float, ...], ...]]:
+def _normal_equations(arm: str) -> tuple[list[list[float]], list[list[float]]]:
     """Return reported tips (m) at POSES, and the matrix from residuals to the registration.
 
     The matrix [6, 3 poses] maps residuals to rotation (rad) and displacement (m).
@@ -221,6 +210,4 @@ def _normal_equations(
         one[:, :3] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]  # rotation x tip
         one[:, 3:] = np.eye(3)
     solve = np.linalg.pinv(design.reshape(-1, 6))
-    return tuple(tuple(map(float, row)) for row in tips), tuple(
-        tuple(map(float, row)) for row in solve
-    )
+    return tips.tolist(), solve.tolist()

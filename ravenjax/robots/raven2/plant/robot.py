@@ -34,12 +34,7 @@ from ravenjax.numbers.vec import Scalar, Vec, as_int, cast, record, replace
 from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import transmission
-from ravenjax.robots.raven2.plant import (
-    contact,
-    drives,
-    kinematic_errors,
-    parameter_sets,
-)
+from ravenjax.robots.raven2.plant import contact, drives, kinematic_errors, parameter_sets
 from ravenjax.robots.raven2.plant.coupling import Coupling, coupling
 from ravenjax.robots.raven2.setup import RavenSetup
 

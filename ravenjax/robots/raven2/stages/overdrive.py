@@ -33,18 +33,13 @@ LEVELS: dict[str, tuple[int, ...]] = {
     "advanced": (5000, 5000, 4000, 3000, 3000, 3800, 3800),
     "fork2015": (10000, 10000, 8000, 6000, 2700, 4800, 4800),
 }
-"""DAC counts per joint, by safety level.
-
-raven2: defines.h, init.cpp, and the same files of the 2015 fork.
-"""
+"""DAC counts per joint, by safety level; raven2 and the 2015 fork: defines.h, init.cpp."""
 
 MAX_INST_DAC = {"raven2": 20000, "fork2015": 12000}
 """Instant limit in DAC counts; raven2: defines.h."""
 
 HARD_SAMPLES = 10
-"""The shared counter trips on the next over-limit sample above this; raven2:
-overdrive_detect.cpp.
-"""
+"""The next sample over the limit above this count trips; raven2: overdrive_detect.cpp."""
 
 CHECKED_JOINTS = 6
 

@@ -21,9 +21,7 @@ from ravenjax.stages import check
 from ravenjax.stages.check import CheckHistory
 
 MISMATCHES = 4
-"""Cycles in which the pins must show another level before it is adopted; raven2:
-state_machine.cpp.
-"""
+"""Cycles with another level on the pins before it is adopted; raven2: state_machine.cpp."""
 
 SETTLING_CYCLES = 11
 """Cycles of sublevel 2; raven2: init.cpp."""

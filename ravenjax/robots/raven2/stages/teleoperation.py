@@ -27,10 +27,7 @@ from ravenjax.stages import check
 from ravenjax.stages.check import CheckHistory
 
 GRASP_RESET_MRAD = 785
-"""The accumulated opening is only reset if it is more than 45 deg = 785.4 mrad off.
-
-raven2: local_io.cpp.
-"""
+"""More than 45 deg (785.4 mrad) off, the opening is reset; raven2: local_io.cpp."""
 
 NO_PACKET_SEQUENCE = 111
 """last_seq before the first packet; raven2: local_io.cpp."""
