@@ -186,7 +186,7 @@ def crossing(setup: RavenSetup, signals: TickSignals) -> list[tuple[Scalar, Scal
             setup.arms.index(place.arm) if step == ARM else step  # type: ignore[arg-type]
             for step in place.channel.path
         )
-        number = read((rotations | vars(signals))[first], tuple(path))
+        number = read((rotations | vars(signals))[str(first)], tuple(path))
         of_packet = place.seam.name in ("packet_header", "packet")
         numbers.append((number, packet.received != 0 if of_packet else True))
     return numbers

@@ -92,7 +92,8 @@ def see(
         if setup.console == "increments":
             none = (Vec.full(3, 0), Vec((0.0, 0.0, 0.0, 1.0)), 0)
             command = where(fresh, command, none)
-        return nominal.Clean(*command, clean.surgeon_mode)
+        delta, quat, grasp = command
+        return nominal.Clean(delta, quat, grasp, clean.surgeon_mode)
 
     def step_model(i: int, arm: ArmName) -> tuple[nominal.NominalState, nominal.NominalOutput]:
         jpos = real(setup, robot.jpos[i])

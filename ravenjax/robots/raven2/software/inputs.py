@@ -55,7 +55,7 @@ def tool_names(given: Any, arms: Sequence[str], software: str) -> tuple[str, ...
     return tuple(find_tool(tool).name for tool in tools)
 
 
-def listed(what: str, given: Any, count: int, expected: str) -> Sequence[Any]:
+def listed(what: str, given: Any, count: int, expected: str) -> Any:
     """Return the list if it has `count` entries."""
     is_list = isinstance(given, list | tuple | np.ndarray)
     if not is_list or len(given) != count:
