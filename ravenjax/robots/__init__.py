@@ -20,10 +20,7 @@ DEFAULT = "raven2"
 
 @functools.cache
 def find(name: str) -> Robot:
-    """Return the robot of that name: a folder of this package, or a module that declares ROBOT.
-
-    Raises UserError.
-    """
+    """Return a robot: a folder here, or a module that declares ROBOT. Raises UserError."""
     for module in (f"{__name__}.{name}", name):
         try:
             if importlib.util.find_spec(module) is None:

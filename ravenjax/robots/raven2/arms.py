@@ -1,11 +1,12 @@
-"""Names of the arms and their joints, in the order of every array. Without JAX, for readers of
-results.
-"""
+"""Names of arms and joints, in the order of every array. Without JAX, for readers of results."""
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, TypeAlias, TypeVar
 
+Entry = TypeVar("Entry")
+PerArm: TypeAlias = tuple[Entry, ...]
+"""One entry per arm of `RavenSetup.arms`, in their order."""
 ArmName = Literal["gold", "green"]
 ARMS: tuple[ArmName, ...] = ("gold", "green")
 JOINTS: tuple[str, ...] = (

@@ -12,9 +12,7 @@ from ravenjax.vocabulary.parts import OwnSource
 
 @dataclasses.dataclass(frozen=True)
 class RavenSetup(setup.Setup):
-    """Everything that selects the code of the tick. Static and hashable: each setup is compiled
-    once.
-    """
+    """Everything that selects the code of the tick. Hashable: each setup is compiled once."""
 
     joints: ClassVar[tuple[str, ...]] = JOINTS
     leading_joints: ClassVar[tuple[int, ...]] = LEADING
@@ -43,10 +41,3 @@ class RavenSetup(setup.Setup):
     hands: OwnSource | None = None  # a user's file that replaces the operator
     # normal range of each number that `loop.explained` compares
     explained: tuple[tuple[float, float] | None, ...] = ()
-
-    def __post_init__(self) -> None:
-        if len(self.tools) != len(self.arms):
-            raise ValueError(
-                f"Setup.tools has {len(self.tools)} names for {len(self.arms)} arms {self.arms};"
-                " give one per arm"
-            )

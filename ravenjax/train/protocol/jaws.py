@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ravenjax.robots.raven2.geometry.instrument import JAW_LENGTH
-from ravenjax.robots.raven2.geometry.links import GEOMETRY, GM1, GM2, GM3
+from ravenjax.robots.raven2.geometry.joints import GEOMETRY, GM1, GM2, GM3
 from ravenjax.train.protocol.frame import Frame, FrameLayout
 from ravenjax.train.protocol.world import Point
 from ravenjax.train.robot import ArmName

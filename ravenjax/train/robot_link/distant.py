@@ -26,9 +26,10 @@ from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, cast, replace
 from ravenjax.robots.raven2 import ROBOT
+from ravenjax.robots.raven2.console import operator
 from ravenjax.robots.raven2.console.reading import FIELDS
 from ravenjax.robots.raven2.geometry import kinematics
-from ravenjax.robots.raven2.loop import connections, observers
+from ravenjax.robots.raven2.loop import observers
 from ravenjax.stages import monitor
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.robot import ARMS, E_STOP
@@ -213,23 +214,24 @@ def _half(blueprint: Blueprint) -> StepCode:
     """Compile the console's half of the tick. The robot's last report is its input."""
     setup = blueprint.setup
     params = blueprint.plan.program.params_of(blueprint.inputs[0])
-    watched = observers.ObserverParams(params.nominal, params.haptics, params.monitor)
     unwritten = per_arm(setup, lambda i, arm: Vec.full(7, np.int32(0)))
 
     def begin(inputs: Any) -> observers.ObserverState:
         start = real(setup, params.start)
         tips = per_arm(setup, lambda i, arm: kinematics.forward(arm, start[i]).position)
-        return observers.init(setup, watched, start, tips)
+        return observers.init(setup, params, start, tips)
 
     def step(
         inputs: Any, state: observers.ObserverState, now: Scalar, entering: _Reported, motion: Any
     ) -> tuple[observers.ObserverState, list[Scalar]]:
-        timing = connections.row_by_row(now)
-        packet = connections.packet(setup, params.operator, motion, timing)
+        timing = operator.row_by_row(now)
+        packet = operator.packet(setup, params.operator, motion, timing)
         robot = observers.RobotView(*entering, unwritten)
         fresh = jnp.bool_(True)
-        after, view = observers.see(setup, watched, state, packet, fresh, robot)
-        judged = observers.judge(setup, watched, after, packet, fresh, robot, view, None, now)
+        after, view = observers.see(setup, params, state, packet, fresh, robot)
+        judged = observers.judge(
+            setup, params, state.monitor, packet, fresh, robot, view, None, now
+        )
         after = replace(after, monitor=judged)
         out: list[Scalar] = []
         for i, (model, cue) in enumerate(zip(view.models, view.cues, strict=True)):

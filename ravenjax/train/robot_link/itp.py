@@ -23,7 +23,6 @@ from __future__ import annotations
 
 import contextlib
 import socket
-import struct
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -49,9 +48,7 @@ BUFFER_BYTES = 1 << 16
 PEDAL, ALIVE, SOFT_ESTOPPED, DRIVES = 1 << 2, 1 << 3, 1 << 4, 1 << 5
 """Bits of jointflags. Bits 0 and 1: the arm is present; bits 8 and 9: its cue pulls."""
 FORCE_SCALE = 1000.0
-_V_FIELDS = struct.Struct("<4I7iIi")
 _FORCE_LIMIT = 2**31 - 1
-assert _V_FIELDS.size == V_STRUCT.itemsize
 
 
 _AXES = tuple(
@@ -166,7 +163,7 @@ class ItpServer:
         self._sent += 1
         total = sum(components) + int(runlevel) + self._sent
         checksum = (total + 2**31) % 2**32 - 2**31
-        datagram = _V_FIELDS.pack(
+        datagram = V_STRUCT.pack(
             self._sent % 2**32,
             self.last_sequence,
             0,

@@ -33,7 +33,6 @@ LEAD_S, LEAD_STEP_S = 0.4, 0.002
 KNOCK_S, KNOCK_STEP_S = RELEASE_MS * 1e-3 + 0.5, 0.02
 _LARGEST = 2**32 - 1
 _DISPLACEMENTS = slice(3, 9)
-_FLAGS = V_STRUCT.fields["jointflags"][1] if V_STRUCT.fields else 0
 
 
 class Played(NamedTuple):
@@ -164,8 +163,9 @@ def _heard(port: socket.socket) -> Iterator[int]:
             return
         except OSError:  # the other machine reports that the port is closed
             continue
-        if len(packet) == V_STRUCT.itemsize:
-            yield int.from_bytes(packet[_FLAGS : _FLAGS + 4], "little")
+        if len(packet) == V_STRUCT.size:
+            *_, jointflags, _ = V_STRUCT.unpack(packet)
+            yield jointflags
 
 
 def parse(text: str) -> tuple[str, int]:

@@ -28,7 +28,7 @@ from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec, as_int, replace
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.robots.raven2.console.packet import silence
-from ravenjax.robots.raven2.loop import connections, observers, run, tick
+from ravenjax.robots.raven2.loop import observers, run, tick
 from ravenjax.robots.raven2.loop.records import Input
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import monitor
@@ -148,10 +148,8 @@ def _frame(
         observer.halted,
         as_int(pulls),
     ]
-    positions = connections.measured(setup, software)
-    golden = observers.reference(
-        setup, observers.Golden(signal.reference, signal.apart), out.tip, positions
-    )
+    positions = run.measured(setup, software)
+    golden = observers.reference(setup, signal, out.tip, positions)
     for i, measured in enumerate(software.arms):
         cue, position = out.haptics[i], positions[i]
         numbers += [*measured.jpos, *measured.jpos_d, *measured.mpos, *measured.mvel]

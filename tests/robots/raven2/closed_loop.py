@@ -4,8 +4,11 @@ drives them.
 
 from __future__ import annotations
 
+import numpy as np
+
 from ravenjax.numbers.vec import Vec, replace
-from ravenjax.robots.raven2.console.packet import encode, silence
+from ravenjax.robots.raven2.arms import ARMS
+from ravenjax.robots.raven2.console.packet import MOVES, TURNS, U_STRUCT, Packet, encode, silence
 
 
 def drive(software, robot, cycles):
@@ -22,3 +25,19 @@ def drive(software, robot, cycles):
         output = software.step(reading.encoders, encode(packet, arms), reading.pins)
         reading = robot.step(output.dac, output.output_pins)
         yield output, reading
+
+
+def decode(datagram, arms):
+    """Return the packet of increments in a datagram; missing fields are 0."""
+    whole = datagram[: U_STRUCT.itemsize].ljust(U_STRUCT.itemsize, b"\0")
+    fields = np.frombuffer(whole, U_STRUCT, count=1)[0]
+    slots = [ARMS.index(arm) for arm in arms]
+    return Packet(
+        received=1,
+        size=len(datagram),
+        sequence=int(fields["sequence"].view(np.int32)),
+        delta=tuple(Vec(int(fields[name][slot]) for name in MOVES) for slot in slots),
+        quat=tuple(Vec(float(fields[name][slot]) for name in TURNS) for slot in slots),
+        grasp=tuple(int(fields["grasp"][slot]) for slot in slots),
+        surgeon_mode=int(fields["surgeon_mode"]),
+    )

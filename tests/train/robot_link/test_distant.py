@@ -4,9 +4,9 @@ process does.
 
 import numpy as np
 import pytest
+from closed_loop import decode
 
 from ravenjax.campaign import loading
-from ravenjax.robots.raven2.console.packet import decode
 from ravenjax.train import scenario
 from ravenjax.train.judge.detectors import Trips
 from ravenjax.train.protocol.frame import PHASES

@@ -8,6 +8,7 @@ import contextlib
 import json
 import tempfile
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -45,19 +46,11 @@ def packets(rows, scale):
     """What the console of the tick sends for rows [T, columns]: deltas [T-1, A, 3], quats [T-1,
     A, 4], grasps.
     """
-    table = [jnp.asarray(column, jnp.float32) for column in np.asarray(rows).T]
-
-    def picked(part):
-        return operator.MotionRow(
-            position=tuple(Vec(column[part] for column in table[i : i + 3]) for i in (0, 8)),
-            quat=tuple(Vec(column[part] for column in table[i + 3 : i + 7]) for i in (0, 8)),
-            grasp=tuple(table[i + 7][part] for i in (0, 8)),
-            surgeon_mode=table[-1][part].astype(jnp.int32),
-        )
-
-    packet = operator.packet(
-        SETUP, operator.params(SETUP, HOME, scale), picked(slice(1, None)), picked(slice(-1)), 1
-    )
+    table = tuple(jnp.asarray(column, jnp.float32) for column in np.asarray(rows).T)
+    params, ticks = operator.params(SETUP, HOME, scale), jnp.arange(1, len(rows), dtype=jnp.int32)
+    packet = jax.vmap(
+        lambda tick: operator.packet(SETUP, params, table, operator.row_by_row(tick))
+    )(ticks)
     return (
         np.moveaxis(np.array(packet.delta), 2, 0),
         np.moveaxis(np.array(packet.quat), 2, 0),

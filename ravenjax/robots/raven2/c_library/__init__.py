@@ -1,3 +1,1 @@
-"""Control software and virtual robot as a C library: header, code and example; the caller writes
-the files.
-"""
+"""Control software and virtual robot as a C library, as texts."""

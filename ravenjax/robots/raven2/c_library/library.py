@@ -170,9 +170,7 @@ def members_of(
 
 
 def _shape(place: Any) -> tuple[int, ...] | None:
-    """Return the dimensions of a number or of equally long tuples of numbers; None for anything
-    else.
-    """
+    """Return the dimensions of equally long tuples of numbers; () for a number, else None."""
     try:
         return np.array(place, dtype=int).shape
     except (TypeError, ValueError):

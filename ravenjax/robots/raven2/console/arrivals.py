@@ -21,9 +21,7 @@ def lengths(ms: np.ndarray) -> np.ndarray:
 
 
 def shares(cycles: np.ndarray) -> np.ndarray:
-    """Return the share of packets that last 1, 2, 3, .. cycles, from the length of each
-    (int [n]).
-    """
+    """Return the share of packets that last 1, 2, 3, .. cycles, from each length (int [n])."""
     return np.bincount(cycles)[1:] / len(cycles)
 
 

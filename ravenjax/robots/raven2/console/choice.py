@@ -56,9 +56,7 @@ class ProfileChoice:
         self._restart()
 
     def read(self, fields: Sequence, joined: bool = True) -> PacketReading | Misfit:
-        """Return the reading of a packet; a `Misfit` of cause "undecided" if the profiles
-        disagree.
-        """
+        """Return a packet's reading; a `Misfit` of cause "undecided" if the profiles disagree."""
         if len(self.readers) == 1:
             return self.readers[0].read(fields, joined)
         self._results = results = [reader.read(fields, joined) for reader in self.readers]
@@ -69,9 +67,7 @@ class ProfileChoice:
         return Misfit(UNDECIDED, "", "packets that profiles read differently", "more of them")
 
     def follow(self) -> None:
-        """Accept the packet that was read last as part of the stream, and as evidence for the
-        choice.
-        """
+        """Accept the packet that was read last as part of the stream and as evidence."""
         for reader in self.readers:
             reader.follow()
         if len(self.readers) > 1:

@@ -18,10 +18,7 @@ TICK_S = 1e-3
 """Time between two rows of a motion, s: the console sends one packet per millisecond."""
 
 NOMINAL_SCALE = 0.1
-"""Teleoperation scale at which motions have their stated tip motion.
-
-It is the scale of the published fault runs.
-"""
+"""Scale at which motions have their stated tip motion: that of the published fault runs."""
 
 ARM_COLUMNS = ("x_um", "y_um", "z_um", "qx", "qy", "qz", "qw", "grasp_mrad")
 """Columns of one arm in the engine's table."""
@@ -30,9 +27,7 @@ PEDAL_COLUMN = "surgeon_mode"
 
 
 def columns(arms: tuple[ArmName, ...]) -> tuple[str, ...]:
-    """Return the names of the columns of `Motion.table`: eight per arm, then the pedal of both
-    arms.
-    """
+    """Return the names of the columns of `Motion.table`: eight per arm, then the pedal."""
     return (*(f"{arm}_{column}" for arm in arms for column in ARM_COLUMNS), PEDAL_COLUMN)
 
 
@@ -48,24 +43,6 @@ class Motion:
     surgeon_mode: np.ndarray  # [T] 1 pedal down, 0 up
     start_jpos: tuple[tuple[float, ...], ...]  # per arm, 7 joints in rad and m
 
-    def __post_init__(self) -> None:
-        rows, arms = len(self.surgeon_mode), len(self.arms)
-        shapes = {
-            "position_um": (rows, arms, 3),
-            "quat": (rows, arms, 4),
-            "grasp_mrad": (rows, arms),
-        }
-        for name, shape in shapes.items():
-            if getattr(self, name).shape != shape:
-                raise ValueError(
-                    f"Motion {self.name}: {name} has shape {getattr(self, name).shape}, expected"
-                    f" {shape}"
-                )
-        if len(self.start_jpos) != arms or any(len(jpos) != 7 for jpos in self.start_jpos):
-            raise ValueError(
-                f"Motion {self.name}: start_jpos must hold 7 joints for each arm of {self.arms}"
-            )
-
     def __len__(self) -> int:
         return len(self.surgeon_mode)
 
@@ -74,9 +51,7 @@ class Motion:
         return len(self) * TICK_S
 
     def table(self) -> np.ndarray:
-        """Return the table in which the engine looks up the motion: float32 [T,
-        len(columns(arms))].
-        """
+        """Return the table of the motion for the engine: float32 [T, len(columns(arms))]."""
         per_arm = np.concatenate([self.position_um, self.quat, self.grasp_mrad[..., None]], axis=2)
         flat = per_arm.reshape(len(self), len(self.arms) * len(ARM_COLUMNS))
         return np.concatenate([flat, self.surgeon_mode[:, None]], axis=1).astype(np.float32)
@@ -84,10 +59,5 @@ class Motion:
     def first(self, rows: int) -> Motion:
         """Return the first `rows` rows; a shorter motion rests in its last row."""
         index = np.minimum(np.arange(rows), len(self) - 1)
-        return dataclasses.replace(
-            self,
-            position_um=self.position_um[index],
-            quat=self.quat[index],
-            grasp_mrad=self.grasp_mrad[index],
-            surgeon_mode=self.surgeon_mode[index],
-        )
+        columns = ("position_um", "quat", "grasp_mrad", "surgeon_mode")
+        return dataclasses.replace(self, **{name: getattr(self, name)[index] for name in columns})

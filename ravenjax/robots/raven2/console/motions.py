@@ -3,8 +3,8 @@ only, untraced.
 
 Each motion is a chain of rest-to-rest segments with the minimum-jerk time law, so position,
 orientation and grasp are twice continuously differentiable. It is planned as tip motion at the
-scale `NOMINAL_SCALE`, from the arm's home pose, in axes of the instrument: a and b sideways, c
-along the shaft away from the remote centre (into the tissue). The size suits scales up to 0.2: at
+scale `NOMINAL_SCALE`, from the arm's home pose. Its axes are those of the instrument: a and b point
+sideways, c along the shaft into the tissue. The size suits scales up to 0.2: at
 that scale, too, every pose lies inside the soft limits.
 """
 
@@ -28,26 +28,20 @@ PEDAL_DOWN_S = 0.2
 MOTION_S = 0.5
 
 PEAK_TIP_SPEED = 0.045
-"""Peak speed of the tip in m/s at NOMINAL_SCALE.
-
-Instrument tips in surgery move at about 5 to 60 mm/s.
-"""
+"""Peak speed of the tip, m/s at NOMINAL_SCALE. In surgery tips move at 5 to 60 mm/s."""
 
 PEAK_TURN = math.radians(150.0)
 """Peak turning speed, rad/s."""
 
 _SHAFT = np.array([-0.939120456543, -0.304404280732, 0.159344915150])
-"""Direction from the remote centre to the gold tip in frame 0 at the home pose.
-
-It is the first column of the tip's rotation.
-"""
+"""Direction from remote centre to gold tip at home, frame 0: first column of its rotation."""
 
 _TIP, _TURN, _GRASP, _HAND = slice(0, 3), slice(3, 6), 6, slice(7, 10)
 """Slices of a pose.
 
 They are the tip offset a, b, c [m], the rotation vector about a, b, c [rad], the grasp [mrad], and
-the hand's distance [m, as tip motion] from where the tip would have it. The last one only changes
-while the pedal is up.
+the hand's offset [m, as tip motion] from the tip. The hand's offset only changes while the pedal is
+up.
 """
 
 _REST = np.zeros(10)
@@ -111,10 +105,7 @@ class _Path:
         return self._to(end, self._ticks(way, turned, pace))
 
     def arc(self, radius: float, angle: float, roll: float) -> Segment:
-        """Return a needle's path through tissue: an arc in the a-c plane that dips towards c.
-
-        The shaft rolls along the arc.
-        """
+        """Return a needle's path: an arc in the a-c plane dipping to c; the shaft rolls."""
         begin = self.pose
 
         def pose(fraction: np.ndarray) -> np.ndarray:
@@ -139,8 +130,7 @@ class _Path:
         return self._to(end, round(seconds / TICK_S), pedal=0.0)
 
 
-# --- the named motions: endless chains of segments
-# --------------------------------------------------------------------
+# --- the named motions: endless chains of segments ---
 
 
 def _still(path: _Path, rng: np.random.Generator) -> Iterator[Segment]:
@@ -286,20 +276,15 @@ def generate(
     is not in MOTIONS.
     """
     rows = max(1, math.ceil(duration_s / TICK_S - 1e-9))
-    position, quat, grasp, pedals = [], [], [], []
-    for i, arm in enumerate(arms):
-        poses, pedal = _follow(_CHAINS[name], rows, np.random.default_rng([seed, i]))
-        hand, turned = _hand(arm, poses)
-        position.append(hand)
-        quat.append(turned)
-        grasp.append(poses[:, _GRASP])
-        pedals.append(pedal)
+    streams = [np.random.default_rng([seed, i]) for i in range(len(arms))]
+    poses, pedals = zip(*(_follow(_CHAINS[name], rows, stream) for stream in streams), strict=True)
+    position, quat = zip(*map(_hand, arms, poses), strict=True)
     return Motion(
         name=name,
         arms=tuple(arms),
         position_um=np.stack(position, axis=1),
         quat=np.stack(quat, axis=1),
-        grasp_mrad=np.stack(grasp, axis=1),
+        grasp_mrad=np.stack(poses, axis=1)[..., _GRASP],
         surgeon_mode=pedals[0],
         start_jpos=tuple(tuple(float(q) for q in HOME_JPOS) for _ in arms),
     )
@@ -310,10 +295,7 @@ def _follow(
     rows: int,
     rng: np.random.Generator,
 ):
-    """Return poses [rows, 10] and pedal [rows] along a chain, one row per tick.
-
-    Each motion begins with a rest.
-    """
+    """Return poses [rows, 10] and pedal [rows] along a chain, per tick, after a rest."""
     up, down = round(PEDAL_DOWN_S / TICK_S), round((MOTION_S - PEDAL_DOWN_S) / TICK_S)
     poses, pedals, filled = (
         [np.repeat(_REST[None], up + down, axis=0)],
@@ -330,16 +312,11 @@ def _follow(
 
 
 def _hand(arm: ArmName, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return hand positions [T, 3] um and quaternions [T, 4] in the arm's ITP frame.
-
-    poses: tip poses in instrument axes.
-    """
+    """Return hand positions [T, 3] um and quaternions [T, 4] in the arm's ITP frame."""
     axes = _axes()
     tip, turn = _product(poses[:, _TIP] + poses[:, _HAND], axes), _product(poses[:, _TURN], axes)
-    if (
-        arm == "green"
+    if arm == "green":
         # gold mirrored at the x-z plane of frame 0; rotations mirror as pseudovectors
-    ):
         tip, turn = tip * [1.0, -1.0, 1.0], turn * [-1.0, 1.0, -1.0]
     to_itp = np.array(ITP_AXES[arm])  # x @ C is C^-1 x, because C is a rotation
     return _product(tip, to_itp) / NOMINAL_SCALE * 1e6, _quaternion(_product(turn, to_itp))

@@ -11,15 +11,16 @@ than a micrometre.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ravenjax.numbers.lazy import at_once, jnp
-from ravenjax.numbers.quantity import Quantity
+from ravenjax.numbers.quantity import described
 from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, to_int32, where
 from ravenjax.parts import part
+from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console.motion import ARM_COLUMNS, NOMINAL_SCALE
 from ravenjax.robots.raven2.console.packet import SIZE_BYTES, Packet
 from ravenjax.robots.raven2.geometry import kinematics
@@ -32,44 +33,15 @@ from ravenjax.robots.raven2.geometry.mapping import (
 from ravenjax.robots.raven2.setup import RavenSetup
 
 
+@described
 @record
 class OperatorParams:
     """Console parameters that a campaign may vary."""
 
-    scale: Annotated[  # SEED uses 0.05 .. 0.2
-        Scalar, Quantity("", 0.001, 1, "tip motion per hand motion: the teleoperation scale")
-    ]
-    start_position: Annotated[
-        tuple[Vec, ...],
-        Quantity(
-            "um",
-            -1e6,
-            1e6,
-            "tip where an absolute console starts, in frame 0",
-            read_when=("console", "absolute"),
-        ),
-    ]
-    start_quat: Annotated[  # x, y, z, w
-        tuple[Vec, ...],
-        Quantity(
-            "",
-            -1,
-            1,
-            "tip rotation where an absolute console starts, in frame 0",
-            why="component of a unit quaternion",
-            read_when=("console", "absolute"),
-        ),
-    ]
-    start_grasp: Annotated[
-        tuple[Scalar, ...],
-        Quantity(
-            "mrad",
-            -6300,
-            6300,
-            "jaw opening where an absolute console starts",
-            read_when=("console", "absolute"),
-        ),
-    ]
+    scale: Scalar  # SEED uses 0.05 .. 0.2
+    start_position: PerArm[Vec]
+    start_quat: PerArm[Vec]  # x, y, z, w
+    start_grasp: PerArm[Scalar]
     # parameters of a user's file in place of the operator, under `hands`
     own: Any = None
 
@@ -99,9 +71,9 @@ def params(
 class MotionRow:
     """Hands and pedal in one millisecond; as `ravenjax.robots.raven2.console.motion.Motion`."""
 
-    position: tuple[Vec, ...]  # um, ITP frame, before scaling
-    quat: tuple[Vec, ...]  # x, y, z, w
-    grasp: tuple[Scalar, ...]  # mrad, positive closes
+    position: PerArm[Vec]  # um, ITP frame, before scaling
+    quat: PerArm[Vec]  # x, y, z, w
+    grasp: PerArm[Scalar]  # mrad, positive closes
     surgeon_mode: Scalar  # int32, 1 pedal down
 
 
@@ -125,12 +97,10 @@ def lookup(table: tuple[Any, ...], k: Scalar) -> MotionRow:
 
 @record
 class HandOffsets:
-    """Offsets of the hands from their plan, due to tremor, correction or force. One entry
-    per arm.
-    """
+    """How far tremor, correction or force moved the hands off their plan."""
 
-    offset: tuple[Vec, ...]  # um before scaling, axes of an ITP packet
-    offset_before: tuple[Vec, ...]  # the offset when the last packet was made
+    offset: PerArm[Vec]  # um before scaling, axes of an ITP packet
+    offset_before: PerArm[Vec]  # the offset when the last packet was made
 
 
 ON_PLAN = HandOffsets((), ())
@@ -142,8 +112,8 @@ class Deviation(NamedTuple):
 
     lag: Scalar | None = None  # int32 rows behind the plan
     lag_before: Scalar | None = None  # int32 rows behind the plan, in the packet before
-    grasp: tuple[Scalar, ...] | None = None  # mrad beyond the plan, one per arm
-    grasp_before: tuple[Scalar, ...] | None = None
+    grasp: PerArm[Scalar] | None = None  # mrad beyond the plan
+    grasp_before: PerArm[Scalar] | None = None
     lifted: Scalar | None = None  # bool, the foot is off the pedal
 
 
@@ -157,22 +127,20 @@ def at_plan(setup: RavenSetup) -> HandOffsets:
     return HandOffsets(still, still)
 
 
-def strayed(hands: HandOffsets, motion: tuple[Vec, ...]) -> HandOffsets:
-    """Return the hands after a motion beyond the plan, um before scaling about the axes of an ITP
-    packet.
-    """
+def strayed(hands: HandOffsets, motion: PerArm[Vec]) -> HandOffsets:
+    """Return the hands after a motion beyond the plan, um before scaling, axes of an ITP packet."""
     return replace(hands, offset=tuple(a + b for a, b in zip(hands.offset, motion, strict=True)))
 
 
 def steered(
-    setup: RavenSetup, params: OperatorParams, hands: HandOffsets, tips: tuple[Vec, ...]
+    setup: RavenSetup, params: OperatorParams, hands: HandOffsets, tips: PerArm[Vec]
 ) -> HandOffsets:
     """Return the hands after a motion that moves each tip by `tips`, m in frame 0."""
     per_m = 1e6 / params.scale
     return strayed(hands, per_arm(setup, lambda i, arm: position_to_itp(arm, tips[i]) * per_m))
 
 
-def tip_offset(setup: RavenSetup, params: OperatorParams, hands: HandOffsets) -> tuple[Vec, ...]:
+def tip_offset(setup: RavenSetup, params: OperatorParams, hands: HandOffsets) -> PerArm[Vec]:
     """Return the tip offsets that the hands' offsets cause, m in frame 0."""
     m_each = params.scale * 1e-6
     return per_arm(setup, lambda i, arm: position_from_itp(arm, hands.offset[i]) * m_each)
@@ -183,29 +151,51 @@ def sent(hands: HandOffsets, fresh: Scalar) -> HandOffsets:
     return replace(hands, offset_before=where(fresh, hands.offset, hands.offset_before))
 
 
-def moved(row: MotionRow, offset: tuple[Vec, ...]) -> MotionRow:
-    """Return the row with hands displaced by `offset`, as in `HandOffsets`."""
-    return replace(row, position=tuple(a + b for a, b in zip(row.position, offset, strict=True)))
+@record
+class PacketTiming:
+    """A packet, and the rows of the motion from which it is made."""
+
+    index: Scalar  # int32
+    # int32, row of the motion with the state of the hands when it is made
+    row: Scalar
+    # int32, row of the packet before it, from which increments count
+    before: Scalar
 
 
-def closed(row: MotionRow, mrad: tuple[Scalar, ...]) -> MotionRow:
-    """Return the row with hands closed by `mrad` beyond the plan, one entry per arm."""
-    return replace(row, grasp=tuple(a + b for a, b in zip(row.grasp, mrad, strict=True)))
+def row_by_row(index: Scalar) -> PacketTiming:
+    """Return the timing of a packet that is made from the motion's row of the same index."""
+    return PacketTiming(index, index, index - 1)
 
 
 def packet(
     setup: RavenSetup,
     params: OperatorParams,
-    row: MotionRow,
-    row_before: MotionRow,
-    sequence: Scalar,
+    motion: tuple[Any, ...],
+    timing: PacketTiming,
+    hands: HandOffsets = ON_PLAN,
+    deviation: Deviation = PLAN,
 ) -> Packet:
-    """Return the packet that the console sends for `row`.
+    """Return the packet that the console sends at `timing`.
 
-    row_before: the row of the packet before. While the pedal is up, a console of increments sends
-    no motion, so that the surgeon can reposition the hands.
+    motion: the table of `lookup`. While the pedal is up, a console of increments sends no motion,
+    so that the surgeon can reposition the hands.
     """
-    pedal = row.surgeon_mode > 0
+
+    def sums(values: tuple[Any, ...], more: tuple[Any, ...]) -> tuple[Any, ...]:
+        return tuple(a + b for a, b in zip(values, more, strict=True))
+
+    def row_at(index: Scalar, lag: Scalar | None, offset: PerArm[Vec]) -> MotionRow:
+        row = lookup(motion, index if lag is None else index - lag)
+        return replace(row, position=sums(row.position, offset)) if offset else row
+
+    row = row_at(timing.row, deviation.lag, hands.offset)
+    row_before = row_at(timing.before, deviation.lag_before, hands.offset_before)
+    if deviation.grasp is not None and deviation.grasp_before is not None:
+        row = replace(row, grasp=sums(row.grasp, deviation.grasp))
+        row_before = replace(row_before, grasp=sums(row_before.grasp, deviation.grasp_before))
+    if deviation.lifted is not None:
+        row = replace(row, surgeon_mode=jnp.where(deviation.lifted, 0, row.surgeon_mode))
+    sequence, pedal = timing.index + 1, row.surgeon_mode > 0
     row, row_before, params = real(setup, (row, row_before, replace(params, own=None)))
     form = _absolute if setup.console == "absolute" else _increment
     motion = per_arm(setup, lambda i, arm: form(i, arm, params, row, row_before, pedal))
@@ -223,9 +213,7 @@ def packet(
 def _increment(
     i: int, arm: str, params: OperatorParams, row: MotionRow, before: MotionRow, pedal: Scalar
 ) -> tuple[Vec, Vec, Scalar]:
-    """Return the increments since the row before, in the ITP frame (raven2 `local_io.cpp` adds them
-    up).
-    """
+    """Return the increments since the row before, in the ITP frame (raven2 `local_io.cpp`)."""
     delta = (row.position[i] * params.scale).map(to_int32) - (
         before.position[i] * params.scale
     ).map(to_int32)
@@ -243,9 +231,7 @@ def _increment(
 def _absolute(
     i: int, arm: str, params: OperatorParams, row: MotionRow, before: MotionRow, pedal: Scalar
 ) -> tuple[Vec, Vec, Scalar]:
-    """Return the desired pose in frame 0 and the jaw opening (raven2_sim
-    `Real_Packet_Generator.py`).
-    """
+    """Return desired pose in frame 0 and jaw opening (raven2_sim `Real_Packet_Generator.py`)."""
     position = params.start_position[i] + position_from_itp(arm, row.position[i] * params.scale)
     x, y, z, w = row.quat[i]
     turn = Vec((*position_from_itp(arm, Vec((x, y, z))), w))

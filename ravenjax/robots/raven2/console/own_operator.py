@@ -20,6 +20,7 @@ return, or returns unchanged, costs nothing.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from ravenjax.numbers.lazy import jnp, lax
@@ -27,7 +28,7 @@ from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, where
 from ravenjax.parts import part
 from ravenjax.parts.part import InPlace, View
-from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.console import operator
 from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.geometry.mapping import position_to_itp
@@ -37,10 +38,7 @@ from ravenjax.stages import haptics
 
 @record
 class ScreenView:
-    """What the operator sees and feels of one arm.
-
-    Positions are about the axes of the console, from the arm's base.
-    """
+    """What the operator sees and feels of an arm, in the console's axes, from the arm's base."""
 
     tip: Vec  # 3 m, true tip, as the camera shows it
     model_tip: Vec  # 3 m, tip of the nominal model
@@ -61,10 +59,10 @@ class OwnPace:
 
 @record
 class OwnGrasp:
-    """How far the hands are closed beyond the plan, mrad, one entry per arm."""
+    """How far the hands are closed beyond the plan, mrad."""
 
-    offset: tuple[Scalar, ...]
-    sent: tuple[Scalar, ...]  # the value in the newest packet
+    offset: PerArm[Scalar]
+    sent: PerArm[Scalar]  # the value in the newest packet
 
 
 @record
@@ -72,7 +70,7 @@ class OwnOperatorState:
     """State of a user's operator; None for a key that the file does not return."""
 
     own: Any  # the state that the file's `init` returned
-    screen: tuple[ScreenView, ...]  # one per arm
+    screen: PerArm[ScreenView]
     runlevel: Scalar  # int32
     pace: OwnPace | None
     grasp: OwnGrasp | None
@@ -91,8 +89,8 @@ class PlanMoment(NamedTuple):
 def init(
     setup: RavenSetup,
     params: operator.OperatorParams,
-    start: tuple[Vec, ...],
-    tips: tuple[Vec, ...],
+    start: PerArm[Vec],
+    tips: PerArm[Vec],
     runlevel: int,
 ) -> OwnOperatorState:
     """Return the state of hands on the plan, in front of a robot at rest.
@@ -103,13 +101,7 @@ def init(
     assert setup.hands is not None
     models = per_arm(setup, lambda i, arm: kinematics.forward(arm, start[i]).position)
     none, still, zero = real(setup, 0.0), real(setup, Vec.full(3, 0.0)), jnp.int32(0)
-
-    def shown(i: int, arm: ArmName) -> ScreenView:
-        return ScreenView(
-            position_to_itp(arm, tips[i]), position_to_itp(arm, models[i]), still, none
-        )
-
-    screen = real(setup, per_arm(setup, shown))
+    screen = _screen(setup, tips, models, [(still, none)] * len(tips))
     own = part.loaded(setup.hands).init(params.own.hands, setup.precision.real)
     plan = tuple((still, none, still) for _ in screen)
     _, keys = _stepped(
@@ -120,11 +112,7 @@ def init(
         screen=screen,
         runlevel=jnp.int32(runlevel),
         pace=OwnPace(none, zero, zero, zero) if "pace" in keys else None,
-        grasp=(
-            OwnGrasp((none,) * len(setup.arms), (none,) * len(setup.arms))
-            if "grasp" in keys
-            else None
-        ),
+        grasp=OwnGrasp((none,) * len(tips), (none,) * len(tips)) if "grasp" in keys else None,
         lifted=jnp.bool_(False) if "pedal" in keys else None,
     )
 
@@ -178,26 +166,31 @@ def act(
 def see(
     setup: RavenSetup,
     state: OwnOperatorState,
-    tips: tuple[Vec, ...],
-    model_tips: tuple[Vec, ...],
-    cues: tuple[haptics.HapticOutput, ...],
+    tips: PerArm[Vec],
+    model_tips: PerArm[Vec],
+    cues: PerArm[haptics.HapticOutput],
     runlevel: Scalar,
 ) -> OwnOperatorState:
-    """Return the state with what screen and haptic device show until the next tick.
+    """Return the state with what the operator is shown until the next tick. tips: m, frame 0."""
 
-    tips: m in frame 0, one per arm.
-    """
-
-    def shown(i: int, arm: ArmName) -> ScreenView:
+    def pulled(i: int, arm: ArmName) -> tuple[Vec, Scalar]:
         force = cues[i].force[0]
-        pull = position_to_itp(arm, cues[i].direction * force).map(
-            lambda x: jnp.where(x == x, x, 0.0)
-        )
+        pull = position_to_itp(arm, cues[i].direction * force)
+        return pull.map(lambda x: jnp.where(x == x, x, 0.0)), force
+
+    screen = _screen(setup, tips, model_tips, per_arm(setup, pulled))
+    return replace(state, screen=screen, runlevel=runlevel)
+
+
+def _screen(
+    setup: RavenSetup, tips: PerArm[Vec], model_tips: PerArm[Vec], pulls: Sequence[Any]
+) -> PerArm[ScreenView]:
+    def shown(i: int, arm: ArmName) -> ScreenView:
         return ScreenView(
-            position_to_itp(arm, tips[i]), position_to_itp(arm, model_tips[i]), pull, force
+            position_to_itp(arm, tips[i]), position_to_itp(arm, model_tips[i]), *pulls[i]
         )
 
-    return replace(state, screen=real(setup, per_arm(setup, shown)), runlevel=runlevel)
+    return real(setup, per_arm(setup, shown))
 
 
 def _stepped(
@@ -207,8 +200,8 @@ def _stepped(
     tick: Scalar,
     runlevel: Scalar,
     pedal: Scalar,
-    plan: tuple[tuple[Vec, Scalar, Vec], ...],
-    screen: tuple[ScreenView, ...],
+    plan: PerArm[tuple[Vec, Scalar, Vec]],
+    screen: PerArm[ScreenView],
 ) -> tuple[Any, ...]:
     """Return the file's new state, and the other values that it returns.
 

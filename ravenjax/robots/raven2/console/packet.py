@@ -7,12 +7,13 @@ Layout, frames and units: raven2 `include/itp_teleoperation.h` (packed, little-e
 from __future__ import annotations
 
 import functools
+import struct
 from typing import Any
 
 import numpy as np
 
 from ravenjax.numbers.vec import Scalar, Vec, record
-from ravenjax.robots.raven2.arms import ARMS, ArmName
+from ravenjax.robots.raven2.arms import ARMS, ArmName, PerArm
 from ravenjax.robots.raven2.setup import RavenSetup
 
 UDP_PORT = 36000
@@ -41,21 +42,12 @@ U_STRUCT = np.dtype(
 MOVES, TURNS = ("delx", "dely", "delz"), ("Qx", "Qy", "Qz", "Qw")
 """Fields of an increment's displacement and rotation."""
 
-V_STRUCT = np.dtype(
-    [
-        ("sequence", "<u4"),
-        ("last_sequence", "<u4"),
-        ("pactyp", "<u4"),
-        ("version", "<u4"),
-        ("fx", "<i4", 2),
-        ("fy", "<i4", 2),
-        ("fz", "<i4", 2),
-        ("runlevel", "<i4"),
-        ("jointflags", "<u4"),
-        ("checksum", "<i4"),
-    ]
-)
-"""Robot to console, 52 bytes; declared by raven2 and never sent by it (NET_SEND is undefined)."""
+V_STRUCT = struct.Struct("<4I7iIi")
+"""Robot to console, 52 bytes; declared by raven2 and never sent by it (NET_SEND is undefined).
+
+Fields: sequence, last_sequence, pactyp, version; fx, fy, fz, each of both arms; runlevel;
+jointflags; checksum.
+"""
 
 SIZE_BYTES = {"increments": U_STRUCT.itemsize, "absolute": 204}
 """Bytes of a datagram, by `RavenSetup.console`.
@@ -77,9 +69,9 @@ class Packet:
     received: Scalar  # int32, 1 if a datagram arrived in this cycle
     size: Scalar  # int32 bytes
     sequence: Scalar  # int32
-    delta: tuple[Vec, ...]  # int32 um (x, y, z)
-    quat: tuple[Vec, ...]  # (x, y, z, w)
-    grasp: tuple[Scalar, ...]  # int32 mrad, positive closes
+    delta: PerArm[Vec]  # int32 um (x, y, z)
+    quat: PerArm[Vec]  # (x, y, z, w)
+    grasp: PerArm[Scalar]  # int32 mrad, positive closes
     surgeon_mode: Scalar  # int32, 1 pedal down
 
 
@@ -99,27 +91,17 @@ def silence(setup: RavenSetup) -> Packet:
     )
 
 
-def checksum(fields: Any) -> int:
-    """Return the checksum of one U_STRUCT record.
-
-    It is the sum of mode, increments, buttons and sequence, wrapped to int32.
-    """
-    names = ("delx", "dely", "delz", "buttonstate")
-    total = (
-        int(fields["surgeon_mode"])
-        + int(fields["sequence"])
-        + sum(int(fields[n].sum(dtype="i8")) for n in names)
-    )
-    return (total + 2**31) % 2**32 - 2**31
-
-
 def encode(packet: Packet, arms: tuple[ArmName, ...]) -> bytes:
     """Return the 124-byte datagram of a packet of increments; an arm that is not in `arms` stays
     still.
+
+    Its checksum is the sum of mode, increments, buttons and sequence, wrapped to int32.
     """
     fields = np.zeros((), U_STRUCT)
     fill_fields(fields, packet, arms)
-    fields["checksum"] = checksum(fields)
+    summed = ("surgeon_mode", "sequence", "delx", "dely", "delz", "buttonstate")
+    total = sum(int(fields[name].sum(dtype="i8")) for name in summed)
+    fields["checksum"] = (total + 2**31) % 2**32 - 2**31
     return fields.tobytes()
 
 
@@ -135,23 +117,3 @@ def fill_fields(fields: Any, packet: Packet, arms: tuple[ArmName, ...]) -> None:
         for name, value in zip(TURNS, packet.quat[i], strict=True):
             fields[name][slot] = float(value)
         fields["grasp"][slot] = int(packet.grasp[i])
-
-
-def decode(datagram: bytes, arms: tuple[ArmName, ...]) -> Packet:
-    """Return the packet of increments in a datagram.
-
-    Longer datagrams are cut, as the robot cuts them. Missing fields of a shorter one are 0, and
-    `size` makes the robot drop it.
-    """
-    whole = datagram[: U_STRUCT.itemsize].ljust(U_STRUCT.itemsize, b"\0")
-    fields = np.frombuffer(whole, U_STRUCT, count=1)[0]
-    slots = [ARMS.index(arm) for arm in arms]
-    return Packet(
-        received=1,
-        size=len(datagram),
-        sequence=int(fields["sequence"].view(np.int32)),
-        delta=tuple(Vec(int(fields[name][slot]) for name in MOVES) for slot in slots),
-        quat=tuple(Vec(float(fields[name][slot]) for name in TURNS) for slot in slots),
-        grasp=tuple(int(fields["grasp"][slot]) for slot in slots),
-        surgeon_mode=int(fields["surgeon_mode"]),
-    )

@@ -1,6 +1,4 @@
-"""Console profiles: meaning, unit and bounds of each field of a console's packets, read from a
-file.
-"""
+"""Console profiles: meaning, unit and bounds of each field of a console's packets."""
 
 from __future__ import annotations
 
@@ -111,9 +109,7 @@ class SentStream(ProfileTable):
 
 
 class LargestSteps(ProfileTable):
-    """[largest]: largest motions that one packet may ask for, converted. The robot has no such
-    bounds.
-    """
+    """[largest]: largest motions that one packet may ask for. The robot has no such bounds."""
 
     # Displacement, um
     step_um: float = Field(default=1000.0, gt=0.0, le=1000.0)

@@ -13,9 +13,9 @@ cue and without.
   beyond the plan. The correction reduces the distance by `correct_per_s`, at `correct_speed` at
   most.
 
-Assumptions, because no source measured them on this robot: 0.25 s from the first pull to the action
-(an expected touch takes 0.155 s in the laboratory, a brake 0.7 to 1.5 s; sources in
-`docs/explanation/hand.md`); a correction by eye has a time constant of 0.2 s. The cue's force
+No source measured the following on this robot, so it is *assumed*. The action follows the first
+pull after 0.25 s. (An expected touch takes 0.155 s in the laboratory, a brake 0.7 to 1.5 s; sources
+in `docs/explanation/hand.md`.) A correction by eye has a time constant of 0.2 s. The cue's force
 itself moves a hand only if `ravenjax.stages.hand` is in the tick. A packet that the network delays
 carries the hands' motion at the time when it was made, except a correction, which is the present
 one.
@@ -23,15 +23,17 @@ one.
 
 from __future__ import annotations
 
-from typing import Annotated
+from functools import reduce
+from operator import or_
 
 import numpy as np
 
 from ravenjax.numbers.algebra import dot
 from ravenjax.numbers.lazy import jnp, lax
-from ravenjax.numbers.quantity import HOUR_MS, Quantity
+from ravenjax.numbers.quantity import described
 from ravenjax.numbers.setup import per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
+from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console.operator import Deviation
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.vocabulary.reactions import CORRECT, NONE, RELEASE, SLOW
@@ -41,30 +43,17 @@ TICK_S = 1e-3
 TINY_M = 1e-9
 
 
+@described
 @record
 class ReactionParams:
-    """Reaction parameters that a campaign may vary; the defaults are the assumptions above, with no
-    action.
-    """
+    """Parameters of the reaction. The defaults are the assumptions above, with no action."""
 
-    action: Annotated[  # int32, one of ACTIONS
-        Scalar,
-        Quantity(
-            "", 0, 3, "what the operator does: 0 none, 1 release, 2 slow, 3 correct", whole=True
-        ),
-    ] = np.int32(NONE)
-    delay_ms: Annotated[
-        Scalar, Quantity("ms", 0, HOUR_MS, "from the first felt pull to the action")
-    ] = 250.0
-    felt_force: Annotated[
-        Scalar, Quantity("device units", 0, 1e9, "weakest pull that the operator notices")
-    ] = 0.0
-    slow_to: Annotated[Scalar, Quantity("", 0, 1, "speed of slowed hands, of what it was")] = 0.25
-    correct_per_s: Annotated[
-        Scalar,
-        Quantity("1/s", 0, 1e3, "share of the distance that a correcting operator takes back"),
-    ] = 5.0
-    correct_speed: Annotated[Scalar, Quantity("m/s", 0, 10, "fastest correction of the tip")] = 0.05
+    action: Scalar = np.int32(NONE)  # int32, one of ACTIONS
+    delay_ms: Scalar = 250.0
+    felt_force: Scalar = 0.0
+    slow_to: Scalar = 0.25
+    correct_per_s: Scalar = 5.0
+    correct_speed: Scalar = 0.05
 
 
 @record
@@ -78,13 +67,13 @@ class ReactionState:
 
 @record
 class OperatorSenses:
-    """What the operator sees and feels; tuples have one entry per arm."""
+    """What the operator sees and feels."""
 
-    force: tuple[Scalar, ...]  # device units, of the first haptic set
-    tip: tuple[Vec, ...]  # m, true tip
-    model_tip: tuple[Vec, ...]  # m, tip of the nominal model
+    force: PerArm[Scalar]  # device units, of the first haptic set
+    tip: PerArm[Vec]  # m, true tip
+    model_tip: PerArm[Vec]  # m, tip of the nominal model
     # m, frame 0, tip motion beyond the plan that the hands asked for, the same for robot and model
-    off_plan: tuple[Vec, ...]
+    off_plan: PerArm[Vec]
     pedal_down: Scalar  # bool
     tick: Scalar  # int32
 
@@ -97,9 +86,7 @@ def init(setup: RavenSetup) -> ReactionState:
 def act(
     setup: RavenSetup, params: ReactionParams, state: ReactionState, tick: Scalar, packet: Scalar
 ) -> ReactionState:
-    """Decide whether the action begins now, before this tick's packet, of row `packet` of the
-    motion.
-    """
+    """Decide whether the action begins in this tick, whose packet has row `packet`."""
     waited = lax.convert_element_type(tick - state.felt, setup.precision.real) >= params.delay_ms
     begins = (params.action != NONE) & (state.felt >= 0) & waited & (state.acted < 0)
     return replace(
@@ -112,9 +99,7 @@ def act(
 def deviation(
     setup: RavenSetup, params: ReactionParams, state: ReactionState, row: Scalar, before: Scalar
 ) -> Deviation:
-    """Return the deviations of foot and hands in the packet of row `row`, after a packet of row
-    `before`.
-    """
+    """Return foot's and hands' deviations in the packet of row `row`, which follows `before`."""
 
     def since(packet: Scalar) -> tuple[Scalar, Scalar]:
         rows = packet - state.acted_packet
@@ -131,13 +116,9 @@ def deviation(
 
 def feel(
     setup: RavenSetup, params: ReactionParams, state: ReactionState, felt: OperatorSenses
-) -> tuple[ReactionState, tuple[Vec, ...]]:
-    """Return the state after this tick's cue, and each tip's correction by the hands, m
-    in frame 0.
-    """
-    noticed = felt.force[0] > params.felt_force
-    for force in felt.force[1:]:
-        noticed = noticed | (force > params.felt_force)
+) -> tuple[ReactionState, PerArm[Vec]]:
+    """Return the state after this tick's cue, and the correction of each tip, m in frame 0."""
+    noticed = reduce(or_, (force > params.felt_force for force in felt.force))
     correcting = (state.acted >= 0) & (params.action == CORRECT) & felt.pedal_down
 
     def corrected(i: int) -> Vec:

@@ -13,9 +13,11 @@ import struct
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS, ArmName
 from ravenjax.robots.raven2.console.packet import U_STRUCT
 from ravenjax.robots.raven2.console.profile import ConsoleProfile
+from ravenjax.robots.raven2.geometry import mapping
 
 FIELDS = struct.Struct("<3I6i8d6i")
 """Layout of U_STRUCT; unpacking it is ten times as fast as NumPy."""
@@ -23,7 +25,7 @@ QUAT, BUTTONS, GRASP, MODE, CHECKSUM = 9, 17, 19, 21, 22
 """Indices of Qx[0], buttonstate[0], grasp[0], surgeon_mode and checksum among the fields."""
 assert FIELDS.size == U_STRUCT.itemsize
 
-Quat = tuple[float, float, float, float]
+Quat = tuple[float, ...]
 _LEVEL: Quat = (0.0, 0.0, 0.0, 1.0)
 
 
@@ -54,7 +56,7 @@ class _Hand(NamedTuple):
     jaw: int | None  # value of the jaw
     quat: Quat | None  # orientation, a unit quaternion
     # um (3) and mrad that rounding to whole numbers left over
-    left: tuple[float, float, float, float]
+    left: tuple[float, ...]
 
 
 _NEW = _Hand(None, None, (0.0, 0.0, 0.0, 0.0))
@@ -64,20 +66,18 @@ class PacketReader:
     """Reads a stream of packets under one profile, and keeps the state of the stream."""
 
     def __init__(self, profile: ConsoleProfile, arms: Sequence[ArmName]) -> None:
-        """Prepare to read packets. arms: arms whose fields are read; other arms may have any
-        values.
-        """
+        """Prepare to read the fields of these arms; other arms may have any values."""
         self.profile = profile
         self._slots = tuple(ARMS.index(arm) for arm in arms)
-        self._hands = [_NEW] * len(self._slots)
-        self._next = list(self._hands)  # state after the packet that was read last
+        # State of the arms, and their state after the packet that was read last
+        self._hands = self._next = (_NEW,) * len(self._slots)
         largest = profile.largest
         self._step_square = largest.step_um**2
         self._cos_square = math.cos(largest.turn_rad / 2) ** 2
 
     def begin(self) -> None:
         """Reset the state, because another stream begins."""
-        self._hands = [_NEW] * len(self._slots)
+        self._hands = (_NEW,) * len(self._slots)
 
     def follow(self) -> None:
         """Accept the packet that was read last as part of the stream."""
@@ -101,20 +101,14 @@ class PacketReader:
                 return Misfit(
                     "checksum", "", fields[CHECKSUM], str((total + 2**31) % 2**32 - 2**31)
                 )
-        deltas, quats, grasps, hands = [], [], [], []
+        arms = []
         for slot, hand in zip(self._slots, self._hands, strict=True):
-            if not joined:
-                hand = _NEW
-            of = self._hand(fields, slot, hand)
+            of = self._hand(fields, slot, hand if joined else _NEW)
             if isinstance(of, Misfit):
                 return of
-            delta, quat, grasp, after = of
-            deltas.append(delta)
-            quats.append(quat)
-            grasps.append(grasp)
-            hands.append(after)
-        self._next = hands
-        return PacketReading(tuple(deltas), tuple(quats), tuple(grasps))
+            arms.append(of)
+        deltas, quats, grasps, self._next = zip(*arms, strict=True)
+        return PacketReading(deltas, quats, grasps)
 
     def _hand(
         self, fields: Sequence, slot: int, hand: _Hand
@@ -123,12 +117,11 @@ class PacketReader:
         jaw = fields[GRASP + slot]
         if profile.stream.buttonstate == "jaw" and fields[BUTTONS + slot] != jaw:
             return Misfit("buttons", arm, fields[BUTTONS + slot], f"grasp again, {jaw}")
-        um, (left_x, left_y, left_z, left_jaw) = profile.position.um, hand.left
-        x, y, z = fields[3 + slot], fields[5 + slot], fields[7 + slot]
+        um, (*left, left_jaw) = profile.position.um, hand.left
+        x, y, z = fields[3 + slot : 9 : 2]
         if um != 1.0:
-            x, left_x = _whole(x * um + left_x)
-            y, left_y = _whole(y * um + left_y)
-            z, left_z = _whole(z * um + left_z)
+            steps = (_whole(n * um + rest) for n, rest in zip((x, y, z), left, strict=True))
+            (x, y, z), left = zip(*steps, strict=True)
         if x * x + y * y + z * z > self._step_square:
             return Misfit(
                 "step", arm, f"{math.hypot(x, y, z):g} um", f"at most {largest.step_um:g} um"
@@ -156,12 +149,10 @@ class PacketReader:
             return Misfit(
                 "grasp", arm, f"{grasp} mrad", f"an increment of at most {largest.jaw_mrad:g} mrad"
             )
-        return (x, y, z), turn, grasp, _Hand(jaw, place, (left_x, left_y, left_z, left_jaw))
+        return (x, y, z), turn, grasp, _Hand(jaw, place, (*left, left_jaw))
 
     def _turn(self, sent: Sequence[float], before: Quat | None) -> tuple[Quat | None, Quat | None]:
-        """Return the turn that a packet asks for (None: no rotation), and the orientation
-        to keep.
-        """
+        """Return the turn that a packet asks for (None: not a rotation), and the orientation."""
         x, y, z, w = sent
         square = x * x + y * y + z * z + w * w
         form = self.profile.orientation.form
@@ -180,7 +171,11 @@ class PacketReader:
             return (x, y, z, w), None
         over = 1.0 / math.sqrt(square)
         now = x * over, y * over, z * over, w * over
-        return (_LEVEL if before is None else _between(before, now)), now
+        if before is None:
+            return _LEVEL, now
+        x, y, z, w = before
+        turn = mapping.quat_mul(Vec(now), Vec((-x, -y, -z, w)))
+        return (-turn if turn[3] < 0.0 else turn), now
 
     def _form(self) -> str:
         form = self.profile.orientation.form
@@ -189,17 +184,6 @@ class PacketReader:
         return "a unit quaternion" + (
             ", the turn since the last packet" if form == "increments" else ""
         )
-
-
-def _between(before: Quat, now: Quat) -> Quat:
-    """Return the turn from `before` to `now`: now times the inverse of before, with w >= 0."""
-    ax, ay, az, aw = now
-    bx, by, bz, bw = -before[0], -before[1], -before[2], before[3]
-    x = aw * bx + ax * bw + ay * bz - az * by
-    y = aw * by + ay * bw + az * bx - ax * bz
-    z = aw * bz + az * bw + ax * by - ay * bx
-    w = aw * bw - ax * bx - ay * by - az * bz
-    return (-x, -y, -z, -w) if w < 0.0 else (x, y, z, w)
 
 
 def _whole(value: float) -> tuple[int, float]:

@@ -28,9 +28,7 @@ from ravenjax.robots.raven2.geometry.joints import Pose
 Array = np.ndarray
 
 ORTHONORMAL = 1e-3
-"""Tolerance of R^T R of a rotation from 1; single precision and rounding in files are far
-below it.
-"""
+"""Tolerance of R^T R of a rotation from 1; single precision is far below it."""
 
 
 def forward_kinematics(jpos: ArrayLike, arm: str) -> tuple[Array, Array]:
@@ -80,19 +78,13 @@ def inverse_kinematics(
 
 
 def motor_from_joint(jpos: ArrayLike, arm: str, tool: str = "r_grasper") -> Array:
-    """Return the motor angles mpos [..., 7] (rad) that hold the joints `jpos` [..., 7].
-
-    Cable coupling is included.
-    """
+    """Return motor angles [..., 7] (rad) at the joints `jpos` [..., 7], with cable coupling."""
     (joints,) = _rows(arm, jpos=(jpos, (7,)))
     return _stacked(transmission.motor_from_joint(arm, tool, _vec(joints)))
 
 
 def joint_from_motor(mpos: ArrayLike, arm: str, tool: str = "r_grasper") -> Array:
-    """Return the joints jpos [..., 7] at the motor angles `mpos` [..., 7] (rad).
-
-    Cable coupling is included.
-    """
+    """Return joints [..., 7] at the motor angles `mpos` [..., 7] (rad), with cable coupling."""
     (motors,) = _rows(arm, mpos=(mpos, (7,)))
     return _stacked(transmission.joint_from_motor(arm, tool, _vec(motors)))
 
@@ -128,9 +120,7 @@ def _matrices(rows: Vec) -> Array:
 
 
 def _rows(arm: str, **arguments: tuple[ArrayLike, tuple[int, ...]]) -> list[Array]:
-    """Check the arguments and return them with the same leading axes; each comes with the shape of
-    one row.
-    """
+    """Check the arguments, each given with the shape of one row; broadcast their leading axes."""
     if arm not in ARMS:
         raise UserError(unknown("arm", arm, ARMS))
     checked = {name: _checked(name, value, row) for name, (value, row) in arguments.items()}

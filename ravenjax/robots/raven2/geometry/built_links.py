@@ -1,8 +1,7 @@
 """Tip of an arm whose links differ from the drawings: its Denavit-Hartenberg table with errors.
 
 `kinematics.forward` uses the software's table, in which shoulder, elbow and insertion axes meet in
-one point. Here every link may have its own twist and length. Convention as in `links` (modified DH,
-Craig).
+one point. Here every link may have its own twist and length. Convention as in `joints`.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from ravenjax.numbers.algebra import add, mul, sub
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import described
 from ravenjax.numbers.vec import Scalar, Vec, record
-from ravenjax.robots.raven2.geometry.links import D4, GEOMETRY, LINK12, LINK23, LW, PI
+from ravenjax.robots.raven2.geometry.joints import D4, GEOMETRY, LINK12, LINK23, LW, PI
 
 
 @described
@@ -35,9 +34,7 @@ def as_drawn() -> LinkErrors:
 
 
 def tip(arm: str, jpos: Vec, errors: LinkErrors) -> Vec:
-    """Return the position (3, m, frame 0) of the jaw axis with these links at `jpos` (7, rad and
-    m).
-    """
+    """Return the position (3, m, frame 0) of the jaw axis with these links; jpos: rad and m."""
     geometry = GEOMETRY[arm]
     gold = geometry.flip > 0
     twist2 = sub(PI - LINK23, errors.twist23) if gold else add(LINK23, errors.twist23)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec
-from ravenjax.robots.raven2.geometry.links import GEOMETRY, GM1, GM2, GM3
+from ravenjax.robots.raven2.geometry.joints import GEOMETRY, GM1, GM2, GM3
 from ravenjax.robots.raven2.geometry.transmission import JOINT_PER_CAPSTAN_TORQUE
 
 GRAVITY = 9.8  # m/s^2 along -x of frame 0, both arms
@@ -35,10 +35,7 @@ CENTRES = {
 
 
 def joint_gravity_torque(arm: str, jpos: Vec, gravity: Scalar = GRAVITY) -> Vec:
-    """Return the effort that holds shoulder, elbow (Nm) and insertion (N) at `jpos` (7).
-
-    gravity: m/s^2 along -x0.
-    """
+    """Return the effort (Nm, Nm, N) that holds joints 1-3 at `jpos`. gravity: m/s^2 along -x0."""
     geometry, centres = GEOMETRY[arm], CENTRES[arm]
     theta1 = jpos[0] + geometry.zero1
     c1, s1 = jnp.cos(theta1), jnp.sin(theta1)

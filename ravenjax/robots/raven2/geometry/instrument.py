@@ -13,9 +13,8 @@ from ravenjax.numbers.algebra import add, cross, dot, mul, scale
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec
 from ravenjax.robots.raven2.geometry import kinematics
-from ravenjax.robots.raven2.geometry.joints import yaw
+from ravenjax.robots.raven2.geometry.joints import D4, GEOMETRY, LW, yaw
 from ravenjax.robots.raven2.geometry.kinematics import ChainAxes
-from ravenjax.robots.raven2.geometry.links import D4, GEOMETRY, LW
 
 # m, jaw axis to jaw tip; models/raven2 PROVENANCE.md: "steel jaw of about 20 mm"
 JAW_LENGTH = 0.020
@@ -49,9 +48,7 @@ class InstrumentPoint(NamedTuple):
 
 
 class InstrumentLine(NamedTuple):
-    """An instrument as two straight pieces: remote centre to wrist, and wrist to where the jaws
-    close.
-    """
+    """An instrument as two straight pieces: from remote centre to wrist to where the jaws close."""
 
     chain: ChainAxes
     wrist: Vec  # m
@@ -60,10 +57,7 @@ class InstrumentLine(NamedTuple):
 
 
 def jaw_tips(arm: str, jpos: Vec) -> tuple[InstrumentPoint, InstrumentPoint]:
-    """Return the tips of jaw 1 and jaw 2 at `jpos` (7, rad and m).
-
-    Both turn about DH axis 6, grasp2 by +g2, grasp1 by -g1.
-    """
+    """Return the tips of jaw 1 and 2 at `jpos` (7). They turn about DH axis 6, by -g1 and +g2."""
     chain = kinematics.chain_of(arm, jpos)
     return _jaw_tip(arm, chain, jpos[5], -1.0, 5), _jaw_tip(arm, chain, jpos[6], 1.0, 6)
 
@@ -76,9 +70,7 @@ def line(arm: str, jpos: Vec) -> InstrumentLine:
 
 
 def point_on(arm: str, whole: InstrumentLine, at: Vec, beyond: Scalar) -> InstrumentPoint:
-    """Return the point `at` (m) of the line; beyond: fraction from the wrist to the end, 0 on the
-    shaft.
-    """
+    """Return the point `at` (m). beyond: fraction from the wrist to the end, 0 on the shaft."""
     chain = whole.chain
     from_wrist = (whole.end - whole.wrist) * beyond
     turned = whole.turn * (beyond * 0.5)
@@ -96,9 +88,7 @@ def _jaw_tip(
 
 
 def _jaw(chain: ChainAxes, angle: Scalar) -> tuple[Vec, Vec]:
-    """Return the vector from jaw axis to jaw tip, m, at `angle` (rad about axis 6), and its rate,
-    m/rad.
-    """
+    """Return the vector from jaw axis to jaw tip (m) at `angle` (rad), and its rate (m/rad)."""
     c, s = jnp.cos(angle) * JAW_LENGTH, jnp.sin(angle) * JAW_LENGTH
     return chain.x5 * c - chain.y4 * s, -(chain.x5 * s + chain.y4 * c)
 

@@ -1,18 +1,45 @@
-"""Joints of one arm and their zeros in the Denavit-Hartenberg convention.
+"""Joints and links of one arm in the modified Denavit-Hartenberg convention (Craig).
 
 Joint order and units: shoulder, elbow (rad), insertion (m), tool_roll, wrist, grasp1, grasp2 (rad).
-Source of all figures: raven2 `src/raven/r2_kinematics.cpp`, `include/raven/r2_kinematics.h`
-(modified DH, Craig). Frames 0 to 3 of an arm share their origin, the remote centre. Frame 6 is on
+Source of all figures: raven2 `src/raven/r2_kinematics.cpp`, `include/raven/r2_kinematics.h`.
+Frames 0 to 3 of an arm share their origin, the remote centre. Frame 6 is on
 the jaw axis.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from ravenjax.numbers.lazy import jnp
+from ravenjax.numbers.trigonometry import cos, sin
 from ravenjax.numbers.vec import Scalar, Vec, record
-from ravenjax.robots.raven2.geometry.links import GEOMETRY, PI
+
+PI = math.pi
+LINK12 = math.radians(75.0)  # rad, La12: shoulder axis to elbow axis
+LINK23 = math.radians(52.0)  # rad, La23: elbow axis to insertion axis
+GM1, GM2 = sin(LINK12), cos(LINK12)
+GM3, GM4 = sin(LINK23), cos(LINK23)
+D4 = -0.47  # m, remote centre to wrist axis at insertion 0
+LW = 0.013  # m, Lw: wrist axis to jaw axis, Raven tool; the original uses it for every tool
+
+
+class Geometry(NamedTuple):
+    """Constants that differ between the arms."""
+
+    zero1: float  # rad, theta1 = shoulder + zero1
+    zero2: float  # rad, theta2 = elbow + zero2
+    flip: float  # 1 or -1: frame 0 turned by alpha0 = 180 deg about x
+    cos23: float  # cos(alpha2)
+    side: float  # sin(theta3), theta3 = +-90 deg
+
+
+GEOMETRY = {
+    # The source has 205 deg for the shoulder. A full turn less keeps float32 angles small in the
+    # working range.
+    "gold": Geometry(math.radians(-155.0), PI, 1.0, -GM4, 1.0),
+    "green": Geometry(math.radians(25.0), 0.0, -1.0, GM4, -1.0),
+}
 
 
 @record
@@ -73,10 +100,7 @@ def theta_from_joint(arm: str, jpos: Vec) -> Theta:
 
 
 def joint_from_theta(arm: str, theta: Theta, grasp_rad: Scalar) -> Vec:
-    """Return the joints (7) of DH variables in [-pi, pi] and a jaw opening, rad.
-
-    All but the roll are shifted into [-pi, pi].
-    """
+    """Return the joints (7) of DH variables in [-pi, pi], all but the roll within [-pi, pi]."""
     geometry = GEOMETRY[arm]
     grasp1, grasp2 = jaws(theta.theta6, grasp_rad)
     return Vec(
@@ -93,10 +117,7 @@ def joint_from_theta(arm: str, theta: Theta, grasp_rad: Scalar) -> Vec:
 
 
 def _one_turn(angle: Scalar, zero: float) -> Scalar:
-    """Return angle + zero shifted into [-pi, pi].
-
-    The angle is in this range, so the sum can leave it on one side only.
-    """
+    """Return angle + zero shifted into [-pi, pi], which it can leave on one side only."""
     if zero == 0.0:
         return angle
     joint, turn = angle + zero, math.copysign(2 * PI, zero)

@@ -9,9 +9,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.vec import Vec
-from ravenjax.robots.raven2.arms import JOINTS, LINEAR
 from ravenjax.robots.raven2.geometry.tools import find_tool
 
 _DEG = math.pi / 180.0
@@ -20,21 +18,6 @@ HOME_JPOS = Vec((30 * _DEG, 90 * _DEG, 0.4, 0.0, 0.0, 45 * _DEG, 45 * _DEG))  # 
 
 # rad, hard-coded in the 2015 fork for every tool
 FORK_ROLL_LIMIT = 150 * _DEG
-
-
-_TURN = 6.3  # rad; a full turn, so that values in degrees are recognised
-_TRAVEL = 1.0  # m; the instrument is 0.5 m long
-
-
-def position(meaning: str) -> tuple[Quantity, Quantity]:
-    """Return the range of a joint position: an angle, either way, or a travel of the insertion,
-    from 0.
-    """
-    revolute = tuple(joint for joint in JOINTS if joint not in LINEAR)
-    return (
-        Quantity("rad", -_TURN, _TURN, meaning, joints=revolute),
-        Quantity("m", 0.0, _TRAVEL, meaning, joints=LINEAR),
-    )
 
 
 class SoftLimits(NamedTuple):

@@ -29,9 +29,7 @@ def position_to_itp(arm: str, position: Vec) -> Vec:
 
 
 def rotation_from_itp(arm: str, rotation: Vec) -> Vec:
-    """Return a rotation (3 rows) about the axes of an ITP packet as one about the axes of
-    frame 0.
-    """
+    """Turn the axes of a rotation (3 rows) from those of an ITP packet to those of frame 0."""
     axes = ITP_AXES[arm]
     return matmul(matmul(axes, rotation), transpose(axes))
 
@@ -65,17 +63,9 @@ def matrix_from_quat(quat: Vec) -> Vec:
     x, y, z, w = quat
     s = 2.0 / (x * x + y * y + z * z + w * w)
     xs, ys, zs = x * s, y * s, z * s
-    wx, wy, wz, xx, xy, xz, yy, yz, zz = (
-        w * xs,
-        w * ys,
-        w * zs,
-        x * xs,
-        x * ys,
-        x * zs,
-        y * ys,
-        y * zs,
-        z * zs,
-    )
+    wx, wy, wz = w * xs, w * ys, w * zs
+    xx, xy, xz = x * xs, x * ys, x * zs
+    yy, yz, zz = y * ys, y * zs, z * zs
     return matrix(
         (1.0 - (yy + zz), xy - wz, xz + wy),
         (xy + wz, 1.0 - (xx + zz), yz - wx),

@@ -32,10 +32,7 @@ VESSEL_COURSE = (
     (0.040, 0.018),
     (0.073, 0.022),
 )
-"""m, x and y of points of the vessel's axis, connected by straight lines.
-
-The drawn vessel is a smooth curve through these points.
-"""
+"""m, x and y of points of the vessel's axis; the drawn vessel is a smooth curve through them."""
 VESSEL_LEAN = 1.0 / (1.0 + (0.046 / 0.146) ** 2)
 """Squared ratio of the distance from the axis to that along y, for the course as a whole."""
 
@@ -53,10 +50,7 @@ class Surface(NamedTuple):
 
 @cache
 def frame0(arm: ArmName) -> tuple[Vec, Vec]:
-    """Return origin (m) and rotation rows of the arm's frame 0 in the world.
-
-    They are Python numbers, with literal zeros and ones.
-    """
+    """Return origin (m) and rotation rows of the arm's frame 0 in the world, as Python numbers."""
     exact = [
         Vec(float(round(x)) if abs(x - round(x)) < 1e-12 else x for x in row)
         for row in arm_model.frame_rotation(arm).tolist()
@@ -78,9 +72,7 @@ def world(arm: ArmName, position: Vec) -> Vec:
 
 
 def tissue_depth(arm: ArmName, tip: Vec) -> Scalar:
-    """Return the depth of `tip` (m, frame 0) below the tissue's surface, m; negative above, -inf
-    beside it.
-    """
+    """Return the depth of `tip` (m, frame 0) below the tissue, m; negative above, -inf beside."""
     x, y, z = world(arm, tip)
     return jnp.where(_inside(x, y), _dome(x, y) - z, -jnp.inf)
 

@@ -16,10 +16,7 @@ Style = Literal["raven", "dv", "square_raven"]
 
 @dataclasses.dataclass(frozen=True)
 class Tool:
-    """One instrument. Ranges are those of tool_roll, wrist, grasp1, grasp2.
-
-    They are symmetric, except if `roll_min_deg` is given.
-    """
+    """One instrument. Ranges are those of tool_roll, wrist, grasp1, grasp2, mostly symmetric."""
 
     name: str
     style: Style  # adapter, which decides the signs of coupling, torque and encoders

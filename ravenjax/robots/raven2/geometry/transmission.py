@@ -14,7 +14,7 @@ import math
 
 from ravenjax.numbers.algebra import add, mul, sub
 from ravenjax.numbers.vec import Scalar, Vec
-from ravenjax.robots.raven2.geometry.tools import Style, find_tool
+from ravenjax.robots.raven2.geometry.tools import find_tool
 
 GP42 = 49 / 4  # gearbox of shoulder, elbow, insertion
 GP32 = 26 / 7  # gearbox of the tool joints
@@ -78,32 +78,25 @@ def coupling_signs(arm: str, tool: str, software: str = "raven2") -> Vec:
 
 
 def _tool_signs(sign: float, software: str) -> Vec:
-    """Return the tool signs; with OPPOSE_GRIP the first jaw's sign is the opposite of the
-    second's.
-    """
+    """Return the tool signs. With OPPOSE_GRIP the first jaw's sign is opposite to the second's."""
     return Vec((sign, sign, sign if software == "fork2015" else -sign, sign))
 
 
 def tau_signs(arm: str, tool: str, software: str = "raven2") -> Vec:
-    """Return the signs (7) of the DAC counts that drive each motor forward, as the original's
-    tau_per_amp.
-    """
+    """Return the signs (7) of DAC counts that drive motors forward: the original's tau_per_amp."""
     positioning = -1.0 if arm == "gold" else 1.0
     tooling = {"raven": -1.0, "dv": 1.0, "square_raven": positioning}[find_tool(tool).style]
     return Vec((*(positioning,) * 3, *_tool_signs(tooling, software)))
 
 
-def encoder_signs(
-    arm: str, tool: str, software: str = "raven2", adapter: Style | None = None
-) -> Vec:
+def encoder_signs(arm: str, tool: str, software: str = "raven2") -> Vec:
     """Return the signs (7) by which enc_val becomes the forward motor angle.
 
     enc_val is as unpacked from USB, where it is already negated. The original takes the signs from
-    the adapter for which it is compiled, not from the tool; the default is the tool's adapter.
+    the adapter for which it is compiled, here that of the tool.
     """
     positioning = -1.0 if arm == "gold" else 1.0
-    style = adapter or find_tool(tool).style
-    tooling = {"raven": -1.0, "dv": 1.0, "square_raven": -positioning}[style]
+    tooling = {"raven": -1.0, "dv": 1.0, "square_raven": -positioning}[find_tool(tool).style]
     return Vec((*(positioning,) * 3, *_tool_signs(tooling, software)))
 
 

@@ -1,3 +1,1 @@
-"""The virtual robot alone: PLC, motors, cables, links and encoders, for a user's control
-software.
-"""
+"""The virtual robot alone, for a user's control software."""

@@ -28,9 +28,8 @@ from ravenjax.numbers.lazy import at_once, jnp
 from ravenjax.numbers.setup import per_arm
 from ravenjax.numbers.vec import Scalar, Vec, record
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
-from ravenjax.robots.raven2.loop import connections
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -47,7 +46,7 @@ class RobotParams:
     """Parameters of the robot, set before it runs."""
 
     plc: plc.PlcParams
-    arms: tuple[plant.PlantParams, ...]
+    arms: PerArm[plant.PlantParams]
 
 
 @record
@@ -55,14 +54,14 @@ class RobotState:
     """State of the robot from one millisecond to the next."""
 
     plc: plc.PlcState
-    arms: tuple[plant.PlantState, ...]
+    arms: PerArm[plant.PlantState]
 
 
 @record
 class RobotInputs:
     """Inputs of the robot in one millisecond."""
 
-    dac: tuple[Vec, ...]  # per arm 7 int32 counts, as written to USB
+    dac: PerArm[Vec]  # 7 int32 counts, as written to USB
     # int32 byte to the PLC: run level (bits 0, 1), FP (2), READY (3), watchdog (4)
     output_pins: Scalar
     estop_button: Scalar  # int32, 1: pressed
@@ -73,33 +72,28 @@ class RobotInputs:
 class RobotSignals:
     """Outputs of the robot after a millisecond, and its true motion."""
 
-    encoders: tuple[Vec, ...]  # per arm 7 int32 counts, as unpacked from USB
+    encoders: PerArm[Vec]  # 7 int32 counts, as unpacked from USB
     pins: Scalar  # int32 byte of the PLC, bits 6 and 7: run level; the same on each board
     runlevel: Scalar  # int32, of the PLC
     brakes: Scalar  # int32, 1: commanded on
-    mpos: tuple[Vec, ...]  # per arm 7 rad, true motor positions
-    mvel: tuple[Vec, ...]  # per arm 7 rad/s
-    jpos: tuple[Vec, ...]  # per arm 7 rad; insertion m, true joints of the links
-    jvel: tuple[Vec, ...]  # per arm 7 rad/s; insertion m/s
-    tip: tuple[Vec, ...]  # per arm 3 m in registered frame 0, true tip
+    mpos: PerArm[Vec]  # 7 rad, true motor positions
+    mvel: PerArm[Vec]  # 7 rad/s
+    jpos: PerArm[Vec]  # 7 rad; insertion m, true joints of the links
+    jvel: PerArm[Vec]  # 7 rad/s; insertion m/s
+    tip: PerArm[Vec]  # 3 m in registered frame 0, true tip
 
 
 def params(setup: RavenSetup, parameter_set: str = parameter_sets.DEFAULT) -> RobotParams:
-    """Return the documented values, as plain numbers; `parameter_set` is one of
-    `parameter_sets.Name`.
-    """
+    """Return the documented values as plain numbers. `parameter_set`: see `parameter_sets.Name`."""
     return RobotParams(
         plc.PlcParams(), per_arm(setup, lambda _, arm: plant.params(setup, arm, parameter_set))
     )
 
 
 def begin(
-    setup: RavenSetup, params: RobotParams, start: tuple[Vec, ...], level: Scalar
+    setup: RavenSetup, params: RobotParams, start: PerArm[Vec], level: Scalar
 ) -> tuple[RobotState, RobotSignals]:
-    """Return a robot at rest with the links at `start` and the PLC in run level `level`.
-
-    start: 7 joints per arm, rad and m.
-    """
+    """Return a robot at rest with joints `start` (rad, m) and the PLC in run level `level`."""
     arms = per_arm(setup, lambda i, arm: plant.init(setup, arm, params.arms[i], start[i]))
     state = RobotState(plc.init(setup, params.plc, level, BOARDS), arms)
     responses = per_arm(setup, lambda i, arm: plant.observe(setup, arm, params.arms[i], arms[i]))
@@ -123,7 +117,7 @@ def step(
             arm,
             params.arms[i],
             state.arms[i],
-            connections.plant_signal(inputs.dac[i], relays.brakes, {}, i),
+            plant.nominal_signal(inputs.dac[i], relays.brakes),
         ),
     )
     after = RobotState(controller, tuple(new for new, _ in moved))
@@ -135,7 +129,7 @@ def _signals(
     params: RobotParams,
     state: RobotState,
     relays: plc.PlcOutput,
-    arms: tuple[plant.PlantOutput, ...],
+    arms: PerArm[plant.PlantOutput],
 ) -> RobotSignals:
     return RobotSignals(
         encoders=tuple(out.enc_val for out in arms),
@@ -146,7 +140,7 @@ def _signals(
         mvel=tuple(out.mvel for out in arms),
         jpos=tuple(out.jpos for out in arms),
         jvel=tuple(out.jvel for out in arms),
-        tip=connections.tips(setup, params.arms, state.arms, arms),
+        tip=plant.tips(setup, params.arms, state.arms, arms),
     )
 
 
@@ -240,7 +234,7 @@ class VirtualRobot:
         software wrote. Raises UserError, which names the wrong argument; the state is then
         unchanged.
         """
-        counts = checked.counts("dac", dac, len(self.setup.arms))
+        counts = checked.counts("dac", dac, (len(self.setup.arms), 7))
         pins = checked.whole("output_pins", output_pins, 0, 255)
         buttons = (
             checked.flag("estop_button", estop_button),

@@ -1,3 +1,1 @@
-"""The loop of one millisecond: the tick, one cycle of the control software, and faults at its
-seams.
-"""
+"""The loop of one millisecond: one cycle of the control software, and the whole tick."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import narrow, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.geometry.stored_pose import StoredPose
@@ -31,17 +31,12 @@ from ravenjax.robots.raven2.stages import (
     watchdog,
 )
 
-
-class Inject(Protocol):
-    """Returns the signal of a site of `ravenjax.vocabulary.sites` after the faults, if it is
-    `present`.
-    """
-
-    def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any: ...
+Inject = Callable[..., Any]
+"""Returns the signal of a site after faults, as `ravenjax.faults.injection.Injector`."""
 
 
 def unharmed(site: str, signal: Any, present: Scalar = True) -> Any:
-    """The `Inject` of a robot without faults: return the signal unchanged."""
+    """Return the signal unchanged: the `Inject` of a robot without faults."""
     return signal
 
 
@@ -51,9 +46,9 @@ class ControlParams:
 
     teleoperation: teleoperation.TeleoperationParams
     state_machine: state_machine.StateMachineParams
-    estimator: tuple[estimator.EstimatorParams, ...]
+    estimator: PerArm[estimator.EstimatorParams]
     cartesian: cartesian_control.CartesianParams
-    motor_control: tuple[motor_control.MotorControlParams, ...]
+    motor_control: PerArm[motor_control.MotorControlParams]
     overdrive: overdrive.OverdriveParams
     own: Any = None  # parameters of users' files in place of stages, by stage
 
@@ -67,25 +62,23 @@ class ControlState:
     teleoperation: teleoperation.TeleoperationState
     usb: usb.UsbIn
     state_machine: state_machine.StateMachineState
-    estimator: tuple[estimator.EstimatorState, ...]
+    estimator: PerArm[estimator.EstimatorState]
     cartesian: cartesian_control.State
-    motor_control: tuple[motor_control.MotorControlState, ...]
-    held_cmd: tuple[Vec, ...]  # int32 DAC counts last written; only the 2015 fork keeps them
+    motor_control: PerArm[motor_control.MotorControlState]
+    held_cmd: PerArm[Vec]  # int32 DAC counts last written; only the 2015 fork keeps them
     overdrive: overdrive.OverdriveState
     watchdog: watchdog.WatchdogState
 
 
 @record
 class Inputs:
-    """Inputs of the control computer in one cycle. Tuples have one entry per arm, one USB board
-    each.
-    """
+    """Inputs of the control computer in a cycle. Tuples have one entry per arm and USB board."""
 
     packet: Packet
     usb: usb.UsbIn
-    read_ok: tuple[Scalar, ...]  # int32, 0: the read from the board failed
+    read_ok: PerArm[Scalar]  # int32, 0: the read from the board failed
     # In a dynamics-simulator build: motors 1-3 of the model, rad, rad/s
-    simulated: tuple[tuple[Vec, Vec], ...] = ()
+    simulated: PerArm[tuple[Vec, Vec]] = ()
 
 
 @record
@@ -112,7 +105,7 @@ class ArmSignals:
 class ControlSignals:
     """Signals at the seams of the control software in one cycle."""
 
-    arms: tuple[ArmSignals, ...]
+    arms: PerArm[ArmSignals]
     tick: Scalar  # int32
     runlevel: Scalar  # int32
     sublevel: Scalar  # int32
@@ -141,7 +134,7 @@ def params(setup: RavenSetup) -> ControlParams:
 
 
 def init(
-    setup: RavenSetup, jpos: tuple[Vec, ...] | None = None, runlevel: int | None = None
+    setup: RavenSetup, jpos: PerArm[Vec] | None = None, runlevel: int | None = None
 ) -> ControlState:
     """Return a homed robot at rest at `jpos` (rad and m, one Vec per arm; default: home) and
     `runlevel`.
@@ -153,19 +146,19 @@ def init(
     if runlevel is None:
         runlevel = run_levels.E_STOP if setup.software == "raven2" else run_levels.PEDAL_DOWN
     cartesian = cartesian_control.init(setup, rest)
-    silent = per_arm(setup, lambda *_: Vec.full(7, np.int32(0)))
+    read = usb.init(setup)
     return ControlState(
         tick=np.int32(0),
         network=network.init(setup),
         teleoperation=teleoperation.init(setup, tuple(arm.pos_d for arm in cartesian)),
-        usb=usb.init(setup),
+        usb=read,
         state_machine=state_machine.init(setup, runlevel),
         estimator=per_arm(setup, lambda *_: estimator.init(setup)),
         cartesian=cartesian,
         motor_control=per_arm(
             setup, lambda i, arm: motor_control.init(setup, arm, setup.tools[i], rest[i])
         ),
-        held_cmd=silent if setup.software == "fork2015" else (),
+        held_cmd=read.enc_val if setup.software == "fork2015" else (),
         overdrive=overdrive.init(setup),
         watchdog=watchdog.init(setup),
     )
@@ -225,7 +218,7 @@ def cycle(
         pedal_down,
         tuple(arm.pos_d for arm in state.cartesian),
     )
-    cartesian = each(lambda i, *_: replace(state.cartesian[i], pos_d=poses_d[i]))
+    cartesian = _changed(state.cartesian, pos_d=poses_d)
     machine, following = state_machine.initialise(setup, machine)
     cartesian = cartesian_control.follow(cartesian, following)
 
@@ -248,11 +241,9 @@ def cycle(
     slave = (level != run_levels.PEDAL_DOWN) & (level != run_levels.INIT)
     cartesian = cartesian_control.sense(setup, cartesian, jpos)
     poses = _struck(inject, ("pos", "ori"), tuple(arm.pos for arm in cartesian))
-    cartesian = cartesian_control.follow(
-        each(lambda i, *_: replace(cartesian[i], pos=poses[i])), slave
-    )
+    cartesian = cartesian_control.follow(_changed(cartesian, pos=poses), slave)
     poses_d = _struck(inject, ("pos_d", "ori_d"), tuple(arm.pos_d for arm in cartesian))
-    cartesian = each(lambda i, *_: replace(cartesian[i], pos_d=poses_d[i]))
+    cartesian = _changed(cartesian, pos_d=poses_d)
     cartesian, clamped = cartesian_control.solve(
         setup, params.cartesian, cartesian, tick, active, jpos
     )
@@ -265,7 +256,7 @@ def cycle(
         pos_d=tuple(arm.pos_d.position_um for arm in cartesian),
     )
     jpos_d = files.check("jpos_d", jpos_d)
-    cartesian = each(lambda i, *_: replace(cartesian[i], jpos_d=jpos_d[i]))
+    cartesian = _changed(cartesian, jpos_d=jpos_d)
 
     mpos_d = inject(
         "mpos_d",
@@ -290,16 +281,14 @@ def cycle(
         )
     files.note(mpos_d=tuple(motor.mpos_d for motor in motors))
     tau_d = files.check("tau_d", inject("tau_d", tuple(motor.tau_d for motor in motors)))
-    motors = each(lambda i, *_: replace(motors[i], tau_d=tau_d[i]))
+    motors = _changed(motors, tau_d=tau_d)
     resting = _resting_commands(setup, params, state.held_cmd, active)
     live = files.allow(active & (machine.soft_estopped == 0))
     if files.replaces(user_files.DAC):
         commands = files.commands(live, resting)
     else:
         commands = each(lambda i, arm, tool: dac.step(setup, arm, tool, tau_d[i], live, resting[i]))
-    current_cmd = inject("current_cmd", commands)
-
-    current_cmd = files.check("current_cmd", current_cmd)
+    current_cmd = files.check("current_cmd", inject("current_cmd", commands))
 
     # --- check ---
     over, checked, tripped = overdrive.step(
@@ -316,22 +305,23 @@ def cycle(
     pins = inject("pins_out", pins)
 
     signals = ControlSignals(
-        arms=each(
-            lambda i, *_: ArmSignals(
-                enc_val=read.enc_val[i],
-                mpos=mpos[i],
-                mvel=mvel[i],
-                jpos=jpos[i],
-                jvel=jvel[i],
-                pos=cartesian[i].pos,
-                pos_d=cartesian[i].pos_d,
-                jpos_d=jpos_d[i],
-                mpos_d=motors[i].mpos_d,
-                tau_g=motors[i].tau_g,
-                tau_d=tau_d[i],
-                current_cmd=current_cmd[i],
-                current_cmd_checked=checked[i],
-                current_cmd_written=written[i],
+        arms=tuple(
+            ArmSignals(**row)
+            for row in _rows(
+                enc_val=read.enc_val,
+                mpos=mpos,
+                mvel=mvel,
+                jpos=jpos,
+                jvel=jvel,
+                pos=tuple(arm.pos for arm in cartesian),
+                pos_d=tuple(arm.pos_d for arm in cartesian),
+                jpos_d=jpos_d,
+                mpos_d=tuple(motor.mpos_d for motor in motors),
+                tau_g=tuple(motor.tau_g for motor in motors),
+                tau_d=tau_d,
+                current_cmd=current_cmd,
+                current_cmd_checked=checked,
+                current_cmd_written=written,
             )
         ),
         tick=tick,
@@ -362,22 +352,31 @@ def cycle(
     return state, signals
 
 
+def _rows(**columns: tuple[Any, ...]) -> list[dict[str, Any]]:
+    """Return the fields of each arm, from tuples with one entry per arm."""
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+def _changed(records: tuple[Any, ...], **columns: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return the arms' records with other values in these fields."""
+    return tuple(replace(old, **row) for old, row in zip(records, _rows(**columns), strict=True))
+
+
 def _struck(
-    inject: Inject, sites: tuple[str, str], poses: tuple[StoredPose, ...]
-) -> tuple[StoredPose, ...]:
+    inject: Inject, sites: tuple[str, str], poses: PerArm[StoredPose]
+) -> PerArm[StoredPose]:
     """Return poses after the faults at `sites`, the sites of position and of rotation."""
     position, rotation = sites
-    positions = inject(position, tuple(pose.position_um for pose in poses))
-    rotations = inject(rotation, tuple(pose.rotation for pose in poses))
-    return tuple(
-        replace(pose, position_um=at, rotation=turned)
-        for pose, at, turned in zip(poses, positions, rotations, strict=True)
+    return _changed(
+        poses,
+        position_um=inject(position, tuple(pose.position_um for pose in poses)),
+        rotation=inject(rotation, tuple(pose.rotation for pose in poses)),
     )
 
 
 def _measured(
-    setup: RavenSetup, inputs: Inputs, state: ControlState, estimates: tuple[tuple[Vec, Vec], ...]
-) -> tuple[tuple[Vec, Vec], ...]:
+    setup: RavenSetup, inputs: Inputs, state: ControlState, estimates: PerArm[tuple[Vec, Vec]]
+) -> PerArm[tuple[Vec, Vec]]:
     """Return motor positions and velocities of each arm.
 
     They are the estimator's. In a dynamics-simulator build joints 1-3 come unchanged from its
@@ -395,12 +394,9 @@ def _measured(
 
 
 def _resting_commands(
-    setup: RavenSetup, params: ControlParams, held_cmd: tuple[Vec, ...], active: Scalar
-) -> tuple[Vec, ...]:
-    """Return the DAC commands before the torques are converted.
-
-    They are cleared, except in the fork's simulator builds.
-    """
+    setup: RavenSetup, params: ControlParams, held_cmd: PerArm[Vec], active: Scalar
+) -> PerArm[Vec]:
+    """Return the DAC commands before conversion: cleared, except in the fork's simulators."""
     if not held_cmd:
         return per_arm(setup, lambda *_: Vec.full(7, 0))
     keep = ~active & (params.state_machine.plc_obeyed == 0)

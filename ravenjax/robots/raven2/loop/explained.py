@@ -22,6 +22,7 @@ from __future__ import annotations
 from typing import Any
 
 from ravenjax.faults import fault
+from ravenjax.faults.injection import read
 from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.setup import real, wide
 from ravenjax.numbers.vec import Scalar, record
@@ -181,14 +182,11 @@ def crossing(setup: RavenSetup, signals: TickSignals) -> list[tuple[Scalar, Scal
         rotations[f"{name}_matrix"] = [[x for row in pose for x in row] for pose in poses]
     numbers = []
     for place in listing(setup):
-        number: Any = rotations | vars(signals)
-        for step in place.channel.path:
-            if step == ARM:
-                number = number[setup.arms.index(place.arm)]  # type: ignore[arg-type]
-            elif isinstance(step, str) and not isinstance(number, dict):
-                number = getattr(number, step)
-            else:
-                number = number[step]
+        first, *path = (
+            setup.arms.index(place.arm) if step == ARM else step  # type: ignore[arg-type]
+            for step in place.channel.path
+        )
+        number = read((rotations | vars(signals))[str(first)], tuple(path))
         of_packet = place.seam.name in ("packet_header", "packet")
         numbers.append((number, packet.received != 0 if of_packet else True))
     return numbers

@@ -6,6 +6,7 @@ Faults act on rotations as quaternions. USB words are stored as the setup says.
 from __future__ import annotations
 
 from functools import cache, reduce
+from operator import ne, or_
 from typing import Any
 
 from ravenjax.faults import fault, injection
@@ -48,11 +49,8 @@ ROTATIONS = ("ori", "ori_d")
 
 
 def _rotated(setup: RavenSetup, rotation: Vec, quat: Vec, struck: Vec) -> Vec:
-    """Return the rotation of a quaternion after faults.
-
-    If no fault changed the quaternion, the matrix keeps every bit.
-    """
-    changed = reduce(lambda a, b: a | b, quat.map(lambda before, after: before != after, struck))
+    """Return the rotation of a quaternion after faults. An unchanged one keeps every bit."""
+    changed = reduce(or_, quat.map(ne, struck))
     return where(changed, narrow(setup, matrix_from_quat(struck)), rotation)
 
 

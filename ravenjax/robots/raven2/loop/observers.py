@@ -7,76 +7,62 @@ known.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from ravenjax.numbers import tree
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import per_arm, real
-from ravenjax.numbers.vec import Scalar, Vec, record, where
+from ravenjax.numbers.vec import Scalar, Vec, record, replace, where
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry import kinematics, scene, transmission
+from ravenjax.robots.raven2.loop.records import Input, TickParams, TickState
 from ravenjax.robots.raven2.plant import nominal
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import haptics, monitor
 
 
-class ObserverParams(NamedTuple):
-    """Parameters of each observer; those that a campaign may vary are part of `TickParams`."""
-
-    nominal: tuple[nominal.NominalParams, ...]
-    haptics: haptics.HapticParams
-    monitor: monitor.MonitorParams
-
-
 @record
 class ObserverState:
-    """The observers' state, one entry per arm."""
+    """The observers' state without a robot; in the tick it is in `TickState`."""
 
-    nominal: tuple[nominal.NominalState, ...]
-    haptics: tuple[haptics.HapticState, ...]
+    nominal: PerArm[nominal.NominalState]
+    haptics: PerArm[haptics.HapticState]
     monitor: monitor.MonitorState
 
 
 class RobotView(NamedTuple):
-    """What is known of the robot in this tick, one entry per arm."""
+    """What is known of the robot in this tick."""
 
-    jpos: tuple[Vec, ...]  # rad; insertion m, as the control software has them
-    mvel: tuple[Vec, ...]  # rad/s, of the motors
+    jpos: PerArm[Vec]  # rad; insertion m, as the control software has them
+    mvel: PerArm[Vec]  # rad/s, of the motors
     runlevel: Scalar  # int32
     soft_estopped: Scalar  # int32 flag
-    dac: tuple[Vec, ...]  # counts, as written to USB
-    pos: tuple[Vec, ...] | None = None  # um, measured tip; None: the tip of `jpos`
-    tips: tuple[Vec, ...] | None = None  # m, true tips; None: the reported tips
+    dac: PerArm[Vec]  # counts, as written to USB
+    pos: PerArm[Vec] | None = None  # um, measured tip; None: the tip of `jpos`
+    tips: PerArm[Vec] | None = None  # m, true tips; None: the reported tips
 
 
-class Golden(NamedTuple):
-    """The golden run with which the robot is compared."""
-
-    reference: monitor.Reference  # the golden run in this tick
-    # bool, False: no fault has acted yet, so the robot is its own golden run; None: True
-    apart: Scalar | None = None
+Observed = TypeVar("Observed", TickState, ObserverState)
 
 
 class Seen(NamedTuple):
-    """Results of the observers in this tick, one entry per arm."""
+    """Results of the observers in this tick."""
 
-    models: tuple[nominal.NominalOutput, ...]
-    cues: tuple[haptics.HapticOutput, ...]
+    models: PerArm[nominal.NominalOutput]
+    cues: PerArm[haptics.HapticOutput]
     # m, true tip in frame 0; the reported tip if the true one is unknown
-    tips: tuple[Vec, ...]
-    depth: tuple[Scalar, ...]  # m below the tissue's surface, negative above
+    tips: PerArm[Vec]
+    depth: PerArm[Scalar]  # m below the tissue's surface, negative above
     distance: Scalar  # m between the tips; infinite with one arm
     live: Scalar  # bool
 
 
 def init(
-    setup: RavenSetup, params: ObserverParams, start: tuple[Vec, ...], tips: tuple[Vec, ...]
+    setup: RavenSetup, params: TickParams, start: PerArm[Vec], tips: PerArm[Vec]
 ) -> ObserverState:
-    """Return the state next to a robot at rest with these joints (rad; insertion m) and true tips
-    (m).
-    """
+    """Return the state beside a robot at rest with these joints (rad, m) and true tips (m)."""
     return ObserverState(
         nominal=per_arm(
             setup, lambda i, arm: nominal.init(setup, arm, params.nominal[i], start[i])
@@ -88,12 +74,12 @@ def init(
 
 def see(
     setup: RavenSetup,
-    params: ObserverParams,
-    state: ObserverState,
+    params: TickParams,
+    state: Observed,
     clean: Packet,
     fresh: Scalar,
     robot: RobotView,
-) -> tuple[ObserverState, Seen]:
+) -> tuple[Observed, Seen]:
     """Compute one tick of the nominal model and of the cue; `judge` follows.
 
     clean: the newest packet as the console sent it, even if it was changed or lost; fresh: whether
@@ -114,9 +100,7 @@ def see(
         return nominal.step(setup, arm, params.nominal[i], state.nominal[i], asked(i), jpos)
 
     def sense(i: int, arm: ArmName) -> tuple[Any, ...]:
-        """Return what the console compares, the robot as its control software reports it, and the
-        cue.
-        """
+        """Return the reported tip, the state of the haptic device, and the cue."""
         model = models[i][1]
         jpos, mvel = real(setup, (robot.jpos[i], robot.mvel[i]))
         tool, software = setup.tools[i], setup.software
@@ -130,7 +114,7 @@ def see(
     models = per_arm(setup, step_model)
     reported, felt, cues = zip(*per_arm(setup, sense), strict=True)
     tips = reported if robot.tips is None else robot.tips
-    return ObserverState(tuple(new for new, _ in models), felt, state.monitor), Seen(
+    return replace(state, nominal=tuple(new for new, _ in models), haptics=felt), Seen(
         tuple(out for _, out in models),
         cues,
         tips,
@@ -142,19 +126,16 @@ def see(
 
 def judge(
     setup: RavenSetup,
-    params: ObserverParams,
-    state: ObserverState,
+    params: TickParams,
+    state: monitor.MonitorState,
     clean: Packet,
     fresh: Scalar,
     robot: RobotView,
     seen: Seen,
-    golden: Golden | None,
+    golden: Input | None,
     now: Scalar,
 ) -> monitor.MonitorState:
-    """Return the monitor after a tick.
-
-    golden: None if there is no golden run; the nominal model then takes its place.
-    """
+    """Return the monitor after a tick. golden: the golden run; None: the model takes its place."""
     model_tips = tuple(out.tip_position for out in seen.models)
     pos = _um(seen.tips) if robot.pos is None else real(setup, robot.pos)
     signal = monitor.MonitorSignal(
@@ -172,32 +153,31 @@ def judge(
     beside = monitor.Reference(model_tips, _um(model_tips))
     if golden is not None:
         beside = reference(setup, golden, seen.tips, pos)
-    return monitor.step(setup, params.monitor, state.monitor, signal, beside)
+    return monitor.step(setup, params.monitor, state, signal, beside)
 
 
 def live(runlevel: Scalar, soft_estopped: Scalar) -> Scalar:
-    """Return whether the robot is live, as `ravenjax.outcomes` defines it.
-
-    It is live in run level pedal-down without a software E-stop.
-    """
+    """Return whether the robot is live: in pedal-down without a software E-stop."""
     return (runlevel == run_levels.PEDAL_DOWN) & (soft_estopped == 0)
 
 
 def reference(
-    setup: RavenSetup, golden: Golden, tips: tuple[Vec, ...], pos: tuple[Vec, ...]
+    setup: RavenSetup, signal: Input, tips: PerArm[Vec], pos: PerArm[Vec]
 ) -> monitor.Reference:
     """Return the golden run in this tick.
 
     As long as the robot equals its golden run, it is the robot itself (true tips, m; measured tips,
     um).
     """
-    beside, apart = golden
-    if apart is None:
-        return beside
-    own = monitor.Reference(tips, pos)
-    return tree.mapped(lambda there, here: jnp.where(apart, there, real(setup, here)), beside, own)
+    if signal.apart is None:
+        return signal.reference
+    return tree.mapped(
+        lambda golden, own: jnp.where(signal.apart, golden, real(setup, own)),
+        signal.reference,
+        monitor.Reference(tips, pos),
+    )
 
 
-def _um(tips: tuple[Vec, ...]) -> tuple[Vec, ...]:
+def _um(tips: PerArm[Vec]) -> PerArm[Vec]:
     """Return metres as micrometres."""
     return tuple(tip * 1e6 for tip in tips)

@@ -13,38 +13,46 @@ from typing import Any, NamedTuple
 
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import per_arm
-from ravenjax.numbers.vec import Scalar, Vec, as_int, replace
+from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
+from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console import operator, own_operator, reaction
+from ravenjax.robots.raven2.console.operator import PacketTiming
 from ravenjax.robots.raven2.geometry.mapping import position_to_itp
-from ravenjax.robots.raven2.loop import connections
-from ravenjax.robots.raven2.loop.connections import Network, PacketTiming
 from ravenjax.robots.raven2.loop.injector import seeded
 from ravenjax.robots.raven2.loop.records import Input, TickParams, TickSignals
 from ravenjax.robots.raven2.loop.user_files import UserFiles
 from ravenjax.robots.raven2.setup import RavenSetup
-from ravenjax.stages import (
-    channel,
-    detectors,
-    hand,
-    overload,
-    packet_clock,
-    packet_history,
-    touch,
-)
+from ravenjax.stages import channel, detectors, hand, overload, packet_clock, packet_history, touch
+
+
+@record
+class Network:
+    """What a fault may do to the newest packet on its way to the robot."""
+
+    # int32, packets; how much older the packet is that is sent instead
+    lag: Scalar
+    delay: Scalar  # int32, packets; delay of a channel that delivers in order
+    lost: Scalar  # bool
+    bursts: Scalar  # float, seed of the channel's losses; 0: none
+    jitter: Scalar  # float, seed of the channel's delays; 0: none
 
 
 class Start(NamedTuple):
-    """The start of a run, one entry per arm."""
+    """The start of a run."""
 
-    jpos: tuple[Vec, ...]  # 7, rad and m
-    tips: tuple[Vec, ...]  # m, frame 0
+    setup: RavenSetup
+    params: TickParams
+    jpos: PerArm[Vec]  # 7, rad and m
+    tips: PerArm[Vec]  # m, frame 0
     runlevel: int
 
 
 @dataclasses.dataclass
 class Console:
-    """The console in this tick. Stages that `act` may change all fields but `signal`."""
+    """The console in this tick. Stages that `act` may change the fields after `signal`."""
 
+    setup: RavenSetup
+    params: TickParams
     signal: Input
     newest: Scalar  # int32, index of the newest packet before this tick; -1: none yet
     soft_estopped: Scalar  # int32 flag of the control software
@@ -63,6 +71,8 @@ class Console:
 class Sight:
     """What a stage may read after the robot has moved. The stage may move the hands."""
 
+    setup: RavenSetup
+    params: TickParams
     tick: Scalar  # int32
     pedal_down: Scalar  # bool
     live: Scalar  # bool, pedal-down without software E-stop
@@ -70,8 +80,13 @@ class Sight:
     files: UserFiles
     hands: operator.HandOffsets
 
+    @property
+    def model_tips(self) -> PerArm[Vec]:
+        """Tips of the nominal model, m in frame 0."""
+        return tuple(out.tip_position for out in self.signals.nominal)
 
-def _keep(setup: RavenSetup, params: TickParams, state: Any, seen: Any) -> Any:
+
+def _keep(state: Any, seen: Any) -> Any:
     return state
 
 
@@ -79,15 +94,15 @@ class Stage(NamedTuple):
     """One optional stage. `act`, `transmit` and `watch` are its places in the tick."""
 
     present: Callable[[RavenSetup], bool]
-    init: Callable[[RavenSetup, TickParams, Start], Any]
+    init: Callable[[Start], Any]
     # Before the console makes its packet
-    act: Callable[[RavenSetup, TickParams, Any, Console], Any] = _keep
+    act: Callable[[Any, Console], Any] = _keep
     # Between console and robot
     transmit: Callable[[Any, Console, Network], tuple[Any, Network]] = (
         lambda state, console, network: (state, network)
     )
     # After the robot has moved
-    watch: Callable[[RavenSetup, TickParams, Any, Sight], Any] = _keep
+    watch: Callable[[Any, Sight], Any] = _keep
     outcomes: Callable[[RavenSetup, Any], dict[str, Scalar]] = lambda setup, state: {}
     numbers: Callable[[Any], dict[str, list[Scalar]]] = lambda state: {}
     moves_hands: bool = False
@@ -103,13 +118,9 @@ def find_stages(setup: RavenSetup) -> dict[str, Stage]:
 # --- before the console makes its packet ---
 
 
-def _draw_length(
-    setup: RavenSetup, params: TickParams, clock: packet_clock.PacketClock, console: Console
-) -> packet_clock.PacketClock:
-    """Let packets last a number of cycles that is drawn; each has the motion of the hands at its
-    time.
-    """
-    now, network = console.signal.tick, params.network
+def _draw_length(clock: packet_clock.PacketClock, console: Console) -> packet_clock.PacketClock:
+    """Draw how many cycles each packet lasts. It has the motion of the hands at its time."""
+    setup, network, now = console.setup, console.params.network, console.signal.tick
     if console.signal.packet is None:
         fresh = now >= clock.due
         # A simulator's packet generator ends with the robot's software E-stop
@@ -126,10 +137,7 @@ def _draw_length(
 
 
 def _remember_packet(
-    setup: RavenSetup,
-    params: TickParams,
-    history: packet_history.PacketHistory,
-    console: Console,
+    history: packet_history.PacketHistory, console: Console
 ) -> packet_history.PacketHistory:
     now, history = console.signal.tick, packet_history.step(history, console.fresh)
 
@@ -144,10 +152,8 @@ def _remember_packet(
     return history
 
 
-def _react(
-    setup: RavenSetup, params: TickParams, state: reaction.ReactionState, console: Console
-) -> reaction.ReactionState:
-    reacts = params.reaction
+def _react(state: reaction.ReactionState, console: Console) -> reaction.ReactionState:
+    setup, reacts = console.setup, console.params.reaction
     assert reacts is not None
     acting = reaction.act(setup, reacts, state, console.signal.tick, console.timing.row)
     console.deviate = lambda timing: reaction.deviation(
@@ -156,13 +162,13 @@ def _react(
     return acting
 
 
-def _act_as_file(setup: RavenSetup, params: TickParams, state: Any, console: Console) -> Any:
+def _act_as_file(state: Any, console: Console) -> Any:
     signal = console.signal
     if signal.packet is not None:
         return state
     state, console.hands, deviation = own_operator.act(
-        setup,
-        params.operator,
+        console.setup,
+        console.params.operator,
         state,
         console.hands,
         signal.motion,
@@ -187,13 +193,13 @@ def _lose_bursts(
 # --- when the robot has moved ---
 
 
-def _feel(setup: RavenSetup, params: TickParams, state: Any, sight: Sight) -> Any:
+def _feel(state: Any, sight: Sight) -> Any:
+    setup, params, signals = sight.setup, sight.params, sight.signals
     assert params.reaction is not None
-    signals = sight.signals
     senses = reaction.OperatorSenses(
         tuple(out.force[0] for out in signals.haptics),
         signals.tip,
-        tuple(out.tip_position for out in signals.nominal),
+        sight.model_tips,
         operator.tip_offset(setup, params.operator, sight.hands),
         sight.pedal_down,
         sight.tick,
@@ -203,9 +209,9 @@ def _feel(setup: RavenSetup, params: TickParams, state: Any, sight: Sight) -> An
     return state
 
 
-def _yield(setup: RavenSetup, params: TickParams, state: Any, sight: Sight) -> Any:
-    assert params.hand is not None
-    yielding, cues = params.hand, sight.signals.haptics
+def _yield(state: Any, sight: Sight) -> Any:
+    setup, yielding, cues = sight.setup, sight.params.hand, sight.signals.haptics
+    assert yielding is not None
     pulled = per_arm(
         setup,
         lambda i, arm: hand.step(
@@ -219,22 +225,22 @@ def _yield(setup: RavenSetup, params: TickParams, state: Any, sight: Sight) -> A
     return pulled
 
 
-def _show(setup: RavenSetup, params: TickParams, state: Any, sight: Sight) -> Any:
-    signals = sight.signals
-    models = tuple(out.tip_position for out in signals.nominal)
+def _show(state: Any, sight: Sight) -> Any:
+    signals, level = sight.signals, sight.signals.control.runlevel
     return own_operator.see(
-        setup, state, signals.tip, models, signals.haptics, signals.control.runlevel
+        sight.setup, state, signals.tip, sight.model_tips, signals.haptics, level
     )
 
 
-def _detect(setup: RavenSetup, params: TickParams, state: Any, sight: Sight) -> Any:
+def _detect(state: Any, sight: Sight) -> Any:
+    setup, params = sight.setup, sight.params
     assert params.detectors is not None
     signals, robots = sight.signals, sight.signals.plant
     models, cues = signals.nominal, signals.haptics
     sight.files.note(
         brakes=signals.plc.brakes,
         model_jpos=tuple(model.jpos for model in models),
-        model_tip=tuple(model.tip_position for model in models),
+        model_tip=sight.model_tips,
         tip_error=tuple(cue.distance for cue in cues),
     )
     views: tuple[Any, ...] = ()
@@ -257,15 +263,15 @@ def _detect(setup: RavenSetup, params: TickParams, state: Any, sight: Sight) -> 
     return detectors.step(setup, params.detectors, state, seen)
 
 
-def _add_loads(setup: RavenSetup, params: TickParams, state: Any, sight: Sight) -> Any:
+def _add_loads(state: Any, sight: Sight) -> Any:
     loads = tuple(
         out.carried * arm.cable_strength.map(lambda strength: 1.0 / strength)
-        for out, arm in zip(sight.signals.plant, params.plant, strict=True)
+        for out, arm in zip(sight.signals.plant, sight.params.plant, strict=True)
     )
     return overload.step(state, loads, sight.tick)
 
 
-def _add_touches(setup: RavenSetup, params: TickParams, state: Any, sight: Sight) -> Any:
+def _add_touches(state: Any, sight: Sight) -> Any:
     touches = (out.touch for out in sight.signals.plant)
     return touch.step(state, tuple(felt for felt in touches if felt is not None))
 
@@ -273,17 +279,17 @@ def _add_touches(setup: RavenSetup, params: TickParams, state: Any, sight: Sight
 STAGES: dict[str, Stage] = {
     "clock": Stage(
         present=lambda setup: bool(setup.packets),
-        init=lambda setup, params, start: packet_clock.init(),
+        init=lambda start: packet_clock.init(),
         act=_draw_length,
     ),
     "history": Stage(
         present=lambda setup: setup.packet_history > 0,
-        init=lambda setup, params, start: packet_history.init(setup.packet_history),
+        init=lambda start: packet_history.init(start.setup.packet_history),
         act=_remember_packet,
     ),
     "reaction": Stage(
         present=lambda setup: setup.reacts,
-        init=lambda setup, params, start: reaction.init(setup),
+        init=lambda start: reaction.init(start.setup),
         act=_react,
         watch=_feel,
         outcomes=lambda setup, state: {"reaction_ms": state.acted},
@@ -291,40 +297,42 @@ STAGES: dict[str, Stage] = {
     ),
     "hand": Stage(
         present=lambda setup: setup.hand_yields,
-        init=lambda setup, params, start: connections.each(setup, hand.init(setup)),
+        init=lambda start: per_arm(start.setup, lambda *_: hand.init(start.setup)),
         watch=_yield,
         outcomes=hand.outcomes,
         moves_hands=True,
     ),
     "channel": Stage(
         present=lambda setup: seeded(setup, "bursts"),
-        init=lambda setup, params, start: channel.init(),
+        init=lambda start: channel.init(),
         transmit=_lose_bursts,
     ),
     "detectors": Stage(
         present=lambda setup: bool(setup.detectors),
-        init=lambda setup, params, start: detectors.init(setup, params.detectors),  # type: ignore[arg-type]
+        init=lambda start: detectors.init(start.setup, start.params.detectors),  # type: ignore[arg-type]
         watch=_detect,
         outcomes=detectors.outcomes,
         early=True,
     ),
     "overload": Stage(
         present=lambda setup: setup.cables != "unwatched",
-        init=lambda setup, params, start: overload.init(setup),
+        init=lambda start: overload.init(start.setup),
         watch=_add_loads,
         outcomes=lambda setup, state: overload.outcomes(state),
         numbers=lambda state: {"cable": [state.peak]},
     ),
     "touch": Stage(
         present=lambda setup: setup.contact,
-        init=lambda setup, params, start: touch.init(setup),
+        init=lambda start: touch.init(start.setup),
         watch=_add_touches,
         outcomes=touch.outcomes,
         numbers=lambda state: {"contact": [state.impulse]},
     ),
     "own_operator": Stage(
         present=lambda setup: setup.hands is not None,
-        init=lambda setup, params, start: own_operator.init(setup, params.operator, *start),
+        init=lambda start: own_operator.init(
+            start.setup, start.params.operator, start.jpos, start.tips, start.runlevel
+        ),
         act=_act_as_file,
         watch=_show,
         numbers=lambda state: {} if state.grasp is None else {"hand": [*state.grasp.offset]},

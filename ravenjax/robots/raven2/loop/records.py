@@ -1,29 +1,25 @@
-"""Records of the tick: parameters, state, inputs, signals. Tuples have one entry per arm."""
+"""Records of the tick: parameters, state, inputs, signals."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
 from ravenjax.faults import fault
-from ravenjax.numbers.quantity import Quantity, Reserved
+from ravenjax.numbers.quantity import described
 from ravenjax.numbers.vec import Scalar, Vec, record
+from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console import operator, reaction
 from ravenjax.robots.raven2.loop import control, user_files
-from ravenjax.robots.raven2.loop.observers import ObserverParams
 from ravenjax.robots.raven2.plant import contact, nominal
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.stages import plc, usb
-from ravenjax.stages import (
-    detectors,
-    hand,
-    haptics,
-    monitor,
-)
+from ravenjax.stages import detectors, hand, haptics, monitor
 from ravenjax.vocabulary import packets
 
 
+@described
 @record
 class TickParams:
     """Everything that a campaign may vary, one sub-record per stage."""
@@ -33,62 +29,35 @@ class TickParams:
     usb: UsbParams
     control: control.ControlParams
     plc: plc.PlcParams
-    plant: tuple[plant.PlantParams, ...]
-    nominal: tuple[nominal.NominalParams, ...]
+    plant: PerArm[plant.PlantParams]
+    nominal: PerArm[nominal.NominalParams]
     haptics: haptics.HapticParams
     reaction: reaction.ReactionParams | None  # only with Setup.reacts
     hand: hand.HandParams | None  # only with Setup.hand_yields
     detectors: detectors.DetectorParams | None  # only if there are detectors
     checks: user_files.CheckParams | None  # only if there are users' checks
     contact: contact.ContactParams | None  # only with Setup.contact
-    monitor: Annotated[
-        monitor.MonitorParams, Reserved("it belongs to the observer, not to the robot")
-    ]
-    start: Annotated[  # joints at the start of the run, 7, rad and m
-        tuple[Vec, ...],
-        Reserved("it is where the operator's motion begins; write [operator.start]"),
-    ]
-
-    @property
-    def observers(self) -> ObserverParams:
-        """Parameters of the observers."""
-        return ObserverParams(self.nominal, self.haptics, self.monitor)
+    monitor: monitor.MonitorParams
+    start: PerArm[Vec]  # joints at the start of the run, 7, rad and m
 
 
+@described
 @record
 class NetworkParams:
     """Parameters of the channel from console to robot."""
 
-    cycles_per_packet: Annotated[  # int32; 1: one packet per millisecond
-        Scalar, Quantity("cycles", 1, 1000, "how long a packet of the console lasts", whole=True)
-    ] = np.int32(1)
-    packets: Annotated[  # int32, number of a distribution of vocabulary.packets
-        Scalar,
-        Quantity(
-            "",
-            0,
-            3,
-            "how long packets last, drawn: 0 every_cycle, 1 measured, 2 bursts, 3 the shares in"
-            " campaign.packets",
-            whole=True,
-        ),
-    ] = np.int32(packets.EVERY_CYCLE)
-    packet_key: Annotated[  # uint32; a run and its golden run share it
-        Scalar,
-        Reserved(
-            "it is derived from each run's id, so that no two runs draw the same packets; set"
-            " campaign.packets"
-        ),
-    ] = np.uint32(0)
+    cycles_per_packet: Scalar = np.int32(1)  # int32; 1: one packet per millisecond
+    # int32, number of a distribution of vocabulary.packets
+    packets: Scalar = np.int32(packets.EVERY_CYCLE)
+    packet_key: Scalar = np.uint32(0)  # uint32; a run and its golden run share it
 
 
+@described
 @record
 class UsbParams:
     """Parameters of the path from USB board to motor."""
 
-    command_delay: Annotated[  # int32, at most Setup.command_delay
-        Scalar, Quantity("ms", 0, 16, "from USB write to motor", whole=True)
-    ] = np.int32(0)
+    command_delay: Scalar = np.int32(0)  # int32, at most Setup.command_delay
 
 
 @record
@@ -99,14 +68,14 @@ class TickState:
     control: control.ControlState
     boards: usb.UsbOut  # values that the USB boards hold
     # int32, values that the boards held in earlier ticks, latest first
-    commands: tuple[tuple[Vec, ...], ...]
+    commands: tuple[PerArm[Vec], ...]
     plc: plc.PlcState
-    plant: tuple[plant.PlantState, ...]
-    enc_val: tuple[Vec, ...]  # int32 counts that the encoders show
+    plant: PerArm[plant.PlantState]
+    enc_val: PerArm[Vec]  # int32 counts that the encoders show
     # rad, rad/s of motors 1-3, only for dynamics-simulator builds
-    motors: tuple[tuple[Vec, Vec], ...]
-    nominal: tuple[nominal.NominalState, ...]
-    haptics: tuple[haptics.HapticState, ...]
+    motors: PerArm[tuple[Vec, Vec]]
+    nominal: PerArm[nominal.NominalState]
+    haptics: PerArm[haptics.HapticState]
     hands: operator.HandOffsets
     files: user_files.UserFilesState
     monitor: monitor.MonitorState
@@ -138,13 +107,13 @@ class TickSignals:
 
     packet: Any  # packet.Packet as it reached the robot
     control: control.ControlSignals
-    plant: tuple[plant.PlantOutput, ...]
+    plant: PerArm[plant.PlantOutput]
     # 7 int32 DAC counts that the USB boards hold, after the checks at the boards
-    boards: tuple[Vec, ...]
+    boards: PerArm[Vec]
     plc: plc.PlcOutput
-    nominal: tuple[nominal.NominalOutput, ...]
-    haptics: tuple[haptics.HapticOutput, ...]
-    tip: tuple[Vec, ...]  # m, true tip in frame 0
-    depth: tuple[Scalar, ...]  # m below the tissue's surface, negative above
+    nominal: PerArm[nominal.NominalOutput]
+    haptics: PerArm[haptics.HapticOutput]
+    tip: PerArm[Vec]  # m, true tip in frame 0
+    depth: PerArm[Scalar]  # m below the tissue's surface, negative above
     tip_distance: Scalar  # m between the tips; infinite with one arm
     fault_active: tuple[Scalar, ...]  # bool, one per slot

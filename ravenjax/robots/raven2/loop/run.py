@@ -14,8 +14,9 @@ from ravenjax.numbers.lazy import at_once, jnp
 from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec
 from ravenjax.robots.raven2 import run_levels
+from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console import operator, reaction
-from ravenjax.robots.raven2.loop import connections, control, observers, user_files
+from ravenjax.robots.raven2.loop import control, observers, user_files
 from ravenjax.robots.raven2.loop.optional import Start, find_stages
 from ravenjax.robots.raven2.loop.records import (
     Input,
@@ -25,18 +26,12 @@ from ravenjax.robots.raven2.loop.records import (
     TickState,
     UsbParams,
 )
-from ravenjax.robots.raven2.loop.tick import tick
+from ravenjax.robots.raven2.loop.tick import boards_apart, each, motors, tick
 from ravenjax.robots.raven2.plant import contact, nominal, parameter_sets
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
-from ravenjax.stages import (
-    check,
-    detectors,
-    hand,
-    haptics,
-    monitor,
-)
+from ravenjax.stages import check, detectors, hand, haptics, monitor
 from ravenjax.stages.check import CheckHistory
 
 
@@ -70,36 +65,34 @@ def params(
 
 
 def init(setup: RavenSetup, params: TickParams) -> TickState:
-    """Return a homed robot at rest at `params.start`, pedal up, ready, with its nominal model
-    there, too.
-    """
+    """Return a homed and ready robot at rest at `params.start`, pedal up, its model beside it."""
     ready = run_levels.PEDAL_UP if setup.software == "raven2" else run_levels.PEDAL_DOWN
     start = real(setup, params.start)
     plants = per_arm(setup, lambda i, arm: plant.init(setup, arm, params.plant[i], start[i]))
     robots = per_arm(setup, lambda i, arm: plant.observe(setup, arm, params.plant[i], plants[i]))
-    tips = connections.tips(setup, params.plant, plants, robots)
-    beside = observers.init(setup, params.observers, start, tips)
+    tips = plant.tips(setup, params.plant, plants, robots)
+    beside = observers.init(setup, params, start, tips)
     zero = jnp.int32(0)
     with at_once():  # the start of a run is a constant of the campaign
         software = control.init(setup, params.start, ready)
     stages = find_stages(setup)
     moves = strikes(setup, "hand") or any(stage.moves_hands for stage in stages.values())
-    begin = Start(start, tips, ready)
+    begin = Start(setup, params, start, tips, ready)
     return TickState(
         faults=fault.init(setup),
         control=software,
         boards=usb.init_out(setup),
-        commands=(connections.each(setup, Vec.full(7, zero)),) * setup.command_delay,
-        plc=plc.init(setup, params.plc, ready, connections.boards_apart(setup)),
+        commands=(each(setup, Vec.full(7, zero)),) * setup.command_delay,
+        plc=plc.init(setup, params.plc, ready, boards_apart(setup)),
         plant=plants,
         enc_val=tuple(out.enc_val for out in robots),
-        motors=connections.motors(setup, robots),
+        motors=motors(setup, robots),
         nominal=beside.nominal,
         haptics=beside.haptics,
         hands=operator.at_plan(setup) if moves else operator.ON_PLAN,
         files=user_files.init(setup, params.checks, params.control.own),
         monitor=beside.monitor,
-        stages={name: stage.init(setup, params, begin) for name, stage in stages.items()},
+        stages={name: stage.init(begin) for name, stage in stages.items()},
         pedal_ticks=jnp.int32(-1),
         pedal_down_ticks=jnp.int32(0),
         packet=jnp.int32(-1),
@@ -124,10 +117,15 @@ def outcomes(setup: RavenSetup, params: TickParams, state: TickState) -> dict[st
     return out | monitor.outcomes(setup, state.monitor)
 
 
+def measured(setup: RavenSetup, signals: control.ControlSignals) -> PerArm[Vec]:
+    """Return the measured tip of each arm, whole um."""
+    return tuple(real(setup, arm.pos.position_um) for arm in signals.arms)
+
+
 def reference_series(setup: RavenSetup, signals: TickSignals) -> tuple[Scalar, ...]:
     """Return the numbers of a fault-free tick with which its faulty runs are compared."""
-    measured = connections.measured(setup, signals.control)
-    return tuple(x for tip, pos in zip(signals.tip, measured, strict=True) for x in (*tip, *pos))
+    rows = zip(signals.tip, measured(setup, signals.control), strict=True)
+    return tuple(x for tip, pos in rows for x in (*tip, *pos))
 
 
 def advance(

@@ -15,22 +15,47 @@ from typing import Any
 import numpy as np
 
 from ravenjax.faults import fault
+from ravenjax.faults.injection import strikes
 from ravenjax.numbers import finite
 from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.setup import per_arm, real
-from ravenjax.numbers.vec import Scalar, Vec, as_int, replace, where
+from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, where
 from ravenjax.robots.raven2 import run_levels
+from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console import operator, own_operator
 from ravenjax.robots.raven2.console.packet import Packet
-from ravenjax.robots.raven2.loop import connections, control, observers
+from ravenjax.robots.raven2.loop import control, observers, user_files
 from ravenjax.robots.raven2.loop.injector import RavenInjector, seeded
-from ravenjax.robots.raven2.loop.optional import Console, Sight, find_stages
+from ravenjax.robots.raven2.loop.optional import Console, Network, Sight, Stage, find_stages
 from ravenjax.robots.raven2.loop.records import Input, TickParams, TickSignals, TickState
 from ravenjax.robots.raven2.loop.user_files import UserFiles
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
 from ravenjax.stages import channel, detectors
+
+
+@record
+class ConsoleSeam:
+    """The console's numbers that a fault may change."""
+
+    scale: Scalar
+
+
+@record
+class Buttons:
+    """The buttons beside the robot; 1 is pressed."""
+
+    estop: Scalar  # bool
+    start: Scalar  # bool
+
+
+@record
+class UsbStatus:
+    """Whether USB transfers succeed."""
+
+    read_ok: PerArm[Scalar]
+    write_ok: PerArm[Scalar]
 
 
 def tick(
@@ -40,7 +65,7 @@ def tick(
     now, present, stages = signal.tick, find_stages(setup), dict(state.stages)
     console = _wait_for_packet(setup, params, state, signal)
     for name, stage in present.items():
-        stages[name] = stage.act(setup, params, stages[name], console)
+        stages[name] = stage.act(stages[name], console)
     fresh, sequence = console.fresh, console.sequence
     triggers = fault.TriggerClocks(now, sequence + 1, state.pedal_ticks)
     inject = RavenInjector(
@@ -48,12 +73,11 @@ def tick(
     )
     files = UserFiles(setup, params.checks, params.control.own, state.files, now)
 
-    clean, packet, arrives = _send_packet(setup, params, inject, state, stages, console)
+    clean, packet, arrives = _send_packet(setup, params, inject, state, present, stages, console)
     pressed = detectors.stops(setup, stages.get("detectors"))
     state, software, relays, robots = _move_robot(
         setup, params, inject, state, packet, files, pressed
     )
-    before = observers.ObserverState(state.nominal, state.haptics, state.monitor)
     robot = observers.RobotView(
         jpos=tuple(arm.jpos for arm in software.arms),
         mvel=tuple(arm.mvel for arm in software.arms),
@@ -61,9 +85,9 @@ def tick(
         soft_estopped=state.control.state_machine.soft_estopped,
         dac=state.boards.current_cmd,
         pos=tuple(arm.pos.position_um for arm in software.arms),
-        tips=connections.tips(setup, params.plant, state.plant, robots),
+        tips=plant.tips(setup, params.plant, state.plant, robots),
     )
-    beside, seen = observers.see(setup, params.observers, before, clean, fresh, robot)
+    state, seen = observers.see(setup, params, state, clean, fresh, robot)
     signals = TickSignals(
         packet=packet,
         control=software,
@@ -78,18 +102,16 @@ def tick(
         fault_active=tuple(slot.active for slot in inject.state.slots),
     )
     down = software.runlevel == run_levels.PEDAL_DOWN
-    sight = Sight(now, down, seen.live, signals, files, operator.sent(console.hands, fresh))
+    hands = operator.sent(console.hands, fresh)
+    sight = Sight(setup, params, now, down, seen.live, signals, files, hands)
 
     def watch(early: bool) -> None:
         for name, stage in present.items():
             if stage.early == early:
-                stages[name] = stage.watch(setup, params, stages[name], sight)
+                stages[name] = stage.watch(stages[name], sight)
 
     watch(early=True)
-    golden = observers.Golden(signal.reference, signal.apart)
-    monitor = observers.judge(
-        setup, params.observers, beside, clean, fresh, robot, seen, golden, now
-    )
+    monitor = observers.judge(setup, params, state.monitor, clean, fresh, robot, seen, signal, now)
     watch(early=False)
     numbers = {"joint": [x for out in robots for x in (*out.jpos, *out.mpos)]}
     for name, stage in present.items():
@@ -99,8 +121,6 @@ def tick(
     state = replace(
         state,
         faults=inject.state,
-        nominal=beside.nominal,
-        haptics=beside.haptics,
         hands=sight.hands,
         files=files.state,
         stages=stages,
@@ -136,15 +156,17 @@ def _wait_for_packet(
         return lax.div(late + least - 1, least)
 
     return Console(
+        setup,
+        params,
         signal,
         newest=state.packet,
         soft_estopped=stopped,
         fresh=fresh,
         sequence=sequence,
-        timing=connections.row_by_row(sequence),
+        timing=operator.row_by_row(sequence),
         plan=own_operator.PlanMoment(sequence, sequence - 1, fresh),
         hands=state.hands,
-        older=lambda network: connections.row_by_row(sequence - network.lag - network.delay),
+        older=lambda network: operator.row_by_row(sequence - network.lag - network.delay),
         packets_in=count_packets,
     )
 
@@ -154,6 +176,7 @@ def _send_packet(
     params: TickParams,
     inject: RavenInjector,
     state: TickState,
+    present: dict[str, Stage],
     stages: dict[str, Any],
     console: Console,
 ) -> tuple[Packet, Packet, Scalar]:
@@ -164,23 +187,21 @@ def _send_packet(
     """
     signal, sequence = console.signal, console.sequence
     if inject.strikes("hand"):
-        still = connections.each(setup, Vec.full(3, real(setup, 0.0)))
+        still = each(setup, Vec.full(3, real(setup, 0.0)))
         console.hands = operator.strayed(console.hands, inject("hand", still))
 
-    def make(sender: operator.OperatorParams, timing: connections.PacketTiming) -> Packet:
-        return connections.packet(
+    def make(sender: operator.OperatorParams, timing: operator.PacketTiming) -> Packet:
+        return operator.packet(
             setup, sender, signal.motion, timing, console.hands, console.deviate(timing)
         )
 
     clean = make(params.operator, console.timing) if signal.packet is None else signal.packet
-    seam = inject("console", connections.ConsoleSeam(params.operator.scale))
+    seam = inject("console", ConsoleSeam(params.operator.scale))
     network = inject(
         "network",
-        connections.Network(
-            jnp.int32(0), jnp.int32(0), jnp.bool_(False), real(setup, 0.0), real(setup, 0.0)
-        ),
+        Network(jnp.int32(0), jnp.int32(0), jnp.bool_(False), real(setup, 0.0), real(setup, 0.0)),
     )
-    for name, stage in find_stages(setup).items():
+    for name, stage in present.items():
         stages[name], network = stage.transmit(stages[name], console, network)
     if seeded(setup, "jitter"):
         late = console.packets_in(channel.delay_ms(network.jitter, sequence))
@@ -205,41 +226,42 @@ def _move_robot(
     packet: Packet,
     files: UserFiles,
     pressed: Scalar,
-) -> tuple[TickState, control.ControlSignals, plc.PlcOutput, tuple[plant.PlantOutput, ...]]:
-    """Compute control computer and PLC, then motors, cables and links.
-
-    pressed: bool, a detector triggers the E-stop.
-    """
-    fine = connections.each(setup, jnp.int32(1))
-    status = inject("usb_status", connections.UsbStatus(fine, fine))
+) -> tuple[TickState, control.ControlSignals, plc.PlcOutput, PerArm[plant.PlantOutput]]:
+    """Compute control computer, PLC and robot. pressed: bool, a detector presses the E-stop."""
+    fine = each(setup, jnp.int32(1))
+    status = inject("usb_status", UsbStatus(fine, fine))
     pins = plc.input_pins(inject("plc", state.plc.runlevel))
-    delivered = usb.UsbIn(inject("encoder", state.enc_val), connections.each(setup, pins))
+    delivered = usb.UsbIn(inject("encoder", state.enc_val), each(setup, pins))
     inputs = control.Inputs(packet, delivered, status.read_ok, state.motors)
     software, signals = control.cycle(setup, params.control, state.control, inputs, inject, files)
     message = usb.UsbOut(
         tuple(arm.current_cmd_written for arm in signals.arms),
-        connections.each(setup, signals.pins_out),
+        each(setup, signals.pins_out),
     )
     files.note(boards_enc_val=delivered.enc_val, current_cmd_written=message.current_cmd)
     boards = usb.transfer(state.boards, message, status.write_ok)
     boards = files.check_boards(state.boards, boards, state.plc.runlevel)
 
-    buttons = inject("buttons", connections.Buttons(pressed, jnp.bool_(False)))
-    plc_signal = plc.PlcSignal(
-        boards.pins[: connections.boards_apart(setup)], buttons.estop, buttons.start
-    )
+    buttons = inject("buttons", Buttons(pressed, jnp.bool_(False)))
+    plc_signal = plc.PlcSignal(boards.pins[: boards_apart(setup)], buttons.estop, buttons.start)
     controller, relays = plc.step(setup, params.plc, state.plc, plc_signal)
     # Brakes follow the PLC; the simulator builds of the 2015 fork have no PLC
     brakes = inject("brake", relays.brakes if setup.software == "raven2" else jnp.int32(0))
     multipliers = {
-        site: inject(site, connections.each(setup, Vec.full(7, neutral)))
+        site: inject(site, each(setup, Vec.full(7, neutral)))
         for site, neutral in _MECHANICS.items()
         if inject.strikes(site)
     }
     driven = boards.current_cmd
     for ticks, then in enumerate(state.commands, start=1):
         driven = where(params.usb.command_delay == ticks, then, driven)
-    loads = per_arm(setup, lambda i, _: connections.plant_signal(driven[i], brakes, multipliers, i))
+    loads = per_arm(
+        setup,
+        lambda i, _: replace(
+            plant.nominal_signal(driven[i], brakes),
+            **{site: arms[i] for site, arms in multipliers.items()},
+        ),
+    )
     moved = plant.step_all(setup, params.plant, state.plant, loads, params.contact)
     robots = tuple(out for _, out in moved)
     state = replace(
@@ -250,9 +272,29 @@ def _move_robot(
         plc=controller,
         plant=tuple(new for new, _ in moved),
         enc_val=tuple(out.enc_val for out in robots),
-        motors=connections.motors(setup, robots),
+        motors=motors(setup, robots),
     )
     return state, signals, relays, robots
+
+
+def boards_apart(setup: RavenSetup) -> int:
+    """Return the number of USB boards whose output pins may differ.
+
+    All boards are written alike, unless a write can fail or a board can refuse.
+    """
+    return len(setup.arms) if strikes(setup, "usb_status") or user_files.refuses(setup) else 1
+
+
+def each(setup: RavenSetup, item: Any) -> tuple[Any, ...]:
+    """Return a tuple with the same item for every arm."""
+    return tuple(item for _ in setup.arms)
+
+
+def motors(setup: RavenSetup, robots: PerArm[plant.PlantOutput]) -> PerArm[tuple[Vec, Vec]]:
+    """Return what a dynamics-simulator build reads in place of encoders: motors 1-3 of each arm."""
+    if setup.build == "robot":
+        return ()
+    return tuple((Vec(out.mpos[:3]), Vec(out.mvel[:3])) for out in robots)
 
 
 _MECHANICS: dict[str, float] = {

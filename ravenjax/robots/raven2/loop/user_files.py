@@ -39,6 +39,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import reduce
+from operator import or_
 from typing import Any
 
 from ravenjax.numbers.lazy import jnp
@@ -46,6 +47,7 @@ from ravenjax.numbers.setup import narrow, per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, cast, record, replace, where
 from ravenjax.parts import part
 from ravenjax.parts.part import SCORE
+from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.original import constants as stored
@@ -186,26 +188,22 @@ class CheckState:
 class UserFilesState:
     """State of checks and stages; empty without them."""
 
-    checks: tuple[tuple[CheckState, ...], ...]  # for each check, one entry per arm
+    checks: tuple[PerArm[CheckState], ...]  # for each check
     histories: tuple[CheckHistory, ...]
     # bool, the arm's board refuses; (): no check can stop it at the boards
-    refusing: tuple[Scalar, ...]
+    refusing: PerArm[Scalar]
     stages: tuple[tuple[Any, ...], ...]  # state of each in the order of `RavenSetup.controller`
 
 
 def check_params(setup: RavenSetup, thresholds: Sequence[float]) -> CheckParams:
-    """Return the parameters of the checks' files, with these thresholds, in the order of the
-    checks.
-    """
+    """Return the parameters of the checks' files, with these thresholds in the same order."""
     names = tuple(use.name for use in setup.checks)
     own = part.parameters(tuple(use.part for use in setup.checks))
     return CheckParams(own, part.named(names, thresholds))
 
 
 def stage_params(setup: RavenSetup) -> Any:
-    """Return the parameters of the files in place of stages, by stage; None if no stage is
-    replaced.
-    """
+    """Return the parameters of the files that replace stages; None if no stage is replaced."""
     files = tuple(source for _, source in setup.controller)
     return part.parameters(files) if files else None
 
@@ -237,9 +235,7 @@ def histories(setup: RavenSetup, state: UserFilesState) -> dict[str, CheckHistor
 
 
 def refuses(setup: RavenSetup) -> bool:
-    """Return whether a board may refuse, so that its output pins may differ from the
-    other board's.
-    """
+    """Return whether a board may refuse, so that its pins may differ from the other board's."""
     return any(use.at == BOARDS and use.acts == "stop" for use in setup.checks)
 
 
@@ -270,12 +266,10 @@ class UserFiles:
         )
 
     def note(self, **numbers: Any) -> None:
-        """Store numbers that have crossed a seam: each a number, or a tuple with one
-        entry per arm.
-        """
+        """Store what has crossed a seam: each a number, or a tuple with one entry per arm."""
         self._crossed.update(numbers)
 
-    def views(self, at: str, width: str) -> tuple[View, ...]:
+    def views(self, at: str, width: str) -> PerArm[View]:
         """Return the view of each arm, with floats in the given width."""
 
         def view(i: int, _: Any) -> View:
@@ -291,25 +285,18 @@ class UserFiles:
 
     def check_packet(self, packet: Packet) -> Packet:
         """Return the packet that the network layer gets."""
-        self.note(
-            received=packet.received,
-            sequence=packet.sequence,
-            size=packet.size,
-            delta=packet.delta,
-            grasp=packet.grasp,
-            surgeon_mode=packet.surgeon_mode,
-        )
+        self.note(**{name: value for name, value in vars(packet).items() if name != "quat"})
         nothing = tuple(Vec(()) for _ in self._setup.arms)
         for place, use in self._checks_at(PACKET):
-            trips, _ = self._look(place, nothing)
+            trips = reduce(or_, self._look(place, nothing)[0])
             if use.acts == "limit":
-                packet = replace(packet, received=jnp.where(_any(trips), 0, packet.received))
+                packet = replace(packet, received=jnp.where(trips, 0, packet.received))
                 self.note(received=packet.received)
             elif use.acts == "stop":
-                self._stops.append(_any(trips))
+                self._stops.append(trips)
         return packet
 
-    def check(self, seam: str, signal: tuple[Vec, ...]) -> tuple[Vec, ...]:
+    def check(self, seam: str, signal: PerArm[Vec]) -> PerArm[Vec]:
         """Return the signal after the checks at a seam of the control software, one Vec per arm."""
         name = _FIELDS.get(seam, seam)
         self.note(**{name: signal})
@@ -322,30 +309,24 @@ class UserFiles:
                 else:
                     signal = _chosen(trips, narrow(self._setup, values), signal)
             elif use.acts == "stop":
-                self._stops.append(_any(trips))
+                self._stops.append(reduce(or_, trips))
                 if seam in COMMANDS:
                     signal = _chosen(trips, _zeros(signal), signal)
             self.note(**{name: signal})
         return signal
 
     def allow(self, live: Scalar) -> Scalar:
-        """Return whether the DACs get a command.
-
-        It is `live`, unless a check before the DACs has stopped the robot in this cycle.
-        """
+        """Return `live`, or False if a check before the DACs has stopped the robot."""
         return reduce(lambda still, stop: still & ~stop, self._stops, live)
 
     def stop(self, tripped: Scalar) -> Scalar:
         """Return whether the software E-stop is raised in this cycle: `tripped`, or by a check."""
-        return reduce(lambda a, b: a | b, self._stops, tripped)
+        return reduce(or_, self._stops, tripped)
 
     def check_boards(
         self, held: usb.UsbOut, boards: usb.UsbOut, plc_runlevel: Scalar
     ) -> usb.UsbOut:
-        """Return what the boards hold: the values that arrived, unless a check refuses them.
-
-        held: values that the boards held a millisecond ago.
-        """
+        """Return what the boards hold, after their checks. held: what they held before."""
         self.note(held_cmd=held.current_cmd, pins=boards.pins, plc_runlevel=plc_runlevel)
         commands = boards.current_cmd
         refusing = tuple(still & (plc_runlevel != INIT) for still in self._refusing)
@@ -371,9 +352,7 @@ class UserFiles:
     def _checks_at(self, seam: str) -> list[tuple[int, Any]]:
         return [(place, use) for place, use in enumerate(self._setup.checks) if use.at == seam]
 
-    def _look(
-        self, place: int, crossing: tuple[Vec, ...]
-    ) -> tuple[tuple[Scalar, ...], tuple[Vec, ...]]:
+    def _look(self, place: int, crossing: PerArm[Vec]) -> tuple[PerArm[Scalar], PerArm[Vec]]:
         """Return whether a check trips in this millisecond, and the signal if it limits."""
         assert self._checks is not None
         use, width = self._setup.checks[place], self._setup.precision.real
@@ -393,7 +372,7 @@ class UserFiles:
             margins.append(threshold - lowest)
         self._after[place] = tuple(arms)
         self._histories[place] = check.update(
-            self._histories[place], self._tick, _any(trips), reduce(jnp.minimum, margins)
+            self._histories[place], self._tick, reduce(or_, trips), reduce(jnp.minimum, margins)
         )
         return tuple(trips), tuple(values)
 
@@ -405,13 +384,13 @@ class UserFiles:
 
     def torques(
         self,
-        params: tuple[MotorControlParams, ...],
-        states: tuple[MotorControlState, ...],
+        params: PerArm[MotorControlParams],
+        states: PerArm[MotorControlState],
         active: Scalar,
         pedal_down: Scalar,
-        mpos_d: tuple[Vec, ...],
-        jpos: tuple[Vec, ...],
-    ) -> tuple[MotorControlState, ...]:
+        mpos_d: PerArm[Vec],
+        jpos: PerArm[Vec],
+    ) -> PerArm[MotorControlState]:
         """Return the same as `motor_control.torques`, for every arm."""
         setup, feels_gravity = self._setup, self._setup.software == "raven2"
         still = tuple(Vec.full(3, 0.0) for _ in setup.arms)
@@ -437,7 +416,7 @@ class UserFiles:
             for before, target, tau, lift in zip(states, mpos_d, torques, still, strict=True)
         )
 
-    def commands(self, live: Scalar, resting: tuple[Vec, ...]) -> tuple[Vec, ...]:
+    def commands(self, live: Scalar, resting: PerArm[Vec]) -> PerArm[Vec]:
         """Return the same as `dac.step`, for every arm."""
         setup = self._setup
         self.note(
@@ -470,34 +449,23 @@ class UserFiles:
 _FLOATS = ("mpos", "mvel", "jpos", "jvel", "jpos_d", "mpos_d", "tau_d")
 
 
-def _zeros(signal: tuple[Vec, ...]) -> tuple[Vec, ...]:
+def _zeros(signal: PerArm[Vec]) -> PerArm[Vec]:
     return tuple(Vec.full(len(one), 0) for one in signal)
 
 
-def _chosen(
-    trips: Sequence[Scalar], values: tuple[Vec, ...], signal: tuple[Vec, ...]
-) -> tuple[Vec, ...]:
+def _chosen(trips: Sequence[Scalar], values: PerArm[Vec], signal: PerArm[Vec]) -> PerArm[Vec]:
     """Return the values for the arms that trip, and the signal for the others."""
     return tuple(
         where(trip, new, old) for trip, new, old in zip(trips, values, signal, strict=True)
     )
 
 
-def _limited(
-    trips: Sequence[Scalar], values: tuple[Vec, ...], commands: tuple[Vec, ...]
-) -> tuple[Vec, ...]:
-    """Return commands after a check, within 16 bits.
-
-    A command of 0 stays 0, so that no check overrides an E-stop.
-    """
-    there = (_any([x != 0 for x in command]) for command in commands)
+def _limited(trips: Sequence[Scalar], values: PerArm[Vec], commands: PerArm[Vec]) -> PerArm[Vec]:
+    """Return commands after a check, within 16 bits; 0 stays 0, so no check undoes an E-stop."""
+    there = (reduce(or_, (x != 0 for x in command)) for command in commands)
     limited = [trip & some for trip, some in zip(trips, there, strict=True)]
     within = tuple(
         value.map(lambda x: jnp.minimum(jnp.maximum(x, dac.LOWEST), dac.HIGHEST))
         for value in values
     )
     return _chosen(limited, within, commands)
-
-
-def _any(flags: Sequence[Scalar]) -> Scalar:
-    return reduce(lambda a, b: a | b, flags)

@@ -31,11 +31,9 @@ def advance(
     params: TickParams,
     faults: Any,
     state: TickState,
-    now: Scalar,
-    motion: Any,
-    golden: Any,
+    *inputs: Any,
 ) -> tuple[TickState, tuple[Scalar, ...], WatchedSignals]:
     """Compute one tick; see `ravenjax.engines.interface.Loop`."""
-    state, series, signals = run.advance(setup, params, faults, state, now, motion, golden)
+    state, series, signals = run.advance(setup, params, faults, state, *inputs)
     live = observers.live(signals.control.runlevel, state.control.state_machine.soft_estopped)
     return state, series, WatchedSignals(state.stages["detectors"], live)

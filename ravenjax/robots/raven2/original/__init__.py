@@ -1,3 +1,1 @@
-"""Geometry by the operations of the original control software, in their order and in double
-precision.
-"""
+"""Geometry by the operations of the original, in their order and in double precision."""

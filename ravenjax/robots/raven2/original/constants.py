@@ -9,7 +9,6 @@ arithmetic without widening it further.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -28,10 +27,7 @@ PI = float32(math.pi)
 PERIOD = float32(0.001)  # s, one cycle
 TR = transmission.TR.map(float32)  # motor rad per joint rad (insertion: per m)
 GB_RATIO = (12.25 / (26 / 7)) * (5.005 / 5.675)
-"""Insertion motor rad per rad that it turns each tool motor.
-
-It is a double, computed in the original's order of operations.
-"""
+"""Insertion motor rad per rad of each tool motor: a double, in the original's order."""
 C01, C02, C12 = (float32(c) for c in (transmission.C01, transmission.C02, transmission.C12))
 TAU_PER_AMP = transmission.TORQUE_PER_AMP.map(
     lambda torque, gear: float32(torque * gear), transmission.GEARBOX
@@ -52,22 +48,15 @@ def amps_per_torque(arm: str, tool: str, software: str) -> Vec:
     )
 
 
-class JointLimits(NamedTuple):
-    """Limits to which joint targets are clamped."""
+def joint_limits(setup: RavenSetup) -> tuple[list[tuple[float, float]], float | None]:
+    """Return the limits to which joint targets are clamped: those of the first mechanism's tool.
 
-    # lower, upper of shoulder, elbow (rad), insertion (m), tool_roll, wrist (rad)
-    ranges: tuple[tuple[float, float], ...]
-    lowest_yaw: float | None  # rad, of the jaws; None: not limited
-
-
-def joint_limits(setup: RavenSetup) -> JointLimits:
-    """Return the software's limits: those of the first mechanism's tool apply to every arm.
-
-    All are stored as float32, except the fork's roll limit: that is a literal in its
-    r2_kinematics.cpp, and a double.
+    They are (lower, upper) of shoulder, elbow (rad), insertion (m), tool_roll, wrist (rad), and the
+    lower limit of the jaws' yaw (rad; None: not limited). All are stored as float32, except the
+    fork's roll limit: that is a literal in its r2_kinematics.cpp, and a double.
     """
     (*lower, lowest_yaw), upper = limits.soft_limits(setup.tools[0], setup.software)
     ranges = [(float32(low), float32(high)) for low, high in zip(lower, upper[:5], strict=True)]
     if setup.software == "fork2015":
         ranges[3] = (lower[3], upper[3])
-    return JointLimits(tuple(ranges), None if lowest_yaw is None else float32(lowest_yaw))
+    return ranges, None if lowest_yaw is None else float32(lowest_yaw)

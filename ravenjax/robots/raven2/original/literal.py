@@ -3,10 +3,11 @@ double precision.
 
 If the wrist is straight, the original's roll is a quotient of two numbers that are mostly rounding
 error. To reproduce its DAC counts, code must round where the original rounds. `geometry` computes
-the same with a fraction of the operations. This module has its signatures, and `evaluation` selects
-one of the two. Sources: raven2 `src/raven/r2_kinematics.cpp`, `include/raven/r2_kinematics.h`,
-`src/raven/grav_comp.cpp` (compiled without fused operations); transforms and quaternions are those
-of ROS tf (ros/geometry `tf/LinearMath/{Transform,Matrix3x3,Vector3}.h`).
+the same with a fraction of the operations, and as exactly. `evaluation` selects one of the two: the
+order of the original only helps if results are rounded as there (precision `ORIGINAL`). Sources:
+raven2 `src/raven/r2_kinematics.cpp`, `include/raven/r2_kinematics.h`, `src/raven/grav_comp.cpp`
+(compiled without fused operations); transforms and quaternions are those of ROS tf (ros/geometry
+`tf/LinearMath/{Transform,Matrix3x3,Vector3}.h`).
 
 Products with a literal 0 or 1 are left out, which changes no bit but the sign of a zero. Products
 of quaternions and their matrices are those of `mapping`, which already has tf's order.
@@ -15,7 +16,8 @@ of quaternions and their matrices are those of `mapping`, which already has tf's
 from __future__ import annotations
 
 import math
-from functools import reduce
+from collections.abc import Callable
+from functools import partial, reduce
 from typing import NamedTuple
 
 from ravenjax.numbers.algebra import (
@@ -33,8 +35,23 @@ from ravenjax.numbers.algebra import (
 )
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec, as_int, where
+from ravenjax.robots.raven2.geometry import gravity, kinematics, mapping
 from ravenjax.robots.raven2.geometry.gravity import CENTRES, GRAVITY_AS_STORED, MASSES
-from ravenjax.robots.raven2.geometry.inverse import (
+from ravenjax.robots.raven2.geometry.joints import (
+    D4,
+    GM1,
+    GM2,
+    GM3,
+    GM4,
+    LINK12,
+    LINK23,
+    LW,
+    PI,
+    Pose,
+    jaws,
+    yaw,
+)
+from ravenjax.robots.raven2.geometry.kinematics import (
     AT_REMOTE_CENTRE,
     CLAMP,
     COST_LIMIT,
@@ -46,10 +63,9 @@ from ravenjax.robots.raven2.geometry.inverse import (
     ROLLOVER,
     SINGULAR,
 )
-from ravenjax.robots.raven2.geometry.joints import Pose, jaws, yaw
-from ravenjax.robots.raven2.geometry.links import D4, GM1, GM2, GM3, GM4, LINK12, LINK23, LW, PI
 from ravenjax.robots.raven2.geometry.transmission import GP42
 from ravenjax.robots.raven2.original import constants as stored
+from ravenjax.robots.raven2.setup import RavenSetup
 
 # --- transforms and quaternions ---
 
@@ -155,10 +171,7 @@ _ARMS = {
 }
 
 _TURNS = 3
-"""Number of whole turns that are subtracted one by one.
-
-Beyond them, far beyond any stop, all turns are subtracted at once.
-"""
+"""Whole turns subtracted one by one; beyond them all turns are subtracted at once."""
 
 
 def _wrapped(value: Scalar, turns: int) -> Scalar:
@@ -170,10 +183,7 @@ def _wrapped(value: Scalar, turns: int) -> Scalar:
 
 
 def _thetas(arm: str, joints: Vec) -> Vec:
-    """Return the DH variables (6) of shoulder, elbow, insertion, roll, wrist and yaw.
-
-    The insertion is wrapped like an angle.
-    """
+    """Return the DH variables (6) of joints and yaw; the insertion is wrapped like an angle."""
 
     def near(value: Scalar) -> Scalar:
         far = jnp.abs(value) > (2 * _TURNS + 1) * PI
@@ -220,9 +230,7 @@ def _link5(theta5: Scalar) -> Transform:
 
 
 def _chain(*links: Transform) -> Transform:
-    """Return the product of links, starting from the last: the original multiplies when its
-    recursion returns.
-    """
+    """Return the product of links. It starts from the last, as the original's recursion does."""
     return reduce(lambda rest, link: product(link, rest), reversed(links))
 
 
@@ -241,11 +249,6 @@ def forward(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
     return Pose(tip.origin, tip.rotation)
 
 
-class _Solution(NamedTuple):
-    thetas: Vec  # 6
-    valid: Scalar  # truth value
-
-
 def inverse(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK:
     """Return the same as `kinematics.inverse`."""
     measured = _thetas(arm, Vec((*jpos_ref[:5], yaw(jpos_ref))))
@@ -253,7 +256,9 @@ def inverse(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK:
     least = NO_SOLUTION_COST
     best = Vec.full(6, 0.0)
     for theta, valid in solutions:
-        theta = theta.replace(3, _rolled_over(measured[3], theta[3]))
+        turn = jnp.where(measured[3] > theta[3], theta[3] + 2 * PI, theta[3] - 2 * PI)
+        far = jnp.abs(measured[3] - theta[3]) > ROLLOVER
+        theta = theta.replace(3, jnp.where(far, turn, theta[3]))
         gaps = measured - theta
         cost = reduce(add, (gap * gap for gap in gaps.replace(2, gaps[2] * INSERTION_WEIGHT)))
         nearer = valid & (cost < least)  # never true for NaN
@@ -266,17 +271,12 @@ def inverse(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK:
     return IK(Vec((*joints[:5], *jaws(joints[5], grasp_rad))), joints[5], least, as_int(status))
 
 
-def _rolled_over(measured: Scalar, theta4: Scalar) -> Scalar:
-    shifted = jnp.where(measured > theta4, theta4 + 2 * PI, theta4 - 2 * PI)
-    return jnp.where(jnp.abs(measured - theta4) > ROLLOVER, shifted, theta4)
+def _solutions(arm: str, tip: Transform) -> tuple[list[tuple[Vec, Scalar]], Scalar]:
+    """Return all eight solutions in the original's order: DH variables (6) and validity.
 
-
-def _solutions(arm: str, tip: Transform) -> tuple[list[_Solution], Scalar]:
-    """Return all eight solutions in the original's order, and whether a wrist is at the remote
-    centre.
-
-    In that case the original stops before the first angle, and all angles are zero. It has marked
-    that side invalid; the other side counts as valid. The insertion of side 0 is known by then.
+    Returns also whether a wrist is at the remote centre. In that case the original stops before the
+    first angle, and all angles are zero. It has marked that side invalid; the other side counts as
+    valid. The insertion of side 0 is known by then.
     """
     x, y, _ = inverse_transform(tip).origin
     toward = Vec((x, y, 0.0))
@@ -301,7 +301,7 @@ def _solutions(arm: str, tip: Transform) -> tuple[list[_Solution], Scalar]:
             for sign in (1.0, -1.0):
                 th = _angles(arm, tip, wrist, d3, mul(sign, theta2))
                 angles = th.map(lambda angle: jnp.where(stopped, 0.0, angle))
-                solutions.append(_Solution(angles.replace(2, left), valid))
+                solutions.append((angles.replace(2, left), valid))
     return solutions, stopped
 
 
@@ -373,3 +373,30 @@ def gravity_torque(arm: str, jpos: Vec) -> Vec:
 
 def _about_z(centre: Vec, weight: Vec) -> Scalar:
     return sub(mul(centre[0], weight[1]), mul(centre[1], weight[0]))
+
+
+# --- choice of the order of operations ---
+
+
+class Evaluation(NamedTuple):
+    """One implementation of the geometry; contracts as in `kinematics`, `gravity` and `mapping`."""
+
+    forward: Callable[[str, Vec, Scalar], Pose]
+    inverse: Callable[[str, Pose, Scalar, Vec], IK]
+    gravity_torque: Callable[[str, Vec], Vec]
+    quat_from_matrix: Callable[[Vec], Vec]
+
+
+SHARING = Evaluation(
+    kinematics.forward,
+    kinematics.inverse,
+    partial(gravity.gravity_torque, gravity=gravity.GRAVITY_AS_STORED),
+    mapping.quat_from_matrix,
+)
+LITERAL = Evaluation(forward, inverse, gravity_torque, quat_from_matrix)
+
+
+def evaluation(setup: RavenSetup) -> Evaluation:
+    """Return LITERAL if the number widths are the original's, else SHARING."""
+    precision = setup.precision
+    return LITERAL if (precision.narrow, precision.wide) == ("float32", "float64") else SHARING

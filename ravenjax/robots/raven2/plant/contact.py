@@ -17,9 +17,8 @@ wet polished steel).
 
 Numbers and sources:
 
-- Modulus of tissue 12.5 kPa: *assumed*, of the order that a robotic indenter found on liver of
-  living pigs (Samur and others, Medical Image Analysis 11:361, 2007; the paper itself was not
-  available).
+- Modulus of tissue 12.5 kPa: *assumed*. A robotic indenter found this order on the liver of living
+  pigs (Samur and others, Medical Image Analysis 11:361, 2007; the paper was not available).
 - The vessel is a ridge of the surface with the tissue's modulus, *assumed*: a filled artery is
   stiffer, but no source states by how much for a blunt tip. The force counted as the vessel's is
   that of tips over the ridge.
@@ -29,12 +28,12 @@ Numbers and sources:
   is 0.2.
 - Friction 0.2: *assumed*, within the 0 to 0.3 of a study of a grasper on a spleen (ASME ESDA 2010,
   finite elements).
-- Stiffness between instruments 10 kN/m: *assumed*, of the order of 3 E I / l^3, a steel tube of 8.5
-  mm and 1 mm wall that is held 0.2 m away; damping 1 s/m: *assumed*.
+- Stiffness between instruments 10 kN/m: *assumed*, of the order of 3 E I / l^3 for a steel tube of
+  8.5 mm with a wall of 1 mm, held 0.2 m away. Damping 1 s/m: *assumed*.
 
-In a step of length h a law F(d, d') is linearised about the depth at which the present speed would
-end, and solved with the step's other implicit forces (Newton's first step of backward Euler). This
-is stable for any stiffness, and its error is of second order in h.
+A law F(d, d') is linearised about the depth that the present speed would reach at the end of the
+step, of length h. It is solved with the step's other implicit forces: Newton's first step of
+backward Euler. This is stable for any stiffness, and its error is of second order in h.
 """
 
 from __future__ import annotations
@@ -49,20 +48,14 @@ from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import instrument, scene
 
 CREEP_M_S = 1e-3
-"""Sliding speed below which friction is less than Coulomb's, m/s; *assumed*.
-
-At this speed friction is 0.71 of Coulomb's.
-"""
+"""Sliding speed (m/s) at which friction is 0.71 of Coulomb's, and less below; *assumed*."""
 _HERTZ = 16.0 / 9.0  # 4/3 / (1 - nu^2) with nu = 0.5
 
 
 @described
 @record
 class ContactParams:
-    """Parameters of tissue, vessel and instruments, the same for every arm.
-
-    The module's docstring has the sources of the defaults.
-    """
+    """Parameters of tissue, vessel and instruments, the same for every arm; see the module."""
 
     tissue_modulus: Scalar = 12.5e3  # Pa
     tip_radius: Scalar = 2e-3  # m
@@ -83,9 +76,7 @@ class Touch:
 
 
 class Law(NamedTuple):
-    """A normal force over the coming step: the force at the present speed, and its rate with
-    closing speed.
-    """
+    """A normal force over the coming step, and how it rises with closing speed."""
 
     force: Scalar  # N
     rate: Scalar  # N s/m
@@ -124,17 +115,13 @@ class TipContact(NamedTuple):
         return self.rise * self.normal.force - self._sliding(self.velocity) * self.drag
 
     def after(self, gained: Vec) -> Vec:
-        """Return the force in N in a step in which the joints gain these speeds (7, rad/s
-        and m/s).
-        """
+        """Return the force (N) in a step in which the joints gain these speeds (rad/s, m/s)."""
         more = self.tip.velocity(gained)
         normal = jnp.maximum(self.normal.force - self.normal.rate * dot(self.rise, more), 0.0)
         return self.rise * normal - self._sliding(self.velocity + more) * self.drag
 
     def stiffen(self, system: list[list[Scalar]]) -> None:
-        """Add J^T A J to the lower triangle. A is the loss of force (N) per gain of the tip's speed
-        (m/s).
-        """
+        """Add J^T A J to the lower triangle. A: N that are lost per m/s that the tip gains."""
         columns, along = self.tip.columns, self.tip.along(self.rise)
         across = self.normal.rate - self.drag * self.inverse
         for i, column in enumerate(columns):
@@ -150,23 +137,14 @@ class TipContact(NamedTuple):
 
 
 def tips(
-    arm: ArmName,
-    params: ContactParams,
-    jpos: Vec,
-    jvel: Vec,
-    dt: float,
-) -> tuple[TipContact, TipContact]:
+    arm: ArmName, params: ContactParams, jpos: Vec, jvel: Vec, dt: float
+) -> tuple[TipContact, ...]:
     """Return both jaw tips at `jpos` (7, rad and m) and `jvel` over the coming `dt` (s)."""
-    one, other = instrument.jaw_tips(arm, jpos)
-    return _tip(arm, params, one, jvel, dt), _tip(arm, params, other, jvel, dt)
+    return tuple(_tip(arm, params, tip, jvel, dt) for tip in instrument.jaw_tips(arm, jpos))
 
 
 def _tip(
-    arm: ArmName,
-    params: ContactParams,
-    tip: instrument.InstrumentPoint,
-    jvel: Vec,
-    dt: float,
+    arm: ArmName, params: ContactParams, tip: instrument.InstrumentPoint, jvel: Vec, dt: float
 ) -> TipContact:
     surface, velocity = scene.surface(arm, tip.at), tip.velocity(jvel)
     rise = surface.rise
@@ -184,9 +162,7 @@ def _tip(
 
 
 def felt(contacts: tuple[TipContact, ...], gained: Vec) -> Touch:
-    """Return the tissue's forces on the instrument in a step in which the joints gained these
-    speeds.
-    """
+    """Return the tissue's forces in a step in which the joints gained these speeds."""
     forces = [one.after(gained) for one in contacts]
     whole = forces[0] + forces[1]
     on_vessel = [
@@ -227,9 +203,7 @@ def meeting(
     jvel: tuple[Vec, Vec],
     dt: float,
 ) -> Meeting:
-    """Return the meeting of two instruments at `jpos` and `jvel` (7 each) over the coming
-    `dt` (s).
-    """
+    """Return how two instruments meet at `jpos` and `jvel` (7 each) over the coming `dt` (s)."""
     lines = tuple(instrument.line(arm, joints) for arm, joints in zip(arms, jpos, strict=True))
     pieces = [_pieces(arm, line) for arm, line in zip(arms, lines, strict=True)]
     best: _Pair | None = None
@@ -285,10 +259,7 @@ def _pieces(arm: ArmName, line: instrument.InstrumentLine) -> tuple[_Piece, _Pie
 
 
 def _nearest(one: _Piece, other: _Piece) -> _Pair:
-    """Return the nearest points of two segments.
-
-    Source: C. Ericson, Real-Time Collision Detection, 2005, section 5.1.9.
-    """
+    """Return the nearest points (C. Ericson, Real-Time Collision Detection, 2005, 5.1.9)."""
     between = one.begin - other.begin
     a, b, e = dot(one.way, one.way), dot(one.way, other.way), dot(other.way, other.way)
     c, f = dot(one.way, between), dot(other.way, between)

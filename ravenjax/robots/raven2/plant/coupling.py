@@ -44,9 +44,7 @@ class Coupling:
         )
 
     def joints(self, motors: Vec) -> Vec:
-        """Return joint angles (or speeds) from motor angles (or speeds), with unstretched
-        cables.
-        """
+        """Return joint angles (or speeds) from motors' angles (or speeds), cables unstretched."""
         angles: list[Scalar] = []
         for i in range(N):
             rest = sub(motors[i], mul(self.ratio[i], motors[Z]))
@@ -66,9 +64,7 @@ class Coupling:
         return torques.map(_divide, self.gain)
 
     def carried(self, loads: Vec) -> Vec:
-        """Return T^-T f: motor torques (N m) that put `loads` (N m, N) on the joints, by the
-        columns of T^-1.
-        """
+        """Return T^-T f: motor torques (N m) that put `loads` (N m, N) on the joints."""
         drawn, loads = dataclasses.replace(self, gain=AS_DRAWN), loads.map(mul, self.gain)
         columns = [drawn.joints(Vec(float(i == j) for j in range(N))) for i in range(N)]
         return Vec(dot(column, loads) for column in columns)
@@ -99,10 +95,7 @@ def _divide(a: Scalar, b: Scalar) -> Scalar:
 
 
 def _terms(own: Sequence[Vec], i: int, j: int) -> list[tuple[int, int, float]]:
-    """Return the entries of own^T inner own that inner[i][j] adds to: (row, column, factor).
-
-    Only the lower triangle is listed.
-    """
+    """Return where inner[i][j] enters the lower half of own^T inner own: row, column, factor."""
     factors: dict[tuple[int, int], float] = {}
     for a, b in ((i, j),) if i == j else ((i, j), (j, i)):
         for row in range(N):
@@ -114,9 +107,7 @@ def _terms(own: Sequence[Vec], i: int, j: int) -> list[tuple[int, int, float]]:
 
 @cache
 def coupling(arm: ArmName, tool: str, software: str) -> Coupling:
-    """Return the coupling of one arm with one tool; `software` decides the sign of the
-    first jaw.
-    """
+    """Return the coupling of an arm with a tool; `software` decides the sign of the first jaw."""
     matrix = transmission.motor_matrix(arm, tool, software)
     ratio = tuple(matrix[i][Z] / matrix[Z][Z] if i > Z else 0.0 for i in range(N))
     own = tuple(

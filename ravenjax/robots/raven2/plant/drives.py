@@ -74,7 +74,6 @@ from __future__ import annotations
 
 import math
 
-from ravenjax.numbers import counter_random
 from ravenjax.numbers.algebra import add, mul
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import described
@@ -125,11 +124,6 @@ def radians(angle: Angle, dtype: str) -> Scalar:
     return (angle.count.astype(dtype) + angle.fraction) * RAD_PER_COUNT
 
 
-def noise_counts(rms_cnt: Scalar, key: Scalar, tick: Scalar, channel: int) -> Scalar:
-    """Return a reading error in whole counts: normal with `rms_cnt`, rounded to the nearest."""
-    return as_int(jnp.floor(rms_cnt * counter_random.normal(key, tick, channel) + 0.5))
-
-
 @record
 class Linear:
     """`lambda = force + damping * epsilon'`, for the velocity at the end of the step."""
@@ -138,10 +132,7 @@ class Linear:
     damping: Scalar  # N m s/rad, stiffness of the coming step included
 
     def carried(self, arm: float, rate: Scalar) -> Scalar:
-        """Return the cable's force in the step, N, from stiffness and damping.
-
-        rate: stretch rate (rad/s) at the end of the step.
-        """
+        """Return the cable's force in the step, N. rate: stretch rate (rad/s) at its end."""
         return (self.force + self.damping * rate) * (1.0 / arm)
 
 
@@ -151,10 +142,7 @@ def tension(stiffness: Scalar, damping: Scalar, delta: Scalar, rate: Scalar) -> 
 
 
 def linearise(arm: float, stiffness: Scalar, damping: Scalar, stretch: Scalar, dt: float) -> Linear:
-    """Return force and implicit damping over the coming `dt` (s).
-
-    arm: lever (m/rad); stretch: rad.
-    """
+    """Return force and implicit damping over `dt` (s). arm: lever (m/rad); stretch: rad."""
     delta = arm * stretch
     slope = 2.0 * stiffness * _cosh(delta)
     return Linear(
@@ -164,9 +152,7 @@ def linearise(arm: float, stiffness: Scalar, damping: Scalar, stretch: Scalar, d
 
 
 def resting_stretch(arm: float, stiffness: Scalar, force: Scalar) -> Scalar:
-    """Return the stretch (rad) at which the cable at rest carries `force` (N m in motor
-    coordinates).
-    """
+    """Return the stretch (rad) at which a resting cable carries `force` (N m at the motor)."""
     ratio = force / (2.0 * arm * stiffness)
     return jnp.log(ratio + jnp.sqrt(ratio * ratio + 1.0)) / arm
 
@@ -327,10 +313,7 @@ def stop_params(tool: str) -> StopParams:
 
 
 def stop_force(params: StopParams, i: int, jpos: Scalar, jvel: Scalar, dt: float) -> StopForce:
-    """Return the stop force on joint `i` at `jpos` (rad, m) and `jvel` over the coming `dt` (s).
-
-    It is zero within the range.
-    """
+    """Return the stop force on joint `i` over `dt` (s). It is zero within the range."""
     beyond = jnp.maximum(jpos - params.upper[i], 0.0) + jnp.minimum(jpos - params.lower[i], 0.0)
     damping = jnp.where(beyond != 0.0, params.stiffness[i] * (dt + SETTLING_S), 0.0)
     return StopForce(force=-params.stiffness[i] * beyond - damping * jvel, damping=damping)

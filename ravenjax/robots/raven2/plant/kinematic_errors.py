@@ -5,9 +5,9 @@ Three arms are distinguished:
 
 - The **true** arm: its links are at angles that nobody measures, and have the lengths and twists
   with which they were built. `robot.PlantOutput` has its joints, `tip` its tip.
-- The **reported** arm: the software turns encoder counts into joints by the ratios of the drawings
-  and by the zero that homing found, and joints into a tip by the drawings' links. Controller,
-  checks, report and cue know this arm only.
+- The **reported** arm: the software turns encoder counts into joints by the drawings' ratios and by
+  the zero that homing found. It turns joints into a tip by the drawings' links. Controller, checks,
+  report and cue know this arm only.
 - The **nominal model** starts at the reported pose and has the drawings' links: it stays where the
   report would be.
 
@@ -103,9 +103,7 @@ def gain(errors: KinematicErrors) -> Vec:
 
 
 def true_joints(errors: KinematicErrors, reported: Vec) -> Vec:
-    """Return the true joints (7, rad and m) if the software reports `reported` and no cable is
-    stretched.
-    """
+    """Return the true joints (7) at reported ones (rad, m), with unstretched cables."""
     out = []
     for joint, home, offset, error in zip(
         reported, limits.HOME_JPOS, errors.joint_offset, errors.ratio_error, strict=True
@@ -139,10 +137,7 @@ def _tip(arm: str, jpos: Vec, errors: KinematicErrors) -> Vec:
 # --- registration ---
 
 STEPS = 4
-"""Number of Gauss-Newton steps.
-
-From 20 degrees the fourth step changes nothing that single precision holds.
-"""
+"""Gauss-Newton steps: from 20 degrees the fourth changes nothing in single precision."""
 
 _RANGES = (
     (20 * _DEG, 50 * _DEG),
@@ -151,10 +146,7 @@ _RANGES = (
     (-45 * _DEG, 45 * _DEG),
     (0.0, 40 * _DEG),
 )
-"""Ranges of shoulder, elbow, insertion, roll, wrist: about where the recorded arm works.
-
-The recording is `camera_poses_left_arm`.
-"""
+"""Ranges of shoulder to wrist: where the arm of recording `camera_poses_left_arm` works."""
 POSES = tuple(
     Vec(
         (
@@ -165,10 +157,7 @@ POSES = tuple(
     )
     for a, b, c in itertools.product((0, 1), repeat=3)
 )
-"""Eight corners of those ranges: a quarter of all 32.
-
-In them any two joints have all four combinations of their ends.
-"""
+"""Eight of all 32 corners: any two joints have all four combinations of their ends."""
 
 
 @record
@@ -209,9 +198,7 @@ def _same() -> Registration:
 
 
 @functools.cache
-def _normal_equations(
-    arm: str,
-) -> tuple[tuple[tuple[float, ...], ...], tuple[tuple[float, ...], ...]]:
+def _normal_equations(arm: str) -> tuple[list[list[float]], list[list[float]]]:
     """Return reported tips (m) at POSES, and the matrix from residuals to the registration.
 
     The matrix [6, 3 poses] maps residuals to rotation (rad) and displacement (m).
@@ -223,6 +210,4 @@ def _normal_equations(
         one[:, :3] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]  # rotation x tip
         one[:, 3:] = np.eye(3)
     solve = np.linalg.pinv(design.reshape(-1, 6))
-    return tuple(tuple(map(float, row)) for row in tips), tuple(
-        tuple(map(float, row)) for row in solve
-    )
+    return tips.tolist(), solve.tolist()

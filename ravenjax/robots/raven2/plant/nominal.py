@@ -16,9 +16,9 @@ the model gets the same natural frequency, damping and friction dead band:
     kp = I KP g / J,  kd = I KD g / J,
     Kv = I (tau_v + rho Fv / TR^2) / J,  Kc = I (tau_c + rho Fc / TR) / (J TR)
 
-with J = Im + rho M / TR^2, KP and KD from raven2's r2params.yaml, g the gain from commanded to real
-torque, and Im, tau, F and the reaction share rho of the robot's parameter set
-(`parameter_sets.nominal`). Nothing is fitted to a published outcome. `Kv` and `Kc` of a jaw are
+with J = Im + rho M / TR^2. KP and KD are those of raven2's r2params.yaml. g is the gain from
+commanded to real torque. Im, tau, F and the reaction share rho are those of the robot's parameter
+set (`parameter_sets.nominal`). Nothing is fitted to a published outcome. `Kv` and `Kc` of a jaw are
 zero; its viscous part is in its kd. ki: the robot's insertion has no integral. A slow one (time
 constant 4 s) removes the remainder of the dead band without changing the lag on surgical motion.
 
@@ -41,7 +41,8 @@ from ravenjax.numbers.algebra import mul
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.linear_solve import solve_spd
 from ravenjax.numbers.quantity import described
-from ravenjax.numbers.vec import Scalar, Vec, as_int, cast, record, replace, to_int32, where
+from ravenjax.numbers.setup import real
+from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, to_int32, where
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import joints, kinematics, limits, mapping, transmission
@@ -125,11 +126,10 @@ class NominalOutput:
 def params(
     setup: RavenSetup, arm: ArmName, parameter_set: str = parameter_sets.DEFAULT
 ) -> NominalParams:
-    """Return the gains derived above, for a robot with the mechanics `parameter_set`.
-
-    parameter_set: one of `parameter_sets.Name`.
-    """
+    """Return the gains derived above. `parameter_set`: see `parameter_sets.Name`."""
     values = parameter_sets.parameter_set(parameter_sets.nominal(parameter_set))
+    # As in the software, the first arm's tool limits the joints of every arm
+    allowed = limits.soft_limits(setup.tools[0], setup.software)
     motor = values.actuators
     gain = motor.torque_per_count / transmission.TORQUE_PER_COUNT * motor.gain
     inertia, share = motor.inertia, motor.reaction_scale
@@ -154,15 +154,13 @@ def params(
         kc=Vec(kc[:LAGRANGE]),
         mass_scale=1.0,
         resync=np.int32(0),
-        target=target_params(setup),
+        target=TargetParams(Vec(allowed.lower[:5]), Vec(allowed.upper[:5])),
     )
 
 
 def init(setup: RavenSetup, arm: ArmName, params: NominalParams, jpos0: Vec) -> NominalState:
     """Return the state at rest at `jpos0` (rad, m), which is also its target."""
-    dtype = setup.precision.real
-    jpos = Vec(jnp.asarray(x, dtype) for x in jpos0)
-    still = Vec(jnp.asarray(0.0, dtype) for _ in range(7))
+    jpos, still = real(setup, (jpos0, Vec.full(7, 0.0)))
     return NominalState(
         jpos=jpos, jvel=still, integral=still[0], target=init_target(setup, arm, jpos)
     )
@@ -190,7 +188,7 @@ def step(
     moved = replace(track(setup, arm, params, state, target.jpos_d), target=target)
     still = replace(state, jvel=state.jvel * 0.0, target=target)
     state = where(clean.engaged != 0, moved, still)
-    state = replace(cast(replace(state, target=None), setup.precision.real), target=state.target)
+    state = replace(real(setup, replace(state, target=None)), target=state.target)
     return state, observe(arm, state)
 
 
@@ -243,12 +241,6 @@ def track(
 # --- target ---
 
 
-def target_params(setup: RavenSetup) -> TargetParams:
-    """Return the limits with the first arm's tool, as in the software."""
-    allowed = limits.soft_limits(setup.tools[0], setup.software)
-    return TargetParams(Vec(allowed.lower[:5]), Vec(allowed.upper[:5]))
-
-
 def init_target(setup: RavenSetup, arm: ArmName, jpos: Vec) -> TargetState:
     """Return a target at the joints' own pose."""
     pose = kinematics.forward(arm, jpos)
@@ -268,9 +260,7 @@ def step_target(
     clean: Clean,
     jpos: Vec,
 ) -> TargetState:
-    """Return the target after the operator's command of one tick, for a model at `jpos`
-    (rad, m).
-    """
+    """Return the target after one tick's command of the operator. jpos: the model's, rad and m."""
     engaged = clean.engaged != 0
     position_um, quat, grasp_mrad = _moved(setup, arm, state, clean)
     pose = kinematics.Pose(
@@ -283,13 +273,9 @@ def step_target(
     reachable = solved.status != -1
 
     jpos_d = where(engaged & reachable, allowed, where(engaged, state.jpos_d, jpos))
-    anchor = kinematics.forward(arm, jpos_d)
-    fresh = TargetState(position_um=position_um, quat=quat, grasp_mrad=grasp_mrad, jpos_d=jpos_d)
-    restarted = TargetState(
-        position_um=anchor.position.map(lambda p: to_int32(p * UM_PER_M)),
-        quat=mapping.quat_from_matrix(anchor.rotation),
-        grasp_mrad=where(engaged, grasp_mrad, state.grasp_mrad),
-        jpos_d=jpos_d,
+    fresh = TargetState(position_um, quat, grasp_mrad, jpos_d)
+    restarted = replace(
+        init_target(setup, arm, jpos_d), grasp_mrad=where(engaged, grasp_mrad, state.grasp_mrad)
     )
     return where(~engaged | (reachable & clamped), restarted, fresh)
 
@@ -312,10 +298,7 @@ def _moved(
 
 
 def _clamp(setup: RavenSetup, params: TargetParams, jpos: Vec, yaw: Scalar) -> tuple[Vec, Scalar]:
-    """Return joints within the limits, and whether any was at or beyond a limit.
-
-    Jaws keep the unclamped yaw.
-    """
+    """Return joints within the limits (jaws keep their yaw), and whether any reached one."""
     angles, reached = list(jpos), False
     for i, (low, high) in enumerate(zip(params.lower, params.upper, strict=True)):
         reached = reached | (jpos[i] <= low) | (jpos[i] >= high)

@@ -6,8 +6,8 @@ eliminated one by one, which leaves one symmetric system in the joint accelerati
 
     (M/dt + Fv + T^T D T) dv = T^T lambda - bias - Fv v - Coulomb + stops + external
 
-If the instrument touches something (`contact`), that force and its loss with speed are part of both
-sides.
+If the instrument touches something (`contact`), that force is part of the right side, and its loss
+with speed is part of the system.
 
 The scheme is unconditionally stable: the authors' insertion cable (-1943 /s) and the instrument's
 small masses need no small step.
@@ -29,16 +29,12 @@ from ravenjax.numbers.algebra import add, mul, sub
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.linear_solve import solve_spd
 from ravenjax.numbers.quantity import described
-from ravenjax.numbers.vec import Scalar, Vec, cast, record, replace
-from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.numbers.setup import per_arm, real
+from ravenjax.numbers.vec import Scalar, Vec, as_int, cast, record, replace
+from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import transmission
-from ravenjax.robots.raven2.plant import (
-    contact,
-    drives,
-    kinematic_errors,
-    parameter_sets,
-)
+from ravenjax.robots.raven2.plant import contact, drives, kinematic_errors, parameter_sets
 from ravenjax.robots.raven2.plant.coupling import Coupling, coupling
 from ravenjax.robots.raven2.setup import RavenSetup
 
@@ -52,9 +48,7 @@ ARM_CHANNELS = 16
 @described
 @record
 class PlantParams:
-    """Parameters of one arm, all of which may vary from run to run. quantities.toml has their
-    ranges.
-    """
+    """Parameters of one arm, which may vary from run to run; quantities.toml has their ranges."""
 
     actuators: drives.ActuatorParams
     brakes: drives.BrakeParams
@@ -154,14 +148,13 @@ def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> Pl
     The software assumes the links at `jpos0` (rad, m); kinematic errors may move them from there.
     """
     geometry, errors = _coupling(setup, arm, params), params.kinematic_errors
-    dtype = setup.precision.real
-    jpos0 = Vec(jnp.asarray(x, dtype) for x in jpos0)
+    dtype, jpos0 = setup.precision.real, real(setup, jpos0)
     links = kinematic_errors.true_joints(errors, jpos0)
     at_rest = Vec.full(N, 0.0)
     _, weight = link_dynamics.mass_matrix_and_bias(
         setup, arm, links, at_rest, params.gravity, params.mass_scale
     )
-    still = Vec(jnp.asarray(0.0, dtype) for _ in range(N))
+    still = real(setup, at_rest)
     carried = geometry.carried(weight)
     stretch = Vec(
         drives.resting_stretch(
@@ -184,7 +177,7 @@ def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> Pl
         mvel=still,
         jvel=still,
         brakes=drives.BrakeState(jnp.int32(1), zero),
-        intact=Vec(jnp.asarray(1.0, dtype) for _ in range(N)) if setup.cables == "break" else None,
+        intact=real(setup, Vec.full(N, 1.0)) if setup.cables == "break" else None,
         tick=zero,
         jpos_ref=cast(links - geometry.joints(fractions - stretch), dtype),
         count_ref=Vec(motor.count for motor in motors),
@@ -214,11 +207,11 @@ def step(
 
 def step_all(
     setup: RavenSetup,
-    params: tuple[PlantParams, ...],
-    states: tuple[PlantState, ...],
-    signals: tuple[PlantSignal, ...],
+    params: PerArm[PlantParams],
+    states: PerArm[PlantState],
+    signals: PerArm[PlantSignal],
     touched: contact.ContactParams | None,
-) -> tuple[tuple[PlantState, PlantOutput], ...]:
+) -> PerArm[tuple[PlantState, PlantOutput]]:
     """Compute `step` for every arm. Two arms with contact touch tissue and each other.
 
     The force between the two is solved with both arms' equations, so it is the same on both.
@@ -403,10 +396,7 @@ def observe(
     state: PlantState,
     cable_scale: Vec | None = None,
 ) -> PlantOutput:
-    """Return the outputs of a state: encoders, and the true motion.
-
-    cable_scale: as in `PlantSignal`; None: whole cables.
-    """
+    """Return the outputs of a state. cable_scale: as in `PlantSignal`; None: whole cables."""
     scale = _whole(state, Vec.full(N, 1.0) if cable_scale is None else cable_scale)
     tension = Vec(
         drives.tension(
@@ -425,12 +415,14 @@ def observe(
         for motor, reference in zip(state.motors, state.count_ref, strict=True)
     ]
     if setup.noise:
+        errors = (
+            params.encoder_noise
+            * counter_random.normal(params.noise_key, state.tick, _channel(arm, i))
+            for i in range(N)
+        )
         counts = [
-            count
-            + drives.noise_counts(
-                params.encoder_noise, params.noise_key, state.tick, _channel(arm, i)
-            )
-            for i, count in enumerate(counts)
+            count + as_int(jnp.floor(error + 0.5))
+            for count, error in zip(counts, errors, strict=True)
         ]
     return PlantOutput(
         enc_val=Vec(mul(int(sign), count) for sign, count in zip(signs, counts, strict=True)),
@@ -448,11 +440,19 @@ def observe(
     )
 
 
-def tip(arm: ArmName, params: PlantParams, state: PlantState, jpos: Vec) -> Vec:
-    """Return the true tip (3, m, registered frame 0) with the links at `jpos`, as in
-    `PlantOutput`.
-    """
-    return kinematic_errors.tip(arm, params.kinematic_errors, state.frame, jpos)
+def tips(
+    setup: RavenSetup,
+    params: PerArm[PlantParams],
+    states: PerArm[PlantState],
+    robots: PerArm[PlantOutput],
+) -> PerArm[Vec]:
+    """Return the true tip of each arm, m in registered frame 0."""
+    return per_arm(
+        setup,
+        lambda i, arm: kinematic_errors.tip(
+            arm, params[i].kinematic_errors, states[i].frame, robots[i].jpos
+        ),
+    )
 
 
 def _whole(state: PlantState, cable_scale: Vec) -> Vec:
@@ -468,10 +468,7 @@ def _stiffness(params: PlantParams, i: int, scale: Scalar) -> Scalar:
 def _drive(
     setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantState, signal: PlantSignal
 ) -> Vec:
-    """Return the motor torques of the DAC command, constant over the tick.
-
-    They are in N m after the gearbox, positive in motor direction.
-    """
+    """Return the motor torques of the DAC command in the tick, N m after the gearbox."""
     motor = params.actuators
     signs = transmission.tau_signs(arm, _tool(setup, arm), setup.software)
     drive = []

@@ -1,6 +1,4 @@
-"""The control software as transitions, which are traced once for each setup, and the results of
-cycles.
-"""
+"""The control software as transitions, traced once for each setup, and a cycle's results."""
 
 from __future__ import annotations
 

@@ -7,8 +7,14 @@ pins out.
 
 Connect your own plant or hardware to it. It is the control software of the tick, evaluated in the
 original's mixed arithmetic (float32 stored, float64 in between) and in the original's order
-(`original.evaluation`): every number equals the original's. It runs compiled, or one operation at a
+(`original.literal`): every number equals the original's. It runs compiled, or one operation at a
 time in Python, with the same bits (`engines.cpu.transition`).
+
+Homing is not simulated. The start state at a pose is that of the original after an E-stop in that
+pose: measured pose, desired pose and accumulators are equal. The first pedal-down therefore
+commands the present pose. One number may differ from the original's: the accumulated jaw opening,
+which the original resets only if it is more than 45 deg off (raven2: local_io.cpp). After homing in
+that pose the two agree.
 """
 
 # Callers may pass anything, and JAX is typed in part.
@@ -28,16 +34,18 @@ from ravenjax.engines.cpu.transition import Memory, RecordKind
 from ravenjax.errors import UserError, shown
 from ravenjax.numbers.setup import ORIGINAL, Precision
 from ravenjax.numbers.vec import Vec, replace
+from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.packet import SIZE_BYTES, Packet
+from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
 from ravenjax.robots.raven2.loop import control
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.software import inputs as checked
-from ravenjax.robots.raven2.software import start
 from ravenjax.robots.raven2.software.code import ARITHMETICS, Output, Outputs, code
 from ravenjax.robots.raven2.software.rows import InputRows
 from ravenjax.robots.raven2.stages import overdrive
+from ravenjax.robots.raven2.stages.estimator import RAD_PER_COUNT
 
 Datagram = bytes | bytearray | memoryview
 
@@ -114,7 +122,7 @@ class ControlSoftware:
             console=console,
             precision=precision,
         )
-        offsets = checked.counts("enc_offset", enc_offset, len(names), repeated=True)
+        offsets = checked.counts("enc_offset", enc_offset, (len(names), 7), (7,), ())
         with traced.x64(setup):
             self.params = _parameters(
                 setup, level, policy, np.broadcast_to(offsets, (len(names), 7))
@@ -124,19 +132,18 @@ class ControlSoftware:
                 self.params = _changed(self.params, params)
             initial = control.init(setup, runlevel=runlevel)
         if jpos is not None:
-            encoders = start.encoders_at(
-                setup, self.params, checked.joints("jpos", jpos, len(names))
-            )
+            encoders = _encoders_at(setup, self.params, checked.joints("jpos", jpos, len(names)))
         if encoders is not None:
-            encoders = checked.counts(given[0], encoders, len(names))
+            encoders = checked.counts(given[0], encoders, (len(names), 7))
         if state is not None:
             initial = checked.record_like("state", state, initial)
         self.code = code(setup, RecordKind.of(self.params), RecordKind.of(initial), arithmetic)
         """Its transitions and records, for code that prints them."""
         if encoders is not None:
-            self._take_memory(start.in_e_stop(initial))
+            machine = replace(initial.state_machine, runlevel=np.int32(run_levels.E_STOP))
+            self._take_memory(replace(initial, state_machine=machine))
             output = self.step(encoders)
-            initial = start.standing(initial, self.state, output.signals)
+            initial = _standing(initial, self.state, output.signals)
         self._take_memory(initial)
 
     def _take_memory(self, initial: control.ControlState) -> None:
@@ -168,9 +175,9 @@ class ControlSoftware:
         which names the wrong argument; the state is then unchanged.
         """
         row, arms = self._row, len(self.setup.arms)
-        counts = checked.counts("encoders", encoders, arms)
-        bytes_in = checked.per_board("pins", pins, arms, 255)
-        flags = checked.per_board("read_ok", read_ok, arms, 1)
+        counts = checked.counts("encoders", encoders, (arms, 7))
+        bytes_in = checked.per_board("pins", pins, 255, (arms,))
+        flags = checked.per_board("read_ok", read_ok, 1, (arms,))
         *earlier, last = self._packets(packet)
         row.enc_val[0], row.pins[0], row.read_ok[0] = counts, bytes_in, flags
         self._receive_all(earlier)
@@ -194,21 +201,18 @@ class ControlSoftware:
         wrong argument; the state is then unchanged.
         """
         arms = len(self.setup.arms)
-        counts = checked.counts("encoders", encoders, arms, many=True)
+        counts = checked.counts("encoders", encoders, (None, arms, 7))
         cycles = len(counts)
         rows = InputRows(self.setup, cycles)
         rows.enc_val[...] = counts
-        rows.pins[...] = checked.per_board("pins", pins, arms, 255, cycles)
-        rows.read_ok[...] = checked.per_board("read_ok", read_ok, arms, 1, cycles)
-        if packets is None:
-            packets = (None,) * cycles
-        if not isinstance(packets, list | tuple) or len(packets) != cycles:
-            has = isinstance(packets, list | tuple)
-            got = f"has {len(packets)} entries" if has else f"is {shown(packets)}"
-            raise UserError(
-                f"packets {got}, expected a list with one entry a cycle ({cycles}): a datagram, a"
-                " Packet, a list or None"
-            )
+        rows.pins[...] = checked.per_board("pins", pins, 255, (cycles,), (cycles, arms))
+        rows.read_ok[...] = checked.per_board("read_ok", read_ok, 1, (cycles,), (cycles, arms))
+        packets = checked.listed(
+            "packets",
+            (None,) * cycles if packets is None else packets,
+            cycles,
+            f"a list with one entry a cycle ({cycles}): a datagram, a Packet, a list or None",
+        )
         several: dict[int, list[Datagram | Packet | None]] = {}
         for cycle, packet in enumerate(packets):
             *earlier, last = self._packets(packet)
@@ -297,3 +301,55 @@ def _changed(own: control.ControlParams, change: Any) -> control.ControlParams:
             " replaced"
         )
     return checked.record_like("params", new, own, finite=True)
+
+
+# --- start state at given encoder counts ---
+
+
+def _encoders_at(
+    setup: RavenSetup, params: control.ControlParams, jpos: Sequence[Sequence[float]]
+) -> list[list[int]]:
+    """Return the counts [arms, 7] nearest to joints [arms, 7], rad and m."""
+
+    counts = []
+    for arm, tool, estimator, joints in zip(
+        setup.arms, setup.tools, params.estimator, jpos, strict=True
+    ):
+        motors = transmission.motor_from_joint(arm, tool, Vec(joints), software=setup.software)
+        signs = transmission.encoder_signs(arm, tool, setup.software)
+        counts.append(
+            [
+                round(float(sign) * (float(motor) / float(RAD_PER_COUNT) + int(offset)))
+                for motor, sign, offset in zip(motors, signs, estimator.enc_offset, strict=True)
+            ]
+        )
+    return counts
+
+
+def _standing(
+    state: control.ControlState, after: control.ControlState, signals: control.ControlSignals
+) -> control.ControlState:
+    """Return `state` with the arms at rest where they were measured in one cycle in E-stop.
+
+    after, signals: state and signals after that cycle.
+    """
+    places = [arm.pos for arm in after.cartesian]
+    return replace(
+        state,
+        usb=after.usb,
+        cartesian=tuple(
+            replace(arm, pos=place, pos_d=place, jpos_d=measured.jpos)
+            for arm, place, measured in zip(state.cartesian, places, signals.arms, strict=True)
+        ),
+        teleoperation=replace(
+            state.teleoperation,
+            arms=tuple(
+                replace(arm, pose=place)
+                for arm, place in zip(after.teleoperation.arms, places, strict=True)
+            ),
+        ),
+        motor_control=tuple(
+            replace(arm, mpos_d=measured.mpos)
+            for arm, measured in zip(state.motor_control, signals.arms, strict=True)
+        ),
+    )

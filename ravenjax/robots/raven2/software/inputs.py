@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import operator
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,12 +16,13 @@ from ravenjax.errors import UserError, shown, suggestion
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS, JOINTS, LINEAR
 from ravenjax.robots.raven2.console.packet import Packet, silence
-from ravenjax.robots.raven2.geometry import limits
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS, find_tool
 from ravenjax.robots.raven2.setup import RavenSetup
 
 INT32 = (-(2**31), 2**31 - 1)
 Shape = tuple[int | None, ...]
+_POSITIONS = (-6.3, 6.3, "rad", "degrees"), (0.0, 1.0, "m", "millimetres")
+"""Range of the position of a joint that turns, and of one that slides; as in quantities.toml."""
 
 
 def known(what: str, word: Any, words: Iterable[str]) -> Any:
@@ -50,16 +51,17 @@ def tool_names(given: Any, arms: Sequence[str], software: str) -> tuple[str, ...
     """Return one tool per arm; None gives the software's own tools."""
     if given is None:
         return tuple(DEFAULT_TOOLS[software][arm] for arm in arms)
-    if isinstance(given, str | bytes) or not isinstance(given, Iterable):
-        raise UserError(
-            f"tools is {shown(given)}, expected a list with one tool per arm {list(arms)}"
-        )
-    tools = tuple(given)
-    if len(tools) != len(arms):
-        raise UserError(f"tools has {len(tools)} entries, expected one tool per arm {list(arms)}")
-    for tool in tools:
-        find_tool(tool)
-    return tools
+    tools = listed("tools", given, len(arms), f"a list with one tool per arm {list(arms)}")
+    return tuple(find_tool(tool).name for tool in tools)
+
+
+def listed(what: str, given: Any, count: int, expected: str) -> Any:
+    """Return the list if it has `count` entries."""
+    is_list = isinstance(given, list | tuple | np.ndarray)
+    if not is_list or len(given) != count:
+        got = f"has {len(given)} entries" if is_list else f"is {shown(given)}"
+        raise UserError(f"{what} {got}, expected {expected}")
+    return given
 
 
 def whole(what: str, given: Any, low: int, high: int) -> int:
@@ -80,45 +82,25 @@ def flag(what: str, given: Any) -> int:
     return int(given)
 
 
-def counts(
-    what: str, given: Any, arms: int, many: bool = False, repeated: bool = False
-) -> np.ndarray:
-    """Return whole numbers of 32 bits [arms, 7].
-
-    many: [cycles, arms, 7]; repeated: one number, or 7, are accepted for all.
-    """
-    is_plain = type(given) is np.ndarray and given.dtype == np.int32 and not many
-    if is_plain and given.shape == (arms, 7):
+def counts(what: str, given: Any, *shapes: Shape) -> np.ndarray:
+    """Return whole numbers of 32 bits, an array of one of these shapes. None: any length."""
+    if type(given) is np.ndarray and given.dtype == np.int32 and given.shape == shapes[0]:
         return given  # returned early, because a robot's clock ticks
-    shapes: dict[str, Shape] = {"[arms, 7]": (arms, 7)}
-    if many:
-        shapes = {"[cycles, arms, 7]": (None, arms, 7)}
-    elif repeated:
-        shapes |= {"[7]": (7,), "one number": ()}
     return _wholes(what, given, shapes, INT32)
 
 
-def per_board(
-    what: str, given: Any, arms: int, highest: int, cycles: int | None = None
-) -> np.ndarray:
-    """Return whole numbers 0 to `highest` (1: also truth values), one for all boards or one per
-    arm.
+def per_board(what: str, given: Any, highest: int, *shapes: Shape) -> np.ndarray:
+    """Return whole numbers 0 to `highest` (1: also truth values): one, or an array of a shape.
 
-    cycles: one for all, [cycles, 1] or [cycles, arms].
+    shapes: [arms], or [cycles] and [cycles, arms]. Of these, [cycles] is returned as [cycles, 1].
     """
     if type(given) in (int, bool) and 0 <= given <= highest and (highest == 1 or given is not True):
         return np.asarray(given, np.int32)
-    shapes: dict[str, Shape] = {"one number": (), "[arms]": (arms,)}
-    if cycles is not None:
-        shapes = {"one number": (), "[cycles]": (cycles,), "[cycles, arms]": (cycles, arms)}
-    array = _wholes(what, given, shapes, (0, highest))
-    return array[:, np.newaxis] if cycles is not None and array.ndim == 1 else array
+    array = _wholes(what, given, ((), *shapes), (0, highest))
+    return array[:, np.newaxis] if len(shapes) > 1 and array.ndim == 1 else array
 
 
-def _wholes(
-    what: str, given: Any, shapes: Mapping[str, Shape], limits: tuple[int, int]
-) -> np.ndarray:
-    """Return an array of whole numbers with one of `shapes`, in which None is any length."""
+def _wholes(what: str, given: Any, shapes: Sequence[Shape], limits: tuple[int, int]) -> np.ndarray:
     array = _array(what, given, shapes, "iub" if limits == (0, 1) else "iu", "integers")
     low, high = limits
     if array.size and (array.min() < low or array.max() > high):
@@ -134,46 +116,41 @@ def _index(place: Sequence[int]) -> str:
     return "".join(f"[{k}]" for k in place) + joint
 
 
-def _array(
-    what: str, given: Any, shapes: Mapping[str, Shape], kinds: str, numbers: str
-) -> np.ndarray:
-    def fits(shape: tuple[int, ...], wanted: Shape) -> bool:
-        return len(shape) == len(wanted) and all(
-            n in (None, m) for m, n in zip(shape, wanted, strict=True)
-        )
-
+def _array(what: str, given: Any, shapes: Sequence[Shape], kinds: str, numbers: str) -> np.ndarray:
+    """Return an array of one of the shapes, whose type is of these kinds."""
     try:
         array = np.asarray(given)
     except ValueError:  # rows of different lengths
         array = None
-    if (
-        array is not None
-        and array.dtype.kind in kinds
-        and any(fits(array.shape, shape) for shape in shapes.values())
-    ):
-        return array
+    if array is not None and array.dtype.kind in kinds:
+        for shape in shapes:
+            if len(shape) == array.ndim and all(map(_fits, shape, array.shape)):
+                return array
     got = f"is {shown(given)}"
     if array is not None and array.ndim:
         got = f"has shape {array.shape} of {array.dtype}"
     texts = [
-        f"{name} = [{', '.join('..' if n is None else str(n) for n in shape)}]" if shape else name
-        for name, shape in shapes.items()
+        f"[{', '.join('..' if n is None else str(n) for n in shape)}]" if shape else "one number"
+        for shape in shapes
     ]
-    order = f" in the order {', '.join(JOINTS)}" if 7 in next(iter(shapes.values())) else ""
+    order = f" in the order {', '.join(JOINTS)}" if 7 in shapes[0] else ""
     raise UserError(f"{what} {got}, expected {numbers} {' or '.join(texts)}{order}")
+
+
+def _fits(wanted: int | None, length: int) -> bool:
+    return wanted in (None, length)
 
 
 def joints(what: str, given: Any, arms: int) -> list[list[float]]:
     """Return [arms, 7] joint positions, rad and m, anywhere within a turn and within a metre."""
-    array = _array(what, given, {"[arms, 7]": (arms, 7)}, "iuf", "numbers in rad and m")
-    angle, travel = limits.position("position of the joint")
+    array = _array(what, given, [(arms, 7)], "iuf", "numbers in rad and m")
     for place, value in np.ndenumerate(array):
         is_linear = JOINTS[place[1]] in LINEAR
-        quantity, hint = (travel, "millimetres") if is_linear else (angle, "degrees")
-        if not quantity.low <= value <= quantity.high:
+        low, high, unit, mistaken = _POSITIONS[is_linear]
+        if not low <= value <= high:
             raise UserError(
-                f"{what}{_index(place)} is {value}, expected {quantity.low:g}..{quantity.high:g}"
-                f" {quantity.unit}; give {quantity.unit}, not {hint}"
+                f"{what}{_index(place)} is {value}, expected {low:g}..{high:g} {unit};"
+                f" give {unit}, not {mistaken}"
             )
     return array.astype(np.float64).tolist()
 
@@ -204,10 +181,7 @@ def record_like(what: str, given: Any, example: Any, finite: bool = False) -> An
             )
         )
     if isinstance(example, tuple):
-        if not isinstance(given, list | tuple | np.ndarray) or len(given) != len(example):
-            has = isinstance(given, list | tuple | np.ndarray)
-            got = f"has {len(given)} entries" if has else f"is {shown(given)}"
-            raise UserError(f"{what} {got}, expected {len(example)}")
+        given = listed(what, given, len(example), str(len(example)))
         items = [
             record_like(f"{what}[{k}]", *pair, finite)
             for k, pair in enumerate(zip(given, example, strict=True))

@@ -25,7 +25,7 @@ from ravenjax.robots.raven2.console.packet import (
 )
 from ravenjax.robots.raven2.loop.control import Inputs
 from ravenjax.robots.raven2.setup import RavenSetup
-from ravenjax.robots.raven2.stages.usb import UsbIn
+from ravenjax.robots.raven2.stages import usb
 
 
 def row_type(setup: RavenSetup) -> np.dtype:
@@ -65,12 +65,11 @@ def row_kind(setup: RavenSetup) -> RecordKind:
             grasp=tuple(packet["grasp"][slots]),
             surgeon_mode=packet["surgeon_mode"],
         ),
-        UsbIn(tuple(map(Vec, place["enc_val"])), tuple(place["pins"])),
+        usb.UsbIn(tuple(map(Vec, place["enc_val"])), tuple(place["pins"])),
         tuple(place["read_ok"]),
     )
-    flags = (np.int32(1),) * len(slots)
-    usb = UsbIn(tuple(Vec.full(7, np.int32(0)) for _ in slots), flags)
-    record = RecordKind.of(Inputs(silence(setup), usb, flags)).record
+    read = usb.init(setup)
+    record = RecordKind.of(Inputs(silence(setup), read, read.pins)).record
     types = tuple(map(str, tree.leaves(record)))
     places = tuple(map(int, tree.leaves(offsets)))
     return RecordKind(record, BufferLayout(types, places, row.itemsize))

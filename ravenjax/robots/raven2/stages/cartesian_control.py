@@ -9,19 +9,20 @@ beyond a joint limit is clamped, and the desired pose becomes that of the clampe
 from __future__ import annotations
 
 from functools import reduce
-from typing import Annotated
+from operator import or_
 
 import numpy as np
 
 from ravenjax.numbers.lazy import jnp
+from ravenjax.numbers.quantity import described
 from ravenjax.numbers.setup import narrow, per_arm, real, wide
 from ravenjax.numbers.vec import Scalar, Vec, rarely, record, replace, to_int32, where
-from ravenjax.robots.raven2.arms import ArmName
-from ravenjax.robots.raven2.geometry import limits, stored_pose
-from ravenjax.robots.raven2.geometry.inverse import COST_LIMIT, REJECTED
+from ravenjax.robots.raven2.arms import ArmName, PerArm
+from ravenjax.robots.raven2.geometry import stored_pose
+from ravenjax.robots.raven2.geometry.kinematics import COST_LIMIT, REJECTED
 from ravenjax.robots.raven2.geometry.stored_pose import StoredPose
 from ravenjax.robots.raven2.original.constants import joint_limits
-from ravenjax.robots.raven2.original.evaluation import evaluation
+from ravenjax.robots.raven2.original.literal import evaluation
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import check
 from ravenjax.stages.check import CheckHistory
@@ -39,17 +40,16 @@ class Arm:
     joint_limit: CheckHistory
 
 
-State = tuple[Arm, ...]
+State = PerArm[Arm]
 
 
+@described
 @record
 class CartesianParams:
     """Software joint limits, the same for every arm, as float32 numbers."""
 
-    # 5: without the jaws
-    lower: Annotated[Vec, limits.position("lower soft limit of the joint in the control software")]
-    # 5: without the jaws
-    upper: Annotated[Vec, limits.position("upper soft limit of the joint in the control software")]
+    lower: Vec  # 5, without the jaws
+    upper: Vec  # 5, without the jaws
 
 
 def params(setup: RavenSetup) -> CartesianParams:
@@ -61,7 +61,7 @@ def params(setup: RavenSetup) -> CartesianParams:
     )
 
 
-def init(setup: RavenSetup, jpos: tuple[Vec, ...]) -> State:
+def init(setup: RavenSetup, jpos: PerArm[Vec]) -> State:
     """Return the state of a robot at rest at `jpos`, with this pose as the desired one."""
     number = np.dtype(setup.precision.narrow).type
 
@@ -74,10 +74,7 @@ def init(setup: RavenSetup, jpos: tuple[Vec, ...]) -> State:
 
 
 def measure(setup: RavenSetup, arm: ArmName, jpos: Vec) -> StoredPose:
-    """Return the pose of the tip at measured joints, as stored.
-
-    The jaws' difference and sum are rounded before they are used.
-    """
+    """Return the pose of the tip at measured joints, as stored; rounded jaws give its yaw."""
     pose = evaluation(setup).forward(arm, wide(setup, jpos), _yaw(setup, jpos))
     return stored_pose.store(setup, pose, to_int32((jpos[5] + jpos[6]) * 1000.0))
 
@@ -87,9 +84,7 @@ def _yaw(setup: RavenSetup, jpos: Vec) -> Scalar:
 
 
 def _reference(setup: RavenSetup, jpos: Vec) -> Vec:
-    """Return the measured joints from which solutions are judged, with jaws that give the rounded
-    yaw.
-    """
+    """Return the measured joints, with jaws that give the rounded yaw."""
     yaw = _yaw(setup, jpos)
     return Vec((*wide(setup, Vec(jpos[:5])), -yaw, yaw))
 
@@ -99,7 +94,7 @@ def follow(state: State, condition: Scalar) -> State:
     return tuple(replace(arm, pos_d=where(condition, arm.pos, arm.pos_d)) for arm in state)
 
 
-def sense(setup: RavenSetup, state: State, jpos: tuple[Vec, ...]) -> State:
+def sense(setup: RavenSetup, state: State, jpos: PerArm[Vec]) -> State:
     """Store this cycle's measured poses."""
     return per_arm(setup, lambda i, arm: replace(state[i], pos=measure(setup, arm, jpos[i])))
 
@@ -110,12 +105,9 @@ def solve(
     state: State,
     tick: Scalar,
     active: Scalar,
-    jpos: tuple[Vec, ...],
+    jpos: PerArm[Vec],
 ) -> tuple[State, Scalar]:
-    """Solve the inverse kinematics of all arms if `active`.
-
-    Returns the state, and whether any target was clamped (bool).
-    """
+    """Solve all arms if `active`. Return the state, and whether any target was clamped."""
     forward, inverse, *_ = evaluation(setup)
     proceed = active
     clamped = []
@@ -148,7 +140,7 @@ def solve(
         )
         clamped.append(limited)
         proceed = solved
-    return tuple(arms), reduce(lambda a, b: a | b, clamped)
+    return tuple(arms), reduce(or_, clamped)
 
 
 def _clamp(
@@ -169,4 +161,4 @@ def _clamp(
     if lowest_yaw is not None:
         at_limit.append(yaw <= lowest_yaw)
         yaw = jnp.where(yaw <= lowest_yaw, lowest_yaw, yaw)
-    return Vec((*values, yaw)), reduce(lambda a, b: a | b, at_limit), reduce(jnp.minimum, spares)
+    return Vec((*values, yaw)), reduce(or_, at_limit), reduce(jnp.minimum, spares)

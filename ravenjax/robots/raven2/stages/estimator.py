@@ -7,11 +7,9 @@ fork first filters them by a third-order Butterworth low-pass of 120 Hz.
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import numpy as np
 
-from ravenjax.numbers.quantity import Quantity
+from ravenjax.numbers.quantity import described
 from ravenjax.numbers.setup import narrow, wide
 from ravenjax.numbers.vec import Scalar, Vec, record, where
 from ravenjax.robots.raven2.arms import ArmName
@@ -29,19 +27,10 @@ Source: raven2 state_estimate.cpp.
 """
 
 
+@described
 @record
 class EstimatorParams:
-    enc_offset: Annotated[  # 7, int32
-        Vec,
-        Quantity(
-            "counts",
-            -(2**23),
-            2**23 - 1,
-            "encoder count at motor angle 0, as homing leaves it",
-            whole=True,
-            why="a reading of 24 bits",
-        ),
-    ]
+    enc_offset: Vec  # 7, int32
 
 
 @record
@@ -131,9 +120,6 @@ def joints(setup: RavenSetup, arm: ArmName, tool: str, mpos: Vec) -> Vec:
 
 
 def joint_velocities(setup: RavenSetup, mvel: Vec) -> Vec:
-    """Return joint velocities (rad/s, m/s).
-
-    As in the original they are without coupling, and 0 for the tool joints.
-    """
+    """Return joint velocities (rad/s, m/s): without coupling, 0 for tools, as in the original."""
     zero = narrow(setup, 0.0)
     return Vec((*(mvel[i] / stored.TR[i] for i in range(3)), *(zero,) * 4))

@@ -6,40 +6,28 @@ In the 2015 fork the gravity torque never reaches tau_d.
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import numpy as np
 
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import Quantity
+from ravenjax.numbers.quantity import described
 from ravenjax.numbers.setup import narrow, wide
 from ravenjax.numbers.vec import Scalar, Vec, record, where
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.original import constants as stored
-from ravenjax.robots.raven2.original.evaluation import evaluation
+from ravenjax.robots.raven2.original.literal import evaluation
 from ravenjax.robots.raven2.setup import RavenSetup
 
 
-def _gain(unit: str, meaning: str) -> Quantity:
-    return Quantity(unit, -1e3, 1e3, meaning, why="gain; negative: a mistaken sign")
-
-
+@described
 @record
 class MotorControlParams:
-    """Gains of seven motors, from motor angle to torque after the gearbox.
+    """Gains of seven motors, from motor angle to torque (raven2: params/r2params.yaml)."""
 
-    There is no integral clamp and no anti-windup.
-    """
-
-    # raven2: params/r2params.yaml
-    kp: Annotated[Vec, _gain("N m/rad", "proportional gain of the motor controller")]
-    # raven2: params/r2params.yaml
-    kd: Annotated[Vec, _gain("N m s/rad", "derivative gain of the motor controller")]
-    # raven2: params/r2params.yaml
-    ki: Annotated[Vec, _gain("N m/(rad s)", "integral gain of the motor controller")]
-    # default of the original
-    mvel_d: Annotated[Vec, Quantity("rad/s", -1e4, 1e4, "desired motor velocity, 0 in raven2")]
+    kp: Vec
+    kd: Vec
+    ki: Vec
+    mvel_d: Vec
 
 
 @record

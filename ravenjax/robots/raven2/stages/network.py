@@ -35,26 +35,19 @@ class NetworkState:
 
 
 def init(setup: RavenSetup) -> NetworkState:
-    """Return the state of a robot that has received nothing: the first accepted packet is
-    number 1.
-    """
+    """Return the state before any packet: the first accepted packet is number 1."""
     return NetworkState(np.int32(0), *(check.init(setup) for _ in range(6)))
 
 
 def _below(a: Scalar, b: Scalar) -> Scalar:
-    """Return a < b for the bits as unsigned numbers; flipping the top bit maps their order to
-    int32's.
-    """
+    """Return a < b as unsigned numbers: with the top bit flipped, int32 has their order."""
     return (a ^ INT32_MIN) < (b ^ INT32_MIN)
 
 
 def step(
     setup: RavenSetup, state: NetworkState, tick: Scalar, packet: Packet
 ) -> tuple[NetworkState, Scalar]:
-    """Apply the rules to the packet of this cycle.
-
-    Returns the state and whether the packet is accepted (bool).
-    """
+    """Apply the rules to this packet. Return the state, and whether it is accepted."""
     received = packet.received != 0
     spare = packet.size - SIZE_BYTES[setup.console]
     short = received & (spare < 0)

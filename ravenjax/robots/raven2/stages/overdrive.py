@@ -10,23 +10,22 @@ trip resets it. The 2015 fork clips at every run level and has no policies.
 from __future__ import annotations
 
 from functools import reduce
-from typing import Annotated
+from operator import or_
 
 import numpy as np
 
-from ravenjax.errors import UserError, suggestion
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import Quantity
+from ravenjax.numbers.quantity import described
 from ravenjax.numbers.setup import real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
+from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import check
 from ravenjax.stages.check import CheckHistory
 
-NO_REGULATION, SOFT_REGULATION, HARD_REGULATION = 0, 1, 2
+SOFT_REGULATION, HARD_REGULATION = 1, 2
 POLICIES = ("no_regulation", "soft_regulation", "hard_regulation")
-"""Names of the policies, by number."""
-"""Policies; raven2: defines.h."""
+"""Names of the policies, by number; raven2: defines.h."""
 
 LEVELS: dict[str, tuple[int, ...]] = {
     "beginner": (1500, 1500, 1000, 3000, 3000, 3800, 3800),
@@ -34,58 +33,23 @@ LEVELS: dict[str, tuple[int, ...]] = {
     "advanced": (5000, 5000, 4000, 3000, 3000, 3800, 3800),
     "fork2015": (10000, 10000, 8000, 6000, 2700, 4800, 4800),
 }
-"""DAC counts per joint, by safety level.
-
-raven2: defines.h, init.cpp, and the same files of the 2015 fork.
-"""
+"""DAC counts per joint, by safety level; raven2 and the 2015 fork: defines.h, init.cpp."""
 
 MAX_INST_DAC = {"raven2": 20000, "fork2015": 12000}
 """Instant limit in DAC counts; raven2: defines.h."""
 
 HARD_SAMPLES = 10
-"""The shared counter trips on the next over-limit sample above this; raven2:
-overdrive_detect.cpp.
-"""
+"""The next sample over the limit above this count trips; raven2: overdrive_detect.cpp."""
 
 CHECKED_JOINTS = 6
 
 
+@described
 @record
 class OverdriveParams:
-    policy: Annotated[  # int32; unused by the 2015 fork
-        Scalar,
-        Quantity(
-            "",
-            0,
-            2,
-            "overdrive policy: 0 no_regulation, 1 soft_regulation (clips), 2 hard_regulation (stops"
-            " after ten)",
-            whole=True,
-            read_when=("software", "raven2"),
-        ),
-    ]
-    dac_max: Annotated[  # 7, int32; the limit of grasp2 is unused, as in the original
-        Vec,
-        Quantity(
-            "counts",
-            0,
-            2**15,
-            "command to which the overdrive check clips",
-            whole=True,
-            why="a magnitude of 16 bits",
-        ),
-    ]
-    max_inst_dac: Annotated[  # int32
-        Scalar,
-        Quantity(
-            "counts",
-            0,
-            2**15,
-            "command above which the overdrive check stops the robot",
-            whole=True,
-            why="a magnitude of 16 bits",
-        ),
-    ]
+    policy: Scalar  # int32; unused by the 2015 fork
+    dac_max: Vec  # 7, int32; the limit of grasp2 is unused, as in the original
+    max_inst_dac: Scalar  # int32
 
 
 @record
@@ -100,16 +64,8 @@ class OverdriveState:
 def params(
     setup: RavenSetup, level: str | None = None, policy: int = SOFT_REGULATION
 ) -> OverdriveParams:
-    """Return the limits of a safety level.
-
-    The default is "moderate" for raven2 and the fork's own table for the fork.
-    """
+    """Return the limits of a safety level; None: "moderate" for raven2, "fork2015" for the fork."""
     level = level or ("moderate" if setup.software == "raven2" else "fork2015")
-    if level not in LEVELS:
-        raise UserError(
-            f"overdrive level is {level!r}, expected one of"
-            f" {', '.join(LEVELS)}{suggestion(level, LEVELS)}"
-        )
     limits = Vec(np.int32(limit) for limit in LEVELS[level])
     return OverdriveParams(np.int32(policy), limits, np.int32(MAX_INST_DAC[setup.software]))
 
@@ -125,12 +81,9 @@ def step(
     state: OverdriveState,
     tick: Scalar,
     runlevel: Scalar,
-    current_cmd: tuple[Vec, ...],
-) -> tuple[OverdriveState, tuple[Vec, ...], Scalar]:
-    """Check the commands of all arms.
-
-    Returns the state, the commands to write, and whether to raise the soft E-stop.
-    """
+    current_cmd: PerArm[Vec],
+) -> tuple[OverdriveState, PerArm[Vec], Scalar]:
+    """Return the state, the commands to write, and whether to raise the soft E-stop."""
     fork = setup.software == "fork2015"
     regulated = (runlevel == runlevel) if fork else (runlevel >= 1)
     soft = regulated if fork else regulated & (params.policy == SOFT_REGULATION)
@@ -158,17 +111,17 @@ def step(
             sizes.append(size)
             spares.append(limit - size)
         checked.append(Vec((*joints, *commands[CHECKED_JOINTS:])))
-    instant_trip, spare = _any(instants), real(setup, reduce(jnp.minimum, spares))
+    instant_trip, spare = reduce(or_, instants), real(setup, reduce(jnp.minimum, spares))
     instant_spare = real(setup, params.max_inst_dac - reduce(jnp.maximum, sizes))
     state = OverdriveState(
         counter,
         check.update(state.instant, tick, instant_trip, instant_spare),
-        check.update(state.clip, tick, _any(clips), jnp.where(regulated, spare, np.inf)),
+        check.update(state.clip, tick, reduce(or_, clips), jnp.where(regulated, spare, np.inf)),
         state.hard,
     )
     if hard is None:
         return state, tuple(checked), instant_trip
-    hard_trip = _any(trips)
+    hard_trip = reduce(or_, trips)
     left = jnp.where(hard, real(setup, HARD_SAMPLES + 1 - counter), np.inf)
     state = replace(state, hard=check.update(state.hard, tick, hard_trip, left))
     return state, tuple(checked), instant_trip | hard_trip
@@ -183,7 +136,3 @@ def _counted(counter: Scalar, instant: Scalar, over: Scalar, hard: Scalar) -> tu
     trip = counting & (counter > HARD_SAMPLES)
     restarted = instant | trip | (over & ~hard)
     return jnp.where(restarted, 0, counter) + as_int(counting), trip
-
-
-def _any(flags: list[Scalar]) -> Scalar:
-    return reduce(lambda a, b: a | b, flags)

@@ -2,8 +2,8 @@
 assumption.
 
 No source publishes the PLC's program, which contains start and E-stop buttons, brake relays and
-watchdog time-out. The following is implied by the control software (raven2: defines.h,
-state_machine.cpp, update_atmel_io.cpp) or assumed here:
+watchdog time-out. The control software implies the following (raven2: defines.h, state_machine.cpp,
+update_atmel_io.cpp), or it is assumed here.
 
 - The PLC puts a run level on its pins PS0, PS1 (bits 6 and 7 of the input byte; bits 7..6 read as a
   number).
@@ -24,10 +24,9 @@ from __future__ import annotations
 
 import operator
 from functools import reduce
-from typing import Annotated
 
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import HOUR_MS, Quantity
+from ravenjax.numbers.quantity import described
 from ravenjax.numbers.setup import real
 from ravenjax.numbers.vec import Scalar, as_int, record
 from ravenjax.robots.raven2.run_levels import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP
@@ -43,21 +42,12 @@ PIN_RUNLEVEL = 6
 CAUSE_NONE, CAUSE_WATCHDOG, CAUSE_BUTTON = 0, 1, 2
 
 
+@described
 @record
 class PlcParams:
-    watchdog_ticks: Annotated[  # int32; assumption: 1.5 periods of 50 ms
-        Scalar,
-        Quantity("ms", 1, HOUR_MS, "without a watchdog edge before the PLC trips", whole=True),
-    ] = 75
-    auto_start: Annotated[  # int32; assumption: 1
-        Scalar, Quantity("", 0, 1, "1: the start button is pressed by itself, 0: never", whole=True)
-    ] = 1
-    start_ticks: Annotated[  # int32; assumption: 100 (two periods)
-        Scalar,
-        Quantity(
-            "ms", 0, HOUR_MS, "of living watchdog in E-stop before start is pressed", whole=True
-        ),
-    ] = 100
+    watchdog_ticks: Scalar = 75  # int32; assumption: 1.5 periods of 50 ms
+    auto_start: Scalar = 1  # int32; assumption: 1
+    start_ticks: Scalar = 100  # int32; assumption: 100 (two periods)
 
 
 @record

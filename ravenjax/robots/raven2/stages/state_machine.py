@@ -8,12 +8,12 @@ again, as the real robot does in cartesian mode.
 
 from __future__ import annotations
 
-from typing import Annotated
+from functools import reduce
 
 import numpy as np
 
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import Quantity
+from ravenjax.numbers.quantity import described
 from ravenjax.numbers.vec import Scalar, as_int, record, replace
 from ravenjax.robots.raven2.run_levels import E_STOP, INIT
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -21,20 +21,16 @@ from ravenjax.stages import check
 from ravenjax.stages.check import CheckHistory
 
 MISMATCHES = 4
-"""Cycles in which the pins must show another level before it is adopted; raven2:
-state_machine.cpp.
-"""
+"""Cycles with another level on the pins before it is adopted; raven2: state_machine.cpp."""
 
 SETTLING_CYCLES = 11
 """Cycles of sublevel 2; raven2: init.cpp."""
 
 
+@described
 @record
 class StateMachineParams:
-    plc_obeyed: Annotated[  # int32; 0 in the simulator builds of the 2015 fork
-        Scalar,
-        Quantity("", 0, 1, "1: the software looks at the PLC's pins, 0: it does not", whole=True),
-    ]
+    plc_obeyed: Scalar  # int32; 0 in the simulator builds of the 2015 fork
 
 
 @record
@@ -50,10 +46,7 @@ class StateMachineState:
 
 
 def params(setup: RavenSetup) -> StateMachineParams:
-    """Return the parameters.
-
-    raven2 obeys the PLC; the simulator builds of the 2015 fork leave the state machine out.
-    """
+    """Return the parameters: raven2 obeys the PLC, the fork's simulator builds do not."""
     return StateMachineParams(np.int32(setup.software == "raven2"))
 
 
@@ -71,10 +64,7 @@ def desired_runlevel(
     params: StateMachineParams, state: StateMachineState, pins: tuple[Scalar, ...]
 ) -> Scalar:
     """Return the run level on the input pins: bits 7..6 as a number, the lowest of all boards."""
-    levels = [(byte >> 6) & 3 for byte in pins]
-    lowest = levels[0]
-    for level in levels[1:]:
-        lowest = jnp.minimum(lowest, level)
+    lowest = reduce(jnp.minimum, ((byte >> 6) & 3 for byte in pins))
     return jnp.where(params.plc_obeyed != 0, lowest, state.runlevel)
 
 

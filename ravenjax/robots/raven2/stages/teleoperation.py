@@ -10,72 +10,36 @@ instead of jumping.
 from __future__ import annotations
 
 import math
-from typing import Annotated
 
 import numpy as np
 
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import HOUR_MS, Quantity
+from ravenjax.numbers.quantity import described
 from ravenjax.numbers.setup import narrow, per_arm, real, wide
 from ravenjax.numbers.vec import INT32_MIN, Scalar, Vec, as_int, record, replace, where
-from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry import mapping
 from ravenjax.robots.raven2.geometry.stored_pose import StoredPose
-from ravenjax.robots.raven2.original.evaluation import evaluation
+from ravenjax.robots.raven2.original.literal import evaluation
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import check
 from ravenjax.stages.check import CheckHistory
 
 GRASP_RESET_MRAD = 785
-"""The accumulated opening is only reset if it is more than 45 deg = 785.4 mrad off.
-
-raven2: local_io.cpp.
-"""
+"""More than 45 deg (785.4 mrad) off, the opening is reset; raven2: local_io.cpp."""
 
 NO_PACKET_SEQUENCE = 111
 """last_seq before the first packet; raven2: local_io.cpp."""
 
 
+@described
 @record
 class TeleoperationParams:
-    grasp_gain: Annotated[  # raven2: local_io.cpp
-        Scalar,
-        Quantity(
-            "",
-            -100,
-            100,
-            "jaw opening per grasp increment of a packet",
-            whole=True,
-            read_when=("console", "increments"),
-        ),
-    ]
-    grasp_min_mrad: Annotated[
-        Scalar,
-        Quantity(
-            "mrad",
-            -6300,
-            6300,
-            "smallest jaw opening",
-            whole=True,
-            read_when=("console", "increments"),
-        ),
-    ]
-    grasp_max_mrad: Annotated[
-        Scalar,
-        Quantity(
-            "mrad",
-            -6300,
-            6300,
-            "largest jaw opening",
-            whole=True,
-            read_when=("console", "increments"),
-        ),
-    ]
-    timeout_ticks: Annotated[  # raven2: local_io.cpp
-        Scalar,
-        Quantity("ms", 0, HOUR_MS, "silence of the console that lifts the pedal", whole=True),
-    ]
+    grasp_gain: Scalar  # raven2: local_io.cpp
+    grasp_min_mrad: Scalar
+    grasp_max_mrad: Scalar
+    timeout_ticks: Scalar  # raven2: local_io.cpp
 
 
 @record
@@ -89,7 +53,7 @@ class Accumulator:
 
 @record
 class TeleoperationState:
-    arms: tuple[Accumulator, ...]
+    arms: PerArm[Accumulator]
     # int32 flag: the accumulator has changed since the device last read it
     updated: Scalar
     age_ticks: Scalar  # int32 cycles since the last update
@@ -105,7 +69,7 @@ def params(setup: RavenSetup) -> TeleoperationParams:
     return TeleoperationParams(np.int32(gain), np.int32(lowest), np.int32(highest), np.int32(5000))
 
 
-def init(setup: RavenSetup, poses: tuple[StoredPose, ...]) -> TeleoperationState:
+def init(setup: RavenSetup, poses: PerArm[StoredPose]) -> TeleoperationState:
     """Return the accumulators at `poses`, before the first packet."""
     return TeleoperationState(
         per_arm(setup, lambda i, _: Accumulator(poses[i], _quaternion(setup, poses[i]))),
@@ -128,9 +92,7 @@ def accumulate(
     accepted: Scalar,
     packet: Packet,
 ) -> TeleoperationState:
-    """Add the increments of an accepted packet, or take over its poses if the console sends
-    absolute ones.
-    """
+    """Add the increments of an accepted packet, or take over its absolute poses."""
     take = _taken_absolute if setup.console == "absolute" else _added
     after = per_arm(setup, lambda i, arm: take(setup, arm, params, state.arms[i], packet, i))
     return replace(
@@ -188,8 +150,8 @@ def hand_over(
     state: TeleoperationState,
     tick: Scalar,
     pedal_down: Scalar,
-    desired: tuple[StoredPose, ...],
-) -> tuple[TeleoperationState, tuple[StoredPose, ...]]:
+    desired: PerArm[StoredPose],
+) -> tuple[TeleoperationState, PerArm[StoredPose]]:
     """Apply the master timeout, and return the device's desired poses. Call once per cycle.
 
     The desired poses are the sum if the robot is in pedal-down and the sum was updated.
@@ -212,11 +174,9 @@ def hand_over(
 
 
 def reset_origin(
-    setup: RavenSetup, state: TeleoperationState, reset: Scalar, desired: tuple[StoredPose, ...]
+    setup: RavenSetup, state: TeleoperationState, reset: Scalar, desired: PerArm[StoredPose]
 ) -> TeleoperationState:
-    """Restart every arm's accumulator from the desired pose if `reset`; this counts as an
-    update.
-    """
+    """Restart each arm's accumulator from its desired pose if `reset`; this counts as an update."""
 
     def restarted(i: int, _: ArmName) -> Accumulator:
         old, new = state.arms[i], desired[i]

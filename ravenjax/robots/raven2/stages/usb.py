@@ -15,6 +15,7 @@ import numpy as np
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import per_arm
 from ravenjax.numbers.vec import Scalar, Vec, record, where
+from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.setup import RavenSetup
 
 AnyUsb = TypeVar("AnyUsb", "UsbIn", "UsbOut")
@@ -24,16 +25,16 @@ AnyUsb = TypeVar("AnyUsb", "UsbIn", "UsbOut")
 class UsbIn:
     """Values last read from the boards, one board per arm."""
 
-    enc_val: tuple[Vec, ...]  # per arm 7 int32 counts, after unpacking
-    pins: tuple[Scalar, ...]  # per arm int32 input byte of the PLC; bits 6, 7: run level
+    enc_val: PerArm[Vec]  # 7 int32 counts, after unpacking
+    pins: PerArm[Scalar]  # int32 input byte of the PLC; bits 6, 7: run level
 
 
 @record
 class UsbOut:
     """Values that the boards hold, one board per arm."""
 
-    current_cmd: tuple[Vec, ...]  # per arm 7 int32 DAC counts
-    pins: tuple[Scalar, ...]  # per arm int32 output byte to the PLC
+    current_cmd: PerArm[Vec]  # 7 int32 DAC counts
+    pins: PerArm[Scalar]  # int32 output byte to the PLC
 
 
 def init(setup: RavenSetup) -> UsbIn:
@@ -49,7 +50,7 @@ def init_out(setup: RavenSetup) -> UsbOut:
     return UsbOut(per_arm(setup, lambda *_: Vec.full(7, zero)), per_arm(setup, lambda *_: zero))
 
 
-def transfer(held: AnyUsb, message: AnyUsb, ok: tuple[Scalar, ...]) -> AnyUsb:
+def transfer(held: AnyUsb, message: AnyUsb, ok: PerArm[Scalar]) -> AnyUsb:
     """Return the values on the receiving side after this cycle.
 
     They are those of the message where the board's transfer succeeded (int32 1), else unchanged.

@@ -1,6 +1,4 @@
-"""Sets the output pins to the PLC, with the watchdog square wave (raven2: update_atmel_io.cpp,
-defines.h).
-"""
+"""Output pins to the PLC, with the watchdog's square wave (raven2: update_atmel_io.cpp)."""
 
 from __future__ import annotations
 

@@ -25,8 +25,7 @@ def packets(setup, motion, scale):
     params = operator.params(setup, motion.start_jpos, scale)
 
     def one(k):
-        row, before = operator.lookup(table, k), operator.lookup(table, k - 1)
-        return operator.packet(setup, params, row, before, k + 1)
+        return operator.packet(setup, params, table, operator.row_by_row(k))
 
     return jax.tree.map(
         np.asarray, jax.jit(jax.vmap(one))(jnp.arange(len(motion), dtype=jnp.int32))
@@ -126,12 +125,8 @@ def test_what_hands_do_beyond_the_plan_is_sent_once_and_adds_up(motion):
         for k in range(300, 330):
             stray = rng.uniform(-50.0, 50.0, (2, 3))
             hands = operator.strayed(hands, vectors(*stray))
-            rows = [operator.lookup(table, k), operator.lookup(table, k - 1)]
-            row, before = (
-                operator.moved(rows[0], hands.offset),
-                operator.moved(rows[1], hands.offset_before),
-            )
-            total += numbers(operator.packet(setup, params, row, before, k + 1).delta)
+            timing = operator.row_by_row(k)
+            total += numbers(operator.packet(setup, params, table, timing, hands).delta)
             hands = operator.sent(hands, jnp.bool_(True))
         begun = np.trunc(motion.position_um[299].astype(np.float32).astype(float) * 0.1)
         whole = np.trunc((motion.position_um[329].astype(np.float32) + numbers(hands.offset)) * 0.1)

@@ -39,7 +39,7 @@ def at_start(one: robot.PlantParams, start=START) -> tuple[np.ndarray, np.ndarra
             s * float(c) * transmission.ENCODER_RAD for s, c in zip(signs, out.enc_val, strict=True)
         )
         reported = transmission.joint_from_motor("gold", "r_grasper", mpos)
-        tip = robot.tip("gold", one, state, out.jpos)
+        (tip,) = robot.tips(setup(), (one,), (state,), (out,))
         return np.array(reported, float), np.array(out.jpos, float), np.array(tip, float)
 
 

@@ -12,10 +12,11 @@ import numpy as np
 import oracle_control_software as oracle
 import pytest
 import rig_control_software as rig
+from closed_loop import decode
 
 from ravenjax.errors import UserError
 from ravenjax.numbers.setup import CAMPAIGN
-from ravenjax.robots.raven2.console.packet import Packet, decode
+from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.software.control_software import ControlSoftware
 
 ARMS = {"gold": oracle.GOLD, "green": oracle.GREEN}
