@@ -127,7 +127,7 @@ def _onset(config: CampaignConfig, fault: Fault) -> Iterator[tuple[str, str]]:
         end = f"{ticks} ms" if last == ticks - 1 else f"{last + 1} packets"
         yield (
             "start_ms",
-            f"got {max(listed)}, expected less than the run's {end}: it would never strike. Write"
+            f"got {max(listed)}, expected less than the run's {end}: it would never act. Write"
             " an earlier start_ms, or a longer campaign.duration_s",
         )
 
@@ -142,8 +142,7 @@ def _value(
     for effect, name, value in _combinations(axes, paired=group.design == "zip"):
         if effect not in WITHOUT_VALUE:
             aimed = NETWORK_EFFECTS[effect].channel if effect in NETWORK_EFFECTS else name
-            drawn = not fault.value.listed
-            message = _misfit(site, site.channel(aimed), effect, value, drawn, beyond)
+            message = _misfit(site, site.channel(aimed), effect, value, fault.value, beyond)
             if message:
                 yield "value", message
                 return
@@ -167,16 +166,22 @@ def _combinations(axes: tuple[Axis, ...], paired: bool) -> Iterator[tuple[str, s
 
 
 def _misfit(
-    site: Site, channel: Channel, effect: str, value: float, drawn: bool, beyond: bool
+    site: Site, channel: Channel, effect: str, value: float, axis: Axis, beyond: bool
 ) -> str | None:
-    """Return why a channel cannot take a value; None if it can."""
+    """Return why a channel cannot take a value of an axis, or an end of it; None if it can."""
     if not abs(value) <= LARGEST:
         return f"got {shown(value)}, expected a number of single precision, at most {LARGEST:.4g}"
-    rule = legal(channel, effect, beyond)
-    value = math.floor(value) if drawn and rule.rounded else value
-    if not rule.low <= value <= rule.high or (
-        rule.whole and not drawn and value != math.floor(value)
-    ):
+    rule, drawn = legal(channel, effect, beyond), not axis.listed
+    if drawn and rule.rounded:
+        low, high = axis.extent
+        if math.ceil(low) > math.floor(high) or (axis.kind == "uniform" and value % 1):
+            return (
+                f"got {axis.kind} = {list(axis.values)}, but {channel.name} is a whole number"
+                f" ({channel.unit}): write whole ends, such as {math.floor(low)} and"
+                f" {math.ceil(high)}"
+            )
+        value = math.trunc(value)
+    if not rule.low <= value <= rule.high or (rule.whole and not drawn and value % 1):
         return complaint(site, channel, effect, value, beyond)
     field = channel.field
     if field and EFFECTS[effect].value == "number" and not field.low <= value <= field.high:
