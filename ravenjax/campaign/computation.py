@@ -107,7 +107,7 @@ class Computation:
         Close the generator to cancel the work in progress. Use it inside `interruption.held_back`.
         """
         self._fast_forward = FastForwardPlan(self.plan, 0 if self.whole else self.kernel.branches)
-        self._halted: list[np.ndarray] = []
+        self._fault_free_outcomes: list[Columns] = []
         under_way: deque[tuple[Window, list[Future[Pair]]]] = deque()
         golden_runs: GoldenRuns | None = None
 
@@ -130,7 +130,7 @@ class Computation:
                         yield finish_window()
                 while under_way:
                     yield finish_window()
-                self._tell_of_stops()
+                self._note_fault_free()
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
@@ -145,20 +145,30 @@ class Computation:
         )
         return rows, golden_runs
 
-    def _tell_of_stops(self) -> None:
-        """Add a note if golden runs stand still for long, because no fault can do harm in that
-        time.
-        """
-        halted = np.concatenate(self._halted) if self._halted else np.zeros(0)
+    def _note_fault_free(self) -> None:
+        """Note golden runs that stand still for long, and cues and detectors that are on in all."""
+        some = self._fault_free_outcomes
+        if not some:
+            return
+        runs = {name: np.concatenate([columns[name] for columns in some]) for name in some[0]}
+        halted = runs.get("halted_ms", np.zeros(0))
         still = halted > STANDS_STILL * self.plan.program.ticks
         if still.any():
             self.progress.note(
                 f"{still.sum()} of {len(still)} golden runs stand still for up to"
                 f" {int(halted.max()):,} of {self.plan.program.ticks:,} ms while the operator"
                 " holds the pedal down: the robot stops without a fault, and faults after that do"
-                " nothing. Column golden_halted_ms tells which; take a shorter"
+                " nothing. Column golden_halted_ms has the time of each; take a shorter"
                 " campaign.duration_s, another motion or a smaller operator.scale"
             )
+        for name, first in runs.items():
+            watches = name.startswith(("cue", "detector")) and name.endswith("_first_ms")
+            if watches and (first >= 0).all():
+                self.progress.note(
+                    f"{name.removesuffix('_first_ms')} is on in every golden run, in the last one"
+                    f" from {first.max()} ms on: after that it shows no fault. Take a larger"
+                    " threshold"
+                )
 
     def _limits(self) -> WindowLimits:
         program, lanes = self.plan.program, self.kernel.lanes
@@ -230,8 +240,7 @@ class Computation:
         columns = {
             name: result.outcomes[name][: len(rows)] for name in outcomes.of_golden(result.outcomes)
         }
-        if "halted_ms" in columns:
-            self._halted.append(columns["halted_ms"])
+        self._fault_free_outcomes.append(columns)
         return Computed(self.plan.golden[rows], result.reference[:, :, : len(rows)], columns)
 
     def _branches(self, row: int, golden_runs: GoldenRuns) -> Branches:

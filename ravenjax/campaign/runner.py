@@ -21,6 +21,7 @@ from ravenjax.campaign.executors.protocol import Executor, FinishedChunk, Work
 from ravenjax.campaign.executors.shards import Shard
 from ravenjax.campaign.faults import run_id, table
 from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.inspection import notices
 from ravenjax.campaign.plan import Plan, make_plan
 from ravenjax.campaign.progress import OnProgress, Progress, ProgressFile
 from ravenjax.engines.interface import Engine
@@ -81,6 +82,7 @@ def run_campaign(
             "rows": None if rows is None else _pairs(rows, plan.runs),
             "shard": None if shard is None else str(shard),
             "command": tuple(command),
+            "notices": (declared := notices.of_plan(plan)),
         }
     )
     files.require_writable(out)
@@ -93,7 +95,7 @@ def run_campaign(
             sum(map(len, missing)),
             plan.program.ticks,
             ProgressFile(out, on_progress),
-            folder.notes,
+            (*folder.notes, *declared),
         )
         progress.count_failures(folder.manifest.failures)
 
@@ -113,7 +115,7 @@ def run_campaign(
             # well.
             with contextlib.suppress(*[StoreError] if phase == "stopped" else ()):
                 status = progress.status
-                folder.close(status.compile_s, status.run_s, status.computed)
+                folder.close(status.compile_s, status.run_s, status.computed, status.notes)
             progress.tell(phase)
     return Results(record.shape, out)
 

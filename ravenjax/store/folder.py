@@ -125,8 +125,8 @@ class ResultFolder:
             manifests.record(self.path, part)
             self._parts.append(part)
 
-    def close(self, compile_s: float, run_s: float, rows: int) -> None:
-        """Record the times of this start (s) and the number of rows it computed.
+    def close(self, compile_s: float, run_s: float, rows: int, notes: Sequence[str] = ()) -> None:
+        """Record the times of this start (s), the number of rows it computed, and its notes.
 
         Records the finish time once no row is missing.
         """
@@ -135,6 +135,8 @@ class ResultFolder:
             self._manifest = self._manifest.model_copy(
                 update={"compile_s": compile_s, "run_s": run_s, "runs_per_s": rate}
             )
+        told = tuple(dict.fromkeys((*self._manifest.notices, *notes)))
+        self._manifest = self._manifest.model_copy(update={"notices": told})
         if self._manifest.finished is None and not any(
             True for _ in self.missing(self._manifest.runs)
         ):

@@ -9,7 +9,7 @@ import itertools
 import math
 from collections.abc import Iterator
 
-from ravenjax.campaign.file.axis import PHASE, Axis, Moment
+from ravenjax.campaign.file.axis import Axis, Moment
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Fault, Group
 from ravenjax.campaign.file.location import Complaint
@@ -197,28 +197,6 @@ def last_start(config: CampaignConfig, fault: Fault) -> int:
     axis = config.parameters.get(config.robot.packet_cycles)
     least = 1 if axis is None else min(axis.listed or axis.values)
     return math.ceil(ticks / max(config.cycles_a_packet, least)) - 1
-
-
-def notices(config: CampaignConfig) -> Iterator[Complaint]:
-    """Yield (key, message) of what is valid but may not be what the user meant."""
-    robot = config.robot
-    for key, table in config.parameter_tables():
-        for path, axis in table.items() if not config.campaign.noise else ():
-            plain = paths.plain(path, robot.arms, robot.joints)
-            if plain in robot.noise and axis.values != (0,):
-                yield (
-                    (*key, path),
-                    "nothing reads it while campaign.noise is off; set campaign.noise = true",
-                )
-    for g, group in enumerate(config.group):
-        for f, fault in enumerate(group.fault):
-            start, last = fault.start_ms, last_start(config, fault)
-            if start.drawn and start.kind not in ("choice", PHASE) and start.extent[1] > last:
-                yield (
-                    ("group", g, "fault", f, "start_ms"),
-                    f"{start.kind} may draw up to {start.extent[1]:g}, and what is drawn beyond"
-                    f" {last} never strikes",
-                )
 
 
 def random_in_itself(config: CampaignConfig, group: Group) -> bool:

@@ -12,9 +12,9 @@ import pandas as pd
 
 from ravenjax.campaign.faults import design, moments, run_id, table
 from ravenjax.campaign.faults.moments import Moments
-from ravenjax.campaign.file import location, semantics
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Group
+from ravenjax.campaign.inspection import notices
 from ravenjax.campaign.inspection.estimate import (
     BASIS,
     CostEstimate,
@@ -81,7 +81,7 @@ def preview(
         ],
         "fault_free_runs": int((sites_of_runs == "").to_numpy().all(axis=1).sum()),
         "golden_runs": golden_runs,
-        "copies": _count_copies(config, rows),
+        "copies": int(notices.copies(plan).sum()),
         "duration_ms": config.campaign.ticks,
         "arms": list(config.campaign.arms),
         **config.settings(),
@@ -100,9 +100,7 @@ def preview(
         "stop": None if config.stop is None else config.stop.model_dump(mode="json"),
         "groups": [_group_row(config, group) for group in config.group],
         "faults": list(_fault_rows(config, rows)),
-        "notices": [
-            f"{location.dotted(key)}: {message}" for key, message in semantics.notices(config)
-        ],
+        "notices": list(notices.of_plan(plan)),
         "engine": {
             "name": backend.name,
             "device": backend.device,
@@ -172,14 +170,6 @@ def _fault_rows(config: CampaignConfig, rows: pd.DataFrame) -> Iterator[dict[str
         for effect in sorted(effect for where, effect in runs if where == site):
             number = runs[site, effect]
             yield {"site": site, "layer": declared.layer, "effect": effect, "runs": number}
-
-
-def _count_copies(config: CampaignConfig, rows: pd.DataFrame) -> int:
-    """Count the runs that repeat an earlier one: all inputs are equal and nothing is random."""
-    if any(semantics.random_in_itself(config, group) for group in config.group):
-        return 0
-    inputs = [name for name in rows.columns if name.startswith(("fault", "param:"))]
-    return int(rows.duplicated(inputs).sum()) if inputs else len(rows) - 1
 
 
 def _of_folder(
