@@ -13,7 +13,7 @@ import dataclasses
 import time
 from collections import deque
 from collections.abc import Generator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from typing import cast
 
 import numpy as np
@@ -108,6 +108,7 @@ class Computation:
         """
         self._fast_forward = FastForwardPlan(self.plan, 0 if self.whole else self.kernel.branches)
         self._fault_free_outcomes: list[Columns] = []
+        self._ended = False
         under_way: deque[tuple[Window, list[Future[Pair]]]] = deque()
         golden_runs: GoldenRuns | None = None
 
@@ -117,9 +118,8 @@ class Computation:
 
         with ThreadPoolExecutor(self.threads) as pool:
             try:
-                for window in cut_into_windows(
-                    ranges, self.plan.golden, self.plan.acts, self._limits()
-                ):
+                limits = self._limits(max(map(len, ranges), default=1))
+                for window in cut_into_windows(ranges, self.plan.golden, self.plan.acts, limits):
                     golden_runs = self._golden_runs(pool, window, golden_runs)
                     blocks = [
                         pool.submit(self._faulty, window.rows[places], golden_runs)
@@ -132,6 +132,7 @@ class Computation:
                     yield finish_window()
                 self._note_fault_free()
             except BaseException:
+                self._ended = True
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
 
@@ -170,7 +171,16 @@ class Computation:
                     " threshold"
                 )
 
-    def _limits(self) -> WindowLimits:
+    def _count(self, ticks: int) -> None:
+        """Count computed ticks. Ends the block of a thread whose result nobody awaits any more."""
+        if self._ended:
+            raise CancelledError
+        self.progress.ticks(ticks)
+
+    def _limits(self, chunk: int) -> WindowLimits:
+        """Return the limits of windows for parts of `chunk` rows: a part is complete only with the
+        last window that holds rows of it.
+        """
         program, lanes = self.plan.program, self.kernel.lanes
         setup = program.setup
         a_series = (
@@ -185,6 +195,7 @@ class Computation:
         if self.kernel.branches:
             ticks = max(1.0, float((self.plan.ends - self.plan.acts).mean()))
             blocks = max(blocks, int(min(SORTED_ROWS, SORTED_TICKS / ticks)) // lanes)
+        blocks = min(blocks, max(self.threads, -(-chunk // lanes)))
         room, copies = (
             (GPU_TIMES * GOLDEN_BYTES, 1) if self._on_gpu else (GOLDEN_BYTES, self.threads)
         )
@@ -236,7 +247,7 @@ class Computation:
             block = dataclasses.replace(
                 block, ends=self._fast_forward.last_end[self.plan.golden[self._filled(rows)]]
             )
-        result = self.kernel.run(block, self.plan.columns, self.progress.ticks)
+        result = self.kernel.run(block, self.plan.columns, self._count)
         columns = {
             name: result.outcomes[name][: len(rows)] for name in outcomes.of_golden(result.outcomes)
         }
@@ -300,7 +311,7 @@ class Computation:
             for future, near in zip(coming, here, strict=True)
         ]
         block = dataclasses.replace(self._block(rows, own), trunks=trunks)
-        result = self.kernel.run(block, self.plan.columns, self.progress.ticks)
+        result = self.kernel.run(block, self.plan.columns, self._count)
         columns = {name: values[: len(rows)] for name, values in result.outcomes.items()}
         if self.plan.program.ends:
             columns[schema.OBSERVED] = self.plan.ends[rows]

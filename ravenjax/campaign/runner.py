@@ -31,6 +31,11 @@ from ravenjax.store.access import lock
 from ravenjax.store.access.results import Results
 from ravenjax.store.folder import ResultFolder
 
+PART_TICKS, LEAST_ROWS = 2**27, 256
+"""Ticks of all rows of a part, so that runs of a long operation are stored before all are computed,
+and the least number of its rows. A core computes so many ticks in ten seconds.
+"""
+
 
 def run_campaign(
     config: CampaignConfig,
@@ -68,7 +73,10 @@ def run_campaign(
     interruption.point()
     backend = compile_cache.cached_engine(engine, plan.program.setup.precision)
     executor = executor or Local()
-    chunk = config.campaign.chunk or parts.rows_of_a_part(plan.runs, executor.workers)
+    chunk = config.campaign.chunk or min(
+        parts.rows_of_a_part(plan.runs, executor.workers),
+        max(LEAST_ROWS, PART_TICKS // plan.program.ticks),
+    )
     first = range(min(config.campaign.limit or plan.runs, plan.runs))
     if shard is not None:
         if rows is not None:
