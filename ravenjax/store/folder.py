@@ -64,7 +64,9 @@ class ResultFolder:
         folder cannot be written to or holds another campaign.
         """
         require_writable(path / PARTS)
-        record, resumes = wanted, (path / manifests.FILE).exists()
+        there = parts.files(path / PARTS)
+        # A start that stored nothing, as of a campaign with a mistake, does not decide the folder.
+        record, resumes = wanted, bool(there) and (path / manifests.FILE).exists()
         if resumes:
             record = manifests.read(path)
             _require_same(path, record, wanted)
@@ -76,7 +78,6 @@ class ResultFolder:
                 }
             )
         recorded = {part.file: part for part in record.parts}
-        there = parts.files(path / PARTS)
         finished = threads.mapped(
             lambda file: _finished(file, recorded.get(file.name), wanted.config_hash),
             there,

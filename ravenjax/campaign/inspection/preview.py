@@ -23,6 +23,7 @@ from ravenjax.campaign.inspection.estimate import (
     estimate,
 )
 from ravenjax.campaign.plan import Plan, make_plan
+from ravenjax.engines.interface import Block
 from ravenjax.errors import StoreError
 from ravenjax.numbers import paths
 from ravenjax.store import manifest
@@ -45,6 +46,12 @@ def preview(
     plan, due = make_plan(config), design.due(config)
     rows = plan.table
     backend = selection.select(engine, CAMPAIGN)
+    if any(config.own_parts()):
+        from ravenjax.engines import traced
+
+        # Tracing alone shows that a user's file reads a number that does not exist.
+        block = Block(*plan.lanes([0], 1), None)
+        traced.forms(traced.printable(plan.program), block, plan.columns)
     golden_runs = len(np.unique(plan.golden[:due]))
     sites = {fault.site for group in config.group for fault in group.fault}
     work = CostFactors(
@@ -85,7 +92,15 @@ def preview(
         "duration_ms": config.campaign.ticks,
         "arms": list(config.campaign.arms),
         **config.settings(),
-        "cues": [cue._asdict() for cue in config.haptics.cues()],
+        "cues": [
+            {
+                "threshold_mm": cue.threshold_m * 1e3,
+                "kp_per_mm": cue.kp / 1e3,
+                "kd_per_mm_s": cue.kd / 1e3,
+                "cap": cue.cap,
+            }
+            for cue in config.haptics.cues()
+        ],
         "detectors": [
             {
                 "name": name,
