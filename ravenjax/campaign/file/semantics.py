@@ -16,7 +16,13 @@ from ravenjax.campaign.file.location import Complaint
 from ravenjax.errors import shown, unknown
 from ravenjax.numbers import paths
 from ravenjax.outcomes import events
-from ravenjax.vocabulary.effects import EFFECTS, NETWORK_EFFECTS, WITHOUT_VALUE
+from ravenjax.vocabulary.effects import (
+    EFFECTS,
+    NETWORK_EFFECTS,
+    RANDOM,
+    WITH_PERIOD,
+    WITHOUT_VALUE,
+)
 from ravenjax.vocabulary.legal import complaint, legal, rounding
 from ravenjax.vocabulary.sites import Channel, Site
 
@@ -80,7 +86,7 @@ def _fault(config: CampaignConfig, group: Group, fault: Fault) -> Iterator[tuple
         wrong.append(("value", f"effect {effects[0]!r} takes no value: remove the key"))
     if "periodic" in effects and 0 in fault.period_ms.values:
         wrong.append(("period_ms", "effect 'periodic' needs a period of at least 1 ms"))
-    if "periodic" not in effects and 0 not in fault.period_ms.values:
+    if not set(WITH_PERIOD).intersection(effects) and 0 not in fault.period_ms.values:
         wrong.append(("period_ms", f"effect {effects[0]!r} has no period: remove the key"))
     yield from wrong
     if not wrong and fault.value is not None:
@@ -208,4 +214,4 @@ def random_in_itself(config: CampaignConfig, group: Group) -> bool:
     plain = {paths.plain(path, robot.arms, robot.joints): axis for path, axis in axes.items()}
     silent = all(path in plain and plain[path].values == (0,) for path in robot.noise)
     draws = (config.campaign.noise and not silent) or config.random_packets
-    return draws or any("random" in fault.effect.listed for fault in group.fault)
+    return draws or any(set(RANDOM).intersection(fault.effect.listed) for fault in group.fault)

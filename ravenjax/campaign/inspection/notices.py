@@ -81,10 +81,17 @@ def of_config(config: CampaignConfig) -> Iterator[Complaint]:
 def _of_parameters(plan: Plan) -> Iterator[str]:
     """Yield the parameters whose values are those that the robot has anyway."""
     program = plan.program
+    free = ~(plan.faults["code"] > 0).any(axis=1)
     for path, values in table.parameters(plan.rows).items():
-        own = {float(one) for one in paths.named(program.params, program.setup, path).values()}
-        if len(own) == 1 and bool(np.all(np.isnan(values) | (np.float32(values) == [*own]))):
-            yield f"parameters.{path}: {next(iter(own)):g} is what the robot has without it"
+        own = list(paths.named(program.params, program.setup, path).values())
+        same = np.isnan(values) | np.all([np.float32(values) == np.float32(n) for n in own], axis=0)
+        if same.all():
+            yield f"parameters.{path}: {float(own[0]):g} is what the robot has without it"
+        elif count := int((free & ~same).sum()):
+            yield (
+                f"parameters.{path}: differs from the robot's own value in {count} runs without a"
+                " fault. Their golden runs have it, too, so that no outcome shows its effect"
+            )
     if program.ends and bool((plan.ends == program.ticks).all()):
         yield "campaign.observe_ms: ends no run before campaign.duration_s"
 
@@ -174,6 +181,7 @@ def _idle(plan: Plan) -> np.ndarray:
         "periodic": small,
         "random": small & (usual == 0),
         "toggle": (value == 0) & (usual == 0),
+        "lose": value == 0,
     }
     idle = np.zeros(code.shape, bool)
     for effect, mask in by_effect.items():
