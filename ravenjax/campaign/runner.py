@@ -15,13 +15,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ravenjax import interruption
-from ravenjax.campaign import compile_cache
+from ravenjax.campaign import compile_cache, notices
 from ravenjax.campaign.executors.local import Local
 from ravenjax.campaign.executors.protocol import Executor, FinishedChunk, Work
 from ravenjax.campaign.executors.shards import Shard
 from ravenjax.campaign.faults import run_id, table
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.campaign.inspection import notices
 from ravenjax.campaign.plan import Plan, make_plan
 from ravenjax.campaign.progress import OnProgress, Progress, ProgressFile
 from ravenjax.engines.interface import Engine
@@ -166,7 +165,7 @@ def _manifest(plan: Plan, engine: Engine) -> manifest.Manifest:
         campaign=config.campaign.name,
         config=content,
         config_hash=manifest.campaign_hash(
-            content, plan.operator, run_id.digest(plan.rows.numbers("run_id"))
+            content, plan.operator, run_id.digest(plan.rows["run_id"].to_numpy())
         ),
         seed=config.campaign.seed,
         runs=plan.runs,

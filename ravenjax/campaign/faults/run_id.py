@@ -10,14 +10,10 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 DIGITS = 16
 """Number of hex digits of an id."""

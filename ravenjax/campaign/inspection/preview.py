@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ravenjax.campaign import notices
 from ravenjax.campaign.faults import design, moments, run_id, table
 from ravenjax.campaign.faults.moments import Moments
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Group
-from ravenjax.campaign.inspection import notices
 from ravenjax.campaign.inspection.estimate import (
     BASIS,
     CostEstimate,
@@ -44,7 +44,7 @@ def preview(
     from ravenjax.numbers.setup import CAMPAIGN
 
     plan, due = make_plan(config), design.due(config)
-    rows = plan.table
+    rows = plan.rows
     backend = selection.select(engine, CAMPAIGN)
     if any(config.own_parts()):
         from ravenjax.engines import traced

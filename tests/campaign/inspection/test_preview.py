@@ -30,7 +30,7 @@ def view_of(config, folder, engine="auto"):
 def test_the_numbers_are_those_of_the_fault_table(name, idle, tmp_path):
     config = loading.load(name)
     (view, sample), ready = preview.preview(config, tmp_path / "out"), plan.make_plan(config)
-    rows = ready.table
+    rows = ready.rows
     assert view["runs"] == view["runs_asked_for"] == len(rows)
     assert {row["name"]: row["runs"] for row in view["groups"]} == rows["group"].value_counts(
         sort=False

@@ -191,7 +191,7 @@ def _idle(plan: Plan) -> np.ndarray:
 
 def _grouped(plan: Plan, key: str, which: np.ndarray, words: str) -> Iterator[str]:
     """Yield the notice of the faults that `which` marks, bool [runs, slots], by slot."""
-    groups = plan.rows.words("group")
+    groups = plan.rows["group"].array
     for slot in np.flatnonzero(which.any(axis=0)):
         counts = np.bincount(groups.codes[which[:, slot]], minlength=len(groups.categories))
         sizes = np.bincount(groups.codes, minlength=len(counts))
@@ -209,7 +209,7 @@ def copies(plan: Plan) -> np.ndarray:
     """
     fixed = [not semantics.random_in_itself(plan.config, group) for group in plan.config.group]
     names = [group.name for group in plan.config.group]
-    groups = plan.rows.words("group")
+    groups = plan.rows["group"].array
     rows = np.array([fixed[names.index(name)] for name in groups.categories])[groups.codes]
     ticks, faults = plan.program.ticks, {k: v for k, v in plan.faults.items() if k != "key"}
     again = np.where(faults["start"] + faults["every"] < ticks, faults["every"], 0)

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 import ravenjax as rj
-from ravenjax.campaign.inspection import notices
+from ravenjax.campaign import notices
 from ravenjax.campaign.plan import make_plan
 from ravenjax.errors import UserError
 
