@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.config import CampaignConfig
@@ -58,15 +58,12 @@ class RavenConfig(CampaignConfig):
     campaign: RavenCampaign
     operator: Operator = Operator(motion="suture")
     limits: Limits = Limits()
-    reaction: Reaction | None = Field(
-        default=None, description="an operator who reacts; without it nobody does"
-    )
-    controller: OwnStages | None = Field(
-        default=None, description="stages of the control software that are files of your own"
-    )
-    hand: Hand | None = Field(
-        default=None, description="a hand that the cue moves; without it the cue is a signal"
-    )
+    reaction: Reaction | None = None
+    """an operator who reacts; without it nobody does"""
+    controller: OwnStages | None = None
+    """stages of the control software that are files of your own"""
+    hand: Hand | None = None
+    """a hand that the cue moves; without it the cue is a signal"""
 
     @model_validator(mode="after")
     def _draw_errors(self) -> RavenConfig:
