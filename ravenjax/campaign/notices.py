@@ -36,25 +36,26 @@ def of_plan(plan: Plan) -> tuple[str, ...]:
 def of_config(config: CampaignConfig) -> Iterator[Complaint]:
     """Yield (key, message) of what the sections of a file declare without effect."""
     yield from config.notices()
-    for name, values in (
-        ("haptics.threshold_mm", config.haptics.threshold_mm),
-        ("outcomes.limit_mm", (config.outcomes.limit_mm,)),
-        ("outcomes.jump_step_mm", (config.outcomes.jump_step_mm,)),
-        ("outcomes.large_jump_mm", (config.outcomes.large_jump_mm,)),
+    least, largest = config.distances_mm
+    for key, lowest in (
+        (("haptics", "threshold_mm"), least),
+        (("outcomes", "limit_mm"), least),
+        (("outcomes", "jump_step_mm"), 0.0),
+        (("outcomes", "large_jump_mm"), 0.0),
     ):
-        least, largest = config.distances_mm if "jump" not in name else (0, config.distances_mm[1])
-        for value in values:
+        section, name = key
+        for value in np.ravel(getattr(getattr(config, section), name)):
             if value >= largest:
                 yield (
-                    tuple(name.split(".")),
+                    key,
                     f"{value:g} mm is never reached: two places of the tip are at most"
                     f" {largest:g} mm apart",
                 )
-            elif value <= least:
+            elif value <= lowest:
                 yield (
-                    tuple(name.split(".")),
+                    key,
                     f"{value:g} mm is always exceeded: without a fault the moving tip is already"
-                    f" {least:g} mm off the model",
+                    f" {lowest:g} mm off the model",
                 )
     for kind, parts in (("detector", config.detector), ("check", config.check)):
         for number, part in enumerate(parts):
@@ -98,62 +99,63 @@ def _of_parameters(plan: Plan) -> Iterator[str]:
 
 def _of_faults(plan: Plan) -> Iterator[str]:
     """Yield why faults of some runs cannot act, for all groups together."""
+    if not plan.faults["code"].any():
+        return
     faults, ticks = plan.faults, plan.program.ticks
-    clocks = _clocks(plan)
-    opened = span.closes(faults, ticks, clocks)
-    there, once = faults["code"] > 0, faults["every"] == 0
-    beyond = faults["start"] + faults["duration"].astype(np.int64) - ticks
-    beyond[~there | ~once | (faults["duration"] >= table.FOREVER_TICKS) | (opened == 0)] = 0
-    yield from _grouped(
-        plan, "start_ms", there & (opened == 0), "the window does not open before the run's end"
+    start, length, every = (
+        faults[name].astype(np.int64) for name in ("start", "duration", "every")
     )
-    if (beyond > 0).any():
-        worst = np.unravel_index(
-            np.argmax(beyond / np.maximum(faults["duration"], 1)), beyond.shape
-        )
-        yield from _grouped(
-            plan,
-            "duration_ms",
-            beyond > 0,
-            f"up to {min(beyond[worst], faults['duration'][worst])} of"
-            f" {faults['duration'][worst]} ms lie beyond the run's end; no"
-            " outcome shows what the fault does then",
-        )
-    yield from _grouped(
-        plan,
-        "every_ms",
-        there & ~once & (opened > 0) & (faults["start"] + faults["every"] >= ticks),
-        "the window does not open again before the run's end",
-    )
-    yield from _grouped(
-        plan, "value", there & _idle(plan), "leaves the number as it is, or within one count of it"
-    )
+    clocks, there = _clocks(plan), faults["code"] > 0
+    closes = span.closes(faults, ticks, clocks)
+    opens = there & (closes > 0)
+    lasts = opens & (every == 0) & (length < table.FOREVER_TICKS)
+    beyond = np.where(lasts, np.clip(start + length - ticks, 0, length), 0)
+    worst = np.unravel_index(np.argmax(beyond / np.maximum(length, 1)), beyond.shape)
     targets = table.targets(plan.program.setup.injection)
     unread = np.array([False, *(plan.config.robot.sites[site].unread for site, *_ in targets)])
-    yield from _grouped(plan, "site", unread[faults["code"]], "nothing in the robot reads it")
+    columns = [values for name, values in faults.items() if name != "key"]
+    twice = np.zeros_like(there)
+    for slot in range(1, there.shape[1]):
+        same = [values[:, :slot] == values[:, slot : slot + 1] for values in columns]
+        twice[:, slot] = there[:, slot] & np.logical_and.reduce(same).any(axis=1)
+    early, down = np.zeros_like(there), ticks
     if clocks is not None:
-        down = np.array([min((*phases.begins, ticks)) for phases in clocks.phases])[clocks.kind]
-        early = there & (opened > 0) & (opened <= down[:, None])
-        early &= ~clocks.moved[faults["code"]].any(axis=1, keepdims=True)
-        yield from _grouped(
-            plan,
+        first = np.array([min((*phases.begins, ticks)) for phases in clocks.phases])[clocks.kind]
+        moved = clocks.moved[faults["code"]].any(axis=1, keepdims=True)
+        early, down = opens & (closes <= first[:, None]) & ~moved, first.min()
+    for key, which, words in (
+        ("start_ms", there & ~opens, "the window does not open before the run's end"),
+        (
             "start_ms",
             early,
-            f"the window closes before the robot is in pedal-down, from {down.min()} ms on",
-        )
-    columns = [values for name, values in faults.items() if name != "key"]
-    for slot in range(1, there.shape[1]):
-        twice = np.zeros_like(there)
-        for other in range(slot):
-            same = [values[:, slot] == values[:, other] for values in columns]
-            twice[:, slot] |= there[:, slot] & np.logical_and.reduce(same)
-        yield from _grouped(plan, "site", twice, "is the same fault as another one of the run")
+            f"the window closes before the robot is in pedal-down, from {down} ms on",
+        ),
+        (
+            "duration_ms",
+            beyond > 0,
+            f"up to {beyond[worst]} of {length[worst]} ms lie beyond the run's end; no outcome"
+            " shows what the fault does then",
+        ),
+        (
+            "every_ms",
+            opens & (every > 0) & (start + every >= ticks),
+            "the window does not open again before the run's end",
+        ),
+        (
+            "value",
+            there & _idle(plan),
+            "leaves the number as it is, or within one count of it",
+        ),
+        ("site", unread[faults["code"]], "nothing in the robot reads it"),
+        ("site", twice, "is the same fault as another one of the run"),
+    ):
+        yield from _grouped(plan, key, which, words)
 
 
 def _clocks(plan: Plan) -> Any:
     """Return when packets arrive and the pedal is down; None if the robot does not say it."""
     robot = plan.config.robot.part("campaign")
-    if not hasattr(robot, "clocks") or not (plan.faults["code"] > 0).any():
+    if not hasattr(robot, "clocks"):
         return None
     return robot.clocks(plan.program, plan.columns, plan.varied, plan.runs)
 
@@ -191,10 +193,10 @@ def _idle(plan: Plan) -> np.ndarray:
 
 def _grouped(plan: Plan, key: str, which: np.ndarray, words: str) -> Iterator[str]:
     """Yield the notice of the faults that `which` marks, bool [runs, slots], by slot."""
-    groups = plan.rows["group"].array
+    groups = plan.rows["group"].cat
+    sizes = np.bincount(groups.codes)
     for slot in np.flatnonzero(which.any(axis=0)):
-        counts = np.bincount(groups.codes[which[:, slot]], minlength=len(groups.categories))
-        sizes = np.bincount(groups.codes, minlength=len(counts))
+        counts = np.bincount(groups.codes[which[:, slot]])
         hit = np.flatnonzero(counts)
         named = [f"{counts[g]} of {sizes[g]} runs of {groups.categories[g]}" for g in hit[:NAMED]]
         more = [f"of {len(hit) - NAMED} more groups"] if len(hit) > NAMED else []
@@ -209,7 +211,7 @@ def copies(plan: Plan) -> np.ndarray:
     """
     fixed = [not semantics.random_in_itself(plan.config, group) for group in plan.config.group]
     names = [group.name for group in plan.config.group]
-    groups = plan.rows["group"].array
+    groups = plan.rows["group"].cat
     rows = np.array([fixed[names.index(name)] for name in groups.categories])[groups.codes]
     ticks, faults = plan.program.ticks, {k: v for k, v in plan.faults.items() if k != "key"}
     again = np.where(faults["start"] + faults["every"] < ticks, faults["every"], 0)

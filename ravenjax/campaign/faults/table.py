@@ -136,7 +136,7 @@ class _Words:
     """The words of one slot: the number of each row's combination, and the combinations."""
 
     def __init__(self, table: pd.DataFrame, slot: int) -> None:
-        columns = [table[f"fault{slot}_{name}"].array for name in WORDS]
+        columns = [table[f"fault{slot}_{name}"].cat for name in WORDS]
         sizes = [len(column.categories) for column in columns]
         self.size = math.prod(sizes)
         # int64 [rows]

@@ -44,7 +44,7 @@ def _typed(schema: Any) -> Any:
         return schema
     if schema.get("type") == "bool":
         return schema | {"strict": True}
-    typed = {key: _typed(inner) for key, inner in schema.items()}
+    typed: Any = {key: _typed(inner) for key, inner in schema.items()}
     if schema.get("type") not in ("int", "float"):
         return typed
     return core_schema.no_info_before_validator_function(_number, typed)

@@ -42,7 +42,7 @@ REACH_MM = 429.0
 """Longest distance between two places of the tip within the hard stops of shoulder, elbow and
 insertion.
 """
-_FELT = {"delay_ms": None, "felt_force": None}
+_FELT: dict[str, float | None] = {"delay_ms": None, "felt_force": None}
 READ_BY: dict[str, dict[str, float | None]] = {
     "none": {},
     "release": _FELT,
