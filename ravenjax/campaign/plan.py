@@ -182,14 +182,6 @@ def _golden_runs(varied: dict[str, np.ndarray], runs: int) -> np.ndarray:
     golden = np.zeros(runs, np.int64)
     for values in varied.values():
         if (values != values[:1]).any():
-            value, different = _numbered(values)
-            golden, _ = _numbered(golden * different + value)
+            value, different = pd.factorize(values)
+            golden, _ = pd.factorize(golden * len(different) + value)
     return golden.astype(np.int32)
-
-
-def _numbered(values: np.ndarray) -> tuple[np.ndarray, int]:
-    """Number equal values from 0 in order of appearance, [rows]; return also how many there are."""
-    _, first, place = np.unique(values, return_index=True, return_inverse=True)
-    number = np.empty_like(first)
-    number[np.argsort(first)] = np.arange(len(first))
-    return number[place], len(first)

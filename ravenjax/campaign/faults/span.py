@@ -39,8 +39,8 @@ def ends(
     """Return the first tick in which each run is no longer observed, int32 [runs].
 
     This is `observe` ticks after its last fault ended. A run lasts until `ticks` if the end of its
-    last fault is not known in advance: either the fault lasts, or it counts time in pedal-down and
-    a fault may move the pedal. Without `clocks` this holds for any fault that counts packets or
+    last fault is not known in advance. Then the fault lasts, or it counts time in pedal-down and a
+    fault may move the pedal. Without `clocks` this holds for any fault that counts packets or
     time in pedal-down. A run without a fault also lasts until `ticks`, and so does every run if
     `observe` is None.
     """

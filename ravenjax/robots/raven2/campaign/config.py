@@ -251,8 +251,8 @@ class RavenConfig(CampaignConfig):
             if choice and packets.OWN in choice.values and isinstance(self.campaign.packets, str):
                 yield (
                     (*key, "network.packets"),
-                    f"got {packets.OWN}, which is the shares in campaign.packets, but there are"
-                    " none: write them there",
+                    f"got {packets.OWN}, which means the shares in campaign.packets: write them"
+                    " there",
                 )
             if "network.cycles_per_packet" in table and self.random_packets:
                 yield (

@@ -65,7 +65,7 @@ class RavenCampaign(CampaignSection):
     arms: tuple[ArmName, ...] = Field(default=("gold",), min_length=1, max_length=2)
     """arms, gold first"""
     noise: bool = False
-    """draw noise of the sizes plant.encoder_noise and plant.torque_noise, anew each run"""
+    """draw noise of the sizes plant.encoder_noise and plant.torque_noise for each run"""
     software: Literal["raven2", "fork2015"] = "raven2"
     """control software: present raven2, or the 2015 fork"""
     build: Literal["robot", "dyn_sim", "dyn_sim_tools"] = "robot"
@@ -289,7 +289,9 @@ class Operator(Section):
                 " remove it"
             )
         if self.hands is None and self.hands_sha256 is not None:
-            raise ValueError("hands_sha256 is of hands, and there are none: remove it")
+            raise ValueError(
+                "hands_sha256 belongs to hands, which the section does not have: remove it"
+            )
         if self.window_s is not None and not 0.0 <= self.window_s[0] < self.window_s[1]:
             raise ValueError(
                 "window_s = [begin, end] in s: expected 0 <= begin < end, got"
