@@ -39,7 +39,6 @@ def of(fault: dict[str, Any] | None = None, more: tuple = (), **sections: Any) -
         ({}, {"haptics": {"cap": 0}}, "haptics: set 0 has cap 0"),
         ({}, {"reaction": {"felt_force": 1}}, "reaction.felt_force: 1 is never felt"),
         ({}, {"reaction": {"action": "none", "delay_ms": 300}}, "reaction.delay_ms: nothing reads"),
-        ({}, {"reaction": {"action": "slow", "slow_to": 1}}, "1 makes action 'slow' without"),
         ({}, {"parameters": {"plant.kinematic_errors.scale": 0.5}}, "scales nothing"),
         ({}, {"parameters": {"plant.friction_scale": 1}}, "1 is what the robot has without it"),
         ({}, {"limits": {"shoulder_deg": [0.2, 1.2]}}, "write [11.46, 68.75]"),
