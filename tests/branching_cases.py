@@ -5,11 +5,11 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import pandas as pd
 
 import ravenjax as rj
 from ravenjax.campaign import plan
 from ravenjax.campaign.computation import Computation
-from ravenjax.campaign.faults.fault_table import FaultTable
 from ravenjax.campaign.faults.table import ARRAYS, FOREVER_TICKS
 from ravenjax.campaign.progress import Progress
 from ravenjax.faults.injection import _EFFECTS
@@ -68,7 +68,7 @@ def drawn(ready, seed):
     golden = np.minimum(rng.integers(0, 40, RUNS), 2).astype(np.int32)
     return dataclasses.replace(
         ready,
-        rows=FaultTable({"run_id": np.arange(RUNS, dtype=np.uint64)}),
+        rows=pd.DataFrame({"run_id": np.arange(RUNS, dtype=np.uint64)}),
         faults={name: faults[name].astype(dtype) for name, dtype in ARRAYS.items()},
         varied={path: np.array([1.0, 1.5, 0.7], np.float32)[golden] for path in ready.varied},
         golden=golden,

@@ -80,7 +80,7 @@ def frame(runs: int = 2000, seed: int = 0, form: schema.Shape | None = None) -> 
     chance = np.array([BLOCKS.get(g, (0, 0, 0, 0, 0, 0.0))[5] for g in group])
     trips = random.random(runs) < chance * (1 - np.exp(-duration / 60))
     stopped = trips & (random.random(runs) < 0.8)
-    activated = ~free & (random.random(runs) < 0.96)
+    activated = ~free & (random.random(runs) < 1.0)
     dac = np.char.startswith(group.astype(str), "dac")
     limited = trips & ~stopped & dac  # a clipped command
     cause = np.where(dac, "overdrive", "joint_limit")

@@ -117,7 +117,7 @@ def timed(work: Callable[[], object]) -> Seconds:
 
 def faults_of(ready: Plan, runs: np.ndarray) -> list[dict[str, Any]]:
     """Return runs of a plan in the form in which a page requests them."""
-    rows = ready.table.iloc[runs]
+    rows = ready.rows.iloc[runs]
     names = ("site", "arm", "channel", "effect", "value", "start_ms", "duration_ms")
     table = pd.DataFrame({name: rows[f"fault0_{name}"].astype(object) for name in names})
     return table.where(table.notna(), None).to_dict("records")

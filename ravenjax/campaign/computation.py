@@ -13,7 +13,7 @@ import dataclasses
 import time
 from collections import deque
 from collections.abc import Generator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from typing import cast
 
 import numpy as np
@@ -107,7 +107,8 @@ class Computation:
         Close the generator to cancel the work in progress. Use it inside `interruption.held_back`.
         """
         self._fast_forward = FastForwardPlan(self.plan, 0 if self.whole else self.kernel.branches)
-        self._halted: list[np.ndarray] = []
+        self._fault_free_outcomes: list[Columns] = []
+        self._ended = False
         under_way: deque[tuple[Window, list[Future[Pair]]]] = deque()
         golden_runs: GoldenRuns | None = None
 
@@ -117,9 +118,8 @@ class Computation:
 
         with ThreadPoolExecutor(self.threads) as pool:
             try:
-                for window in cut_into_windows(
-                    ranges, self.plan.golden, self.plan.acts, self._limits()
-                ):
+                limits = self._limits(max(map(len, ranges), default=1))
+                for window in cut_into_windows(ranges, self.plan.golden, self.plan.acts, limits):
                     golden_runs = self._golden_runs(pool, window, golden_runs)
                     blocks = [
                         pool.submit(self._faulty, window.rows[places], golden_runs)
@@ -130,8 +130,9 @@ class Computation:
                         yield finish_window()
                 while under_way:
                     yield finish_window()
-                self._tell_of_stops()
+                self._note_fault_free()
             except BaseException:
+                self._ended = True
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
 
@@ -145,22 +146,41 @@ class Computation:
         )
         return rows, golden_runs
 
-    def _tell_of_stops(self) -> None:
-        """Add a note if golden runs stand still for long, because no fault can do harm in that
-        time.
-        """
-        halted = np.concatenate(self._halted) if self._halted else np.zeros(0)
+    def _note_fault_free(self) -> None:
+        """Note golden runs that stand still for long, and cues and detectors that are on in all."""
+        some = self._fault_free_outcomes
+        if not some:
+            return
+        runs = {name: np.concatenate([columns[name] for columns in some]) for name in some[0]}
+        halted = runs.get("halted_ms", np.zeros(0))
         still = halted > STANDS_STILL * self.plan.program.ticks
         if still.any():
             self.progress.note(
                 f"{still.sum()} of {len(still)} golden runs stand still for up to"
                 f" {int(halted.max()):,} of {self.plan.program.ticks:,} ms while the operator"
                 " holds the pedal down: the robot stops without a fault, and faults after that do"
-                " nothing. Column golden_halted_ms tells which; take a shorter"
+                " nothing. Column golden_halted_ms has the time of each; take a shorter"
                 " campaign.duration_s, another motion or a smaller operator.scale"
             )
+        for name, first in runs.items():
+            watches = name.startswith(("cue", "detector")) and name.endswith("_first_ms")
+            if watches and (first >= 0).all():
+                self.progress.note(
+                    f"{name.removesuffix('_first_ms')} is on in every golden run, in the last one"
+                    f" from {first.max()} ms on: after that it shows no fault. Take a larger"
+                    " threshold"
+                )
 
-    def _limits(self) -> WindowLimits:
+    def _count(self, ticks: int) -> None:
+        """Count computed ticks. Ends the block of a thread whose result nobody awaits any more."""
+        if self._ended:
+            raise CancelledError
+        self.progress.ticks(ticks)
+
+    def _limits(self, chunk: int) -> WindowLimits:
+        """Return the limits of windows for parts of `chunk` rows: a part is complete only with the
+        last window that holds rows of it.
+        """
         program, lanes = self.plan.program, self.kernel.lanes
         setup = program.setup
         a_series = (
@@ -175,6 +195,7 @@ class Computation:
         if self.kernel.branches:
             ticks = max(1.0, float((self.plan.ends - self.plan.acts).mean()))
             blocks = max(blocks, int(min(SORTED_ROWS, SORTED_TICKS / ticks)) // lanes)
+        blocks = min(blocks, max(self.threads, -(-chunk // lanes)))
         room, copies = (
             (GPU_TIMES * GOLDEN_BYTES, 1) if self._on_gpu else (GOLDEN_BYTES, self.threads)
         )
@@ -226,12 +247,11 @@ class Computation:
             block = dataclasses.replace(
                 block, ends=self._fast_forward.last_end[self.plan.golden[self._filled(rows)]]
             )
-        result = self.kernel.run(block, self.plan.columns, self.progress.ticks)
+        result = self.kernel.run(block, self.plan.columns, self._count)
         columns = {
             name: result.outcomes[name][: len(rows)] for name in outcomes.of_golden(result.outcomes)
         }
-        if "halted_ms" in columns:
-            self._halted.append(columns["halted_ms"])
+        self._fault_free_outcomes.append(columns)
         return Computed(self.plan.golden[rows], result.reference[:, :, : len(rows)], columns)
 
     def _branches(self, row: int, golden_runs: GoldenRuns) -> Branches:
@@ -291,7 +311,7 @@ class Computation:
             for future, near in zip(coming, here, strict=True)
         ]
         block = dataclasses.replace(self._block(rows, own), trunks=trunks)
-        result = self.kernel.run(block, self.plan.columns, self.progress.ticks)
+        result = self.kernel.run(block, self.plan.columns, self._count)
         columns = {name: values[: len(rows)] for name, values in result.outcomes.items()}
         if self.plan.program.ends:
             columns[schema.OBSERVED] = self.plan.ends[rows]

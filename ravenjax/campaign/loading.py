@@ -103,6 +103,13 @@ def from_dict(
     except RecursionError:
         raise UserError("the campaign's tables are nested too deeply to be read") from None
     config = config.with_files(Path.cwd()) if source is None else config.with_source(source)
+    config._repeated = tuple(
+        (number, name)
+        for number, group in enumerate(where.groups)
+        if isinstance(names := group.get("hazards"), list)
+        for name in dict.fromkeys(names)
+        if names.count(name) > 1
+    )
     errors = list(semantics.complaints(config))
     if not errors and (runs := design.count(config)) > design.MOST_RUNS:
         expected = f"expected at most {design.MOST_RUNS}"

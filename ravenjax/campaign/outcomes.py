@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from ravenjax.campaign.faults import run_id
-from ravenjax.campaign.faults.fault_table import FaultTable
 from ravenjax.campaign.faults.table import SHARED, slots
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.outcomes import verdict
 from ravenjax.store import schema, words
 from ravenjax.vocabulary import checks, failures
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _FIRST_ALARM = re.compile(r"detector\d+_threshold0_(first_ms|alarms)")
 """Columns of alarms at the threshold at which a detector may stop the robot."""
@@ -40,7 +37,7 @@ def of_golden(names: Iterable[str]) -> tuple[str, ...]:
 
 
 def columns(
-    config: CampaignConfig, runs: FaultTable, outcomes: Columns, golden_runs: Columns
+    config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, golden_runs: Columns
 ) -> dict[str, Any]:
     """Return the columns of the result table, arrays [rows].
 
@@ -54,8 +51,12 @@ def columns(
         measures[schema.OVERLOAD] = _cables(config, measures[schema.OVERLOAD])
     depth, distance = measures["tissue_depth_mm"], measures["tip_distance_mm"]
     out: dict[str, Any] = {
-        **{name: values for name, values in runs.columns.items() if name != SHARED},
-        "run_id": run_id.text(runs.numbers("run_id")),
+        **{
+            str(name): values.array if values.dtype == "category" else values.to_numpy()
+            for name, values in runs.items()
+            if name != SHARED
+        },
+        "run_id": run_id.text(runs["run_id"].to_numpy()),
         **measures,
         "activated": measures["active_ticks"] > 0,
         "diverged": _faulty(runs) & (diverged >= 0),
@@ -129,19 +130,17 @@ def cable_names(config: CampaignConfig) -> tuple[str, ...]:
 
 
 def frame(
-    config: CampaignConfig, runs: FaultTable, outcomes: Columns, golden_runs: Columns
+    config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, golden_runs: Columns
 ) -> pd.DataFrame:
     """Return `columns` as a DataFrame."""
-    import pandas as pd
-
     return pd.DataFrame(columns(config, runs, outcomes, golden_runs))
 
 
-def _faulty(runs: FaultTable) -> np.ndarray:
+def _faulty(runs: pd.DataFrame) -> np.ndarray:
     """Return which rows have a fault, bool [rows]."""
     faulty = np.zeros(len(runs), bool)
     for slot in range(slots(runs)):
-        faulty |= runs.words(f"fault{slot}_site") != ""
+        faulty |= runs[f"fault{slot}_site"].array != ""
     return faulty
 
 

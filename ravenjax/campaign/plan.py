@@ -7,13 +7,13 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design, run_id, span, table
-from ravenjax.campaign.faults.fault_table import FaultTable
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.prepared import Prepared
 from ravenjax.engines.interface import TickProgram
@@ -23,16 +23,13 @@ from ravenjax.numbers import paths
 from ravenjax.numbers.setup import CAMPAIGN, Precision, Setup
 from ravenjax.store.motion.summary import MotionSummary
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Plan:
     """Everything that a campaign computes, before anything is compiled."""
 
     config: CampaignConfig
-    rows: FaultTable  # one row per run
+    rows: pd.DataFrame  # the fault table, one row per run
     program: TickProgram
     # The operator's motion, as the robot represents it.
     motion: Any
@@ -55,7 +52,7 @@ class Plan:
     def row_fields(self, rows: slice | np.ndarray) -> dict[str, Any]:
         """Return the fields with one entry per run, for some rows alone."""
         return {
-            "rows": self.rows.take(rows),
+            "rows": self.rows.iloc[rows],
             "faults": {name: values[rows] for name, values in self.faults.items()},
             "varied": {path: values[rows] for path, values in self.varied.items()},
             "golden": self.golden[rows],
@@ -64,11 +61,6 @@ class Plan:
     def take(self, rows: slice | np.ndarray) -> Plan:
         """Return the plan of some rows alone."""
         return dataclasses.replace(self, **self.row_fields(rows))
-
-    @cached_property
-    def table(self) -> pd.DataFrame:
-        """Return the fault table as a DataFrame."""
-        return self.rows.frame()
 
     @cached_property
     def acts(self) -> np.ndarray:
@@ -190,14 +182,6 @@ def _golden_runs(varied: dict[str, np.ndarray], runs: int) -> np.ndarray:
     golden = np.zeros(runs, np.int64)
     for values in varied.values():
         if (values != values[:1]).any():
-            value, different = _numbered(values)
-            golden, _ = _numbered(golden * different + value)
+            value, different = pd.factorize(values)
+            golden, _ = pd.factorize(golden * len(different) + value)
     return golden.astype(np.int32)
-
-
-def _numbered(values: np.ndarray) -> tuple[np.ndarray, int]:
-    """Number equal values from 0 in order of appearance, [rows]; return also how many there are."""
-    _, first, place = np.unique(values, return_index=True, return_inverse=True)
-    number = np.empty_like(first)
-    number[np.argsort(first)] = np.arange(len(first))
-    return number[place], len(first)

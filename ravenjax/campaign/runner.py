@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ravenjax import interruption
-from ravenjax.campaign import compile_cache
+from ravenjax.campaign import compile_cache, notices
 from ravenjax.campaign.executors.local import Local
 from ravenjax.campaign.executors.protocol import Executor, FinishedChunk, Work
 from ravenjax.campaign.executors.shards import Shard
@@ -29,6 +29,11 @@ from ravenjax.store import files, manifest, parts, schema
 from ravenjax.store.access import lock
 from ravenjax.store.access.results import Results
 from ravenjax.store.folder import ResultFolder
+
+PART_TICKS, LEAST_ROWS = 2**27, 256
+"""Ticks of all rows of a part, so that runs of a long operation are stored before all are computed,
+and the least number of its rows. A core computes so many ticks in ten seconds.
+"""
 
 
 def run_campaign(
@@ -67,7 +72,10 @@ def run_campaign(
     interruption.point()
     backend = compile_cache.cached_engine(engine, plan.program.setup.precision)
     executor = executor or Local()
-    chunk = config.campaign.chunk or parts.rows_of_a_part(plan.runs, executor.workers)
+    chunk = config.campaign.chunk or min(
+        parts.rows_of_a_part(plan.runs, executor.workers),
+        max(LEAST_ROWS, PART_TICKS // plan.program.ticks),
+    )
     first = range(min(config.campaign.limit or plan.runs, plan.runs))
     if shard is not None:
         if rows is not None:
@@ -81,6 +89,7 @@ def run_campaign(
             "rows": None if rows is None else _pairs(rows, plan.runs),
             "shard": None if shard is None else str(shard),
             "command": tuple(command),
+            "notices": (declared := notices.of_plan(plan)),
         }
     )
     files.require_writable(out)
@@ -93,7 +102,7 @@ def run_campaign(
             sum(map(len, missing)),
             plan.program.ticks,
             ProgressFile(out, on_progress),
-            folder.notes,
+            (*folder.notes, *declared),
         )
         progress.count_failures(folder.manifest.failures)
 
@@ -113,7 +122,7 @@ def run_campaign(
             # well.
             with contextlib.suppress(*[StoreError] if phase == "stopped" else ()):
                 status = progress.status
-                folder.close(status.compile_s, status.run_s, status.computed)
+                folder.close(status.compile_s, status.run_s, status.computed, status.notes)
             progress.tell(phase)
     return Results(record.shape, out)
 
@@ -156,7 +165,7 @@ def _manifest(plan: Plan, engine: Engine) -> manifest.Manifest:
         campaign=config.campaign.name,
         config=content,
         config_hash=manifest.campaign_hash(
-            content, plan.operator, run_id.digest(plan.rows.numbers("run_id"))
+            content, plan.operator, run_id.digest(plan.rows["run_id"].to_numpy())
         ),
         seed=config.campaign.seed,
         runs=plan.runs,

@@ -29,7 +29,8 @@ def explain(
     """Explain how a fault became a failure: which signal differed first, and where a check could
     detect it.
 
-    Without run ids, --worst and --group, all runs with a fault are explained and summarised.
+    Without run ids, --worst and --group, all runs with a fault are explained and summarised, if
+    any fault evades the checks.
 
     Parameters
     ----------
@@ -64,6 +65,13 @@ def explain(
     if worst is not None and not ranked:
         return console.emit_json([]) if as_json else None
     together = None if run_ids or ranked else ranking.faulty(folder, group)
+    if together == []:
+        words = "No fault evades the checks: there is no silent harm to explain."
+        return (
+            console.emit_json({"evading": 0, "sentences": [words]})
+            if as_json
+            else console.say(words)
+        )
     place = out or folder / explained.FOLDER
     files.require_writable(place)
     explainer = Explainer.of_folder(folder, engine)

@@ -170,6 +170,8 @@ def compare(
     """
     from ravenjax.report import comparison
 
+    if first.resolve() == second.resolve():
+        console.note(f"{first} and {second} are the same folder, so that nothing can differ")
     result = comparison.compare(first, second, most)
     if as_json:
         content = result._asdict()

@@ -123,6 +123,9 @@ def _outcome(folder: Path, results: Results) -> dict[str, Any]:
         "finished": record.done,
         "verdicts_of_faulty_runs": results.verdicts() if record.done else {},
         "runs_without_valid_outcome": record.failures,
+        "verdicts_of_faults_that_changed_no_bit": (
+            results.verdicts(acted=False) if record.done else {}
+        ),
         "stop_rule": decisions.sentence(folder) or None,
         "engine": record.engine,
         "device": record.device,
@@ -197,6 +200,8 @@ def _summary(folder: Path, results: Results) -> None:
         console.table("Runs with a fault", columns, rows)
         evading = terminal.evading(counted, record.limit_mm)
         console.say(evading)
+    if record.done and (idle := sum(results.verdicts(acted=False).values())):
+        console.say(f"Runs whose fault never changed a bit, not counted above: {idle}.")
     if rows := terminal.share_rows(record.failures, record.done):
         console.table("Runs without a valid outcome", ("cause", "runs", "share"), rows)
     if why := decisions.sentence(folder):

@@ -92,6 +92,8 @@ class Watch:
 def words(status: Status) -> str:
     """Return the progress of a campaign as one line."""
     parts = [f"{status.done} of {status.total} runs"]
+    if status.phase == "run":
+        parts.append(f"{status.progress:.0%} computed")
     if status.runs_per_s is not None:
         parts.append(f"{status.runs_per_s:.0f} runs/s")
     if status.phase == "run" and status.left_s is not None:

@@ -53,6 +53,13 @@ def _random(x: Scalar, fault: FaultSlot, slot: SlotState, tick: Scalar) -> Scala
     )
 
 
+def _lose(x: Scalar, fault: FaultSlot, slot: SlotState, tick: Scalar) -> Scalar:
+    """Return the ticks that the present loss still lasts; 0: none. `latched` has them."""
+    before = jnp.where(slot.age == 0, 0.0, jnp.maximum(slot.latched - 1.0, 0.0))
+    length = lax.convert_element_type(fault.period, x.dtype)
+    return jnp.where(uniform(fault.key, tick, 0) < fault.value, length, before)
+
+
 _EFFECTS: dict[str, Effect] = {
     "overwrite": lambda x, fault, slot, tick: fault.value,
     "offset": lambda x, fault, slot, tick: x + fault.value,
@@ -69,6 +76,7 @@ _EFFECTS: dict[str, Effect] = {
     "bit_flip": _bit_flip,
     "periodic": _periodic,
     "random": _random,
+    "lose": _lose,
     "toggle": lambda x, fault, slot, tick: jnp.where((slot.age & 1) == 0, fault.value, 0.0),
 }
 
@@ -206,6 +214,9 @@ class Injector:
         hit = slot.active & here & present
         changed = jnp.bool_(False)
         flips = fault.effect == EFFECT_CODES["bit_flip"]
+        latches = slot.age == 0
+        if "lose" in use.effects:
+            latches = latches | (fault.effect == EFFECT_CODES["lose"])
         for aim, number, (_, path, kind) in zip(aims, numbers, targets, strict=True):
             value = _store(kind, y, number)
             differs = value != number
@@ -222,7 +233,7 @@ class Injector:
         return (
             replace(
                 slot,
-                latched=jnp.where(hit & (slot.age == 0), y, slot.latched),
+                latched=jnp.where(hit & latches, y, slot.latched),
                 before=jnp.where(
                     here & (~slot.active | (slot.before != slot.before)), x, slot.before
                 ),

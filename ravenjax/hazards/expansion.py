@@ -31,10 +31,10 @@ KEY = "hazards"
 ALL = "all"
 OVERRIDES = {
     "arm": (
-        "arm that is struck, or a list of arms struck in turn; left out with both arms: that of the"
-        " source, both in one run where the source strikes both, else each in turn"
+        "arm with the fault, or a list of arms, each in turn. Left out with both arms: that of the"
+        " source; both in one run if the source names both; else each in turn"
     ),
-    "value": "in place of the library's, for hazards that strike one channel",
+    "value": "in place of the library's, for hazards of one channel",
     "start_ms": "in place of the library's onsets",
     "duration_ms": "in place of the library's lengths of the window",
 }
@@ -43,8 +43,8 @@ PASSED_ON = {"repeats": "each run so many times", "parameters": "as in any group
 """Keys of a group that each plain group inherits."""
 KEYS = {
     "name": (
-        "names the groups: NAME/ID, NAME/ID-CASE, and with -gold or -green where the arms are"
-        " struck in turn"
+        "names the groups: NAME/ID, NAME/ID-CASE, and with -gold or -green if each arm has"
+        " groups of its own"
     ),
     KEY: 'ids (C09) and layers (L7) of the library, or "all": every hazard that can be run',
     **OVERRIDES,
@@ -232,7 +232,7 @@ def _check(name: str, case: Case, overrides: Mapping[str, Any], arms: Sequence[A
         if others and isinstance(value, list):
             raise WrongGroup(
                 key,
-                f"{name} strikes several channels at once, expected one number, got {shown(value)}",
+                f"{name} has faults on several channels, expected one number, got {shown(value)}",
             )
     if (
         first.along

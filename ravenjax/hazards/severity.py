@@ -18,8 +18,8 @@ SCALE = (
         "conversion or reschedule: the robot stopped or stood, and a restart would meet the fault"
         " again"
     ),
-    "injury-capable motion, and a person was told: by a check, or the haptic cue",
-    "injury-capable motion of which nobody was told",
+    "injury-capable motion with an alarm of a check, or the haptic cue",
+    "injury-capable motion without any alarm",
 )
 """Meaning of each severity, by number.
 

@@ -64,7 +64,9 @@ class ResultFolder:
         folder cannot be written to or holds another campaign.
         """
         require_writable(path / PARTS)
-        record, resumes = wanted, (path / manifests.FILE).exists()
+        there = parts.files(path / PARTS)
+        # A start that stored nothing, as of a campaign with a mistake, does not decide the folder.
+        record, resumes = wanted, bool(there) and (path / manifests.FILE).exists()
         if resumes:
             record = manifests.read(path)
             _require_same(path, record, wanted)
@@ -76,7 +78,6 @@ class ResultFolder:
                 }
             )
         recorded = {part.file: part for part in record.parts}
-        there = parts.files(path / PARTS)
         finished = threads.mapped(
             lambda file: _finished(file, recorded.get(file.name), wanted.config_hash),
             there,
@@ -125,8 +126,8 @@ class ResultFolder:
             manifests.record(self.path, part)
             self._parts.append(part)
 
-    def close(self, compile_s: float, run_s: float, rows: int) -> None:
-        """Record the times of this start (s) and the number of rows it computed.
+    def close(self, compile_s: float, run_s: float, rows: int, notes: Sequence[str] = ()) -> None:
+        """Record the times of this start (s), the number of rows it computed, and its notes.
 
         Records the finish time once no row is missing.
         """
@@ -135,6 +136,8 @@ class ResultFolder:
             self._manifest = self._manifest.model_copy(
                 update={"compile_s": compile_s, "run_s": run_s, "runs_per_s": rate}
             )
+        told = tuple(dict.fromkeys((*self._manifest.notices, *notes)))
+        self._manifest = self._manifest.model_copy(update={"notices": told})
         if self._manifest.finished is None and not any(
             True for _ in self.missing(self._manifest.runs)
         ):

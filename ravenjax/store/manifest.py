@@ -134,6 +134,8 @@ class Manifest(BaseModel):
     finished: str | None = None
     # Command line of the last start, if there was one.
     command: tuple[str, ...] = ()
+    # What the campaign declares without effect, and what its starts have noted.
+    notices: tuple[str, ...] = ()
     # Which share of the campaign this is, such as 2/7; None: not a share.
     shard: str | None = None
     # Row ranges (first, last inclusive) that this folder should hold; None: all rows.

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple
 
-Value = Literal["number", "change", "amount", "factor", "bit", "packets", ""]
+Value = Literal["number", "change", "amount", "factor", "bit", "packets", "probability", ""]
 """What the value of an effect is.
 
 It is a number as the channel stores it; a change of such a number; an amount in the channel's unit,
-whole or not; a factor; the index of a bit; or a number of packets. "": the effect takes no value.
+whole or not; a factor; the index of a bit; a number of packets; or a probability. "": the effect
+takes no value.
 """
 
 
@@ -81,6 +82,12 @@ _ALL = (
         "packets",
         OfNetwork("delay", "overwrite", None),
     ),
+    Effect(
+        "lose",
+        "network: in each ms, with this probability, a loss of all packets of period_ms ms begins",
+        "probability",
+        OfNetwork("lost", "lose", None),
+    ),
 )
 
 EFFECTS: dict[str, Effect] = {effect.name: effect for effect in _ALL}
@@ -92,6 +99,11 @@ NETWORK_EFFECTS: dict[str, OfNetwork] = {
 """What each effect of the network abbreviates."""
 
 WITHOUT_VALUE = tuple(effect.name for effect in _ALL if not effect.takes_value)
+
+WITH_PERIOD = ("periodic", "lose")
+"""Effects that read the period of a fault."""
+RANDOM = ("random", "lose")
+"""Effects that draw numbers in each tick."""
 
 TRIGGERS: dict[str, str] = {
     "time": "milliseconds since the run began",

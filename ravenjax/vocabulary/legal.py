@@ -40,6 +40,8 @@ def legal(channel: Channel, effect: str, beyond: bool = False) -> Legal:
         return Legal(0, channel.bits - 1, whole=True, rounded=True)
     if effect == "delay":
         return Legal(1, 100_000, whole=True, rounded=True)
+    if effect == "lose":
+        return Legal(0, 1)
     of_its_type, in_its_unit = EFFECTS[effect].of_its_type, EFFECTS[effect].in_its_unit
     if channel.kind == "bool":
         return Legal(0, 1, whole=True, rounded=of_its_type)
@@ -63,6 +65,8 @@ def complaint(site: Site, channel: Channel, effect: str, value: float, beyond: b
         )
     if effect == "delay":
         return f"delay takes a whole number of packets from {low} to {high}, got {value:g}"
+    if effect == "lose":
+        return f"lose takes a probability from 0 to 1, got {value:g}"
     if channel.kind == "bool":
         return f"{channel.name} is a truth value: expected 0 or 1, got {value:g}"
     if value != math.floor(value) and EFFECTS[effect].of_its_type:

@@ -38,6 +38,7 @@ class Channel:
     kind: Kind
     unit: str
     field: Field | None = None  # None: any value of its type
+    usual: float | None = None  # the number that it always holds without a fault
 
     @property
     def bits(self) -> int:
@@ -66,6 +67,7 @@ class Site:
     per_arm: bool
     channels: tuple[Channel, ...]
     where: str  # when the fault acts, relative to the checks
+    unread: bool = False  # nothing in the tick reads its numbers
     # What a file writes to allow values that do not fit the words; "": the fault's key `wraps`
     beyond: str = ""
 

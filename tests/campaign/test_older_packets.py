@@ -80,7 +80,7 @@ def packets_of():
 
     def of(name: str, choice: int, place: int = 0) -> Packets:
         rows = np.flatnonzero(
-            (ready.table["group"] == name) & (ready.varied["network.packets"] == choice)
+            (ready.rows["group"] == name) & (ready.varied["network.packets"] == choice)
         )
         return Packets(ready, tracer, rows[place])
 

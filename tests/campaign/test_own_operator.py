@@ -246,7 +246,7 @@ def test_its_parameters_are_swept_and_decide_with_its_text(tmp_path):
         paths[0] < paths[500] < paths[2000] and 0.2 * way < paths[2000] < 1.2 * way
     )  # dry friction holds small ones
     (tmp_path / "mine.py").write_text(HEAD + TREMOR.replace("200.0", "201.0"))
-    assert not set(plan.make_plan(rj.load_campaign(raw)).table["run_id"]) & set(table["run_id"])
+    assert not set(plan.make_plan(rj.load_campaign(raw)).rows["run_id"]) & set(table["run_id"])
 
 
 def test_a_campaign_with_one_is_verified_and_alike_in_python(tmp_path):

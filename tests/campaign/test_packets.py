@@ -103,7 +103,7 @@ def test_pairs_have_the_same_packets_but_for_their_distribution():
     raw = tables() | {"cross": {"network.packets": [0, 1, 2]}}
     ready = plan.make_plan(rj.load_campaign(raw))
     assert ready.program.setup.packets[:3] == packets.SHARES
-    assert len(ready.table) == 9 and len(set(ready.varied[PACKET_KEY].tolist())) == 3
+    assert len(ready.rows) == 9 and len(set(ready.varied[PACKET_KEY].tolist())) == 3
     shares = {}
     for choice in range(3):
         row = int(np.flatnonzero(ready.varied["network.packets"] == choice)[0])

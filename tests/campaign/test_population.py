@@ -94,7 +94,7 @@ def test_a_crossed_scale_gives_every_fault_the_same_robot_at_each_size() -> None
     raw["cross"] = {"plant.kinematic_errors.scale": [0.0, 0.5, 1.0]}
     ready = plan.make_plan(rj.load_campaign(raw))
     elbow = ready.varied[PREFIX + "joint_offset.elbow"].reshape(-1)
-    pair = ready.table["pair"].to_numpy()
+    pair = ready.rows["pair"].to_numpy()
     assert all(len(set(elbow[pair == one].tolist())) == 1 for one in set(pair.tolist()))
     assert sorted(set(ready.varied["plant.kinematic_errors.scale"].tolist())) == [0.0, 0.5, 1.0]
 

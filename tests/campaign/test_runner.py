@@ -101,6 +101,24 @@ def test_an_interrupted_campaign_resumes_where_it_stopped(whole, tmp_path, monke
     )
 
 
+def test_a_start_that_stored_nothing_does_not_keep_its_folder(whole, tmp_path, monkeypatch):
+    with monkeypatch.context() as broken, pytest.raises(TypeError):
+        broken.setattr(local, "Computation", None)
+        rj.run(config(), out=tmp_path, engine="simd")
+    other = config(name="other", duration_s=0.5)
+    assert len(rj.run(other, out=tmp_path)) == len(whole)
+
+
+def test_parts_are_stored_while_later_runs_are_computed(monkeypatch, tmp_path):
+    monkeypatch.setattr(simd, "MIN_LANES", 16)
+    seen: list[tuple[int, float]] = []
+    work = rj.load_campaign(CAMPAIGN, ["group.dac.runs=200", "campaign.chunk=16"])
+    rj.run(
+        work, out=tmp_path, engine="simd", on_progress=lambda s: seen.append((s.parts, s.progress))
+    )
+    assert any(0 < parts < 13 and share < 1 for parts, share in seen)
+
+
 def test_a_finished_campaign_computes_nothing_again(whole, tmp_path, monkeypatch):
     rj.run(config(), out=tmp_path)
     monkeypatch.setattr(local, "Computation", None)

@@ -72,7 +72,7 @@ def test_a_log_becomes_robots_that_a_campaign_draws(tmp_path, capsys) -> None:
         assert (tmp_path / name).stat().st_size > 10_000
     raw = tiny_campaign.tables(runs=203)
     raw["group"], raw["parameters"] = raw["group"][1:], {"from": file.name}
-    rows = design.expand(loading.from_dict(raw, source=tmp_path / "campaign.toml"))
+    rows = design.rows(loading.from_dict(raw, source=tmp_path / "campaign.toml"))
     base = robot.params(RavenSetup(software="raven2", arms=("gold",)), "gold", "power_consistent")
     friction, offset = (rows[f"param:{path}"] for path in (FRICTION, OFFSET))
     assert friction.nunique() > 30

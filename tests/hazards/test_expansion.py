@@ -24,7 +24,7 @@ def campaign(groups: list[dict[str, Any]], **fields: Any) -> CampaignConfig:
 @pytest.mark.parametrize("hazard", RUNNABLE)
 def test_a_campaign_accepts_each_runnable_hazard(hazard: str) -> None:
     groups = expand({"name": "g", "hazards": [hazard]})
-    table = design.expand(campaign(groups))
+    table = design.rows(campaign(groups))
     assert list(table["group"].astype(str).unique()) == [group["name"] for group in groups]
     assert all(group["name"].startswith(f"g/{hazard}") for group in groups)
 
@@ -42,7 +42,7 @@ def both_arms(hazards: Any, **keys: Any) -> CampaignConfig:
 
 def struck(config: CampaignConfig) -> dict[str, list[tuple[str, ...]]]:
     """Group -> the arms of the slots of its runs, each combination once."""
-    table = design.expand(config)
+    table = design.rows(config)
     columns = [name for name in table if name.endswith("_arm")]
     rows = (
         table[["group", *columns]].astype(str).drop_duplicates().itertuples(index=False, name=None)
@@ -71,7 +71,7 @@ def test_with_both_arms_each_hazard_strikes_the_arm_of_its_source() -> None:
 
 
 def test_a_hazard_of_both_arms_strikes_the_same_of_both() -> None:
-    table = design.expand(both_arms("K06"))
+    table = design.rows(both_arms("K06"))
     assert len(table) == 3 * 3
     for name in ("channel", "value", "start_ms"):
         assert (table[f"fault0_{name}"].astype(str) == table[f"fault1_{name}"].astype(str)).all()
@@ -103,7 +103,7 @@ def test_overrides_replace_the_librarys_own() -> None:
 
 def test_scenario_a_strikes_three_axes_together() -> None:
     (group,) = expand({"name": "g", "hazards": "C09"})
-    table = design.expand(campaign([group]))
+    table = design.rows(campaign([group]))
     assert len(table) == 12 * 8
     assert [fault["channel"] for fault in group["fault"]] == ["x", "y", "z"]
     for name in ("value", "start_ms", "duration_ms"):

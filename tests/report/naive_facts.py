@@ -70,7 +70,8 @@ def derive(
     facts["plain"] = (facts["action"] == 0) | ~(facts["action"] == 0).any()
     facts["distinct"] = distinct(frame)
     able = facts["plain"] & valid
-    facts["sample"] = able & ~facts["distinct"].where(able).duplicated()
+    acted = able & (facts["activated"] | ~facts["faulty"])
+    facts["sample"] = acted & ~facts["distinct"].where(acted).duplicated()
     facts["site"] = frame["fault0_site"].astype(str) if "fault0_site" in frame else ""
     facts["layer"] = [
         next((layer for layer, sites in LAYERS.items() if s in sites), "other")

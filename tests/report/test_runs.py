@@ -59,6 +59,18 @@ def test_distinct_faults_however_often_they_were_run():
     assert again.count("sample") == RUNS.count("sample") == (FRAME["failed"] == "").sum()
 
 
+def test_a_fault_that_never_acted_is_in_no_rate_and_windows_beyond_the_end_are_equal():
+    idle, valid = FRAME.copy(), FRAME["failed"] == ""
+    idle.loc[idle["fault0_site"] != "", "activated"] = False
+    free = valid & (idle["fault0_site"] == "")
+    assert Runs.of(idle, MANIFEST).count("sample") == free.sum()
+    late = FRAME[valid & ~free].head(1).assign(fault0_start_ms=MANIFEST.duration_ms - 500)
+    four = pd.concat(
+        [late.assign(fault0_duration_ms=ms, pair=k) for k, ms in enumerate((499, 500, 700, -1))]
+    )
+    assert Runs.of(four, MANIFEST).count("sample") == 2
+
+
 @pytest.mark.slow
 def test_a_page_of_a_sample_says_so_and_counts_all(tmp_path, monkeypatch):
     frame = reacting.frame(1500)

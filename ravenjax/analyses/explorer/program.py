@@ -306,10 +306,10 @@ def _effects() -> dict[str, dict[str, Any]]:
 
 def _examples(ready: Plan) -> list[dict[str, Any]]:
     """Return the first fault of each group."""
-    columns = {name: ready.rows.words(f"fault0_{name}").tolist() for name in table.WORDS}
-    columns["start_ms"] = ready.rows.numbers("fault0_start_ms").tolist()
+    columns = {name: ready.rows[f"fault0_{name}"].array.tolist() for name in table.WORDS}
+    columns["start_ms"] = ready.rows["fault0_start_ms"].to_numpy().tolist()
     first: dict[str, int] = {}
-    for row, group in enumerate(ready.rows.words("group").tolist()):
+    for row, group in enumerate(ready.rows["group"].array.tolist()):
         if columns["site"][row]:
             first.setdefault(group, row)
     return [{name: column[row] for name, column in columns.items()} for row in first.values()]

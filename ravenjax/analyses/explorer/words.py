@@ -29,7 +29,7 @@ from ravenjax.vocabulary.sites import Channel, Site
 
 WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
 """Names of sites, effects and units that a reader understands without the manual."""
-UNASKED = ("periodic", "random")
+UNASKED = ("periodic", "random", "lose")
 """Effects that a page does not offer: it has no control for a period, and random numbers depend on
 the row.
 """

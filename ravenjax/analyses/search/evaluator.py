@@ -25,7 +25,6 @@ from ravenjax.campaign import compile_cache, memory_windows, plan, runner
 from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.executors.protocol import finish_chunk
 from ravenjax.campaign.faults import design, run_id, table
-from ravenjax.campaign.faults.fault_table import FaultTable
 from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress import OnProgress, Progress
 from ravenjax.engines import selection
@@ -111,7 +110,7 @@ class Evaluator:
         start = time.perf_counter()
         points, place = np.unique(np.column_stack([case, values]), axis=0, return_inverse=True)
         rows = design.rows(self.template.campaign(points[:, 0].astype(np.int64), points[:, 1:]))
-        ids = rows.numbers("run_id")
+        ids = rows["run_id"].to_numpy()
         fresh = ids[self._asked.get_indexer(ids) < 0]
         if len(fresh):
             self._asked, self.batches = self._asked.append(pd.Index(fresh)), self.batches + 1
@@ -125,7 +124,7 @@ class Evaluator:
     def ids(self, case: np.ndarray, values: np.ndarray) -> list[str]:
         """Return run ids of points that are all different."""
         rows = design.rows(self.template.campaign(np.asarray(case), np.asarray(values, float)))
-        return run_id.text(rows.numbers("run_id")).to_pylist()
+        return run_id.text(rows["run_id"].to_numpy()).to_pylist()
 
     def rows(self) -> pa.Table:
         """Return every requested run as rows of the result table, in the order of first requests.
@@ -138,7 +137,7 @@ class Evaluator:
             self.shape,
         )
 
-    def _run(self, rows: FaultTable) -> None:
+    def _run(self, rows: pd.DataFrame) -> None:
         """Run these rows of the fault table, part by part."""
         ready = self._planned(rows)
         size, tables = parts.rows_of_a_part(ready.runs), []
@@ -155,7 +154,7 @@ class Evaluator:
                 if self._journal is not None:
                     self._journal.add(done.packed)
                 self.progress.count_part(len(done.rows), done.failures)
-        self._learn(ready.rows.numbers("run_id"), tables)
+        self._learn(ready.rows["run_id"].to_numpy(), tables)
 
     def _learn(self, ids: np.ndarray, tables: Sequence[pa.Table]) -> None:
         """Add runs that were not known yet. `ids`: of all rows of the tables, in their order."""
@@ -174,13 +173,13 @@ class Evaluator:
         ]
         return np.stack(values, axis=1)
 
-    def _planned(self, rows: FaultTable) -> Plan:
+    def _planned(self, rows: pd.DataFrame) -> Plan:
         """Return the template's plan with other rows. Rows of one golden run are adjacent, so that
         it is computed once.
         """
         base, columns = self._plan, table.parameters(rows)
         for path, purpose in base.keys.items():
-            columns[path] = run_id.stream(rows.numbers("run_id"), purpose)
+            columns[path] = run_id.stream(rows["run_id"].to_numpy(), purpose)
         varied = {path: columns[path].astype(values.dtype) for path, values in base.varied.items()}
         golden = np.zeros(len(rows), np.int32)
         if varied:
@@ -190,7 +189,7 @@ class Evaluator:
             )
         order = np.argsort(golden, kind="stable")
         own = np.arange(len(rows), dtype=np.int32)
-        rows = rows.take(order).replaced(index=own, pair=own)
+        rows = rows.take(order).assign(index=own, pair=own)
         return dataclasses.replace(
             base,
             rows=rows,

@@ -77,9 +77,9 @@ class Executor(Protocol):
 
 def finish_chunk(plan: Plan, part: PartRows, pack: Pack) -> FinishedChunk:
     """Pack the rows of `part`, which are rows of `plan`, into a finished chunk."""
-    runs = plan.rows.take(slice(part.rows.start, part.rows.stop))
+    runs = plan.rows.iloc[part.rows.start : part.rows.stop]
     rows = outcomes.columns(plan.config, runs, part.outcomes, part.golden_runs)
-    first = int(runs.numbers("index")[0])
+    first = int(runs["index"].to_numpy()[0])
     causes = rows["failed"].value_counts().to_dict()
     failures = {cause: count for cause, count in causes.items() if cause}
     return FinishedChunk(range(first, first + len(runs)), pack(rows), failures)

@@ -14,12 +14,12 @@ import json
 import math
 import zlib
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from ravenjax.campaign.faults import run_id, sampled_order, sampling
-from ravenjax.campaign.faults.fault_table import Column, FaultTable
 from ravenjax.campaign.faults.moments import Moments
 from ravenjax.campaign.faults.sampling import Key
 from ravenjax.campaign.faults.slot import FIELDS, NUMBERS, slot, words_of
@@ -28,9 +28,6 @@ from ravenjax.campaign.file.axis import Axis, fixed
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Fault, Group, Run
 from ravenjax.store.words import column
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 MOST_RUNS = 100_000_000
 """Largest number of rows of a fault table."""
@@ -55,12 +52,7 @@ class _Piece(NamedTuple):
     parameters: dict[str, np.ndarray]  # path -> values
 
 
-def expand(config: CampaignConfig) -> pd.DataFrame:
-    """Return `rows` as a DataFrame, with categorical columns of words."""
-    return rows(config).frame()
-
-
-def rows(config: CampaignConfig) -> FaultTable:
+def rows(config: CampaignConfig) -> pd.DataFrame:
     """Return the whole fault table with the columns of `ravenjax.store.schema`; `run_id` is a
     number (uint64).
 
@@ -104,7 +96,7 @@ def rows(config: CampaignConfig) -> FaultTable:
     pair = np.arange(runs, dtype=np.int32) - _joined(
         pieces, [piece.behind for piece in pieces], np.int32
     )
-    table: dict[str, Column] = {
+    table: dict[str, Any] = {
         "run_id": ids,
         "index": np.arange(runs, dtype=np.int32),
         "pair": pair,
@@ -119,7 +111,7 @@ def rows(config: CampaignConfig) -> FaultTable:
         **parameters,
         **({SHARED: ids[pair]} if any(piece.behind for piece in pieces) else {}),
     }
-    whole = FaultTable(table)
+    whole = pd.DataFrame(table, copy=False)
     return whole if config.stop is None else sampled_order.arranged(config, whole)
 
 

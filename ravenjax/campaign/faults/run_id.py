@@ -10,14 +10,10 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 DIGITS = 16
 """Number of hex digits of an id."""
@@ -104,13 +100,9 @@ def _hashed(values: np.ndarray, salt: np.uint64) -> np.ndarray:
 
 def _number_copies(ids: np.ndarray) -> np.ndarray:
     """Return the ids with each copy of an id but the first replaced by another id."""
-    ordered = np.sort(ids)
-    if (ordered[1:] != ordered[:-1]).all():
+    if pd.Index(ids).is_unique:
         return ids
-    order = np.argsort(ids, kind="stable")
-    place, is_first = np.arange(len(ids)), np.r_[True, ordered[1:] != ordered[:-1]]
-    # For each row, the number of copies before it.
-    copy = place - np.maximum.accumulate(np.where(is_first, place, 0))
-    further = order[copy > 0]
-    ids[further] = mixed(ids[further] ^ mixed(copy[copy > 0].astype(np.uint64)))
+    copy = pd.Series(ids).groupby(ids).cumcount().to_numpy(np.uint64)
+    further = copy > 0
+    ids[further] = mixed(ids[further] ^ mixed(copy[further]))
     return ids

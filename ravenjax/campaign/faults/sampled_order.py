@@ -14,20 +14,20 @@ import math
 import zlib
 
 import numpy as np
+import pandas as pd
 
-from ravenjax.campaign.faults.fault_table import FaultTable
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import SAMPLED, Group
 
 
-def arranged(config: CampaignConfig, table: FaultTable) -> FaultTable:
+def arranged(config: CampaignConfig, table: pd.DataFrame) -> pd.DataFrame:
     """Return the whole fault table in that order, group by group, with `index` and `pair`
     renumbered.
     """
     order = np.arange(len(table))
-    pair = table.numbers("pair")
+    pair = table["pair"].to_numpy()
     first_of_kind = pair == order
-    sizes = table.words("group").value_counts()
+    sizes = table["group"].array.value_counts()
     start = 0
     for group in config.group:
         rows = order[start : start + sizes[group.name]]
@@ -43,7 +43,7 @@ def arranged(config: CampaignConfig, table: FaultTable) -> FaultTable:
         "index": np.arange(len(order), dtype=np.int32),
         "pair": place[pair[order]].astype(np.int32),
     }
-    return table.take(order).replaced(**numbers)
+    return table.take(order).reset_index(drop=True).assign(**numbers)
 
 
 def rows_of_a_draw(config: CampaignConfig, group: Group) -> int:

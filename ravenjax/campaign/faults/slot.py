@@ -16,7 +16,13 @@ import numpy as np
 
 from ravenjax.campaign.file.axis import END, UNTIL_END, Axis
 from ravenjax.campaign.file.group import Fault
-from ravenjax.vocabulary.effects import EFFECTS, NETWORK_EFFECTS, TRIGGERS, WITHOUT_VALUE
+from ravenjax.vocabulary.effects import (
+    EFFECTS,
+    NETWORK_EFFECTS,
+    TRIGGERS,
+    WITH_PERIOD,
+    WITHOUT_VALUE,
+)
 from ravenjax.vocabulary.legal import legal
 from ravenjax.vocabulary.robot import Robot
 
@@ -92,7 +98,7 @@ def slot(
         value = np.where(rounded[word["channel"], effect], whole, value)
     value = np.where(np.isin(words["effect"], WITHOUT_VALUE)[effect], np.nan, value)
     columns = {"site": np.int8(words["site"].index(fault.site)), **word, "value": value}
-    periodic = effect == words["effect"].index("periodic")
+    periodic = np.isin(words["effect"], WITH_PERIOD)[effect]
     for name in ("start_ms", "duration_ms", "every_ms", "period_ms"):
         columns[name] = _times(
             name, axes[name].at(places[name], whole=True), axes[name], periodic

@@ -39,15 +39,23 @@ def ends(
     """Return the first tick in which each run is no longer observed, int32 [runs].
 
     This is `observe` ticks after its last fault ended. A run lasts until `ticks` if the end of its
-    last fault is not known in advance: either the fault lasts, or it counts time in pedal-down and
-    a fault may move the pedal. Without `clocks` this holds for any fault that counts packets or
+    last fault is not known in advance. Then the fault lasts, or it counts time in pedal-down and a
+    fault may move the pedal. Without `clocks` this holds for any fault that counts packets or
     time in pedal-down. A run without a fault also lasts until `ticks`, and so does every run if
     `observe` is None.
     """
-    shape = faults["code"].shape
     if observe is None:
         return np.full(len(faults["code"]), ticks, np.int32)
-    last = np.zeros(shape, np.int64)
+    last = closes(faults, ticks, clocks)
+    ended = np.where(last > 0, np.minimum(last + observe, ticks), 0).max(axis=1, initial=0)
+    return np.where(ended == 0, ticks, ended).astype(np.int32)
+
+
+def closes(faults: Faults, ticks: int, clocks: Clocks | None) -> np.ndarray:
+    """Return the first tick after the last window of each fault, int64 [runs, slots]; 0: it never
+    opens.
+    """
+    last = np.zeros(faults["code"].shape, np.int64)
     for trigger, where, rows, opening in _openings(faults):
         if trigger == _TIME:
             last[where] = opening.last(0, ticks - 1) + 1
@@ -58,8 +66,7 @@ def ends(
         else:
             moved = np.any(clocks.moved[faults["code"]], axis=1)[rows]
             last[where] = np.where(moved, ticks, clocks.pedal_end(rows, opening, ticks))
-    ended = np.where(last > 0, np.minimum(last + observe, ticks), 0).max(axis=1, initial=0)
-    return np.where(ended == 0, ticks, ended).astype(np.int32)
+    return last
 
 
 def _openings(faults: Faults) -> Iterator[tuple[int, tuple[np.ndarray, ...], np.ndarray, Opening]]:

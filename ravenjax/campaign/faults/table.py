@@ -7,9 +7,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pandas as pd
 
 from ravenjax.campaign.faults import run_id
-from ravenjax.campaign.faults.fault_table import FaultTable
 from ravenjax.numbers.setup import Injection, SiteUse
 from ravenjax.vocabulary.effects import EFFECT_CODES, NETWORK_EFFECTS, TRIGGER_CODES
 from ravenjax.vocabulary.robot import Robot
@@ -42,12 +42,12 @@ Target = tuple[str, str, str]
 """(site, arm, channel); arm is "" if the site has none."""
 
 
-def slots(table: FaultTable) -> int:
+def slots(table: pd.DataFrame) -> int:
     """Return the number of fault slots that the table has columns for."""
     return sum(name.startswith("fault") and name.endswith("_site") for name in table)
 
 
-def injection(table: FaultTable, robot: Robot) -> Injection:
+def injection(table: pd.DataFrame, robot: Robot) -> Injection:
     """Return the fault machinery that the table needs, in the order of the robot's sites.
 
     The order of the rows does not matter.
@@ -88,7 +88,7 @@ def targets(injection: Injection) -> list[Target]:
     return [(use.site, arm, channel) for use in injection.sites for arm, channel in use.channels]
 
 
-def arrays(table: FaultTable, injection: Injection) -> dict[str, np.ndarray]:
+def arrays(table: pd.DataFrame, injection: Injection) -> dict[str, np.ndarray]:
     """Return the faults of each run as arrays [runs, injection.slots]. An empty slot has code 0.
 
     code, effect and trigger are int32; value is float32. start, duration, every and period are
@@ -114,29 +114,29 @@ def arrays(table: FaultTable, injection: Injection) -> dict[str, np.ndarray]:
             :, words.number
         ]
         of_effect = constant[words.number]
-        value = np.where(np.isnan(of_effect), table.numbers(f"fault{slot}_value"), of_effect)
+        value = np.where(np.isnan(of_effect), table[f"fault{slot}_value"].to_numpy(), of_effect)
         out["value"][:, slot] = np.where(np.isnan(value), 0.0, value)
         for name in ("start", "duration", "every", "period"):
-            out[name][:, slot] = table.numbers(f"fault{slot}_{name}_ms")
+            out[name][:, slot] = table[f"fault{slot}_{name}_ms"].to_numpy()
         duration = out["duration"][:, slot]
         duration[duration < 0] = FOREVER_TICKS
         out["key"][:, slot] = run_id.stream(shared_ids(table), f"slot {slot}")
     return out
 
 
-def shared_ids(table: FaultTable) -> np.ndarray:
+def shared_ids(table: pd.DataFrame) -> np.ndarray:
     """Return the id that decides each run's random numbers, uint64 [rows].
 
     It is the run's id, or with crossed parameters that of the first run that differs only in those.
     """
-    return table.numbers(SHARED if SHARED in table else "run_id")
+    return table[SHARED if SHARED in table else "run_id"].to_numpy()
 
 
 class _Words:
     """The words of one slot: the number of each row's combination, and the combinations."""
 
-    def __init__(self, table: FaultTable, slot: int) -> None:
-        columns = [table.words(f"fault{slot}_{name}") for name in WORDS]
+    def __init__(self, table: pd.DataFrame, slot: int) -> None:
+        columns = [table[f"fault{slot}_{name}"].cat for name in WORDS]
         sizes = [len(column.categories) for column in columns]
         self.size = math.prod(sizes)
         # int64 [rows]
@@ -149,10 +149,10 @@ class _Words:
         }
 
 
-def parameters(table: FaultTable) -> dict[str, np.ndarray]:
+def parameters(table: pd.DataFrame) -> dict[str, np.ndarray]:
     """Return the varied parameters by path, float64 [runs]. NaN means the robot's value."""
     return {
-        name.removeprefix("param:"): table.numbers(name).astype(np.float64, copy=False)
+        name.removeprefix("param:"): table[name].to_numpy().astype(np.float64, copy=False)
         for name in table
         if name.startswith("param:")
     }

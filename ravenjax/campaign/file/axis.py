@@ -154,12 +154,14 @@ class Axis:
         elif self.kind == "loguniform":
             numbers = np.exp(math.log(low) + places * (math.log(high) - math.log(low)))
         elif whole:
-            numbers = np.minimum(
-                np.floor(low) + np.floor(places * (math.floor(high) - math.floor(low) + 1.0)), high
-            )
+            first = math.ceil(low)
+            numbers = first + np.floor(places * (math.floor(high) - first + 1.0))
         else:
             numbers = low + places * (high - low)
-        return np.rint(numbers) if whole else numbers
+        if not whole:
+            return numbers
+        least, largest = self.extent
+        return np.clip(np.rint(numbers), math.ceil(least), math.floor(largest))
 
 
 def fixed(value: Any) -> Axis:
@@ -259,9 +261,11 @@ class OneValue:
 
 
 def _number(raw: Any) -> int | float:
-    if isinstance(raw, bool):
-        return int(raw)
-    if not isinstance(raw, int | float) or not abs(raw) <= sys.float_info.max:
+    if (
+        isinstance(raw, bool)
+        or not isinstance(raw, int | float)
+        or not abs(raw) <= sys.float_info.max
+    ):
         raise ValueError(f"got {shown(raw)}, expected a number that is finite")
     return raw
 
@@ -299,7 +303,7 @@ def words(what: str, known: Iterable[str] | None = None) -> OneValue:
     return OneValue(expected, parsed, schema, ("choice", LIST))
 
 
-NUMBER = OneValue("a number", _number, {"type": ["number", "boolean"]})
+NUMBER = OneValue("a number", _number, {"type": "number"})
 _ONSET = times(0)
 _SHARE = {"type": "number", "minimum": 0, "maximum": 1}
 _PLACE = {

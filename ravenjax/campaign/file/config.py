@@ -6,6 +6,7 @@ add.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -54,6 +55,7 @@ class CampaignConfig(Section):
     group: tuple[Group, ...] = Field(min_length=1)
     """the runs"""
     _source: Path | None = PrivateAttr(None)
+    _repeated: tuple[tuple[int, str], ...] = PrivateAttr(())
 
     @model_validator(mode="before")
     @classmethod
@@ -216,6 +218,16 @@ class CampaignConfig(Section):
     def complaints(self) -> Iterator[Complaint]:
         """Yield (key, message) of what is wrong with the keys that this robot adds."""
         return iter(())
+
+    def notices(self) -> Iterator[Complaint]:
+        """Yield (key, message) of values without effect in the keys that this robot adds."""
+        for number, name in self._repeated:
+            yield ("group", number, "hazards"), f"{name} is there twice: it is run once"
+
+    @property
+    def distances_mm(self) -> tuple[float, float]:
+        """Distance from the model that a healthy robot exceeds, and the longest possible, mm."""
+        return 0.0, math.inf
 
     def parameter_tables(self) -> Iterator[tuple[Key, dict[str, Axis]]]:
         """Yield (key, {path: axis}) of every table of parameters in the file."""

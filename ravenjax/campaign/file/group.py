@@ -127,8 +127,8 @@ class Fault(Section):
     effect: EffectName
     """what becomes of the number, see Effects"""
     value: Value | None = None
-    """in the channel's unit; scale: a factor; bit_flip: index of the bit; delay: packets; stuck,
-    drop and duplicate take none"""
+    """in the channel's unit; scale: a factor; bit_flip: index of the bit; delay: packets; lose: a
+    probability; stuck, drop and duplicate take none"""
     trigger: Trigger = fixed("time")
     """what start_ms counts from: time, packet or pedal"""
     start_ms: Onset
@@ -139,7 +139,7 @@ class Fault(Section):
     every_ms: Repeat = fixed(0)
     """the window opens again after each, 0: never"""
     period_ms: Repeat = fixed(0)
-    """period of effect periodic, ms"""
+    """period of effect periodic, ms; of effect lose: length of each loss, 1 if left out"""
     wraps: bool = False
     """a value beyond 16 bits is meant, and stored as the word holds it; without it such a value is
     refused, but at usb_out where campaign.dac_words is set"""

@@ -104,7 +104,7 @@ def message(error: Any, model: type[BaseModel], hint: str = "") -> str:
             else f"at most {context['max_length']}"
         )
         return f"got {shown(error['input'])}, expected a list of {bound}"
-    text = error["msg"].removeprefix("Value error, ")
+    text = error["msg"].removeprefix("Value error, ").replace("a valid boolean", "true or false")
     if kind == "value_error":
         return text
     return (

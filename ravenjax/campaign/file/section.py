@@ -7,14 +7,13 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from types import NoneType
 from typing import TYPE_CHECKING, Any, get_args
 
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import core_schema
 
 from ravenjax.campaign.file import location
-from ravenjax.errors import unknown
+from ravenjax.errors import shown, unknown
 
 
 class _SectionClass(type(BaseModel)):
@@ -34,6 +33,29 @@ class _SectionClass(type(BaseModel)):
             raise where.error(((cls.__name__, *key), text) for key, text in complaints)
 
 
+def _typed(schema: Any) -> Any:
+    """Return a core schema in which a text is no number, and true and false are of their own type.
+
+    Pydantic would take "3" and true for numbers, and "yes" for true. JSON Schema does not.
+    """
+    if isinstance(schema, list | tuple):
+        return type(schema)(map(_typed, schema))
+    if not isinstance(schema, dict):
+        return schema
+    if schema.get("type") == "bool":
+        return schema | {"strict": True}
+    typed: Any = {key: _typed(inner) for key, inner in schema.items()}
+    if schema.get("type") not in ("int", "float"):
+        return typed
+    return core_schema.no_info_before_validator_function(_number, typed)
+
+
+def _number(raw: Any) -> Any:
+    if isinstance(raw, bool | str):
+        raise ValueError(f"got {shown(raw)}, expected a number")
+    return raw
+
+
 class Section(BaseModel, metaclass=_SectionClass):
     """A table of the file. It is frozen and refuses unknown keys."""
 
@@ -51,21 +73,9 @@ class Section(BaseModel, metaclass=_SectionClass):
         for field in cls.model_fields.values():
             field.description = field.description and " ".join(field.description.split())
 
-    @model_validator(mode="before")
     @classmethod
-    def _true_is_no_number(cls, raw: Any) -> Any:
-        """Refuse true and false where a number is expected, with the place of the error.
-
-        Pydantic would take true for 1.
-        """
-        if not isinstance(raw, dict):
-            return raw
-        return raw | {
-            name: str(raw[name]).lower()
-            for name, field in cls.model_fields.items()
-            if isinstance(raw.get(name), bool)
-            and {*(get_args(field.annotation) or (field.annotation,))} <= {int, float, NoneType}
-        }
+    def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> Any:
+        return _typed(handler(source))
 
 
 def toml_value(value: Any) -> Any:

@@ -43,10 +43,9 @@ class CampaignSection(Section):
     duration_s: float = Field(default=3.0, gt=0.0, le=3600.0)
     """length of each run, s"""
     observe_ms: int | None = Field(default=None, ge=1, le=3_600_000)
-    """end each run this long after its last fault ended, with the outcomes up to then; left out,
-    each run lasts for duration_s, and so does any run whose faults have no certain end: a fault
-    that lasts, or one that counts time in pedal-down where a fault may move the pedal
-    """
+    """end each run this long after its last fault ended, with the outcomes up to then. Left out,
+    each run lasts for duration_s. So does a run whose faults have no certain end: a fault that
+    lasts, or one that counts time in pedal-down where a fault may move the pedal"""
     arms: tuple[str, ...] = Field(
         default_factory=lambda known: robots.find(known["robot"]).arms[:1], min_length=1
     )

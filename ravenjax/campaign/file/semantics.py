@@ -9,14 +9,20 @@ import itertools
 import math
 from collections.abc import Iterator
 
-from ravenjax.campaign.file.axis import PHASE, Axis, Moment
+from ravenjax.campaign.file.axis import Axis, Moment
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Fault, Group
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.errors import shown, unknown
 from ravenjax.numbers import paths
 from ravenjax.outcomes import events
-from ravenjax.vocabulary.effects import EFFECTS, NETWORK_EFFECTS, WITHOUT_VALUE
+from ravenjax.vocabulary.effects import (
+    EFFECTS,
+    NETWORK_EFFECTS,
+    RANDOM,
+    WITH_PERIOD,
+    WITHOUT_VALUE,
+)
 from ravenjax.vocabulary.legal import complaint, legal, rounding
 from ravenjax.vocabulary.sites import Channel, Site
 
@@ -80,7 +86,7 @@ def _fault(config: CampaignConfig, group: Group, fault: Fault) -> Iterator[tuple
         wrong.append(("value", f"effect {effects[0]!r} takes no value: remove the key"))
     if "periodic" in effects and 0 in fault.period_ms.values:
         wrong.append(("period_ms", "effect 'periodic' needs a period of at least 1 ms"))
-    if "periodic" not in effects and 0 not in fault.period_ms.values:
+    if not set(WITH_PERIOD).intersection(effects) and 0 not in fault.period_ms.values:
         wrong.append(("period_ms", f"effect {effects[0]!r} has no period: remove the key"))
     yield from wrong
     if not wrong and fault.value is not None:
@@ -127,7 +133,7 @@ def _onset(config: CampaignConfig, fault: Fault) -> Iterator[tuple[str, str]]:
         end = f"{ticks} ms" if last == ticks - 1 else f"{last + 1} packets"
         yield (
             "start_ms",
-            f"got {max(listed)}, expected less than the run's {end}: it would never strike. Write"
+            f"got {max(listed)}, expected less than the run's {end}: it would never act. Write"
             " an earlier start_ms, or a longer campaign.duration_s",
         )
 
@@ -142,8 +148,7 @@ def _value(
     for effect, name, value in _combinations(axes, paired=group.design == "zip"):
         if effect not in WITHOUT_VALUE:
             aimed = NETWORK_EFFECTS[effect].channel if effect in NETWORK_EFFECTS else name
-            drawn = not fault.value.listed
-            message = _misfit(site, site.channel(aimed), effect, value, drawn, beyond)
+            message = _misfit(site, site.channel(aimed), effect, value, fault.value, beyond)
             if message:
                 yield "value", message
                 return
@@ -167,16 +172,22 @@ def _combinations(axes: tuple[Axis, ...], paired: bool) -> Iterator[tuple[str, s
 
 
 def _misfit(
-    site: Site, channel: Channel, effect: str, value: float, drawn: bool, beyond: bool
+    site: Site, channel: Channel, effect: str, value: float, axis: Axis, beyond: bool
 ) -> str | None:
-    """Return why a channel cannot take a value; None if it can."""
+    """Return why a channel cannot take a value of an axis, or an end of it; None if it can."""
     if not abs(value) <= LARGEST:
         return f"got {shown(value)}, expected a number of single precision, at most {LARGEST:.4g}"
-    rule = legal(channel, effect, beyond)
-    value = math.floor(value) if drawn and rule.rounded else value
-    if not rule.low <= value <= rule.high or (
-        rule.whole and not drawn and value != math.floor(value)
-    ):
+    rule, drawn = legal(channel, effect, beyond), not axis.listed
+    if drawn and rule.rounded:
+        low, high = axis.extent
+        if math.ceil(low) > math.floor(high) or (axis.kind == "uniform" and value % 1):
+            return (
+                f"got {axis.kind} = {list(axis.values)}, but {channel.name} is a whole number"
+                f" ({channel.unit}): write whole ends, such as {math.floor(low)} and"
+                f" {math.ceil(high)}"
+            )
+        value = math.trunc(value)
+    if not rule.low <= value <= rule.high or (rule.whole and not drawn and value % 1):
         return complaint(site, channel, effect, value, beyond)
     field = channel.field
     if field and EFFECTS[effect].value == "number" and not field.low <= value <= field.high:
@@ -194,28 +205,6 @@ def last_start(config: CampaignConfig, fault: Fault) -> int:
     return math.ceil(ticks / max(config.cycles_a_packet, least)) - 1
 
 
-def notices(config: CampaignConfig) -> Iterator[Complaint]:
-    """Yield (key, message) of what is valid but may not be what the user meant."""
-    robot = config.robot
-    for key, table in config.parameter_tables():
-        for path, axis in table.items() if not config.campaign.noise else ():
-            plain = paths.plain(path, robot.arms, robot.joints)
-            if plain in robot.noise and axis.values != (0,):
-                yield (
-                    (*key, path),
-                    "nothing reads it while campaign.noise is off; set campaign.noise = true",
-                )
-    for g, group in enumerate(config.group):
-        for f, fault in enumerate(group.fault):
-            start, last = fault.start_ms, last_start(config, fault)
-            if start.drawn and start.kind not in ("choice", PHASE) and start.extent[1] > last:
-                yield (
-                    ("group", g, "fault", f, "start_ms"),
-                    f"{start.kind} may draw up to {start.extent[1]:g}, and what is drawn beyond"
-                    f" {last} never strikes",
-                )
-
-
 def random_in_itself(config: CampaignConfig, group: Group) -> bool:
     """Return whether two runs of a group with equal rows and different seeds may differ.
 
@@ -225,4 +214,4 @@ def random_in_itself(config: CampaignConfig, group: Group) -> bool:
     plain = {paths.plain(path, robot.arms, robot.joints): axis for path, axis in axes.items()}
     silent = all(path in plain and plain[path].values == (0,) for path in robot.noise)
     draws = (config.campaign.noise and not silent) or config.random_packets
-    return draws or any("random" in fault.effect.listed for fault in group.fault)
+    return draws or any(set(RANDOM).intersection(fault.effect.listed) for fault in group.fault)

@@ -1,9 +1,9 @@
 """Estimates how long a campaign takes and how much memory it needs, before it runs.
 
 The model has a few terms that were fitted by hand to campaigns of one machine: 2 cores of an AMD
-EPYC (`znver4`, AVX-512) with other work beside it, CPU time rather than elapsed time, Python 3.11,
-JAX 0.10. The table shows nanoseconds of one core for one millisecond of one run, with 16 robots per
-vector:
+EPYC (`znver4`, AVX-512) with other work beside it. They fit CPU time rather than elapsed time, with
+Python 3.11 and JAX 0.10. The table shows nanoseconds of one core for one millisecond of one run,
+with 16 robots per vector:
 
 | campaign | measured | here |
 |---|---|---|

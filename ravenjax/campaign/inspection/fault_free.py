@@ -88,7 +88,7 @@ def extend(
                 f"{folder / FOLDER}: {motions} fault-free motions of {seconds} s had"
                 f" {added_s:.3g} s of pedal-down: something stops the robot without a fault, as a"
                 " check or detector of your own may. What is there says how often (ravenjax report"
-                f" {folder}); for more hours raise its threshold, and run the campaign anew"
+                f" {folder}); for more hours raise its threshold, and run the campaign again"
             )
     return there
 
@@ -100,7 +100,7 @@ def _require(record: Manifest, hours: float) -> None:
     if record.code_hash != manifest.code_hash(record.robot):
         raise UserError(
             "the result was computed by another version of the code, whose false cues may be"
-            " others; run the campaign anew into another folder first"
+            " others; run the campaign again, into another folder first"
         )
     require_others(record.config)
 

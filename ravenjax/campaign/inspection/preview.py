@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ravenjax.campaign import notices
 from ravenjax.campaign.faults import design, moments, run_id, table
 from ravenjax.campaign.faults.moments import Moments
-from ravenjax.campaign.file import location, semantics
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Group
 from ravenjax.campaign.inspection.estimate import (
@@ -23,6 +23,7 @@ from ravenjax.campaign.inspection.estimate import (
     estimate,
 )
 from ravenjax.campaign.plan import Plan, make_plan
+from ravenjax.engines.interface import Block
 from ravenjax.errors import StoreError
 from ravenjax.numbers import paths
 from ravenjax.store import manifest
@@ -43,8 +44,14 @@ def preview(
     from ravenjax.numbers.setup import CAMPAIGN
 
     plan, due = make_plan(config), design.due(config)
-    rows = plan.table
+    rows = plan.rows
     backend = selection.select(engine, CAMPAIGN)
+    if any(config.own_parts()):
+        from ravenjax.engines import traced
+
+        # Tracing alone shows that a user's file reads a number that does not exist.
+        block = Block(*plan.lanes([0], 1), None)
+        traced.forms(traced.printable(plan.program), block, plan.columns)
     golden_runs = len(np.unique(plan.golden[:due]))
     sites = {fault.site for group in config.group for fault in group.fault}
     work = CostFactors(
@@ -81,11 +88,19 @@ def preview(
         ],
         "fault_free_runs": int((sites_of_runs == "").to_numpy().all(axis=1).sum()),
         "golden_runs": golden_runs,
-        "copies": _count_copies(config, rows),
+        "copies": int(notices.copies(plan).sum()),
         "duration_ms": config.campaign.ticks,
         "arms": list(config.campaign.arms),
         **config.settings(),
-        "cues": [cue._asdict() for cue in config.haptics.cues()],
+        "cues": [
+            {
+                "threshold_mm": cue.threshold_m * 1e3,
+                "kp_per_mm": cue.kp / 1e3,
+                "kd_per_mm_s": cue.kd / 1e3,
+                "cap": cue.cap,
+            }
+            for cue in config.haptics.cues()
+        ],
         "detectors": [
             {
                 "name": name,
@@ -100,9 +115,7 @@ def preview(
         "stop": None if config.stop is None else config.stop.model_dump(mode="json"),
         "groups": [_group_row(config, group) for group in config.group],
         "faults": list(_fault_rows(config, rows)),
-        "notices": [
-            f"{location.dotted(key)}: {message}" for key, message in semantics.notices(config)
-        ],
+        "notices": list(notices.of_plan(plan)),
         "engine": {
             "name": backend.name,
             "device": backend.device,
@@ -172,14 +185,6 @@ def _fault_rows(config: CampaignConfig, rows: pd.DataFrame) -> Iterator[dict[str
         for effect in sorted(effect for where, effect in runs if where == site):
             number = runs[site, effect]
             yield {"site": site, "layer": declared.layer, "effect": effect, "runs": number}
-
-
-def _count_copies(config: CampaignConfig, rows: pd.DataFrame) -> int:
-    """Count the runs that repeat an earlier one: all inputs are equal and nothing is random."""
-    if any(semantics.random_in_itself(config, group) for group in config.group):
-        return 0
-    inputs = [name for name in rows.columns if name.startswith(("fault", "param:"))]
-    return int(rows.duplicated(inputs).sum()) if inputs else len(rows) - 1
 
 
 def _of_folder(

@@ -63,7 +63,7 @@ class PlannedCampaign:
         """Return the index of a run by its id, the beginning of its id, or its index. Raises
         UserError.
         """
-        return find(self.plan.rows.numbers("run_id"), run)
+        return find(self.plan.rows["run_id"].to_numpy(), run)
 
 
 def original_engine(record: manifest.Manifest, engine: str) -> str:
@@ -104,9 +104,7 @@ class Replayer(PlannedCampaign):
         if program.ends:
             own[schema.OBSERVED] = self.plan.ends[[row]]
         series = self._robot.series(program.setup, signals, np.asarray(golden.reference)[:, :, 0])
-        frame = outcomes.frame(
-            self.config, self.plan.rows.take(slice(row, row + 1)), own, fault_free
-        )
+        frame = outcomes.frame(self.config, self.plan.rows.iloc[row : row + 1], own, fault_free)
         return Replay(
             row=frame.iloc[0],
             series={name: values[:end] for name, values in series.items()},

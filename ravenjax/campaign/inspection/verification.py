@@ -123,7 +123,7 @@ def _campaign(folder: Path, record: Manifest, plan: Plan, whole: Sequence[Part])
     """Check that the manifest's campaign, expanded again, has the hash and the run ids of the
     folder.
     """
-    ids = plan.rows.numbers("run_id")
+    ids = plan.rows["run_id"].to_numpy()
     complaints = []
     if plan.runs != record.runs:
         complaints.append(
@@ -171,7 +171,7 @@ def _again(
     computation.compile()
     columns, golden_runs = computation.tables([range(row, row + 1) for row in rows.tolist()])
     progress.tell("done")
-    computed = outcomes.columns(plan.config, plan.rows.take(rows), columns, golden_runs)
+    computed = outcomes.columns(plan.config, plan.rows.iloc[rows], columns, golden_runs)
     new = schema.conform(computed, record.shape)
     tables = []
     for part in sorted(record.parts, key=lambda part: part.first):

@@ -33,7 +33,7 @@ def read(folder: Path) -> list[Look]:
         why = str(error).splitlines()[0]
         raise StoreError(
             f"{path}: cannot be read ({why}). It follows from the parts: delete it and start the"
-            " same `ravenjax run` again, which writes it anew."
+            " same `ravenjax run` again, which writes it again."
         ) from error
 
 

@@ -51,6 +51,7 @@ class Choices(NamedTuple):
     # Operator's action at a cue, an index into ACTIONS, for runs whose parameters do not set it.
     action: int = 0
     robot: Robot = robots.USUAL
+    end_ms: int = 3_600_000  # length of each run
 
 
 def choices(manifest: Manifest) -> Choices:
@@ -60,6 +61,7 @@ def choices(manifest: Manifest) -> Choices:
         manifest.rules,
         ACTIONS.index(reaction.get("action", "release")) if manifest.shape.reacts else 0,
         manifest.robot,
+        manifest.duration_ms,
     )
 
 
@@ -143,8 +145,8 @@ def define(table: ResultTable, chosen: Choices, more: Mapping[str, str] | None =
     Columns for counting: distinct (equal for runs that differ only in seed or crossed parameters),
     action (index into ACTIONS), plain, sample. `plain` marks runs in which nobody reacts, or all
     runs if every operator reacts, so that a fault is not counted once per action. `sample` marks
-    the first valid plain run of each distinct input. Rates, intervals and tests take these runs as
-    their draws.
+    the first valid plain run of each distinct input whose fault, if any, changed a bit. Rates,
+    intervals and tests take these runs as their draws.
 
     Columns of the first fault: site, layer, block (site and effect), onset_ms, length_ms,
     magnitude.
@@ -159,7 +161,7 @@ def define(table: ResultTable, chosen: Choices, more: Mapping[str, str] | None =
     rules = chosen.rules
     types = table.types()
     names = list(types)
-    unique = _number(table, types)
+    unique = _number(table, types, chosen.end_ms)
     action, anybody = action_sql(names, chosen.action), "true"
     if ACTION in names:
         (idle,) = table.row(f"SELECT count(*) FILTER ({action} = 0) FROM {RESULTS}")
@@ -206,7 +208,8 @@ def define(table: ResultTable, chosen: Choices, more: Mapping[str, str] | None =
     )
     table.run(
         f'CREATE TABLE {FACTS} AS WITH base AS (SELECT {_listed(base)}, {own} AS "distinct" FROM'
-        f" {numbered}) SELECT *, {_listed(derived)}, plain AND NOT failed AS sample FROM base"
+        f" {numbered}) SELECT *, {_listed(derived)}, plain AND NOT failed AND (activated OR NOT"
+        " faulty) AS sample FROM base"
     )
     if not unique:
         table.run(
@@ -269,16 +272,24 @@ def beyond_sql(name: str, limit: float, types: Mapping[str, str]) -> str:
     return f"({quoted(name)} > {limit!r}::{types[name]} AND NOT isnan({quoted(name)}::DOUBLE))"
 
 
-def _number(table: ResultTable, types: Mapping[str, str]) -> bool:
+def _number(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
     """Create the table `numbers` (row, distinct) if some input occurs twice. Return whether all
-    inputs are distinct.
+    inputs are distinct. Windows that last until the run ends or beyond are equal.
     """
     inputs = [name for name in types if name == "operator" or name.startswith(("param:", "fault"))]
     # Adding 0 turns a negative zero into a positive one.
     terms = [
         f"0 + {quoted(name)}" if types[name] in ("FLOAT", "DOUBLE") else quoted(name)
         for name in inputs
+        if not name.endswith(("_duration_ms", "_every_ms"))
     ]
+    for slot in {name.partition("_")[0] for name in inputs if name.startswith("fault")}:
+        start, again = f"{slot}_start_ms::BIGINT", f"{slot}_every_ms"
+        again = f"CASE WHEN {start} + {again} < {end_ms} THEN {again} ELSE 0 END"
+        # Packet numbers begin at 1.
+        beyond = f"{start} + {slot}_duration_ms >= {end_ms} + ({slot}_trigger = 'packet')::INTEGER"
+        length = f"CASE WHEN {again} = 0 AND {beyond} THEN -1 ELSE {slot}_duration_ms END"
+        terms += [again, length]
     key = f"hash({', '.join(terms) or '0'})"
     (unique,) = table.row(
         f"SELECT count(*) = count(DISTINCT {key}) AND bool_and(pair = row) FROM {RESULTS}"

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.errors import UserError, suggestion
+from ravenjax.outcomes import events
 from ravenjax.outcomes.events import Rules
 from ravenjax.report.data.facts import faulty_sql
 from ravenjax.store import manifest
@@ -104,7 +105,8 @@ COMPARED = (
 
 
 def faulty(folder: Path, group: str | None = None) -> list[int]:
-    """Return the row numbers of valid runs with a fault, of one group or of all.
+    """Return the row numbers of valid runs with a fault, of one group or of all; none if no fault
+    evades the checks.
 
     Raises UserError for an unknown group or if there are no such runs, and StoreError as
     `query.open_folder` does.
@@ -121,14 +123,12 @@ def faulty(folder: Path, group: str | None = None) -> list[int]:
             )
         where = "true" if group is None else f'"group" = {text(group)}'
         condition = f"failed = '' AND {faulty_sql(list(table.types()))} AND {where}"
-        rows = [
-            row
-            for (row,) in table.rows(f"SELECT row FROM {RESULTS} WHERE {condition} ORDER BY row")
-        ]
+        evades = events.sql("evades", Rules())
+        rows = table.rows(f"SELECT row, {evades} FROM {RESULTS} WHERE {condition} ORDER BY row")
     if not rows:
         place = f"{folder}" if group is None else f"group {group!r} of {folder}"
         raise UserError(f"{place}: no valid run with a fault, so there is nothing to explain")
-    return rows
+    return [row for row, _ in rows] if any(evading for _, evading in rows) else []
 
 
 def changed(folder: Path, results: pd.DataFrame) -> int:

@@ -78,7 +78,7 @@ def headline(runs: Runs, manifest: Manifest) -> dict[str, Any]:
       without the cue, and with a limit by a check.
     - loss, misreport: hazards that no check reported.
     - halted: losses of motion whose only reason is that the robot was not live.
-    - inactive: faults that never changed a bit.
+    - inactive: valid runs whose fault never changed a bit. They are in no rate.
     - repeats: further valid runs of these faults.
     - reacting: runs in which an operator reacts to the cue, if nobody does in other runs. They are
       in no rate.
@@ -89,7 +89,6 @@ def headline(runs: Runs, manifest: Manifest) -> dict[str, Any]:
     both = "warned_ms >= 0 AND told_ms >= 0"
     conditions = {
         "total": "true",
-        "activated": "activated",
         "evaded_limited": "evaded AND response = 'limited'",
         "loss": "NOT told AND loss",
         "halted": "NOT told AND halted",
@@ -104,8 +103,9 @@ def headline(runs: Runs, manifest: Manifest) -> dict[str, Any]:
     counts = runs.counts(list(conditions.values()), where="sample AND faulty")
     n = dict(zip(conditions, counts, strict=True))
     total = n["total"]
-    valid, faulty, failed, reacting = runs.counts(
-        ["plain AND faulty AND NOT failed", "faulty", "failed", "NOT plain"]
+    valid = "plain AND faulty AND NOT failed AND"
+    active, inactive, faulty, failed, reacting = runs.counts(
+        [f"{valid} activated", f"{valid} NOT activated", "faulty", "failed", "NOT plain"]
     )
     free = runs.motions()
     leads = runs.table.frame(
@@ -115,11 +115,11 @@ def headline(runs: Runs, manifest: Manifest) -> dict[str, Any]:
     plain = ("unintended_told", "felt", "unseen", "phantom", "evaded_limited", "halted", "late")
     return {
         **{name: n[name] for name in (*plain, "same_ms")},
-        **{name: of_faults(runs, n[name], total) for name in ("loss", "misreport", "activated")},
+        **{name: of_faults(runs, n[name], total) for name in ("loss", "misreport")},
         "evaded": of_faults(runs, faults.evaded, total),
         "unintended": of_faults(runs, faults.unintended, total),
-        "inactive": total - n["activated"],
-        "repeats": valid - total,
+        "inactive": inactive,
+        "repeats": active - total,
         "reacting": reacting,
         "faulty": faulty,
         "failed": failed,

@@ -41,7 +41,8 @@ def _channels(table: dict[str, Any]) -> list[tuple[str, str, tuple[str | int, ..
 def _site_channels(table: dict[str, Any]) -> list[Channel]:
     field = _FIELDS[table["field"]] if "field" in table else None
     return [
-        Channel(name, path, table["kind"], unit, field) for name, unit, path in _channels(table)
+        Channel(name, path, table["kind"], unit, field, table.get("usual"))
+        for name, unit, path in _channels(table)
     ]
 
 

@@ -34,9 +34,9 @@ class Results:
         """
         return pa.concat_tables(self._of_parts(lambda table: table, columns)).unify_dictionaries()
 
-    def verdicts(self) -> dict[str, int]:
+    def verdicts(self, acted: bool = True) -> dict[str, int]:
         """Return how many of the faulty runs have each verdict, most frequent first; "" means
-        failed runs.
+        failed runs. acted: of runs whose fault changed at least one bit, else of all others.
 
         Parts are counted one by one, so that memory does not grow with the table. Raises StoreError
         as `folder.read_all`.
@@ -45,10 +45,12 @@ class Results:
 
         def count(table: pa.Table) -> dict[str, int]:
             frame = table.to_pandas()
-            return frame.loc[(frame[sites] != "").any(axis=1), "verdict"].value_counts().to_dict()
+            counted = (frame["activated"] | (frame["verdict"] == "")) == acted
+            faulty = (frame[sites] != "").any(axis=1)
+            return frame.loc[faulty & counted, "verdict"].value_counts().to_dict()
 
         counts: Counter[str] = Counter()
-        for part in self._of_parts(count, ["verdict", *sites]):
+        for part in self._of_parts(count, ["activated", "verdict", *sites]):
             counts.update(part)
         return {verdict: number for verdict, number in counts.most_common() if number}
 

@@ -19,10 +19,10 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from pydantic import ValidationError
 
 from ravenjax.campaign.faults import design
-from ravenjax.campaign.faults.fault_table import FaultTable
 from ravenjax.campaign.file import bounds, semantics
 from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.campaign.file.location import Complaint
@@ -67,7 +67,11 @@ def campaign(scenario: Scenario, seed: int) -> CampaignConfig:
     `complaints` reports.
     """
     groups, numbers = _groups(scenario, seed)
-    rows = design.rows(_config(scenario, seed, groups, _UNBOUNDED_S)).records() if groups else []
+    rows = (
+        design.rows(_config(scenario, seed, groups, _UNBOUNDED_S)).to_dict("records")
+        if groups
+        else []
+    )
     fixed: list[dict[str, Any]] = []
     for group, number in zip(groups, numbers, strict=True):
         name, times = group["name"], scenario.hazard[number].times
@@ -81,14 +85,14 @@ def campaign(scenario: Scenario, seed: int) -> CampaignConfig:
     return _config(scenario, seed, fixed, scenario.duration_s)
 
 
-def armable(scenario: Scenario, table: FaultTable) -> tuple[Armable, ...]:
+def armable(scenario: Scenario, table: pd.DataFrame) -> tuple[Armable, ...]:
     """Return the hazards of a session, one for each row of its fault table except the E-stop
     button's.
     """
     entries = {scenario.entry_name(h): entry for h, entry in enumerate(scenario.hazard)}
     return tuple(
         _armable(entries, number, row)
-        for number, row in enumerate(table.records())
+        for number, row in enumerate(table.to_dict("records"))
         if row["group"] != BUTTONS
     )
 

@@ -92,8 +92,8 @@ def faults_of(ready, slot=0):
         ("site", "arm", "channel", "effect", "trigger"),
         ("value", "start_ms", "duration_ms", "every_ms"),
     )
-    words = {name: ready.rows.words(f"fault{slot}_{name}").tolist() for name in words}
-    numbers = {name: ready.rows.numbers(f"fault{slot}_{name}").tolist() for name in numbers}
+    words = {name: ready.rows[f"fault{slot}_{name}"].tolist() for name in words}
+    numbers = {name: ready.rows[f"fault{slot}_{name}"].tolist() for name in numbers}
     keys = ready.faults["key"][:, slot].tolist()
     rows = []
     for run in range(ready.runs):

@@ -114,7 +114,7 @@ def test_unit_points_become_the_values_that_a_sampled_design_draws():
         "group": [{"name": "dac", "design": "sobol", "runs": 32, "fault": [group]}]
     }
     config = campaigns.from_dict(raw)
-    table = plan.make_plan(config).table
+    table = plan.make_plan(config).rows
     single = raw | {"group": [{"name": "dac", "fault": [group]}]}
     template = Template(campaigns.from_dict(single))
     assert template.labels == (
@@ -127,5 +127,5 @@ def test_unit_points_become_the_values_that_a_sampled_design_draws():
     unit = sampling._unit("sobol", 32, 4, rng)
     rows = plan.make_plan(
         template.campaign(np.zeros(32, int), template.values(np.zeros(32, int), unit))
-    ).table
+    ).rows
     assert rows["run_id"].tolist() == table["run_id"].tolist()

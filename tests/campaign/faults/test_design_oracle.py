@@ -196,7 +196,7 @@ def test_columns_are_those_written_out_row_by_row(campaign):
     except ValueError:
         assert "lists of one length" in complaint(config)
         return
-    table = design.expand(config)
+    table = design.rows(config)
     naive = pd.DataFrame(rows)
     assert list(table.columns) == list(naive.columns)
     for name in table.columns:
@@ -223,7 +223,7 @@ def beginnings(config, table):
     assert [of.first for of in draws] == [
         (table["group"] == group.name).argmax() for group in config.group
     ]
-    plain = design.expand(config.model_copy(update={"stop": None}))
+    plain = design.rows(config.model_copy(update={"stop": None}))
     assert sorted(table["run_id"]) == sorted(plain["run_id"]), "the order decides no run"
     for group, of in zip(config.group, draws, strict=True):
         assert of.number * of.rows == (table["group"] == group.name).sum()
@@ -238,7 +238,7 @@ def beginnings(config, table):
 
 def complaint(config):
     try:
-        design.expand(config)
+        design.rows(config)
     except UserError as error:
         return str(error)
     return "none"

@@ -32,7 +32,7 @@ def campaign(start, group=None, fault=None, **sections):
 def starts(*args, **kwargs):
     return (
         plan.make_plan(rj.load_campaign(campaign(*args, **kwargs)))
-        .table["fault0_start_ms"]
+        .rows["fault0_start_ms"]
         .to_numpy()
     )
 

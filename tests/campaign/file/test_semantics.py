@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 
 from ravenjax.campaign import loading
-from ravenjax.campaign.file import semantics
 from ravenjax.errors import UserError
 
 HEAD = """
@@ -75,8 +74,3 @@ def test_what_is_refused_and_what_to_write(text: str, message: str) -> None:
     with pytest.raises(UserError) as error:
         load(text)
     assert message in str(error.value)
-
-
-def test_notices_are_no_errors() -> None:
-    config = load("[parameters]\nplant.encoder_noise = 2\n[[group]]\nname = 'l'\nhazards = 'B26'\n")
-    assert [key[-1] for key, _ in semantics.notices(config)] == ["plant.encoder_noise", "start_ms"]

@@ -183,7 +183,7 @@ def require_equal_to_traces(config, rows, engine="simd"):
 
 def spread(config, runs):
     """Rows over all sites, as many of each as there are, `runs` in all."""
-    table = plan.make_plan(config).table
+    table = plan.make_plan(config).rows
     by_site = [
         group.index.to_numpy()
         for site, group in table.groupby("fault0_site", observed=True)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 import pytest
 import tiny_campaign as tiny
 
@@ -30,7 +28,7 @@ def view_of(config, folder, engine="auto"):
 def test_the_numbers_are_those_of_the_fault_table(name, idle, tmp_path):
     config = loading.load(name)
     (view, sample), ready = preview.preview(config, tmp_path / "out"), plan.make_plan(config)
-    rows = ready.table
+    rows = ready.rows
     assert view["runs"] == view["runs_asked_for"] == len(rows)
     assert {row["name"]: row["runs"] for row in view["groups"]} == rows["group"].value_counts(
         sort=False
@@ -96,28 +94,6 @@ def test_a_folder_that_holds_a_part_says_how_fast_it_was(tmp_path):
     assert other["expected"]["basis"] == preview.BASIS, "another campaign says nothing of this one"
 
 
-def test_the_command_prints_it(command_line, idle, tmp_path):
-    code, out, _ = command_line(
-        "check", "safecomp45", "--out", str(tmp_path), "--set", "haptics.threshold_mm=[2, 3]"
-    )
-    assert code == 0
-    lines = {line.split("│")[0].strip(): line for line in reversed(out.splitlines()) if "│" in line}
-    for name, words in {
-        "runs": "463 in",
-        "robot": "raven2, gold and green arms",
-        "operator": "suture, generated; scale 0.1",
-        "cue": "pulls beyond 2, 3 mm, 2 sets of gains; set 0, at 2 mm, decides the verdict",
-        "engine": "simd on",
-        "time": " to run, after ",
-        "memory": "MiB",
-        "by": "model fitted on 2 cores",
-        "results": f"{tmp_path}: nothing yet",
-        "list/C01-below": "packet",
-    }.items():
-        assert words in lines[name], lines[name]
-    assert "nothing is computed" not in out and list(tmp_path.iterdir()) == []
-
-
 def test_it_tells_what_a_check_of_ones_own_does(command_line, idle, tmp_path):
     """Numbers are those of its file: of its parameters too, which the file alone names."""
     (tmp_path / "gate.py").write_text(GATE)
@@ -131,13 +107,9 @@ def test_it_tells_what_a_check_of_ones_own_does(command_line, idle, tmp_path):
         lines["check gate"]
         == "at usb_out, above 0.25 to 4, varied: stops the robot; checks.own.gate.counts = 3000"
     )
-    code, out, _ = command_line("check", str(campaign), "--out", str(tmp_path / "out"), "--json")
-    (gate,) = json.loads(out)["checks"]
-    assert (gate["threshold"], gate["consecutive"], gate["acts"]) == (
-        "0.25 to 4, varied",
-        1,
-        "stop",
-    )
+    (tmp_path / "gate.py").write_text(GATE.replace("view.boards_cmd", "view.bords_cmd"))
+    code, out, err = command_line("check", str(campaign), "--out", str(tmp_path / "out"))
+    assert code == 2 and "view has no bords_cmd at usb_out; it has" in err and "boards_cmd" in err
 
 
 GATE = """

@@ -46,7 +46,7 @@ def config(stop=None, groups=GROUPS, **more):
 
 
 def test_the_beginning_of_a_grid_is_a_sample_of_it():
-    table = design.expand(config())
+    table = design.rows(config())
     rows = table[table["group"] == "grid"]
     begun = rows.iloc[:100]
     assert len(begun.groupby(["fault0_value", "fault0_duration_ms"])) == 100
@@ -54,7 +54,7 @@ def test_the_beginning_of_a_grid_is_a_sample_of_it():
         "not a corner of it"
     )
     assert abs(begun["fault0_value"].mean() - 19.5) < 4
-    again = design.expand(config(campaign={"name": "x", "seed": 1}))
+    again = design.rows(config(campaign={"name": "x", "seed": 1}))
     assert again["fault0_value"].tolist() != table["fault0_value"].tolist(), (
         "the seed draws the order"
     )

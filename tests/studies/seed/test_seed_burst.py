@@ -37,7 +37,7 @@ def ready():
 
 
 def test_the_campaign_is_the_published_burst(ready):
-    table = ready.table
+    table = ready.rows
     assert table["group"].tolist() == [FREE] + [BURST] * CONSTANTS + [PACKETS] * 11
     bursts = table[table["group"] == BURST]
     assert (bursts["fault0_site"] == "usb_out").all() and (

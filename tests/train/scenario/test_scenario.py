@@ -8,7 +8,6 @@ import pytest
 from made_frames import made
 
 from ravenjax.campaign.faults import design
-from ravenjax.campaign.faults.fault_table import FaultTable
 from ravenjax.errors import UserError
 from ravenjax.hazards import library
 from ravenjax.train import scenario
@@ -58,7 +57,7 @@ def refused(path, *overrides):
 
 
 def table_of(chosen, seed=0):
-    return design.expand(scenario.campaign(chosen, seed))
+    return design.rows(scenario.campaign(chosen, seed))
 
 
 def test_a_file_becomes_a_campaign_of_one_row_a_hazard_and_the_button_last(tmp_path):
@@ -86,7 +85,7 @@ def test_a_file_becomes_a_campaign_of_one_row_a_hazard_and_the_button_last(tmp_p
 def test_the_list_of_hazards_says_what_each_asks(tmp_path):
     chosen = scenario.load(written(tmp_path), ["hazard.own.within_s=3"])
     table = table_of(chosen)
-    first, second, own = scenario.armable(chosen, FaultTable.of(table))
+    first, second, own = scenario.armable(chosen, table)
     assert (first.number, first.hazard, first.arm) == (0, "B27", "green")
     assert second.number == 1 and second.title == library.find("B27").title
     assert first.when_ms == (5000.0, 20000.0) and first.right_response == ("release",)
@@ -183,7 +182,7 @@ def test_bundled_scenarios_load_by_name_and_make_campaigns(path):
     chosen = scenario.load(path.stem)
     assert chosen.name == path.stem and chosen.title and chosen.description
     table = table_of(chosen, chosen.seed)
-    armable = scenario.armable(chosen, FaultTable.of(table))
+    armable = scenario.armable(chosen, table)
     assert len(armable) == len(table) - 1 and table["group"].iloc[-1] == "buttons/estop"
     assert all(one.lasts_ms >= one.within_s * 1000 for one in armable)  # the response is seen
     assert (

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from pydantic import Field, model_validator
+import numpy as np
+from pydantic import model_validator
 
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.config import CampaignConfig
@@ -32,6 +34,23 @@ from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.parts import OwnSource
 from ravenjax.vocabulary.reactions import MEANINGS
 
+HEALTHY_MM = 0.1
+"""A healthy robot that moves is further off its nominal model: 0.6 to 1.8 mm in the generated
+motions.
+"""
+REACH_MM = 429.0
+"""Longest distance between two places of the tip within the hard stops of shoulder, elbow and
+insertion.
+"""
+_FELT: dict[str, float | None] = {"delay_ms": None, "felt_force": None}
+READ_BY: dict[str, dict[str, float | None]] = {
+    "none": {},
+    "release": _FELT,
+    "slow": {**_FELT, "slow_to": 1.0},
+    "correct": {**_FELT, "correct_per_s": 0.0, "correct_mm_s": 0.0},
+}
+"""Keys of [reaction] that each action reads, and the value with which it has no effect."""
+
 
 class RavenConfig(CampaignConfig):
     """A whole campaign file of a Raven-II."""
@@ -39,15 +58,12 @@ class RavenConfig(CampaignConfig):
     campaign: RavenCampaign
     operator: Operator = Operator(motion="suture")
     limits: Limits = Limits()
-    reaction: Reaction | None = Field(
-        default=None, description="an operator who reacts; without it nobody does"
-    )
-    controller: OwnStages | None = Field(
-        default=None, description="stages of the control software that are files of your own"
-    )
-    hand: Hand | None = Field(
-        default=None, description="a hand that the cue moves; without it the cue is a signal"
-    )
+    reaction: Reaction | None = None
+    """an operator who reacts; without it nobody does"""
+    controller: OwnStages | None = None
+    """stages of the control software that are files of your own"""
+    hand: Hand | None = None
+    """a hand that the cue moves; without it the cue is a signal"""
 
     @model_validator(mode="after")
     def _draw_errors(self) -> RavenConfig:
@@ -172,6 +188,49 @@ class RavenConfig(CampaignConfig):
         """Names of the motions that the robot can generate."""
         return tuple(MOTIONS)
 
+    def notices(self) -> Iterator[Complaint]:
+        """See `CampaignConfig.notices`."""
+        yield from super().notices()
+        for name, section in (("operator.start", self.operator.start), ("limits", self.limits)):
+            for key, angle in section.model_dump(exclude_none=True).items():
+                largest = float(np.max(np.abs(angle)))
+                if key.endswith("_deg") and 0 < largest <= math.pi:
+                    yield (
+                        (name, key),
+                        f"got {angle} degrees; if radians are meant, write"
+                        f" {np.round(np.degrees(angle), 2).tolist()}",
+                    )
+        axes = {path: axis for _, table in self.parameter_tables() for path, axis in table.items()}
+        errors = [path for path in axes if ".kinematic_errors." in path]
+        if self.campaign.kinematic_errors == "none" and all(p.endswith(".scale") for p in errors):
+            yield from (
+                (("parameters", path), "scales nothing while campaign.kinematic_errors is 'none'")
+                for path in errors
+            )
+        if self.reaction is not None and "reaction.action" not in axes:
+            yield from self._reaction_notices(self.reaction, axes)
+        if self.hand is not None and not self.hand.newtons_per_unit:
+            yield ("hand", "newtons_per_unit"), "0 moves no hand"
+
+    def _reaction_notices(self, own: Reaction, axes: dict[str, Axis]) -> Iterator[Complaint]:
+        for name, field in Reaction.model_fields.items():
+            path, value = f"reaction.{name}", getattr(own, name)
+            written = value != field.default or path in axes
+            if name != "action" and written and name not in READ_BY[own.action]:
+                yield ("reaction", name), f"nothing reads it with action = {own.action!r}"
+            elif READ_BY[own.action].get(name) == value and path not in axes:
+                yield ("reaction", name), f"{value:g} makes action {own.action!r} without effect"
+        if own.action != "none" and own.felt_force > (cap := self.haptics.cues()[0].cap):
+            yield (
+                ("reaction", "felt_force"),
+                f"{own.felt_force:g} is never felt: the cue pulls with at most cap = {cap:g}",
+            )
+
+    @property
+    def distances_mm(self) -> tuple[float, float]:
+        """See `CampaignConfig.distances_mm`."""
+        return HEALTHY_MM, REACH_MM
+
     def complaints(self) -> Iterator[Complaint]:
         """Yield (key, message) for each mistake in the robot's own sections."""
         hands = self.operator.hands
@@ -192,8 +251,8 @@ class RavenConfig(CampaignConfig):
             if choice and packets.OWN in choice.values and isinstance(self.campaign.packets, str):
                 yield (
                     (*key, "network.packets"),
-                    f"got {packets.OWN}, which is the shares in campaign.packets, but there are"
-                    " none: write them there",
+                    f"got {packets.OWN}, which means the shares in campaign.packets: write them"
+                    " there",
                 )
             if "network.cycles_per_packet" in table and self.random_packets:
                 yield (

@@ -62,98 +62,51 @@ Packets = Annotated[
 class RavenCampaign(CampaignSection):
     """[campaign]: settings of every run."""
 
-    arms: tuple[ArmName, ...] = Field(
-        default=("gold",), min_length=1, max_length=2, description="arms, gold first"
-    )
-    noise: bool = Field(
-        default=False,
-        description=(
-            "draw noise of the sizes plant.encoder_noise and plant.torque_noise, anew each run"
-        ),
-    )
-    software: Literal["raven2", "fork2015"] = Field(
-        default="raven2", description="control software: present raven2, or the 2015 fork"
-    )
-    build: Literal["robot", "dyn_sim", "dyn_sim_tools"] = Field(
-        default="robot",
-        description=(
-            "what the software was built for; dyn_sim, of fork2015: motors 1-3 read from the model"
-            " without encoders and filter, ideal tool joints, packets that end with a software"
-            " E-stop; dyn_sim_tools: the same, but tool joints measured as on the robot, which"
-            " nobody published"
-        ),
-    )
-    dac_words: Literal["wrap", "saturate", "unwrapped"] | None = Field(
-        default=None,
-        description=(
-            "how a DAC command that a fault wrote behind the checks is stored in the 16 bits of a"
-            " USB word; left out, it wraps, and a fault's value beyond 16 bits is refused"
-        ),
-    )
-    tools: tuple[Annotated[str, OneOf("tool", TOOLS)], ...] | None = Field(
-        default=None, description="one tool per arm; default: the software's own"
-    )
-    console: Literal["increments", "absolute"] = Field(
-        default="increments",
-        description="what a packet carries: increments of the hand's motion, or positions",
-    )
-    packets: Packets = Field(
-        default="every_cycle",
-        description=(
-            "how many control cycles a packet of the console lasts, drawn anew each run:"
-            " every_cycle: one; measured: as on a recorded robot, two in 93 of 100; bursts: as a"
-            " recorded console sends, one to three, and 6 to 11 in 18 of 100; or the shares of"
-            " packets that last 1, 2, 3, .. cycles. The hand moves on meanwhile; varied as"
-            " network.packets, 0 to 3"
-        ),
-    )
-    policy: Literal["no_regulation", "soft_regulation", "hard_regulation"] = Field(
-        default="soft_regulation",
-        description=(
-            "what raven2's overdrive check does with a command above the limit of its level:"
-            " nothing, clip it, or stop after ten; the fork has no policy"
-        ),
-    )
-    level: Literal["beginner", "moderate", "advanced", "fork2015"] | None = Field(
-        default=None,
-        description=(
-            "limits of the overdrive check, counts a joint; default moderate for raven2, fork2015"
-            " for the fork"
-        ),
-    )
-    parameter_set: parameter_sets.Name = Field(
-        parameter_sets.DEFAULT,
-        description=(
-            "mechanics of the virtual robot: power_consistent, or a set that the authors published"
-            " for its first three joints, under their law of motor and cable"
-        ),
-    )
-    kinematic_errors: Literal["none", "measured"] = Field(
-        default="none",
-        description=(
-            "what makes a healthy robot's report wrong (joint offsets after homing, drums, links):"
-            " none; measured: drawn anew for each run and arm, as large as cameras saw on a real"
-            " arm, an upper bound. Half of it: plant.kinematic_errors.scale = 0.5"
-        ),
-    )
-    cables: Literal["unbreakable", "break"] = Field(
-        default="unbreakable",
-        description=(
-            "what a cable does whose tension exceeds plant.cable_strength: hold all the same, or"
-            " part, and carry nothing for the rest of the run. Either way overload is an outcome of"
-            " power_consistent; tensions of the published sets are no real ones, and nothing breaks"
-            " there"
-        ),
-    )
-    contact: bool = Field(
-        default=False,
-        description=(
-            "whether jaw tips press on the scene's tissue and vessel, and instruments on each"
-            " other: forces on the robot, and outcomes; the numbers are parameters contact..."
-            " Without it nothing is touched"
-        ),
-    )
-    substeps: int = Field(default=1, ge=1, le=100, description="plant steps per 1 ms tick")
+    arms: tuple[ArmName, ...] = Field(default=("gold",), min_length=1, max_length=2)
+    """arms, gold first"""
+    noise: bool = False
+    """draw noise of the sizes plant.encoder_noise and plant.torque_noise for each run"""
+    software: Literal["raven2", "fork2015"] = "raven2"
+    """control software: present raven2, or the 2015 fork"""
+    build: Literal["robot", "dyn_sim", "dyn_sim_tools"] = "robot"
+    """what the software was built for; dyn_sim, of fork2015: motors 1-3 read from the model without
+    encoders and filter, ideal tool joints, packets that end with a software E-stop; dyn_sim_tools:
+    the same, but tool joints measured as on the robot, which nobody published"""
+    dac_words: Literal["wrap", "saturate", "unwrapped"] | None = None
+    """how a DAC command that a fault wrote behind the checks is stored in the 16 bits of a USB
+    word; left out, it wraps, and a fault's value beyond 16 bits is refused"""
+    tools: tuple[Annotated[str, OneOf("tool", TOOLS)], ...] | None = None
+    """one tool per arm; default: the software's own"""
+    console: Literal["increments", "absolute"] = "increments"
+    """what a packet carries: increments of the hand's motion, or positions"""
+    packets: Packets = "every_cycle"
+    """how many control cycles a packet of the console lasts, drawn anew each run: every_cycle: one;
+    measured: as on a recorded robot, two in 93 of 100; bursts: as a recorded console sends, one to
+    three, and 6 to 11 in 18 of 100; or the shares of packets that last 1, 2, 3, .. cycles. The hand
+    moves on meanwhile; varied as network.packets, 0 to 3"""
+    policy: Literal["no_regulation", "soft_regulation", "hard_regulation"] = "soft_regulation"
+    """what raven2's overdrive check does with a command above the limit of its level: nothing, clip
+    it, or stop after ten; the fork has no policy"""
+    level: Literal["beginner", "moderate", "advanced", "fork2015"] | None = None
+    """limits of the overdrive check, counts a joint; default moderate for raven2, fork2015 for the
+    fork"""
+    parameter_set: parameter_sets.Name = parameter_sets.DEFAULT
+    """mechanics of the virtual robot: power_consistent, or a set that the authors published for its
+    first three joints, under their law of motor and cable"""
+    kinematic_errors: Literal["none", "measured"] = "none"
+    """what makes a healthy robot's report wrong (joint offsets after homing, drums, links): none;
+    measured: drawn anew for each run and arm, as large as cameras saw on a real arm, an upper
+    bound. Half of it: plant.kinematic_errors.scale = 0.5"""
+    cables: Literal["unbreakable", "break"] = "unbreakable"
+    """what a cable does whose tension exceeds plant.cable_strength: hold all the same, or part, and
+    carry nothing for the rest of the run. Either way overload is an outcome of power_consistent;
+    tensions of the published sets are no real ones, and nothing breaks there"""
+    contact: bool = False
+    """whether jaw tips press on the scene's tissue and vessel, and instruments on each other:
+    forces on the robot, and outcomes; the numbers are parameters contact... Without it nothing is
+    touched"""
+    substeps: int = Field(default=1, ge=1, le=100)
+    """plant steps per 1 ms tick"""
 
     @model_validator(mode="after")
     def _together(self) -> RavenCampaign:
@@ -219,15 +172,16 @@ class Start(Section):
     homing.
     """
 
-    shoulder_deg: _Shoulder | None = Field(
-        default=None, description="shoulder, between its hard stops"
-    )
-    elbow_deg: _Elbow | None = Field(default=None, description="elbow, between its hard stops")
-    insertion_m: _Insertion | None = Field(
-        default=None, description="insertion; less draws the instrument back"
-    )
-    tool_roll_deg: _Roll | None = Field(default=None, description="roll of the instrument")
-    wrist_deg: _Wrist | None = Field(default=None, description="wrist of the instrument")
+    shoulder_deg: _Shoulder | None = None
+    """shoulder, between its hard stops"""
+    elbow_deg: _Elbow | None = None
+    """elbow, between its hard stops"""
+    insertion_m: _Insertion | None = None
+    """insertion; less draws the instrument back"""
+    tool_roll_deg: _Roll | None = None
+    """roll of the instrument"""
+    wrist_deg: _Wrist | None = None
+    """wrist of the instrument"""
 
     def si(self) -> dict[str, float]:
         """Return the joints that were given, rad and m."""
@@ -250,87 +204,45 @@ GENERATED = ("seed",)
 class Operator(Section):
     """[operator]: the operator's motion, generated or recorded, or a user's file."""
 
-    motion: Annotated[str, OneOf("motion", MOTIONS)] | None = Field(
-        default=None, description="a generated motion"
-    )
-    file: Path | None = Field(
-        default=None,
-        description=(
-            "a recorded motion (Parquet, CSV, MCAP, ROS bag), from this file's folder; a Python"
-            " file (.py) is `hands`"
-        ),
-    )
-    hands: Path | None = Field(
-        default=None,
-        description=(
-            "a Python file with an operator of your own, from this file's folder: what hands make"
-            " of motion or file, which is their plan; its parameters are operator.own.hands..."
-        ),
-    )
+    motion: Annotated[str, OneOf("motion", MOTIONS)] | None = None
+    """a generated motion"""
+    file: Path | None = None
+    """a recorded motion (Parquet, CSV, MCAP, ROS bag), from this file's folder; a Python file (.py)
+    is `hands`"""
+    hands: Path | None = None
+    """a Python file with an operator of your own, from this file's folder: what hands make of
+    motion or file, which is their plan; its parameters are operator.own.hands..."""
     hands_sha256: str | None = Field(
         default=None,
         pattern=own_part.SHA256,
         description=f"of hands {own_part.CONTENT}",
     )
-    scale: float = Field(
-        default=0.1,
-        ge=0.001,
-        le=1.0,
-        description=(
-            "teleoperation scale; varied as operator.scale. At the scale written here a recorded"
-            " tip moves as recorded; a generated motion is planned for 0.1"
-        ),
-    )
-    seed: int = Field(default=0, ge=0, lt=2**31, description="seed of the generated motion")
-    window_s: tuple[float, float] | None = Field(
-        default=None, description="[begin, end] within a recorded motion, s"
-    )
-    rate_hz: float | None = Field(
-        default=None,
-        gt=0.0,
-        le=100_000.0,
-        description=(
-            "rows a second of a recorded motion, evenly spaced: where it has no times, or those of"
-            " arrival"
-        ),
-    )
-    cutoff_hz: float | None = Field(
-        default=None,
-        gt=0.0,
-        lt=500.0,
-        description="low-pass of a recorded motion, Hz; without it none: tremor stays",
-    )
-    max_gap_s: float = Field(
-        default=MAX_GAP_S,
-        gt=0.0,
-        le=60.0,
-        description="longest gap of a recorded motion that is bridged by interpolation, s",
-    )
-    spikes: Spikes = Field(
-        default="refuse",
-        description=(
-            "a recorded tip that jumps: refuse; remove: interpolate where it comes back; replay: as"
-            " it is"
-        ),
-    )
-    console: str = Field(
-        default="auto",
-        description=(
-            "whose packets a recorded stream holds: a profile's name, a .toml file, or auto, found"
-            " from them"
-        ),
-    )
-    at_end: AtEnd = Field(
-        default="refuse",
-        description=(
-            "a recorded motion that ends before the run: refuse; hold: hands rest; reverse: back"
-            " and forth"
-        ),
-    )
+    scale: float = Field(default=0.1, ge=0.001, le=1.0)
+    """teleoperation scale; varied as operator.scale. At the scale written here a recorded tip moves
+    as recorded; a generated motion is planned for 0.1"""
+    seed: int = Field(default=0, ge=0, lt=2**31)
+    """seed of the generated motion"""
+    window_s: tuple[float, float] | None = None
+    """[begin, end] within a recorded motion, s"""
+    rate_hz: float | None = Field(default=None, gt=0.0, le=100_000.0)
+    """rows a second of a recorded motion, evenly spaced: where it has no times, or those of
+    arrival"""
+    cutoff_hz: float | None = Field(default=None, gt=0.0, lt=500.0)
+    """low-pass of a recorded motion, Hz; without it none: tremor stays"""
+    max_gap_s: float = Field(default=MAX_GAP_S, gt=0.0, le=60.0)
+    """longest gap of a recorded motion that is bridged by interpolation, s"""
+    spikes: Spikes = "refuse"
+    """a recorded tip that jumps: refuse; remove: interpolate where it comes back; replay: as it
+    is"""
+    console: str = "auto"
+    """whose packets a recorded stream holds: a profile's name, a .toml file, or auto, found from
+    them"""
+    at_end: AtEnd = "refuse"
+    """a recorded motion that ends before the run: refuse; hold: hands rest; reverse: back and
+    forth"""
     start: Start = Start()
-    slow_down: float = Field(
-        default=1.0, ge=0.1, le=100.0, description="how much slower than recorded it is replayed"
-    )
+    slow_down: float = Field(default=1.0, ge=0.1, le=100.0)
+    """how much slower than recorded it is replayed"""
 
     @model_validator(mode="before")
     @classmethod
@@ -377,7 +289,9 @@ class Operator(Section):
                 " remove it"
             )
         if self.hands is None and self.hands_sha256 is not None:
-            raise ValueError("hands_sha256 is of hands, and there are none: remove it")
+            raise ValueError(
+                "hands_sha256 belongs to hands, which the section does not have: remove it"
+            )
         if self.window_s is not None and not 0.0 <= self.window_s[0] < self.window_s[1]:
             raise ValueError(
                 "window_s = [begin, end] in s: expected 0 <= begin < end, got"
@@ -427,21 +341,16 @@ class Limits(Section):
     values.
     """
 
-    shoulder_deg: tuple[_Shoulder, _Shoulder] | None = Field(
-        default=None, description="[min, max] of the shoulder"
-    )
-    elbow_deg: tuple[_Elbow, _Elbow] | None = Field(
-        default=None, description="[min, max] of the elbow"
-    )
-    insertion_m: tuple[_Insertion, _Insertion] | None = Field(
-        default=None, description="[min, max] of the insertion"
-    )
-    tool_roll_deg: tuple[_Roll, _Roll] | None = Field(
-        default=None, description="[min, max] of the instrument's roll"
-    )
-    wrist_deg: tuple[_Wrist, _Wrist] | None = Field(
-        default=None, description="[min, max] of the instrument's wrist"
-    )
+    shoulder_deg: tuple[_Shoulder, _Shoulder] | None = None
+    """[min, max] of the shoulder"""
+    elbow_deg: tuple[_Elbow, _Elbow] | None = None
+    """[min, max] of the elbow"""
+    insertion_m: tuple[_Insertion, _Insertion] | None = None
+    """[min, max] of the insertion"""
+    tool_roll_deg: tuple[_Roll, _Roll] | None = None
+    """[min, max] of the instrument's roll"""
+    wrist_deg: tuple[_Wrist, _Wrist] | None = None
+    """[min, max] of the instrument's wrist"""
 
     @field_validator("*")
     @classmethod
@@ -460,27 +369,18 @@ class Reaction(Section):
     so on.
     """
 
-    action: Literal["none", "release", "slow", "correct"] = Field(
-        default="release",
-        description=(
-            "lift the pedal, slow down, or correct by eye; varied as reaction.action, 0 to 3"
-        ),
-    )
-    delay_ms: float = Field(
-        default=250.0, ge=0.0, le=60_000.0, description="from the first felt pull to the action, ms"
-    )
-    felt_force: float = Field(
-        default=0.0, ge=0.0, description="a weaker pull is not noticed, device units"
-    )
-    slow_to: float = Field(
-        default=0.25, ge=0.0, le=1.0, description="speed of slowed hands, of what it was"
-    )
-    correct_per_s: float = Field(
-        default=5.0, ge=0.0, le=1000.0, description="share of the distance corrected, 1/s"
-    )
-    correct_mm_s: float = Field(
-        default=50.0, ge=0.0, le=10_000.0, description="fastest correction of the tip, mm/s"
-    )
+    action: Literal["none", "release", "slow", "correct"] = "release"
+    """lift the pedal, slow down, or correct by eye; varied as reaction.action, 0 to 3"""
+    delay_ms: float = Field(default=250.0, ge=0.0, le=60_000.0)
+    """from the first felt pull to the action, ms"""
+    felt_force: float = Field(default=0.0, ge=0.0)
+    """a weaker pull is not noticed, device units"""
+    slow_to: float = Field(default=0.25, ge=0.0, le=1.0)
+    """speed of slowed hands, of what it was"""
+    correct_per_s: float = Field(default=5.0, ge=0.0, le=1000.0)
+    """share of the distance corrected, 1/s"""
+    correct_mm_s: float = Field(default=50.0, ge=0.0, le=10_000.0)
+    """fastest correction of the tip, mm/s"""
 
 
 class Hand(Section):
@@ -489,18 +389,10 @@ class Hand(Section):
     Robot and nominal model follow the moved hand alike.
     """
 
-    grip: float = Field(
-        default=0.5,
-        ge=0.0,
-        le=1.0,
-        description="how firmly it holds the console: 0 relaxed, 1 firm",
-    )
-    newtons_per_unit: float = Field(
-        default=3.3,
-        ge=-1e3,
-        le=1e3,
-        description="force per device unit of the cue, N; no source says it, assumed",
-    )
+    grip: float = Field(default=0.5, ge=0.0, le=1.0)
+    """how firmly it holds the console: 0 relaxed, 1 firm"""
+    newtons_per_unit: float = Field(default=3.3, ge=-1e3, le=1e3)
+    """force per device unit of the cue, N; no source says it, assumed"""
 
 
 class OwnStages(Section):
@@ -508,16 +400,10 @@ class OwnStages(Section):
     control.own.STAGE...
     """
 
-    motor_control: Path | None = Field(
-        default=None,
-        description=(
-            "a file whose step gives (state, tau_d): desired torques from desired motor positions"
-        ),
-    )
-    dac: Path | None = Field(
-        default=None,
-        description="a file whose step gives (state, current_cmd): DAC counts from desired torques",
-    )
+    motor_control: Path | None = None
+    """a file whose step gives (state, tau_d): desired torques from desired motor positions"""
+    dac: Path | None = None
+    """a file whose step gives (state, current_cmd): DAC counts from desired torques"""
     sha256: dict[str, str] = Field(
         default_factory=dict,
         description=f"stage = of that file {own_part.CONTENT}",

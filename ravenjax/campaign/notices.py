@@ -1,0 +1,239 @@
+"""Finds what a campaign declares but what cannot act: without effect, never reached, or always on.
+
+Such values are valid, so they are no errors. The terminal, `check`, the manifest and the report
+show them. `of_config` compares the numbers of the file's sections, `of_plan` also the faults of
+each run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ravenjax.campaign.faults import design, span, table
+from ravenjax.campaign.file import bounds, location, semantics
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.file.location import Complaint
+from ravenjax.campaign.plan import Plan
+from ravenjax.numbers import paths
+from ravenjax.vocabulary.effects import EFFECT_CODES, TRIGGER_CODES
+
+MOST_COMPARED = 2**20
+"""Largest number of runs of which equal ones are looked for, which takes seconds from there on."""
+NAMED = 4
+"""Number of groups that a notice names."""
+
+
+def of_plan(plan: Plan) -> tuple[str, ...]:
+    """Return every notice of a campaign in words, in the order of the file."""
+    declared = [f"{location.dotted(key)}: {message}" for key, message in of_config(plan.config)]
+    return (*declared, *_of_parameters(plan), *_of_faults(plan), *_of_copies(plan))
+
+
+def of_config(config: CampaignConfig) -> Iterator[Complaint]:
+    """Yield (key, message) of what the sections of a file declare without effect."""
+    yield from config.notices()
+    least, largest = config.distances_mm
+    for key, lowest in (
+        (("haptics", "threshold_mm"), least),
+        (("outcomes", "limit_mm"), least),
+        (("outcomes", "jump_step_mm"), 0.0),
+        (("outcomes", "large_jump_mm"), 0.0),
+    ):
+        section, name = key
+        for value in np.ravel(getattr(getattr(config, section), name)):
+            if value >= largest:
+                yield (
+                    key,
+                    f"{value:g} mm is never reached: two places of the tip are at most"
+                    f" {largest:g} mm apart",
+                )
+            elif value <= lowest:
+                yield (
+                    key,
+                    f"{value:g} mm is always exceeded: without a fault the moving tip is already"
+                    f" {lowest:g} mm off the model",
+                )
+    for kind, parts in (("detector", config.detector), ("check", config.check)):
+        for number, part in enumerate(parts):
+            if 0.0 in np.ravel(part.threshold):
+                yield (kind, number, "threshold"), "0 is exceeded by any score: it is always on"
+    for number, cue in enumerate(config.haptics.cues()):
+        if not cue.cap or not (cue.kp or cue.kd):
+            yield (
+                ("haptics",),
+                f"set {number} has cap 0, or no spring and damper: its force is always 0",
+            )
+    if (limit := config.campaign.limit) is not None and limit >= design.count(config):
+        yield ("campaign", "limit"), f"{limit} is no limit: the campaign has no more runs"
+    robot = config.robot
+    for key, axes in config.parameter_tables():
+        for path, axis in axes.items() if not config.campaign.noise else ():
+            if bounds.plain(robot, path) in robot.noise and axis.values != (0,):
+                yield (
+                    (*key, path),
+                    "nothing reads it while campaign.noise is off; set campaign.noise = true",
+                )
+
+
+def _of_parameters(plan: Plan) -> Iterator[str]:
+    """Yield the parameters whose values are those that the robot has anyway."""
+    program = plan.program
+    free = ~(plan.faults["code"] > 0).any(axis=1)
+    for path, values in table.parameters(plan.rows).items():
+        own = list(paths.named(program.params, program.setup, path).values())
+        same = np.isnan(values) | np.all([np.float32(values) == np.float32(n) for n in own], axis=0)
+        if same.all():
+            yield f"parameters.{path}: {float(own[0]):g} is what the robot has without it"
+        elif count := int((free & ~same).sum()):
+            yield (
+                f"parameters.{path}: differs from the robot's own value in {count} runs without a"
+                " fault. Their golden runs have it, too, so that no outcome shows its effect"
+            )
+    if program.ends and bool((plan.ends == program.ticks).all()):
+        yield "campaign.observe_ms: ends no run before campaign.duration_s"
+
+
+def _of_faults(plan: Plan) -> Iterator[str]:
+    """Yield why faults of some runs cannot act, for all groups together."""
+    if not plan.faults["code"].any():
+        return
+    faults, ticks = plan.faults, plan.program.ticks
+    start, length, every = (
+        faults[name].astype(np.int64) for name in ("start", "duration", "every")
+    )
+    clocks, there = _clocks(plan), faults["code"] > 0
+    closes = span.closes(faults, ticks, clocks)
+    opens = there & (closes > 0)
+    lasts = opens & (every == 0) & (length < table.FOREVER_TICKS)
+    beyond = np.where(lasts, np.clip(start + length - ticks, 0, length), 0)
+    worst = np.unravel_index(np.argmax(beyond / np.maximum(length, 1)), beyond.shape)
+    targets = table.targets(plan.program.setup.injection)
+    unread = np.array([False, *(plan.config.robot.sites[site].unread for site, *_ in targets)])
+    columns = [values for name, values in faults.items() if name != "key"]
+    twice = np.zeros_like(there)
+    for slot in range(1, there.shape[1]):
+        same = [values[:, :slot] == values[:, slot : slot + 1] for values in columns]
+        twice[:, slot] = there[:, slot] & np.logical_and.reduce(same).any(axis=1)
+    early, down = np.zeros_like(there), ticks
+    if clocks is not None:
+        first = np.array([min((*phases.begins, ticks)) for phases in clocks.phases])[clocks.kind]
+        moved = clocks.moved[faults["code"]].any(axis=1, keepdims=True)
+        early, down = opens & (closes <= first[:, None]) & ~moved, first.min()
+    for key, which, words in (
+        ("start_ms", there & ~opens, "the window does not open before the run's end"),
+        (
+            "start_ms",
+            early,
+            f"the window closes before the robot is in pedal-down, from {down} ms on",
+        ),
+        (
+            "duration_ms",
+            beyond > 0,
+            f"up to {beyond[worst]} of {length[worst]} ms lie beyond the run's end; no outcome"
+            " shows what the fault does then",
+        ),
+        (
+            "every_ms",
+            opens & (every > 0) & (start + every >= ticks),
+            "the window does not open again before the run's end",
+        ),
+        (
+            "value",
+            there & _idle(plan),
+            "leaves the number as it is, or within one count of it",
+        ),
+        ("site", unread[faults["code"]], "nothing in the robot reads it"),
+        ("site", twice, "is the same fault as another one of the run"),
+    ):
+        yield from _grouped(plan, key, which, words)
+
+
+def _clocks(plan: Plan) -> Any:
+    """Return when packets arrive and the pedal is down; None if the robot does not say it."""
+    robot = plan.config.robot.part("campaign")
+    if not hasattr(robot, "clocks"):
+        return None
+    return robot.clocks(plan.program, plan.columns, plan.varied, plan.runs)
+
+
+def _idle(plan: Plan) -> np.ndarray:
+    """Return which faults leave their channel as it is without them, bool [runs, slots]."""
+    faults, robot = plan.faults, plan.config.robot
+    channels = [
+        robot.sites[site].channel(name)
+        for site, _, name in table.targets(plan.program.setup.injection)
+    ]
+    code, value = faults["code"], faults["value"].astype(np.float64)
+    own = [np.nan if channel.usual is None else channel.usual for channel in channels]
+    usual = np.array([np.nan, *own])[code]
+    least = np.array([0.0, *(float(c.kind not in ("float", "bool")) for c in channels)])[code]
+    small = (np.abs(value) < least) | (value == 0)
+    length = np.minimum(faults["duration"], plan.program.ticks - faults["start"])
+    by_effect = {
+        "overwrite": value == usual,
+        "offset": small,
+        "latch_offset": small & (usual == usual),
+        "scale": (value == 1) | (usual == 0),
+        "drift": (np.abs(value) * length < least) | (value == 0),
+        "stuck": usual == usual,
+        "periodic": small,
+        "random": small & (usual == 0),
+        "toggle": (value == 0) & (usual == 0),
+        "lose": value == 0,
+    }
+    idle = np.zeros(code.shape, bool)
+    for effect, mask in by_effect.items():
+        idle |= mask & (faults["effect"] == EFFECT_CODES[effect])
+    return idle
+
+
+def _grouped(plan: Plan, key: str, which: np.ndarray, words: str) -> Iterator[str]:
+    """Yield the notice of the faults that `which` marks, bool [runs, slots], by slot."""
+    groups = plan.rows["group"].cat
+    sizes = np.bincount(groups.codes)
+    for slot in np.flatnonzero(which.any(axis=0)):
+        counts = np.bincount(groups.codes[which[:, slot]])
+        hit = np.flatnonzero(counts)
+        named = [f"{counts[g]} of {sizes[g]} runs of {groups.categories[g]}" for g in hit[:NAMED]]
+        more = [f"of {len(hit) - NAMED} more groups"] if len(hit) > NAMED else []
+        yield f"fault[{slot}].{key}: {words}: {', '.join(named + more)}"
+
+
+def copies(plan: Plan) -> np.ndarray:
+    """Return which runs have the outcome of an earlier one, bool [runs].
+
+    Their inputs are equal and nothing in them is random. A window beyond the run's end is as long
+    as one that ends with it.
+    """
+    fixed = [not semantics.random_in_itself(plan.config, group) for group in plan.config.group]
+    names = [group.name for group in plan.config.group]
+    groups = plan.rows["group"].cat
+    rows = np.array([fixed[names.index(name)] for name in groups.categories])[groups.codes]
+    ticks, faults = plan.program.ticks, {k: v for k, v in plan.faults.items() if k != "key"}
+    again = np.where(faults["start"] + faults["every"] < ticks, faults["every"], 0)
+    # Packet numbers begin at 1.
+    packet = faults["trigger"] == TRIGGER_CODES["packet"]
+    end = np.where(again == 0, ticks - faults["start"] + packet, ticks)
+    faults |= {"every": again, "duration": np.minimum(faults["duration"], end)}
+    inputs = {
+        f"{name}{slot}": values[:, slot]
+        for name, values in faults.items()
+        for slot in range(values.shape[1])
+    }
+    inputs |= {path: values for path, values in plan.varied.items() if path not in plan.keys}
+    frame = pd.DataFrame(inputs, index=range(plan.runs), copy=False)
+    if frame.empty:
+        return rows & (np.arange(plan.runs) > 0)
+    return rows & frame.duplicated().to_numpy()
+
+
+def _of_copies(plan: Plan) -> Iterator[str]:
+    if plan.runs <= MOST_COMPARED and (count := int(copies(plan).sum())):
+        yield (
+            f"group: {count} of {plan.runs} runs have the inputs of an earlier run and come out the"
+            " same; they count once"
+        )

@@ -1,0 +1,93 @@
+"""Values without effect are noted where they stand, and values that act are not."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+import ravenjax as rj
+from ravenjax.campaign import notices
+from ravenjax.campaign.plan import make_plan
+from ravenjax.errors import UserError
+
+FAULT: dict[str, Any] = {
+    "site": "usb_out",
+    "channel": "shoulder",
+    "effect": "offset",
+    "value": 14000,
+    "start_ms": 1000,
+    "duration_ms": 16,
+}
+
+
+def of(fault: dict[str, Any] | None = None, more: tuple = (), **sections: Any) -> str:
+    tables = {
+        "campaign": {"name": "x", "duration_s": 2.0, **sections.pop("campaign", {})},
+        "group": [{"name": "g", "fault": [{**FAULT, **(fault or {})}, *more]}],
+    }
+    return "\n".join(notices.of_plan(make_plan(rj.load_campaign(tables | sections))))
+
+
+@pytest.mark.parametrize(
+    ("fault", "sections", "said"),
+    [
+        ({}, {"haptics": {"threshold_mm": [0, 3]}}, "threshold_mm: 0 mm is always exceeded"),
+        ({}, {"haptics": {"threshold_mm": 3000}}, "3000 mm is never reached"),
+        ({}, {"outcomes": {"limit_mm": 0.003}}, "outcomes.limit_mm: 0.003 mm is always exceeded"),
+        ({}, {"outcomes": {"limit_mm": 900}}, "outcomes.limit_mm: 900 mm is never reached"),
+        ({}, {"haptics": {"cap": 0}}, "haptics: set 0 has cap 0"),
+        ({}, {"reaction": {"felt_force": 1}}, "reaction.felt_force: 1 is never felt"),
+        ({}, {"reaction": {"action": "none", "delay_ms": 300}}, "reaction.delay_ms: nothing reads"),
+        ({}, {"parameters": {"plant.kinematic_errors.scale": 0.5}}, "scales nothing"),
+        ({}, {"parameters": {"plant.friction_scale": 1}}, "1 is what the robot has without it"),
+        ({}, {"limits": {"shoulder_deg": [0.2, 1.2]}}, "write [11.46, 68.75]"),
+        ({}, {"operator": {"start": {"wrist_deg": -0.5}}}, "operator.start.wrist_deg: got -0.5"),
+        ({}, {"campaign": {"observe_ms": 5000}}, "campaign.observe_ms: ends no run"),
+        ({}, {"campaign": {"limit": 7}}, "campaign.limit: 7 is no limit"),
+        ({"value": [0, 9]}, {}, "fault[0].value: leaves the number as it is, or within one count"),
+        ({"effect": "scale", "value": 1}, {}, "fault[0].value: leaves the number"),
+        ({"site": "torque_scale", "effect": "overwrite", "value": 1}, {}, "fault[0].value: leaves"),
+        ({"site": "encoder", "effect": "drift", "value": 0.01}, {}, "fault[0].value: leaves"),
+        ({"site": "jvel"}, {}, "fault[0].site: nothing in the robot reads it: 1 of 1 runs of g"),
+        ({"start_ms": 100}, {}, "the window closes before the robot is in pedal-down"),
+        ({"start_ms": {"uniform": [1990, 2900]}}, {}, "the window does not open before"),
+        ({"start_ms": 1999, "duration_ms": 64}, {}, "up to 63 of 64 ms lie beyond the run's end"),
+        ({"every_ms": 1500}, {}, "fault[0].every_ms: the window does not open again"),
+        ({"start_ms": 1500, "duration_ms": [500, 600, "end"]}, {}, "group: 2 of 3 runs have"),
+    ],
+)  # fmt: skip
+def test_what_cannot_act_is_noted(fault, sections, said):
+    assert said in of(fault, **sections)
+
+
+def test_the_same_fault_or_hazard_twice_is_noted():
+    assert "fault[1].site: is the same fault" in of(more=(FAULT,))
+    assert "group[0].hazards: C09 is there twice" in of(
+        group=[{"name": "a", "hazards": ["C09", "C09"]}]
+    )
+
+
+def test_what_acts_is_not_noted():
+    assert of() == ""
+    assert (
+        of({"start_ms": 1000, "duration_ms": "end"}, reaction={}, haptics={"threshold_mm": 2}) == ""
+    )
+
+
+@pytest.mark.parametrize(
+    ("fault", "sections", "said"),
+    [
+        ({}, {"campaign": {"noise": "yes"}}, "campaign.noise: got 'yes', expected true or false"),
+        ({}, {"campaign": {"seed": "3"}}, "campaign.seed: got '3', expected a number"),
+        ({}, {"campaign": {"contact": 1}}, "campaign.contact: got 1, expected true or false"),
+        ({}, {"haptics": {"threshold_mm": ["3"]}}, "got '3', expected a number"),
+        ({}, {"parameters": {"plant.friction_scale": True}}, "got True, expected a number"),
+        ({"value": {"uniform": [-0.4, 0.4]}}, {}, "write whole ends, such as -1 and 1"),
+        ({"value": {"loguniform": [1.2, 1.8]}}, {}, "shoulder is a whole number (cnt)"),
+    ],
+)
+def test_a_value_of_another_type_is_refused(fault, sections, said):
+    with pytest.raises(UserError) as error:
+        of(fault, **sections)
+    assert said in str(error.value)
