@@ -144,16 +144,23 @@ class Block:
         arrays = [*self.varied.values(), *tree.leaves(self.faults), self.golden, self.acts]
         return next((len(array) for array in arrays if array is not None), 0)
 
-    def head(self, lanes: int) -> Block:
-        """Return a block of the first lanes."""
+    def picked(self, lanes: np.ndarray) -> Block:
+        """Return a block of these lanes (int), which may repeat, in this order."""
+
+        def pick(column: Any) -> Any:
+            return None if column is None else np.asarray(column)[lanes]
+
         return dataclasses.replace(
             self,
-            varied={path: values[:lanes] for path, values in self.varied.items()},
-            faults=tree.mapped(lambda leaf: leaf[:lanes], self.faults),
-            golden=None if self.golden is None else self.golden[:lanes],
-            acts=None if self.acts is None else self.acts[:lanes],
-            ends=None if self.ends is None else self.ends[:lanes],
+            varied={path: pick(values) for path, values in self.varied.items()},
+            faults=tree.mapped(pick, self.faults),
+            golden=self._golden_of(lanes),
+            acts=pick(self.acts),
+            ends=pick(self.ends),
         )
+
+    def _golden_of(self, lanes: Any) -> Any:
+        return lanes if self.golden is None else self.golden[lanes]
 
     def series(self, lanes: np.ndarray) -> np.ndarray:
         """Return the golden runs of these lanes, [ticks, series, len(lanes)].
@@ -161,13 +168,11 @@ class Block:
         Only for a block that has a reference.
         """
         assert self.reference is not None
-        return self.reference[:, :, lanes if self.golden is None else self.golden[lanes]]
+        return self.reference[:, :, self._golden_of(lanes)]
 
     def trunk(self, lane: int) -> Any:
-        """Return the kernel's snapshots of a lane's golden run; None if there are none."""
-        return (
-            self.trunks[lane if self.golden is None else self.golden[lane]] if self.trunks else None
-        )
+        """Return the kernel's snapshots of a lane's golden run, or None."""
+        return self.trunks[self._golden_of(lane)] if self.trunks else None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -176,10 +181,10 @@ class BlockResult:
 
     outcomes: dict[str, np.ndarray]  # outcome -> [lanes]
     reference: np.ndarray
-    """[ticks, series, lanes], what faulty runs are compared with, for each lane in the ticks before
-    its end.
+    """[ticks, series, lanes], the series that faulty runs are compared with; 0 ticks unless golden
+    runs ran.
 
-    Empty unless golden runs ran.
+    Arbitrary from a lane's end on. It may leave out lanes from `Block.rows` on.
     """
 
 

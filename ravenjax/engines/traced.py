@@ -12,14 +12,13 @@ import contextlib
 import dataclasses
 import re
 import threading
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from ravenjax.engines import trace_key
-from ravenjax.engines.interface import Block, BlockResult, Progress, TickProgram
+from ravenjax.engines.interface import Block, TickProgram
 from ravenjax.engines.trace_key import Code, Objects
 from ravenjax.errors import UserError
 from ravenjax.ir import lowering
@@ -239,7 +238,7 @@ def printable(program: TickProgram) -> TickProgram:
     )
 
 
-class PrintedKernel(ABC):
+class PrintedKernel:
     """Base class of the kernels of engines `simd` and `cuda`: a traced program and its compiled
     forms.
     """
@@ -248,18 +247,6 @@ class PrintedKernel(ABC):
         """objects: cache of compiled code between processes."""
         self.program, self.lanes, self.objects = printable(program), lanes, objects
         self._forms: Forms | None = None
-
-    @abstractmethod
-    def _run(
-        self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None
-    ) -> tuple[BlockResult, np.ndarray]:
-        """Return the results of a block, and the outputs of each tick, [ticks, numbers, lanes]."""
-
-    def run(
-        self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None
-    ) -> BlockResult:
-        """See `interface.Kernel`."""
-        return self._run(block, motion, progress)[0]
 
     def forms(self, block: Block, motion: tuple[np.ndarray, ...]) -> Forms:
         """Return the program traced for blocks and motions like these; traced only once."""

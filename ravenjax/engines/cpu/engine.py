@@ -46,8 +46,8 @@ class SimdKernel(traced.PrintedKernel):
         signals: bool = False,
         host: jit.Host | None = None,
     ) -> None:
-        """signals: every tick returns every signal, and lanes run one by one. host: CPU to generate
-        code for; None: this machine's.
+        """signals: every tick returns every signal, and lanes run one by one. host: CPU whose
+        width and features the text uses, which must run on this machine; None: this machine's.
         """
         super().__init__(program, lanes, objects)
         self.signals, self._host = signals, host or jit.host()
@@ -62,6 +62,12 @@ class SimdKernel(traced.PrintedKernel):
     def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
         """Trace and compile for blocks and motions like these."""
         self._code(block, motion, self._groups(block)[2])
+
+    def run(
+        self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None
+    ) -> BlockResult:
+        """See `interface.Kernel`."""
+        return self._run(block, motion, progress)[0]
 
     def run_signals(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[BlockResult, Any]:
         """As `run`, and every signal of the first lane, each leaf [ticks]."""
@@ -83,6 +89,7 @@ class SimdKernel(traced.PrintedKernel):
     def _run(
         self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None
     ) -> tuple[BlockResult, np.ndarray]:
+        """Return also the outputs of each tick, [ticks, numbers, lanes]."""
         tick, ticks = self.forms(block, motion).traced, self.program.ticks
         inputs, group, grouped = self._groups(block)
         code, tables = self._code(block, motion, grouped), traced.tables(motion)

@@ -390,7 +390,7 @@ def repeated(
     )
     moved = "".join(f"  %{p}1 = getelementptr i8, ptr %{p}, i64 {by}\n" for p, by in steps.items())
     return (
-        f"define void @{name}({parameters}, i64 %count){attributes} {{\nentry:\n  br label"
+        f"define void @{name}({parameters}){attributes} {{\nentry:\n  br label"
         f" %again\nagain:\n  %tick = phi i64 [ 0, %entry ], [ %next, %{printer.block}"
         f" ]\n{pointers}{body}\n{moved}  %next = add i64 %tick, 1\n  %more = icmp ult i64 %next,"
         " %count\n  br i1 %more, label %again, label %end\nend:\n  ret void\n}\n"

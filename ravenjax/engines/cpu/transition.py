@@ -29,11 +29,12 @@ from ravenjax.numbers import tree
 NOTHING = BufferLayout.aligned([])
 STEPS = (
     "ptr noalias %fixed, ptr noalias %state, ptr noalias %entering0, i64 %entering_bytes, ptr"
-    " noalias %leaving0, i64 %leaving_bytes, ptr noalias %tables"
+    " noalias %leaving0, i64 %leaving_bytes, ptr noalias %tables, i64 %count"
 )
-"""Parameters of a transition's function before `i64 %count`.
+"""Parameters of a transition's function.
 
-They are: fixed numbers, state, rows of inputs and outputs with their strides in bytes, tables.
+They are: fixed numbers, state, rows of inputs and outputs with their strides in bytes, tables,
+number of steps.
 """
 _MOVES = {"entering": "%entering_bytes", "leaving": "%leaving_bytes"}
 

@@ -13,10 +13,11 @@ import numpy as np
 from ravenjax.engines.gpu import device as cuda_device
 from ravenjax.engines.gpu.course import EVERY, BlockCourse, Places, plan_course
 from ravenjax.engines.gpu.cuda import OPTIONS
-from ravenjax.engines.gpu.device import Cubins, Device, DeviceSession
+from ravenjax.engines.gpu.device import Device, DeviceSession
 from ravenjax.engines.gpu.kernel import VECTOR, WARP, Form, KernelSource, print_loop
 from ravenjax.engines.interface import Progress
 from ravenjax.engines.lanes import Lanes, Trunk
+from ravenjax.engines.trace_key import Objects
 from ravenjax.ir.time_loop import TimeLoop, split
 
 CHUNK = 1000
@@ -64,7 +65,7 @@ class CudaCode:
         grouped: bool,
         device: Device,
         form: Form,
-        cubins: Cubins | None = None,
+        objects: Objects | None = None,
         printed: Callable[[Callable[[], KernelSource]], KernelSource] = lambda make: make(),
     ) -> None:
         """printed: returns the generated kernels from a cache, or calls `make()`."""
@@ -76,7 +77,7 @@ class CudaCode:
             return print_loop(parts, form, grouped)
 
         self.source = printed(make)
-        cubin = cuda_device.compile(self.source.text, device.architecture, OPTIONS, cubins)
+        cubin = cuda_device.compile(self.source.text, device.architecture, OPTIONS, objects)
         module = cuda_device.DeviceModule(device, cubin)
         self.lane_run = module.function("lane_run", self.source.shared_bytes)
         self.functions = {
