@@ -131,7 +131,7 @@ def question_plan(config: CampaignConfig) -> Plan:
     ready = plan.make_plan(config)
     if ready.keys:
         raise UserError(
-            f"{', '.join(ready.keys)} is drawn anew in each run, which a page does not do: leave"
+            f"{', '.join(ready.keys)} is drawn again in each run, which a page does not do: leave"
             " noise, bursts and drawn packets out of the campaign"
         )
     program = ready.program
@@ -192,7 +192,8 @@ def description(config: CampaignConfig) -> dict[str, Any]:
         "forever": table.FOREVER_TICKS,
         **motions(ready),
         "programs": {
-            "outcomes": _outcomes_program(tick, shared),
+            "outcomes": _printed(tick, tick.without_signals(), shared, code.WIDTH)
+            | {"outputs": []},
             "replay": _replay_program(ready, tick, shared),
         },
         "verdict": _verdict(config, tick),
@@ -264,18 +265,15 @@ def _motion(ready: Plan, name: str) -> tuple[np.ndarray, ...] | None:
 def _parameter(ready: Plan, path: str) -> dict[str, Any]:
     program, robot = ready.program, ready.config.robot
     own = next(iter(paths.named(program.params, program.setup, path).values()))
-    of_path = bounds.of(robot, path)
-    limits = of_path[0] if of_path else None
+    limits = next(iter(bounds.of(robot, path)), None)
+    unknown = {"unit": "", "low": None, "high": None, "meaning": ""}
     dtype = ready.varied[path].dtype
     return {
         "path": path,
         "value": float(str(np.asarray(own, dtype)[()])) if dtype.kind == "f" else int(own),
         "type": str(dtype),
-        "unit": limits.unit if limits else "",
-        "low": limits.low if limits else None,
-        "high": limits.high if limits else None,
         "whole": dtype.kind != "f",
-        "meaning": limits.meaning if limits else "",
+        **{name: getattr(limits, name, default) for name, default in unknown.items()},
     }
 
 
@@ -345,10 +343,6 @@ def _verdict(config: CampaignConfig, tick: TracedTick) -> dict[str, Any]:
 
 
 # --- programs ---
-
-
-def _outcomes_program(tick: TracedTick, shared: int) -> dict[str, Any]:
-    return _printed(tick, tick.without_signals(), shared, code.WIDTH) | {"outputs": []}
 
 
 def _replay_program(ready: Plan, tick: TracedTick, shared: int) -> dict[str, Any]:

@@ -203,7 +203,12 @@ def list_runs(folder: Path, record: Manifest) -> dict[str, Any]:
         "runs": len(frame),
         "rows": len(first),
         "evading": _evading(folder, record),
-        "columns": {name: _plain_column(first[column]) for name, column in columns.items()},
+        "columns": {
+            name: first[column].tolist()
+            if first[column].dtype.kind in "fiub"
+            else first[column].astype(str).tolist()
+            for name, column in columns.items()
+        },
     }
 
 
@@ -230,9 +235,3 @@ def _asked(frame: pd.DataFrame) -> pd.Series:
     return sites.drop(columns="fault0_site").eq("").all(axis=1) & (
         sites["fault0_site"].eq("") | plain & offered
     )
-
-
-def _plain_column(column: pd.Series) -> list[Any]:
-    if column.dtype.kind in "fiub":
-        return [None if value != value else value for value in column.tolist()]
-    return column.astype(str).tolist()

@@ -134,7 +134,7 @@ def calibrate(
         )
     shape = (-1, len(terms), segments.count)
     scale = threshold.scales(peaks.peak[valid].reshape(shape))
-    score = joint(peaks, scale)
+    score = joint(peaks.peak, scale)
     whole = OperationScores(peaks.unit, score, peaks.hours)
     calibrating = OperationScores(*(values[by.threshold] for values in whole))
     try:
@@ -178,12 +178,16 @@ def _reason(
     )
 
 
-def joint(peaks: Peaks, scale: np.ndarray) -> np.ndarray:
-    """Return the score of each operation, infinite if a number was not finite. `scale`: float32
-    [terms, segments].
+def joint(peak: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Return the score of each operation. `peak`: as in `Peaks`; `scale`: float32 [terms,
+    segments].
     """
-    score = threshold.joint(peaks.peak.reshape(len(peaks.peak), *scale.shape), scale)
-    return np.where(np.isnan(score), np.float32(np.inf), score)
+    return infinite_if_none(threshold.joint(peak.reshape(len(peak), *scale.shape), scale))
+
+
+def infinite_if_none(scores: np.ndarray) -> np.ndarray:
+    """Return infinity for NaN: an operation that failed ranks above all others."""
+    return np.where(np.isnan(scores), np.float32(np.inf), scores)
 
 
 def test(operations: OperationScores, limit: float) -> Test:

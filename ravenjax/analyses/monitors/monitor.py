@@ -87,9 +87,7 @@ class Monitor:
                 "a monitor needs a term or more of different names, got"
                 f" {', '.join(names) or 'none'}"
             )
-        if {len(scales) for scales in self.scales} != {self.segments.count} or len(
-            self.scales
-        ) != len(self.terms):
+        if np.shape(self.scales) != (len(self.terms), self.segments.count):
             raise ValueError("a monitor has a scale for each term and segment")
 
     @property

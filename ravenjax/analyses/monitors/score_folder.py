@@ -41,7 +41,7 @@ def open_folder(folder: Path, design: dict[str, Any]) -> None:
     files.require_writable(folder)
     path, text = folder / DESIGN, json.dumps(design, indent=1) + "\n"
     if not path.exists():
-        files.write_aside(path, lambda aside: aside.write_text(text, encoding="utf-8"))
+        files.write_text(path, text)
     before, after = read_design(folder), json.loads(text)
     if other := sorted(key for key in {*before, *after} if before.get(key) != after.get(key)):
         raise UserError(

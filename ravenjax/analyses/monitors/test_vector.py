@@ -60,13 +60,10 @@ def compute(
         tracer = selection.select(engine, program.setup.precision, compile_cache.objects()).tracer(
             program, LANES
         )
-        (varied, faults), (_, harmless) = (
-            ready.lanes([0], LANES),
-            ready.lanes([0], LANES, harmless=True),
+        golden, block = (
+            Block(*ready.lanes([0], LANES, harmless=harmless), None) for harmless in (True, False)
         )
-        *_, signals = tracer.run(
-            Block(varied, harmless, None), Block(varied, faults, None), ready.columns
-        )
+        *_, signals = tracer.run(golden, block, ready.columns)
     own, before = signals.detectors.own[0][0], signals.detectors.detectors[0].recent[0]
     armed_after = ready.program.params.detectors.armed_after
     live = np.asarray(signals.live).astype(bool) & (np.arange(len(before)) >= armed_after)

@@ -43,12 +43,12 @@ def write(out: Path, config: CampaignConfig, design: OperationDesign, result: Ca
         REFERENCE: _csv(_reference(score_folder.read(operations), monitor, result)),
     }
     for name, text in texts.items():
-        _put(out / name, text)
+        files.write_text(out / name, text)
     record = _record(config, design, result)
     record["design"]["operations_sha256"] = score_folder.digest(operations)
     record["sha256"] = {name: files.sha256(out / name) for name in texts}
     head = "# Written by `ravenjax monitor calibrate`.\n\n"
-    _put(out / RECORD, head + tomlkit.dumps(record))
+    files.write_text(out / RECORD, head + tomlkit.dumps(record))
 
 
 def promise(result: Calibrated, design: OperationDesign) -> list[str]:
@@ -174,7 +174,7 @@ def _reference(peaks: score_folder.Peaks, monitor: Monitor, result: Calibrated) 
     _, first = np.unique(peaks.unit, return_index=True)
     some = peaks.taken_from(first)
     some = some.taken_from(~calibration.uses(some.unit).scale)
-    score = calibration.joint(some, np.array(monitor.scales, np.float32))
+    score = calibration.joint(some.peak, np.array(monitor.scales, np.float32))
     columns = dict(zip(measured_names(monitor), some.peak.T, strict=True))
     return pd.DataFrame({"operator": some.unit, "score": score, **columns})
 
@@ -188,10 +188,6 @@ def measured_names(monitor: Monitor) -> list[str]:
         for term in monitor.terms
         for segment in range(monitor.segments.count)
     ]
-
-
-def _put(path: Path, text: str) -> None:
-    files.write_aside(path, lambda aside: aside.write_text(text, encoding="utf-8"))
 
 
 def _csv(table: pd.DataFrame) -> str:

@@ -8,10 +8,10 @@ that comes again, or that an earlier start of the same search has run (`journal`
 from __future__ import annotations
 
 import contextlib
+import copy
 import dataclasses
 import time
 from collections.abc import Sequence
-from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -29,8 +29,7 @@ from ravenjax.campaign.faults.fault_table import FaultTable
 from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress import OnProgress, Progress
 from ravenjax.engines import selection
-from ravenjax.engines.interface import Block, BlockResult, BranchingKernel, Kernel
-from ravenjax.engines.interface import Progress as OnTicks
+from ravenjax.engines.interface import Kernel
 from ravenjax.errors import UserError
 from ravenjax.store import parts, schema
 
@@ -206,29 +205,8 @@ class Evaluator:
             self._kernel = self._computation.kernel
             self._computation.compile()
         share = -(-ready.runs // self._computation.threads)
-        lanes = min(self._kernel.lanes, self._kernel.size(min(share, self._kernel.lanes)))
-        self._computation.plan, self._computation.kernel = ready, _Narrow(self._kernel, lanes)
+        # Blocks with fewer lanes spread a small batch over all threads.
+        kernel = copy.copy(self._kernel)
+        kernel.lanes = min(kernel.lanes, kernel.size(min(share, kernel.lanes)))
+        self._computation.plan, self._computation.kernel = ready, kernel
         return self._computation
-
-
-class _Narrow:
-    """A kernel whose blocks have fewer lanes, so that a small batch is spread over all threads."""
-
-    def __init__(self, kernel: Kernel, lanes: int) -> None:
-        self.kernel, self.lanes, self.branches = kernel, lanes, kernel.branches
-
-    def size(self, rows: int) -> int:
-        return self.kernel.size(rows)
-
-    def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
-        self.kernel.prepare(block, motion)
-
-    def run(
-        self, block: Block, motion: tuple[np.ndarray, ...], progress: OnTicks | None = None
-    ) -> BlockResult:
-        return self.kernel.run(block, motion, progress)
-
-    def trunk(
-        self, block: Block, motion: tuple[np.ndarray, ...], last: int, ends: np.ndarray
-    ) -> tuple[Any, dict[str, np.ndarray]]:
-        return cast(BranchingKernel, self.kernel).trunk(block, motion, last, ends)

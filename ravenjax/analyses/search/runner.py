@@ -19,7 +19,6 @@ from ravenjax.analyses.search.indices import analysis
 from ravenjax.analyses.search.indices import figure as indices_figure
 from ravenjax.analyses.search.journal import Journal
 from ravenjax.analyses.search.rare import simulation
-from ravenjax.analyses.search.wording import plain
 from ravenjax.campaign.progress import OnProgress, ProgressFile
 from ravenjax.store import files, manifest
 from ravenjax.store.access import lock
@@ -97,7 +96,7 @@ def _into(
 
 def _identity(config: SearchConfig, evaluator: Evaluator) -> dict[str, Any]:
     """Return everything that decides the result, as JSON values."""
-    return plain(
+    return files.json_values(
         {
             "config": config.resolved(),
             "config_hash": manifest.config_hash(config.resolved()),

@@ -103,9 +103,8 @@ def run(
     def one(number: int) -> tuple[np.ndarray, np.ndarray]:
         config, prefixes = candidates.watched(campaigns[number], tables)
         columns = [f"{prefix}score" for prefix in prefixes]
-        table = runner.run_campaign(config, None, engine).frame(
-            [*columns, "pedal_down_ms", "failed"]
-        )
+        results = runner.run_campaign(config, None, engine)
+        table = results.frame([*columns, "pedal_down_ms", "failed"])
         valid = (table["failed"] == "").to_numpy()
         armed = np.maximum(table["pedal_down_ms"].to_numpy(float), 0.0)
         on_motion()
@@ -113,9 +112,7 @@ def run(
 
     first = [one(numbers[0])]  # compiles the code that the other motions share
     results = first + threads.mapped(one, numbers[1:])
-    free = FreeMotion(
-        np.stack([peaks for peaks, _ in results]), np.stack([hours for _, hours in results])
-    )
+    free = FreeMotion(*map(np.stack, zip(*results, strict=True)))
     if not free.hours.sum() > 0:
         raise UserError(
             f"{course.seconds} s of fault-free motion have no valid millisecond in which the robot"

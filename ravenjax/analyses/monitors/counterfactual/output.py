@@ -24,7 +24,7 @@ from ravenjax.document.figure_style import STYLE
 from ravenjax.report import downloads, wording
 from ravenjax.report.drawing import save_figure
 from ravenjax.stats.intervals import bounds
-from ravenjax.store.files import require_writable, write_aside
+from ravenjax.store.files import require_writable, write_text
 
 WIDTH = 6.4  # inches
 SHOWN = 0.95
@@ -68,12 +68,8 @@ def _leads(one: Counterfactual, promise: Promise) -> np.ndarray:
     return one.grounds.leads(promise.members, promise.margin.place)[one.grounds.statement_half]
 
 
-TABLE, FIGURE, FOLDER, CAMPAIGN = (
-    "counterfactual.csv",
-    "counterfactual.svg",
-    "chosen",
-    "campaign.toml",
-)
+TABLE, FIGURE = "counterfactual.csv", "counterfactual.svg"
+FOLDER, CAMPAIGN = "chosen", "campaign.toml"
 
 
 def write(one: Counterfactual, place: Path) -> list[Path]:
@@ -81,7 +77,7 @@ def write(one: Counterfactual, place: Path) -> list[Path]:
     folder = place / FOLDER
     require_writable(folder)
     paths = [place / TABLE, place / FIGURE]
-    _write(paths[0], downloads.text(table(one)))
+    write_text(paths[0], downloads.text(table(one)))
     draw(one, paths[1])
     for member, name in zip(one.promise.members, names(one), strict=True):
         part = one.parts[member]
@@ -90,9 +86,9 @@ def write(one: Counterfactual, place: Path) -> list[Path]:
             f"{part.words[:1].upper()}{part.words[1:]}: 1 is the most that fault-free motion"
             " reached"
         )
-        _write(paths[-1], code.write_part(part.score.singles, title=title))
+        write_text(paths[-1], code.write_part(part.score.singles, title=title))
     paths.append(folder / CAMPAIGN)
-    _write(paths[-1], campaign(one))
+    write_text(paths[-1], campaign(one))
     return paths
 
 
@@ -134,10 +130,6 @@ def campaign(one: Counterfactual) -> str:
         " campaign.seed=N\n"
     )
     return f"{head}{stop}\n" + writing.text({**raw, "detector": [*own, *more], "group": groups})
-
-
-def _write(path: Path, text: str) -> None:
-    write_aside(path, lambda target: target.write_text(text, encoding="utf-8"))
 
 
 COLUMNS = ("check", "sees", "adds", "lead ms", "false alarms")

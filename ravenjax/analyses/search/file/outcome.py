@@ -102,9 +102,8 @@ class Outcome:
 
     def _numbers(self, columns: schema.Columns) -> np.ndarray:
         numbers = np.asarray(columns[self.column]).astype(np.float64)
-        return (
-            np.where(numbers < 0, np.nan, numbers) if self._may_be_absent else numbers
-        )  # a time that never came is -1
+        # The time of an event that never came is -1.
+        return np.where(numbers < 0, np.nan, numbers) if self._may_be_absent else numbers
 
     def complaints(self, shape: schema.Shape) -> Iterator[str]:
         """Return the errors of this outcome for a table of this shape."""
@@ -114,13 +113,10 @@ class Outcome:
             return
         dtypes = {c.name: c.dtype for c in schema.columns(shape) if _is_outcome(c.name)}
         if self.column not in dtypes:
-            near, names = (
-                suggestion(self.column, [*dtypes, *events.EVENTS]),
-                ", ".join(events.EVENTS),
-            )
+            near = suggestion(self.column, [*dtypes, *events.EVENTS])
             yield (
                 f"unknown outcome {self.column!r}, expected a column of results/README.md or one of"
-                f" {names}{near}"
+                f" {', '.join(events.EVENTS)}{near}"
             )
             return
         text = dtypes[self.column] == "category"
@@ -169,15 +165,11 @@ def parse(text: str) -> Outcome:
     return Outcome(column)
 
 
-def is_event(found: Outcome) -> bool:
-    """Return whether it is 1 or 0 for every run."""
-    truths = {c.name for c in schema.columns(schema.Shape()) if c.dtype == "bool"}
-    return bool(found.relation) or found.named_event or found.column in truths
-
-
 def require_event(text: str) -> str:
     """Return `text`. Raises ValueError if it names a number rather than an event."""
-    if not is_event(parse(text)):
+    found = parse(text)
+    truths = {c.name for c in schema.columns(schema.Shape()) if c.dtype == "bool"}
+    if not (found.relation or found.named_event or found.column in truths):
         raise ValueError(f"got {shown(text)}, a number; expected an event, such as '{text} >= 1'")
     return text
 
