@@ -12,6 +12,7 @@ from __future__ import annotations
 import dataclasses
 import operator
 from collections.abc import Callable, Iterable, Iterator
+from functools import reduce
 from typing import Any, TypeAlias, dataclass_transform
 
 from ravenjax.numbers import tree as trees
@@ -145,6 +146,18 @@ def rarely(condition: Scalar, then: Callable[[], Any], otherwise: Any) -> Any:
 def where(condition: Scalar, yes: Any, no: Any) -> Any:
     """Apply `jnp.where` to whole records: take each number from `yes` or from `no`."""
     return trees.mapped(lambda a, b: jnp.where(condition, a, b), yes, no)
+
+
+def largest(numbers: Iterable[Scalar]) -> Scalar:
+    """Return the largest of some numbers, at least one; NaN if one of them is."""
+    return reduce(jnp.maximum, numbers)
+
+
+def first_tick(now: Scalar, happens: Scalar, before: Scalar) -> Scalar:
+    """Return the tick of an event's first occurrence: `before`, unless that is -1 and it `happens`
+    now.
+    """
+    return jnp.where(happens & (before < 0), now, before)
 
 
 def earliest(ticks: list[Scalar]) -> Scalar:

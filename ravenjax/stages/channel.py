@@ -19,6 +19,8 @@ rule. The emulator's loss of the whole connection is fault effect `drop`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from ravenjax.numbers.counter_random import uniform
 from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.vec import Scalar, as_int, record, where
@@ -93,7 +95,7 @@ def _key(seed: Scalar) -> Scalar:
     return lax.bitcast_convert_type(lax.convert_element_type(seed, jnp.float32), jnp.uint32)
 
 
-def _of(quality: Scalar, numbers: tuple[float, ...]) -> Scalar:
+def _of(quality: Scalar, numbers: Sequence[float]) -> Scalar:
     """Return the one of `numbers` that belongs to a quality, float32."""
     number_of = jnp.float32(numbers[0])
     for k, number in enumerate(numbers[1:], start=1):
@@ -105,9 +107,5 @@ def _next(quality: Scalar, drawn: Scalar) -> Scalar:
     """Return the next quality, int32: the number of its row's partial sums that are below `drawn`,
     in [0, 1).
     """
-    partial = tuple(zip(*(_partial_sums(row) for row in TRANSITIONS), strict=True))
+    partial = [[sum(row[:k]) for row in TRANSITIONS] for k in (1, 2, 3)]
     return sum((as_int(drawn >= _of(quality, sums)) for sums in partial), jnp.int32(0))
-
-
-def _partial_sums(row: tuple[float, ...]) -> list[float]:
-    return [sum(row[: k + 1]) for k in range(len(row) - 1)]

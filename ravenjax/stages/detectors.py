@@ -36,7 +36,7 @@ import numpy as np
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import HOUR_MS, Quantity, Reserved
 from ravenjax.numbers.setup import Setup, per_arm, real
-from ravenjax.numbers.vec import Scalar, Vec, as_int, record
+from ravenjax.numbers.vec import Scalar, Vec, as_int, first_tick, record
 from ravenjax.parts import part
 from ravenjax.parts.part import SCORE
 from ravenjax.vocabulary.detectors import DetectorUse
@@ -226,9 +226,7 @@ def stops(setup: Setup, state: DetectorsState | None) -> Scalar:
     bool.
     """
     alarms = jnp.bool_(False)
-    for use, one in zip(
-        setup.detectors, () if state is None else state.detectors, strict=state is not None
-    ):
+    for use, one in zip(setup.detectors, state.detectors, strict=True) if state else ():
         alarms = alarms | one.thresholds[0].over if use.stops else alarms
     return alarms
 
@@ -270,11 +268,9 @@ def _arm(
         return _largest(setup, steps)
 
     mvel_step = largest("mvel", mvel, before.mvel)
-    link = sum(
-        jnp.abs(v) + jnp.abs(v - w) * (1.0 / TICK_S) for v, w in zip(jvel, before.jvel, strict=True)
-    )
-    motor = sum(
-        jnp.abs(v) + jnp.abs(v - w) * (1.0 / TICK_S) for v, w in zip(mvel, before.mvel, strict=True)
+    link, motor = (
+        sum(jnp.abs(v) + jnp.abs(v - w) * (1.0 / TICK_S) for v, w in zip(now, then, strict=True))
+        for now, then in ((jvel, before.jvel), (mvel, before.mvel))
     )
     shares = [
         real(setup, jnp.abs(command)) / real(setup, jnp.maximum(limit, 1))
@@ -311,7 +307,7 @@ def _watch(
     for threshold, state in zip(thresholds, before.thresholds, strict=True):
         over = lowest > threshold
         begins = over & ~state.over
-        first = jnp.where(begins & (state.first_tick < 0), tick, state.first_tick)
+        first = first_tick(tick, begins, state.first_tick)
         after.append(ThresholdState(first, state.alarms + as_int(begins), over))
     recent = Vec((score, *before.recent)[: len(before.recent)])
     return DetectorState(recent, jnp.maximum(before.peak, lowest), tuple(after))

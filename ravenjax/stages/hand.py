@@ -32,16 +32,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import reduce
 from typing import Annotated
 
 import numpy as np
 
-from ravenjax.numbers.algebra import dot
+from ravenjax.numbers.algebra import norm
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.setup import Setup, real
-from ravenjax.numbers.vec import Scalar, Vec, record
+from ravenjax.numbers.vec import Scalar, Vec, largest, record
 
 TICK_S = 1e-3
 
@@ -109,8 +108,8 @@ def step(setup: Setup, params: HandParams, state: HandState, pull: Vec) -> HandS
     mean = force + state.velocity * momentum - state.displacement * stiffness
     mean = mean * (1.0 / (momentum + damping + 0.5 * TICK_S * stiffness))
     displacement = state.displacement + mean * TICK_S
-    distance = jnp.sqrt(dot(displacement, displacement))
-    after = HandState(displacement, mean * 2.0 - state.velocity, jnp.maximum(state.peak, distance))
+    peak = jnp.maximum(state.peak, norm(displacement))
+    after = HandState(displacement, mean * 2.0 - state.velocity, peak)
     return real(setup, after)
 
 
@@ -137,4 +136,4 @@ def outcomes(setup: Setup, arms: Sequence[HandState]) -> dict[str, Scalar]:
     """Return the largest displacement of a hand, the worse of the arms, as a column of the result
     table.
     """
-    return {"hand_mm": reduce(jnp.maximum, [arm.peak for arm in arms]) * 1e3}
+    return {"hand_mm": largest(arm.peak for arm in arms) * 1e3}

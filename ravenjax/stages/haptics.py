@@ -18,14 +18,13 @@ who does not react they all see the same motion.
 
 from __future__ import annotations
 
-from functools import reduce
 from typing import Annotated
 
 from ravenjax.numbers.algebra import dot, norm
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import Reserved
 from ravenjax.numbers.setup import Setup
-from ravenjax.numbers.vec import Scalar, Vec, as_int, earliest, record
+from ravenjax.numbers.vec import Scalar, Vec, as_int, earliest, first_tick, largest, record
 from ravenjax.outcomes.verdict import PUBLISHED_CUE_MM
 
 # m; below it e has no direction. It is far below one micrometre, so it affects no cue
@@ -138,9 +137,7 @@ def step(
         forces.append(force)
         cues.append(
             CueState(
-                first_tick=jnp.where(
-                    (active == 1) & (before.first_tick < 0), state.tick, before.first_tick
-                ),
+                first_tick=first_tick(state.tick, active == 1, before.first_tick),
                 peak_force=jnp.maximum(before.peak_force, force),
                 ticks_active=before.ticks_active + active,
                 impulses=before.impulses + active * (1 - before.active),
@@ -157,7 +154,7 @@ def outcomes(setup: Setup, arms: tuple[HapticState, ...]) -> dict[str, Scalar]:
     for k in range(setup.cues):
         cues = [arm.cues[k] for arm in arms]
         out[f"cue{k}_first_ms"] = earliest([cue.first_tick for cue in cues])
-        out[f"cue{k}_peak_force"] = reduce(jnp.maximum, [cue.peak_force for cue in cues])
-        out[f"cue{k}_ms"] = reduce(jnp.maximum, [cue.ticks_active for cue in cues])
-        out[f"cue{k}_count"] = reduce(jnp.maximum, [cue.impulses for cue in cues])
+        out[f"cue{k}_peak_force"] = largest(cue.peak_force for cue in cues)
+        out[f"cue{k}_ms"] = largest(cue.ticks_active for cue in cues)
+        out[f"cue{k}_count"] = largest(cue.impulses for cue in cues)
     return out
