@@ -96,9 +96,7 @@ class TickProgram:
         golden: Any,
         motion: Any,
     ) -> tuple[Any, Any, Any]:
-        """Advance a lane as `Loop.advance`. From tick `end` on, if given, its state does not
-        change.
-        """
+        """Advance a lane as `Loop.advance`. From tick `end` on, if given, its state stays."""
         params = self.params_of(varied)
         new, series, signals = self.loop.advance(
             self.setup, params, faults, state, now, motion, golden

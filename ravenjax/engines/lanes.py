@@ -1,6 +1,4 @@
-"""The lanes that a compiled time loop runs: their inputs and outputs, and the snapshots they start
-from.
-"""
+"""The lanes that a compiled time loop runs, and the snapshots that they start from."""
 
 from __future__ import annotations
 
@@ -56,9 +54,7 @@ class Trunk:
         )
 
     def begins(self, first: np.ndarray) -> np.ndarray:
-        """Return the tick from which runs can start whose faults act in tick `first` (int) at the
-        earliest; 0: from the beginning.
-        """
+        """Return from which tick runs can start whose faults act at `first` (int) or later."""
         return np.clip((first - 1) // self.every, 0, len(self.lane) - 1) * self.every
 
 

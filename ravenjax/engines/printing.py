@@ -157,6 +157,4 @@ class Printing(ABC, Generic[Where]):
 
     @abstractmethod
     def _end_region(self, begun: Any, results: list[str]) -> list[str]:
-        """End the block; return its results as new values, which are arbitrary where it was not
-        needed.
-        """
+        """End the block; return its results as new values, arbitrary where it was not needed."""

@@ -88,9 +88,7 @@ def hash_files() -> str:
 
 
 AT_IMPORT = hash_files()
-"""The hash of the files when this module was imported, that is, of the code that the process
-runs.
-"""
+"""The hash of the files when this module was imported: of the code that the process runs."""
 
 
 def persistent_key(*values: Any) -> str:

@@ -74,9 +74,7 @@ class Forms:
     """A traced program and all code made from it, by engine, form and device. Thread-safe."""
 
     def __init__(self, traced: TracedTick, key: str = "", objects: Objects | None = None) -> None:
-        """key: hash of everything that decides the trace; "": nothing is kept beyond the
-        process.
-        """
+        """key: hash of all that decides the trace; "": nothing is kept beyond the process."""
         self.traced = traced
         self._key, self._objects = key, objects
         self._codes: dict[Any, Any] = {}
@@ -168,9 +166,7 @@ def leaks_refused() -> Iterator[None]:
 
 
 def shapes(record: Any) -> Any:
-    """Return the shapes that tracing takes for a record of dtypes: single numbers of these
-    types.
-    """
+    """Return the shapes for tracing a record of dtypes: single numbers of these types."""
     return tree.mapped(lambda dtype: jax.ShapeDtypeStruct((), dtype), record)
 
 
@@ -230,18 +226,14 @@ def trace_function(
 
 
 def printable(program: TickProgram) -> TickProgram:
-    """Return `program` for code generation: with link dynamics of single numbers, and lanes that
-    end individually.
-    """
+    """Return `program` for printed code, which stops lanes itself: unrolled, without ends."""
     return dataclasses.replace(
         program, setup=dataclasses.replace(program.setup, link_dynamics="unrolled"), ends=False
     )
 
 
 class PrintedKernel:
-    """Base class of the kernels of engines `simd` and `cuda`: a traced program and its compiled
-    forms.
-    """
+    """Base of the kernels of engines `simd` and `cuda`: a traced program and its compiled forms."""
 
     def __init__(self, program: TickProgram, lanes: int, objects: Objects | None) -> None:
         """objects: cache of compiled code between processes."""
@@ -274,9 +266,7 @@ def tables(motion: tuple[np.ndarray, ...]) -> np.ndarray:
 
 
 def inputs(program: TickProgram, block: Block) -> list[np.ndarray]:
-    """Return a lane's inputs, each [lanes]: varied parameters, numbers of its faults, and its end
-    if ends differ.
-    """
+    """Return a lane's inputs, each [lanes]: varied parameters, faults, and its end if any."""
     varied = [np.asarray(block.varied[path]) for path in program.varied]
     return [*varied, *map(np.asarray, tree.leaves(block.faults)), *own_ends(program, block)]
 

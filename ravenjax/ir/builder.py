@@ -50,9 +50,7 @@ class Builder:
         return i
 
     def emit(self, name: str, dtype: str, *operands: int) -> int:
-        """Add an operation, unless an equal or simpler one exists; return the number of its
-        result.
-        """
+        """Add an operation, unless there is an equal or simpler one; return its result's number."""
         constants = self.constants
         for o in operands:
             if o not in constants:

@@ -23,9 +23,7 @@ Array = Any
 
 
 def evaluate(name: str, dtype: str, operands: tuple[Array, ...]) -> Array:
-    """Return the result of operation `name`, of type `dtype`, on NumPy numbers or arrays of one
-    shape.
-    """
+    """Return the result of an operation of type `dtype` on NumPy numbers or equal arrays."""
     with np.errstate(all="ignore"):
         return _result(name, dtype, *operands)
 

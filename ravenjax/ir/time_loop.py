@@ -22,9 +22,7 @@ from ravenjax.ir.program import Program
 
 LANE, TICK = 1, 2
 _FREE = ("neg", "bitcast")
-"""Operations that cost a lane nothing. They are repeated in the lane rather than stored in a
-row.
-"""
+"""Operations that cost nothing. A lane repeats them rather than reading them from a row."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -31,9 +31,7 @@ def _mix(x: Scalar) -> Scalar:
 
 
 def bits(key: Scalar, tick: Scalar, channel: int) -> Scalar:
-    """Return 32 random bits (uint32) for a run's `key` (uint32), a `tick` (int32) and a fixed
-    `channel`.
-    """
+    """Return 32 random bits (uint32) for `key` (uint32), `tick` (int32) and a fixed `channel`."""
     channel_offset = _u32((channel * CHANNEL_STRIDE) & 0xFFFFFFFF)
     counter = lax.convert_element_type(tick, jnp.uint32) * _u32(GOLDEN) + channel_offset
     return _mix(_mix(counter) ^ _mix(lax.convert_element_type(key, jnp.uint32)))

@@ -115,9 +115,7 @@ def at_once() -> Iterator[None]:
 
 
 class _Late:
-    """A JAX module that is imported when one of its names is first looked up, or its
-    replacement.
-    """
+    """A JAX module that is imported when a name is first looked up, or its replacement."""
 
     def __init__(self, name: str) -> None:
         self._name = name

@@ -124,9 +124,7 @@ def _fields(params: type, above: str = "") -> Iterator[tuple[str, list[Any]]]:
 
 
 def _opened(hint: Any) -> tuple[Any, list[Any]]:
-    """Return the type of a field's entries, and its annotations: `Annotated[tuple[X, ...] | None,
-    said]`.
-    """
+    """Return the type of a field's entries, and all annotations around it."""
     notes: list[Any] = []
     while True:
         kind, parts = typing.get_origin(hint), typing.get_args(hint)

@@ -64,9 +64,7 @@ def filler(tree: Any) -> Callable[[Sequence[Any]], Any]:
 
 
 def structure(tree: Any) -> Any:
-    """Return all of a tree but its numbers. Two trees that JAX considers alike give equal
-    results.
-    """
+    """Return all of a tree but its numbers: equal for trees that JAX considers alike."""
     branches = _branches(tree)
     if branches is None:
         return ()

@@ -23,9 +23,7 @@ Scalar: TypeAlias = Any
 
 
 class Vec(tuple):
-    """Fixed-length tuple of single numbers with elementwise arithmetic; a plain number is
-    broadcast.
-    """
+    """Fixed-length tuple of numbers with elementwise arithmetic; a plain number is broadcast."""
 
     __slots__ = ()
 
@@ -38,9 +36,7 @@ class Vec(tuple):
         return Vec((value,) * length)
 
     def map(self, function: Callable[..., Scalar], *others: Any) -> Vec:
-        """Return `function(self[i], other[i], ...)` for each i; a number among `others` is
-        repeated.
-        """
+        """Return `function(self[i], other[i], ...)` for each i; a number is repeated."""
         columns = [other if isinstance(other, tuple) else (other,) * len(self) for other in others]
         return Vec(function(*items) for items in zip(self, *columns, strict=True))
 
@@ -90,9 +86,7 @@ RECORDS: dict[str, type] = {}
 
 @dataclass_transform(frozen_default=True, kw_only_default=False)
 def record(cls: type) -> type:
-    """Make a class a frozen dataclass and a pytree whose fields are all data; leaves are single
-    numbers.
-    """
+    """Make a class a frozen dataclass and a pytree whose leaves are single numbers."""
     cls = dataclasses.dataclass(frozen=True)(cls)
     names = [field.name for field in dataclasses.fields(cls)]
     when_loaded(
@@ -154,9 +148,7 @@ def largest(numbers: Iterable[Scalar]) -> Scalar:
 
 
 def first_tick(now: Scalar, happens: Scalar, before: Scalar) -> Scalar:
-    """Return the tick of an event's first occurrence: `before`, unless that is -1 and it `happens`
-    now.
-    """
+    """Return the tick of an event's first occurrence, given the one so far; -1: none."""
     return jnp.where(happens & (before < 0), now, before)
 
 

@@ -104,8 +104,6 @@ def _of(quality: Scalar, numbers: Sequence[float]) -> Scalar:
 
 
 def _next(quality: Scalar, drawn: Scalar) -> Scalar:
-    """Return the next quality, int32: the number of its row's partial sums that are below `drawn`,
-    in [0, 1).
-    """
+    """Return the next quality, int32, for a number `drawn` in [0, 1)."""
     partial = [[sum(row[:k]) for row in TRANSITIONS] for k in (1, 2, 3)]
     return sum((as_int(drawn >= _of(quality, sums)) for sums in partial), jnp.int32(0))

@@ -222,9 +222,7 @@ def step(
 
 
 def stops(setup: Setup, state: DetectorsState | None) -> Scalar:
-    """Return whether a detector that may stop the robot is in alarm at its first threshold,
-    bool.
-    """
+    """Return whether a detector that may stop the robot exceeds its first threshold, bool."""
     alarms = jnp.bool_(False)
     for use, one in zip(setup.detectors, state.detectors, strict=True) if state else ():
         alarms = alarms | one.thresholds[0].over if use.stops else alarms

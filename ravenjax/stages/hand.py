@@ -47,9 +47,7 @@ TICK_S = 1e-3
 
 @record
 class HandParams:
-    """Hand parameters that a campaign may vary; the default is the hand above at half a
-    firm grip.
-    """
+    """Hand parameters that a campaign may vary; the default is the hand above at grip 0.5."""
 
     grip: Annotated[
         Scalar, Quantity("", 0, 1, "how firmly the hand holds the console: 0 relaxed, 1 firm")
@@ -133,7 +131,5 @@ def turned(force: Vec, angle_deg: Scalar) -> Vec:
 
 
 def outcomes(setup: Setup, arms: Sequence[HandState]) -> dict[str, Scalar]:
-    """Return the largest displacement of a hand, the worse of the arms, as a column of the result
-    table.
-    """
+    """Return the largest displacement of a hand, the worse of the arms, as an outcome column."""
     return {"hand_mm": largest(arm.peak for arm in arms) * 1e3}

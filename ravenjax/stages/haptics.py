@@ -111,9 +111,7 @@ def init(setup: Setup, params: HapticParams) -> HapticState:
 
 
 def cue_force(cue: CueParams, distance: Scalar, closing_speed: Scalar) -> Scalar:
-    """Return the force of one cue (device units) for |e| in m and (v_model - v_robot) . d
-    in m/s.
-    """
+    """Return the force of one cue (device units) for |e| [m] and (v_model - v_robot) . d [m/s]."""
     pull = cue.kp * distance + cue.kd * closing_speed
     # A pull that is NaN, as from a joint velocity with flipped bits, gives no force
     return jnp.where((distance > cue.threshold_m) & (pull > 0.0), jnp.minimum(pull, cue.cap), 0.0)

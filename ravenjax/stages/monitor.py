@@ -161,9 +161,7 @@ def params(setup: Setup) -> MonitorParams:
 
 
 def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> MonitorState:
-    """Return the state before the first tick, at rest at the given true [m] and measured
-    [um] tips.
-    """
+    """Return the state before the first tick, at these true [m] and measured [um] tips."""
     zero = real(setup, 0.0)
     never = jnp.int32(-1)
 

@@ -1,6 +1,4 @@
-"""Records the tensions of a run's cables as shares of their strength, and the first overloaded
-cable.
-"""
+"""Records the tensions of cables as shares of their strength, and the first overload."""
 
 from __future__ import annotations
 
@@ -44,9 +42,7 @@ def step(state: OverloadState, loads: tuple[Vec, ...], tick: Scalar) -> Overload
 
 
 def outcomes(state: OverloadState) -> dict[str, Scalar]:
-    """Return the outcome columns of a run: a share, a time in ms, and the index of a cable, arm by
-    arm.
-    """
+    """Return the outcome columns of a run: a share, a time in ms, and the index of a cable."""
     return {
         "cable_load": state.peak,
         "cable_overload_first_ms": state.first,

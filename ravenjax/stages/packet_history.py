@@ -59,9 +59,7 @@ def age(history: PacketHistory, newer: Scalar) -> Scalar:
 
 
 def sent_within(history: PacketHistory, ticks: Scalar) -> Scalar:
-    """Return the number of packets (int32) sent in the last `ticks` (int32) ticks, including this
-    tick.
-    """
+    """Return the number of packets (int32) sent in the last `ticks` (int32), this one included."""
     total = jnp.int32(0)
     for place, word in enumerate(history.words):
         bits = jnp.minimum(jnp.maximum(ticks - WORD * place, 0), WORD)
@@ -88,9 +86,7 @@ def _sums(word: Scalar) -> tuple[Scalar, ...]:
 
 
 def _position(word: Scalar, lower: Scalar) -> Scalar:
-    """Return the index (int32) of the set bit of a word that has `lower` (int32) set bits
-    below it.
-    """
+    """Return the index (int32) of the set bit with `lower` (int32) set bits below it."""
     _, halves, eights, fours, pairs = _sums(word)
     position = jnp.int32(0)
     for width, sums in ((16, halves), (8, eights), (4, fours), (2, pairs), (1, word)):

@@ -18,9 +18,7 @@ INDEX = "index.html"
 
 @dataclasses.dataclass(frozen=True)
 class Card:
-    """An entry of the index: the file name of a campaign's page, or the reason why it has
-    no page.
-    """
+    """An entry of the index: the file name of a campaign's page, or the reason why it has none."""
 
     campaign: str
     robot: str

@@ -51,9 +51,7 @@ def build(source: str | Path, out: Path | None = None) -> Path:
 
 
 def render(config: CampaignConfig, table: dict[str, Any] | None = None) -> str:
-    """Return the page as text. `table`: as from `words.list_runs`. Raises UserError for a campaign
-    that a page cannot compute.
-    """
+    """Return the page as text. `table`: as from `words.list_runs`. Raises UserError."""
     parts = resources.files("ravenjax.analyses.explorer")
     data = {
         "campaign": words.campaign(config),

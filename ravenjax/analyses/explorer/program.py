@@ -94,9 +94,7 @@ generated.
 """
 
 MOTION_BYTES = 3_000_000
-"""Largest size of all motions that a page offers. A page of a longer operation has only the
-campaign's own motion.
-"""
+"""Largest size of all motions of a page; a longer operation has only the campaign's own motion."""
 
 SERIES = (
     "runlevel",
@@ -125,9 +123,7 @@ SERIES = (
 
 
 def question_plan(config: CampaignConfig) -> Plan:
-    """Return the campaign's plan with a program that is open to every change that a page offers.
-    Raises UserError for what a page cannot do.
-    """
+    """Return the campaign's plan with a program that is open to all changes. Raises UserError."""
     ready = plan.make_plan(config)
     if ready.keys:
         raise UserError(
@@ -167,9 +163,7 @@ def _asked(path: str) -> bool:
 
 
 def description(config: CampaignConfig) -> dict[str, Any]:
-    """Return the JSON object of a campaign that the module docstring describes. Raises
-    UserError.
-    """
+    """Return the JSON object of a campaign, as the module docstring describes. Raises UserError."""
     ready = question_plan(config)
     program = ready.program
     printable = traced.printable(program)
@@ -212,9 +206,7 @@ def _base64(content: bytes) -> str:
 
 
 def motion_name(config: CampaignConfig) -> str | None:
-    """Return the name of the campaign's generated motion, which a page may exchange; None if the
-    motion is recorded or user-defined.
-    """
+    """Return the name of the campaign's generated motion, or None if it is not generated."""
     operator = getattr(config, "operator", None)
     names = config.generated_motions()
     if operator is None or not names or operator.file is not None or operator.hands is not None:
@@ -223,9 +215,7 @@ def motion_name(config: CampaignConfig) -> str | None:
 
 
 def motions(ready: Plan) -> dict[str, Any]:
-    """Return the name of the campaign's motion, and all motions that a page may use instead, if the
-    page stays small.
-    """
+    """Return the campaign's motion, and those that may replace it on a small page."""
     own = motion_name(ready.config)
     columns = {own or "": ready.columns}
     if own is not None:
@@ -243,9 +233,7 @@ def motions(ready: Plan) -> dict[str, Any]:
 
 
 def _motion(ready: Plan, name: str) -> tuple[np.ndarray, ...] | None:
-    """Return columns of another motion; None if it begins at another place, which the compiled
-    program cannot take.
-    """
+    """Return the columns of another motion, or None if it begins at another place."""
     config, own = ready.config, ready.program
     operator = config.operator.model_copy(update={"motion": name})  # pyright: ignore[reportAttributeAccessIssue]
     other = config.model_copy(update={"operator": operator})

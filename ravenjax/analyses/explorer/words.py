@@ -1,6 +1,4 @@
-"""Writes the words of a page as JSON: sites, effects and checks, ranges of values, the campaign's
-file, and a result table.
-"""
+"""Writes the words of a page as JSON: sites, effects, checks, ranges, the campaign and the runs."""
 
 from __future__ import annotations
 
@@ -30,9 +28,7 @@ from ravenjax.vocabulary.sites import Channel, Site
 WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
 """Names of sites, effects and units that a reader understands without the manual."""
 UNASKED = ("periodic", "random")
-"""Effects that a page does not offer: it has no control for a period, and random numbers depend on
-the row.
-"""
+"""Effects without a control on the page. Random numbers depend on the row."""
 WIDER = 5.0
 """Factor by which a value's range on the page exceeds the range of the channel without a fault."""
 
@@ -213,9 +209,7 @@ def list_runs(folder: Path, record: Manifest) -> dict[str, Any]:
 
 
 def _evading(folder: Path, record: Manifest) -> dict[str, float]:
-    """Return that k of n distinct faults evade, as the report counts them. Low and high are NaN if
-    faults were enumerated.
-    """
+    """Return that k of n distinct faults evade. Low and high are NaN if faults were enumerated."""
     runs = Runs.open(folder, record)
     try:
         return tables.headline(runs, record)["evaded"]._asdict()
@@ -224,9 +218,7 @@ def _evading(folder: Path, record: Manifest) -> dict[str, float]:
 
 
 def _asked(frame: pd.DataFrame) -> pd.Series:
-    """Return which runs a page can compute: those with at most one fault, of an effect that it
-    offers, in one time window.
-    """
+    """Return which runs have at most one fault, of an offered effect and in one time window."""
     sites = frame.filter(regex=r"^fault\d+_site$").astype(str)
     if sites.empty:
         return pd.Series(True, index=frame.index)

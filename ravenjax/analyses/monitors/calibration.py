@@ -26,14 +26,10 @@ from ravenjax.stats.conformal.threshold import (
 )
 
 ROUND = 8
-"""Operators of a round: the first provides scales, CALIBRATES of them set the threshold, and the
-others test the monitor.
-"""
+"""Operators of a round: one gives scales, CALIBRATES set the threshold, the others test."""
 CALIBRATES = 4
 ROOM = 1.5
-"""Factor on the fewest units if no hours are given. It leaves room for pedal-up time and for an
-alarm or two.
-"""
+"""Factor on the fewest units: room for pedal-up time and an alarm or two."""
 
 
 class Uses(NamedTuple):
@@ -55,9 +51,7 @@ class Test(NamedTuple):
 
     @property
     def per_hour(self) -> float:
-        """Return operations with an alarm per hour without one, over all operations: the promised
-        rate.
-        """
+        """Return operations with an alarm per hour without one, over all operations."""
         if not self.hours:
             return float("inf" if self.alarms else "nan")
         return self.alarms / self.hours
@@ -80,9 +74,7 @@ def uses(unit: np.ndarray) -> Uses:
 
 
 def units_for(calibrating: int) -> int:
-    """Return the least number of operators of which `calibrating` set the threshold, and at least
-    one tests the monitor.
-    """
+    """Return the least number of operators with `calibrating` for the threshold and one test."""
     rounds, rest = divmod(calibrating, CALIBRATES)
     return max(rounds * ROUND + (rest + 1 if rest else 0), CALIBRATES + 2)
 
@@ -123,9 +115,7 @@ def calibrate(
     target: FalseAlarmTarget,
     robots: int,
 ) -> Calibrated:
-    """Return the monitor of `terms`. Raises UserError if the operations cannot support the
-    promise.
-    """
+    """Return the monitor of `terms`. Raises UserError if operations do not support the promise."""
     by = uses(peaks.unit)
     valid = by.scale & np.isfinite(peaks.peak).all(axis=1)
     if not valid.any():
@@ -157,9 +147,7 @@ def calibrate(
 def _reason(
     calibrating: OperationScores, operations: int, target: FalseAlarmTarget, robots: int
 ) -> str:
-    """Return why no threshold keeps the target, and what to do. `operations`: their total
-    number.
-    """
+    """Return why no threshold keeps the target. `operations`: their total number."""
     failed = float((~np.isfinite(calibrating.score)).mean())
     if failed:
         return (
@@ -179,9 +167,7 @@ def _reason(
 
 
 def joint(peak: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Return the score of each operation. `peak`: as in `Peaks`; `scale`: float32 [terms,
-    segments].
-    """
+    """Return the score of each operation. `peak`: of `Peaks`; `scale`: [terms, segments]."""
     return infinite_if_none(threshold.joint(peak.reshape(len(peak), *scale.shape), scale))
 
 

@@ -148,9 +148,7 @@ def _of_operations(
 
 
 def _of_result(source: Path, monitor: Monitor, record: dict[str, Any]) -> pd.DataFrame:
-    """Read a campaign's fault-free runs that had the monitor as a detector. They are one operator,
-    so one unit.
-    """
+    """Read a campaign's fault-free runs with the monitor as a detector. They are one unit."""
     own = manifest.read(source)
     digest = record["sha256"][code.PART]
     detectors = {one["name"]: Path(one.get("file") or "") for one in own.config.get("detector", ())}
@@ -233,9 +231,7 @@ def _of_log(source: Path, monitor: Monitor, record: dict[str, Any]) -> pd.DataFr
 def _table(
     monitor: Monitor, unit: np.ndarray, hours: np.ndarray, peak: np.ndarray, origin: str
 ) -> pd.DataFrame:
-    """Return the table that `_fresh` describes. `peak`: largest value of each term in each
-    segment.
-    """
+    """Return the table of `_fresh`. `peak`: largest value of each term in each segment."""
     score = calibration.joint(peak, np.array(monitor.scales, np.float32))
     columns = dict(zip(writing.measured_names(monitor), peak.T, strict=True))
     table = pd.DataFrame({"unit": unit, "hours": hours, SCORE: score, **columns})
@@ -244,9 +240,7 @@ def _table(
 
 
 def _require_different(sources: Sequence[Path], some: Sequence[pd.DataFrame]) -> None:
-    """Raise UserError if two sources have the same operators, because their units would count
-    twice.
-    """
+    """Raise UserError if two sources have the same operators, whose units would count twice."""
     first: dict[str, Path] = {}
     for source, one in zip(sources, some, strict=True):
         origin = one.attrs["origin"]

@@ -70,9 +70,7 @@ WHOLE = Segments()
 
 @dataclasses.dataclass(frozen=True)
 class Monitor:
-    """A monitor. It alarms if the largest of its terms, each divided by its scale, exceeds the
-    threshold while the robot is live.
-    """
+    """A monitor: it alarms where a scaled term exceeds the threshold in a live robot."""
 
     terms: tuple[Score, ...]  # each with one channel
     segments: Segments
@@ -92,9 +90,7 @@ class Monitor:
 
     @property
     def limits(self) -> np.ndarray:
-        """Return the value at which each term alarms in each segment, in its unit; [terms,
-        segments].
-        """
+        """Return the value at which each term alarms, in its unit; [terms, segments]."""
         return np.array(self.scales) * self.threshold
 
 
@@ -105,9 +101,7 @@ def split_scores(scores: Sequence[Score]) -> tuple[Score, ...]:
 
 
 def list_reads(terms: Sequence[Score], segments: Segments) -> dict[str, str]:
-    """Return the monitor's inputs in each millisecond: name of the number -> its place in the
-    robot's view, in order.
-    """
+    """Return the monitor's inputs in order: name of the number -> its place in the robot's view."""
     reads = {}
     for term in terms:
         for field in filter(None, (term.signal, term.against)):

@@ -34,9 +34,7 @@ class Peaks(NamedTuple):
 
 
 def open_folder(folder: Path, design: dict[str, Any]) -> None:
-    """Create or continue a folder of operations. Raises UserError if it holds operations of another
-    design (as JSON values).
-    """
+    """Create or continue a folder of operations. Raises UserError if its design is another."""
     (folder / PARTS).mkdir(parents=True, exist_ok=True)
     files.require_writable(folder)
     path, text = folder / DESIGN, json.dumps(design, indent=1) + "\n"
@@ -69,9 +67,7 @@ def add(folder: Path, operator: OperatorScores) -> None:
 
 
 def read(folder: Path, units: int | None = None) -> Peaks:
-    """Return the operations in a folder, of operators below `units` if given. Raises StoreError if
-    a file is unreadable.
-    """
+    """Return the operations in a folder, of operators below `units`. Raises StoreError."""
     paths = _list_files(folder)
     if not paths:
         raise StoreError(f"{folder}: holds no operations yet")

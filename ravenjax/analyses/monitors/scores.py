@@ -32,9 +32,7 @@ _WORDS = {
 
 @dataclasses.dataclass(frozen=True)
 class Score:
-    """One candidate check: a number per millisecond and arm. It is plain data, from which code of
-    any language can be generated.
-    """
+    """One candidate check as data: a number per millisecond and arm."""
 
     name: str  # valid as the name of a detector in a campaign
     kind: Kind
@@ -125,9 +123,7 @@ def _of(signal: Signal) -> Iterator[Score]:
 
 
 def _channels(signal: Signal) -> Iterator[tuple[str, tuple[int, ...]]]:
-    """Return (name, indices) of channels that are observed together: those that share a name, and
-    the others.
-    """
+    """Return (name, indices) of channels that are observed together; the unnamed come first."""
     if not signal.channels:
         yield "", ()
         return

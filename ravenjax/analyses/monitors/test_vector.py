@@ -1,6 +1,4 @@
-"""Records a monitor's inputs and scores millisecond by millisecond, as a test vector for its C
-code.
-"""
+"""Records a monitor's inputs and scores in each millisecond, to test its C code."""
 
 from __future__ import annotations
 
@@ -28,9 +26,7 @@ FAULT = {
     "start_ms": 1500,
     "duration_ms": 100,
 }
-"""Fault that makes the vector contain an alarm, if a robot has this site. It acts after every check
-of its software.
-"""
+"""Fault that causes an alarm if a robot has this site, which is after every software check."""
 _NAME, _SAME_LANES = "monitor", 2
 
 
@@ -78,9 +74,7 @@ def compute(
 
 
 def _campaign(config: CampaignConfig, monitor: Monitor, seed: int, file: Path) -> CampaignConfig:
-    """Return a short campaign of one arm, with the monitor as its only detector. Its `consecutive`
-    shows the score of each tick.
-    """
+    """Return a short campaign of one arm, whose only detector shows the score of each tick."""
     own, robot = config.model_dump(mode="json"), config.robot
     group: dict[str, Any] = {"name": "vector"}
     if FAULT["site"] in robot.sites:

@@ -130,9 +130,7 @@ def _record(config: CampaignConfig, design: OperationDesign, result: Calibrated)
 
 
 def read(folder: Path) -> tuple[Monitor, dict[str, Any]]:
-    """Read the monitor of a folder and its record. Raises StoreError if the folder holds no monitor
-    or was changed.
-    """
+    """Read the monitor of a folder and its record. Raises StoreError."""
     path = folder / RECORD
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))

@@ -75,9 +75,7 @@ class Evaluator:
         self._asked = pd.Index(np.zeros(0, np.uint64))
 
     def keep_in(self, journal: Journal, due: int, on_progress: OnProgress | None) -> None:
-        """Keep every run in `journal` from now on, and take over the runs that it holds. `due`:
-        approximate number of runs.
-        """
+        """Keep runs in `journal`, and take over those that it holds. `due`: about how many."""
         self._journal = journal
         for rows in journal.tables:
             ids = run_id.numbers(rows.column("run_id").to_pylist())
@@ -174,9 +172,7 @@ class Evaluator:
         return np.stack(values, axis=1)
 
     def _planned(self, rows: FaultTable) -> Plan:
-        """Return the template's plan with other rows. Rows of one golden run are adjacent, so that
-        it is computed once.
-        """
+        """Return the template's plan with other rows, those of one golden run side by side."""
         base, columns = self._plan, table.parameters(rows)
         for path, purpose in base.keys.items():
             columns[path] = run_id.stream(rows.numbers("run_id"), purpose)

@@ -32,9 +32,7 @@ KINDS: dict[
     "morris": INDICES,
     "rare": (simulation.due, simulation.find, "rare.md.j2", simulation.draw),
 }
-"""For each kind of search, the functions that estimate its runs, search, and write and draw the
-result.
-"""
+"""For each kind of search: estimate of its runs, search, template and figure."""
 
 
 @dataclasses.dataclass(frozen=True)

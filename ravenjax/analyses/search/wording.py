@@ -20,9 +20,7 @@ def number(value: float, digits: int = 4) -> str:
 
 
 def short(name: str) -> str:
-    """Write an axis for readers: a field of the first fault, or of a numbered one, with ms as its
-    unit.
-    """
+    """Write an axis for readers: a field of a fault, numbered from 0, or a parameter's path."""
     match = re.fullmatch(r"fault(\d+)_(\w+?)(_ms)?", name)
     if match is None:
         return name

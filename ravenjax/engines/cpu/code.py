@@ -143,9 +143,7 @@ class LaneGroup:
         )
 
     def _entering(self, tick: int, lane: int) -> tuple[int, int, int]:
-        """Return the address of the inputs of a tick, and the strides in bytes to the next tick and
-        to the next number.
-        """
+        """Return the address of a tick's inputs, and the bytes to the next tick and number."""
         numbers = self.lanes.tick_inputs
         step = numbers.strides[0] if len(numbers) > 1 else 0
         start = numbers.ctypes.data + (tick - self.lanes.first) * step
@@ -304,9 +302,7 @@ class VectorCode:
         return np.stack([self.kernel.state.words(lane) for lane in range(self.width)])
 
     def _go_on(self, group: LaneGroup, course: LaneCourse, golden_run: Trunk) -> None:
-        """Set each vector to its golden run's state at `course.begins`, and the group's state to
-        that at the first of them.
-        """
+        """Set each vector, and the group, to its golden run's state where it begins."""
         if course.first:
             row = course.first // golden_run.every
             group.group_state.view(np.uint32)[0] = golden_run.group[row]

@@ -150,9 +150,7 @@ class SimdKernel(traced.PrintedKernel):
     def _given(
         self, block: Block, lanes: np.ndarray, grouped: bool, first: int, last: int
     ) -> np.ndarray:
-        """Return the golden runs' series in these ticks: one for a group that shares it, else one
-        per lane.
-        """
+        """Return the golden runs' series in these ticks: of the group if shared, else per lane."""
         if not block.compared or block.reference is None:
             series = self.program.loop.series_length(self.program.setup)
             return np.zeros((1, series) if grouped else (1, series, len(lanes)), self._dtype)
@@ -181,9 +179,7 @@ def _from_slots(column: np.ndarray, dtype: np.dtype) -> np.ndarray:
 
 
 def lanes_of_block(runs: int, threads: int, width: int) -> int:
-    """Return the number of lanes of a block in a campaign of `runs` runs; they fill whole
-    vectors.
-    """
+    """Return the lanes of a block in a campaign of `runs` runs, in whole vectors."""
     share = -(-runs // threads)
     lanes = min(MAX_LANES, max(MIN_LANES, share // BLOCKS), share)
     return -(-lanes // width) * width
@@ -208,9 +204,7 @@ class SimdEngine:
         return len(os.sched_getaffinity(0))
 
     def compile(self, program: TickProgram, runs: int) -> SimdKernel:
-        """See `interface.Engine`. The block size does not depend on the chunk size of the
-        results.
-        """
+        """See `interface.Engine`. Blocks do not depend on the chunk size of the results."""
         lanes = lanes_of_block(runs, self.threads, jit.host().width)
         return SimdKernel(program, lanes, self.objects)
 

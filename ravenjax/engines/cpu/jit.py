@@ -15,9 +15,7 @@ import llvmlite.binding as llvm
 from ravenjax.engines.trace_key import Objects, load_or_compile
 
 _OPTIMISATION = 1
-"""Optimisation level of code generation. The IR needs no passes, and a higher level gives the same
-code.
-"""
+"""Optimisation level of code generation. A higher level gives the same code."""
 _OPTIONS = ("-pre-RA-sched=source", "-enable-misched=false")
 """Options that keep operations in the order in which they are printed, which `schedule` has chosen.
 

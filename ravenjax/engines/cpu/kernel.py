@@ -40,9 +40,7 @@ LATENCIES = {
     "bitcast": 0,
     "rem": 60,
 }
-"""Cycles until the result of a 512-bit operation is available, including loads and stores in
-between.
-"""
+"""Cycles until the result of a 512-bit operation is available, with its loads and stores."""
 _SLOW = frozenset(
     ("lt", "le", "eq", "ne", "max", "min", "convert", "truncate", "round", "floor", "ceil")
 )

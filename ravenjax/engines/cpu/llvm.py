@@ -45,9 +45,7 @@ _FUSED = frozenset(("fma", "neon", "fp-armv8"))
 
 
 class LlvmPrinter(Printing[Place]):
-    """Prints the lines of one function body for `width` lanes (1: scalar code) on a CPU with these
-    features.
-    """
+    """Prints the body of one function for `width` lanes on a CPU with these features."""
 
     def __init__(self, width: int, features: frozenset[str], block: str = "entry") -> None:
         """block: label of the basic block in which the lines begin."""
@@ -327,9 +325,7 @@ class LlvmPrinter(Printing[Place]):
         return self.op(f"{name} {self.type(source)} {x} to {self.type(dtype)}")
 
     def _library(self, name: str, dtype: str, x: list[str]) -> str:
-        """Call the C library's function of float64; for float32 the result is rounded (see
-        `semantics`).
-        """
+        """Call the C library's function of float64, and round the result (see `semantics`)."""
         if dtype == "float32":
             x = [self._converted("float64", dtype, operand) for operand in x]
         result = self.call("double", name, *(("double", operand) for operand in x))

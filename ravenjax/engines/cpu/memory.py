@@ -10,9 +10,7 @@ import numpy as np
 
 @dataclasses.dataclass(frozen=True)
 class Place:
-    """An address: a pointer in the function plus a constant offset in bytes; `splat`: one number
-    for all lanes.
-    """
+    """An address: pointer and offset in bytes; `splat`: one number for all lanes."""
 
     pointer: str
     offset: int = 0
@@ -104,7 +102,5 @@ def stored(dtype: str) -> np.dtype:
 
 
 def size(dtype: str) -> int:
-    """Return the bytes of a number in memory. A truth value is an int32 with all bits set or
-    none.
-    """
+    """Return the bytes of a number in memory. A truth value is an int32, all bits set or none."""
     return 8 if dtype.endswith("64") else 4

@@ -158,9 +158,7 @@ class Stepper:
             self._state[0] = kind.row(function(kind.read(self._state[0])))
 
     def restore_leaves(self, snapshot: np.ndarray, leaves: Sequence[int]) -> None:
-        """Set some numbers of the state from a snapshot, given by their indices among the leaves of
-        its record.
-        """
+        """Set some numbers of the state from a snapshot, by their indices among its leaves."""
         layout = self.code.state.layout
         for k in leaves:
             place = slice(layout.offsets[k], layout.offsets[k] + size(layout.types[k]))

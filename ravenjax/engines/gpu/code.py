@@ -244,9 +244,7 @@ class _Run:
         )
 
     def _make_rows(self, k: int, first: int) -> object:
-        """Start computing the rows of chunk `k`; return a mark that is reached once they are
-        ready.
-        """
+        """Start computing the rows of chunk `k`; return a mark that is reached when they exist."""
         count, given, rows = (
             min(self.chunk, self.course.last - first),
             self.given[k % 2],

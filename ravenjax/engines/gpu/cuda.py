@@ -108,9 +108,7 @@ INLINE int signed_right(int x, unsigned by) { return x >> (by < 31u ? by : 31u);
 
 
 class CudaPrinter(Printing[str]):
-    """Prints the statements of one function body. Places are 32-bit words, given as text of an
-    lvalue.
-    """
+    """Prints the body of one function. A place is a 32-bit word, as text of an lvalue."""
 
     def __init__(self, indent: str = "  ") -> None:
         super().__init__()

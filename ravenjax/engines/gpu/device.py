@@ -241,9 +241,7 @@ class DeviceSession:
     def launch(
         self, function: Function, blocks: int, threads: int, stream: Any, *arguments: Any
     ) -> None:
-        """Start a kernel. Whole numbers are passed as ints, everything else as addresses; None is
-        the null pointer.
-        """
+        """Start a kernel. Integers are passed as ints, all else as addresses; None: null."""
         values = tuple(0 if a is None else int(a) for a in arguments)
         types = tuple(ctypes.c_int if isinstance(a, int) else ctypes.c_void_p for a in arguments)
         _call(

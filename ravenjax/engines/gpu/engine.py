@@ -59,15 +59,11 @@ class CudaKernel(traced.PrintedKernel):
         self.branches = wave(devices)
 
     def size(self, rows: int) -> int:
-        """Return a number of lanes in whole warps, but at most the size of a block; see
-        `interface.Kernel`.
-        """
+        """Return the lanes of whole warps, at most those of a block; see `interface.Kernel`."""
         return min(self.lanes, -(-rows // WARP) * WARP)
 
     def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
-        """Trace and compile for blocks and motions like these, and load the code on every
-        device.
-        """
+        """Trace and compile for blocks and motions like these, and load the code on all devices."""
         for device in self.devices:
             self._code(block, motion, self._placed(block, device)[2], device)
 
@@ -210,9 +206,7 @@ class CudaEngine:
         return CudaKernel(program, block_lanes(runs, devices), devices, self.objects)
 
     def tracer(self, program: TickProgram, lanes: int) -> Tracer:
-        """See `interface.Engine`. This is the tracer of engine `simd`, which computes the same
-        bits.
-        """
+        """See `interface.Engine`. Engine `simd` computes the same bits, so its tracer is used."""
         require_float32(program.setup.precision)
         return SimdEngine(self.objects).tracer(program, lanes)
 

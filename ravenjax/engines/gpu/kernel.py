@@ -152,9 +152,7 @@ class _CudaModule:
     # --- words ---
 
     def _words(self, program: Program, inputs: str, state: dict[int, str]) -> dict[int, str]:
-        """Return the words of a program's inputs: those of the lane by template, the state's by
-        number.
-        """
+        """Return the words of a program's inputs: the lane's by template, the state's by number."""
         numbers = {i: op.detail for i, op in enumerate(program.operations) if op.name == "input"}
         words = {i: inputs.format(k) for i, k in numbers.items() if k < self.inputs}
         return words | {
@@ -206,9 +204,7 @@ class _CudaModule:
         return tuple(next(parts)), tuple(next(parts))
 
     def _row_order(self) -> tuple[int, ...]:
-        """Return the numbers of a row: those that a tick reads, in the order of first use, then
-        those that are only saved.
-        """
+        """Return the numbers of a row: those that a tick reads, in order, then those only saved."""
         _, first = self._reads()
         after = {self.step.outputs[k] for k in self.saved}.difference(self.split.row)
         return (*sorted(self.split.row, key=lambda i: first.get(i, -1)), *sorted(after))
@@ -220,9 +216,7 @@ class _CudaModule:
         return tuple(k for k in self.split.shared_state if k in read)
 
     def _state_in_loop(self) -> dict[int, str]:
-        """Return the word of each number of a lane's state in the loop. Groups of four words of a
-        thread are adjacent.
-        """
+        """Return the word of each number of a lane's state in the loop."""
         template = "state[{} * {}]" if len(self.far) <= _MOST_PLAIN else "Far{{state + {} * {}}}"
         places = {
             k: template.format(position, self.form.threads) for position, k in enumerate(self.far)
@@ -306,9 +300,7 @@ class _CudaModule:
         }
 
     def _held(self, inputs: dict[int, str]) -> tuple[list[str], dict[int, str], str]:
-        """Return the words packed with truth values that the loop reads, the word of each held
-        number, and the statements.
-        """
+        """Return the words of packed truths, the word of each held number, and the statements."""
         printer = CudaPrinter()
         numbers = self.split.prologue_results
         printer.lines += [f"  unsigned k{i};" for i in numbers]

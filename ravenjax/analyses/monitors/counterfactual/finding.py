@@ -1,6 +1,4 @@
-"""Finds the set of checks that would have detected a campaign's evading faults, and confirms it in
-a new run.
-"""
+"""Finds the set of checks that would have detected evading faults, and confirms it in a new run."""
 
 from __future__ import annotations
 
@@ -107,9 +105,7 @@ def find(
     on_stage: Callable[[str], None] = lambda _: None,
     on_progress: OnProgress | None = None,
 ) -> Counterfactual:
-    """Search a campaign for a set of checks. Raises UserError if the question is invalid or has no
-    answer.
-    """
+    """Search a campaign for a set of checks. Raises UserError if there is no answer."""
     question.require()
     hazards.require_groups(config, question.groups)
     raw: dict[str, Any] = config.model_dump(mode="json")
@@ -205,9 +201,7 @@ class Confirmation(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """Return "as", "more than" or "less than" (the promise); "" if the data do not
-        decide it.
-        """
+        """Return "as", "more than" or "less than" (promised), or "" if the data do not decide."""
         if math.isnan(self.difference.low):
             return ""
         if self.difference.low > 0:
@@ -228,9 +222,7 @@ def confirm(
     engine: str = "auto",
     on_progress: OnProgress | None = None,
 ) -> Confirmation:
-    """Run the campaign that `output` wrote, with another seed. Raises UserError as a
-    campaign does.
-    """
+    """Run the campaign that `output` wrote, with another seed. Raises UserError."""
     config = loading.load(file, [f"campaign.seed={seed}"])
     table = runner.run_campaign(config, None, engine, on_progress=on_progress).frame()
     rules = hazards.choices(config)
@@ -250,9 +242,7 @@ def confirm(
 def detected(
     table: pd.DataFrame, harm: np.ndarray, config: CampaignConfig, one: Counterfactual
 ) -> np.ndarray:
-    """Return harm minus the first alarm of the set, ms [runs]. The set is the last detectors of a
-    campaign.
-    """
+    """Return harm minus the first alarm of the last detectors, which are the set; ms [runs]."""
     numbers = range(len(config.detectors) - len(one.promise.members), len(config.detectors))
     each = [
         hazards.leads(table, f"detector{number}_", config.detectors[number][2], harm)[:, 0]

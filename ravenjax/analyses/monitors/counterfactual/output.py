@@ -93,9 +93,7 @@ def write(one: Counterfactual, place: Path) -> list[Path]:
 
 
 def names(one: Counterfactual) -> list[str]:
-    """Return names for the set's detectors and their files: the candidates' names, or others if the
-    campaign already uses them.
-    """
+    """Return names for the set's detectors and files that the campaign does not use already."""
     others, out = {own.name for own in one.config.detector}, []
     for member in one.promise.members:
         name, number = one.parts[member].name, 2
@@ -107,9 +105,7 @@ def names(one: Counterfactual) -> list[str]:
 
 
 def campaign(one: Counterfactual) -> str:
-    """Return the campaign with the set added as user-defined detectors, whose files lie
-    beside it.
-    """
+    """Return the campaign with the set added as detectors, whose files lie beside it."""
     raw: dict[str, Any] = one.config.model_dump(mode="json", exclude_defaults=True)
     raw["campaign"]["name"] = f"{one.config.campaign.name[:90]}_watched"
     margin = one.promise.margin.value
@@ -137,9 +133,7 @@ COLUMNS = ("check", "sees", "adds", "lead ms", "false alarms")
 
 
 def sentences(one: Counterfactual) -> list[str]:
-    """Return the findings as sentences: faults, coverage, false alarms, other sets, missed faults,
-    and the limits of validity.
-    """
+    """Return the findings as sentences, and the limits of their validity."""
     templates = wording.text_templates("ravenjax.analyses.monitors.counterfactual")
     templates.filters |= {"quantile": np.quantile, "listed": _list_names}
     text = templates.get_template("sentences.txt.j2")
@@ -151,9 +145,7 @@ def _list_names(names: Sequence[str]) -> str:
 
 
 def hours_needed(per_hour: float, runs: int = 1) -> float:
-    """Return the total hours of motions, each with `runs` runs, that demonstrate a rate if none
-    alarms; rounded up to two digits.
-    """
+    """Return the hours of motions that show a rate if none alarms, rounded up to two digits."""
     # Half of the motions state the rate, and a few of their seconds are not live.
     hours = 2.05 * runs * hours_to_show(per_hour)
     digits = 10 ** (math.floor(math.log10(hours)) - 1)
@@ -181,9 +173,7 @@ def checks(one: Counterfactual) -> list[str]:
 
 
 def levels(part: Candidate, margin: float) -> str:
-    """Return the size at which each channel alarms: "shoulder 0.12 rad, elbow 0.1 rad"; "any" if it
-    never moved.
-    """
+    """Return the size at which each channel alarms: "shoulder 0.12 rad, grasp1 any"."""
     score, out = part.score, []
     for label, unit, scale in zip(score.labels, score.units, score.scales, strict=True):
         size = (

@@ -1,6 +1,4 @@
-"""Draws a boundary: the smallest harmful value over one list of the file, a line for each other
-case.
-"""
+"""Draws the smallest harmful value over one list of the file, with a line for each other case."""
 
 from __future__ import annotations
 
@@ -19,9 +17,7 @@ Record = dict[str, Any]
 
 
 def draw(numbers: dict[str, Any]) -> Figure:
-    """Draw a boundary. `numbers`: as from `bisection.find`. There is one panel for each value of
-    the first list, and lines for the other lists.
-    """
+    """Draw the numbers of `bisection.find`: a panel for each value of the first list."""
     cells, searched = numbers["cells"], numbers["searched"]
     along = numbers["along"]
     names = [name for name in cells[0]["cell"] if name != along]
@@ -61,9 +57,7 @@ def _line(
     marker: str,
     name: str,
 ) -> None:
-    """Draw one line: brackets as bars, censored cells as open markers with an arrow, and a ring
-    around non-monotone ones.
-    """
+    """Draw brackets as bars, censored cells as arrows, and a ring around non-monotone ones."""
     place = {id(record): record["cell"][along] if along else 0 for record in line}
     line = sorted(line, key=lambda record: place[id(record)])
     crossed = [record for record in line if record["state"] == CROSSING]

@@ -26,9 +26,7 @@ FOLDER = "campaigns/searches"
 
 
 def load(path: str | Path, overrides: Sequence[str] = ()) -> SearchConfig:
-    """Return the search of a TOML file, or of a bundled one by name (`.toml` may be left out).
-    Raises UserError.
-    """
+    """Return the search of a TOML file, or of a bundled one by name. Raises UserError."""
     file = location.find(path, FOLDER, "search")
     raw, text = location.read(file)
     return from_dict(raw, source=file, text=text, overrides=overrides)

@@ -72,9 +72,7 @@ class Outcome:
         return events.columns([self.column], rules) if self.named_event else [self.column, "failed"]
 
     def values(self, columns: pd.DataFrame, rules: Rules) -> np.ndarray:
-        """Return float64 [rows] from columns of the result table; NaN if a run failed or has no
-        such number.
-        """
+        """Return float64 [rows] of the result table; NaN: the run failed or has no such number."""
         if self.named_event:
             table = pa.Table.from_pandas(columns[self.columns(rules)], preserve_index=False)
             valid, cases = events.happened(table, [self.column], rules)
@@ -89,9 +87,7 @@ class Outcome:
         return np.where(np.asarray(columns["failed"] == ""), values, np.nan)
 
     def margins(self, columns: schema.Columns) -> np.ndarray:
-        """Return float64 [rows]: how far the column is beyond its bound, at least 0 if the event
-        happened; NaN as in `values`.
-        """
+        """Return how far the column is beyond its bound, float64 [rows]; at least 0: the event."""
         beyond = self._numbers(columns) - self.bound
         margins = beyond if self.relation == ">=" else -beyond
         return np.where(np.asarray(columns["failed"] == ""), margins, np.nan)
@@ -175,9 +171,7 @@ def require_event(text: str) -> str:
 
 
 def require_margin(text: str) -> str:
-    """Return `text`. Raises ValueError unless it compares a column with a number, so that a run's
-    distance from the event is defined.
-    """
+    """Return `text`. Raises ValueError unless it compares a column with a number."""
     outcome = parse(text)
     if outcome.relation not in (">=", "<=") or outcome.column.endswith(_TIMES):
         raise ValueError(

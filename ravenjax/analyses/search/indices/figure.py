@@ -1,6 +1,4 @@
-"""Draws sensitivity: bars of Sobol's indices, or Morris's mean and deviation of elementary
-effects.
-"""
+"""Draws Sobol's indices as bars, or Morris's mean and deviation of elementary effects."""
 
 from __future__ import annotations
 
@@ -19,9 +17,7 @@ Indices = dict[str, dict[str, np.ndarray]]
 
 
 def draw(numbers: dict[str, Any]) -> Figure:
-    """Draw the figure. `numbers`: as from `analysis.find`. There is one row per case and one panel
-    per outcome.
-    """
+    """Draw the numbers of `analysis.find`: one row per case and one panel per outcome."""
     records = [record for record in numbers["results"] if record["indices"] is not None][
         :MOST_PANELS
     ]

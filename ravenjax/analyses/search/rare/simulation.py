@@ -66,9 +66,7 @@ def _panel(axes: Any, record: dict[str, Any], numbers: dict[str, Any]) -> None:
 
 
 FAR = 1e6
-"""Distance from the event that is assigned to a run without a valid outcome, so that it does not
-count as the event.
-"""
+"""Distance from the event of a run without a valid outcome, which does not count as the event."""
 
 CURVE = 200
 """Number of points that are kept of an exceedance curve."""
