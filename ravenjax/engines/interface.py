@@ -195,26 +195,17 @@ class Kernel(Protocol):
     branches: int
 
     def size(self, rows: int) -> int:
-        """Return the lanes of a block for `rows` rows, 1 to `lanes`.
-
-        Lanes beyond the rows are filled and their results ignored.
-        """
+        """Return the lanes of a block for `rows` rows, 1 to `lanes`. Further lanes are ignored."""
         ...
 
     def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
-        """Trace and compile for blocks and motions of these types.
-
-        This is done once; `run` does it if necessary.
-        """
+        """Trace and compile for blocks and motions of these types, once; `run` does it too."""
         ...
 
     def run(
         self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None
     ) -> BlockResult:
-        """Run one block; `motion` holds the columns of the operator's motion.
-
-        May be called from several threads.
-        """
+        """Run one block. `motion`: columns of the operator's motion. Thread-safe."""
         ...
 
 
@@ -256,10 +247,7 @@ class Engine(Protocol):
         ...
 
     def tracer(self, program: TickProgram, lanes: int) -> Tracer:
-        """Return a tracer, which runs single blocks of `lanes` lanes and keeps every signal.
-
-        It is compiled once, independently of any campaign.
-        """
+        """Return a tracer of single blocks of `lanes` lanes, compiled once for any campaign."""
         ...
 
 

@@ -29,10 +29,7 @@ class Lanes:
 EVERY = 25
 """Ticks from one snapshot to the next, if memory allows."""
 STATE_BYTES = 2**12
-"""Upper bound of the bytes of a lane's state and of what its group shares.
-
-These are 1.3 kB with one arm and two faults.
-"""
+"""Upper bound of the state of a lane and its group, bytes; 1.3 kB with one arm, two faults."""
 SNAPSHOT_BYTES = 2**26
 """Largest memory for the snapshots of one golden run, bytes."""
 

@@ -150,10 +150,7 @@ class Printing(ABC, Generic[Where]):
 
     @abstractmethod
     def _begin_region(self, condition: str, types: list[str]) -> Any:
-        """Begin a block that is needed where `condition` holds, with results of these types.
-
-        Returns what `_end_region` takes.
-        """
+        """Begin a block for lanes where `condition` holds; return what `_end_region` takes."""
 
     @abstractmethod
     def _end_region(self, begun: Any, results: list[str]) -> list[str]:

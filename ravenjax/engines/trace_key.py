@@ -69,10 +69,7 @@ def _version(package: str) -> str:
 
 
 def hash_files() -> str:
-    """Return the sha256 over the current files that decide what is traced and generated.
-
-    These are the lower layers of this package, and the robots' models.
-    """
+    """Return the sha256 of the files that decide code: this package's lower layers, and models."""
     files = [
         path
         for floor in _FLOORS

@@ -58,9 +58,9 @@ class TracedTick:
     def signals_of(
         self, out: np.ndarray, typed: Callable[[np.ndarray, np.dtype], np.ndarray]
     ) -> Any:
-        """Return every signal of the first lane, each leaf [ticks].
+        """Return every signal of the first lane, [ticks], from `out` [ticks, numbers, lanes].
 
-        out: the outputs, [ticks, numbers, lanes]; typed: converts a column of `out` to a type.
+        typed: converts a column of `out` to a type.
         """
         columns = np.ascontiguousarray(out[:, self.series :, 0].T)
         dtypes = tree.leaves(self.signals)
@@ -88,10 +88,7 @@ class Forms:
             return self._codes[key]
 
     def printed(self, key: Any, make: Callable[[], Code]) -> Code:
-        """Return generated code, from disk if it was generated before.
-
-        key: everything besides the trace that decides it.
-        """
+        """Return generated code, or load it from disk. key: what decides it besides the trace."""
         own = self._key and trace_key.hash_values("printed", self._key, key)
         return trace_key.load_or_make(self._objects, own, make)
 
@@ -99,10 +96,7 @@ class Forms:
 def forms(
     program: TickProgram, block: Block, motion: Sequence[np.ndarray], objects: Objects | None = None
 ) -> Forms:
-    """Return `program` traced for blocks and motions like these, from a cache if possible.
-
-    objects: cache between processes; None: only this process.
-    """
+    """Return `program` traced for such blocks and motions. objects: cache between processes."""
     none = Block(
         {path: np.zeros(0, np.asarray(block.varied[path]).dtype) for path in program.varied},
         tree.mapped(lambda leaf: np.zeros(0, np.asarray(leaf).dtype), block.faults),
@@ -176,10 +170,7 @@ def trace(
     motion: Sequence[np.ndarray],
     origin: lowering.Origin | None = None,
 ) -> TracedTick:
-    """Trace the tick for blocks like this one; `origin` as for `lowering.lower`.
-
-    No array is made, so that JAX does not look for a device.
-    """
+    """Trace the tick for blocks like this one. Makes no array, so JAX looks for no device."""
     setup = program.setup
     series = program.loop.series_length(setup)
     columns = tuple(jax.ShapeDtypeStruct(column.shape, column.dtype) for column in motion)

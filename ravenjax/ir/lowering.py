@@ -197,10 +197,7 @@ class _Walk:
         return [read(atom) for atom in jaxpr.outvars]
 
     def _branches(self, eqn: core.JaxprEqn, operands: list[_Value]) -> list[_Value]:
-        """Compute both branches, and choose between each pair of results.
-
-        The first branch is the usual one.
-        """
+        """Compute both branches, of which the first is the usual one; choose between results."""
         if len(eqn.params["branches"]) != 2:
             raise UnknownPrimitive(
                 f"a choice of {len(eqn.params['branches'])} branches is not known; nest two-way"
@@ -288,10 +285,7 @@ class _Walk:
         )
 
     def _looked_up(self, eqn: core.JaxprEqn, operands: list[_Value]) -> int:
-        """Read one number of a 1-D table.
-
-        An index outside reads the nearest end, or NaN for a gather with mode fill.
-        """
+        """Read one number of a 1-D table: outside the nearest end, or NaN with mode fill."""
         table = operands[0]
         if (
             not isinstance(table, _Table)

@@ -99,10 +99,7 @@ _PI_LOW = 1.509957990978376e-7
 
 
 def _half_turns(m: Arithmetic, x: Number) -> tuple[Number, Number, Number]:
-    """Return the remainder of x from the nearest multiple of pi, its square, and a sign bit.
-
-    The sign bit is set if that multiple is odd.
-    """
+    """Return x minus the nearest multiple of pi, its square, and a sign bit: set if odd."""
     shifted = m.fma(x, 1.0 / math.pi, _MAGIC)
     turns = m.sub(shifted, _MAGIC)
     rest = m.fma(turns, -_PI_LOW, m.fma(turns, -_PI_HIGH, x))

@@ -128,10 +128,7 @@ def program(inputs: Sequence[Term], outputs: Sequence[Number]) -> Program:
 def replay(
     program: Program, inputs: Sequence[Any], functions: Mapping[str, Callable[[Any], Any]]
 ) -> list[Any]:
-    """Return the results of such a program on any kind of number, including tracers.
-
-    Constants stay Python numbers.
-    """
+    """Return the results of such a program on numbers of any kind, including tracers."""
     apply = {
         "add": operator.add,
         "sub": operator.sub,

@@ -74,11 +74,7 @@ class Split:
 
 
 def split(loop: TimeLoop, shared_inputs: Iterable[int], shared_ticks: Iterable[int]) -> Split:
-    """Split `loop`.
-
-    shared_inputs: inputs that are equal in a group; shared_ticks: tick inputs that are equal in a
-    group.
-    """
+    """Split `loop`, given the inputs and the tick inputs that are equal in a group."""
     shared_inputs, shared_ticks = frozenset(shared_inputs), frozenset(shared_ticks)
     step, first = loop.step, loop.lane_inputs
     live = _live_state(loop)

@@ -44,10 +44,7 @@ def uniform(key: Scalar, tick: Scalar, channel: int) -> Scalar:
 
 
 def normal(key: Scalar, tick: Scalar, channel: int) -> Scalar:
-    """Return a standard normal float32.
-
-    It comes from the two halves of one draw (method of Box and Muller). The tail ends at 4.9 sigma.
-    """
+    """Return a standard normal float32 from one draw (Box and Muller); ends at 4.9 sigma."""
     word = bits(key, tick, channel)
     radius_half = lax.convert_element_type(word >> _u32(16), jnp.float32)
     angle_half = lax.convert_element_type(word & _u32(0xFFFF), jnp.float32)

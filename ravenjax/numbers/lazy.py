@@ -84,10 +84,7 @@ _WAITING: list[Callable[[Any], Any]] = []
 
 
 def when_loaded(action: Callable[[Any], Any]) -> None:
-    """Call `action(jax)` before JAX is first used through this module.
-
-    If JAX is imported already, the action is called immediately.
-    """
+    """Call `action(jax)` before JAX is first used through this module, or now if it is there."""
     with _LOADING:
         _WAITING.append(action)
     if "jax" in sys.modules:

@@ -35,10 +35,7 @@ TRANSITIONS = (
 LOSS = (0.01, 0.1, 0.05, 0.08)
 """Probability that a packet begins a burst, by quality."""
 SURE = 2
-"""Least number of packets that a burst takes after its first.
-
-It is the scale of the Pareto distribution, whose alpha is 1.5.
-"""
+"""Least number of packets in a burst after its first: the Pareto distribution's scale."""
 DELAY_MS, JITTER_MS = (10.0, 100.0), (1.0, 10.0)
 
 _QUALITY, _GOES_ON, _BEGINS, _DELAY, _JITTER = range(5)
@@ -81,10 +78,7 @@ def step(state: ChannelState, seed: Scalar, packet: Scalar, fresh: Scalar) -> Ch
 
 
 def delay_ms(seed: Scalar, packet: Scalar) -> Scalar:
-    """Return the age in ms (int32) of the packet that arrives when packet `packet` is sent.
-
-    seed: as in `step`.
-    """
+    """Return the age in ms (int32) of the packet that arrives when packet `packet` is sent."""
     delay = jnp.float32(0.5)  # added for rounding to the nearest millisecond
     for place, (least, most) in ((_DELAY, DELAY_MS), (_JITTER, JITTER_MS)):
         delay = delay + least + (most - least) * uniform(_key(seed), packet, place)

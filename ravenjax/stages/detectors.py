@@ -157,11 +157,7 @@ def sources(setup: Setup) -> tuple[OwnSource, ...]:
 
 
 def params(setup: Setup) -> DetectorParams:
-    """Return the default parameters.
-
-    They are the steps learned from fault-free runs (`LEARNED`), and thresholds of 1, which a
-    campaign replaces.
-    """
+    """Return the learned steps (`LEARNED`), and thresholds of 1, which a campaign replaces."""
     steps = {joint: StepScale(*values) for joint, values in LEARNED.items()}
     files = sources(setup)
     return DetectorParams(

@@ -94,11 +94,7 @@ def init(setup: Setup) -> HandState:
 
 
 def step(setup: Setup, params: HandParams, state: HandState, pull: Vec) -> HandState:
-    """Return the hand after one tick under the cue's force `pull` (3, device units, axes of the
-    console).
-
-    A force that is NaN counts as 0.
-    """
+    """Return the hand after a tick of the cue's force `pull` (3, device units); NaN counts as 0."""
     stiffness, damping = impedance(params)
     pull = pull.map(lambda x: jnp.where(x == x, x, 0.0))
     force = turned(pull, params.turn_deg) * params.newtons_per_unit

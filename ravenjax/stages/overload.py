@@ -23,11 +23,7 @@ def init(setup: Setup) -> OverloadState:
 
 
 def step(state: OverloadState, loads: tuple[Vec, ...], tick: Scalar) -> OverloadState:
-    """Return the state after this tick.
-
-    loads: for each cable of each arm, the largest tension in it divided by its strength; above 1
-    the cable is overloaded.
-    """
+    """Return the state after this tick. loads: each cable's largest tension by its strength."""
     every = [load for arm in loads for load in arm]
     largest, place = every[0], jnp.int32(0)
     for i, load in enumerate(every[1:], start=1):

@@ -43,10 +43,7 @@ def step(history: PacketHistory, fresh: Scalar) -> PacketHistory:
 
 
 def age(history: PacketHistory, newer: Scalar) -> Scalar:
-    """Return the age in ticks (int32) of the packet after which `newer` others were sent.
-
-    newer: int32, at least 0. A packet that is not in the history has age NEVER.
-    """
+    """Return the age (ticks, int32) of the packet that `newer` (int32) others follow; or NEVER."""
     word, first, counted, total = _u32(0), jnp.int32(NEVER), jnp.int32(0), jnp.int32(0)
     for place, candidate in enumerate(history.words):
         count = _sums(candidate)[0]

@@ -20,8 +20,7 @@ from ravenjax.document import html
 from ravenjax.store import files, manifest
 
 PREFIX = "page/"
-"""Prefix of a module's name in the import map. An import map can give addresses only to bare names.
-"""
+"""Prefix of names in the import map, which gives addresses to bare names only."""
 _IMPORT = re.compile(
     r'(\bfrom\s+|\bimport\s+|\bimport\(|\bimport\.meta\.resolve\()"\./([\w-]+\.js)"'
 )

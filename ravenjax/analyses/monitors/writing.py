@@ -22,8 +22,7 @@ from ravenjax.store import files, manifest
 
 RECORD, VECTOR, REFERENCE = "monitor.toml", "test_vector.csv", "reference.csv"
 DETECTOR = "detector.toml"
-"""File of the part as a campaign names it. The detector alarms above 1 unless a threshold is given.
-"""
+"""File of the part as a campaign names it, with its threshold."""
 ENGINE = "simd"
 """Engine of the test vector. It is a CPU engine, because its arithmetic equals that of C."""
 

@@ -35,9 +35,7 @@ from ravenjax.store import parts, schema
 
 
 class Evaluator:
-    """Computes outcomes of points: `evaluator(case [n], values [n, inputs]) -> [n, outcomes]`, NaN
-    for runs that failed.
-    """
+    """Computes outcomes: `evaluator(case [n], values [n, inputs])`, [n, outcomes]; NaN: failed."""
 
     def __init__(
         self,
@@ -46,10 +44,7 @@ class Evaluator:
         engine: str = "auto",
         margins: bool = False,
     ) -> None:
-        """Plan the runs. `margins`: return margins of `wanted` rather than 0 and 1.
-
-        Raises UserError for templates that cannot be run and for unknown outcomes.
-        """
+        """Plan the runs. `margins`: return margins of `wanted`, not 0 and 1. Raises UserError."""
         compile_cache.enable()
         self.template, self.wanted = template, tuple(wanted)
         self._margins = margins
@@ -125,10 +120,7 @@ class Evaluator:
         return run_id.text(rows.numbers("run_id")).to_pylist()
 
     def rows(self) -> pa.Table:
-        """Return every requested run as rows of the result table, in the order of first requests.
-
-        The table is the same wherever earlier starts ended.
-        """
+        """Return every requested run in the order of requests, wherever earlier starts ended."""
         place, numbers = self._known.get_indexer(self._asked), np.arange(self.runs, dtype=np.int32)
         return schema.conform(
             parts.concatenate(self._tables).iloc[place].assign(index=numbers, pair=numbers),

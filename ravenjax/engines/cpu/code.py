@@ -29,15 +29,9 @@ from ravenjax.engines.lanes import Lanes, Trunk, spacing
 from ravenjax.ir.time_loop import TimeLoop, split
 
 CHUNK = 500
-"""Ticks that a vector of lanes runs before the next vector does.
-
-A group's rows for that many ticks stay in the second-level cache.
-"""
+"""Ticks that a vector runs before the next, so that its rows stay in the second-level cache."""
 AT_ONCE = 2**18
-"""Approximate number of vector ticks that compiled code runs in one call.
-
-This takes tenths of a second, so that progress can be reported.
-"""
+"""Vector ticks of one call of compiled code: tenths of a second, so that progress is seen."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,10 +107,7 @@ class LaneGroup:
         self._row_tick = tick
 
     def share(self, first: int, until: int, after: int | None = None) -> None:
-        """Make the rows of these ticks, which must fit in the memory.
-
-        after: address to which the group's state is then copied.
-        """
+        """Make the rows of these ticks. after: address to copy the group's state to then."""
         state = address(self.group_state)
         self._call(
             "shared_run",
@@ -152,10 +143,7 @@ class LaneGroup:
         return start, step, numbers.strides[1]
 
     def finish(self, v: int, row: int, group_state: int | None = None) -> None:
-        """Write the current results of vector `v` to a row of `results`.
-
-        group_state: address of the group's state; None: the present one.
-        """
+        """Write the results of vector `v` to a row. group_state: address; None: the present one."""
         shared = address(self.group_state) if group_state is None else group_state
         own = address(self._inputs, v), address(self.state, v)
         self._call("lane_finish", *own, shared, address(self.results, row))
@@ -187,9 +175,7 @@ class VectorCode:
         printed: Callable[[Callable[[], VectorKernel]], VectorKernel] = lambda make: make(),
         host: jit.Host | None = None,
     ) -> None:
-        """printed: returns the generated kernel from a cache, or calls `make()`. host: the CPU to
-        generate code for; None: this machine's.
-        """
+        """printed: returns the kernel from a cache, or calls `make()`. host: as in `SimdKernel`."""
         ticks = range(len(loop.step.inputs) - loop.lane_inputs - loop.states)
         self.grouped, self.width = grouped, width
 
@@ -219,10 +205,7 @@ class VectorCode:
     def follow(
         self, lanes: Lanes, course: LaneCourse, progress: Progress | None = None
     ) -> list[np.ndarray]:
-        """Run one group along `course`; return its results, each [lanes].
-
-        Results of a vector are written at each tick at which one of its lanes ends.
-        """
+        """Run one group along `course`; return its results at each lane's end, each [lanes]."""
         vectors = len(course.begins)
         of_lane = np.repeat(np.arange(vectors), self.width)
         pairs, place = np.unique(

@@ -126,20 +126,14 @@ class SimdKernel(traced.PrintedKernel):
         return BlockResult(dict(zip(tick.outcomes, outcomes, strict=True)), reference), out
 
     def _groups(self, block: Block) -> tuple[list[np.ndarray], np.ndarray, bool]:
-        """Return a block's inputs, the group of each lane, and whether lanes run group by group.
-
-        They do if that is cheaper.
-        """
+        """Return a block's inputs, each lane's group, and whether running by groups is cheaper."""
         inputs, group = self.groups(block)
         vectors = (-(-np.bincount(group) // self.width)).sum()
         grouped = bool(vectors <= (1.0 + UNSHARED) * -(-len(group) // self.width))
         return inputs, group if grouped else np.zeros_like(group), grouped
 
     def _course(self, block: Block, lanes: np.ndarray, grouped: bool) -> LaneCourse:
-        """Return the first and last ticks of whole vectors of lanes.
-
-        Lanes of a group have the same golden run.
-        """
+        """Return the first and last ticks of whole vectors of lanes with one golden run."""
         ends = np.full(len(lanes), self.program.ticks) if block.ends is None else block.ends[lanes]
         begins = np.zeros(len(lanes) // self.width, np.int64)
         trunk = block.trunk(int(lanes[0])) if grouped else None

@@ -17,10 +17,7 @@ from ravenjax.engines.trace_key import Objects, load_or_compile
 _OPTIMISATION = 1
 """Optimisation level of code generation. A higher level gives the same code."""
 _OPTIONS = ("-pre-RA-sched=source", "-enable-misched=false")
-"""Options that keep operations in the order in which they are printed, which `schedule` has chosen.
-
-They hold for the whole process.
-"""
+"""Options of the whole process that keep operations in the order of `schedule`."""
 
 
 @dataclasses.dataclass(frozen=True)

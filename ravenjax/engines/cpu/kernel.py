@@ -241,10 +241,7 @@ class _LlvmModule:
         self.declared |= printer.declared
 
     def _loop(self, name: str, printer: LlvmPrinter, steps: dict[str, str]) -> None:
-        """Write a function that repeats its body %count times.
-
-        steps: bytes by which each pointer advances per iteration.
-        """
+        """Write a function that repeats its body; steps: bytes that each pointer advances by."""
         self.functions.append(repeated(name, _noalias(name), printer, steps, " #0"))
         self.declared |= printer.declared
 

@@ -277,10 +277,7 @@ class LlvmPrinter(Printing[Place]):
         return self.select(dtype, inside, moved, self._constant(dtype, 0))
 
     def _divided(self, name: str, dtype: str, x: list[str]) -> str:
-        """Divide 32-bit integers through float64, where the truncated quotient is exact.
-
-        CPUs have no vector division of integers.
-        """
+        """Divide 32-bit integers exactly through float64: vectors of CPUs have no division."""
         wide, double, long = self.type(dtype), self._wide("double"), self._wide("i64")
         signed = "s" if dtype == "int32" else "u"
         none = self.op(f"icmp eq {wide} {x[1]}, {self._constant(dtype, 0)}")

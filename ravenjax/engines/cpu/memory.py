@@ -79,10 +79,7 @@ class BufferLayout:
         return [view.reshape(-1).astype(dtype) for view, dtype in views]
 
     def words(self, lane: int) -> np.ndarray:
-        """Return the indices of the 32-bit words of one lane's numbers.
-
-        Those words in order are a buffer of width 1.
-        """
+        """Return the indices of the 32-bit words of one lane's numbers: a buffer of width 1."""
         sizes = np.array([size(dtype) // 4 for dtype in self.types], np.int64)
         first = np.array(self.offsets, np.int64) // 4 + lane * sizes
         within = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)

@@ -148,11 +148,7 @@ class Stepper:
         self._state[0] = snapshot
 
     def change(self, function: Callable[[Any], Any]) -> None:
-        """Replace the state by `function` of it.
-
-        The function takes the state as a record of numbers and returns it with some of them
-        replaced.
-        """
+        """Replace the state by `function` of it as a record of numbers."""
         kind = self.code.state
         with lazy.at_once():
             self._state[0] = kind.row(function(kind.read(self._state[0])))

@@ -212,10 +212,7 @@ class BoundTransition:
 def print_module(
     transitions: Mapping[str, StateTransition], features: Set[str] | None = None
 ) -> str:
-    """Return LLVM IR with a function for each transition; see `STEPS`.
-
-    features: of the CPU; None: this machine's.
-    """
+    """Return LLVM IR of each transition; see `STEPS`. features: of the CPU; None: this one's."""
     features = jit.host().features if features is None else features
     texts, declared = [], set[str]()
     for name, transition in transitions.items():

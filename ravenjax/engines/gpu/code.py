@@ -102,10 +102,7 @@ class CudaCode:
             return _Run(self, session, lanes, places, course, chunk).results(progress)
 
     def trunk(self, lanes: Lanes, places: Places, last: int) -> Trunk:
-        """Run lanes of one group that are all the same golden run.
-
-        Return its snapshots before tick `last`.
-        """
+        """Return the snapshots of a golden run before tick `last`; all lanes are that run."""
         course = self.whole(places, max(last, 1))
         with DeviceSession(self.device) as session:
             return _Run(self, session, lanes, places, course, EVERY).trunk()

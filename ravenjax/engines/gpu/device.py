@@ -44,10 +44,7 @@ def _call(name: str, *arguments: Any) -> Any:
 
 @cache
 def devices() -> tuple[Device, ...]:
-    """Return every GPU that this process may use.
-
-    Raises UserError if there are no GPUs, or if the driver or a package is missing.
-    """
+    """Return every GPU that this process may use. Raises UserError if none can be used."""
     _bindings()
     try:
         _call("cuInit", 0)
@@ -121,10 +118,7 @@ def compile(
 
 
 def _compiler_for(architecture: str) -> tuple[Any, tuple[int, int]]:
-    """Return module `nvrtc` and the compiler's version.
-
-    Raises UserError if no compiler knows the architecture.
-    """
+    """Return module `nvrtc` and its version. Raises UserError if it lacks the architecture."""
     _, nvrtc = _bindings()
     try:
         _, major, minor = nvrtc.nvrtcVersion()

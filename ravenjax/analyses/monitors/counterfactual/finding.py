@@ -29,8 +29,7 @@ from ravenjax.report.data import draws
 from ravenjax.stats.intervals import Estimate, Rate, rate_difference, wilson
 
 TIP_ERROR = "tip_error_bound"
-"""Name of the candidate that equals the built-in detector `tip_error`, if a robot has its signal.
-"""
+"""Name of the candidate that equals the built-in detector `tip_error`, if there is one."""
 
 
 class Member(NamedTuple):

@@ -121,8 +121,7 @@ def _verified(
     found: Brackets,
     out: Path,
 ) -> pd.DataFrame:
-    """Return rows of an ordinary campaign of both sides of every bracket, indexed by cell and harm
-    (bool).
+    """Return rows of a campaign of both sides of every bracket, by cell and harm (bool).
 
     Raises RuntimeError if that campaign contradicts the search.
     """

@@ -40,11 +40,7 @@ def bundled() -> list[Path]:
 def from_dict(
     raw: dict[str, Any], source: Path | None = None, text: str = "", overrides: Sequence[str] = ()
 ) -> SearchConfig:
-    """Return the search of nested tables in TOML's form, with overrides. `source` and `text` name
-    its origin.
-
-    Raises UserError.
-    """
+    """Return the search of nested tables as in TOML. `source`, `text`: origin. Raises UserError."""
     own: list[str] = []
     left: list[str] = []
     for override in overriding.listed(overrides):

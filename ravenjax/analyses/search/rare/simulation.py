@@ -120,11 +120,7 @@ def find(template: Template, search: Rare, evaluator: Evaluator, _: Path) -> dic
 def _limit_state(
     template: Template, evaluator: Evaluator, case: int, drawn: list[np.ndarray]
 ) -> LimitState:
-    """Return a function from points of the unit cube to the distance from the event, at most 0 if
-    it happened.
-
-    `drawn` collects the distances.
-    """
+    """Return the distance of points from the event, at most 0 at it. `drawn` collects them."""
 
     def g(unit: np.ndarray) -> np.ndarray:
         cases = np.full(len(unit), case)
