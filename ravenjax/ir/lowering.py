@@ -185,8 +185,9 @@ class _Walk:
             operands = [read(atom) for atom in eqn.invars]
             name = eqn.primitive.name
             if name in _CALLS:
-                inner, inner_consts = _callee(eqn)
-                results = self.body(inner, [self.constant(c) for c in inner_consts], operands)
+                closed: Any = eqn.params[_CALLS[name]]
+                consts = [self.constant(value) for value in getattr(closed, "consts", ())]
+                results = self.body(getattr(closed, "jaxpr", closed), consts, operands)
             elif name == "cond":
                 results = self._branches(eqn, operands)
             elif name == "optimization_barrier":
@@ -312,8 +313,3 @@ class _Walk:
             "and", "bool", b.emit("le", "bool", first, index), b.emit("le", "bool", index, last)
         )
         return b.emit("select", dtype, inside, result, b.constant(dtype, np.nan))
-
-
-def _callee(eqn: core.JaxprEqn) -> tuple[core.Jaxpr, Sequence[Any]]:
-    closed: Any = eqn.params[_CALLS[eqn.primitive.name]]
-    return (closed.jaxpr, closed.consts) if hasattr(closed, "jaxpr") else (closed, ())

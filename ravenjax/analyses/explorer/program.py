@@ -67,7 +67,7 @@ from ravenjax.engines.traced import TracedTick
 from ravenjax.engines.wasm import code
 from ravenjax.errors import UserError
 from ravenjax.faults.fault import FaultSlot
-from ravenjax.ir.time_loop import TimeLoop, split
+from ravenjax.ir.time_loop import TimeLoop, split_lanes
 from ravenjax.numbers import paths, tree
 from ravenjax.outcomes import verdict
 from ravenjax.store import schema
@@ -388,8 +388,7 @@ def _series(ready: Plan, tick: TracedTick) -> list[dict[str, Any]]:
 
 
 def _printed(tick: TracedTick, loop: TimeLoop, shared: int, width: int) -> dict[str, Any]:
-    entering = range(len(loop.step.inputs) - loop.lane_inputs - loop.states)
-    kernel = print_kernel(split(loop, range(shared), entering), width, code.FEATURES)
+    kernel = print_kernel(split_lanes(loop, shared, grouped=True), width, code.FEATURES)
     return {
         "binary": _base64(code.emit(kernel.text, FUNCTIONS)),
         "width": width,

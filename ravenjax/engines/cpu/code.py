@@ -26,7 +26,7 @@ from ravenjax.engines.cpu.kernel import (
 from ravenjax.engines.cpu.memory import buffer
 from ravenjax.engines.interface import Progress
 from ravenjax.engines.lanes import Lanes, Trunk, spacing
-from ravenjax.ir.time_loop import TimeLoop, split
+from ravenjax.ir.time_loop import TimeLoop, split_lanes
 
 CHUNK = 500
 """Ticks that a vector runs before the next, so that its rows stay in the second-level cache."""
@@ -176,11 +176,10 @@ class VectorCode:
         host: jit.Host | None = None,
     ) -> None:
         """printed: returns the kernel from a cache, or calls `make()`. host: as in `SimdKernel`."""
-        ticks = range(len(loop.step.inputs) - loop.lane_inputs - loop.states)
         self.grouped, self.width = grouped, width
 
         def make() -> VectorKernel:
-            parts = split(loop, range(shared) if grouped else (), ticks if grouped else ticks[:1])
+            parts = split_lanes(loop, shared, grouped)
             return print_kernel(parts, width, (host or jit.host()).features)
 
         self.kernel = printed(make)

@@ -219,11 +219,7 @@ class _LlvmModule:
     ) -> dict[int, Place]:
         first = len(inputs)
         places = dict(enumerate(inputs)) | {first + k: place for k, place in state.items()}
-        return {
-            i: places[op.detail]
-            for i, op in enumerate(program.operations)
-            if op.name == "input" and op.detail in places
-        }
+        return {i: places[k] for i, k in program.reads.items() if k in places}
 
     def _lane_places(self) -> dict[int, Place]:
         return _places(self.lane_state, self.buffers.state, "%state")
@@ -271,16 +267,13 @@ class _LlvmModule:
         """Add the sources of the tick's inputs; return the tick's number, which is a value."""
         first = self.split.loop.lane_inputs + self.split.loop.states
         tick_values: dict[int, str] = {}
-        for i, op in enumerate(self.step.operations):
-            if op.name != "input" or op.detail < first:
-                continue
-            if op.detail == first:
-                if shared:
-                    now = printer.op("trunc i64 %tick to i32")
-                    tick_values[i] = printer.op(f"add i32 %first, {now}")
-                continue
-            offset = printer.op(f"mul i64 %in_step, {op.detail - first - 1}")
-            sources[i] = Place(printer.op(f"getelementptr i8, ptr %in, i64 {offset}"))
+        for i, k in self.step.reads.items():
+            if k == first and shared:
+                now = printer.op("trunc i64 %tick to i32")
+                tick_values[i] = printer.op(f"add i32 %first, {now}")
+            elif k > first:
+                offset = printer.op(f"mul i64 %in_step, {k - first - 1}")
+                sources[i] = Place(printer.op(f"getelementptr i8, ptr %in, i64 {offset}"))
         return tick_values
 
     def _lane_begin(self) -> None:

@@ -230,9 +230,7 @@ def _printed(transition: StateTransition, features: Set[str]) -> LlvmPrinter:
         *transition.state.places("%state"),
         *transition.entering.places("%entering"),
     ]
-    sources = {
-        i: sources_of[op.detail] for i, op in enumerate(program.operations) if op.name == "input"
-    }
+    sources = {i: sources_of[k] for i, k in program.reads.items()}
     targets = [*transition.state.places("%state"), *transition.leaving.places("%leaving")]
     results = list(zip(program.outputs, targets, strict=True))
     order = [i for i in program.needed() if program.operations[i].name not in ("input", "constant")]

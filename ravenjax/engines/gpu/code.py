@@ -18,7 +18,7 @@ from ravenjax.engines.gpu.kernel import VECTOR, WARP, Form, KernelSource, print_
 from ravenjax.engines.interface import Progress
 from ravenjax.engines.lanes import Lanes, Trunk
 from ravenjax.engines.trace_key import Objects
-from ravenjax.ir.time_loop import TimeLoop, split
+from ravenjax.ir.time_loop import TimeLoop, split_lanes
 
 CHUNK = 1000
 """Largest number of ticks of a launch.
@@ -69,12 +69,10 @@ class CudaCode:
         printed: Callable[[Callable[[], KernelSource]], KernelSource] = lambda make: make(),
     ) -> None:
         """printed: returns the generated kernels from a cache, or calls `make()`."""
-        ticks = range(len(loop.step.inputs) - loop.lane_inputs - loop.states)
         self.grouped, self.device, self.form = grouped, device, form
 
         def make() -> KernelSource:
-            parts = split(loop, range(shared) if grouped else (), ticks if grouped else ticks[:1])
-            return print_loop(parts, form, grouped)
+            return print_loop(split_lanes(loop, shared, grouped), form, grouped)
 
         self.source = printed(make)
         cubin = cuda_device.compile(self.source.text, device.architecture, OPTIONS, objects)

@@ -93,7 +93,7 @@ class _CudaModule:
         self.split, self.form, self.given_by_group = split, form, given_by_group
         self.step, self.begin, self.finish = loop.step, loop.begin, loop.finish
         self.inputs, self.states = loop.lane_inputs, loop.states
-        self.tick_inputs = len(loop.step.inputs) - loop.lane_inputs - loop.states - 1
+        self.tick_inputs = len(loop.tick_inputs) - 1
         self.outputs = loop.step.outputs[loop.states :]
         self.saved = self._finish_reads()
         self.in_row = self._row_order()
@@ -147,18 +147,14 @@ class _CudaModule:
 
     def _words(self, program: Program, inputs: str, state: dict[int, str]) -> dict[int, str]:
         """Return the words of a program's inputs: the lane's by template, the state's by number."""
-        numbers = {i: op.detail for i, op in enumerate(program.operations) if op.name == "input"}
-        words = {i: inputs.format(k) for i, k in numbers.items() if k < self.inputs}
-        return words | {
-            i: state[k - self.inputs] for i, k in numbers.items() if k - self.inputs in state
-        }
+        places = {k: inputs.format(k) for k in range(self.inputs)}
+        places |= {self.inputs + k: word for k, word in state.items()}
+        return {i: places[k] for i, k in program.reads.items() if k in places}
 
     def _of_this_tick(self, template: str) -> tuple[dict[int, str], dict[int, str]]:
         """Return the words of a tick's inputs, and the text of the tick's number."""
         first = self.inputs + self.states
-        at = {
-            i: op.detail - first for i, op in enumerate(self.step.operations) if op.name == "input"
-        }
+        at = {i: k - first for i, k in self.step.reads.items()}
         words = {i: template.format(k - 1) for i, k in at.items() if k > 0}
         return words, {i: "now" for i, k in at.items() if k == 0}
 
@@ -183,11 +179,7 @@ class _CudaModule:
         Both are in the order of first use, because neighbours are read together.
         """
         times, first = self._reads()
-        at = {
-            op.detail - self.inputs: i
-            for i, op in enumerate(self.step.operations)
-            if op.name == "input"
-        }
+        at = {k - self.inputs: i for i, k in self.step.reads.items()}
         numbers = (*self.split.lane_state, *self.split.held_state)
         order = sorted(numbers, key=lambda k: times[at.get(k, -1)])
         far = max(0, len(order) - self.form.shared_words)
@@ -205,8 +197,8 @@ class _CudaModule:
 
     def _finish_reads(self) -> tuple[int, ...]:
         """Return the numbers of a group's state that the results of its lanes need."""
-        operations = (self.finish.operations[i] for i in self.finish.needed())
-        read = {op.detail - self.inputs for op in operations if op.name == "input"}
+        reads = self.finish.reads
+        read = {reads[i] - self.inputs for i in self.finish.needed() if i in reads}
         return tuple(k for k in self.split.shared_state if k in read)
 
     def _state_in_loop(self) -> dict[int, str]:
@@ -281,13 +273,12 @@ class _CudaModule:
         for at in range(len(printer.lines) // form.region * form.region, 0, -form.region):
             printer.lines.insert(at, '    asm volatile("" ::: "memory");')
 
-        read = {op.detail for op in step.operations if op.name == "input"}
         near = enumerate(self.in_shared, len(self.far))
         return {
             "prologue": prologue,
             "packed": packed,
             "lane_run": printer.text(),
-            "inputs_read": sorted(k for k in read if k < self.inputs),
+            "inputs_read": sorted(k for k in step.reads.values() if k < self.inputs),
             "near": [(state[k], self._stored(position)) for position, k in near],
             "in_step": len(split.lane) >= form.in_step_from,
             "saved": [place[step.outputs[k]] for k in self.saved],

@@ -111,7 +111,8 @@ def find(
     every = scores.catalogue(config.robot)
     course = motions.course(raw, question.hours)
     motions.require_rate(question.false_alarms_per_hour, course)
-    alone = motions.quick(engine)
+    # A motion is one lane, which a processor core runs faster than a GPU.
+    alone = "simd" if engine in ("auto", "cuda") else engine
     with tempfile.TemporaryDirectory(prefix="ravenjax_candidates_") as name:
         folder = Path(name)
         for part in ("singles", "scaled"):
@@ -142,23 +143,13 @@ def find(
         )
     halves = there.halves(question.seed)
     grounds = Grounds(question, calibration, statement, there, *halves)
-    return _finding(config, question, tuple(parts), grounds, float(pilot.hours.sum()))
-
-
-def _finding(
-    config: CampaignConfig,
-    question: Question,
-    parts: tuple[Candidate, ...],
-    grounds: Grounds,
-    scale_hours: float,
-) -> Counterfactual:
     members = grounds.selected()
     _require_cover(grounds, members)
     names = [part.name for part in parts]
     return Counterfactual(
         question,
         config,
-        parts,
+        tuple(parts),
         grounds,
         grounds.promise(members),
         tuple(grounds.promise([place]) for place in range(len(parts))),
@@ -167,7 +158,7 @@ def _finding(
         grounds.promise(range(len(parts))),
         grounds.at_random(len(members)),
         grounds.of_strangers(),
-        scale_hours,
+        float(pilot.hours.sum()),
     )
 
 

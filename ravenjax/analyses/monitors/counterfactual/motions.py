@@ -109,8 +109,3 @@ def run(
             " is live, so nothing can be said of false alarms"
         )
     return FreeMotion(np.where((free.hours > 0)[..., None], free.peaks, 0.0), free.hours)
-
-
-def quick(engine: str) -> str:
-    """Return the engine for motions: one lane, which a processor core runs faster than a GPU."""
-    return "simd" if engine in ("auto", "cuda") else engine
