@@ -19,6 +19,8 @@ from ravenjax.numbers.vec import where
 
 Progress = Callable[[int], None]
 """Called with the number of ticks just finished, all lanes of a block together."""
+Motion = tuple[np.ndarray, ...]
+"""Columns of the operator's motion, each 1-D with one number per step of the motion."""
 
 
 class Loop(Protocol):
@@ -198,14 +200,12 @@ class Kernel(Protocol):
         """Return the lanes of a block for `rows` rows, 1 to `lanes`. Further lanes are ignored."""
         ...
 
-    def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
+    def prepare(self, block: Block, motion: Motion) -> None:
         """Trace and compile for blocks and motions of these types, once; `run` does it too."""
         ...
 
-    def run(
-        self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None
-    ) -> BlockResult:
-        """Run one block. `motion`: columns of the operator's motion. Thread-safe."""
+    def run(self, block: Block, motion: Motion, progress: Progress | None = None) -> BlockResult:
+        """Run one block. May be called from several threads."""
         ...
 
 
@@ -213,7 +213,7 @@ class BranchingKernel(Kernel, Protocol):
     """A kernel whose lanes can start from snapshots of their golden run."""
 
     def trunk(
-        self, block: Block, motion: tuple[np.ndarray, ...], last: int, ends: np.ndarray
+        self, block: Block, motion: Motion, last: int, ends: np.ndarray
     ) -> tuple[Any, dict[str, np.ndarray]]:
         """Make the snapshots, for `Block.trunks`, from which lanes start whose faults act in tick
         `last` at the latest.
@@ -254,11 +254,11 @@ class Engine(Protocol):
 class SignalKernel(Protocol):
     """A compiled program that can keep every signal."""
 
-    def run(self, block: Block, motion: tuple[np.ndarray, ...]) -> BlockResult:
+    def run(self, block: Block, motion: Motion) -> BlockResult:
         """See `Kernel`."""
         ...
 
-    def run_signals(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[BlockResult, Any]:
+    def run_signals(self, block: Block, motion: Motion) -> tuple[BlockResult, Any]:
         """Run as `run`, and return also every signal of the first lane: a record of [ticks]."""
         ...
 
@@ -270,7 +270,7 @@ class Tracer:
     kernel: SignalKernel
 
     def run(
-        self, golden: Block, block: Block, motion: tuple[np.ndarray, ...]
+        self, golden: Block, block: Block, motion: Motion
     ) -> tuple[BlockResult, BlockResult, Any]:
         """Return the results of `golden` and of `block`, and every signal of the block's first
         lane: a record of [ticks].

@@ -91,16 +91,16 @@ class Printing(ABC, Generic[Where]):
             # Otherwise the number stays at its place.
             if sources.get(i) != place:
                 goals.setdefault(i, []).append((i, place))
-        outside = {
-            i
-            for i in goals
-            if i in sources or i in values or program.operations[i].name == "constant"
-        }
+
+        def is_given(i: int) -> bool:
+            return i in sources or i in values or program.operations[i].name == "constant"
+
+        outside = set(filter(is_given, goals))
 
         def compute(i: int) -> None:
-            operation = program.operations[i]
-            if i in sources or i in values or operation.name == "constant":
+            if is_given(i):
                 return
+            operation = program.operations[i]
             values[i] = self._operation(program, i, [value(o) for o in operation.operands], tables)
             write(goals.get(i, []))
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ravenjax.engines import trace_key
-from ravenjax.engines.interface import Block, TickProgram
+from ravenjax.engines.interface import Block, Motion, TickProgram
 from ravenjax.engines.trace_key import Code, Objects
 from ravenjax.errors import UserError
 from ravenjax.ir import lowering
@@ -231,7 +231,7 @@ class PrintedKernel:
         self.program, self.lanes, self.objects = printable(program), lanes, objects
         self._forms: Forms | None = None
 
-    def forms(self, block: Block, motion: tuple[np.ndarray, ...]) -> Forms:
+    def forms(self, block: Block, motion: Motion) -> Forms:
         """Return the program traced for blocks and motions like these; traced only once."""
         self._forms = self._forms or forms(self.program, block, motion, self.objects)
         return self._forms
@@ -251,7 +251,7 @@ class PrintedKernel:
         return columns, group
 
 
-def tables(motion: tuple[np.ndarray, ...]) -> np.ndarray:
+def tables(motion: Motion) -> np.ndarray:
     """Return the columns of the motion, concatenated."""
     return np.concatenate([np.ascontiguousarray(column) for column in motion])
 

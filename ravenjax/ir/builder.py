@@ -111,7 +111,6 @@ def _simplified(b: Builder, name: str, dtype: str, operands: tuple[int, ...]) ->
 
 
 def _operands_of(b: Builder, i: int, name: str) -> tuple[int, ...] | None:
-    """Return the operands of operation `i` if it has this name."""
     operation = b.operations[i]
     return operation.operands if operation.name == name else None
 

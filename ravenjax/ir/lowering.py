@@ -52,7 +52,6 @@ _ALIASES = (
     "reshape",
     "broadcast_in_dim",
     "stop_gradient",
-    "reduce_precision",
 )
 _SAME = (
     "add",
@@ -231,8 +230,6 @@ class _Walk:
     def _operation(self, eqn: core.JaxprEqn, dtype: str, x: list[int]) -> int:
         name, params, b = eqn.primitive.name, eqn.params, self.builder
         if name in _ALIASES:
-            if name == "reduce_precision":
-                raise UnknownPrimitive("reduce_precision is not known; convert to a type")
             return x[0]
         if name in _SAME:
             return b.emit(name, dtype, *x)
@@ -279,10 +276,9 @@ class _Walk:
                 return b.emit("convert", dtype, x[0])
             case "bitcast_convert_type":
                 return b.emit("bitcast", dtype, x[0])
-        details = {key: params[key] for key in ("rounding_method",) if key in params}
         raise UnknownPrimitive(
-            f"primitive {name!r} of {dtype} {details or ''} is not an operation on single numbers"
-            " that is known here"
+            f"primitive {name!r} of {dtype} {params.get('rounding_method', '')} is not an operation"
+            " on single numbers that is known here"
         )
 
     def _looked_up(self, eqn: core.JaxprEqn, operands: list[_Value]) -> int:

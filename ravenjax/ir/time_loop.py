@@ -93,12 +93,12 @@ def split(loop: TimeLoop, shared_inputs: Iterable[int], shared_ticks: Iterable[i
     live = _live_state(loop)
     own = {k: i for i, k in step.reads.items()}
     frozen = {k for k in live if step.outputs[k] == own.get(first + k)}
-    begins = _rates(loop.begin, {i: 0 if i in shared_inputs else LANE for i in range(first)})
+    lanes = {i: 0 if i in shared_inputs else LANE for i in range(first)}
+    begins = _rates(loop.begin, lanes)
     state = {k: begins[loop.begin.outputs[k]] | (0 if k in frozen else TICK) for k in live}
     ticks = {
         first + loop.states + i: TICK | (0 if i in shared_ticks else LANE) for i in loop.tick_inputs
     }
-    lanes = {i: 0 if i in shared_inputs else LANE for i in range(first)}
     while True:
         rates = _rates(step, lanes | ticks | {first + k: rate for k, rate in state.items()})
         new = {
@@ -135,7 +135,7 @@ def split(loop: TimeLoop, shared_inputs: Iterable[int], shared_ticks: Iterable[i
         tuple(k for k in sorted(live) if state[k] == LANE),
         tuple(shared_state),
         tuple(shared),
-        tuple(i for i in step.needed(reads)),
+        tuple(step.needed(reads)),
         tuple(i for i in needed if i in both and step.operations[i].name != "input"),
         tuple(sorted(row)),
         tuple(sorted(reads)),

@@ -22,8 +22,6 @@ _AXES = ("x", "y", "z")
 
 
 class _Step(NamedTuple):
-    """One step on the way from a record to one of its numbers."""
-
     name: str
     optional: bool  # whether a path may leave out this step
     siblings: frozenset[str]  # names of all entries at this level, this one among them

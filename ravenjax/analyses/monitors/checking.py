@@ -162,17 +162,17 @@ def _of_result(source: Path, monitor: Monitor, record: dict[str, Any]) -> pd.Dat
             "name it in the campaign: [[detector]] file"
         )
     _require_length(source, own.duration_ms / 1e3, record)
-    usual = [
+    places = (
         d
         for d, one in enumerate(own.detectors)
         if one.name.split("/")[0] == names[0] and one.consecutive == 1
-    ]
-    if not usual:
+    )
+    number = next(places, None)
+    if number is None:
         raise UserError(
             f"{source}: detector {names[0]!r} alarms after several milliseconds in a row alone,"
             " which is another score than the calibration's: run with consecutive = 1"
         )
-    number = usual[0]
     slots = " AND ".join(
         ["failed = ''", *(f"fault{slot}_site = ''" for slot in range(own.shape.slots))]
     )

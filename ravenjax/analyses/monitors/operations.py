@@ -193,7 +193,6 @@ class OperationRunner:
     def _block(
         self, ready: Plan, kernel: Kernel, rows: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return scores and hours of these rows."""
         program, lanes = ready.program, kernel.size(len(rows))
         block = Block(*ready.lanes(rows, lanes, harmless=True), NO_REFERENCE)
         own = kernel.run(block, ready.columns).outcomes

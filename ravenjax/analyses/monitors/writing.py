@@ -198,5 +198,4 @@ def _short(value: float) -> float:
 
 
 def _float32(value: Any) -> float:
-    """Restore a float32 from nine digits."""
     return float(np.float32(value))

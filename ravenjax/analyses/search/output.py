@@ -92,6 +92,5 @@ def _render(template: str, **values: Any) -> str:
 
 
 def _header(names: Sequence[str]) -> str:
-    """Return the first two lines of a table in Markdown."""
     row = " | ".join(name.replace("|", r"\|") for name in names)
     return f"| {row} |\n|{'---|' * len(names)}"

@@ -71,7 +71,6 @@ def run(
 def _into(
     folder: Path, config: SearchConfig, evaluator: Evaluator, on_progress: OnProgress | None
 ) -> SearchResult:
-    """Run the search in a folder to which no other process writes."""
     search, identity = config.search, _identity(config, evaluator)
     earlier = output.open_folder(folder, identity)
     journal = Journal(folder, manifest.config_hash(identity), earlier.get("rows_sha256"))

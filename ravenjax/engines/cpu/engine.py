@@ -19,7 +19,7 @@ import numpy as np
 from ravenjax.engines import traced
 from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.code import LaneCourse, VectorCode
-from ravenjax.engines.interface import Block, BlockResult, Progress, TickProgram, Tracer
+from ravenjax.engines.interface import Block, BlockResult, Motion, Progress, TickProgram, Tracer
 from ravenjax.engines.lanes import Lanes, Trunk
 
 MIN_LANES, MAX_LANES = 256, 1024
@@ -59,23 +59,21 @@ class SimdKernel(traced.PrintedKernel):
         """Return a number of lanes that fills whole vectors; see `interface.Kernel`."""
         return -(-rows // self.width) * self.width
 
-    def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
+    def prepare(self, block: Block, motion: Motion) -> None:
         """Trace and compile for blocks and motions like these."""
         self._code(block, motion, self._groups(block)[2])
 
-    def run(
-        self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None
-    ) -> BlockResult:
+    def run(self, block: Block, motion: Motion, progress: Progress | None = None) -> BlockResult:
         """See `interface.Kernel`."""
         return self._run(block, motion, progress)[0]
 
-    def run_signals(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[BlockResult, Any]:
+    def run_signals(self, block: Block, motion: Motion) -> tuple[BlockResult, Any]:
         """As `run`, and every signal of the first lane, each leaf [ticks]."""
         result, out = self._run(block, motion, None)
         return result, self.forms(block, motion).traced.signals_of(out, _from_slots)
 
     def trunk(
-        self, block: Block, motion: tuple[np.ndarray, ...], last: int, ends: np.ndarray
+        self, block: Block, motion: Motion, last: int, ends: np.ndarray
     ) -> tuple[Trunk, dict[str, np.ndarray]]:
         """See `interface.Kernel`."""
         code, inputs = self._code(block, motion, True), traced.inputs(self.program, block)
@@ -87,7 +85,7 @@ class SimdKernel(traced.PrintedKernel):
         return trunk, dict(zip(names, columns, strict=True))
 
     def _run(
-        self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None
+        self, block: Block, motion: Motion, progress: Progress | None
     ) -> tuple[BlockResult, np.ndarray]:
         """Return also the outputs of each tick, [ticks, numbers, lanes]."""
         tick, ticks = self.forms(block, motion).traced, self.program.ticks
@@ -153,7 +151,7 @@ class SimdKernel(traced.PrintedKernel):
             some.series(lanes[:1])[:, :, 0] if grouped else some.series(lanes)
         )
 
-    def _code(self, block: Block, motion: tuple[np.ndarray, ...], grouped: bool) -> VectorCode:
+    def _code(self, block: Block, motion: Motion, grouped: bool) -> VectorCode:
         forms, host = self.forms(block, motion), self._host
         key = "simd", self.signals, grouped, self.width, host.text
 

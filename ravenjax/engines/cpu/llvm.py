@@ -133,7 +133,6 @@ class LlvmPrinter(Printing[Place]):
         return self.call(wide, f"llvm.{name}.{self._suffix(dtype)}", *((wide, x) for x in inputs))
 
     def _constant(self, dtype: str, value: Any) -> str:
-        """Return the text of a constant."""
         if dtype == "bool":
             text = "true" if value else "false"
         elif dtype.startswith("float"):
@@ -151,7 +150,6 @@ class LlvmPrinter(Printing[Place]):
         )
 
     def _load(self, dtype: str, place: Place) -> str:
-        """Return the number stored at a place."""
         scalar = _STORED[dtype]
         address = self.address(place)
         if place.splat and self.width > 1:
@@ -168,7 +166,6 @@ class LlvmPrinter(Printing[Place]):
         return self.op(f"icmp ne {self._wide('i32')} {value}, {self._constant('int32', 0)}")
 
     def _store(self, dtype: str, value: str, place: Place) -> None:
-        """Write a number to a place."""
         if dtype == "bool":
             value = self.op(f"sext {self.type('bool')} {value} to {self._wide('i32')}")
         target = f"{self._wide(_STORED[dtype])} {value}, ptr {self.address(place)}"

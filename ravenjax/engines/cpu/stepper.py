@@ -31,8 +31,6 @@ from ravenjax.numbers.lazy import jax
 
 @dataclasses.dataclass(frozen=True)
 class _Form:
-    """The part of traced and generated code that is cached."""
-
     text: str
     state: RecordKind
     outcomes: RecordKind

@@ -12,7 +12,7 @@ import ctypes
 import dataclasses
 import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -131,14 +131,6 @@ class Memory(NamedTuple):
     tables: np.ndarray | None = None
 
 
-class TransitionMachine(Protocol):
-    """Runs transitions, compiled or interpreted."""
-
-    def bind(self, name: str, memory: Memory) -> Callable[[], None]:
-        """Return a function that makes the transition `name` once for each row of `memory`."""
-        ...
-
-
 class Interpreted:
     """Runs transitions one operation at a time in Python."""
 
@@ -146,7 +138,7 @@ class Interpreted:
         self._transitions = transitions
 
     def bind(self, name: str, memory: Memory) -> Callable[[], None]:
-        """See `TransitionMachine`; without tables."""
+        """See `Compiled`; without tables."""
         transition = self._transitions[name]
 
         def take() -> None:
@@ -177,7 +169,7 @@ class Compiled:
         }
 
     def bind(self, name: str, memory: Memory) -> BoundTransition:
-        """See `TransitionMachine`."""
+        """Return a function that makes the transition `name` once for each row of `memory`."""
         function = self._functions[name, len(memory.entering) == 1]
         return BoundTransition(function, memory, self)
 
@@ -223,7 +215,6 @@ def print_module(
 
 
 def _printed(transition: StateTransition, features: Set[str]) -> LlvmPrinter:
-    """Print the lines of one step."""
     program = transition.program
     sources_of = [
         *transition.fixed.places("%fixed"),

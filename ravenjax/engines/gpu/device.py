@@ -22,7 +22,6 @@ INSTALL = "pip install 'ravenjax[cuda]'"
 
 
 def _bindings() -> tuple[Any, Any]:
-    """Return the modules `driver` and `nvrtc`."""
     try:
         from cuda.bindings import driver, nvrtc  # type: ignore[import-not-found]
     except ImportError as error:

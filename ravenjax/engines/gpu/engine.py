@@ -26,7 +26,7 @@ from ravenjax.engines.gpu.code import CudaCode, form_for, typed
 from ravenjax.engines.gpu.course import BlockCourse, Places, place, plan_course
 from ravenjax.engines.gpu.device import Device
 from ravenjax.engines.gpu.kernel import WARP
-from ravenjax.engines.interface import Block, BlockResult, Progress, TickProgram, Tracer
+from ravenjax.engines.interface import Block, BlockResult, Motion, Progress, TickProgram, Tracer
 from ravenjax.engines.lanes import Lanes, Trunk
 from ravenjax.engines.trace_key import Objects
 from ravenjax.errors import UserError
@@ -62,13 +62,13 @@ class CudaKernel(traced.PrintedKernel):
         """Return the lanes of whole warps, at most those of a block; see `interface.Kernel`."""
         return min(self.lanes, -(-rows // WARP) * WARP)
 
-    def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
+    def prepare(self, block: Block, motion: Motion) -> None:
         """Trace and compile for blocks and motions like these, and load the code on all devices."""
         for device in self.devices:
             self._code(block, motion, self._placed(block, device)[2], device)
 
     def trunk(
-        self, block: Block, motion: tuple[np.ndarray, ...], last: int, ends: np.ndarray
+        self, block: Block, motion: Motion, last: int, ends: np.ndarray
     ) -> tuple[Trunk, dict[str, np.ndarray]]:
         """See `interface.Kernel`."""
         golden_run = _repeated(block, np.full(self.size(1), self.program.ticks))
@@ -91,9 +91,7 @@ class CudaKernel(traced.PrintedKernel):
         finally:
             self._seats.put(device)
 
-    def run(
-        self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None
-    ) -> BlockResult:
+    def run(self, block: Block, motion: Motion, progress: Progress | None = None) -> BlockResult:
         """See `interface.Kernel`."""
         with self._seat() as device:
             inputs, places, grouped = self._placed(block, device)
@@ -132,9 +130,7 @@ class CudaKernel(traced.PrintedKernel):
         trunks = [block.trunk(lane) for lane in places.first.tolist()]
         return plan_course(places, code.form.threads, ends, block.acts, trunks)
 
-    def _code(
-        self, block: Block, motion: tuple[np.ndarray, ...], grouped: bool, device: Device
-    ) -> CudaCode:
+    def _code(self, block: Block, motion: Motion, grouped: bool, device: Device) -> CudaCode:
         forms, form = self.forms(block, motion), form_for(device)
 
         def make() -> CudaCode:

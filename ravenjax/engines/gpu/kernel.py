@@ -221,7 +221,6 @@ class _CudaModule:
     def _statements(
         self, program: Program, sources: dict[int, str], results: list[tuple[int, str]]
     ) -> str:
-        """Return the statements that compute these results."""
         printer = CudaPrinter()
         printer.run(program, program.needed(i for i, _ in results), sources, results)
         return printer.text()

@@ -26,8 +26,6 @@ class Unlinkable(ValueError):
 
 
 class _Reader(io.BytesIO):
-    """Reads numbers and names of a binary."""
-
     def number(self) -> int:
         """Read an unsigned LEB128 number."""
         result = shift = 0
@@ -136,7 +134,6 @@ def compile(text: str) -> bytes:
     jit.host()
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
-    features = ",".join(f"+{name}" for name in sorted(FEATURES))
-    target = llvm.Target.from_triple(TRIPLE)
-    machine = target.create_target_machine("generic", features, _OPTIMISATION)
+    host, target = jit.Host("generic", FEATURES), llvm.Target.from_triple(TRIPLE)
+    machine = target.create_target_machine(host.cpu, host.text, _OPTIMISATION)
     return jit.emitted(text, machine)

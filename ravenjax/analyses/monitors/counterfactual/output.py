@@ -6,7 +6,6 @@ before harm.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from ravenjax.document import palette
 from ravenjax.document.chart import EMPTY, Chart, ChartAxis, Curve
 from ravenjax.document.figure_style import STYLE
 from ravenjax.report import downloads, wording
+from ravenjax.report.data.fault_free import rounded_up
 from ravenjax.report.drawing import save_figure
 from ravenjax.stats.intervals import bounds
 from ravenjax.store.files import require_writable, write_text
@@ -147,9 +147,7 @@ def _list_names(names: Sequence[str]) -> str:
 def hours_needed(per_hour: float, runs: int = 1) -> float:
     """Return the hours of motions that show a rate if none alarms, rounded up to two digits."""
     # Half of the motions state the rate, and a few of their seconds are not live.
-    hours = 2.05 * runs * hours_to_show(per_hour)
-    digits = 10 ** (math.floor(math.log10(hours)) - 1)
-    return round(math.ceil(hours / digits) * digits, 10)
+    return rounded_up(2.05 * runs * hours_to_show(per_hour))
 
 
 def rows(one: Counterfactual) -> list[tuple[str, ...]]:

@@ -101,7 +101,6 @@ def bracket(
 
 
 def _ask(asked: Asked, cells: np.ndarray, tried: np.ndarray) -> np.ndarray:
-    """Return [points, cells] answers, computed in one batch."""
     return asked(np.tile(cells, len(tried)), tried.reshape(-1)).reshape(tried.shape)
 
 

@@ -80,7 +80,6 @@ def _line(
 
 
 def _explain(axes: Any, cells: list[Record]) -> None:
-    """Add legend entries for cells without a boundary."""
     style = {"mfc": "none", "mec": SOFT, "ls": "none"}
     for state, marker, meaning in (
         (NEVER, "^", "harmless in the whole range"),

@@ -68,7 +68,6 @@ def from_dict(
 
 
 def _section(raw: dict[str, Any]) -> tuple[Search | None, list[Complaint]]:
-    """Return the section [search], or its errors."""
     table = raw.get(SECTION)
     kinds = ", ".join(KINDS)
     if not isinstance(table, dict):

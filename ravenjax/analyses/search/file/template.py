@@ -138,7 +138,6 @@ def _inputs(config: CampaignConfig, search: Search | None, drawn: list[Key]) -> 
 
 
 def _place(config: CampaignConfig, key: Key) -> tuple[str | int, ...]:
-    """Return the place of an axis in the file."""
     slot, name = key
     if slot != PARAMETER:
         return ("group", 0, "fault", slot, name)

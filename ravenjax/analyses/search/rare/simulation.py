@@ -136,7 +136,6 @@ def _of(found: RareEvent) -> dict[str, Any]:
 
 
 def _column(distance: np.ndarray, search: Rare) -> np.ndarray:
-    """Convert distances from the event to values of the column."""
     one = outcome.parse(search.event)
     return one.bound - distance if one.relation == ">=" else one.bound + distance
 
