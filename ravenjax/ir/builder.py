@@ -91,7 +91,7 @@ FLOATS = ("float32", "float64")
 
 
 def _simplified(b: Builder, name: str, dtype: str, operands: tuple[int, ...]) -> int | None:
-    """Return the number of a simpler operation with an equal result; None if there is none."""
+    """Return the number of a simpler operation with an equal result, or None."""
     if name in ("convert", "bitcast"):
         return _converted(b, name, dtype, operands[0])
     if name == "select":
@@ -116,7 +116,7 @@ def _operands_of(b: Builder, i: int, name: str) -> tuple[int, ...] | None:
 
 
 def _negated(b: Builder, i: int) -> int | None:
-    """Return the operand of which operation `i` is the negative; None if it is none."""
+    """Return the operand of operation `i` if that is a negation, else None."""
     operands = _operands_of(b, i, "neg")
     return operands[0] if operands else None
 

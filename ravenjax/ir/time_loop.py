@@ -3,10 +3,10 @@
 Many lanes run the same loop. A number may differ between lanes, change from tick to tick, both, or
 neither. Each is computed no more often than that requires:
 
-shared   changes with the ticks, equal in all lanes of a group: computed once per tick and group
-         by the *shared* part, which writes a row of the numbers that lanes need
-held     differs between lanes, constant in time: computed once per lane, before the loop
-lane     both: computed once per tick and lane
+shared   changes with the ticks, equal in all lanes of a group: computed once per tick and group.
+         The *shared* part writes a row of the numbers that lanes need.
+held     differs between lanes, constant in time: computed once per lane, before the loop.
+lane     both: computed once per tick and lane.
 
 Lanes with the same shared inputs form a group. The state is split by fixpoint iteration. A number
 of the state is shared until it depends on something of a lane, and it is dropped if no result ever

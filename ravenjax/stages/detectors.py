@@ -237,7 +237,7 @@ def outcomes(setup: Setup, state: DetectorsState) -> dict[str, Scalar]:
 
 
 def _largest(setup: Setup, scores: Sequence[Scalar]) -> Scalar:
-    """Return the largest score that is not NaN; 0 if there is none. Scores are never below 0.
+    """Return the largest score that is not NaN, else 0. Scores are never below 0.
 
     A comparison with NaN is false. In this order a NaN hides no other arm's or joint's score.
     """

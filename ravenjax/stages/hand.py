@@ -3,18 +3,18 @@ displaces.
 
     M d'' + B d' + K d = F        d: displacement of the hand; three axes, all alike
 
-The hand follows its plan as without a cue, and d is added: the console sends the plan plus d. The
+The hand follows its plan as without a cue. The console sends the plan plus d. The
 spring is the posture that muscles hold. A stretched muscle answers after 25 to 100 ms (PLoS ONE
 11(10):e0163854, 2016), sooner than any reaction. A measured spring therefore includes these
 answers.
 
-- Relaxed, M 0.554 kg, B 6.45 N s/m, K 135 N/m: fitted to one trial of one participant who held the
-  handle of a haptic device (van Beek, Bergmann Tiest, Mugge, Kappers, Scientific Reports 5:18004,
-  2015, Figure 3).
-- A firmer grip makes a hand stiffer and more damped (Hasser, Cutkosky, Haptic Interfaces 2002: a
-  pinched knob; models by grip force of a held stylus: Fu, Cavusoglu, IEEE SMC-B 42, 2012). By how
-  much is *assumed*: at a firm grip five times the stiffness (range 2 to 10), with the same damping
-  ratio.
+- Relaxed, M 0.554 kg, B 6.45 N s/m, K 135 N/m. They are fitted to one trial of one participant who
+  held the handle of a haptic device (van Beek, Bergmann Tiest, Mugge, Kappers, Scientific Reports
+  5:18004, 2015, Figure 3).
+- A firmer grip makes a hand stiffer and more damped. Hasser, Cutkosky (Haptic Interfaces 2002)
+  measured a pinched knob. Fu, Cavusoglu (IEEE SMC-B 42, 2012) give models of a held stylus by grip
+  force. By how much is *assumed*: at a firm grip five times the stiffness (range 2 to 10), with the
+  same damping ratio.
 - Newtons per device unit of the cue: no source states it. *Assumed*: 3.3, the largest force of a
   Phantom Omni, which is one of the Raven's masters (range 1 to 66; with 66 the published cap of
   0.05 units is that largest force).

@@ -89,9 +89,9 @@ def params(setup: Setup) -> HapticParams:
     """Return the parameters of the published cue, `setup.cues` times.
 
     3 mm and cap 0.05 are published. kp is 4.5 per m, because Figure 5 shows about 0.0045 per mm. kd
-    is not published. With 0.09 per m/s the third pulse (0.0296 at 5.0 mm, of which 0.0225 is
-    spring) follows from its rebound of 6.7 degrees in 150 ms, which is about 80 mm/s at the 0.1 m
-    between tip and shoulder axis.
+    is not published. The third pulse is 0.0296 at 5.0 mm, of which 0.0225 is spring. It rebounds by
+    6.7 degrees in 150 ms, about 80 mm/s at the 0.1 m between tip and shoulder axis. That gives 0.09
+    per m/s.
     """
     cue = CueParams(threshold_m=PUBLISHED_CUE_MM / 1e3, kp=4.5, kd=0.09, cap=0.05)
     return HapticParams(cues=(cue,) * setup.cues)

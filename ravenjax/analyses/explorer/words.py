@@ -175,9 +175,9 @@ MEASURES = (
 def list_runs(folder: Path, record: Manifest) -> dict[str, Any]:
     """Return JSON of a result table for a page.
 
-    It has: folder (its name), cue (number of the set of the verdict), runs (of the table), rows
-    (runs in the page, MOST at most), columns: name -> list, and evading: see `_evading`. Runs that
-    a page cannot compute are left out, see `_asked`.
+    Keys: folder (its name), cue (number of the set of the verdict), runs (of the table), rows (runs
+    in the page, at most MOST), columns (name -> list), evading (see `_evading`). Runs that a page
+    cannot compute are left out (see `_asked`).
     """
     cue, names = record.verdict_cue, [column.name for column in schema.columns(record.shape)]
     columns = {

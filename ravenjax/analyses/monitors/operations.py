@@ -109,7 +109,7 @@ def require(config: CampaignConfig, design: OperationDesign) -> None:
     names = config.generated_motions() or design.motions
     if unknown := [motion for motion in design.motions if motion not in names]:
         expected = f"{', '.join(names)}{suggestion(unknown[0], names)}"
-        raise UserError(f"motion {unknown[0]!r} is none: expected one of {expected}")
+        raise UserError(f"motion {unknown[0]!r} is unknown: expected one of {expected}")
     if still := [motion for motion in design.motions if motion in fault_free.UNVARIED]:
         raise UserError(
             f"motion {still[0]!r} is the same for every seed: operators would be copies of one"
@@ -122,9 +122,9 @@ def require(config: CampaignConfig, design: OperationDesign) -> None:
         )
     if design.robots > 1 and not varies(config):
         raise UserError(
-            f"{design.robots} robots an operator, but nothing of the robot is drawn, so they would"
-            " be copies of one: draw parameters ([parameters] path = {uniform = [low, high]}),"
-            " noise or packets, or take --robots 1"
+            f"{design.robots} robots an operator would be copies of one, because nothing of the"
+            " robot is drawn. Draw parameters ([parameters] path = {uniform = [low, high]}), noise"
+            " or packets, or take --robots 1"
         )
 
 

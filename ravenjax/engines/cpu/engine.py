@@ -25,7 +25,7 @@ from ravenjax.engines.lanes import Lanes, Trunk
 MIN_LANES, MAX_LANES = 256, 1024
 """Least and greatest number of lanes of a block.
 
-With fewer lanes, what the group shares is a large part of the work; and with many threads, Python
+With fewer lanes, what the group shares is a large part of the work. With many threads, Python then
 takes longer to prepare the next block than the threads take to compute one. With more lanes, the
 last blocks leave threads idle.
 """

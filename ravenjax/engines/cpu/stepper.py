@@ -1,8 +1,8 @@
 """One compiled robot that its caller advances tick by tick, as in a training session.
 
 It runs the same operations as engine `simd`, one lane wide, with the same bits. Between two ticks,
-state, inputs and tables are plain memory. So inputs may change (a fault is armed), the state may be
-copied (to try something on a copy of the robot), and the operator's motion may be written row by
+state, inputs and tables are plain memory. So inputs may change, as when a fault is armed. The state
+may be copied, to try something on a copy of the robot. The operator's motion may be written row by
 row as it happens.
 """
 

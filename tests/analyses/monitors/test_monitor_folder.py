@@ -295,7 +295,7 @@ BAD_OPTIONS = {
     "hours": (["--hours", "0.001"], r"--hours \d+ or more\. With --robots 1 it would be"),
     "motion": (
         ["--motions", "stil"],
-        r"motion 'stil' is none: expected one of suture, .* Did you mean 'still'",
+        r"motion 'stil' is unknown: expected one of suture, .* Did you mean 'still'",
     ),
 }
 

@@ -77,7 +77,7 @@ def run(
     groups: Sequence[str] = (),
     on_progress: OnProgress | None = None,
 ) -> Hazards:
-    """Compute the campaign and return its evading faults. Raises UserError if there are none."""
+    """Compute the campaign and return its evading faults. Raises UserError if no fault evades."""
     config, prefixes = candidates.watched(raw, candidates.tables(parts, margins, folder))
     results = runner.run_campaign(config, None, engine, on_progress=on_progress)
     rules = choices(config)

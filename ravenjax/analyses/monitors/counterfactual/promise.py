@@ -179,8 +179,8 @@ def joint(motions: FreeMotion, members: Sequence[int]) -> FreeMotion:
 
 
 def calibrated(motions: FreeMotion, per_hour: float) -> Margin:
-    """Return the least margin whose expected rate is at most `per_hour`; if there is none, the
-    least margin with the least rate.
+    """Return the least margin whose expected rate is at most `per_hour`, or else the least margin
+    with the least rate.
 
     For n motions of r runs with k alarms in total, the margin is the least with (k + r) / (n + 1)
     at most the target per motion. If motions are exchangeable, one more motion then has at most
