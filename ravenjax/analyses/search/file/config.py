@@ -24,7 +24,9 @@ Outcome = Annotated[str, BeforeValidator(_outcome)]
 
 
 class Boundary(Section):
-    """[search] of kind "boundary": the smallest harmful fault for each combination of the lists."""
+    """[search] of kind "boundary": the smallest fault that does harm, for each combination of
+    the group's lists.
+    """
 
     kind: Literal["boundary"] = Field(description="which search")
     harm: Outcome = Field(description="event, such as 'peak_golden_deviation_mm >= 1'")
@@ -103,7 +105,9 @@ class Morris(Section):
 
 
 class Rare(Section):
-    """[search] of kind "rare": a probability by subset simulation and plain Monte Carlo."""
+    """[search] of kind "rare": the probability of a rare event, by subset simulation and by
+    plain Monte Carlo.
+    """
 
     kind: Literal["rare"] = Field(description="which search")
     event: Outcome = Field(
