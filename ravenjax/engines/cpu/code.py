@@ -86,6 +86,7 @@ class LaneGroup:
         self.group_state = buffer(1, kernel.group_state.bytes)
         self.results = buffer(results, kernel.results.bytes)
         self._rows, self._row_tick = buffer(rows, kernel.row.bytes), 0
+        # Compiled code always writes its outputs. If nobody reads them, each tick overwrites these.
         self._nowhere = buffer(kernel.outputs, 8 * kernel.inputs.width)
         self._call("shared_begin", address(self._group_inputs), address(self.group_state))
         for v in range(vectors):

@@ -179,6 +179,7 @@ class BoundTransition:
 
     def __init__(self, function: Any, memory: Memory, machine: Compiled) -> None:
         fixed, state, entering, leaving, tables = memory
+        # ctypes keeps addresses only, not the arrays and the code behind them.
         self._alive = memory, machine
         self._function, self._steps = function, len(entering)
         self._leaving = ctypes.c_void_p(leaving.ctypes.data)
