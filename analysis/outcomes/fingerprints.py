@@ -30,7 +30,7 @@ import pandas as pd
 import ravenjax as rj
 from ravenjax.engines.cpu import code, jit
 from ravenjax.engines.gpu.kernel import Form, print_loop
-from ravenjax.ir.time_loop import split
+from ravenjax.ir.time_loop import split_lanes
 
 FILE = Path(__file__).with_suffix(".json")
 CAMPAIGNS = Path(__file__).parents[2] / "campaigns"
@@ -48,9 +48,7 @@ def fingerprint(name: str) -> dict[str, Any]:
     def compile_and_hash(self, loop, shared, grouped, *rest):
         compile_loop(self, loop, shared, grouped, *rest)
         llvm_ir.add(sha256(self.kernel.text))
-        # The first input is the tick's number. The others are the golden run's series.
-        ticks = range(len(loop.step.inputs) - loop.lane_inputs - loop.states)
-        parts = split(loop, range(shared) if grouped else (), ticks if grouped else ticks[:1])
+        parts = split_lanes(loop, shared, grouped)
         cuda_c.add(sha256(print_loop(parts, Form(), grouped).text))
 
     code.VectorCode.__init__ = compile_and_hash

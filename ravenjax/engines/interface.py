@@ -19,6 +19,8 @@ from ravenjax.numbers.vec import where
 
 Progress = Callable[[int], None]
 """Called with the number of ticks just finished, all lanes of a block together."""
+Motion = tuple[np.ndarray, ...]
+"""Columns of the operator's motion, each 1-D with one number per step of the motion."""
 
 
 class Loop(Protocol):
@@ -96,9 +98,7 @@ class TickProgram:
         golden: Any,
         motion: Any,
     ) -> tuple[Any, Any, Any]:
-        """Advance a lane as `Loop.advance`. From tick `end` on, if given, its state does not
-        change.
-        """
+        """Advance a lane as `Loop.advance`. From tick `end` on, if given, its state stays."""
         params = self.params_of(varied)
         new, series, signals = self.loop.advance(
             self.setup, params, faults, state, now, motion, golden
@@ -144,16 +144,23 @@ class Block:
         arrays = [*self.varied.values(), *tree.leaves(self.faults), self.golden, self.acts]
         return next((len(array) for array in arrays if array is not None), 0)
 
-    def head(self, lanes: int) -> Block:
-        """Return a block of the first lanes."""
+    def picked(self, lanes: np.ndarray) -> Block:
+        """Return a block of these lanes (int), which may repeat, in this order."""
+
+        def pick(column: Any) -> Any:
+            return None if column is None else np.asarray(column)[lanes]
+
         return dataclasses.replace(
             self,
-            varied={path: values[:lanes] for path, values in self.varied.items()},
-            faults=tree.mapped(lambda leaf: leaf[:lanes], self.faults),
-            golden=None if self.golden is None else self.golden[:lanes],
-            acts=None if self.acts is None else self.acts[:lanes],
-            ends=None if self.ends is None else self.ends[:lanes],
+            varied={path: pick(values) for path, values in self.varied.items()},
+            faults=tree.mapped(pick, self.faults),
+            golden=self._golden_of(lanes),
+            acts=pick(self.acts),
+            ends=pick(self.ends),
         )
+
+    def _golden_of(self, lanes: Any) -> Any:
+        return lanes if self.golden is None else self.golden[lanes]
 
     def series(self, lanes: np.ndarray) -> np.ndarray:
         """Return the golden runs of these lanes, [ticks, series, len(lanes)].
@@ -161,13 +168,11 @@ class Block:
         Only for a block that has a reference.
         """
         assert self.reference is not None
-        return self.reference[:, :, lanes if self.golden is None else self.golden[lanes]]
+        return self.reference[:, :, self._golden_of(lanes)]
 
     def trunk(self, lane: int) -> Any:
-        """Return the kernel's snapshots of a lane's golden run; None if there are none."""
-        return (
-            self.trunks[lane if self.golden is None else self.golden[lane]] if self.trunks else None
-        )
+        """Return the kernel's snapshots of a lane's golden run, or None."""
+        return self.trunks[self._golden_of(lane)] if self.trunks else None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -176,10 +181,10 @@ class BlockResult:
 
     outcomes: dict[str, np.ndarray]  # outcome -> [lanes]
     reference: np.ndarray
-    """[ticks, series, lanes], what faulty runs are compared with, for each lane in the ticks before
-    its end.
+    """[ticks, series, lanes], the series that faulty runs are compared with; 0 ticks unless golden
+    runs ran.
 
-    Empty unless golden runs ran.
+    Arbitrary from a lane's end on. It may leave out lanes from `Block.rows` on.
     """
 
 
@@ -192,26 +197,15 @@ class Kernel(Protocol):
     branches: int
 
     def size(self, rows: int) -> int:
-        """Return the lanes of a block for `rows` rows, 1 to `lanes`.
-
-        Lanes beyond the rows are filled and their results ignored.
-        """
+        """Return the lanes of a block for `rows` rows, 1 to `lanes`. Further lanes are ignored."""
         ...
 
-    def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
-        """Trace and compile for blocks and motions of these types.
-
-        This is done once; `run` does it if necessary.
-        """
+    def prepare(self, block: Block, motion: Motion) -> None:
+        """Trace and compile for blocks and motions of these types, once; `run` does it too."""
         ...
 
-    def run(
-        self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None
-    ) -> BlockResult:
-        """Run one block; `motion` holds the columns of the operator's motion.
-
-        May be called from several threads.
-        """
+    def run(self, block: Block, motion: Motion, progress: Progress | None = None) -> BlockResult:
+        """Run one block. May be called from several threads."""
         ...
 
 
@@ -219,7 +213,7 @@ class BranchingKernel(Kernel, Protocol):
     """A kernel whose lanes can start from snapshots of their golden run."""
 
     def trunk(
-        self, block: Block, motion: tuple[np.ndarray, ...], last: int, ends: np.ndarray
+        self, block: Block, motion: Motion, last: int, ends: np.ndarray
     ) -> tuple[Any, dict[str, np.ndarray]]:
         """Make the snapshots, for `Block.trunks`, from which lanes start whose faults act in tick
         `last` at the latest.
@@ -253,21 +247,18 @@ class Engine(Protocol):
         ...
 
     def tracer(self, program: TickProgram, lanes: int) -> Tracer:
-        """Return a tracer, which runs single blocks of `lanes` lanes and keeps every signal.
-
-        It is compiled once, independently of any campaign.
-        """
+        """Return a tracer of single blocks of `lanes` lanes, compiled once for any campaign."""
         ...
 
 
 class SignalKernel(Protocol):
     """A compiled program that can keep every signal."""
 
-    def run(self, block: Block, motion: tuple[np.ndarray, ...]) -> BlockResult:
+    def run(self, block: Block, motion: Motion) -> BlockResult:
         """See `Kernel`."""
         ...
 
-    def run_signals(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[BlockResult, Any]:
+    def run_signals(self, block: Block, motion: Motion) -> tuple[BlockResult, Any]:
         """Run as `run`, and return also every signal of the first lane: a record of [ticks]."""
         ...
 
@@ -279,7 +270,7 @@ class Tracer:
     kernel: SignalKernel
 
     def run(
-        self, golden: Block, block: Block, motion: tuple[np.ndarray, ...]
+        self, golden: Block, block: Block, motion: Motion
     ) -> tuple[BlockResult, BlockResult, Any]:
         """Return the results of `golden` and of `block`, and every signal of the block's first
         lane: a record of [ticks].

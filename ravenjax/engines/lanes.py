@@ -1,6 +1,4 @@
-"""The lanes that a compiled time loop runs: their inputs and outputs, and the snapshots they start
-from.
-"""
+"""The lanes that a compiled time loop runs, and the snapshots that they start from."""
 
 from __future__ import annotations
 
@@ -31,10 +29,7 @@ class Lanes:
 EVERY = 25
 """Ticks from one snapshot to the next, if memory allows."""
 STATE_BYTES = 2**12
-"""Upper bound of the bytes of a lane's state and of what its group shares.
-
-These are 1.3 kB with one arm and two faults.
-"""
+"""Upper bound of the state of a lane and its group, bytes; 1.3 kB with one arm, two faults."""
 SNAPSHOT_BYTES = 2**26
 """Largest memory for the snapshots of one golden run, bytes."""
 
@@ -56,9 +51,7 @@ class Trunk:
         )
 
     def begins(self, first: np.ndarray) -> np.ndarray:
-        """Return the tick from which runs can start whose faults act in tick `first` (int) at the
-        earliest; 0: from the beginning.
-        """
+        """Return from which tick runs can start whose faults act at `first` (int) or later."""
         return np.clip((first - 1) // self.every, 0, len(self.lane) - 1) * self.every
 
 

@@ -91,16 +91,16 @@ class Printing(ABC, Generic[Where]):
             # Otherwise the number stays at its place.
             if sources.get(i) != place:
                 goals.setdefault(i, []).append((i, place))
-        outside = {
-            i
-            for i in goals
-            if i in sources or i in values or program.operations[i].name == "constant"
-        }
+
+        def is_given(i: int) -> bool:
+            return i in sources or i in values or program.operations[i].name == "constant"
+
+        outside = set(filter(is_given, goals))
 
         def compute(i: int) -> None:
-            operation = program.operations[i]
-            if i in sources or i in values or operation.name == "constant":
+            if is_given(i):
                 return
+            operation = program.operations[i]
             values[i] = self._operation(program, i, [value(o) for o in operation.operands], tables)
             write(goals.get(i, []))
 
@@ -150,13 +150,8 @@ class Printing(ABC, Generic[Where]):
 
     @abstractmethod
     def _begin_region(self, condition: str, types: list[str]) -> Any:
-        """Begin a block that is needed where `condition` holds, with results of these types.
-
-        Returns what `_end_region` takes.
-        """
+        """Begin a block for lanes where `condition` holds; return what `_end_region` takes."""
 
     @abstractmethod
     def _end_region(self, begun: Any, results: list[str]) -> list[str]:
-        """End the block; return its results as new values, which are arbitrary where it was not
-        needed.
-        """
+        """End the block; return its results as new values, arbitrary where it was not needed."""

@@ -41,11 +41,7 @@ def select(
 
 
 def fastest(precision: Precision) -> tuple[str, str]:
-    """Return the engine that "auto" means on this machine, and one line that states why it is not
-    "cuda".
-
-    The line is empty if it is "cuda".
-    """
+    """Return the engine that "auto" means here, and why it is not "cuda"; "" if it is."""
     from ravenjax.engines.gpu import device as cuda_device
     from ravenjax.engines.gpu import engine as cuda
 

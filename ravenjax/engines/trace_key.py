@@ -9,7 +9,7 @@ import hashlib
 import pickle
 import sys
 import zlib
-from collections.abc import Callable, Iterator, MutableMapping
+from collections.abc import Callable, Iterable, Iterator, MutableMapping
 from importlib import metadata
 from pathlib import Path
 from typing import Any, TypeVar
@@ -41,20 +41,15 @@ def _pieces(value: Any) -> Iterator[bytes]:
     kind = f"{type(value).__module__}.{type(value).__qualname__}".encode()
     if isinstance(value, np.ndarray | np.generic):
         yield from (kind, value.dtype.str.encode(), repr(value.shape).encode(), value.tobytes())
-    elif value is None or isinstance(value, bool | int | float | str | bytes):
+        return
+    if value is None or isinstance(value, bool | int | float | str | bytes):
         yield from (kind, repr(value).encode())
-    elif dataclasses.is_dataclass(value) and not isinstance(value, type):
-        yield kind
-        for field in dataclasses.fields(value):
-            yield field.name.encode()
-            yield from _pieces(getattr(value, field.name))
-    elif isinstance(value, tuple | list):
+        return
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+    if isinstance(value, tuple | list | dict):
         yield from (kind, str(len(value)).encode())
-        for item in value:
-            yield from _pieces(item)
-    elif isinstance(value, dict):
-        yield from (kind, str(len(value)).encode())
-        for item in value.items():
+        for item in value.items() if isinstance(value, dict) else value:
             yield from _pieces(item)
     else:
         yield from (kind, pickle.dumps(value))
@@ -74,10 +69,7 @@ def _version(package: str) -> str:
 
 
 def hash_files() -> str:
-    """Return the sha256 over the current files that decide what is traced and generated.
-
-    These are the lower layers of this package, and the robots' models.
-    """
+    """Return the sha256 of the files that decide code: this package's lower layers, and models."""
     files = [
         path
         for floor in _FLOORS
@@ -93,9 +85,7 @@ def hash_files() -> str:
 
 
 AT_IMPORT = hash_files()
-"""The hash of the files when this module was imported, that is, of the code that the process
-runs.
-"""
+"""The hash of the files when this module was imported: of the code that the process runs."""
 
 
 def persistent_key(*values: Any) -> str:
@@ -106,6 +96,19 @@ def persistent_key(*values: Any) -> str:
     known.
     """
     return hash_values(*values, AT_IMPORT, versions()) if hash_files() == AT_IMPORT else ""
+
+
+def load_or_compile(
+    objects: Objects | None, source: Iterable[str], make: Callable[[], bytes]
+) -> bytes:
+    """Return the result of `make`, loaded from `objects` if it was made from these texts before."""
+    key = hashlib.sha256("\n".join(source).encode()).hexdigest()
+    code = None if objects is None else objects.get(key)
+    if code is None:
+        code = make()
+        if objects is not None:
+            objects[key] = code
+    return code
 
 
 def load_or_make(objects: Objects | None, key: str, make: Callable[[], Code]) -> Code:

@@ -12,14 +12,13 @@ import contextlib
 import dataclasses
 import re
 import threading
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from ravenjax.engines import trace_key
-from ravenjax.engines.interface import Block, BlockResult, Progress, TickProgram
+from ravenjax.engines.interface import Block, Motion, TickProgram
 from ravenjax.engines.trace_key import Code, Objects
 from ravenjax.errors import UserError
 from ravenjax.ir import lowering
@@ -59,9 +58,9 @@ class TracedTick:
     def signals_of(
         self, out: np.ndarray, typed: Callable[[np.ndarray, np.dtype], np.ndarray]
     ) -> Any:
-        """Return every signal of the first lane, each leaf [ticks].
+        """Return every signal of the first lane, [ticks], from `out` [ticks, numbers, lanes].
 
-        out: the outputs, [ticks, numbers, lanes]; typed: converts a column of `out` to a type.
+        typed: converts a column of `out` to a type.
         """
         columns = np.ascontiguousarray(out[:, self.series :, 0].T)
         dtypes = tree.leaves(self.signals)
@@ -75,9 +74,7 @@ class Forms:
     """A traced program and all code made from it, by engine, form and device. Thread-safe."""
 
     def __init__(self, traced: TracedTick, key: str = "", objects: Objects | None = None) -> None:
-        """key: hash of everything that decides the trace; "": nothing is kept beyond the
-        process.
-        """
+        """key: hash of all that decides the trace; "": nothing is kept beyond the process."""
         self.traced = traced
         self._key, self._objects = key, objects
         self._codes: dict[Any, Any] = {}
@@ -91,10 +88,7 @@ class Forms:
             return self._codes[key]
 
     def printed(self, key: Any, make: Callable[[], Code]) -> Code:
-        """Return generated code, from disk if it was generated before.
-
-        key: everything besides the trace that decides it.
-        """
+        """Return generated code, or load it from disk. key: what decides it besides the trace."""
         own = self._key and trace_key.hash_values("printed", self._key, key)
         return trace_key.load_or_make(self._objects, own, make)
 
@@ -102,10 +96,7 @@ class Forms:
 def forms(
     program: TickProgram, block: Block, motion: Sequence[np.ndarray], objects: Objects | None = None
 ) -> Forms:
-    """Return `program` traced for blocks and motions like these, from a cache if possible.
-
-    objects: cache between processes; None: only this process.
-    """
+    """Return `program` traced for such blocks and motions. objects: cache between processes."""
     none = Block(
         {path: np.zeros(0, np.asarray(block.varied[path]).dtype) for path in program.varied},
         tree.mapped(lambda leaf: np.zeros(0, np.asarray(leaf).dtype), block.faults),
@@ -169,9 +160,7 @@ def leaks_refused() -> Iterator[None]:
 
 
 def shapes(record: Any) -> Any:
-    """Return the shapes that tracing takes for a record of dtypes: single numbers of these
-    types.
-    """
+    """Return the shapes for tracing a record of dtypes: single numbers of these types."""
     return tree.mapped(lambda dtype: jax.ShapeDtypeStruct((), dtype), record)
 
 
@@ -181,10 +170,7 @@ def trace(
     motion: Sequence[np.ndarray],
     origin: lowering.Origin | None = None,
 ) -> TracedTick:
-    """Trace the tick for blocks like this one; `origin` as for `lowering.lower`.
-
-    No array is made, so that JAX does not look for a device.
-    """
+    """Trace the tick for blocks like this one. Makes no array, so JAX looks for no device."""
     setup = program.setup
     series = program.loop.series_length(setup)
     columns = tuple(jax.ShapeDtypeStruct(column.shape, column.dtype) for column in motion)
@@ -231,37 +217,21 @@ def trace_function(
 
 
 def printable(program: TickProgram) -> TickProgram:
-    """Return `program` for code generation: with link dynamics of single numbers, and lanes that
-    end individually.
-    """
+    """Return `program` for printed code, which stops lanes itself: unrolled, without ends."""
     return dataclasses.replace(
         program, setup=dataclasses.replace(program.setup, link_dynamics="unrolled"), ends=False
     )
 
 
-class PrintedKernel(ABC):
-    """Base class of the kernels of engines `simd` and `cuda`: a traced program and its compiled
-    forms.
-    """
+class PrintedKernel:
+    """Base of the kernels of engines `simd` and `cuda`: a traced program and its compiled forms."""
 
     def __init__(self, program: TickProgram, lanes: int, objects: Objects | None) -> None:
         """objects: cache of compiled code between processes."""
         self.program, self.lanes, self.objects = printable(program), lanes, objects
         self._forms: Forms | None = None
 
-    @abstractmethod
-    def _run(
-        self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None
-    ) -> tuple[BlockResult, np.ndarray]:
-        """Return the results of a block, and the outputs of each tick, [ticks, numbers, lanes]."""
-
-    def run(
-        self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None
-    ) -> BlockResult:
-        """See `interface.Kernel`."""
-        return self._run(block, motion, progress)[0]
-
-    def forms(self, block: Block, motion: tuple[np.ndarray, ...]) -> Forms:
+    def forms(self, block: Block, motion: Motion) -> Forms:
         """Return the program traced for blocks and motions like these; traced only once."""
         self._forms = self._forms or forms(self.program, block, motion, self.objects)
         return self._forms
@@ -281,15 +251,13 @@ class PrintedKernel(ABC):
         return columns, group
 
 
-def tables(motion: tuple[np.ndarray, ...]) -> np.ndarray:
+def tables(motion: Motion) -> np.ndarray:
     """Return the columns of the motion, concatenated."""
     return np.concatenate([np.ascontiguousarray(column) for column in motion])
 
 
 def inputs(program: TickProgram, block: Block) -> list[np.ndarray]:
-    """Return a lane's inputs, each [lanes]: varied parameters, numbers of its faults, and its end
-    if ends differ.
-    """
+    """Return a lane's inputs, each [lanes]: varied parameters, faults, and its end if any."""
     varied = [np.asarray(block.varied[path]) for path in program.varied]
     return [*varied, *map(np.asarray, tree.leaves(block.faults)), *own_ends(program, block)]
 

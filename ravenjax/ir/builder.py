@@ -50,9 +50,7 @@ class Builder:
         return i
 
     def emit(self, name: str, dtype: str, *operands: int) -> int:
-        """Add an operation, unless an equal or simpler one exists; return the number of its
-        result.
-        """
+        """Add an operation, unless there is an equal or simpler one; return its result's number."""
         constants = self.constants
         for o in operands:
             if o not in constants:
@@ -93,7 +91,7 @@ FLOATS = ("float32", "float64")
 
 
 def _simplified(b: Builder, name: str, dtype: str, operands: tuple[int, ...]) -> int | None:
-    """Return the number of a simpler operation with an equal result; None if there is none."""
+    """Return the number of a simpler operation with an equal result, or None."""
     if name in ("convert", "bitcast"):
         return _converted(b, name, dtype, operands[0])
     if name == "select":
@@ -113,13 +111,12 @@ def _simplified(b: Builder, name: str, dtype: str, operands: tuple[int, ...]) ->
 
 
 def _operands_of(b: Builder, i: int, name: str) -> tuple[int, ...] | None:
-    """Return the operands of operation `i` if it has this name."""
     operation = b.operations[i]
     return operation.operands if operation.name == name else None
 
 
 def _negated(b: Builder, i: int) -> int | None:
-    """Return the operand of which operation `i` is the negative; None if it is none."""
+    """Return the operand of operation `i` if that is a negation, else None."""
     operands = _operands_of(b, i, "neg")
     return operands[0] if operands else None
 

@@ -19,6 +19,4 @@ FUNCTIONS: dict[str, Callable[..., float]] = {
     **{name: _function(name, 1) for name in _UNARY},
     **{name: _function(name, 2) for name in ("atan2", "fmod", "pow")},
 }
-"""Functions of Python floats by the name of the operation. The names are JAX's, except for
-`fmod`.
-"""
+"""Functions of Python floats by JAX's names of the operations, except for `fmod`."""

@@ -52,7 +52,6 @@ _ALIASES = (
     "reshape",
     "broadcast_in_dim",
     "stop_gradient",
-    "reduce_precision",
 )
 _SAME = (
     "add",
@@ -185,8 +184,9 @@ class _Walk:
             operands = [read(atom) for atom in eqn.invars]
             name = eqn.primitive.name
             if name in _CALLS:
-                inner, inner_consts = _callee(eqn)
-                results = self.body(inner, [self.constant(c) for c in inner_consts], operands)
+                closed: Any = eqn.params[_CALLS[name]]
+                consts = [self.constant(value) for value in getattr(closed, "consts", ())]
+                results = self.body(getattr(closed, "jaxpr", closed), consts, operands)
             elif name == "cond":
                 results = self._branches(eqn, operands)
             elif name == "optimization_barrier":
@@ -197,10 +197,7 @@ class _Walk:
         return [read(atom) for atom in jaxpr.outvars]
 
     def _branches(self, eqn: core.JaxprEqn, operands: list[_Value]) -> list[_Value]:
-        """Compute both branches, and choose between each pair of results.
-
-        The first branch is the usual one.
-        """
+        """Compute both branches, of which the first is the usual one; choose between results."""
         if len(eqn.params["branches"]) != 2:
             raise UnknownPrimitive(
                 f"a choice of {len(eqn.params['branches'])} branches is not known; nest two-way"
@@ -233,8 +230,6 @@ class _Walk:
     def _operation(self, eqn: core.JaxprEqn, dtype: str, x: list[int]) -> int:
         name, params, b = eqn.primitive.name, eqn.params, self.builder
         if name in _ALIASES:
-            if name == "reduce_precision":
-                raise UnknownPrimitive("reduce_precision is not known; convert to a type")
             return x[0]
         if name in _SAME:
             return b.emit(name, dtype, *x)
@@ -281,17 +276,13 @@ class _Walk:
                 return b.emit("convert", dtype, x[0])
             case "bitcast_convert_type":
                 return b.emit("bitcast", dtype, x[0])
-        details = {key: params[key] for key in ("rounding_method",) if key in params}
         raise UnknownPrimitive(
-            f"primitive {name!r} of {dtype} {details or ''} is not an operation on single numbers"
-            " that is known here"
+            f"primitive {name!r} of {dtype} {params.get('rounding_method', '')} is not an operation"
+            " on single numbers that is known here"
         )
 
     def _looked_up(self, eqn: core.JaxprEqn, operands: list[_Value]) -> int:
-        """Read one number of a 1-D table.
-
-        An index outside reads the nearest end, or NaN for a gather with mode fill.
-        """
+        """Read one number of a 1-D table: outside the nearest end, or NaN with mode fill."""
         table = operands[0]
         if (
             not isinstance(table, _Table)
@@ -318,8 +309,3 @@ class _Walk:
             "and", "bool", b.emit("le", "bool", first, index), b.emit("le", "bool", index, last)
         )
         return b.emit("select", dtype, inside, result, b.constant(dtype, np.nan))
-
-
-def _callee(eqn: core.JaxprEqn) -> tuple[core.Jaxpr, Sequence[Any]]:
-    closed: Any = eqn.params[_CALLS[eqn.primitive.name]]
-    return (closed.jaxpr, closed.consts) if hasattr(closed, "jaxpr") else (closed, ())

@@ -43,9 +43,7 @@ class Arithmetic:
     dtype: str = "float32"
 
     def __getattr__(self, name: str) -> Callable[..., Number]:
-        """Return operation `name` of floats; a Python number among its operands means the
-        constant.
-        """
+        """Return operation `name` of floats; a Python number among its operands is a constant."""
 
         def operation(*operands: Number) -> Number:
             return self.emit(name.rstrip("_"), self.dtype, *map(self.number, operands))
@@ -82,9 +80,7 @@ class Arithmetic:
         return self.emit("lt", "bool", self.bits(x), self.constant("int32", 0))
 
     def polynomial(self, x: Number, *coefficients: float) -> Number:
-        """Evaluate a polynomial by Horner's rule. The coefficient of the highest power comes
-        last.
-        """
+        """Evaluate a polynomial by Horner's rule, with the highest power's coefficient last."""
         result = self.number(coefficients[-1])
         for coefficient in reversed(coefficients[:-1]):
             result = self.fma(result, x, coefficient)
@@ -103,10 +99,7 @@ _PI_LOW = 1.509957990978376e-7
 
 
 def _half_turns(m: Arithmetic, x: Number) -> tuple[Number, Number, Number]:
-    """Return the remainder of x from the nearest multiple of pi, its square, and a sign bit.
-
-    The sign bit is set if that multiple is odd.
-    """
+    """Return x minus the nearest multiple of pi, its square, and a sign bit: set if odd."""
     shifted = m.fma(x, 1.0 / math.pi, _MAGIC)
     turns = m.sub(shifted, _MAGIC)
     rest = m.fma(turns, -_PI_LOW, m.fma(turns, -_PI_HIGH, x))
@@ -188,9 +181,7 @@ def atan(m: Arithmetic, x: Number) -> Number:
 
 
 def _leg(m: Arithmetic, x: Number) -> Number:
-    """Return sqrt(1 - x x), the other leg of a right triangle with hypotenuse 1; NaN outside [-1,
-    1].
-    """
+    """Return sqrt(1 - x x), the second leg of a right triangle; NaN outside [-1, 1]."""
     return m.sqrt(m.mul(m.sub(1.0, x), m.add(1.0, x)))
 
 

@@ -1,9 +1,9 @@
 """The intermediate representation: a straight-line program of numbered operations on single
 numbers.
 
-Operations have the names of `semantics`. There are three more: `input` is a number from outside
-(`detail`: its index), `constant` a known number (`detail`: its bits), and `lookup` reads a 1-D
-table at one index (`detail`: the table's index).
+Operations have the names of `semantics`. There are three more. `input` is a number from outside
+(`detail`: its index). `constant` is a known number (`detail`: its bits). `lookup` reads a 1-D table
+at one index (`detail`: the table's index).
 """
 
 from __future__ import annotations
@@ -37,6 +37,11 @@ class Program:
     outputs: tuple[int, ...]
     tables: tuple[tuple[str, int], ...] = ()  # types and lengths
     origins: tuple[str, ...] = ()  # source of each operation, if requested
+
+    @property
+    def reads(self) -> dict[int, int]:
+        """Operation -> index of the input that it is."""
+        return {i: op.detail for i, op in enumerate(self.operations) if op.name == "input"}
 
     def needed(self, outputs: Iterable[int] | None = None) -> list[int]:
         """Return the operations that `outputs` (default: all) depend on, in order."""

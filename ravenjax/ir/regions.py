@@ -80,10 +80,7 @@ def arrange(
 
 
 def _ready(operations: Sequence[Operation], members: Sequence[int], missing: Set[int]) -> list[int]:
-    """Return those of `members` that depend only on each other and on placed operations.
-
-    A member that depends on a later choice is not among them.
-    """
+    """Return those of `members` that depend only on each other and on placed operations."""
     ready: dict[int, None] = {}
     for i in members:
         if all(o in ready or o not in missing for o in operations[i].operands):
@@ -94,10 +91,7 @@ def _ready(operations: Sequence[Operation], members: Sequence[int], missing: Set
 def _labels(
     operations: Sequence[Operation], order: Sequence[int], results: Sequence[int]
 ) -> dict[int, int]:
-    """Return the condition of the region that each operation belongs to, if any.
-
-    A region within a region is part of the outer one.
-    """
+    """Return the condition of each operation's region, if any: of the outermost one."""
     here = set(order)
     wanted: dict[int, set[int | None]] = {i: {None} for i in results}
     label: dict[int, int] = {}

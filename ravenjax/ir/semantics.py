@@ -23,9 +23,7 @@ Array = Any
 
 
 def evaluate(name: str, dtype: str, operands: tuple[Array, ...]) -> Array:
-    """Return the result of operation `name`, of type `dtype`, on NumPy numbers or arrays of one
-    shape.
-    """
+    """Return the result of an operation of type `dtype` on NumPy numbers or equal arrays."""
     with np.errstate(all="ignore"):
         return _result(name, dtype, *operands)
 
@@ -39,10 +37,7 @@ def _result(name: str, dtype: str, *operands: Array) -> Array:
 
 
 def run(program: Program, inputs: Sequence[Any], tables: Sequence[Array] = ()) -> list[Any]:
-    """Return the results of `program`, computed one operation at a time.
-
-    inputs: NumPy numbers of its types, or arrays of one shape.
-    """
+    """Return the results of `program`, one operation at a time. inputs: NumPy, of one shape."""
     values: dict[int, Any] = {}
     with np.errstate(all="ignore"):
         for i in program.needed():
@@ -59,10 +54,7 @@ def run(program: Program, inputs: Sequence[Any], tables: Sequence[Array] = ()) -
 
 
 def fma(a: Array, b: Array, c: Array) -> Array:
-    """Return a b + c rounded once.
-
-    float32 is computed in float64, whose sum is first rounded to odd; float64 in long double.
-    """
+    """Return a b + c rounded once, through float64 (rounded to odd) or long double."""
     if np.asarray(a).dtype == np.float64:
         return _fma64(a, b, c)
     product = np.float64(a) * np.float64(b)  # exact: 48 bits

@@ -22,9 +22,7 @@ _REAL = "float64"
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Term:
-    """A signed operation of a program. Supports arithmetic with Python numbers and with terms of
-    the same builder.
-    """
+    """A signed operation, for arithmetic with Python numbers and terms of the same builder."""
 
     builder: Builder
     number: int
@@ -77,9 +75,7 @@ class Term:
         return self.builder.constant(_REAL, value)
 
     def _factor(self) -> tuple[Term, float | None]:
-        """Return x and the positive constant c of a term c x; the term itself and None for any
-        other.
-        """
+        """Return x and the positive constant c of a term c x; itself and None for any other."""
         operation = self.builder.operations[self.number]
         if operation.name == "mul":
             for constant, rest in (operation.operands, operation.operands[::-1]):
@@ -132,10 +128,7 @@ def program(inputs: Sequence[Term], outputs: Sequence[Number]) -> Program:
 def replay(
     program: Program, inputs: Sequence[Any], functions: Mapping[str, Callable[[Any], Any]]
 ) -> list[Any]:
-    """Return the results of such a program on any kind of number, including tracers.
-
-    Constants stay Python numbers.
-    """
+    """Return the results of such a program on numbers of any kind, including tracers."""
     apply = {
         "add": operator.add,
         "sub": operator.sub,

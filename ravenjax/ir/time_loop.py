@@ -3,10 +3,10 @@
 Many lanes run the same loop. A number may differ between lanes, change from tick to tick, both, or
 neither. Each is computed no more often than that requires:
 
-shared   changes with the ticks, equal in all lanes of a group: computed once per tick and group
-         by the *shared* part, which writes a row of the numbers that lanes need
-held     differs between lanes, constant in time: computed once per lane, before the loop
-lane     both: computed once per tick and lane
+shared   changes with the ticks, equal in all lanes of a group: computed once per tick and group.
+         The *shared* part writes a row of the numbers that lanes need.
+held     differs between lanes, constant in time: computed once per lane, before the loop.
+lane     both: computed once per tick and lane.
 
 Lanes with the same shared inputs form a group. The state is split by fixpoint iteration. A number
 of the state is shared until it depends on something of a lane, and it is dropped if no result ever
@@ -22,9 +22,7 @@ from ravenjax.ir.program import Program
 
 LANE, TICK = 1, 2
 _FREE = ("neg", "bitcast")
-"""Operations that cost a lane nothing. They are repeated in the lane rather than stored in a
-row.
-"""
+"""Operations that cost nothing. A lane repeats them rather than reading them from a row."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,6 +49,11 @@ class TimeLoop:
         return len(self.begin.outputs)
 
     @property
+    def tick_inputs(self) -> range:
+        """Indices of the inputs of a tick, from 0; the first is the tick's number."""
+        return range(len(self.step.inputs) - self.lane_inputs - self.states)
+
+    @property
     def state_types(self) -> tuple[str, ...]:
         """Types of the numbers of the state."""
         return self.step.inputs[self.lane_inputs : self.lane_inputs + self.states]
@@ -75,24 +78,27 @@ class Split:
     prologue_results: tuple[int, ...]
 
 
-def split(loop: TimeLoop, shared_inputs: Iterable[int], shared_ticks: Iterable[int]) -> Split:
-    """Split `loop`.
-
-    shared_inputs: inputs that are equal in a group; shared_ticks: tick inputs that are equal in a
-    group.
+def split_lanes(loop: TimeLoop, shared: int, grouped: bool) -> Split:
+    """Split `loop` for lanes that share the tick's number and, if `grouped`, all inputs of a tick
+    and their own first `shared` inputs.
     """
+    ticks = loop.tick_inputs
+    return split(loop, range(shared) if grouped else (), ticks if grouped else ticks[:1])
+
+
+def split(loop: TimeLoop, shared_inputs: Iterable[int], shared_ticks: Iterable[int]) -> Split:
+    """Split `loop`, given the inputs and the tick inputs that are equal in a group."""
     shared_inputs, shared_ticks = frozenset(shared_inputs), frozenset(shared_ticks)
     step, first = loop.step, loop.lane_inputs
     live = _live_state(loop)
-    own = _inputs_by_number(step)
+    own = {k: i for i, k in step.reads.items()}
     frozen = {k for k in live if step.outputs[k] == own.get(first + k)}
-    begins = _rates(loop.begin, {i: 0 if i in shared_inputs else LANE for i in range(first)})
+    lanes = {i: 0 if i in shared_inputs else LANE for i in range(first)}
+    begins = _rates(loop.begin, lanes)
     state = {k: begins[loop.begin.outputs[k]] | (0 if k in frozen else TICK) for k in live}
     ticks = {
-        first + loop.states + i: TICK | (0 if i in shared_ticks else LANE)
-        for i in range(_tick_inputs(loop))
+        first + loop.states + i: TICK | (0 if i in shared_ticks else LANE) for i in loop.tick_inputs
     }
-    lanes = {i: 0 if i in shared_inputs else LANE for i in range(first)}
     while True:
         rates = _rates(step, lanes | ticks | {first + k: rate for k, rate in state.items()})
         new = {
@@ -129,19 +135,11 @@ def split(loop: TimeLoop, shared_inputs: Iterable[int], shared_ticks: Iterable[i
         tuple(k for k in sorted(live) if state[k] == LANE),
         tuple(shared_state),
         tuple(shared),
-        tuple(i for i in step.needed(reads)),
+        tuple(step.needed(reads)),
         tuple(i for i in needed if i in both and step.operations[i].name != "input"),
         tuple(sorted(row)),
         tuple(sorted(reads)),
     )
-
-
-def _tick_inputs(loop: TimeLoop) -> int:
-    return len(loop.step.inputs) - loop.lane_inputs - loop.states
-
-
-def _inputs_by_number(program: Program) -> dict[int, int]:
-    return {op.detail: i for i, op in enumerate(program.operations) if op.name == "input"}
 
 
 def _rates(program: Program, inputs: dict[int, int]) -> list[int]:
@@ -160,19 +158,17 @@ def _rates(program: Program, inputs: dict[int, int]) -> list[int]:
 
 def _live_state(loop: TimeLoop) -> Set[int]:
     """Return the numbers of the state that a result needs, at once or some ticks later."""
-    step, first = loop.step, loop.lane_inputs
-    roots = {
-        loop.finish.operations[i].detail - first
-        for i in loop.finish.needed()
-        if loop.finish.operations[i].name == "input"
-    }
-    live = {k for k in roots if k >= 0}
+    step = loop.step
+
+    def read(program: Program, needed: Iterable[int]) -> set[int]:
+        reads = program.reads
+        numbers = {reads[i] - loop.lane_inputs for i in needed if i in reads}
+        return numbers.intersection(range(loop.states))
+
+    live = read(loop.finish, loop.finish.needed())
     while True:
         needed = step.needed([*(step.outputs[k] for k in live), *step.outputs[loop.states :]])
-        read = {
-            step.operations[i].detail - first for i in needed if step.operations[i].name == "input"
-        }
-        new = live | {k for k in read if 0 <= k < loop.states}
+        new = live | read(step, needed)
         if new == live:
             return live
         live = new

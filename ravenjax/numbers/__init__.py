@@ -1,3 +1,1 @@
-"""Number types that the code of a tick is written in: scalars, vectors, records, and paths to their
-numbers.
-"""
+"""Number types that the code of a tick is written in: scalars, vectors, records and paths."""

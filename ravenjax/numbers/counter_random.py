@@ -31,9 +31,7 @@ def _mix(x: Scalar) -> Scalar:
 
 
 def bits(key: Scalar, tick: Scalar, channel: int) -> Scalar:
-    """Return 32 random bits (uint32) for a run's `key` (uint32), a `tick` (int32) and a fixed
-    `channel`.
-    """
+    """Return 32 random bits (uint32) for `key` (uint32), `tick` (int32) and a fixed `channel`."""
     channel_offset = _u32((channel * CHANNEL_STRIDE) & 0xFFFFFFFF)
     counter = lax.convert_element_type(tick, jnp.uint32) * _u32(GOLDEN) + channel_offset
     return _mix(_mix(counter) ^ _mix(lax.convert_element_type(key, jnp.uint32)))
@@ -46,10 +44,7 @@ def uniform(key: Scalar, tick: Scalar, channel: int) -> Scalar:
 
 
 def normal(key: Scalar, tick: Scalar, channel: int) -> Scalar:
-    """Return a standard normal float32.
-
-    It comes from the two halves of one draw (method of Box and Muller). The tail ends at 4.9 sigma.
-    """
+    """Return a standard normal float32 from one draw (Box and Muller); ends at 4.9 sigma."""
     word = bits(key, tick, channel)
     radius_half = lax.convert_element_type(word >> _u32(16), jnp.float32)
     angle_half = lax.convert_element_type(word & _u32(0xFFFF), jnp.float32)

@@ -41,7 +41,5 @@ def step(state: FiniteState, watched: Mapping[str, Iterable[Scalar]], tick: Scal
 
 
 def outcomes(state: FiniteState) -> dict[str, Scalar]:
-    """Return outcome columns: tick (ms) and code of the first number that was not finite, or -1 for
-    never.
-    """
+    """Return columns: tick (ms) and code of the first number that was not finite; -1: never."""
     return {"failed_ms": state.first, "failed_signal": state.signal}

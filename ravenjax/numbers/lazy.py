@@ -85,10 +85,7 @@ _WAITING: list[Callable[[Any], Any]] = []
 
 
 def when_loaded(action: Callable[[Any], Any]) -> None:
-    """Call `action(jax)` before JAX is first used through this module.
-
-    If JAX is imported already, the action is called immediately.
-    """
+    """Call `action(jax)` before JAX is first used through this module, or now if it is there."""
     with _LOADING:
         _WAITING.append(action)
     if "jax" in sys.modules:
@@ -116,9 +113,7 @@ def at_once() -> Iterator[None]:
 
 
 class _Late:
-    """A JAX module that is imported when one of its names is first looked up, or its
-    replacement.
-    """
+    """A JAX module that is imported when a name is first looked up, or its replacement."""
 
     def __init__(self, name: str) -> None:
         self._name = name

@@ -1,6 +1,4 @@
-"""Solves a linear system with a small symmetric positive definite matrix, unrolled, without work
-for structural zeros.
-"""
+"""Solves a small symmetric positive definite linear system, unrolled."""
 
 from __future__ import annotations
 

@@ -22,18 +22,13 @@ _AXES = ("x", "y", "z")
 
 
 class _Step(NamedTuple):
-    """One step on the way from a record to one of its numbers."""
-
     name: str
     optional: bool  # whether a path may leave out this step
     siblings: frozenset[str]  # names of all entries at this level, this one among them
 
 
 def _entries(node: Any, setup: Setup) -> tuple[dict[str, Any], bool] | None:
-    """Return the entries of `node` by name, and whether a path may leave out their names.
-
-    Returns None for a single number.
-    """
+    """Return the entries of `node` by name, and whether a path may omit them; None: a number."""
     fields = getattr(node, "_fields", ())
     if dataclasses.is_dataclass(node):
         fields = [field.name for field in dataclasses.fields(node)]
@@ -108,10 +103,7 @@ def leaves(node: Any, setup: Setup) -> Iterator[tuple[str, Scalar]]:
 
 
 def named(node: Any, setup: Setup, path: str) -> dict[str, Scalar]:
-    """Return full path -> value for each number that `path` names, in order.
-
-    Raises KeyError, with a suggestion, if `path` names no number.
-    """
+    """Return full path -> value of the numbers that `path` names, in order, or raise KeyError."""
     numbers = list(_walk(node, setup))
     found = {_full(steps): number for steps, number in numbers if _leads_to(path, steps)}
     if not found:
@@ -123,10 +115,7 @@ def named(node: Any, setup: Setup, path: str) -> dict[str, Scalar]:
 
 
 def assign(node: Any, setup: Setup, path: str, value: Scalar) -> Any:
-    """Return a copy of the record with `value` at each number that `path` names.
-
-    Raises KeyError, with a suggestion, if `path` names no number.
-    """
+    """Return the record with `value` at each number that `path` names. Raises KeyError."""
     replaced = named(node, setup, path)
     numbers = leaves(node, setup)
     return tree.filled(node, [value if full in replaced else x for full, x in numbers])

@@ -58,19 +58,13 @@ class Quantity:
 
 @dataclasses.dataclass(frozen=True)
 class Reserved:
-    """Annotation of a field that a campaign must not set, nor any number inside it.
-
-    An annotation of an inner field takes precedence.
-    """
+    """Annotation of a field that a campaign must not set, unless an inner field's differs."""
 
     why: str  # the reason, and what to write instead
 
 
 def described(record: type[Record]) -> type[Record]:
-    """Annotate a record's fields from quantities.toml beside its module, and return the record.
-
-    The table of the file with the record's name is used.
-    """
+    """Annotate a record's fields from its table in quantities.toml beside its module."""
     path = Path(str(sys.modules[record.__module__].__file__)).with_name("quantities.toml")
     for name, rows in _tables(path)[record.__name__].items():
         notes = tuple(map(_note, rows if isinstance(rows, list) else [rows]))
@@ -124,9 +118,7 @@ def _fields(params: type, above: str = "") -> Iterator[tuple[str, list[Any]]]:
 
 
 def _opened(hint: Any) -> tuple[Any, list[Any]]:
-    """Return the type of a field's entries, and its annotations: `Annotated[tuple[X, ...] | None,
-    said]`.
-    """
+    """Return the type of a field's entries, and all annotations around it."""
     notes: list[Any] = []
     while True:
         kind, parts = typing.get_origin(hint), typing.get_args(hint)

@@ -43,9 +43,7 @@ REFERENCE = Precision(narrow="float64", wide="float64", real="float64")
 
 @dataclasses.dataclass(frozen=True)
 class SiteUse:
-    """The channels of one fault site on which a campaign injects faults, and their effects;
-    static.
-    """
+    """The channels of one site on which a campaign injects faults, and their effects; static."""
 
     site: str  # name of one of the robot's fault sites
     channels: tuple[tuple[str, str], ...]  # (arm, or "" if the site belongs to no arm; channel)
@@ -63,9 +61,7 @@ class Injection:
 
 @dataclasses.dataclass(frozen=True)
 class Setup:
-    """Everything that selects the code of a tick, for any robot. Static and hashable; compiled
-    once.
-    """
+    """Everything that selects the code of a tick. Static and hashable; compiled once."""
 
     joints: ClassVar[tuple[str, ...]] = ()  # names of each arm's joints, in order
     # lengths of vectors that hold the first joints only
@@ -85,9 +81,7 @@ class Setup:
 
 
 def per_arm(setup: Setup, function: Callable[[int, Any], Any]) -> tuple[Any, ...]:
-    """Return `function(mechanism, arm)` for each arm, in mechanism order, as per-arm tuples need
-    it.
-    """
+    """Return `function(mechanism, arm)` for each arm, as a per-arm tuple."""
     return tuple(function(i, arm) for i, arm in enumerate(setup.arms))
 
 

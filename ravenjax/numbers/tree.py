@@ -37,20 +37,14 @@ def mapped(function: Callable[..., Any], tree: Any, *others: Any) -> Any:
 
 
 def filled(tree: Any, numbers: list[Any]) -> Any:
-    """Return a tree with the structure of `tree` and these numbers as leaves, in order.
-
-    Raises ValueError if there are fewer or more numbers than leaves.
-    """
+    """Return a tree like `tree` with these leaves, in order. Raises ValueError for their number."""
     if len(numbers) != (wanted := len(leaves(tree))):
         raise ValueError(f"got {len(numbers)} numbers for a tree of {wanted} leaves")
     return filler(tree)(numbers)
 
 
 def filler(tree: Any) -> Callable[[Sequence[Any]], Any]:
-    """Return `filled` for this tree as a function of the numbers, for callers that fill it often.
-
-    The function expects as many numbers as the tree has leaves.
-    """
+    """Return `filled` for this tree as a function of its leaves, for frequent use."""
     places = itertools.count()
 
     def of(node: Any) -> Callable[[Sequence[Any]], Any]:
@@ -64,9 +58,7 @@ def filler(tree: Any) -> Callable[[Sequence[Any]], Any]:
 
 
 def structure(tree: Any) -> Any:
-    """Return all of a tree but its numbers. Two trees that JAX considers alike give equal
-    results.
-    """
+    """Return all of a tree but its numbers: equal for trees that JAX considers alike."""
     branches = _branches(tree)
     if branches is None:
         return ()

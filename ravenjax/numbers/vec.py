@@ -12,6 +12,7 @@ from __future__ import annotations
 import dataclasses
 import operator
 from collections.abc import Callable, Iterable, Iterator
+from functools import reduce
 from typing import Any, TypeAlias, dataclass_transform
 
 from ravenjax.numbers import tree as trees
@@ -22,9 +23,7 @@ Scalar: TypeAlias = Any
 
 
 class Vec(tuple):
-    """Fixed-length tuple of single numbers with elementwise arithmetic; a plain number is
-    broadcast.
-    """
+    """Fixed-length tuple of numbers with elementwise arithmetic; a plain number is broadcast."""
 
     __slots__ = ()
 
@@ -37,9 +36,7 @@ class Vec(tuple):
         return Vec((value,) * length)
 
     def map(self, function: Callable[..., Scalar], *others: Any) -> Vec:
-        """Return `function(self[i], other[i], ...)` for each i; a number among `others` is
-        repeated.
-        """
+        """Return `function(self[i], other[i], ...)` for each i; a number is repeated."""
         columns = [other if isinstance(other, tuple) else (other,) * len(self) for other in others]
         return Vec(function(*items) for items in zip(self, *columns, strict=True))
 
@@ -89,9 +86,7 @@ RECORDS: dict[str, type] = {}
 
 @dataclass_transform(frozen_default=True, kw_only_default=False)
 def record(cls: type) -> type:
-    """Make a class a frozen dataclass and a pytree whose fields are all data; leaves are single
-    numbers.
-    """
+    """Make a class a frozen dataclass and a pytree whose leaves are single numbers."""
     cls = dataclasses.dataclass(frozen=True)(cls)
     names = [field.name for field in dataclasses.fields(cls)]
     when_loaded(
@@ -145,6 +140,16 @@ def rarely(condition: Scalar, then: Callable[[], Any], otherwise: Any) -> Any:
 def where(condition: Scalar, yes: Any, no: Any) -> Any:
     """Apply `jnp.where` to whole records: take each number from `yes` or from `no`."""
     return trees.mapped(lambda a, b: jnp.where(condition, a, b), yes, no)
+
+
+def largest(numbers: Iterable[Scalar]) -> Scalar:
+    """Return the largest of some numbers, at least one; NaN if one of them is."""
+    return reduce(jnp.maximum, numbers)
+
+
+def first_tick(now: Scalar, happens: Scalar, before: Scalar) -> Scalar:
+    """Return the tick of an event's first occurrence, given the one so far; -1: none."""
+    return jnp.where(happens & (before < 0), now, before)
 
 
 def earliest(ticks: list[Scalar]) -> Scalar:

@@ -1,3 +1,1 @@
-"""Stages that the tick of any robot may have: check records, haptics, detectors, the monitor,
-packets.
-"""
+"""Stages that the tick of any robot may have: checks, haptics, detectors, monitor, packets."""

@@ -19,6 +19,8 @@ rule. The emulator's loss of the whole connection is fault effect `drop`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from ravenjax.numbers.counter_random import uniform
 from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.vec import Scalar, as_int, record, where
@@ -33,10 +35,7 @@ TRANSITIONS = (
 LOSS = (0.01, 0.1, 0.05, 0.08)
 """Probability that a packet begins a burst, by quality."""
 SURE = 2
-"""Least number of packets that a burst takes after its first.
-
-It is the scale of the Pareto distribution, whose alpha is 1.5.
-"""
+"""Least number of packets in a burst after its first: the Pareto distribution's scale."""
 DELAY_MS, JITTER_MS = (10.0, 100.0), (1.0, 10.0)
 
 _QUALITY, _GOES_ON, _BEGINS, _DELAY, _JITTER = range(5)
@@ -79,10 +78,7 @@ def step(state: ChannelState, seed: Scalar, packet: Scalar, fresh: Scalar) -> Ch
 
 
 def delay_ms(seed: Scalar, packet: Scalar) -> Scalar:
-    """Return the age in ms (int32) of the packet that arrives when packet `packet` is sent.
-
-    seed: as in `step`.
-    """
+    """Return the age in ms (int32) of the packet that arrives when packet `packet` is sent."""
     delay = jnp.float32(0.5)  # added for rounding to the nearest millisecond
     for place, (least, most) in ((_DELAY, DELAY_MS), (_JITTER, JITTER_MS)):
         delay = delay + least + (most - least) * uniform(_key(seed), packet, place)
@@ -93,7 +89,7 @@ def _key(seed: Scalar) -> Scalar:
     return lax.bitcast_convert_type(lax.convert_element_type(seed, jnp.float32), jnp.uint32)
 
 
-def _of(quality: Scalar, numbers: tuple[float, ...]) -> Scalar:
+def _of(quality: Scalar, numbers: Sequence[float]) -> Scalar:
     """Return the one of `numbers` that belongs to a quality, float32."""
     number_of = jnp.float32(numbers[0])
     for k, number in enumerate(numbers[1:], start=1):
@@ -102,12 +98,6 @@ def _of(quality: Scalar, numbers: tuple[float, ...]) -> Scalar:
 
 
 def _next(quality: Scalar, drawn: Scalar) -> Scalar:
-    """Return the next quality, int32: the number of its row's partial sums that are below `drawn`,
-    in [0, 1).
-    """
-    partial = tuple(zip(*(_partial_sums(row) for row in TRANSITIONS), strict=True))
+    """Return the next quality, int32, for a number `drawn` in [0, 1)."""
+    partial = [[sum(row[:k]) for row in TRANSITIONS] for k in (1, 2, 3)]
     return sum((as_int(drawn >= _of(quality, sums)) for sums in partial), jnp.int32(0))
-
-
-def _partial_sums(row: tuple[float, ...]) -> list[float]:
-    return [sum(row[: k + 1]) for k in range(len(row) - 1)]

@@ -30,10 +30,7 @@ def init(setup: Setup) -> CheckHistory:
 def update(
     check: CheckHistory, tick: Scalar, tripped: Scalar, margin: Scalar | None = None
 ) -> CheckHistory:
-    """Return the history after this tick.
-
-    tripped: truth value. margin: distance to the limit; left out if it is costly to compute.
-    """
+    """Return the history after this tick. margin: to the limit, left out if costly to compute."""
     first = tripped & (check.first_tick < 0)
     nearest = check.margin
     if margin is not None:

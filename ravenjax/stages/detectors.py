@@ -36,7 +36,7 @@ import numpy as np
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import HOUR_MS, Quantity, Reserved
 from ravenjax.numbers.setup import Setup, per_arm, real
-from ravenjax.numbers.vec import Scalar, Vec, as_int, record
+from ravenjax.numbers.vec import Scalar, Vec, as_int, first_tick, record
 from ravenjax.parts import part
 from ravenjax.parts.part import SCORE
 from ravenjax.vocabulary.detectors import DetectorUse
@@ -157,11 +157,7 @@ def sources(setup: Setup) -> tuple[OwnSource, ...]:
 
 
 def params(setup: Setup) -> DetectorParams:
-    """Return the default parameters.
-
-    They are the steps learned from fault-free runs (`LEARNED`), and thresholds of 1, which a
-    campaign replaces.
-    """
+    """Return the learned steps (`LEARNED`), and thresholds of 1, which a campaign replaces."""
     steps = {joint: StepScale(*values) for joint, values in LEARNED.items()}
     files = sources(setup)
     return DetectorParams(
@@ -222,13 +218,9 @@ def step(
 
 
 def stops(setup: Setup, state: DetectorsState | None) -> Scalar:
-    """Return whether a detector that may stop the robot is in alarm at its first threshold,
-    bool.
-    """
+    """Return whether a detector that may stop the robot exceeds its first threshold, bool."""
     alarms = jnp.bool_(False)
-    for use, one in zip(
-        setup.detectors, () if state is None else state.detectors, strict=state is not None
-    ):
+    for use, one in zip(setup.detectors, state.detectors, strict=True) if state else ():
         alarms = alarms | one.thresholds[0].over if use.stops else alarms
     return alarms
 
@@ -245,7 +237,7 @@ def outcomes(setup: Setup, state: DetectorsState) -> dict[str, Scalar]:
 
 
 def _largest(setup: Setup, scores: Sequence[Scalar]) -> Scalar:
-    """Return the largest score that is not NaN; 0 if there is none. Scores are never below 0.
+    """Return the largest score that is not NaN, else 0. Scores are never below 0.
 
     A comparison with NaN is false. In this order a NaN hides no other arm's or joint's score.
     """
@@ -270,11 +262,9 @@ def _arm(
         return _largest(setup, steps)
 
     mvel_step = largest("mvel", mvel, before.mvel)
-    link = sum(
-        jnp.abs(v) + jnp.abs(v - w) * (1.0 / TICK_S) for v, w in zip(jvel, before.jvel, strict=True)
-    )
-    motor = sum(
-        jnp.abs(v) + jnp.abs(v - w) * (1.0 / TICK_S) for v, w in zip(mvel, before.mvel, strict=True)
+    link, motor = (
+        sum(jnp.abs(v) + jnp.abs(v - w) * (1.0 / TICK_S) for v, w in zip(now, then, strict=True))
+        for now, then in ((jvel, before.jvel), (mvel, before.mvel))
     )
     shares = [
         real(setup, jnp.abs(command)) / real(setup, jnp.maximum(limit, 1))
@@ -311,7 +301,7 @@ def _watch(
     for threshold, state in zip(thresholds, before.thresholds, strict=True):
         over = lowest > threshold
         begins = over & ~state.over
-        first = jnp.where(begins & (state.first_tick < 0), tick, state.first_tick)
+        first = first_tick(tick, begins, state.first_tick)
         after.append(ThresholdState(first, state.alarms + as_int(begins), over))
     recent = Vec((score, *before.recent)[: len(before.recent)])
     return DetectorState(recent, jnp.maximum(before.peak, lowest), tuple(after))

@@ -3,18 +3,18 @@ displaces.
 
     M d'' + B d' + K d = F        d: displacement of the hand; three axes, all alike
 
-The hand follows its plan as without a cue, and d is added: the console sends the plan plus d. The
+The hand follows its plan as without a cue. The console sends the plan plus d. The
 spring is the posture that muscles hold. A stretched muscle answers after 25 to 100 ms (PLoS ONE
 11(10):e0163854, 2016), sooner than any reaction. A measured spring therefore includes these
 answers.
 
-- Relaxed, M 0.554 kg, B 6.45 N s/m, K 135 N/m: fitted to one trial of one participant who held the
-  handle of a haptic device (van Beek, Bergmann Tiest, Mugge, Kappers, Scientific Reports 5:18004,
-  2015, Figure 3).
-- A firmer grip makes a hand stiffer and more damped (Hasser, Cutkosky, Haptic Interfaces 2002: a
-  pinched knob; models by grip force of a held stylus: Fu, Cavusoglu, IEEE SMC-B 42, 2012). By how
-  much is *assumed*: at a firm grip five times the stiffness (range 2 to 10), with the same damping
-  ratio.
+- Relaxed, M 0.554 kg, B 6.45 N s/m, K 135 N/m. They are fitted to one trial of one participant who
+  held the handle of a haptic device (van Beek, Bergmann Tiest, Mugge, Kappers, Scientific Reports
+  5:18004, 2015, Figure 3).
+- A firmer grip makes a hand stiffer and more damped. Hasser, Cutkosky (Haptic Interfaces 2002)
+  measured a pinched knob. Fu, Cavusoglu (IEEE SMC-B 42, 2012) give models of a held stylus by grip
+  force. By how much is *assumed*: at a firm grip five times the stiffness (range 2 to 10), with the
+  same damping ratio.
 - Newtons per device unit of the cue: no source states it. *Assumed*: 3.3, the largest force of a
   Phantom Omni, which is one of the Raven's masters (range 1 to 66; with 66 the published cap of
   0.05 units is that largest force).
@@ -32,25 +32,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import reduce
 from typing import Annotated
 
 import numpy as np
 
-from ravenjax.numbers.algebra import dot
+from ravenjax.numbers.algebra import norm
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.setup import Setup, real
-from ravenjax.numbers.vec import Scalar, Vec, record
+from ravenjax.numbers.vec import Scalar, Vec, largest, record
 
 TICK_S = 1e-3
 
 
 @record
 class HandParams:
-    """Hand parameters that a campaign may vary; the default is the hand above at half a
-    firm grip.
-    """
+    """Hand parameters that a campaign may vary; the default is the hand above at grip 0.5."""
 
     grip: Annotated[
         Scalar, Quantity("", 0, 1, "how firmly the hand holds the console: 0 relaxed, 1 firm")
@@ -97,11 +94,7 @@ def init(setup: Setup) -> HandState:
 
 
 def step(setup: Setup, params: HandParams, state: HandState, pull: Vec) -> HandState:
-    """Return the hand after one tick under the cue's force `pull` (3, device units, axes of the
-    console).
-
-    A force that is NaN counts as 0.
-    """
+    """Return the hand after a tick of the cue's force `pull` (3, device units); NaN counts as 0."""
     stiffness, damping = impedance(params)
     pull = pull.map(lambda x: jnp.where(x == x, x, 0.0))
     force = turned(pull, params.turn_deg) * params.newtons_per_unit
@@ -109,8 +102,8 @@ def step(setup: Setup, params: HandParams, state: HandState, pull: Vec) -> HandS
     mean = force + state.velocity * momentum - state.displacement * stiffness
     mean = mean * (1.0 / (momentum + damping + 0.5 * TICK_S * stiffness))
     displacement = state.displacement + mean * TICK_S
-    distance = jnp.sqrt(dot(displacement, displacement))
-    after = HandState(displacement, mean * 2.0 - state.velocity, jnp.maximum(state.peak, distance))
+    peak = jnp.maximum(state.peak, norm(displacement))
+    after = HandState(displacement, mean * 2.0 - state.velocity, peak)
     return real(setup, after)
 
 
@@ -134,7 +127,5 @@ def turned(force: Vec, angle_deg: Scalar) -> Vec:
 
 
 def outcomes(setup: Setup, arms: Sequence[HandState]) -> dict[str, Scalar]:
-    """Return the largest displacement of a hand, the worse of the arms, as a column of the result
-    table.
-    """
-    return {"hand_mm": reduce(jnp.maximum, [arm.peak for arm in arms]) * 1e3}
+    """Return the largest displacement of a hand, the worse of the arms, as an outcome column."""
+    return {"hand_mm": largest(arm.peak for arm in arms) * 1e3}

@@ -18,14 +18,13 @@ who does not react they all see the same motion.
 
 from __future__ import annotations
 
-from functools import reduce
 from typing import Annotated
 
 from ravenjax.numbers.algebra import dot, norm
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import Reserved
 from ravenjax.numbers.setup import Setup
-from ravenjax.numbers.vec import Scalar, Vec, as_int, earliest, record
+from ravenjax.numbers.vec import Scalar, Vec, as_int, earliest, first_tick, largest, record
 from ravenjax.outcomes.verdict import PUBLISHED_CUE_MM
 
 # m; below it e has no direction. It is far below one micrometre, so it affects no cue
@@ -90,9 +89,9 @@ def params(setup: Setup) -> HapticParams:
     """Return the parameters of the published cue, `setup.cues` times.
 
     3 mm and cap 0.05 are published. kp is 4.5 per m, because Figure 5 shows about 0.0045 per mm. kd
-    is not published. With 0.09 per m/s the third pulse (0.0296 at 5.0 mm, of which 0.0225 is
-    spring) follows from its rebound of 6.7 degrees in 150 ms, which is about 80 mm/s at the 0.1 m
-    between tip and shoulder axis.
+    is not published. The third pulse is 0.0296 at 5.0 mm, of which 0.0225 is spring. It rebounds by
+    6.7 degrees in 150 ms, about 80 mm/s at the 0.1 m between tip and shoulder axis. That gives 0.09
+    per m/s.
     """
     cue = CueParams(threshold_m=PUBLISHED_CUE_MM / 1e3, kp=4.5, kd=0.09, cap=0.05)
     return HapticParams(cues=(cue,) * setup.cues)
@@ -112,9 +111,7 @@ def init(setup: Setup, params: HapticParams) -> HapticState:
 
 
 def cue_force(cue: CueParams, distance: Scalar, closing_speed: Scalar) -> Scalar:
-    """Return the force of one cue (device units) for |e| in m and (v_model - v_robot) . d
-    in m/s.
-    """
+    """Return the force of one cue (device units) for |e| [m] and (v_model - v_robot) . d [m/s]."""
     pull = cue.kp * distance + cue.kd * closing_speed
     # A pull that is NaN, as from a joint velocity with flipped bits, gives no force
     return jnp.where((distance > cue.threshold_m) & (pull > 0.0), jnp.minimum(pull, cue.cap), 0.0)
@@ -138,9 +135,7 @@ def step(
         forces.append(force)
         cues.append(
             CueState(
-                first_tick=jnp.where(
-                    (active == 1) & (before.first_tick < 0), state.tick, before.first_tick
-                ),
+                first_tick=first_tick(state.tick, active == 1, before.first_tick),
                 peak_force=jnp.maximum(before.peak_force, force),
                 ticks_active=before.ticks_active + active,
                 impulses=before.impulses + active * (1 - before.active),
@@ -157,7 +152,7 @@ def outcomes(setup: Setup, arms: tuple[HapticState, ...]) -> dict[str, Scalar]:
     for k in range(setup.cues):
         cues = [arm.cues[k] for arm in arms]
         out[f"cue{k}_first_ms"] = earliest([cue.first_tick for cue in cues])
-        out[f"cue{k}_peak_force"] = reduce(jnp.maximum, [cue.peak_force for cue in cues])
-        out[f"cue{k}_ms"] = reduce(jnp.maximum, [cue.ticks_active for cue in cues])
-        out[f"cue{k}_count"] = reduce(jnp.maximum, [cue.impulses for cue in cues])
+        out[f"cue{k}_peak_force"] = largest(cue.peak_force for cue in cues)
+        out[f"cue{k}_ms"] = largest(cue.ticks_active for cue in cues)
+        out[f"cue{k}_count"] = largest(cue.impulses for cue in cues)
     return out

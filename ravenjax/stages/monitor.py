@@ -18,15 +18,24 @@ The condition c < d / 2 means that most of d is motion that the robot missed.
 
 from __future__ import annotations
 
-from functools import reduce
 from typing import Annotated, NamedTuple
 
 from ravenjax.numbers import finite
-from ravenjax.numbers.algebra import dot
+from ravenjax.numbers.algebra import norm
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import Reserved
 from ravenjax.numbers.setup import Setup, per_arm, real
-from ravenjax.numbers.vec import Scalar, Vec, as_int, earliest, record, replace, where
+from ravenjax.numbers.vec import (
+    Scalar,
+    Vec,
+    as_int,
+    earliest,
+    first_tick,
+    largest,
+    record,
+    replace,
+    where,
+)
 from ravenjax.outcomes.verdict import LIMIT_MM
 
 UM = 1e-6
@@ -152,9 +161,7 @@ def params(setup: Setup) -> MonitorParams:
 
 
 def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> MonitorState:
-    """Return the state before the first tick, at rest at the given true [m] and measured
-    [um] tips.
-    """
+    """Return the state before the first tick, at these true [m] and measured [um] tips."""
     zero = real(setup, 0.0)
     never = jnp.int32(-1)
 
@@ -238,8 +245,8 @@ def distances(
     arm: has `tip`, `golden_tip`, `missed` of this tick; model_tip: m; pos, golden_pos: um.
     """
     tip, golden_tip = arm.tip, arm.golden_tip
-    golden, model = _norm(tip - golden_tip), _norm(tip - model_tip)
-    standing = _norm(tip - golden_tip + arm.missed)
+    golden, model = norm(tip - golden_tip), norm(tip - model_tip)
+    standing = norm(tip - golden_tip + arm.missed)
     off = jnp.minimum(golden, model)
     unintended = jnp.minimum(off, standing)
     missed_most = 2.0 * standing < off
@@ -250,16 +257,8 @@ def distances(
         unintended=unintended,
         unintended_off=jnp.minimum(golden, standing),
         loss=jnp.where(missed_most | neither, off, 0.0),
-        false_report=_norm(pos * UM - tip - (golden_pos * UM - golden_tip)),
+        false_report=norm(pos * UM - tip - (golden_pos * UM - golden_tip)),
     )
-
-
-def _norm(v: Vec) -> Scalar:
-    return jnp.sqrt(dot(v, v))
-
-
-def _first(tick: Scalar, happens: Scalar, before: Scalar) -> Scalar:
-    return jnp.where(happens & (before < 0), tick, before)
 
 
 def _arm(
@@ -272,9 +271,9 @@ def _arm(
     """Return the state of one arm after this tick, and its distances."""
     tip, pos, golden_pos = signal.tip[i], signal.pos[i], reference.pos[i]
     golden_tip = reference.tip[i]
-    step = _norm(tip - state.tip)
+    step = norm(tip - state.tip)
     golden_way = golden_tip - state.golden_tip
-    golden_step_true = _norm(golden_way)
+    golden_step_true = norm(golden_way)
     idle = (golden_step_true > params.idle_step) & (step < params.idle_share * golden_step_true)
     missed = where(idle | ~signal.live, state.missed + golden_way, state.missed)
     after = replace(state, tip=tip, tip_before=state.tip, golden_tip=golden_tip, missed=missed)
@@ -282,9 +281,9 @@ def _arm(
     golden, model = off.golden, off.model
     live = signal.live
     leapt = (step > params.jump_step) & ~(golden_step_true > params.jump_step)
-    both = _norm(tip - state.tip_before)
-    packet_step = _norm(pos - state.pos) * UM
-    golden_step = _norm(golden_pos - state.golden_pos) * UM
+    both = norm(tip - state.tip_before)
+    packet_step = norm(pos - state.pos) * UM
+    golden_step = norm(golden_pos - state.golden_pos) * UM
     over = (packet_step > params.jump_step) & ~(golden_step > params.jump_step)
     fresh = signal.fresh
     new = replace(
@@ -313,11 +312,11 @@ def _arm(
         peak_dac=state.peak_dac.map(
             lambda peak, dac: jnp.maximum(peak, jnp.abs(dac)), signal.dac[i]
         ),
-        jump=_first(signal.tick, fresh & over & state.over, state.jump),
-        large_jump=_first(
+        jump=first_tick(signal.tick, fresh & over & state.over, state.jump),
+        large_jump=first_tick(
             signal.tick, (step > params.large_jump) | (both > params.large_jump), state.large_jump
         ),
-        tip_jump=_first(signal.tick, leapt & state.leapt, state.tip_jump),
+        tip_jump=first_tick(signal.tick, leapt & state.leapt, state.tip_jump),
     )
     return new, off
 
@@ -348,10 +347,10 @@ def step(
     return MonitorState(
         arms=arms,
         tip_distance=jnp.minimum(state.tip_distance, signal.distance),
-        diverged=_first(signal.tick, diverged, state.diverged),
-        unintended=_first(signal.tick, signal.live & unintended, state.unintended),
-        loss=_first(signal.tick, signal.live & loss, state.loss),
-        false_report=_first(signal.tick, signal.live & false_report, state.false_report),
+        diverged=first_tick(signal.tick, diverged, state.diverged),
+        unintended=first_tick(signal.tick, signal.live & unintended, state.unintended),
+        loss=first_tick(signal.tick, signal.live & loss, state.loss),
+        false_report=first_tick(signal.tick, signal.live & false_report, state.false_report),
         halted=state.halted + as_int(signal.pedal & ~signal.live),
         finite=finite.step(state.finite, watched, signal.tick),
         ticks=state.ticks + as_int(True),
@@ -362,7 +361,7 @@ def outcomes(setup: Setup, state: MonitorState) -> dict[str, Scalar]:
     """Return the outcome columns of a run: lengths in mm, ticks in ms; the worst of the arms."""
 
     def worst(name: str) -> Scalar:
-        return reduce(jnp.maximum, [getattr(arm, name) for arm in state.arms])
+        return largest(getattr(arm, name) for arm in state.arms)
 
     def first(name: str) -> Scalar:
         return earliest([jnp.int32(-1), *(getattr(arm, name) for arm in state.arms)])

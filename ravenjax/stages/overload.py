@@ -1,6 +1,4 @@
-"""Records the tensions of a run's cables as shares of their strength, and the first overloaded
-cable.
-"""
+"""Records the tensions of cables as shares of their strength, and the first overload."""
 
 from __future__ import annotations
 
@@ -25,11 +23,7 @@ def init(setup: Setup) -> OverloadState:
 
 
 def step(state: OverloadState, loads: tuple[Vec, ...], tick: Scalar) -> OverloadState:
-    """Return the state after this tick.
-
-    loads: for each cable of each arm, the largest tension in it divided by its strength; above 1
-    the cable is overloaded.
-    """
+    """Return the state after this tick. loads: each cable's largest tension by its strength."""
     every = [load for arm in loads for load in arm]
     largest, place = every[0], jnp.int32(0)
     for i, load in enumerate(every[1:], start=1):
@@ -44,9 +38,7 @@ def step(state: OverloadState, loads: tuple[Vec, ...], tick: Scalar) -> Overload
 
 
 def outcomes(state: OverloadState) -> dict[str, Scalar]:
-    """Return the outcome columns of a run: a share, a time in ms, and the index of a cable, arm by
-    arm.
-    """
+    """Return the outcome columns of a run: a share, a time in ms, and the index of a cable."""
     return {
         "cable_load": state.peak,
         "cable_overload_first_ms": state.first,

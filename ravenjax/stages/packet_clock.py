@@ -40,10 +40,7 @@ def init() -> PacketClock:
 
 
 def step(clock: PacketClock, now: Scalar, fresh: Scalar, cycles: Scalar) -> PacketClock:
-    """Return the clock after tick `now` (int32).
-
-    If `fresh` (bool), a packet that lasts `cycles` (int32) arrives in this tick.
-    """
+    """Return the clock after tick `now` (int32), with a packet of `cycles` (int32) if `fresh`."""
     return where(fresh, PacketClock(now + cycles, now, clock.tick), clock)
 
 

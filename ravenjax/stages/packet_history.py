@@ -43,10 +43,7 @@ def step(history: PacketHistory, fresh: Scalar) -> PacketHistory:
 
 
 def age(history: PacketHistory, newer: Scalar) -> Scalar:
-    """Return the age in ticks (int32) of the packet after which `newer` others were sent.
-
-    newer: int32, at least 0. A packet that is not in the history has age NEVER.
-    """
+    """Return the age (ticks, int32) of the packet that `newer` (int32) others follow; or NEVER."""
     word, first, counted, total = _u32(0), jnp.int32(NEVER), jnp.int32(0), jnp.int32(0)
     for place, candidate in enumerate(history.words):
         count = _sums(candidate)[0]
@@ -59,9 +56,7 @@ def age(history: PacketHistory, newer: Scalar) -> Scalar:
 
 
 def sent_within(history: PacketHistory, ticks: Scalar) -> Scalar:
-    """Return the number of packets (int32) sent in the last `ticks` (int32) ticks, including this
-    tick.
-    """
+    """Return the number of packets (int32) sent in the last `ticks` (int32), this one included."""
     total = jnp.int32(0)
     for place, word in enumerate(history.words):
         bits = jnp.minimum(jnp.maximum(ticks - WORD * place, 0), WORD)
@@ -88,9 +83,7 @@ def _sums(word: Scalar) -> tuple[Scalar, ...]:
 
 
 def _position(word: Scalar, lower: Scalar) -> Scalar:
-    """Return the index (int32) of the set bit of a word that has `lower` (int32) set bits
-    below it.
-    """
+    """Return the index (int32) of the set bit with `lower` (int32) set bits below it."""
     _, halves, eights, fours, pairs = _sums(word)
     position = jnp.int32(0)
     for width, sums in ((16, halves), (8, eights), (4, fours), (2, pairs), (1, word)):

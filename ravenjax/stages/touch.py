@@ -27,9 +27,7 @@ def init(setup: Setup) -> TouchState:
 
 
 def step(state: TouchState, instruments: tuple[Any, ...]) -> TouchState:
-    """Return the state after this tick. instruments: forces on each, N: `tissue`, `vessel`,
-    `instrument`.
-    """
+    """Return the state after a tick with forces `tissue`, `vessel`, `instrument` on each, N."""
     peak, impulse, vessel = state.peak, state.impulse, state.vessel
     for one in instruments:
         peak = jnp.maximum(peak, one.tissue)

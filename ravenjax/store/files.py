@@ -39,6 +39,11 @@ def write_aside(path: Path, write: Callable[[Path], object]) -> None:
         ) from error
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a text file in UTF-8 as `write_aside` does."""
+    write_aside(path, lambda aside: aside.write_text(text, encoding="utf-8"))
+
+
 def replace(path: Path, text: str) -> None:
     """Replace a file's content with `text` atomically, without waiting for the disk.
 
@@ -60,6 +65,12 @@ def parsed(text: str) -> Any:
         return json.loads(text)
     except RecursionError:
         raise ValueError("lists or tables are nested too deeply") from None
+
+
+def json_values(value: Any) -> Any:
+    """Return nested values as JSON has them: no NumPy types, None for NaN and infinities."""
+    text = json.dumps(value, default=lambda numbers: numbers.tolist())
+    return json.loads(text, parse_constant=lambda _: None)
 
 
 TABLES = (".csv", ".parquet")

@@ -28,8 +28,8 @@ def description() -> dict[str, Any]:
 
     A body has: parent (index, -1: none), position (m) and quaternion (w first) in its parent,
     `joint` (arm, index, kind, axis, anchor, home) or null, and meshes. A mesh has: colour (sRGB, 0
-    to 1), `low` and `size` (m) of a box, `corners` (base64, uint16 [n, 3], little-endian: low +
-    size * corner / STEPS) and `faces` (base64, uint16 [n, 3]).
+    to 1), `low` and `size` (m) of a box, `corners` and `faces` (base64 of little-endian uint16 [n,
+    3]). A corner is at low + size * corner / STEPS.
     """
     model = arm_model.scene()
     joints = {

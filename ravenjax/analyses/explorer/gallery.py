@@ -10,7 +10,6 @@ from ravenjax.analyses.explorer import page
 from ravenjax.bundled import resources
 from ravenjax.campaign import loading
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.document import html
 from ravenjax.errors import UserError
 from ravenjax.store import files
 
@@ -19,9 +18,7 @@ INDEX = "index.html"
 
 @dataclasses.dataclass(frozen=True)
 class Card:
-    """An entry of the index: the file name of a campaign's page, or the reason why it has
-    no page.
-    """
+    """An entry of the index: the file name of a campaign's page, or the reason why it has none."""
 
     campaign: str
     robot: str
@@ -55,19 +52,8 @@ def build(folder: Path, sources: Sequence[str | Path] = ()) -> list[Card]:
             "not one of these campaigns can become a page: "
             + "; ".join(f"{c.campaign}: {c.reason}" for c in cards)
         )
-    files.write_aside(
-        folder / INDEX, lambda target: target.write_text(render(cards), encoding="utf-8")
-    )
+    files.write_text(folder / INDEX, page.fill("index.html.j2", cards=cards))
     return cards
-
-
-def render(cards: Sequence[Card]) -> str:
-    """Return the index as HTML text."""
-    return (
-        html.environment("ravenjax.analyses.explorer")
-        .get_template("index.html.j2")
-        .render(cards=cards)
-    )
 
 
 def _card(config: CampaignConfig, folder: Path) -> Card:
@@ -83,5 +69,5 @@ def _card(config: CampaignConfig, folder: Path) -> Card:
         text = page.render(config)
     except UserError as error:
         return dataclasses.replace(card, reason=str(error))
-    files.write_aside(path, lambda target: target.write_text(text, encoding="utf-8"))
+    files.write_text(path, text)
     return dataclasses.replace(card, file=path.name)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import functools
 import json
 import re
 from importlib import resources
@@ -11,7 +10,6 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
-import jinja2
 from markupsafe import Markup
 
 from ravenjax import robots
@@ -22,8 +20,7 @@ from ravenjax.document import html
 from ravenjax.store import files, manifest
 
 PREFIX = "page/"
-"""Prefix of a module's name in the import map. An import map can give addresses only to bare names.
-"""
+"""Prefix of names in the import map, which gives addresses to bare names only."""
 _IMPORT = re.compile(
     r'(\bfrom\s+|\bimport\s+|\bimport\(|\bimport\.meta\.resolve\()"\./([\w-]+\.js)"'
 )
@@ -42,61 +39,41 @@ def build(source: str | Path, out: Path | None = None) -> Path:
     folder = Path(source)
     if folder.is_dir():
         record = manifest.read(folder)
-        config, table, place = (
-            validated(record.config),
-            words.list_runs(folder, record),
-            folder / FILE,
-        )
+        config, table = validated(record.config), words.list_runs(folder, record)
+        place = folder / FILE
     else:
         config, table = loading.load(source), None
         place = Path(config.campaign.name + SUFFIX)
     path = out or place
-    files.write_aside(path, lambda target: target.write_bytes(render(config, table).encode()))
+    files.write_text(path, render(config, table))
     return path
 
 
 def render(config: CampaignConfig, table: dict[str, Any] | None = None) -> str:
-    """Return the page as text. `table`: as from `words.list_runs`. Raises UserError for a campaign
-    that a page cannot compute.
-    """
+    """Return the page as text. `table`: as from `words.list_runs`. Raises UserError."""
+    parts = resources.files("ravenjax.analyses.explorer")
     data = {
         "campaign": words.campaign(config),
         "figure": figure.description() if config.robot.name == robots.DEFAULT else None,
         "program": program.description(config),
         "table": table,
     }
-    return (
-        _environment()
-        .get_template("page.html.j2")
-        .render(
-            campaign=data["campaign"],
-            modules=html.data(import_map(resources.files("ravenjax.analyses.explorer") / "static")),
-            data={
-                name: json.dumps(_finite(value), separators=(",", ":"))
-                for name, value in data.items()
-            },
-            prefix=PREFIX,
-            figure_style=Markup(
-                (resources.files("ravenjax.analyses.explorer") / "templates/page.css").read_text(
-                    "utf-8"
-                )
-            ),
-        )
+    return fill(
+        "page.html.j2",
+        campaign=data["campaign"],
+        modules=html.data(import_map(parts / "static")),
+        data={
+            name: json.dumps(files.json_values(value), separators=(",", ":"))
+            for name, value in data.items()
+        },
+        prefix=PREFIX,
+        figure_style=Markup((parts / "templates/page.css").read_text("utf-8")),
     )
 
 
-def _finite(value: Any) -> Any:
-    """Replace NaN and infinity by null, because JSON has no such numbers."""
-    if isinstance(value, dict):
-        return {key: _finite(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(one) for one in value]
-    return None if isinstance(value, float) and not abs(value) < float("inf") else value
-
-
-@functools.cache
-def _environment() -> jinja2.Environment:
-    return html.environment("ravenjax.analyses.explorer")
+def fill(template: str, **values: Any) -> str:
+    """Return a template of this folder with these values."""
+    return html.environment("ravenjax.analyses.explorer").get_template(template).render(values)
 
 
 def import_map(folder: Traversable) -> str:
@@ -106,16 +83,12 @@ def import_map(folder: Traversable) -> str:
     The map names each module's text as a data URL. Imports of `./name.js`, and
     `import.meta.resolve` of it, are replaced by such names.
     """
-    modules = sorted(
-        (file for file in folder.iterdir() if file.name.endswith(".js")), key=lambda file: file.name
-    )
-    return json.dumps(
-        {
-            "imports": {
-                PREFIX + file.name: _url(file.read_text(encoding="utf-8")) for file in modules
-            }
-        }
-    )
+    modules = {
+        PREFIX + file.name: _url(file.read_text(encoding="utf-8"))
+        for file in sorted(folder.iterdir(), key=lambda file: file.name)
+        if file.name.endswith(".js")
+    }
+    return json.dumps({"imports": modules})
 
 
 def _url(source: str) -> str:

@@ -67,7 +67,7 @@ from ravenjax.engines.traced import TracedTick
 from ravenjax.engines.wasm import code
 from ravenjax.errors import UserError
 from ravenjax.faults.fault import FaultSlot
-from ravenjax.ir.time_loop import TimeLoop, split
+from ravenjax.ir.time_loop import TimeLoop, split_lanes
 from ravenjax.numbers import paths, tree
 from ravenjax.outcomes import verdict
 from ravenjax.store import schema
@@ -94,9 +94,7 @@ generated.
 """
 
 MOTION_BYTES = 3_000_000
-"""Largest size of all motions that a page offers. A page of a longer operation has only the
-campaign's own motion.
-"""
+"""Largest size of all motions of a page; a longer operation has only the campaign's own motion."""
 
 SERIES = (
     "runlevel",
@@ -125,13 +123,11 @@ SERIES = (
 
 
 def question_plan(config: CampaignConfig) -> Plan:
-    """Return the campaign's plan with a program that is open to every change that a page offers.
-    Raises UserError for what a page cannot do.
-    """
+    """Return the campaign's plan with a program that is open to all changes. Raises UserError."""
     ready = plan.make_plan(config)
     if ready.keys:
         raise UserError(
-            f"{', '.join(ready.keys)} is drawn anew in each run, which a page does not do: leave"
+            f"{', '.join(ready.keys)} is drawn again in each run, which a page does not do: leave"
             " noise, bursts and drawn packets out of the campaign"
         )
     program = ready.program
@@ -167,9 +163,7 @@ def _asked(path: str) -> bool:
 
 
 def description(config: CampaignConfig) -> dict[str, Any]:
-    """Return the JSON object of a campaign that the module docstring describes. Raises
-    UserError.
-    """
+    """Return the JSON object of a campaign, as the module docstring describes. Raises UserError."""
     ready = question_plan(config)
     program = ready.program
     printable = traced.printable(program)
@@ -192,7 +186,8 @@ def description(config: CampaignConfig) -> dict[str, Any]:
         "forever": table.FOREVER_TICKS,
         **motions(ready),
         "programs": {
-            "outcomes": _outcomes_program(tick, shared),
+            "outcomes": _printed(tick, tick.without_signals(), shared, code.WIDTH)
+            | {"outputs": []},
             "replay": _replay_program(ready, tick, shared),
         },
         "verdict": _verdict(config, tick),
@@ -211,9 +206,7 @@ def _base64(content: bytes) -> str:
 
 
 def motion_name(config: CampaignConfig) -> str | None:
-    """Return the name of the campaign's generated motion, which a page may exchange; None if the
-    motion is recorded or user-defined.
-    """
+    """Return the name of the campaign's generated motion, or None if it is not generated."""
     operator = getattr(config, "operator", None)
     names = config.generated_motions()
     if operator is None or not names or operator.file is not None or operator.hands is not None:
@@ -222,9 +215,7 @@ def motion_name(config: CampaignConfig) -> str | None:
 
 
 def motions(ready: Plan) -> dict[str, Any]:
-    """Return the name of the campaign's motion, and all motions that a page may use instead, if the
-    page stays small.
-    """
+    """Return the campaign's motion, and those that may replace it on a small page."""
     own = motion_name(ready.config)
     columns = {own or "": ready.columns}
     if own is not None:
@@ -242,9 +233,7 @@ def motions(ready: Plan) -> dict[str, Any]:
 
 
 def _motion(ready: Plan, name: str) -> tuple[np.ndarray, ...] | None:
-    """Return columns of another motion; None if it begins at another place, which the compiled
-    program cannot take.
-    """
+    """Return the columns of another motion, or None if it begins at another place."""
     config, own = ready.config, ready.program
     operator = config.operator.model_copy(update={"motion": name})  # pyright: ignore[reportAttributeAccessIssue]
     other = config.model_copy(update={"operator": operator})
@@ -264,18 +253,15 @@ def _motion(ready: Plan, name: str) -> tuple[np.ndarray, ...] | None:
 def _parameter(ready: Plan, path: str) -> dict[str, Any]:
     program, robot = ready.program, ready.config.robot
     own = next(iter(paths.named(program.params, program.setup, path).values()))
-    of_path = bounds.of(robot, path)
-    limits = of_path[0] if of_path else None
+    limits = next(iter(bounds.of(robot, path)), None)
+    unknown = {"unit": "", "low": None, "high": None, "meaning": ""}
     dtype = ready.varied[path].dtype
     return {
         "path": path,
         "value": float(str(np.asarray(own, dtype)[()])) if dtype.kind == "f" else int(own),
         "type": str(dtype),
-        "unit": limits.unit if limits else "",
-        "low": limits.low if limits else None,
-        "high": limits.high if limits else None,
         "whole": dtype.kind != "f",
-        "meaning": limits.meaning if limits else "",
+        **{name: getattr(limits, name, default) for name, default in unknown.items()},
     }
 
 
@@ -347,10 +333,6 @@ def _verdict(config: CampaignConfig, tick: TracedTick) -> dict[str, Any]:
 # --- programs ---
 
 
-def _outcomes_program(tick: TracedTick, shared: int) -> dict[str, Any]:
-    return _printed(tick, tick.without_signals(), shared, code.WIDTH) | {"outputs": []}
-
-
 def _replay_program(ready: Plan, tick: TracedTick, shared: int) -> dict[str, Any]:
     """Return a program for one robot at a time that outputs some time series in each tick."""
     rows = _series(ready, tick)
@@ -406,8 +388,7 @@ def _series(ready: Plan, tick: TracedTick) -> list[dict[str, Any]]:
 
 
 def _printed(tick: TracedTick, loop: TimeLoop, shared: int, width: int) -> dict[str, Any]:
-    entering = range(len(loop.step.inputs) - loop.lane_inputs - loop.states)
-    kernel = print_kernel(split(loop, range(shared), entering), width, code.FEATURES)
+    kernel = print_kernel(split_lanes(loop, shared, grouped=True), width, code.FEATURES)
     return {
         "binary": _base64(code.emit(kernel.text, FUNCTIONS)),
         "width": width,

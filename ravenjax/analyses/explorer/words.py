@@ -1,6 +1,4 @@
-"""Writes the words of a page as JSON: sites, effects and checks, ranges of values, the campaign's
-file, and a result table.
-"""
+"""Writes the words of a page as JSON: sites, effects, checks, ranges, the campaign and the runs."""
 
 from __future__ import annotations
 
@@ -30,9 +28,7 @@ from ravenjax.vocabulary.sites import Channel, Site
 WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
 """Names of sites, effects and units that a reader understands without the manual."""
 UNASKED = ("periodic", "random", "lose")
-"""Effects that a page does not offer: it has no control for a period, and random numbers depend on
-the row.
-"""
+"""Effects without a control on the page. Random numbers depend on the row."""
 WIDER = 5.0
 """Factor by which a value's range on the page exceeds the range of the channel without a fault."""
 
@@ -179,9 +175,9 @@ MEASURES = (
 def list_runs(folder: Path, record: Manifest) -> dict[str, Any]:
     """Return JSON of a result table for a page.
 
-    It has: folder (its name), cue (number of the set of the verdict), runs (of the table), rows
-    (runs in the page, MOST at most), columns: name -> list, and evading: see `_evading`. Runs that
-    a page cannot compute are left out, see `_asked`.
+    Keys: folder (its name), cue (number of the set of the verdict), runs (of the table), rows (runs
+    in the page, at most MOST), columns (name -> list), evading (see `_evading`). Runs that a page
+    cannot compute are left out (see `_asked`).
     """
     cue, names = record.verdict_cue, [column.name for column in schema.columns(record.shape)]
     columns = {
@@ -203,14 +199,17 @@ def list_runs(folder: Path, record: Manifest) -> dict[str, Any]:
         "runs": len(frame),
         "rows": len(first),
         "evading": _evading(folder, record),
-        "columns": {name: _plain_column(first[column]) for name, column in columns.items()},
+        "columns": {
+            name: first[column].tolist()
+            if first[column].dtype.kind in "fiub"
+            else first[column].astype(str).tolist()
+            for name, column in columns.items()
+        },
     }
 
 
 def _evading(folder: Path, record: Manifest) -> dict[str, float]:
-    """Return that k of n distinct faults evade, as the report counts them. Low and high are NaN if
-    faults were enumerated.
-    """
+    """Return that k of n distinct faults evade. Low and high are NaN if faults were enumerated."""
     runs = Runs.open(folder, record)
     try:
         return tables.headline(runs, record)["evaded"]._asdict()
@@ -219,9 +218,7 @@ def _evading(folder: Path, record: Manifest) -> dict[str, float]:
 
 
 def _asked(frame: pd.DataFrame) -> pd.Series:
-    """Return which runs a page can compute: those with at most one fault, of an effect that it
-    offers, in one time window.
-    """
+    """Return which runs have at most one fault, of an offered effect and in one time window."""
     sites = frame.filter(regex=r"^fault\d+_site$").astype(str)
     if sites.empty:
         return pd.Series(True, index=frame.index)
@@ -230,9 +227,3 @@ def _asked(frame: pd.DataFrame) -> pd.Series:
     return sites.drop(columns="fault0_site").eq("").all(axis=1) & (
         sites["fault0_site"].eq("") | plain & offered
     )
-
-
-def _plain_column(column: pd.Series) -> list[Any]:
-    if column.dtype.kind in "fiub":
-        return [None if value != value else value for value in column.tolist()]
-    return column.astype(str).tolist()

@@ -1,3 +1,1 @@
-"""Defines monitors: candidate checks as data, their calibration, and a search for checks that would
-have detected faults.
-"""
+"""Defines monitors: checks as data, their calibration, and a search for missing checks."""

@@ -1,6 +1,4 @@
-"""Implements `ravenjax monitor calibrate`: computes fault-free operations and writes the folder of
-a monitor.
-"""
+"""Computes fault-free operations and writes the folder of a monitor."""
 
 from __future__ import annotations
 
@@ -106,9 +104,7 @@ def operate(
     engine: str,
     on_operator: OnOperator,
 ) -> Peaks:
-    """Return the operations of `units` operators. Those that are missing in `out` are computed
-    first.
-    """
+    """Return the operations of `units` operators. Computes those that are missing in `out`."""
     folder = out / FOLDER
     score_folder.open_folder(folder, described(config, design, wanted, segments))
     measured = measuring(config, wanted, segments, folder / "detectors")
@@ -121,9 +117,7 @@ def operate(
 
 
 def chosen(robot: Robot, patterns: Sequence[str]) -> list[Score]:
-    """Return the candidates of a robot that the patterns match, in the robot's order. Raises
-    UserError for a pattern without a match.
-    """
+    """Return the candidates that match the patterns, in order. Raises UserError for no match."""
     candidates = catalogue(robot)
     names = [score.name for score in candidates]
     for pattern in patterns:
@@ -149,9 +143,7 @@ def motions(config: CampaignConfig) -> tuple[str, ...]:
 def measuring(
     config: CampaignConfig, wanted: tuple[Score, ...], segments: Segments, place: Path
 ) -> CampaignConfig:
-    """Return `config` with a detector for each term and segment in place of its own detectors.
-    Their files are written to `place`.
-    """
+    """Return `config` with one detector per term and segment, and write their files to `place`."""
     place.mkdir(parents=True, exist_ok=True)
     raw = []
     for t, term in enumerate(wanted):

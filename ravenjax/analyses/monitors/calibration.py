@@ -26,14 +26,10 @@ from ravenjax.stats.conformal.threshold import (
 )
 
 ROUND = 8
-"""Operators of a round: the first provides scales, CALIBRATES of them set the threshold, and the
-others test the monitor.
-"""
+"""Operators of a round: one gives scales, CALIBRATES set the threshold, the others test."""
 CALIBRATES = 4
 ROOM = 1.5
-"""Factor on the fewest units if no hours are given. It leaves room for pedal-up time and for an
-alarm or two.
-"""
+"""Factor on the fewest units: room for pedal-up time and an alarm or two."""
 
 
 class Uses(NamedTuple):
@@ -55,9 +51,7 @@ class Test(NamedTuple):
 
     @property
     def per_hour(self) -> float:
-        """Return operations with an alarm per hour without one, over all operations: the promised
-        rate.
-        """
+        """Return operations with an alarm per hour without one, over all operations."""
         if not self.hours:
             return float("inf" if self.alarms else "nan")
         return self.alarms / self.hours
@@ -80,9 +74,7 @@ def uses(unit: np.ndarray) -> Uses:
 
 
 def units_for(calibrating: int) -> int:
-    """Return the least number of operators of which `calibrating` set the threshold, and at least
-    one tests the monitor.
-    """
+    """Return the least number of operators with `calibrating` for the threshold and one test."""
     rounds, rest = divmod(calibrating, CALIBRATES)
     return max(rounds * ROUND + (rest + 1 if rest else 0), CALIBRATES + 2)
 
@@ -123,9 +115,7 @@ def calibrate(
     target: FalseAlarmTarget,
     robots: int,
 ) -> Calibrated:
-    """Return the monitor of `terms`. Raises UserError if the operations cannot support the
-    promise.
-    """
+    """Return the monitor of `terms`. Raises UserError if operations do not support the promise."""
     by = uses(peaks.unit)
     valid = by.scale & np.isfinite(peaks.peak).all(axis=1)
     if not valid.any():
@@ -134,7 +124,7 @@ def calibrate(
         )
     shape = (-1, len(terms), segments.count)
     scale = threshold.scales(peaks.peak[valid].reshape(shape))
-    score = joint(peaks, scale)
+    score = joint(peaks.peak, scale)
     whole = OperationScores(peaks.unit, score, peaks.hours)
     calibrating = OperationScores(*(values[by.threshold] for values in whole))
     try:
@@ -157,9 +147,7 @@ def calibrate(
 def _reason(
     calibrating: OperationScores, operations: int, target: FalseAlarmTarget, robots: int
 ) -> str:
-    """Return why no threshold keeps the target, and what to do. `operations`: their total
-    number.
-    """
+    """Return why no threshold keeps the target. `operations`: their total number."""
     failed = float((~np.isfinite(calibrating.score)).mean())
     if failed:
         return (
@@ -178,12 +166,14 @@ def _reason(
     )
 
 
-def joint(peaks: Peaks, scale: np.ndarray) -> np.ndarray:
-    """Return the score of each operation, infinite if a number was not finite. `scale`: float32
-    [terms, segments].
-    """
-    score = threshold.joint(peaks.peak.reshape(len(peaks.peak), *scale.shape), scale)
-    return np.where(np.isnan(score), np.float32(np.inf), score)
+def joint(peak: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Return the score of each operation. `peak`: of `Peaks`; `scale`: [terms, segments]."""
+    return infinite_if_none(threshold.joint(peak.reshape(len(peak), *scale.shape), scale))
+
+
+def infinite_if_none(scores: np.ndarray) -> np.ndarray:
+    """Return infinity for NaN: an operation that failed ranks above all others."""
+    return np.where(np.isnan(scores), np.float32(np.inf), scores)
 
 
 def test(operations: OperationScores, limit: float) -> Test:

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ravenjax.analyses.monitors import code, score_folder, writing
+from ravenjax.analyses.monitors import calibration, code, score_folder, writing
 from ravenjax.analyses.monitors.monitor import Monitor, list_reads, name_read
 from ravenjax.errors import StoreError, UserError
-from ravenjax.stats.conformal import shift, threshold
+from ravenjax.stats.conformal import shift
 from ravenjax.stats.multiplicity import holm
 from ravenjax.store import files, manifest
 from ravenjax.store.access import query
@@ -54,25 +54,19 @@ def check(
     first = fresh.groupby(["source", "unit"]).head(1)
     results = {}
     for name in fresh.columns.drop(["unit", "hours"]):
-        before, after = (_largest_if_none(one[name].to_numpy()) for one in (reference, first))
+        before, after = (
+            calibration.infinite_if_none(one[name].to_numpy()) for one in (reference, first)
+        )
         both = np.concatenate([before, after])
         if (both != both[0]).any():  # a constant score has nothing to compare
             results[name] = shift.shift(before, after, seed)
     findings = holm({name: one.p for name, one in results.items()}, 1.0 - level)
-    table = pd.DataFrame(
-        [
-            (
-                name,
-                one.place,
-                one.p,
-                findings[name].adjusted,
-                one.martingale,
-                findings[name].rejected,
-            )
-            for name, one in results.items()
-        ],
-        columns=["score", "place", "p", "adjusted", "martingale", "shifted"],
-    )
+    rows = [
+        (name, one.place, one.p, findings[name].adjusted, one.martingale, findings[name].rejected)
+        for name, one in results.items()
+    ]
+    columns = ["score", "place", "p", "adjusted", "martingale", "shifted"]
+    table = pd.DataFrame(rows, columns=columns)
     table.attrs |= {
         "level": level,
         "units": len(first),
@@ -101,15 +95,13 @@ def series_scores(monitor: Monitor, live: np.ndarray, inputs: dict[str, np.ndarr
     out = np.zeros((len(monitor.terms), monitor.segments.count), np.float32)
     for k, term in enumerate(monitor.terms):
         own = numbers[name_read(term, term.signal)]
-        if term.kind == "residual":
-            with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore"):  # infinity - infinity
+            if term.kind == "residual":
                 own = own - numbers[name_read(term, term.against)]
-        elif term.kind == "rate":
-            with np.errstate(invalid="ignore"):
+            elif term.kind == "rate":
                 own = np.diff(own, prepend=own[:1])
-        size = np.nan_to_num(
-            np.abs(own), nan=0.0, posinf=np.inf
-        )  # NaN exceeds no threshold, as in the generated part
+        # NaN exceeds no threshold, as in the generated part.
+        size = np.nan_to_num(np.abs(own), nan=0.0, posinf=np.inf)
         for segment in range(monitor.segments.count):
             out[k, segment] = size[live & (place == segment)].max(initial=0.0)
     return out.ravel()
@@ -156,37 +148,31 @@ def _of_operations(
 
 
 def _of_result(source: Path, monitor: Monitor, record: dict[str, Any]) -> pd.DataFrame:
-    """Read a campaign's fault-free runs that had the monitor as a detector. They are one operator,
-    so one unit.
-    """
+    """Read a campaign's fault-free runs with the monitor as a detector. They are one unit."""
     own = manifest.read(source)
     digest = record["sha256"][code.PART]
-    texts = (
-        ", ".join(str(one["file"]) for one in own.config.get("detector", ()) if one.get("file"))
-        or "none"
-    )
+    detectors = {one["name"]: Path(one.get("file") or "") for one in own.config.get("detector", ())}
     names = [
-        one["name"]
-        for one in own.config.get("detector", ())
-        if _is_part(Path(one.get("file") or ""), digest)
+        name for name, file in detectors.items() if file.is_file() and files.sha256(file) == digest
     ]
     if not names:
+        got = ", ".join(str(file) for file in detectors.values() if file.name) or "none"
         raise UserError(
-            f"{source}: none of its detectors is the monitor's {code.PART} (got {texts}); "
+            f"{source}: none of its detectors is the monitor's {code.PART} (got {got}); "
             "name it in the campaign: [[detector]] file"
         )
     _require_length(source, own.duration_ms / 1e3, record)
-    usual = [
+    places = (
         d
         for d, one in enumerate(own.detectors)
         if one.name.split("/")[0] == names[0] and one.consecutive == 1
-    ]
-    if not usual:
+    )
+    number = next(places, None)
+    if number is None:
         raise UserError(
             f"{source}: detector {names[0]!r} alarms after several milliseconds in a row alone,"
             " which is another score than the calibration's: run with consecutive = 1"
         )
-    number = usual[0]
     slots = " AND ".join(
         ["failed = ''", *(f"fault{slot}_site = ''" for slot in range(own.shape.slots))]
     )
@@ -245,26 +231,16 @@ def _of_log(source: Path, monitor: Monitor, record: dict[str, Any]) -> pd.DataFr
 def _table(
     monitor: Monitor, unit: np.ndarray, hours: np.ndarray, peak: np.ndarray, origin: str
 ) -> pd.DataFrame:
-    """Return the table that `_fresh` describes. `peak`: largest value of each term in each
-    segment.
-    """
-    scale = np.array(monitor.scales, np.float32)
-    score = _largest_if_none(threshold.joint(peak.reshape(len(peak), *scale.shape), scale))
+    """Return the table of `_fresh`. `peak`: largest value of each term in each segment."""
+    score = calibration.joint(peak, np.array(monitor.scales, np.float32))
     columns = dict(zip(writing.measured_names(monitor), peak.T, strict=True))
     table = pd.DataFrame({"unit": unit, "hours": hours, SCORE: score, **columns})
     table.attrs["origin"] = origin
     return table
 
 
-def _largest_if_none(scores: np.ndarray) -> np.ndarray:
-    """Return the scores with infinity for NaN: an operation that failed ranks above all others."""
-    return np.where(np.isnan(scores), np.float32(np.inf), scores)
-
-
 def _require_different(sources: Sequence[Path], some: Sequence[pd.DataFrame]) -> None:
-    """Raise UserError if two sources have the same operators, because their units would count
-    twice.
-    """
+    """Raise UserError if two sources have the same operators, whose units would count twice."""
     first: dict[str, Path] = {}
     for source, one in zip(sources, some, strict=True):
         origin = one.attrs["origin"]
@@ -285,7 +261,3 @@ def _require_length(source: Path, seconds: float, record: dict[str, Any]) -> Non
             " maximum over another time cannot be compared: run with campaign.duration_s ="
             f" {wanted:g}"
         )
-
-
-def _is_part(path: Path, digest: str) -> bool:
-    return path.is_file() and files.sha256(path) == digest

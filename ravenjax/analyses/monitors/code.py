@@ -2,18 +2,15 @@
 
 Both are generated from the same terms. Every number is read as a float, and NaN is read as 0. This
 also keeps an engine from fusing the read with the subtraction that follows. The C code does the
-operations of the Python file in the same order, each rounded to float separately (subtract, divide,
-compare: there is no sum of products that a compiler could fuse). So any compiler that keeps IEEE
-arithmetic gives the same bits; -ffast-math does not keep it.
+operations of the Python file in the same order, and rounds each to float separately. They are
+subtractions, divisions and comparisons: there is no sum of products that a compiler could fuse. So
+any compiler that keeps IEEE arithmetic gives the same bits; -ffast-math does not keep it.
 """
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from typing import Any
-
-import jinja2
 
 from ravenjax.analyses.monitors.monitor import WHOLE, Monitor, Segments, list_reads, name_read
 from ravenjax.analyses.monitors.scores import Score
@@ -66,9 +63,7 @@ def write_c(monitor: Monitor, notes: Sequence[str]) -> dict[str, str]:
 def _values(
     terms: Sequence[Score], segments: Segments, scales: Sequence[Sequence[float]]
 ) -> dict[str, Any]:
-    """Return the variables of the templates. `state` maps each remembered field to its value after
-    a step.
-    """
+    """Return the variables of the templates. `state`: remembered field -> its next value."""
     rates = [name_read(term, term.signal) for term in terms if term.kind == "rate"]
     return {
         "terms": [
@@ -88,14 +83,9 @@ def _values(
 
 
 def _fill(name: str, **values: object) -> str:
-    return _environment().get_template(f"{name}.j2").render(values)
-
-
-@functools.cache
-def _environment() -> jinja2.Environment:
     templates = wording.text_templates("ravenjax.analyses.monitors")
     templates.filters["c"] = _write_float
-    return templates
+    return templates.get_template(f"{name}.j2").render(values)
 
 
 def _write_float(value: float) -> str:

@@ -70,9 +70,7 @@ WHOLE = Segments()
 
 @dataclasses.dataclass(frozen=True)
 class Monitor:
-    """A monitor. It alarms if the largest of its terms, each divided by its scale, exceeds the
-    threshold while the robot is live.
-    """
+    """A monitor: it alarms where a scaled term exceeds the threshold in a live robot."""
 
     terms: tuple[Score, ...]  # each with one channel
     segments: Segments
@@ -87,16 +85,12 @@ class Monitor:
                 "a monitor needs a term or more of different names, got"
                 f" {', '.join(names) or 'none'}"
             )
-        if {len(scales) for scales in self.scales} != {self.segments.count} or len(
-            self.scales
-        ) != len(self.terms):
+        if np.shape(self.scales) != (len(self.terms), self.segments.count):
             raise ValueError("a monitor has a scale for each term and segment")
 
     @property
     def limits(self) -> np.ndarray:
-        """Return the value at which each term alarms in each segment, in its unit; [terms,
-        segments].
-        """
+        """Return the value at which each term alarms, in its unit; [terms, segments]."""
         return np.array(self.scales) * self.threshold
 
 
@@ -107,9 +101,7 @@ def split_scores(scores: Sequence[Score]) -> tuple[Score, ...]:
 
 
 def list_reads(terms: Sequence[Score], segments: Segments) -> dict[str, str]:
-    """Return the monitor's inputs in each millisecond: name of the number -> its place in the
-    robot's view, in order.
-    """
+    """Return the monitor's inputs in order: name of the number -> its place in the robot's view."""
     reads = {}
     for term in terms:
         for field in filter(None, (term.signal, term.against)):

@@ -47,9 +47,7 @@ class OperationDesign:
     stream: int = CALIBRATION
 
     def operator(self, number: int) -> tuple[str, int]:
-        """Return motion and seed of an operator. They depend only on its number, the seed and the
-        stream.
-        """
+        """Return motion and seed of an operator, which depend only on number, seed and stream."""
         rng = np.random.default_rng([self.seed, self.stream, number])
         return self.motions[int(rng.integers(len(self.motions)))], int(rng.integers(2**31))
 
@@ -67,9 +65,7 @@ class OperatorScores:
 
 
 def campaign(config: CampaignConfig, design: OperationDesign) -> CampaignConfig:
-    """Return the fault-free campaign of an operator: robot, distributions and detectors of
-    `config`, without its groups.
-    """
+    """Return the fault-free campaign of an operator: `config` without its groups."""
     own = config.model_dump(mode="json")
     group: dict[str, Any] = {"name": _GROUP}
     if design.robots > 1 or any(
@@ -90,9 +86,7 @@ def campaign(config: CampaignConfig, design: OperationDesign) -> CampaignConfig:
 
 
 def of_operator(campaign: CampaignConfig, design: OperationDesign, number: int) -> CampaignConfig:
-    """Return the campaign with the motion of one operator, and with robots that no other operator
-    has.
-    """
+    """Return the campaign with the motion of one operator, and with robots of its own."""
     motion, seed = design.operator(number)
     own: Any = campaign
     settings = own.campaign.model_copy(update={"seed": seed})
@@ -115,7 +109,7 @@ def require(config: CampaignConfig, design: OperationDesign) -> None:
     names = config.generated_motions() or design.motions
     if unknown := [motion for motion in design.motions if motion not in names]:
         expected = f"{', '.join(names)}{suggestion(unknown[0], names)}"
-        raise UserError(f"motion {unknown[0]!r} is none: expected one of {expected}")
+        raise UserError(f"motion {unknown[0]!r} is unknown: expected one of {expected}")
     if still := [motion for motion in design.motions if motion in fault_free.UNVARIED]:
         raise UserError(
             f"motion {still[0]!r} is the same for every seed: operators would be copies of one"
@@ -128,9 +122,9 @@ def require(config: CampaignConfig, design: OperationDesign) -> None:
         )
     if design.robots > 1 and not varies(config):
         raise UserError(
-            f"{design.robots} robots an operator, but nothing of the robot is drawn, so they would"
-            " be copies of one: draw parameters ([parameters] path = {uniform = [low, high]}),"
-            " noise or packets, or take --robots 1"
+            f"{design.robots} robots an operator would be copies of one, because nothing of the"
+            " robot is drawn. Draw parameters ([parameters] path = {uniform = [low, high]}), noise"
+            " or packets, or take --robots 1"
         )
 
 
@@ -162,9 +156,7 @@ class OperationRunner:
         self._own, self._lock = threading.local(), threading.Lock()
 
     def compute(self, numbers: Sequence[int]) -> Iterator[OperatorScores]:
-        """Yield the scores of these operators in order, computed a few at a time. Closing the
-        iterator cancels them.
-        """
+        """Yield the scores of these operators in order. Closing the iterator cancels the rest."""
         threads = self._side_by_side() + 1  # one thread more plans while the others run
         with ThreadPoolExecutor(threads) as pool:
             coming: deque[Future[OperatorScores]] = deque()
@@ -181,9 +173,7 @@ class OperationRunner:
                 raise
 
     def _side_by_side(self) -> int:
-        """Return how many operators are computed at a time: as many as the engine takes, or more if
-        they do not fill it.
-        """
+        """Return how many operators run at a time: as the engine takes, or more to fill it."""
         lanes = self._kernel(self._first).branches
         return max(self._engine.threads, min(MOST_AT_A_TIME, -(-lanes // self.design.robots)))
 
@@ -203,7 +193,6 @@ class OperationRunner:
     def _block(
         self, ready: Plan, kernel: Kernel, rows: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return scores and hours of these rows."""
         program, lanes = ready.program, kernel.size(len(rows))
         block = Block(*ready.lanes(rows, lanes, harmless=True), NO_REFERENCE)
         own = kernel.run(block, ready.columns).outcomes

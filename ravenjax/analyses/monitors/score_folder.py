@@ -34,14 +34,12 @@ class Peaks(NamedTuple):
 
 
 def open_folder(folder: Path, design: dict[str, Any]) -> None:
-    """Create or continue a folder of operations. Raises UserError if it holds operations of another
-    design (as JSON values).
-    """
+    """Create or continue a folder of operations. Raises UserError if its design is another."""
     (folder / PARTS).mkdir(parents=True, exist_ok=True)
     files.require_writable(folder)
     path, text = folder / DESIGN, json.dumps(design, indent=1) + "\n"
     if not path.exists():
-        files.write_aside(path, lambda aside: aside.write_text(text, encoding="utf-8"))
+        files.write_text(path, text)
     before, after = read_design(folder), json.loads(text)
     if other := sorted(key for key in {*before, *after} if before.get(key) != after.get(key)):
         raise UserError(
@@ -69,9 +67,7 @@ def add(folder: Path, operator: OperatorScores) -> None:
 
 
 def read(folder: Path, units: int | None = None) -> Peaks:
-    """Return the operations in a folder, of operators below `units` if given. Raises StoreError if
-    a file is unreadable.
-    """
+    """Return the operations in a folder, of operators below `units`. Raises StoreError."""
     paths = _list_files(folder)
     if not paths:
         raise StoreError(f"{folder}: holds no operations yet")

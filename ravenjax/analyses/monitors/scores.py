@@ -32,9 +32,7 @@ _WORDS = {
 
 @dataclasses.dataclass(frozen=True)
 class Score:
-    """One candidate check: a number per millisecond and arm. It is plain data, from which code of
-    any language can be generated.
-    """
+    """One candidate check as data: a number per millisecond and arm."""
 
     name: str  # valid as the name of a detector in a campaign
     kind: Kind
@@ -49,18 +47,7 @@ class Score:
     against: str = ""  # other field of a residual, with the same channels
 
     def __post_init__(self) -> None:
-        several = len(self.channels) or 1
-        if {len(self.labels), len(self.units), len(self.scales)} != {several}:
-            raise ValueError(
-                f"score {self.name}: labels, units and scales must be {several} each, one a channel"
-            )
-        if not all(0 < scale < float("inf") for scale in self.scales):
-            raise ValueError(f"score {self.name}: scales {self.scales} must be above 0 and finite")
-        if (self.kind == "residual") != bool(self.against):
-            raise ValueError(
-                f"score {self.name}: a residual, and nothing else, has a field that it is taken"
-                " against"
-            )
+        # A robot of another package chooses the names of its signals.
         if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", self.name):
             raise ValueError(
                 f"score {self.name!r}: its name must be letters, digits and _, a letter first"
@@ -93,9 +80,7 @@ class Score:
         )
 
     def scaled(self, scales: Sequence[float]) -> Score:
-        """Return the score with other scales. Raises ValueError unless there is one above 0 for
-        each channel.
-        """
+        """Return the score with other scales, one above 0 for each channel."""
         return dataclasses.replace(self, scales=tuple(float(scale) for scale in scales))
 
 
@@ -138,9 +123,7 @@ def _of(signal: Signal) -> Iterator[Score]:
 
 
 def _channels(signal: Signal) -> Iterator[tuple[str, tuple[int, ...]]]:
-    """Return (name, indices) of channels that are observed together: those that share a name, and
-    the others.
-    """
+    """Return (name, indices) of channels that are observed together; the unnamed come first."""
     if not signal.channels:
         yield "", ()
         return

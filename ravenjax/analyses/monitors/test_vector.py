@@ -1,6 +1,4 @@
-"""Records a monitor's inputs and scores millisecond by millisecond, as a test vector for its C
-code.
-"""
+"""Records a monitor's inputs and scores in each millisecond, to test its C code."""
 
 from __future__ import annotations
 
@@ -28,9 +26,7 @@ FAULT = {
     "start_ms": 1500,
     "duration_ms": 100,
 }
-"""Fault that makes the vector contain an alarm, if a robot has this site. It acts after every check
-of its software.
-"""
+"""Fault that causes an alarm if a robot has this site, which is after every software check."""
 _NAME, _SAME_LANES = "monitor", 2
 
 
@@ -60,13 +56,10 @@ def compute(
         tracer = selection.select(engine, program.setup.precision, compile_cache.objects()).tracer(
             program, LANES
         )
-        (varied, faults), (_, harmless) = (
-            ready.lanes([0], LANES),
-            ready.lanes([0], LANES, harmless=True),
+        golden, block = (
+            Block(*ready.lanes([0], LANES, harmless=harmless), None) for harmless in (True, False)
         )
-        *_, signals = tracer.run(
-            Block(varied, harmless, None), Block(varied, faults, None), ready.columns
-        )
+        *_, signals = tracer.run(golden, block, ready.columns)
     own, before = signals.detectors.own[0][0], signals.detectors.detectors[0].recent[0]
     armed_after = ready.program.params.detectors.armed_after
     live = np.asarray(signals.live).astype(bool) & (np.arange(len(before)) >= armed_after)
@@ -81,9 +74,7 @@ def compute(
 
 
 def _campaign(config: CampaignConfig, monitor: Monitor, seed: int, file: Path) -> CampaignConfig:
-    """Return a short campaign of one arm, with the monitor as its only detector. Its `consecutive`
-    shows the score of each tick.
-    """
+    """Return a short campaign of one arm, whose only detector shows the score of each tick."""
     own, robot = config.model_dump(mode="json"), config.robot
     group: dict[str, Any] = {"name": "vector"}
     if FAULT["site"] in robot.sites:

@@ -22,8 +22,7 @@ from ravenjax.store import files, manifest
 
 RECORD, VECTOR, REFERENCE = "monitor.toml", "test_vector.csv", "reference.csv"
 DETECTOR = "detector.toml"
-"""File of the part as a campaign names it. The detector alarms above 1 unless a threshold is given.
-"""
+"""File of the part as a campaign names it, with its threshold."""
 ENGINE = "simd"
 """Engine of the test vector. It is a CPU engine, because its arithmetic equals that of C."""
 
@@ -43,12 +42,12 @@ def write(out: Path, config: CampaignConfig, design: OperationDesign, result: Ca
         REFERENCE: _csv(_reference(score_folder.read(operations), monitor, result)),
     }
     for name, text in texts.items():
-        _put(out / name, text)
+        files.write_text(out / name, text)
     record = _record(config, design, result)
     record["design"]["operations_sha256"] = score_folder.digest(operations)
     record["sha256"] = {name: files.sha256(out / name) for name in texts}
     head = "# Written by `ravenjax monitor calibrate`.\n\n"
-    _put(out / RECORD, head + tomlkit.dumps(record))
+    files.write_text(out / RECORD, head + tomlkit.dumps(record))
 
 
 def promise(result: Calibrated, design: OperationDesign) -> list[str]:
@@ -130,9 +129,7 @@ def _record(config: CampaignConfig, design: OperationDesign, result: Calibrated)
 
 
 def read(folder: Path) -> tuple[Monitor, dict[str, Any]]:
-    """Read the monitor of a folder and its record. Raises StoreError if the folder holds no monitor
-    or was changed.
-    """
+    """Read the monitor of a folder and its record. Raises StoreError."""
     path = folder / RECORD
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -174,7 +171,7 @@ def _reference(peaks: score_folder.Peaks, monitor: Monitor, result: Calibrated) 
     _, first = np.unique(peaks.unit, return_index=True)
     some = peaks.taken_from(first)
     some = some.taken_from(~calibration.uses(some.unit).scale)
-    score = calibration.joint(some, np.array(monitor.scales, np.float32))
+    score = calibration.joint(some.peak, np.array(monitor.scales, np.float32))
     columns = dict(zip(measured_names(monitor), some.peak.T, strict=True))
     return pd.DataFrame({"operator": some.unit, "score": score, **columns})
 
@@ -190,10 +187,6 @@ def measured_names(monitor: Monitor) -> list[str]:
     ]
 
 
-def _put(path: Path, text: str) -> None:
-    files.write_aside(path, lambda aside: aside.write_text(text, encoding="utf-8"))
-
-
 def _csv(table: pd.DataFrame) -> str:
     """Return CSV with nine digits per number, from which the bits of a float32 can be restored."""
     return table.to_csv(index=False, float_format="%.9g", lineterminator="\n")
@@ -205,5 +198,4 @@ def _short(value: float) -> float:
 
 
 def _float32(value: Any) -> float:
-    """Restore a float32 from nine digits."""
     return float(np.float32(value))

@@ -1,3 +1,1 @@
-"""Implements searches: for the smallest harmful fault, the inputs that decide an outcome, and the
-probability of a rare event.
-"""
+"""Searches for the smallest harmful fault, decisive inputs, and the probability of rare events."""

@@ -8,10 +8,10 @@ that comes again, or that an earlier start of the same search has run (`journal`
 from __future__ import annotations
 
 import contextlib
+import copy
 import dataclasses
 import time
 from collections.abc import Sequence
-from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -28,16 +28,13 @@ from ravenjax.campaign.faults import design, run_id, table
 from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress import OnProgress, Progress
 from ravenjax.engines import selection
-from ravenjax.engines.interface import Block, BlockResult, BranchingKernel, Kernel
-from ravenjax.engines.interface import Progress as OnTicks
+from ravenjax.engines.interface import Kernel
 from ravenjax.errors import UserError
 from ravenjax.store import parts, schema
 
 
 class Evaluator:
-    """Computes outcomes of points: `evaluator(case [n], values [n, inputs]) -> [n, outcomes]`, NaN
-    for runs that failed.
-    """
+    """Computes outcomes: `evaluator(case [n], values [n, inputs])`, [n, outcomes]; NaN: failed."""
 
     def __init__(
         self,
@@ -46,10 +43,7 @@ class Evaluator:
         engine: str = "auto",
         margins: bool = False,
     ) -> None:
-        """Plan the runs. `margins`: return margins of `wanted` rather than 0 and 1.
-
-        Raises UserError for templates that cannot be run and for unknown outcomes.
-        """
+        """Plan the runs. `margins`: return margins of `wanted`, not 0 and 1. Raises UserError."""
         compile_cache.enable()
         self.template, self.wanted = template, tuple(wanted)
         self._margins = margins
@@ -75,9 +69,7 @@ class Evaluator:
         self._asked = pd.Index(np.zeros(0, np.uint64))
 
     def keep_in(self, journal: Journal, due: int, on_progress: OnProgress | None) -> None:
-        """Keep every run in `journal` from now on, and take over the runs that it holds. `due`:
-        approximate number of runs.
-        """
+        """Keep runs in `journal`, and take over those that it holds. `due`: about how many."""
         self._journal = journal
         for rows in journal.tables:
             ids = run_id.numbers(rows.column("run_id").to_pylist())
@@ -127,10 +119,7 @@ class Evaluator:
         return run_id.text(rows["run_id"].to_numpy()).to_pylist()
 
     def rows(self) -> pa.Table:
-        """Return every requested run as rows of the result table, in the order of first requests.
-
-        The table is the same wherever earlier starts ended.
-        """
+        """Return every requested run in the order of requests, wherever earlier starts ended."""
         place, numbers = self._known.get_indexer(self._asked), np.arange(self.runs, dtype=np.int32)
         return schema.conform(
             parts.concatenate(self._tables).iloc[place].assign(index=numbers, pair=numbers),
@@ -174,9 +163,7 @@ class Evaluator:
         return np.stack(values, axis=1)
 
     def _planned(self, rows: pd.DataFrame) -> Plan:
-        """Return the template's plan with other rows. Rows of one golden run are adjacent, so that
-        it is computed once.
-        """
+        """Return the template's plan with other rows, those of one golden run side by side."""
         base, columns = self._plan, table.parameters(rows)
         for path, purpose in base.keys.items():
             columns[path] = run_id.stream(rows["run_id"].to_numpy(), purpose)
@@ -205,29 +192,8 @@ class Evaluator:
             self._kernel = self._computation.kernel
             self._computation.compile()
         share = -(-ready.runs // self._computation.threads)
-        lanes = min(self._kernel.lanes, self._kernel.size(min(share, self._kernel.lanes)))
-        self._computation.plan, self._computation.kernel = ready, _Narrow(self._kernel, lanes)
+        # Blocks with fewer lanes spread a small batch over all threads.
+        kernel = copy.copy(self._kernel)
+        kernel.lanes = min(kernel.lanes, kernel.size(min(share, kernel.lanes)))
+        self._computation.plan, self._computation.kernel = ready, kernel
         return self._computation
-
-
-class _Narrow:
-    """A kernel whose blocks have fewer lanes, so that a small batch is spread over all threads."""
-
-    def __init__(self, kernel: Kernel, lanes: int) -> None:
-        self.kernel, self.lanes, self.branches = kernel, lanes, kernel.branches
-
-    def size(self, rows: int) -> int:
-        return self.kernel.size(rows)
-
-    def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
-        self.kernel.prepare(block, motion)
-
-    def run(
-        self, block: Block, motion: tuple[np.ndarray, ...], progress: OnTicks | None = None
-    ) -> BlockResult:
-        return self.kernel.run(block, motion, progress)
-
-    def trunk(
-        self, block: Block, motion: tuple[np.ndarray, ...], last: int, ends: np.ndarray
-    ) -> tuple[Any, dict[str, np.ndarray]]:
-        return cast(BranchingKernel, self.kernel).trunk(block, motion, last, ends)

@@ -23,9 +23,7 @@ from ravenjax.store import files, folder, manifest, parts
 
 ROWS = "rows.parquet"
 EVERY_S = 1.0
-"""Longest time in seconds that runs of small batches wait for more, so that a file is worth
-writing.
-"""
+"""Longest time in s that runs of small batches wait for others, to share a file."""
 WRITERS = 2
 """Largest number of parts that are written side by side."""
 
@@ -118,9 +116,7 @@ class Journal:
         return files.sha256(self.out / ROWS)
 
     def forget(self) -> None:
-        """Remove the parts, because `rows.parquet` holds their rows. Parts that cannot be removed
-        do no harm.
-        """
+        """Remove the parts, whose rows are in `rows.parquet` too, as far as possible."""
         with contextlib.suppress(OSError):
             for path in self._parts.iterdir():
                 path.unlink()

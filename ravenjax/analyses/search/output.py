@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
-import functools
 import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
 
 from ravenjax.analyses.search import style
-from ravenjax.analyses.search.wording import (
-    laws,
-    number,
-    plain,
-    series,
-    short,
-    words,
-)
+from ravenjax.analyses.search.wording import laws, number, series, short, words
 from ravenjax.document import html
 from ravenjax.errors import UserError, listed
 from ravenjax.report import wording
@@ -65,29 +56,20 @@ def write(
     `draw`: makes the figure of the result.
     """
     figure = f"{record['kind']}.svg"
-    style.save(draw(record["result"]), out / figure)
-    text = (
-        _environment()
-        .get_template(template)
-        .render(record=record, numbers=record["result"], figure=figure)
-    )
-    _text(out / TEXT, text)
+    style.save(draw, record["result"], out / figure)
+    text = _render(template, record=record, numbers=record["result"], figure=figure)
+    files.write_text(out / TEXT, text)
     drawing = (out / figure).read_text(encoding="utf-8")
-    _text(out / PAGE, html.from_markdown(text, {figure: drawing}))
+    files.write_text(out / PAGE, html.from_markdown(text, {figure: drawing}))
     _json(out / NUMBERS, record)
     return [line[2:] for line in text.splitlines() if line.startswith("- ")]
 
 
 def _json(path: Path, record: dict[str, Any]) -> None:
-    _text(path, json.dumps(plain(record), indent=1, allow_nan=False) + "\n")
+    files.write_text(path, json.dumps(files.json_values(record), indent=1) + "\n")
 
 
-def _text(path: Path, text: str) -> None:
-    files.write_aside(path, lambda aside: aside.write_text(text, encoding="utf-8"))
-
-
-@functools.cache
-def _environment() -> jinja2.Environment:
+def _render(template: str, **values: Any) -> str:
     templates = wording.text_templates("ravenjax.analyses.search")
     templates.filters |= {
         "cell": lambda value: str(value).replace("|", r"\|"),
@@ -106,10 +88,9 @@ def _environment() -> jinja2.Environment:
         "series": series,
         "smallest": lambda cells: min(cells, key=lambda record: abs(record["harmful"])),
     }
-    return templates
+    return templates.get_template(template).render(values)
 
 
 def _header(names: Sequence[str]) -> str:
-    """Return the first two lines of a table in Markdown."""
     row = " | ".join(name.replace("|", r"\|") for name in names)
     return f"| {row} |\n|{'---|' * len(names)}"

@@ -19,7 +19,6 @@ from ravenjax.analyses.search.indices import analysis
 from ravenjax.analyses.search.indices import figure as indices_figure
 from ravenjax.analyses.search.journal import Journal
 from ravenjax.analyses.search.rare import simulation
-from ravenjax.analyses.search.wording import plain
 from ravenjax.campaign.progress import OnProgress, ProgressFile
 from ravenjax.store import files, manifest
 from ravenjax.store.access import lock
@@ -33,9 +32,7 @@ KINDS: dict[
     "morris": INDICES,
     "rare": (simulation.due, simulation.find, "rare.md.j2", simulation.draw),
 }
-"""For each kind of search, the functions that estimate its runs, search, and write and draw the
-result.
-"""
+"""For each kind of search: estimate of its runs, search, template and figure."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,7 +71,6 @@ def run(
 def _into(
     folder: Path, config: SearchConfig, evaluator: Evaluator, on_progress: OnProgress | None
 ) -> SearchResult:
-    """Run the search in a folder to which no other process writes."""
     search, identity = config.search, _identity(config, evaluator)
     earlier = output.open_folder(folder, identity)
     journal = Journal(folder, manifest.config_hash(identity), earlier.get("rows_sha256"))
@@ -97,7 +93,7 @@ def _into(
 
 def _identity(config: SearchConfig, evaluator: Evaluator) -> dict[str, Any]:
     """Return everything that decides the result, as JSON values."""
-    return plain(
+    return files.json_values(
         {
             "config": config.resolved(),
             "config_hash": manifest.config_hash(config.resolved()),

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+import matplotlib
 
 from ravenjax.document import figure_style
 from ravenjax.report.drawing import save_figure
@@ -20,9 +23,7 @@ STYLE: dict[Any, Any] = figure_style.STYLE | {
 }
 
 
-def save(figure: Any, path: Path) -> None:
-    """Write a figure as SVG without a date, atomically."""
-    import matplotlib
-
+def save(draw: Callable[[dict[str, Any]], Any], numbers: dict[str, Any], path: Path) -> None:
+    """Draw the figure of a result and write it as SVG without a date, atomically."""
     with matplotlib.rc_context(STYLE):
-        save_figure(figure, path)
+        save_figure(draw(numbers), path)

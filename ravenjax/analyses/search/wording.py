@@ -19,22 +19,8 @@ def number(value: float, digits: int = 4) -> str:
     )
 
 
-def plain(value: Any) -> Any:
-    """Convert nested values to JSON values: no NumPy, None for NaN and infinities."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    value = value.tolist() if hasattr(value, "tolist") else value
-    if isinstance(value, list):
-        return plain(value)
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
 def short(name: str) -> str:
-    """Write an axis for readers: a field of the first fault, or of a numbered one, with ms as its
-    unit.
-    """
+    """Write an axis for readers: a field of a fault, numbered from 0, or a parameter's path."""
     match = re.fullmatch(r"fault(\d+)_(\w+?)(_ms)?", name)
     if match is None:
         return name

@@ -26,18 +26,12 @@ from ravenjax.engines.cpu.kernel import (
 from ravenjax.engines.cpu.memory import buffer
 from ravenjax.engines.interface import Progress
 from ravenjax.engines.lanes import Lanes, Trunk, spacing
-from ravenjax.ir.time_loop import TimeLoop, split
+from ravenjax.ir.time_loop import TimeLoop, split_lanes
 
 CHUNK = 500
-"""Ticks that a vector of lanes runs before the next vector does.
-
-A group's rows for that many ticks stay in the second-level cache.
-"""
+"""Ticks that a vector runs before the next, so that its rows stay in the second-level cache."""
 AT_ONCE = 2**18
-"""Approximate number of vector ticks that compiled code runs in one call.
-
-This takes tenths of a second, so that progress can be reported.
-"""
+"""Vector ticks of one call of compiled code: tenths of a second, so that progress is seen."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,6 +86,7 @@ class LaneGroup:
         self.group_state = buffer(1, kernel.group_state.bytes)
         self.results = buffer(results, kernel.results.bytes)
         self._rows, self._row_tick = buffer(rows, kernel.row.bytes), 0
+        # Compiled code always writes its outputs. If nobody reads them, each tick overwrites these.
         self._nowhere = buffer(kernel.outputs, 8 * kernel.inputs.width)
         self._call("shared_begin", address(self._group_inputs), address(self.group_state))
         for v in range(vectors):
@@ -113,10 +108,7 @@ class LaneGroup:
         self._row_tick = tick
 
     def share(self, first: int, until: int, after: int | None = None) -> None:
-        """Make the rows of these ticks, which must fit in the memory.
-
-        after: address to which the group's state is then copied.
-        """
+        """Make the rows of these ticks. after: address to copy the group's state to then."""
         state = address(self.group_state)
         self._call(
             "shared_run",
@@ -143,9 +135,7 @@ class LaneGroup:
         )
 
     def _entering(self, tick: int, lane: int) -> tuple[int, int, int]:
-        """Return the address of the inputs of a tick, and the strides in bytes to the next tick and
-        to the next number.
-        """
+        """Return the address of a tick's inputs, and the bytes to the next tick and number."""
         numbers = self.lanes.tick_inputs
         step = numbers.strides[0] if len(numbers) > 1 else 0
         start = numbers.ctypes.data + (tick - self.lanes.first) * step
@@ -154,10 +144,7 @@ class LaneGroup:
         return start, step, numbers.strides[1]
 
     def finish(self, v: int, row: int, group_state: int | None = None) -> None:
-        """Write the current results of vector `v` to a row of `results`.
-
-        group_state: address of the group's state; None: the present one.
-        """
+        """Write the results of vector `v` to a row. group_state: address; None: the present one."""
         shared = address(self.group_state) if group_state is None else group_state
         own = address(self._inputs, v), address(self.state, v)
         self._call("lane_finish", *own, shared, address(self.results, row))
@@ -189,14 +176,11 @@ class VectorCode:
         printed: Callable[[Callable[[], VectorKernel]], VectorKernel] = lambda make: make(),
         host: jit.Host | None = None,
     ) -> None:
-        """printed: returns the generated kernel from a cache, or calls `make()`. host: the CPU to
-        generate code for; None: this machine's.
-        """
-        ticks = range(len(loop.step.inputs) - loop.lane_inputs - loop.states)
+        """printed: returns the kernel from a cache, or calls `make()`. host: as in `SimdKernel`."""
         self.grouped, self.width = grouped, width
 
         def make() -> VectorKernel:
-            parts = split(loop, range(shared) if grouped else (), ticks if grouped else ticks[:1])
+            parts = split_lanes(loop, shared, grouped)
             return print_kernel(parts, width, (host or jit.host()).features)
 
         self.kernel = printed(make)
@@ -221,10 +205,7 @@ class VectorCode:
     def follow(
         self, lanes: Lanes, course: LaneCourse, progress: Progress | None = None
     ) -> list[np.ndarray]:
-        """Run one group along `course`; return its results, each [lanes].
-
-        Results of a vector are written at each tick at which one of its lanes ends.
-        """
+        """Run one group along `course`; return its results at each lane's end, each [lanes]."""
         vectors = len(course.begins)
         of_lane = np.repeat(np.arange(vectors), self.width)
         pairs, place = np.unique(
@@ -304,9 +285,7 @@ class VectorCode:
         return np.stack([self.kernel.state.words(lane) for lane in range(self.width)])
 
     def _go_on(self, group: LaneGroup, course: LaneCourse, golden_run: Trunk) -> None:
-        """Set each vector to its golden run's state at `course.begins`, and the group's state to
-        that at the first of them.
-        """
+        """Set each vector, and the group, to its golden run's state where it begins."""
         if course.first:
             row = course.first // golden_run.every
             group.group_state.view(np.uint32)[0] = golden_run.group[row]

@@ -19,13 +19,13 @@ import numpy as np
 from ravenjax.engines import traced
 from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.code import LaneCourse, VectorCode
-from ravenjax.engines.interface import Block, BlockResult, Progress, TickProgram, Tracer
+from ravenjax.engines.interface import Block, BlockResult, Motion, Progress, TickProgram, Tracer
 from ravenjax.engines.lanes import Lanes, Trunk
 
 MIN_LANES, MAX_LANES = 256, 1024
 """Least and greatest number of lanes of a block.
 
-With fewer lanes, what the group shares is a large part of the work; and with many threads, Python
+With fewer lanes, what the group shares is a large part of the work. With many threads, Python then
 takes longer to prepare the next block than the threads take to compute one. With more lanes, the
 last blocks leave threads idle.
 """
@@ -46,8 +46,8 @@ class SimdKernel(traced.PrintedKernel):
         signals: bool = False,
         host: jit.Host | None = None,
     ) -> None:
-        """signals: every tick returns every signal, and lanes run one by one. host: CPU to generate
-        code for; None: this machine's.
+        """signals: every tick returns every signal, and lanes run one by one. host: CPU whose
+        width and features the text uses, which must run on this machine; None: this machine's.
         """
         super().__init__(program, lanes, objects)
         self.signals, self._host = signals, host or jit.host()
@@ -59,17 +59,21 @@ class SimdKernel(traced.PrintedKernel):
         """Return a number of lanes that fills whole vectors; see `interface.Kernel`."""
         return -(-rows // self.width) * self.width
 
-    def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
+    def prepare(self, block: Block, motion: Motion) -> None:
         """Trace and compile for blocks and motions like these."""
         self._code(block, motion, self._groups(block)[2])
 
-    def run_signals(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[BlockResult, Any]:
+    def run(self, block: Block, motion: Motion, progress: Progress | None = None) -> BlockResult:
+        """See `interface.Kernel`."""
+        return self._run(block, motion, progress)[0]
+
+    def run_signals(self, block: Block, motion: Motion) -> tuple[BlockResult, Any]:
         """As `run`, and every signal of the first lane, each leaf [ticks]."""
         result, out = self._run(block, motion, None)
         return result, self.forms(block, motion).traced.signals_of(out, _from_slots)
 
     def trunk(
-        self, block: Block, motion: tuple[np.ndarray, ...], last: int, ends: np.ndarray
+        self, block: Block, motion: Motion, last: int, ends: np.ndarray
     ) -> tuple[Trunk, dict[str, np.ndarray]]:
         """See `interface.Kernel`."""
         code, inputs = self._code(block, motion, True), traced.inputs(self.program, block)
@@ -81,8 +85,9 @@ class SimdKernel(traced.PrintedKernel):
         return trunk, dict(zip(names, columns, strict=True))
 
     def _run(
-        self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None
+        self, block: Block, motion: Motion, progress: Progress | None
     ) -> tuple[BlockResult, np.ndarray]:
+        """Return also the outputs of each tick, [ticks, numbers, lanes]."""
         tick, ticks = self.forms(block, motion).traced, self.program.ticks
         inputs, group, grouped = self._groups(block)
         code, tables = self._code(block, motion, grouped), traced.tables(motion)
@@ -119,20 +124,14 @@ class SimdKernel(traced.PrintedKernel):
         return BlockResult(dict(zip(tick.outcomes, outcomes, strict=True)), reference), out
 
     def _groups(self, block: Block) -> tuple[list[np.ndarray], np.ndarray, bool]:
-        """Return a block's inputs, the group of each lane, and whether lanes run group by group.
-
-        They do if that is cheaper.
-        """
+        """Return a block's inputs, each lane's group, and whether running by groups is cheaper."""
         inputs, group = self.groups(block)
         vectors = (-(-np.bincount(group) // self.width)).sum()
         grouped = bool(vectors <= (1.0 + UNSHARED) * -(-len(group) // self.width))
         return inputs, group if grouped else np.zeros_like(group), grouped
 
     def _course(self, block: Block, lanes: np.ndarray, grouped: bool) -> LaneCourse:
-        """Return the first and last ticks of whole vectors of lanes.
-
-        Lanes of a group have the same golden run.
-        """
+        """Return the first and last ticks of whole vectors of lanes with one golden run."""
         ends = np.full(len(lanes), self.program.ticks) if block.ends is None else block.ends[lanes]
         begins = np.zeros(len(lanes) // self.width, np.int64)
         trunk = block.trunk(int(lanes[0])) if grouped else None
@@ -143,9 +142,7 @@ class SimdKernel(traced.PrintedKernel):
     def _given(
         self, block: Block, lanes: np.ndarray, grouped: bool, first: int, last: int
     ) -> np.ndarray:
-        """Return the golden runs' series in these ticks: one for a group that shares it, else one
-        per lane.
-        """
+        """Return the golden runs' series in these ticks: of the group if shared, else per lane."""
         if not block.compared or block.reference is None:
             series = self.program.loop.series_length(self.program.setup)
             return np.zeros((1, series) if grouped else (1, series, len(lanes)), self._dtype)
@@ -154,7 +151,7 @@ class SimdKernel(traced.PrintedKernel):
             some.series(lanes[:1])[:, :, 0] if grouped else some.series(lanes)
         )
 
-    def _code(self, block: Block, motion: tuple[np.ndarray, ...], grouped: bool) -> VectorCode:
+    def _code(self, block: Block, motion: Motion, grouped: bool) -> VectorCode:
         forms, host = self.forms(block, motion), self._host
         key = "simd", self.signals, grouped, self.width, host.text
 
@@ -174,9 +171,7 @@ def _from_slots(column: np.ndarray, dtype: np.dtype) -> np.ndarray:
 
 
 def lanes_of_block(runs: int, threads: int, width: int) -> int:
-    """Return the number of lanes of a block in a campaign of `runs` runs; they fill whole
-    vectors.
-    """
+    """Return the lanes of a block in a campaign of `runs` runs, in whole vectors."""
     share = -(-runs // threads)
     lanes = min(MAX_LANES, max(MIN_LANES, share // BLOCKS), share)
     return -(-lanes // width) * width
@@ -201,9 +196,7 @@ class SimdEngine:
         return len(os.sched_getaffinity(0))
 
     def compile(self, program: TickProgram, runs: int) -> SimdKernel:
-        """See `interface.Engine`. The block size does not depend on the chunk size of the
-        results.
-        """
+        """See `interface.Engine`. Blocks do not depend on the chunk size of the results."""
         lanes = lanes_of_block(runs, self.threads, jit.host().width)
         return SimdKernel(program, lanes, self.objects)
 

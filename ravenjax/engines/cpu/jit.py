@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import dataclasses
-import hashlib
 import platform
 from collections.abc import Sequence
 from functools import cache
@@ -13,18 +12,13 @@ from typing import Any
 import llvmlite
 import llvmlite.binding as llvm
 
-from ravenjax.engines.trace_key import Objects
+from ravenjax.engines.trace_key import Objects, load_or_compile
 from ravenjax.errors import UserError
 
 _OPTIMISATION = 1
-"""Optimisation level of code generation. The IR needs no passes, and a higher level gives the same
-code.
-"""
+"""Optimisation level of code generation. A higher level gives the same code."""
 _OPTIONS = ("-pre-RA-sched=source", "-enable-misched=false")
-"""Options that keep operations in the order in which they are printed, which `schedule` has chosen.
-
-They hold for the whole process.
-"""
+"""Options of the whole process that keep operations in the order of `schedule`."""
 
 _FUSED = frozenset(("fma", "neon", "fp-armv8"))
 """CPU features that provide a fused multiply-add."""
@@ -99,26 +93,22 @@ class HostModule:
 
 
 def compile(text: str, names: Sequence[str], objects: Objects | None = None) -> HostModule:
-    """Compile functions `names` of a module's text, or load them from `objects`. New code is stored
-    there.
-    """
+    """Compile functions `names` of a module's text, or load them from `objects`."""
     target = host()
     source = (llvmlite.__version__, target.cpu, target.text, *_OPTIONS, str(_OPTIMISATION), text)
-    key = hashlib.sha256("\n".join(source).encode()).hexdigest()
-    code = objects.get(key) if objects is not None else None
-    if code is None:
-        code = emit(text, target)
-        if objects is not None:
-            objects[key] = code
-    return HostModule(code, names)
+    return HostModule(load_or_compile(objects, source, lambda: emit(text, target)), names)
 
 
 def emit(text: str, target: Host) -> bytes:
     """Compile a module's text to an object file of position-independent code."""
     # This initialises LLVM.
     host()
+    return emitted(text, _machine(target))
+
+
+def emitted(text: str, machine: Any) -> bytes:
+    """Compile a module's text to an object file for one of LLVM's target machines."""
     module = llvm.parse_assembly(text, llvm.create_context())
-    machine = _machine(target)
     module.triple, module.data_layout = machine.triple, str(machine.target_data)
     return machine.emit_object(module)
 

@@ -40,9 +40,7 @@ LATENCIES = {
     "bitcast": 0,
     "rem": 60,
 }
-"""Cycles until the result of a 512-bit operation is available, including loads and stores in
-between.
-"""
+"""Cycles until the result of a 512-bit operation is available, with its loads and stores."""
 _SLOW = frozenset(
     ("lt", "le", "eq", "ne", "max", "min", "convert", "truncate", "round", "floor", "ceil")
 )
@@ -122,17 +120,24 @@ def _straight(
     return tuple(result)
 
 
-ARGUMENTS = {
-    "shared_begin": ("ptr",) * 2,
-    "shared_run": (*("ptr",) * 4, "i64", "i64", "ptr", "i32", "i64"),
-    "lane_begin": ("ptr",) * 3,
-    "lane_run": (*("ptr",) * 5, "i64", "i64", "ptr", "ptr", "i64", "i64", "i64"),
-    "lane_finish": ("ptr",) * 4,
-    "copy_bytes": ("ptr", "ptr", "i64"),
+_RUN = "ptr %tables, ptr %in0, i64 %in_stride, i64 %in_step, ptr %row0"
+PARAMETERS = {
+    "shared_begin": "ptr %inputs, ptr %state",
+    "shared_run": f"ptr %inputs, ptr %state, {_RUN}, i32 %first, i64 %count",
+    "lane_begin": "ptr %inputs, ptr %state, ptr %held",
+    "lane_run": (
+        f"ptr %inputs, ptr %held, ptr %state, {_RUN}, ptr %out0, i64 %out_stride, i64 %out_step,"
+        " i64 %count"
+    ),
+    "lane_finish": "ptr %inputs, ptr %state, ptr %group, ptr %results",
+    "copy_bytes": "ptr %to, ptr %from, i64 %count",
 }
-"""Functions that can be called, and the types of their arguments; `copy_bytes` takes to, from,
-count.
-"""
+"""Functions that can be called, and their parameters. Strides and steps are in bytes."""
+ARGUMENTS = {
+    name: [parameter.split()[0] for parameter in parameters.split(", ")]
+    for name, parameters in PARAMETERS.items()
+}
+"""Types of the arguments of each function."""
 CALL_WORDS = 1 + max(map(len, ARGUMENTS.values()))
 """64-bit words of a call: the function's number and its arguments."""
 FUNCTIONS = (*ARGUMENTS, "make_calls")
@@ -214,76 +219,47 @@ class _LlvmModule:
     ) -> dict[int, Place]:
         first = len(inputs)
         places = dict(enumerate(inputs)) | {first + k: place for k, place in state.items()}
-        return {
-            i: places[op.detail]
-            for i, op in enumerate(program.operations)
-            if op.name == "input" and op.detail in places
-        }
+        return {i: places[k] for i, k in program.reads.items() if k in places}
 
-    def _state(self, pointer: str, group: str = "") -> dict[int, Place]:
-        """Return the places of the lanes' state, and of their group's state if `group` is given."""
-        places = dict(zip(self.lane_state, self.buffers.state.places(pointer), strict=True))
-        if group:
-            places |= dict(
-                zip(
-                    self.split.shared_state,
-                    self.buffers.group_state.places(group, splat=True),
-                    strict=True,
-                )
-            )
-        return places
+    def _lane_places(self) -> dict[int, Place]:
+        return _places(self.lane_state, self.buffers.state, "%state")
 
-    def _group(self, pointer: str) -> dict[int, Place]:
-        return dict(
-            zip(self.split.shared_state, self.buffers.group_state.places(pointer), strict=True)
-        )
+    def _group_places(self, pointer: str = "%state", splat: bool = False) -> dict[int, Place]:
+        return _places(self.split.shared_state, self.buffers.group_state, pointer, splat)
 
     # --- functions ---
 
-    def _function(self, name: str, parameters: str, printer: LlvmPrinter) -> None:
+    def _function(self, name: str, printer: LlvmPrinter) -> None:
         body = "\n".join(f"  {line}" for line in printer.lines)
         self.functions.append(
-            f"define void @{name}({parameters}) #0 {{\nentry:\n{body}\n  ret void\n}}\n"
+            f"define void @{name}({_noalias(name)}) #0 {{\nentry:\n{body}\n  ret void\n}}\n"
         )
         self.declared |= printer.declared
 
-    def _loop(
-        self, name: str, parameters: str, printer: LlvmPrinter, steps: dict[str, str]
-    ) -> None:
-        """Write a function that repeats its body %count times.
-
-        steps: bytes by which each pointer advances per iteration.
-        """
-        self.functions.append(repeated(name, parameters, printer, steps, " #0"))
+    def _loop(self, name: str, printer: LlvmPrinter, steps: dict[str, str]) -> None:
+        """Write a function that repeats its body; steps: bytes that each pointer advances by."""
+        self.functions.append(repeated(name, _noalias(name), printer, steps, " #0"))
         self.declared |= printer.declared
 
     def _shared_begin(self) -> None:
         printer = LlvmPrinter(1, self.features)
         sources = self._sources(self.begin, self.buffers.group_inputs.places("%inputs"), {})
-        results = [(self.begin.outputs[k], place) for k, place in self._group("%state").items()]
+        results = [(self.begin.outputs[k], place) for k, place in self._group_places().items()]
         printer.run(self.begin, self.begin.needed(i for i, _ in results), sources, results)
-        self._function("shared_begin", "ptr noalias %inputs, ptr noalias %state", printer)
+        self._function("shared_begin", printer)
 
     def _shared_run(self) -> None:
         printer = LlvmPrinter(1, self.features, "again")
         split, step = self.split, self.step
-        state = self._group("%state")
+        state = self._group_places()
         sources = self._sources(step, self.buffers.group_inputs.places("%inputs"), state)
         tick_values = self._of_this_tick(printer, sources, shared=True)
         results = [(step.outputs[k], place) for k, place in state.items()]
-        results += list(zip(split.row, self.buffers.row.places("%row"), strict=True))
+        results += _places(split.row, self.buffers.row, "%row").items()
         order = arrange(step.operations, split.shared, [i for i, _ in results])
         printer.run(step, order, sources, results, "%tables", tick_values)
-        parameters = (
-            "ptr noalias %inputs, ptr noalias %state, ptr noalias %tables, ptr noalias %in0, i64"
-            " %in_stride, i64 %in_step, ptr noalias %row0, i32 %first"
-        )
-        self._loop(
-            "shared_run",
-            parameters,
-            printer,
-            {"in": "%in_stride", "row": str(self.buffers.row.bytes)},
-        )
+        steps = {"in": "%in_stride", "row": str(self.buffers.row.bytes)}
+        self._loop("shared_run", printer, steps)
 
     def _of_this_tick(
         self, printer: LlvmPrinter, sources: dict[int, Place], shared: bool
@@ -291,44 +267,34 @@ class _LlvmModule:
         """Add the sources of the tick's inputs; return the tick's number, which is a value."""
         first = self.split.loop.lane_inputs + self.split.loop.states
         tick_values: dict[int, str] = {}
-        for i, op in enumerate(self.step.operations):
-            if op.name != "input" or op.detail < first:
-                continue
-            if op.detail == first:
-                if shared:
-                    now = printer.op("trunc i64 %tick to i32")
-                    tick_values[i] = printer.op(f"add i32 %first, {now}")
-                continue
-            offset = printer.op(f"mul i64 %in_step, {op.detail - first - 1}")
-            sources[i] = Place(printer.op(f"getelementptr i8, ptr %in, i64 {offset}"))
+        for i, k in self.step.reads.items():
+            if k == first and shared:
+                now = printer.op("trunc i64 %tick to i32")
+                tick_values[i] = printer.op(f"add i32 %first, {now}")
+            elif k > first:
+                offset = printer.op(f"mul i64 %in_step, {k - first - 1}")
+                sources[i] = Place(printer.op(f"getelementptr i8, ptr %in, i64 {offset}"))
         return tick_values
 
     def _lane_begin(self) -> None:
         printer = LlvmPrinter(self.width, self.features)
-        inputs = self.buffers.inputs.places("%inputs")
+        inputs, state = self.buffers.inputs.places("%inputs"), self._lane_places()
         sources = self._sources(self.begin, inputs, {})
-        state = self._state("%state")
         results = [(self.begin.outputs[k], place) for k, place in state.items()]
         printer.run(self.begin, self.begin.needed(i for i, _ in results), sources, results)
+        held = _places(self.split.prologue_results, self.buffers.prologue, "%held")
         sources = self._sources(self.step, inputs, state)
-        results_read = list(
-            zip(self.split.prologue_results, self.buffers.prologue.places("%held"), strict=True)
-        )
-        printer.run(self.step, self.split.prologue, sources, results_read)
-        self._function(
-            "lane_begin", "ptr noalias %inputs, ptr noalias %state, ptr noalias %held", printer
-        )
+        printer.run(self.step, self.split.prologue, sources, list(held.items()))
+        self._function("lane_begin", printer)
 
     def _lane_run(self) -> None:
         printer = LlvmPrinter(self.width, self.features, "again")
-        split, step = self.split, self.step
-        state = self._state("%state")
-        sources = self._sources(step, self.buffers.inputs.places("%inputs"), state)
+        split, step, buffers = self.split, self.step, self.buffers
+        state = self._lane_places()
+        sources = self._sources(step, buffers.inputs.places("%inputs"), state)
         self._of_this_tick(printer, sources, shared=False)
-        sources |= dict(
-            zip(split.prologue_results, self.buffers.prologue.places("%held"), strict=True)
-        )
-        sources |= dict(zip(split.row, self.buffers.row.places("%row", splat=True), strict=True))
+        sources |= _places(split.prologue_results, buffers.prologue, "%held")
+        sources |= _places(split.row, buffers.row, "%row", splat=True)
         results = [(step.outputs[k], state[k]) for k in split.lane_state]
         for k, i in enumerate(step.outputs[split.loop.states :]):
             offset = printer.op(f"mul i64 %out_step, {k}")
@@ -337,24 +303,25 @@ class _LlvmModule:
             step.operations, arrange(step.operations, split.lane, [i for i, _ in results])
         )
         printer.run(step, order, sources, results, "%tables")
-        parameters = (
-            "ptr noalias %inputs, ptr noalias %held, ptr noalias %state, ptr noalias %tables, ptr"
-            " noalias %in0, i64 %in_stride, i64 %in_step, ptr noalias %row0, ptr noalias %out0, i64"
-            " %out_stride, i64 %out_step"
-        )
-        steps = {"in": "%in_stride", "row": str(self.buffers.row.bytes), "out": "%out_stride"}
-        self._loop("lane_run", parameters, printer, steps)
+        steps = {"in": "%in_stride", "row": str(buffers.row.bytes), "out": "%out_stride"}
+        self._loop("lane_run", printer, steps)
 
     def _lane_finish(self) -> None:
         printer = LlvmPrinter(self.width, self.features)
-        sources = self._sources(
-            self.finish, self.buffers.inputs.places("%inputs"), self._state("%state", "%group")
-        )
-        results = list(
-            zip(self.finish.outputs, self.buffers.results.places("%results"), strict=True)
-        )
-        printer.run(self.finish, self.finish.needed(), sources, results)
-        parameters = (
-            "ptr noalias %inputs, ptr noalias %state, ptr noalias %group, ptr noalias %results"
-        )
-        self._function("lane_finish", parameters, printer)
+        state = self._lane_places() | self._group_places("%group", splat=True)
+        sources = self._sources(self.finish, self.buffers.inputs.places("%inputs"), state)
+        # Two results may be the same operation.
+        results = zip(self.finish.outputs, self.buffers.results.places("%results"), strict=True)
+        printer.run(self.finish, self.finish.needed(), sources, list(results))
+        self._function("lane_finish", printer)
+
+
+def _places(
+    numbers: Iterable[int], layout: BufferLayout, pointer: str, splat: bool = False
+) -> dict[int, Place]:
+    """Return the place of each number, which are in the order of the layout."""
+    return dict(zip(numbers, layout.places(pointer, splat), strict=True))
+
+
+def _noalias(name: str) -> str:
+    return PARAMETERS[name].replace("ptr", "ptr noalias")

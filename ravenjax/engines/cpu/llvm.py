@@ -42,9 +42,7 @@ _SHIFTED = {"shl": "shl", "shr": "lshr", "sar": "ashr"}
 
 
 class LlvmPrinter(Printing[Place]):
-    """Prints the lines of one function body for `width` lanes (1: scalar code) on a CPU with these
-    features.
-    """
+    """Prints the body of one function for `width` lanes on a CPU with these features."""
 
     def __init__(self, width: int, features: frozenset[str], block: str = "entry") -> None:
         """block: label of the basic block in which the lines begin."""
@@ -132,7 +130,6 @@ class LlvmPrinter(Printing[Place]):
         return self.call(wide, f"llvm.{name}.{self._suffix(dtype)}", *((wide, x) for x in inputs))
 
     def _constant(self, dtype: str, value: Any) -> str:
-        """Return the text of a constant."""
         if dtype == "bool":
             text = "true" if value else "false"
         elif dtype.startswith("float"):
@@ -150,7 +147,6 @@ class LlvmPrinter(Printing[Place]):
         )
 
     def _load(self, dtype: str, place: Place) -> str:
-        """Return the number stored at a place."""
         scalar = _STORED[dtype]
         address = self.address(place)
         if place.splat and self.width > 1:
@@ -167,7 +163,6 @@ class LlvmPrinter(Printing[Place]):
         return self.op(f"icmp ne {self._wide('i32')} {value}, {self._constant('int32', 0)}")
 
     def _store(self, dtype: str, value: str, place: Place) -> None:
-        """Write a number to a place."""
         if dtype == "bool":
             value = self.op(f"sext {self.type('bool')} {value} to {self._wide('i32')}")
         target = f"{self._wide(_STORED[dtype])} {value}, ptr {self.address(place)}"
@@ -273,10 +268,7 @@ class LlvmPrinter(Printing[Place]):
         return self.select(dtype, inside, moved, self._constant(dtype, 0))
 
     def _divided(self, name: str, dtype: str, x: list[str]) -> str:
-        """Divide 32-bit integers through float64, where the truncated quotient is exact.
-
-        CPUs have no vector division of integers.
-        """
+        """Divide 32-bit integers exactly through float64: vectors of CPUs have no division."""
         wide, double, long = self.type(dtype), self._wide("double"), self._wide("i64")
         signed = "s" if dtype == "int32" else "u"
         none = self.op(f"icmp eq {wide} {x[1]}, {self._constant(dtype, 0)}")
@@ -321,9 +313,7 @@ class LlvmPrinter(Printing[Place]):
         return self.op(f"{name} {self.type(source)} {x} to {self.type(dtype)}")
 
     def _library(self, name: str, dtype: str, x: list[str]) -> str:
-        """Call the C library's function of float64; for float32 the result is rounded (see
-        `semantics`).
-        """
+        """Call the C library's function of float64, and round the result (see `semantics`)."""
         if dtype == "float32":
             x = [self._converted("float64", dtype, operand) for operand in x]
         result = self.call("double", name, *(("double", operand) for operand in x))
@@ -384,7 +374,7 @@ def repeated(
     )
     moved = "".join(f"  %{p}1 = getelementptr i8, ptr %{p}, i64 {by}\n" for p, by in steps.items())
     return (
-        f"define void @{name}({parameters}, i64 %count){attributes} {{\nentry:\n  br label"
+        f"define void @{name}({parameters}){attributes} {{\nentry:\n  br label"
         f" %again\nagain:\n  %tick = phi i64 [ 0, %entry ], [ %next, %{printer.block}"
         f" ]\n{pointers}{body}\n{moved}  %next = add i64 %tick, 1\n  %more = icmp ult i64 %next,"
         " %count\n  br i1 %more, label %again, label %end\nend:\n  ret void\n}\n"

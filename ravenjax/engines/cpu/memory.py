@@ -10,9 +10,7 @@ import numpy as np
 
 @dataclasses.dataclass(frozen=True)
 class Place:
-    """An address: a pointer in the function plus a constant offset in bytes; `splat`: one number
-    for all lanes.
-    """
+    """An address: pointer and offset in bytes; `splat`: one number for all lanes."""
 
     pointer: str
     offset: int = 0
@@ -81,10 +79,7 @@ class BufferLayout:
         return [view.reshape(-1).astype(dtype) for view, dtype in views]
 
     def words(self, lane: int) -> np.ndarray:
-        """Return the indices of the 32-bit words of one lane's numbers.
-
-        Those words in order are a buffer of width 1.
-        """
+        """Return the indices of the 32-bit words of one lane's numbers: a buffer of width 1."""
         sizes = np.array([size(dtype) // 4 for dtype in self.types], np.int64)
         first = np.array(self.offsets, np.int64) // 4 + lane * sizes
         within = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
@@ -104,7 +99,5 @@ def stored(dtype: str) -> np.dtype:
 
 
 def size(dtype: str) -> int:
-    """Return the bytes of a number in memory. A truth value is an int32 with all bits set or
-    none.
-    """
+    """Return the bytes of a number in memory. A truth value is an int32, all bits set or none."""
     return 8 if dtype.endswith("64") else 4

@@ -1,8 +1,8 @@
 """One compiled robot that its caller advances tick by tick, as in a training session.
 
 It runs the same operations as engine `simd`, one lane wide, with the same bits. Between two ticks,
-state, inputs and tables are plain memory. So inputs may change (a fault is armed), the state may be
-copied (to try something on a copy of the robot), and the operator's motion may be written row by
+state, inputs and tables are plain memory. So inputs may change, as when a fault is armed. The state
+may be copied, to try something on a copy of the robot. The operator's motion may be written row by
 row as it happens.
 """
 
@@ -31,8 +31,6 @@ from ravenjax.numbers.lazy import jax
 
 @dataclasses.dataclass(frozen=True)
 class _Form:
-    """The part of traced and generated code that is cached."""
-
     text: str
     state: RecordKind
     outcomes: RecordKind
@@ -148,19 +146,13 @@ class Stepper:
         self._state[0] = snapshot
 
     def change(self, function: Callable[[Any], Any]) -> None:
-        """Replace the state by `function` of it.
-
-        The function takes the state as a record of numbers and returns it with some of them
-        replaced.
-        """
+        """Replace the state by `function` of it as a record of numbers."""
         kind = self.code.state
         with lazy.at_once():
             self._state[0] = kind.row(function(kind.read(self._state[0])))
 
     def restore_leaves(self, snapshot: np.ndarray, leaves: Sequence[int]) -> None:
-        """Set some numbers of the state from a snapshot, given by their indices among the leaves of
-        its record.
-        """
+        """Set some numbers of the state from a snapshot, by their indices among its leaves."""
         layout = self.code.state.layout
         for k in leaves:
             place = slice(layout.offsets[k], layout.offsets[k] + size(layout.types[k]))

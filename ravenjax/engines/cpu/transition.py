@@ -12,7 +12,7 @@ import ctypes
 import dataclasses
 import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,11 +29,12 @@ from ravenjax.numbers import tree
 NOTHING = BufferLayout.aligned([])
 STEPS = (
     "ptr noalias %fixed, ptr noalias %state, ptr noalias %entering0, i64 %entering_bytes, ptr"
-    " noalias %leaving0, i64 %leaving_bytes, ptr noalias %tables"
+    " noalias %leaving0, i64 %leaving_bytes, ptr noalias %tables, i64 %count"
 )
-"""Parameters of a transition's function before `i64 %count`.
+"""Parameters of a transition's function.
 
-They are: fixed numbers, state, rows of inputs and outputs with their strides in bytes, tables.
+They are: fixed numbers, state, rows of inputs and outputs with their strides in bytes, tables,
+number of steps.
 """
 _MOVES = {"entering": "%entering_bytes", "leaving": "%leaving_bytes"}
 
@@ -130,14 +131,6 @@ class Memory(NamedTuple):
     tables: np.ndarray | None = None
 
 
-class TransitionMachine(Protocol):
-    """Runs transitions, compiled or interpreted."""
-
-    def bind(self, name: str, memory: Memory) -> Callable[[], None]:
-        """Return a function that makes the transition `name` once for each row of `memory`."""
-        ...
-
-
 class Interpreted:
     """Runs transitions one operation at a time in Python."""
 
@@ -145,7 +138,7 @@ class Interpreted:
         self._transitions = transitions
 
     def bind(self, name: str, memory: Memory) -> Callable[[], None]:
-        """See `TransitionMachine`; without tables."""
+        """See `Compiled`; without tables."""
         transition = self._transitions[name]
 
         def take() -> None:
@@ -176,7 +169,7 @@ class Compiled:
         }
 
     def bind(self, name: str, memory: Memory) -> BoundTransition:
-        """See `TransitionMachine`."""
+        """Return a function that makes the transition `name` once for each row of `memory`."""
         function = self._functions[name, len(memory.entering) == 1]
         return BoundTransition(function, memory, self)
 
@@ -186,6 +179,7 @@ class BoundTransition:
 
     def __init__(self, function: Any, memory: Memory, machine: Compiled) -> None:
         fixed, state, entering, leaving, tables = memory
+        # ctypes keeps addresses only, not the arrays and the code behind them.
         self._alive = memory, machine
         self._function, self._steps = function, len(entering)
         self._leaving = ctypes.c_void_p(leaving.ctypes.data)
@@ -211,10 +205,7 @@ class BoundTransition:
 def print_module(
     transitions: Mapping[str, StateTransition], features: Set[str] | None = None
 ) -> str:
-    """Return LLVM IR with a function for each transition; see `STEPS`.
-
-    features: of the CPU; None: this machine's.
-    """
+    """Return LLVM IR of each transition; see `STEPS`. features: of the CPU; None: this one's."""
     features = jit.host().features if features is None else features
     texts, declared = [], set[str]()
     for name, transition in transitions.items():
@@ -225,16 +216,13 @@ def print_module(
 
 
 def _printed(transition: StateTransition, features: Set[str]) -> LlvmPrinter:
-    """Print the lines of one step."""
     program = transition.program
     sources_of = [
         *transition.fixed.places("%fixed"),
         *transition.state.places("%state"),
         *transition.entering.places("%entering"),
     ]
-    sources = {
-        i: sources_of[op.detail] for i, op in enumerate(program.operations) if op.name == "input"
-    }
+    sources = {i: sources_of[k] for i, k in program.reads.items()}
     targets = [*transition.state.places("%state"), *transition.leaving.places("%leaving")]
     results = list(zip(program.outputs, targets, strict=True))
     order = [i for i in program.needed() if program.operations[i].name not in ("input", "constant")]

@@ -13,11 +13,12 @@ import numpy as np
 from ravenjax.engines.gpu import device as cuda_device
 from ravenjax.engines.gpu.course import EVERY, BlockCourse, Places, plan_course
 from ravenjax.engines.gpu.cuda import OPTIONS
-from ravenjax.engines.gpu.device import Cubins, Device, DeviceSession
+from ravenjax.engines.gpu.device import Device, DeviceSession
 from ravenjax.engines.gpu.kernel import VECTOR, WARP, Form, KernelSource, print_loop
 from ravenjax.engines.interface import Progress
 from ravenjax.engines.lanes import Lanes, Trunk
-from ravenjax.ir.time_loop import TimeLoop, split
+from ravenjax.engines.trace_key import Objects
+from ravenjax.ir.time_loop import TimeLoop, split_lanes
 
 CHUNK = 1000
 """Largest number of ticks of a launch.
@@ -64,19 +65,17 @@ class CudaCode:
         grouped: bool,
         device: Device,
         form: Form,
-        cubins: Cubins | None = None,
+        objects: Objects | None = None,
         printed: Callable[[Callable[[], KernelSource]], KernelSource] = lambda make: make(),
     ) -> None:
         """printed: returns the generated kernels from a cache, or calls `make()`."""
-        ticks = range(len(loop.step.inputs) - loop.lane_inputs - loop.states)
         self.grouped, self.device, self.form = grouped, device, form
 
         def make() -> KernelSource:
-            parts = split(loop, range(shared) if grouped else (), ticks if grouped else ticks[:1])
-            return print_loop(parts, form, grouped)
+            return print_loop(split_lanes(loop, shared, grouped), form, grouped)
 
         self.source = printed(make)
-        cubin = cuda_device.compile(self.source.text, device.architecture, OPTIONS, cubins)
+        cubin = cuda_device.compile(self.source.text, device.architecture, OPTIONS, objects)
         module = cuda_device.DeviceModule(device, cubin)
         self.lane_run = module.function("lane_run", self.source.shared_bytes)
         self.functions = {
@@ -101,10 +100,7 @@ class CudaCode:
             return _Run(self, session, lanes, places, course, chunk).results(progress)
 
     def trunk(self, lanes: Lanes, places: Places, last: int) -> Trunk:
-        """Run lanes of one group that are all the same golden run.
-
-        Return its snapshots before tick `last`.
-        """
+        """Return the snapshots of a golden run before tick `last`; all lanes are that run."""
         course = self.whole(places, max(last, 1))
         with DeviceSession(self.device) as session:
             return _Run(self, session, lanes, places, course, EVERY).trunk()
@@ -243,9 +239,7 @@ class _Run:
         )
 
     def _make_rows(self, k: int, first: int) -> object:
-        """Start computing the rows of chunk `k`; return a mark that is reached once they are
-        ready.
-        """
+        """Start computing the rows of chunk `k`; return a mark that is reached when they exist."""
         count, given, rows = (
             min(self.chunk, self.course.last - first),
             self.given[k % 2],

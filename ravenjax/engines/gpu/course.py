@@ -27,10 +27,7 @@ class Places:
 
 
 def place(group: np.ndarray, threads: int) -> Places:
-    """Give whole warps to the lanes of each group, and whole blocks of `threads` to all.
-
-    The last lane of each group fills its last warp.
-    """
+    """Give whole warps to each group, filled with its last lane, and whole blocks to all."""
     order = np.argsort(group, kind="stable")
     sizes = np.bincount(group)
     warps = -(-sizes // WARP)

@@ -31,10 +31,41 @@ _WRITTEN = {
     "uint32": "{}",
     "bool": "(unsigned)({})",
 }
-_COMPARED = {"eq": "==", "ne": "!=", "lt": "<", "le": "<="}
-_WRAPPED = {"add": "+", "sub": "-", "mul": "*"}
-_BITWISE = {"and": "&", "or": "|", "xor": "^"}
-_ROUNDED = {"floor": "floorf", "ceil": "ceilf", "round": "rintf", "sqrt": "sqrtf", "abs": "fabsf"}
+_SIGNS = {"eq": "==", "ne": "!=", "lt": "<", "le": "<=", "and": "&", "or": "|", "xor": "^"}
+_ANY = {
+    **{name: f"{{0}} {sign} {{1}}" for name, sign in _SIGNS.items()},
+    "select": "{0} ? {1} : {2}",
+    "rarely": "{0} ? {1} : {2}",
+    "truncate": "truncated({0})",
+}
+_REAL = _ANY | {
+    "add": "{0} + {1}",
+    "sub": "{0} - {1}",
+    "mul": "{0} * {1}",
+    "div": "{0} / {1}",
+    "fma": "fmaf({0}, {1}, {2})",
+    "neg": "-{0}",
+    "abs": "fabsf({0})",
+    "sqrt": "sqrtf({0})",
+    "floor": "floorf({0})",
+    "ceil": "ceilf({0})",
+    "round": "rintf({0})",
+}
+_WHOLE = _ANY | {
+    "div": "quotient({0}, {1})",
+    "rem": "rest({0}, {1})",
+    "abs": "{0} < 0 ? (int)(0u - (unsigned){0}) : {0}",
+}
+_UNSIGNED = {
+    "add": "(unsigned){0} + (unsigned){1}",
+    "sub": "(unsigned){0} - (unsigned){1}",
+    "mul": "(unsigned){0} * (unsigned){1}",
+    "neg": "0u - (unsigned){0}",
+    "shl": "left({0}, {1})",
+    "shr": "right({0}, {1})",
+    "sar": "signed_right({0}, {1})",
+}
+"""Operations on whole numbers with an unsigned result, because in C only unsigned numbers wrap."""
 _BITCASTS = {
     ("float32", "int32"): "__float_as_int",
     ("float32", "uint32"): "__float_as_uint",
@@ -77,9 +108,7 @@ INLINE int signed_right(int x, unsigned by) { return x >> (by < 31u ? by : 31u);
 
 
 class CudaPrinter(Printing[str]):
-    """Prints the statements of one function body. Places are 32-bit words, given as text of an
-    lvalue.
-    """
+    """Prints the body of one function. A place is a 32-bit word, as text of an lvalue."""
 
     def __init__(self, indent: str = "  ") -> None:
         super().__init__()
@@ -161,55 +190,19 @@ def expression(
     real, source = dtype == "float32", sources[0]
     if "float64" in (dtype, *sources):
         raise NotImplementedError(f"operation {name!r} of float64 has no CUDA form")
-    if name in _COMPARED:
-        return f"{x[0]} {_COMPARED[name]} {x[1]}"
-    if name in _BITWISE:
-        return f"{x[0]} {_BITWISE[name]} {x[1]}"
-    if name in _WRAPPED:
-        a, b = x if real else (f"(unsigned){operand}" for operand in x)
-        return _typed(dtype, f"{a} {_WRAPPED[name]} {b}")
-    if real and name in _ROUNDED:
-        return f"{_ROUNDED[name]}({x[0]})"
+    if not real and name in _UNSIGNED:
+        text = _UNSIGNED[name].format(*x)
+        return f"(int)({text})" if dtype == "int32" else text
+    if form := (_REAL if real else _WHOLE).get(name):
+        return form.format(*x)
     match name:
-        case "select" | "rarely":
-            return f"{x[0]} ? {x[1]} : {x[2]}"
-        case "div" if real:
-            return f"{x[0]} / {x[1]}"
-        case "div" | "rem" if not real:
-            return f"{'quotient' if name == 'div' else 'rest'}({x[0]}, {x[1]})"
-        case "fma":
-            return f"fmaf({', '.join(x)})"
-        case "neg":
-            return f"-{x[0]}" if real else _typed(dtype, f"0u - (unsigned){x[0]}")
         case "not":
             return f"{'!' if dtype == 'bool' else '~'}{x[0]}"
-        case "abs":
-            return f"{x[0]} < 0 ? (int)(0u - (unsigned){x[0]}) : {x[0]}"
         case "max" | "min":
             function = "larger" if name == "max" else "smaller"
             plain = real and known is not None and known != 0 and not np.isnan(known)
             return f"{function}{'_than' if plain else ''}({x[0]}, {x[1]})"
-        case "shl":
-            return _typed(dtype, f"left({x[0]}, {x[1]})")
-        case "shr":
-            return _typed(dtype, f"right({x[0]}, {x[1]})")
-        case "sar":
-            return _typed(dtype, f"signed_right({x[0]}, {x[1]})")
-        case "truncate":
-            return f"truncated({x[0]})"
-        case "bitcast":
-            return (
-                x[0]
-                if source == dtype
-                else f"{_BITCASTS.get((source, dtype), f'({TYPES[dtype]})')}({x[0]})"
-            )
-        case "convert" if dtype == "bool":
-            return f"{x[0]} != 0"
-        case "convert":
-            return f"{_CONVERTED.get((source, dtype), f'({TYPES[dtype]})')}({x[0]})"
+        case "bitcast" | "convert":
+            casts = _BITCASTS if name == "bitcast" else _CONVERTED
+            return f"{casts.get((source, dtype), f'({TYPES[dtype]})')}({x[0]})"
     raise NotImplementedError(f"operation {name!r} of {dtype} has no CUDA form")
-
-
-def _typed(dtype: str, text: str) -> str:
-    """Return an unsigned result converted to the int with the same bits."""
-    return f"(int)({text})" if dtype == "int32" else text

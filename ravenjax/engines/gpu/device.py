@@ -9,23 +9,19 @@ from __future__ import annotations
 
 import ctypes
 import dataclasses
-import hashlib
-from collections.abc import MutableMapping, Sequence
+from collections.abc import Sequence
 from functools import cache, cached_property
-from types import TracebackType
 from typing import Any
 
 import numpy as np
 
+from ravenjax.engines.trace_key import Objects, load_or_compile
 from ravenjax.errors import UserError
 
 INSTALL = "pip install 'ravenjax[cuda]'"
-Cubins = MutableMapping[str, bytes]
-"""Compiled modules by the hash of what they were compiled from."""
 
 
 def _bindings() -> tuple[Any, Any]:
-    """Return the modules `driver` and `nvrtc`."""
     try:
         from cuda.bindings import driver, nvrtc  # type: ignore[import-not-found]
     except ImportError as error:
@@ -47,10 +43,7 @@ def _call(name: str, *arguments: Any) -> Any:
 
 @cache
 def devices() -> tuple[Device, ...]:
-    """Return every GPU that this process may use.
-
-    Raises UserError if there is none, or if the driver or a package is missing.
-    """
+    """Return every GPU that this process may use. Raises UserError if none can be used."""
     _bindings()
     try:
         _call("cuInit", 0)
@@ -114,29 +107,17 @@ def require() -> None:
 
 
 def compile(
-    text: str, architecture: str, options: Sequence[str], cubins: Cubins | None = None
+    text: str, architecture: str, options: Sequence[str], objects: Objects | None = None
 ) -> bytes:
-    """Return machine code of a module's text, from `cubins` if it is there. New code is stored
-    there.
-
-    Raises UserError and RuntimeError.
-    """
+    """Compile a module's text, or load it from `objects`. Raises UserError and RuntimeError."""
     nvrtc, version = _compiler_for(architecture)
     flags = [f"--gpu-architecture={architecture}", "--std=c++17", "--disable-warnings", *options]
-    key = hashlib.sha256("\n".join((str(version), *flags, text)).encode()).hexdigest()
-    cubin = cubins.get(key) if cubins is not None else None
-    if cubin is None:
-        cubin = _compiled(nvrtc, text, flags)
-        if cubins is not None:
-            cubins[key] = cubin
-    return cubin
+    source = str(version), *flags, text
+    return load_or_compile(objects, source, lambda: _compiled(nvrtc, text, flags))
 
 
 def _compiler_for(architecture: str) -> tuple[Any, tuple[int, int]]:
-    """Return module `nvrtc` and the compiler's version.
-
-    Raises UserError if no compiler knows the architecture.
-    """
+    """Return module `nvrtc` and its version. Raises UserError if it lacks the architecture."""
     _, nvrtc = _bindings()
     try:
         _, major, minor = nvrtc.nvrtcVersion()
@@ -212,12 +193,7 @@ class DeviceSession:
         self.urgent = _call("cuStreamCreateWithPriority", flag, highest)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         for stream in (self.main, self.urgent):
             _call("cuStreamSynchronize", stream)
         for room in self._rooms:
@@ -258,24 +234,13 @@ class DeviceSession:
     def launch(
         self, function: Function, blocks: int, threads: int, stream: Any, *arguments: Any
     ) -> None:
-        """Start a kernel. Whole numbers are passed as ints, everything else as addresses; None is
-        the null pointer.
-        """
+        """Start a kernel. Integers are passed as ints, all else as addresses; None: null."""
         values = tuple(0 if a is None else int(a) for a in arguments)
         types = tuple(ctypes.c_int if isinstance(a, int) else ctypes.c_void_p for a in arguments)
         _call(
             "cuLaunchKernel",
-            function.handle,
-            blocks,
-            1,
-            1,
-            threads,
-            1,
-            1,
-            function.shared_bytes,
-            stream,
-            (values, types),
-            0,
+            *(function.handle, blocks, 1, 1, threads, 1, 1, function.shared_bytes),
+            *(stream, (values, types), 0),
         )
 
     def mark(self, stream: Any) -> Any:

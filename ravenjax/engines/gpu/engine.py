@@ -24,12 +24,12 @@ from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.engines.gpu import device as cuda_device
 from ravenjax.engines.gpu.code import CudaCode, form_for, typed
 from ravenjax.engines.gpu.course import BlockCourse, Places, place, plan_course
-from ravenjax.engines.gpu.device import Cubins, Device
+from ravenjax.engines.gpu.device import Device
 from ravenjax.engines.gpu.kernel import WARP
-from ravenjax.engines.interface import Block, BlockResult, Progress, TickProgram, Tracer
+from ravenjax.engines.interface import Block, BlockResult, Motion, Progress, TickProgram, Tracer
 from ravenjax.engines.lanes import Lanes, Trunk
+from ravenjax.engines.trace_key import Objects
 from ravenjax.errors import UserError
-from ravenjax.numbers import tree
 from ravenjax.numbers.setup import Precision
 
 WAVES = 4
@@ -47,9 +47,9 @@ class CudaKernel(traced.PrintedKernel):
         program: TickProgram,
         lanes: int,
         devices: tuple[Device, ...],
-        cubins: Cubins | None = None,
+        objects: Objects | None = None,
     ) -> None:
-        super().__init__(program, lanes, {} if cubins is None else cubins)
+        super().__init__(program, lanes, {} if objects is None else objects)
         self.devices = devices
         self._seats: queue.Queue[Device] = queue.Queue()
         # Start at different devices, so that parallel kernels with one block each use all of them.
@@ -59,30 +59,26 @@ class CudaKernel(traced.PrintedKernel):
         self.branches = wave(devices)
 
     def size(self, rows: int) -> int:
-        """Return a number of lanes in whole warps, but at most the size of a block; see
-        `interface.Kernel`.
-        """
+        """Return the lanes of whole warps, at most those of a block; see `interface.Kernel`."""
         return min(self.lanes, -(-rows // WARP) * WARP)
 
-    def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
-        """Trace and compile for blocks and motions like these, and load the code on every
-        device.
-        """
+    def prepare(self, block: Block, motion: Motion) -> None:
+        """Trace and compile for blocks and motions like these, and load the code on all devices."""
         for device in self.devices:
             self._code(block, motion, self._placed(block, device)[2], device)
 
     def trunk(
-        self, block: Block, motion: tuple[np.ndarray, ...], last: int, ends: np.ndarray
+        self, block: Block, motion: Motion, last: int, ends: np.ndarray
     ) -> tuple[Trunk, dict[str, np.ndarray]]:
         """See `interface.Kernel`."""
-        golden_run = _ending(block, np.full(self.size(1), self.program.ticks))
+        golden_run = _repeated(block, np.full(self.size(1), self.program.ticks))
         with self._seat() as device:
             inputs, places, _ = self._placed(golden_run, device)
             code = self._code(golden_run, motion, True, device)
             given = _given(golden_run, places, True)
             trunk = code.trunk(Lanes(inputs, given, traced.tables(motion), None), places, last)
         if len(ends):
-            return trunk, self.run(_ending(block, ends), motion).outcomes
+            return trunk, self.run(_repeated(block, ends), motion).outcomes
         none = [typed(np.zeros(0, np.uint32), dtype) for dtype in code.source.results]
         return trunk, dict(zip(self.forms(block, motion).traced.outcomes, none, strict=True))
 
@@ -95,9 +91,8 @@ class CudaKernel(traced.PrintedKernel):
         finally:
             self._seats.put(device)
 
-    def _run(
-        self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None
-    ) -> tuple[BlockResult, np.ndarray]:
+    def run(self, block: Block, motion: Motion, progress: Progress | None = None) -> BlockResult:
+        """See `interface.Kernel`."""
         with self._seat() as device:
             inputs, places, grouped = self._placed(block, device)
             code = self._code(block, motion, grouped, device)
@@ -112,7 +107,7 @@ class CudaKernel(traced.PrintedKernel):
             course = self._course(block, places, grouped, code)
             outcomes = code.follow(lanes, places, course, progress)
         names = self.forms(block, motion).traced.outcomes
-        return BlockResult(dict(zip(names, outcomes, strict=True)), out.view(np.float32)), out
+        return BlockResult(dict(zip(names, outcomes, strict=True)), out.view(np.float32))
 
     def _placed(self, block: Block, device: Device) -> tuple[list[np.ndarray], Places, bool]:
         """Return a block's inputs, the threads of its lanes, and whether lanes run by group.
@@ -135,9 +130,7 @@ class CudaKernel(traced.PrintedKernel):
         trunks = [block.trunk(lane) for lane in places.first.tolist()]
         return plan_course(places, code.form.threads, ends, block.acts, trunks)
 
-    def _code(
-        self, block: Block, motion: tuple[np.ndarray, ...], grouped: bool, device: Device
-    ) -> CudaCode:
+    def _code(self, block: Block, motion: Motion, grouped: bool, device: Device) -> CudaCode:
         forms, form = self.forms(block, motion), form_for(device)
 
         def make() -> CudaCode:
@@ -153,17 +146,10 @@ def wave(devices: tuple[Device, ...]) -> int:
     return sum(device.multiprocessors * form_for(device).threads for device in devices)
 
 
-def _ending(block: Block, ends: np.ndarray) -> Block:
+def _repeated(block: Block, ends: np.ndarray) -> Block:
     """Return a block with its first lane repeated once for each of `ends`."""
-    first = np.zeros(len(ends), np.int64)
-    return dataclasses.replace(
-        block,
-        varied={path: np.asarray(values)[first] for path, values in block.varied.items()},
-        faults=tree.mapped(lambda leaf: np.asarray(leaf)[first], block.faults),
-        golden=first if block.golden is None else block.golden[first],
-        acts=None,
-        ends=None if block.ends is None else ends,
-    )
+    repeated = block.picked(np.zeros(len(ends), np.int64))
+    return dataclasses.replace(repeated, acts=None, ends=None if block.ends is None else ends)
 
 
 def block_lanes(runs: int, devices: tuple[Device, ...]) -> int:
@@ -193,7 +179,7 @@ class CudaEngine:
     """Engine that uses every visible NVIDIA GPU."""
 
     # Cache of compiled code that outlives the process.
-    cubins: Cubins | None = None
+    objects: Objects | None = None
     name: str = "cuda"
 
     @property
@@ -213,14 +199,12 @@ class CudaEngine:
         """See `interface.Engine`. Raises UserError if no GPU can run the program."""
         require_float32(program.setup.precision)
         devices = cuda_device.devices()
-        return CudaKernel(program, block_lanes(runs, devices), devices, self.cubins)
+        return CudaKernel(program, block_lanes(runs, devices), devices, self.objects)
 
     def tracer(self, program: TickProgram, lanes: int) -> Tracer:
-        """See `interface.Engine`. This is the tracer of engine `simd`, which computes the same
-        bits.
-        """
+        """See `interface.Engine`. Engine `simd` computes the same bits, so its tracer is used."""
         require_float32(program.setup.precision)
-        return SimdEngine(self.cubins).tracer(program, lanes)
+        return SimdEngine(self.objects).tracer(program, lanes)
 
 
 def require_float32(precision: Precision) -> None:

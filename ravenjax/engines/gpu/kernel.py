@@ -38,10 +38,7 @@ VECTOR = 4
 """Words that one instruction moves."""
 
 _MOST_PLAIN = 128
-"""Words of state in device memory up to which accesses are plain C.
-
-With more, accesses are assembly: 2 % slower, but compiled in 2 s instead of 13 s.
-"""
+"""Most words of state for plain C. Assembly is 2 % slower, but compiles in 2 s, not 13 s."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,10 +83,7 @@ class KernelSource:
 
 
 def print_loop(split: Split, form: Form, given_by_group: bool) -> KernelSource:
-    """Generate the module of `split`.
-
-    given_by_group: inputs of a tick are equal in a group. Raises NotImplementedError for float64.
-    """
+    """Generate the module of `split`. given_by_group: a group shares a tick's inputs."""
     return _CudaModule(split, form, given_by_group).source()
 
 
@@ -99,7 +93,7 @@ class _CudaModule:
         self.split, self.form, self.given_by_group = split, form, given_by_group
         self.step, self.begin, self.finish = loop.step, loop.begin, loop.finish
         self.inputs, self.states = loop.lane_inputs, loop.states
-        self.tick_inputs = len(loop.step.inputs) - loop.lane_inputs - loop.states - 1
+        self.tick_inputs = len(loop.tick_inputs) - 1
         self.outputs = loop.step.outputs[loop.states :]
         self.saved = self._finish_reads()
         self.in_row = self._row_order()
@@ -152,21 +146,15 @@ class _CudaModule:
     # --- words ---
 
     def _words(self, program: Program, inputs: str, state: dict[int, str]) -> dict[int, str]:
-        """Return the words of a program's inputs: those of the lane by template, the state's by
-        number.
-        """
-        numbers = {i: op.detail for i, op in enumerate(program.operations) if op.name == "input"}
-        words = {i: inputs.format(k) for i, k in numbers.items() if k < self.inputs}
-        return words | {
-            i: state[k - self.inputs] for i, k in numbers.items() if k - self.inputs in state
-        }
+        """Return the words of a program's inputs: the lane's by template, the state's by number."""
+        places = {k: inputs.format(k) for k in range(self.inputs)}
+        places |= {self.inputs + k: word for k, word in state.items()}
+        return {i: places[k] for i, k in program.reads.items() if k in places}
 
     def _of_this_tick(self, template: str) -> tuple[dict[int, str], dict[int, str]]:
         """Return the words of a tick's inputs, and the text of the tick's number."""
         first = self.inputs + self.states
-        at = {
-            i: op.detail - first for i, op in enumerate(self.step.operations) if op.name == "input"
-        }
+        at = {i: k - first for i, k in self.step.reads.items()}
         words = {i: template.format(k - 1) for i, k in at.items() if k > 0}
         return words, {i: "now" for i, k in at.items() if k == 0}
 
@@ -191,11 +179,7 @@ class _CudaModule:
         Both are in the order of first use, because neighbours are read together.
         """
         times, first = self._reads()
-        at = {
-            op.detail - self.inputs: i
-            for i, op in enumerate(self.step.operations)
-            if op.name == "input"
-        }
+        at = {k - self.inputs: i for i, k in self.step.reads.items()}
         numbers = (*self.split.lane_state, *self.split.held_state)
         order = sorted(numbers, key=lambda k: times[at.get(k, -1)])
         far = max(0, len(order) - self.form.shared_words)
@@ -206,23 +190,19 @@ class _CudaModule:
         return tuple(next(parts)), tuple(next(parts))
 
     def _row_order(self) -> tuple[int, ...]:
-        """Return the numbers of a row: those that a tick reads, in the order of first use, then
-        those that are only saved.
-        """
+        """Return the numbers of a row: those that a tick reads, in order, then those only saved."""
         _, first = self._reads()
         after = {self.step.outputs[k] for k in self.saved}.difference(self.split.row)
         return (*sorted(self.split.row, key=lambda i: first.get(i, -1)), *sorted(after))
 
     def _finish_reads(self) -> tuple[int, ...]:
         """Return the numbers of a group's state that the results of its lanes need."""
-        operations = (self.finish.operations[i] for i in self.finish.needed())
-        read = {op.detail - self.inputs for op in operations if op.name == "input"}
+        reads = self.finish.reads
+        read = {reads[i] - self.inputs for i in self.finish.needed() if i in reads}
         return tuple(k for k in self.split.shared_state if k in read)
 
     def _state_in_loop(self) -> dict[int, str]:
-        """Return the word of each number of a lane's state in the loop. Groups of four words of a
-        thread are adjacent.
-        """
+        """Return the word of each number of a lane's state in the loop."""
         template = "state[{} * {}]" if len(self.far) <= _MOST_PLAIN else "Far{{state + {} * {}}}"
         places = {
             k: template.format(position, self.form.threads) for position, k in enumerate(self.far)
@@ -241,7 +221,6 @@ class _CudaModule:
     def _statements(
         self, program: Program, sources: dict[int, str], results: list[tuple[int, str]]
     ) -> str:
-        """Return the statements that compute these results."""
         printer = CudaPrinter()
         printer.run(program, program.needed(i for i, _ in results), sources, results)
         return printer.text()
@@ -293,22 +272,19 @@ class _CudaModule:
         for at in range(len(printer.lines) // form.region * form.region, 0, -form.region):
             printer.lines.insert(at, '    asm volatile("" ::: "memory");')
 
-        read = {op.detail for op in step.operations if op.name == "input"}
         near = enumerate(self.in_shared, len(self.far))
         return {
             "prologue": prologue,
             "packed": packed,
             "lane_run": printer.text(),
-            "inputs_read": sorted(k for k in read if k < self.inputs),
+            "inputs_read": sorted(k for k in step.reads.values() if k < self.inputs),
             "near": [(state[k], self._stored(position)) for position, k in near],
             "in_step": len(split.lane) >= form.in_step_from,
             "saved": [place[step.outputs[k]] for k in self.saved],
         }
 
     def _held(self, inputs: dict[int, str]) -> tuple[list[str], dict[int, str], str]:
-        """Return the words packed with truth values that the loop reads, the word of each held
-        number, and the statements.
-        """
+        """Return the words of packed truths, the word of each held number, and the statements."""
         printer = CudaPrinter()
         numbers = self.split.prologue_results
         printer.lines += [f"  unsigned k{i};" for i in numbers]

@@ -6,13 +6,9 @@ LLVM writes an object file. `link` makes it a module that runtimes load, as a li
 
 from __future__ import annotations
 
-import hashlib
 import io
 from collections.abc import Sequence
-from functools import cache
-from typing import Any
 
-import llvmlite
 import llvmlite.binding as llvm
 
 from ravenjax.engines.cpu import jit
@@ -30,8 +26,6 @@ class Unlinkable(ValueError):
 
 
 class _Reader(io.BytesIO):
-    """Reads numbers and names of a binary."""
-
     def number(self) -> int:
         """Read an unsigned LEB128 number."""
         result = shift = 0
@@ -129,36 +123,17 @@ WIDTH = 4
 _OPTIMISATION = 2
 
 
-def text() -> str:
-    """Return a text of everything that decides how operations are printed."""
-    return ",".join(f"+{name}" for name in sorted(FEATURES))
+def emit(text: str, names: Sequence[str]) -> bytes:
+    """Return the module of a text's functions `names`."""
+    return link(compile(text), names)
 
 
-def emit(printed: str, names: Sequence[str], objects: jit.Objects | None = None) -> bytes:
-    """Return the module of a text's functions `names`, from `objects` if it is there. New code is
-    stored there.
-    """
-    source = (llvmlite.__version__, TRIPLE, text(), str(_OPTIMISATION), *names, printed)
-    key = hashlib.sha256("\n".join(source).encode()).hexdigest()
-    binary = objects.get(key) if objects is not None else None
-    if binary is None:
-        module = llvm.parse_assembly(printed, llvm.create_context())
-        machine = _machine()
-        module.triple, module.data_layout = machine.triple, str(machine.target_data)
-        binary = link(machine.emit_object(module), names)
-        if objects is not None:
-            objects[key] = binary
-    return binary
-
-
-@cache
-def _target() -> Any:
+def compile(text: str) -> bytes:
+    """Compile a text of LLVM IR to a WebAssembly object file."""
     # LLVM's options hold for the whole process and must be set first.
     jit.host()
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
-    return llvm.Target.from_triple(TRIPLE)
-
-
-def _machine() -> Any:
-    return _target().create_target_machine("generic", text(), _OPTIMISATION)
+    host, target = jit.Host("generic", FEATURES), llvm.Target.from_triple(TRIPLE)
+    machine = target.create_target_machine(host.cpu, host.text, _OPTIMISATION)
+    return jit.emitted(text, machine)

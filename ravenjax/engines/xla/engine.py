@@ -167,7 +167,7 @@ class ScanKernel:
             with traced.x64(self.program.setup):
                 self._compile(*self._arguments(block, motion))
 
-        small = block.head(self.size(1))
+        small = block.picked(np.arange(block.lanes)[: self.size(1)])
         with ThreadPoolExecutor(2) as pool:
             list(pool.map(compile_for, [block] if small.lanes == block.lanes else [block, small]))
 

@@ -139,7 +139,7 @@ def test_whatever_is_used_has_a_role_and_a_name(opened):
     assert "slip past every safety check" in tree or "slips past every safety check" in tree
     for role, name in [
         ("application", "map of outcomes"),
-        ("combobox", "Where it strikes"),
+        ("combobox", "Where it acts"),
         ("combobox", "What it does"),
         ("slider", "Size"),
         ("slider", "time, ms"),

@@ -12,9 +12,9 @@ import pytest
 from ravenjax.analyses.search import journal, output, runner
 from ravenjax.analyses.search.boundary import bisection
 from ravenjax.analyses.search.file import loading
-from ravenjax.analyses.search.wording import plain
 from ravenjax.errors import UserError
 from ravenjax.store import folder
+from ravenjax.store.files import json_values
 
 BASE = {
     "campaign": {"name": "small", "duration_s": 0.5, "seed": 3},
@@ -90,7 +90,7 @@ def test_the_same_search_may_come_again_and_another_not(bounded):
     out, before = bounded
     rows = (out / journal.ROWS).read_bytes()
     again = runner.run(search(**BOUNDARY), out)
-    assert plain(again.record["result"]) == plain(before.record["result"])
+    assert json_values(again.record["result"]) == json_values(before.record["result"])
     assert (out / journal.ROWS).read_bytes() == rows
     assert (
         again.record["computed"] == 0

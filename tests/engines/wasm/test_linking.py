@@ -7,7 +7,6 @@ from __future__ import annotations
 import shutil
 import subprocess
 
-import llvmlite.binding as llvm
 import pytest
 
 from ravenjax.engines.wasm import code
@@ -25,13 +24,6 @@ define i32 @there(ptr %at) { %y = load i32, ptr %at ret i32 %y }
 """
 
 
-def an_object(text):
-    machine = code._machine()
-    module = llvm.parse_assembly(text, llvm.create_context())
-    module.triple, module.data_layout = machine.triple, str(machine.target_data)
-    return machine.emit_object(module)
-
-
 def results(binary, exported_memory=False):
     """What the functions give, and the memory's word 8."""
     engine = wasmtime.Engine()
@@ -46,7 +38,7 @@ def results(binary, exported_memory=False):
 
 def test_calls_reach_the_functions_that_they_name():
     names = ["chosen", "twice", "there"]
-    binary = code.link(an_object(CALLS), names)
+    binary = code.link(code.compile(CALLS), names)
     assert results(binary) == (42, 43, 7)
     engine = wasmtime.Engine()
     module = wasmtime.Module(engine, binary)
@@ -57,7 +49,7 @@ def test_calls_reach_the_functions_that_they_name():
 @pytest.mark.skipif(WASM_LD is None, reason="no wasm-ld on the path (apt-get install lld)")
 def test_it_does_what_wasm_ld_does(tmp_path):
     path, linked = tmp_path / "o.o", tmp_path / "o.wasm"
-    path.write_bytes(an_object(CALLS))
+    path.write_bytes(code.compile(CALLS))
     names = ["twice", "chosen", "there"]
     exports = [f"--export={name}" for name in names]
     subprocess.run([WASM_LD, path, "-o", linked, "--no-entry", *exports], check=True)
@@ -84,4 +76,4 @@ def test_it_does_what_wasm_ld_does(tmp_path):
 )
 def test_what_it_does_not_know_is_refused(text, told):
     with pytest.raises(code.Unlinkable, match=told):
-        code.link(an_object(text), ["f"])
+        code.link(code.compile(text), ["f"])

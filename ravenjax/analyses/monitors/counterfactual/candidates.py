@@ -16,15 +16,11 @@ from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.errors import UserError, shown
 
 MARGINS = (1.0, 1.1, 1.25, 1.5, 2.0, 3.0, 5.0, 8.0)
-"""Factors on the scales at which candidates alarm. Each is a threshold of every candidate's
-detector.
-"""
+"""Factors on the scales at which candidates alarm: the thresholds of every detector."""
 PROPOSED = MARGINS.index(1.25)
 """Index of the margin at which a set is selected, before its own margin is calibrated."""
 CONSECUTIVE = (1, 4)
-"""Consecutive milliseconds above the threshold that make an alarm. Each value makes one candidate
-of a score.
-"""
+"""Milliseconds in a row above the threshold that make an alarm; one candidate each."""
 CONFIDENCE = 0.95
 
 
@@ -106,9 +102,7 @@ def tables(
 def watched(
     raw: Mapping[str, Any], tables: Sequence[Mapping[str, Any]]
 ) -> tuple[CampaignConfig, list[str]]:
-    """Return a campaign, as a manifest holds it, with these detectors added, and the prefix of each
-    one's columns.
-    """
+    """Return a manifest's campaign with these detectors added, and their columns' prefixes."""
     config = validated({**raw, "stop": None, "detector": [*raw.get("detector", ()), *tables]})
     more = sum(len(table["consecutive"]) for table in tables)
     return config, [
@@ -118,9 +112,7 @@ def watched(
 
 
 def singles(scores: Sequence[Score]) -> list[Candidate]:
-    """Return every channel of the scores for each number of consecutive milliseconds. That number
-    varies fastest.
-    """
+    """Return every channel of the scores for each of CONSECUTIVE, which varies fastest."""
     return [
         Candidate(single, count)
         for score in scores
@@ -130,9 +122,7 @@ def singles(scores: Sequence[Score]) -> list[Candidate]:
 
 
 def scaled(scores: Sequence[Score], peaks: np.ndarray) -> list[Candidate]:
-    """Return candidates whose channels are scaled by the values that fault-free motion reached.
-    `peaks`: of `singles`, in their unit.
-    """
+    """Return candidates whose scales are the values reached in fault-free motion, `peaks`."""
     rest = np.maximum(peaks, SMALLEST_SCALE).reshape(-1, len(CONSECUTIVE))
     out = []
     for score in scores:

@@ -1,6 +1,4 @@
-"""Finds the set of checks that would have detected a campaign's evading faults, and confirms it in
-a new run.
-"""
+"""Finds the set of checks that would have detected evading faults, and confirms it in a new run."""
 
 from __future__ import annotations
 
@@ -31,8 +29,7 @@ from ravenjax.report.data import draws
 from ravenjax.stats.intervals import Estimate, Rate, rate_difference, wilson
 
 TIP_ERROR = "tip_error_bound"
-"""Name of the candidate that equals the built-in detector `tip_error`, if a robot has its signal.
-"""
+"""Name of the candidate that equals the built-in detector `tip_error`, if there is one."""
 
 
 class Member(NamedTuple):
@@ -107,16 +104,15 @@ def find(
     on_stage: Callable[[str], None] = lambda _: None,
     on_progress: OnProgress | None = None,
 ) -> Counterfactual:
-    """Search a campaign for a set of checks. Raises UserError if the question is invalid or has no
-    answer.
-    """
+    """Search a campaign for a set of checks. Raises UserError if there is no answer."""
     question.require()
     hazards.require_groups(config, question.groups)
     raw: dict[str, Any] = config.model_dump(mode="json")
     every = scores.catalogue(config.robot)
     course = motions.course(raw, question.hours)
     motions.require_rate(question.false_alarms_per_hour, course)
-    alone = motions.quick(engine)
+    # A motion is one lane, which a processor core runs faster than a GPU.
+    alone = "simd" if engine in ("auto", "cuda") else engine
     with tempfile.TemporaryDirectory(prefix="ravenjax_candidates_") as name:
         folder = Path(name)
         for part in ("singles", "scaled"):
@@ -147,23 +143,13 @@ def find(
         )
     halves = there.halves(question.seed)
     grounds = Grounds(question, calibration, statement, there, *halves)
-    return _finding(config, question, tuple(parts), grounds, float(pilot.hours.sum()))
-
-
-def _finding(
-    config: CampaignConfig,
-    question: Question,
-    parts: tuple[Candidate, ...],
-    grounds: Grounds,
-    scale_hours: float,
-) -> Counterfactual:
     members = grounds.selected()
     _require_cover(grounds, members)
     names = [part.name for part in parts]
     return Counterfactual(
         question,
         config,
-        parts,
+        tuple(parts),
         grounds,
         grounds.promise(members),
         tuple(grounds.promise([place]) for place in range(len(parts))),
@@ -172,7 +158,7 @@ def _finding(
         grounds.promise(range(len(parts))),
         grounds.at_random(len(members)),
         grounds.of_strangers(),
-        scale_hours,
+        float(pilot.hours.sum()),
     )
 
 
@@ -205,9 +191,7 @@ class Confirmation(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """Return "as", "more than" or "less than" (the promise); "" if the data do not
-        decide it.
-        """
+        """Return "as", "more than" or "less than" (promised), or "" if the data do not decide."""
         if math.isnan(self.difference.low):
             return ""
         if self.difference.low > 0:
@@ -228,9 +212,7 @@ def confirm(
     engine: str = "auto",
     on_progress: OnProgress | None = None,
 ) -> Confirmation:
-    """Run the campaign that `output` wrote, with another seed. Raises UserError as a
-    campaign does.
-    """
+    """Run the campaign that `output` wrote, with another seed. Raises UserError."""
     config = loading.load(file, [f"campaign.seed={seed}"])
     table = runner.run_campaign(config, None, engine, on_progress=on_progress).frame()
     rules = hazards.choices(config)
@@ -250,9 +232,7 @@ def confirm(
 def detected(
     table: pd.DataFrame, harm: np.ndarray, config: CampaignConfig, one: Counterfactual
 ) -> np.ndarray:
-    """Return harm minus the first alarm of the set, ms [runs]. The set is the last detectors of a
-    campaign.
-    """
+    """Return harm minus the first alarm of the last detectors, which are the set; ms [runs]."""
     numbers = range(len(config.detectors) - len(one.promise.members), len(config.detectors))
     each = [
         hazards.leads(table, f"detector{number}_", config.detectors[number][2], harm)[:, 0]

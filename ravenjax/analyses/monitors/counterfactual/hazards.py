@@ -1,6 +1,4 @@
-"""Runs the campaign with every candidate as a detector, and measures how long before harm each
-alarm came.
-"""
+"""Runs a campaign with all candidates as detectors, and measures each alarm's lead before harm."""
 
 from __future__ import annotations
 
@@ -26,9 +24,7 @@ from ravenjax.vocabulary.reactions import ACTIONS
 
 
 class Hazards(NamedTuple):
-    """Runs whose fault evades the robot's own checks, one of each fault; arrays over runs in the
-    table's order.
-    """
+    """Runs whose fault evades the robot's checks, one of each fault; arrays over runs in order."""
 
     group: np.ndarray  # str
     sampled: np.ndarray  # bool: the group draws its faults
@@ -45,9 +41,7 @@ class Hazards(NamedTuple):
         return len(self.harm_ms)
 
     def halves(self, seed: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return (selection, statement) as bool rows. Units are halved at random, within each group
-        if they are faults.
-        """
+        """Return (selection, statement), bool rows: units halved at random, within their group."""
         rng = np.random.default_rng([seed, 1])
         mine = np.zeros(self.count, bool)
         strata = (
@@ -64,9 +58,7 @@ class Hazards(NamedTuple):
         return mine, ~mine
 
     def rate(self, hit: np.ndarray, rows: np.ndarray) -> Rate:
-        """Return the share of some rows: with Wilson's interval if each row is a separate fault,
-        else by resampling robots.
-        """
+        """Return the share of some rows, with an interval over faults, or over robots if drawn."""
         if not self.robots:
             return wilson(int(hit[rows].sum()), int(rows.sum()))
         return units.rate(hit[rows], units.units(self.unit[rows]))
@@ -85,7 +77,7 @@ def run(
     groups: Sequence[str] = (),
     on_progress: OnProgress | None = None,
 ) -> Hazards:
-    """Compute the campaign and return its evading faults. Raises UserError if there are none."""
+    """Compute the campaign and return its evading faults. Raises UserError if no fault evades."""
     config, prefixes = candidates.watched(raw, candidates.tables(parts, margins, folder))
     results = runner.run_campaign(config, None, engine, on_progress=on_progress)
     rules = choices(config)
@@ -132,9 +124,7 @@ def leads(
 def evading(
     table: pd.DataFrame, rules: facts.Choices, groups: Sequence[str] = ()
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return which rows are evading faults, one of each fault (bool), and when the unintended
-    motion of each began, ms.
-    """
+    """Return which rows are evading faults, one of each (bool), and when each harm began, ms."""
     runs = facts.derive(table, rules)
     rows = runs["sample"] & runs["faulty"] & runs["evaded"] & (runs["unintended_ms"] >= 0)
     if groups:

@@ -24,18 +24,14 @@ SHORTEST_S, LONGEST_S = 5, 60
 FEWEST = 12
 """Fewest motions in total, so that each share has a few."""
 MOST_ALARMS = 0.2
-"""Largest expected number of alarms per run at the target rate. A run counts at most one alarm, so
-it carries little information about rates above one per run.
-"""
+"""Largest expected number of alarms per run at the target rate; a run counts at most one."""
 _SHARES = ("stated", "scales", "stated", "calibrated")
 """Use of each motion, in turn."""
 MS_PER_HOUR = 3.6e6
 
 
 class FreeMotion(NamedTuple):
-    """Motions, each of a different operator, and the runs of each: one, or as many as robots were
-    drawn for it.
-    """
+    """Motions, each of a different operator, and one run or more of each, with drawn robots."""
 
     peaks: np.ndarray  # float32 [motions, runs, candidates], largest score over the run
     # [motions, runs], in which detectors can alarm; 0 for a run without a valid outcome.
@@ -55,9 +51,7 @@ class MotionSchedule(NamedTuple):
 
 
 def course(raw: Mapping[str, Any], hours: float) -> MotionSchedule:
-    """Return motions of a campaign that give the requested hours. Raises UserError if it has only
-    its own motion.
-    """
+    """Return motions for the requested hours. Raises UserError if there are no other motions."""
     fault_free.require_others(raw)
     runs = design.count(validated(next(fault_free.campaigns(raw, SHORTEST_S))[1]))
     seconds = int(np.clip(math.ceil(hours * 3600 / (FEWEST * runs)), SHORTEST_S, LONGEST_S))
@@ -66,9 +60,7 @@ def course(raw: Mapping[str, Any], hours: float) -> MotionSchedule:
 
 
 def require_rate(per_hour: float, course: MotionSchedule) -> None:
-    """Raise UserError for a rate that runs of this length cannot measure, since each counts at most
-    one alarm.
-    """
+    """Raise UserError for a rate that runs of this length, with one alarm each, cannot measure."""
     useful_h = (course.seconds - fault_free.UNTIL_LIVE_S) / 3600
     if per_hour * useful_h > MOST_ALARMS:
         raise UserError(
@@ -92,9 +84,7 @@ def run(
     engine: str,
     on_motion: Callable[[], None] = lambda: None,
 ) -> FreeMotion:
-    """Compute the motions of these numbers, from 0. A motion fills one or few lanes, so motions run
-    side by side in threads.
-    """
+    """Compute the motions of these numbers in threads, because a motion fills few lanes."""
     every = itertools.islice(fault_free.campaigns(raw, course.seconds), course.motions)
     campaigns = dict(enumerate(config for _, config in every))
 
@@ -103,9 +93,8 @@ def run(
     def one(number: int) -> tuple[np.ndarray, np.ndarray]:
         config, prefixes = candidates.watched(campaigns[number], tables)
         columns = [f"{prefix}score" for prefix in prefixes]
-        table = runner.run_campaign(config, None, engine).frame(
-            [*columns, "pedal_down_ms", "failed"]
-        )
+        results = runner.run_campaign(config, None, engine)
+        table = results.frame([*columns, "pedal_down_ms", "failed"])
         valid = (table["failed"] == "").to_numpy()
         armed = np.maximum(table["pedal_down_ms"].to_numpy(float), 0.0)
         on_motion()
@@ -113,19 +102,10 @@ def run(
 
     first = [one(numbers[0])]  # compiles the code that the other motions share
     results = first + threads.mapped(one, numbers[1:])
-    free = FreeMotion(
-        np.stack([peaks for peaks, _ in results]), np.stack([hours for _, hours in results])
-    )
+    free = FreeMotion(*map(np.stack, zip(*results, strict=True)))
     if not free.hours.sum() > 0:
         raise UserError(
             f"{course.seconds} s of fault-free motion have no valid millisecond in which the robot"
             " is live, so nothing can be said of false alarms"
         )
     return FreeMotion(np.where((free.hours > 0)[..., None], free.peaks, 0.0), free.hours)
-
-
-def quick(engine: str) -> str:
-    """Return the engine for motions. A motion is one lane, which a processor core runs faster than
-    a GPU.
-    """
-    return "simd" if engine in ("auto", "cuda") else engine

@@ -6,7 +6,6 @@ before harm.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -22,9 +21,10 @@ from ravenjax.document import palette
 from ravenjax.document.chart import EMPTY, Chart, ChartAxis, Curve
 from ravenjax.document.figure_style import STYLE
 from ravenjax.report import downloads, wording
+from ravenjax.report.data.fault_free import rounded_up
 from ravenjax.report.drawing import save_figure
 from ravenjax.stats.intervals import bounds
-from ravenjax.store.files import require_writable, write_aside
+from ravenjax.store.files import require_writable, write_text
 
 WIDTH = 6.4  # inches
 SHOWN = 0.95
@@ -68,12 +68,8 @@ def _leads(one: Counterfactual, promise: Promise) -> np.ndarray:
     return one.grounds.leads(promise.members, promise.margin.place)[one.grounds.statement_half]
 
 
-TABLE, FIGURE, FOLDER, CAMPAIGN = (
-    "counterfactual.csv",
-    "counterfactual.svg",
-    "chosen",
-    "campaign.toml",
-)
+TABLE, FIGURE = "counterfactual.csv", "counterfactual.svg"
+FOLDER, CAMPAIGN = "chosen", "campaign.toml"
 
 
 def write(one: Counterfactual, place: Path) -> list[Path]:
@@ -81,7 +77,7 @@ def write(one: Counterfactual, place: Path) -> list[Path]:
     folder = place / FOLDER
     require_writable(folder)
     paths = [place / TABLE, place / FIGURE]
-    _write(paths[0], downloads.text(table(one)))
+    write_text(paths[0], downloads.text(table(one)))
     draw(one, paths[1])
     for member, name in zip(one.promise.members, names(one), strict=True):
         part = one.parts[member]
@@ -90,16 +86,14 @@ def write(one: Counterfactual, place: Path) -> list[Path]:
             f"{part.words[:1].upper()}{part.words[1:]}: 1 is the most that fault-free motion"
             " reached"
         )
-        _write(paths[-1], code.write_part(part.score.singles, title=title))
+        write_text(paths[-1], code.write_part(part.score.singles, title=title))
     paths.append(folder / CAMPAIGN)
-    _write(paths[-1], campaign(one))
+    write_text(paths[-1], campaign(one))
     return paths
 
 
 def names(one: Counterfactual) -> list[str]:
-    """Return names for the set's detectors and their files: the candidates' names, or others if the
-    campaign already uses them.
-    """
+    """Return names for the set's detectors and files that the campaign does not use already."""
     others, out = {own.name for own in one.config.detector}, []
     for member in one.promise.members:
         name, number = one.parts[member].name, 2
@@ -111,9 +105,7 @@ def names(one: Counterfactual) -> list[str]:
 
 
 def campaign(one: Counterfactual) -> str:
-    """Return the campaign with the set added as user-defined detectors, whose files lie
-    beside it.
-    """
+    """Return the campaign with the set added as detectors, whose files lie beside it."""
     raw: dict[str, Any] = one.config.model_dump(mode="json", exclude_defaults=True)
     raw["campaign"]["name"] = f"{one.config.campaign.name[:90]}_watched"
     margin = one.promise.margin.value
@@ -136,18 +128,12 @@ def campaign(one: Counterfactual) -> str:
     return f"{head}{stop}\n" + writing.text({**raw, "detector": [*own, *more], "group": groups})
 
 
-def _write(path: Path, text: str) -> None:
-    write_aside(path, lambda target: target.write_text(text, encoding="utf-8"))
-
-
 COLUMNS = ("check", "sees", "adds", "lead ms", "false alarms")
 """Columns of the table of the set, with each check at the margin of the set."""
 
 
 def sentences(one: Counterfactual) -> list[str]:
-    """Return the findings as sentences: faults, coverage, false alarms, other sets, missed faults,
-    and the limits of validity.
-    """
+    """Return the findings as sentences, and the limits of their validity."""
     templates = wording.text_templates("ravenjax.analyses.monitors.counterfactual")
     templates.filters |= {"quantile": np.quantile, "listed": _list_names}
     text = templates.get_template("sentences.txt.j2")
@@ -159,13 +145,9 @@ def _list_names(names: Sequence[str]) -> str:
 
 
 def hours_needed(per_hour: float, runs: int = 1) -> float:
-    """Return the total hours of motions, each with `runs` runs, that demonstrate a rate if none
-    alarms; rounded up to two digits.
-    """
+    """Return the hours of motions that show a rate if none alarms, rounded up to two digits."""
     # Half of the motions state the rate, and a few of their seconds are not live.
-    hours = 2.05 * runs * hours_to_show(per_hour)
-    digits = 10 ** (math.floor(math.log10(hours)) - 1)
-    return round(math.ceil(hours / digits) * digits, 10)
+    return rounded_up(2.05 * runs * hours_to_show(per_hour))
 
 
 def rows(one: Counterfactual) -> list[tuple[str, ...]]:
@@ -189,9 +171,7 @@ def checks(one: Counterfactual) -> list[str]:
 
 
 def levels(part: Candidate, margin: float) -> str:
-    """Return the size at which each channel alarms: "shoulder 0.12 rad, elbow 0.1 rad"; "any" if it
-    never moved.
-    """
+    """Return the size at which each channel alarms: "shoulder 0.12 rad, grasp1 any"."""
     score, out = part.score, []
     for label, unit, scale in zip(score.labels, score.units, score.scales, strict=True):
         size = (

@@ -56,9 +56,7 @@ def greedy(
 
 
 def _pruned(covered: np.ndarray, picks: list[int], value: np.ndarray) -> list[int]:
-    """Return the picks without those that the others make superfluous, checked from the last to the
-    first.
-    """
+    """Return the picks without those that the others make superfluous, from the last on."""
     rest = list(picks)
     for one in reversed(picks):
         others = [other for other in rest if other != one]
@@ -137,9 +135,7 @@ class Grounds(NamedTuple):
         return self.leads(members, self.margin(members).place) >= self.question.lead_ms
 
     def selected(self, without: str | None = None) -> list[int]:
-        """Return the greedy set, selected on the faults of the selection half, optionally without
-        one group.
-        """
+        """Return the greedy set of the selection half's faults, optionally without one group."""
         rows = (
             self.selection_half
             if without is None
@@ -170,9 +166,7 @@ class Grounds(NamedTuple):
         return int(np.argmax(hits))
 
     def at_random(self, size: int) -> np.ndarray:
-        """Return the share of the statement half that random sets cover, each at its own margin:
-        [RANDOM_SETS].
-        """
+        """Return the share of the statement half that each of RANDOM_SETS random sets covers."""
         rng = np.random.default_rng([self.question.seed, 2])
         among = self.hazards.lead_ms.shape[1]
         sets = [rng.choice(among, size, replace=False) for _ in range(RANDOM_SETS)]
@@ -185,8 +179,8 @@ def joint(motions: FreeMotion, members: Sequence[int]) -> FreeMotion:
 
 
 def calibrated(motions: FreeMotion, per_hour: float) -> Margin:
-    """Return the least margin whose expected rate is at most `per_hour`; if there is none, the
-    least margin with the least rate.
+    """Return the least margin whose expected rate is at most `per_hour`, or else the least margin
+    with the least rate.
 
     For n motions of r runs with k alarms in total, the margin is the least with (k + r) / (n + 1)
     at most the target per motion. If motions are exchangeable, one more motion then has at most

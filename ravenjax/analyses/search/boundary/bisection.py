@@ -67,9 +67,7 @@ def due(template: Template, search: Boundary) -> int:
 
 
 def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) -> dict[str, Any]:
-    """Return the numbers of search.json. Both sides of every boundary are verified in
-    `out`/verified.
-    """
+    """Return the numbers of search.json. Verifies both sides of every boundary in a campaign."""
     axis, grid = template.axis(0), cells(template, search)
     low, high = (float(value) for value in axis.values)
     within = SearchRange(low, high, axis.kind == "loguniform", search.tolerance)
@@ -105,9 +103,7 @@ def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) 
 
 
 def _along(told: tuple[dict[str, Any], ...]) -> str | None:
-    """Return the list of numbers that tables and figures run over: durations, else the longest
-    list.
-    """
+    """Return the list of numbers along which to tabulate: durations, else the longest list."""
     numeric = {
         name: len({cell[name] for cell in told})
         for name in told[0]
@@ -125,8 +121,7 @@ def _verified(
     found: Brackets,
     out: Path,
 ) -> pd.DataFrame:
-    """Return rows of an ordinary campaign of both sides of every bracket, indexed by cell and harm
-    (bool).
+    """Return rows of a campaign of both sides of every bracket, by cell and harm (bool).
 
     Raises RuntimeError if that campaign contradicts the search.
     """
@@ -172,9 +167,7 @@ def _record(grid: Cells, found: Brackets, sides: pd.DataFrame, cell: int) -> dic
 
 
 def _exponents(records: list[dict[str, Any]], along: str | None) -> list[dict[str, Any]]:
-    """Return d log(boundary) / d log(duration) between neighbouring durations. It is -1 if only the
-    impulse, value x duration, matters.
-    """
+    """Return d log(boundary) / d log(duration) between durations; -1: only the impulse counts."""
     if along is None or not along.endswith("duration_ms"):
         return []
     exponents = []

@@ -59,9 +59,7 @@ class Brackets:
 
     @property
     def monotone(self) -> np.ndarray:
-        """Return whether the answer stays yes after the first yes, as far as the scan shows; bool
-        [cells].
-        """
+        """Return whether the answer stays yes after the first yes of the scan; bool [cells]."""
         single = [
             len(changes) <= (state != ALWAYS)
             for state, changes in zip(self.state, self.changes, strict=True)
@@ -103,7 +101,6 @@ def bracket(
 
 
 def _ask(asked: Asked, cells: np.ndarray, tried: np.ndarray) -> np.ndarray:
-    """Return [points, cells] answers, computed in one batch."""
     return asked(np.tile(cells, len(tried)), tried.reshape(-1)).reshape(tried.shape)
 
 

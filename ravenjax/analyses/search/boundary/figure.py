@@ -1,32 +1,23 @@
-"""Draws a boundary: the smallest harmful value over one list of the file, a line for each other
-case.
-"""
+"""Draws the smallest harmful value over one list of the file, with a line for each other case."""
 
 from __future__ import annotations
 
 import itertools
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from ravenjax.analyses.search.boundary.brackets import ALWAYS, CROSSING, INVALID, NEVER
-from ravenjax.analyses.search.style import COLOURS, MARKERS, STYLE
+from ravenjax.analyses.search.style import COLOURS, MARKERS
 from ravenjax.analyses.search.wording import short, words
 from ravenjax.document.figure_style import INK, SOFT
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Record = dict[str, Any]
 
 
 def draw(numbers: dict[str, Any]) -> Figure:
-    """Draw a boundary. `numbers`: as from `bisection.find`. There is one panel for each value of
-    the first list, and lines for the other lists.
-    """
-    import matplotlib
-    from matplotlib.figure import Figure
-
+    """Draw the numbers of `bisection.find`: a panel for each value of the first list."""
     cells, searched = numbers["cells"], numbers["searched"]
     along = numbers["along"]
     names = [name for name in cells[0]["cell"] if name != along]
@@ -34,36 +25,26 @@ def draw(numbers: dict[str, Any]) -> Figure:
     panels = list(dict.fromkeys(record["cell"][panel] for record in cells)) if panel else [None]
     lines = [name for name in names if name != panel]
     kinds = list(dict.fromkeys(tuple(record["cell"][name] for name in lines) for record in cells))
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(2.6 + 2.7 * len(panels), 3.6), layout="constrained")
-        panes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
-        for axes, value in zip(panes, panels, strict=True):
-            part = [record for record in cells if panel is None or record["cell"][panel] == value]
-            for kind, colour, marker in zip(
-                kinds, itertools.cycle(COLOURS), itertools.cycle(MARKERS), strict=False
-            ):
-                line = [r for r in part if tuple(r["cell"][name] for name in lines) == kind]
-                _line(
-                    axes,
-                    line,
-                    along,
-                    searched,
-                    colour,
-                    marker,
-                    words(dict(zip(lines, kind, strict=True))),
-                )
-            _scales(axes, along, searched, part)
-            if value is not None:
-                axes.set_title(f"{short(panel or '').partition(',')[0]} {value}")
-        unit = f", {searched['unit']}" if searched["unit"] else ""
-        panes[0].set_ylabel(f"smallest harmful {short(searched['name']).partition(',')[0]}{unit}")
-        _explain(panes[0], cells)
-        handles, labels = panes[0].get_legend_handles_labels()
-        if any(labels):
-            figure.legend(handles, labels, loc="outside right upper")
-        figure.suptitle(
-            f"harm: {numbers['harm']}", x=0.01, ha="left", fontsize=10, fontweight="bold"
-        )
+    figure = Figure(figsize=(2.6 + 2.7 * len(panels), 3.6), layout="constrained")
+    panes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+    for axes, value in zip(panes, panels, strict=True):
+        part = [record for record in cells if panel is None or record["cell"][panel] == value]
+        for kind, colour, marker in zip(
+            kinds, itertools.cycle(COLOURS), itertools.cycle(MARKERS), strict=False
+        ):
+            line = [r for r in part if tuple(r["cell"][name] for name in lines) == kind]
+            name = words(dict(zip(lines, kind, strict=True)))
+            _line(axes, line, along, searched, colour, marker, name)
+        _scales(axes, along, searched, part)
+        if value is not None:
+            axes.set_title(f"{short(panel or '').partition(',')[0]} {value}")
+    unit = f", {searched['unit']}" if searched["unit"] else ""
+    panes[0].set_ylabel(f"smallest harmful {short(searched['name']).partition(',')[0]}{unit}")
+    _explain(panes[0], cells)
+    handles, labels = panes[0].get_legend_handles_labels()
+    if any(labels):
+        figure.legend(handles, labels, loc="outside right upper")
+    figure.suptitle(f"harm: {numbers['harm']}", x=0.01, ha="left", fontsize=10, fontweight="bold")
     return figure
 
 
@@ -76,9 +57,7 @@ def _line(
     marker: str,
     name: str,
 ) -> None:
-    """Draw one line: brackets as bars, censored cells as open markers with an arrow, and a ring
-    around non-monotone ones.
-    """
+    """Draw brackets as bars, censored cells as arrows, and a ring around non-monotone ones."""
     place = {id(record): record["cell"][along] if along else 0 for record in line}
     line = sorted(line, key=lambda record: place[id(record)])
     crossed = [record for record in line if record["state"] == CROSSING]
@@ -101,7 +80,6 @@ def _line(
 
 
 def _explain(axes: Any, cells: list[Record]) -> None:
-    """Add legend entries for cells without a boundary."""
     style = {"mfc": "none", "mec": SOFT, "ls": "none"}
     for state, marker, meaning in (
         (NEVER, "^", "harmless in the whole range"),

@@ -153,10 +153,7 @@ class Rare(Section):
 Search = Boundary | Sobol | Morris | Rare
 
 KINDS: dict[str, type[Search]] = {
-    "boundary": Boundary,
-    "sobol": Sobol,
-    "morris": Morris,
-    "rare": Rare,
+    model.__name__.lower(): model for model in (Boundary, Sobol, Morris, Rare)
 }
 
 

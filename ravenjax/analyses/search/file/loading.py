@@ -26,9 +26,7 @@ FOLDER = "campaigns/searches"
 
 
 def load(path: str | Path, overrides: Sequence[str] = ()) -> SearchConfig:
-    """Return the search of a TOML file, or of a bundled one by name (`.toml` may be left out).
-    Raises UserError.
-    """
+    """Return the search of a TOML file, or of a bundled one by name. Raises UserError."""
     file = location.find(path, FOLDER, "search")
     raw, text = location.read(file)
     return from_dict(raw, source=file, text=text, overrides=overrides)
@@ -42,11 +40,7 @@ def bundled() -> list[Path]:
 def from_dict(
     raw: dict[str, Any], source: Path | None = None, text: str = "", overrides: Sequence[str] = ()
 ) -> SearchConfig:
-    """Return the search of nested tables in TOML's form, with overrides. `source` and `text` name
-    its origin.
-
-    Raises UserError.
-    """
+    """Return the search of nested tables as in TOML. `source`, `text`: origin. Raises UserError."""
     own: list[str] = []
     left: list[str] = []
     for override in overriding.listed(overrides):
@@ -74,7 +68,6 @@ def from_dict(
 
 
 def _section(raw: dict[str, Any]) -> tuple[Search | None, list[Complaint]]:
-    """Return the section [search], or its errors."""
     table = raw.get(SECTION)
     kinds = ", ".join(KINDS)
     if not isinstance(table, dict):

@@ -72,9 +72,7 @@ class Outcome:
         return events.columns([self.column], rules) if self.named_event else [self.column, "failed"]
 
     def values(self, columns: pd.DataFrame, rules: Rules) -> np.ndarray:
-        """Return float64 [rows] from columns of the result table; NaN if a run failed or has no
-        such number.
-        """
+        """Return float64 [rows] of the result table; NaN: the run failed or has no such number."""
         if self.named_event:
             table = pa.Table.from_pandas(columns[self.columns(rules)], preserve_index=False)
             valid, cases = events.happened(table, [self.column], rules)
@@ -89,9 +87,7 @@ class Outcome:
         return np.where(np.asarray(columns["failed"] == ""), values, np.nan)
 
     def margins(self, columns: schema.Columns) -> np.ndarray:
-        """Return float64 [rows]: how far the column is beyond its bound, at least 0 if the event
-        happened; NaN as in `values`.
-        """
+        """Return how far the column is beyond its bound, float64 [rows]; at least 0: the event."""
         beyond = self._numbers(columns) - self.bound
         margins = beyond if self.relation == ">=" else -beyond
         return np.where(np.asarray(columns["failed"] == ""), margins, np.nan)
@@ -102,9 +98,8 @@ class Outcome:
 
     def _numbers(self, columns: schema.Columns) -> np.ndarray:
         numbers = np.asarray(columns[self.column]).astype(np.float64)
-        return (
-            np.where(numbers < 0, np.nan, numbers) if self._may_be_absent else numbers
-        )  # a time that never came is -1
+        # The time of an event that never came is -1.
+        return np.where(numbers < 0, np.nan, numbers) if self._may_be_absent else numbers
 
     def complaints(self, shape: schema.Shape) -> Iterator[str]:
         """Return the errors of this outcome for a table of this shape."""
@@ -114,13 +109,10 @@ class Outcome:
             return
         dtypes = {c.name: c.dtype for c in schema.columns(shape) if _is_outcome(c.name)}
         if self.column not in dtypes:
-            near, names = (
-                suggestion(self.column, [*dtypes, *events.EVENTS]),
-                ", ".join(events.EVENTS),
-            )
+            near = suggestion(self.column, [*dtypes, *events.EVENTS])
             yield (
                 f"unknown outcome {self.column!r}, expected a column of results/README.md or one of"
-                f" {names}{near}"
+                f" {', '.join(events.EVENTS)}{near}"
             )
             return
         text = dtypes[self.column] == "category"
@@ -169,23 +161,17 @@ def parse(text: str) -> Outcome:
     return Outcome(column)
 
 
-def is_event(found: Outcome) -> bool:
-    """Return whether it is 1 or 0 for every run."""
-    truths = {c.name for c in schema.columns(schema.Shape()) if c.dtype == "bool"}
-    return bool(found.relation) or found.named_event or found.column in truths
-
-
 def require_event(text: str) -> str:
     """Return `text`. Raises ValueError if it names a number rather than an event."""
-    if not is_event(parse(text)):
+    found = parse(text)
+    truths = {c.name for c in schema.columns(schema.Shape()) if c.dtype == "bool"}
+    if not (found.relation or found.named_event or found.column in truths):
         raise ValueError(f"got {shown(text)}, a number; expected an event, such as '{text} >= 1'")
     return text
 
 
 def require_margin(text: str) -> str:
-    """Return `text`. Raises ValueError unless it compares a column with a number, so that a run's
-    distance from the event is defined.
-    """
+    """Return `text`. Raises ValueError unless it compares a column with a number."""
     outcome = parse(text)
     if outcome.relation not in (">=", "<=") or outcome.column.endswith(_TIMES):
         raise ValueError(

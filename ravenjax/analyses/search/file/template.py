@@ -33,9 +33,7 @@ DESIGNS = ("grid", "zip")
 
 
 def axes(config: CampaignConfig) -> dict[Key, Axis]:
-    """Return every axis of the template, slot by slot, then the parameters. "*" and defaults are
-    filled in.
-    """
+    """Return every axis of the template, slot by slot, then the parameters, defaults included."""
     group, result = config.group[0], {}
     for f, fault in enumerate(group.fault):
         for name in FIELDS:
@@ -56,9 +54,7 @@ def label(key: Key) -> str:
 
 
 def complaints(config: CampaignConfig, search: Search | None) -> Iterator[Complaint]:
-    """Return (key, message) for everything that a campaign file may contain and a search file may
-    not.
-    """
+    """Return (key, message) for what a campaign file may contain and a search file may not."""
     if len(config.group) != 1:
         yield (
             ("group", 1),
@@ -142,7 +138,6 @@ def _inputs(config: CampaignConfig, search: Search | None, drawn: list[Key]) -> 
 
 
 def _place(config: CampaignConfig, key: Key) -> tuple[str | int, ...]:
-    """Return the place of an axis in the file."""
     slot, name = key
     if slot != PARAMETER:
         return ("group", 0, "fault", slot, name)
@@ -226,9 +221,7 @@ class Template:
         return values
 
     def campaign(self, case: np.ndarray, values: np.ndarray) -> CampaignConfig:
-        """Return the campaign whose runs are these points, in their order: case [n], values [n,
-        inputs].
-        """
+        """Return the campaign whose runs are these points: case [n], values [n, inputs]."""
         group, config = self.config.group[0], self.config
         listed = {key: tuple(self._values[key][c] for c in case.tolist()) for key in self.lists}
         listed |= {key: tuple(values[:, i].tolist()) for i, key in enumerate(self.inputs)}

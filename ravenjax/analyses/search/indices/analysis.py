@@ -1,6 +1,4 @@
-"""Searches of kinds "sobol" and "morris": which inputs decide an outcome, for each combination of
-the group's lists.
-"""
+"""Searches of kinds "sobol" and "morris": which inputs decide an outcome, in each case."""
 
 from __future__ import annotations
 
@@ -65,9 +63,7 @@ def find(
 
 
 def _of(values: np.ndarray, analyse: Analyse) -> dict[str, Any]:
-    """Return the indices of one outcome; None if a run has no valid outcome or all outcomes are
-    equal.
-    """
+    """Return the indices of one outcome; None if a run is invalid or all outcomes are equal."""
     invalid = int(np.count_nonzero(~np.isfinite(values)))
     moments: dict[str, Any] = {
         "mean": math.nan,

@@ -1,19 +1,15 @@
-"""Draws sensitivity: bars of Sobol's indices, or Morris's mean and deviation of elementary
-effects.
-"""
+"""Draws Sobol's indices as bars, or Morris's mean and deviation of elementary effects."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from ravenjax.analyses.search.style import COLOURS, MARKERS, STYLE
+from ravenjax.analyses.search.style import COLOURS, MARKERS
 from ravenjax.analyses.search.wording import short, words
 from ravenjax.document.figure_style import INK, SOFT
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 MOST_PANELS = 24
 
@@ -21,40 +17,30 @@ Indices = dict[str, dict[str, np.ndarray]]
 
 
 def draw(numbers: dict[str, Any]) -> Figure:
-    """Draw the figure. `numbers`: as from `analysis.find`. There is one row per case and one panel
-    per outcome.
-    """
-    import matplotlib
-    from matplotlib.figure import Figure
-
+    """Draw the numbers of `analysis.find`: one row per case and one panel per outcome."""
     records = [record for record in numbers["results"] if record["indices"] is not None][
         :MOST_PANELS
     ]
     outcomes = list(dict.fromkeys(record["outcome"] for record in records))
     cases = list(dict.fromkeys(words(record["case"]) for record in records))
     names = [short(one["name"]).removeprefix("plant.") for one in numbers["inputs"]]
-    height = 0.5 + (0.34 * len(names) + 0.9 if numbers["method"] == "sobol" else 2.6) * max(
-        1, len(cases)
-    )
-    panel = _bars if numbers["method"] == "sobol" else _effects
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(1.8 + 2.9 * max(1, len(outcomes)), height), layout="constrained")
-        # All indices lie between 0 and 1, but effects have different units.
-        shared = numbers["method"] == "sobol"
-        panes = figure.subplots(
-            max(1, len(cases)), max(1, len(outcomes)), sharex=shared, sharey=shared, squeeze=False
-        )
-        for axes in panes.reshape(-1):
-            axes.set_visible(False)
-        for record in records:
-            axes = panes[cases.index(words(record["case"])), outcomes.index(record["outcome"])]
-            axes.set_visible(True)
-            panel(axes, record["indices"], names)
-            where = f"\n{words(record['case'])}" if record["case"] else ""
-            axes.set_title(f"{record['outcome']}{where}", fontsize=8.5)
-        if records and numbers["method"] == "sobol":
-            handles, labels = panes[0, 0].get_legend_handles_labels()
-            figure.legend(handles, labels, loc="outside lower right", ncols=2)
+    # All of Sobol's indices lie between 0 and 1, but effects have different units.
+    shared = numbers["method"] == "sobol"
+    rows, columns = max(1, len(cases)), max(1, len(outcomes))
+    height = 0.5 + (0.34 * len(names) + 0.9 if shared else 2.6) * rows
+    figure = Figure(figsize=(1.8 + 2.9 * columns, height), layout="constrained")
+    panes = figure.subplots(rows, columns, sharex=shared, sharey=shared, squeeze=False)
+    for axes in panes.reshape(-1):
+        axes.set_visible(False)
+    for record in records:
+        axes = panes[cases.index(words(record["case"])), outcomes.index(record["outcome"])]
+        axes.set_visible(True)
+        (_bars if shared else _effects)(axes, record["indices"], names)
+        where = f"\n{words(record['case'])}" if record["case"] else ""
+        axes.set_title(f"{record['outcome']}{where}", fontsize=8.5)
+    if records and shared:
+        handles, labels = panes[0, 0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower right", ncols=2)
     return figure
 
 
@@ -73,23 +59,12 @@ def _bars(axes: Any, indices: Indices, names: list[str]) -> None:
 
 
 def _effects(axes: Any, indices: Indices, names: list[str]) -> None:
-    mean, deviation, reach = (
-        indices["mu_star"]["value"],
-        indices["sigma"]["value"],
-        _reach(indices["mu_star"]),
-    )
+    mean, deviation = indices["mu_star"]["value"], indices["sigma"]["value"]
+    reach = _reach(indices["mu_star"])
     for i, name in enumerate(names):
-        axes.errorbar(
-            mean[i],
-            deviation[i],
-            xerr=reach[:, i : i + 1],
-            color=COLOURS[i % len(COLOURS)],
-            marker=MARKERS[i % len(MARKERS)],
-            ms=5,
-            lw=1.0,
-            ls="none",
-            label=name,
-        )
+        look = {"color": COLOURS[i % len(COLOURS)], "marker": MARKERS[i % len(MARKERS)]}
+        point = {"xerr": reach[:, i : i + 1], "ms": 5, "lw": 1.0, "ls": "none", "label": name}
+        axes.errorbar(mean[i], deviation[i], **look, **point)
     largest = 1.08 * float(max(mean.max(), deviation.max()))
     axes.plot([0.0, largest], [0.0, largest], color=SOFT, lw=0.9, ls=(0, (4, 2)), zorder=1)
     axes.set_xlim(0.0, largest)

@@ -10,45 +10,37 @@ The figure shows how likely each distance to the event is, by both methods.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from ravenjax.analyses.search.evaluator import Evaluator
 from ravenjax.analyses.search.file import outcome
 from ravenjax.analyses.search.file.config import Rare
 from ravenjax.analyses.search.file.template import Template
-from ravenjax.analyses.search.style import COLOURS, STYLE
+from ravenjax.analyses.search.style import COLOURS
 from ravenjax.analyses.search.wording import words
 from ravenjax.document.figure_style import INK
 from ravenjax.stats.intervals import clopper_pearson
 from ravenjax.stats.rare import LimitState, RareEvent, monte_carlo, subset
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 def draw(numbers: dict[str, Any]) -> Figure:
     """Draw the figure. `numbers`: as from `simulation.find`. There is one panel per case."""
-    import matplotlib
-    from matplotlib.figure import Figure
-
     results = numbers["results"]
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(1.6 + 3.6 * len(results), 3.6), layout="constrained")
-        for axes, record in zip(
-            figure.subplots(1, len(results), sharey=True, squeeze=False)[0], results, strict=True
-        ):
-            _panel(axes, record, numbers)
-            axes.set_title(words(record["case"]))
-        first = figure.axes[0]
-        first.set_ylabel(
-            "probability of that much or " + ("more" if numbers["relation"] == ">=" else "less")
-        )
-        first.legend(loc="lower left")
-        figure.suptitle(
-            f"event: {numbers['event']}", x=0.01, ha="left", fontsize=10, fontweight="bold"
-        )
+    figure = Figure(figsize=(1.6 + 3.6 * len(results), 3.6), layout="constrained")
+    for axes, record in zip(
+        figure.subplots(1, len(results), sharey=True, squeeze=False)[0], results, strict=True
+    ):
+        _panel(axes, record, numbers)
+        axes.set_title(words(record["case"]))
+    first = figure.axes[0]
+    first.set_ylabel(
+        "probability of that much or " + ("more" if numbers["relation"] == ">=" else "less")
+    )
+    first.legend(loc="lower left")
+    figure.suptitle(f"event: {numbers['event']}", x=0.01, ha="left", fontsize=10, fontweight="bold")
     return figure
 
 
@@ -56,14 +48,8 @@ def _panel(axes: Any, record: dict[str, Any], numbers: dict[str, Any]) -> None:
     plain, level = record["exceedance"], record["subset"]
     if plain["value"]:
         label = f"plain Monte Carlo, {record['monte_carlo']['runs']} runs"
-        axes.plot(
-            plain["value"],
-            plain["probability"],
-            color=COLOURS[0],
-            lw=1.4,
-            drawstyle="steps-post",
-            label=label,
-        )
+        style = {"color": COLOURS[0], "lw": 1.4, "drawstyle": "steps-post", "label": label}
+        axes.plot(plain["value"], plain["probability"], **style)
     reached = [
         [one[name] for one in record["reached"] if one["probability"] > 0.0]
         for name in ("value", "probability")
@@ -80,9 +66,7 @@ def _panel(axes: Any, record: dict[str, Any], numbers: dict[str, Any]) -> None:
 
 
 FAR = 1e6
-"""Distance from the event that is assigned to a run without a valid outcome, so that it does not
-count as the event.
-"""
+"""Distance from the event of a run without a valid outcome, which does not count as the event."""
 
 CURVE = 200
 """Number of points that are kept of an exceedance curve."""
@@ -136,11 +120,7 @@ def find(template: Template, search: Rare, evaluator: Evaluator, _: Path) -> dic
 def _limit_state(
     template: Template, evaluator: Evaluator, case: int, drawn: list[np.ndarray]
 ) -> LimitState:
-    """Return a function from points of the unit cube to the distance from the event, at most 0 if
-    it happened.
-
-    `drawn` collects the distances.
-    """
+    """Return the distance of points from the event, at most 0 at it. `drawn` collects them."""
 
     def g(unit: np.ndarray) -> np.ndarray:
         cases = np.full(len(unit), case)
@@ -156,7 +136,6 @@ def _of(found: RareEvent) -> dict[str, Any]:
 
 
 def _column(distance: np.ndarray, search: Rare) -> np.ndarray:
-    """Convert distances from the event to values of the column."""
     one = outcome.parse(search.event)
     return one.bound - distance if one.relation == ">=" else one.bound + distance
 

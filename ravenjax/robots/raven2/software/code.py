@@ -14,7 +14,6 @@ from ravenjax.engines.cpu.transition import (
     Interpreted,
     RecordKind,
     StateTransition,
-    TransitionMachine,
     print_module,
 )
 from ravenjax.robots.raven2.loop import control
@@ -58,7 +57,7 @@ class TransitionCode:
     arithmetic: str = "compiled"
 
     @functools.cached_property
-    def machine(self) -> TransitionMachine:
+    def machine(self) -> Compiled | Interpreted:
         """The machine that runs the transitions on this computer."""
         # Not a campaign: this is the folder in which any compiled code is cached.
         from ravenjax.campaign import compile_cache
