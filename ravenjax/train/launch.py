@@ -25,7 +25,6 @@ import numpy as np
 
 from ravenjax import interruption
 from ravenjax.errors import UserError
-from ravenjax.robots.raven2.geometry import scene
 from ravenjax.store import manifest
 from ravenjax.store.consoles import loading as profiles
 from ravenjax.store.logs.session import description
@@ -39,7 +38,7 @@ from ravenjax.train.realtime.clock import LoopTiming
 from ravenjax.train.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring
 from ravenjax.train.recording import hazards as table
 from ravenjax.train.recording import recorder
-from ravenjax.train.robot import UDP_PORT
+from ravenjax.train.robot import UDP_PORT, scene
 from ravenjax.train.robot_link.crtk.messages import ARM_NAMES, Ros
 from ravenjax.train.robot_link.distant import DistantRobot
 from ravenjax.train.robot_link.itp import ItpServer

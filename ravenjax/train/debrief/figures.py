@@ -12,9 +12,9 @@ import numpy as np
 
 from ravenjax.document import palette
 from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots, Mark
-from ravenjax.robots.raven2 import run_levels
 from ravenjax.train.debrief.course import Course
 from ravenjax.train.judge.row import HazardRow
+from ravenjax.train.robot import run_levels
 
 MOMENTS = {
     "strike": ("strike", "series3"),

@@ -11,11 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.robots.raven2.geometry import scene
-from ravenjax.robots.raven2.geometry.arrays import jaw_rotation
-from ravenjax.robots.raven2.geometry.instrument import JAW_LENGTH
 from ravenjax.train.debrief.course import Course
 from ravenjax.train.judge.row import HazardRow
+from ravenjax.train.robot import JAW_LENGTH, jaw_rotation, scene
 
 EVERY_MS, EVERY_HAZARD_MS = 40, 10
 """Time between two pictures. The second value applies around a hazard, where motion is fast."""

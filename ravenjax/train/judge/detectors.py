@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from ravenjax.robots.raven2 import ROBOT
+from ravenjax.train.robot import ROBOT
 from ravenjax.vocabulary import checks
 from ravenjax.vocabulary.checks import Check
 

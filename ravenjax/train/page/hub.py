@@ -17,7 +17,6 @@ import numpy as np
 from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
-from ravenjax.robots.raven2 import ROBOT
 from ravenjax.train.page import PageOptions
 from ravenjax.train.page.auth import query, same_secret
 from ravenjax.train.page.inbox import Inbox, RefusedMessage
@@ -25,6 +24,7 @@ from ravenjax.train.page.visibility import Visibility
 from ravenjax.train.protocol import messages
 from ravenjax.train.protocol.frame import CONSOLES, PHASES, VIEWS, FrameLayout
 from ravenjax.train.realtime.ring import Ring, put_json
+from ravenjax.train.robot import ROBOT
 
 MOST_PER_S = 400
 """The largest rate of messages of one window. A gamepad at 144 Hz with all keys stays below it."""

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 import viser
 
-from ravenjax.robots.raven2.geometry import scene
 from ravenjax.train.protocol.world import surface
-from ravenjax.train.robot import ArmName
+from ravenjax.train.robot import ArmName, scene
 
 Rgb = tuple[int, int, int]
 

@@ -21,12 +21,11 @@ import viser
 from ravenjax.campaign import compile_cache
 from ravenjax.engines import trace_key
 from ravenjax.robots.raven2.dynamics import arm_model, body_shapes
-from ravenjax.robots.raven2.geometry import scene
 from ravenjax.train.page.marks import MODEL, DepthLine, Rgb, TaskShapes
 from ravenjax.train.protocol.frame import VIEWS, Frame
 from ravenjax.train.protocol.jaws import jaw_tips
 from ravenjax.train.protocol.world import frame0, surface
-from ravenjax.train.robot import ARMS, ArmName
+from ravenjax.train.robot import ARMS, ArmName, scene
 
 _LOOKS = {"ghost": (MODEL, 0.36), "virtual": ((120, 226, 170), 0.75)}
 """Colour and opacity of the figures that are not the robot."""

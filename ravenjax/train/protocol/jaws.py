@@ -11,11 +11,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ravenjax.robots.raven2.geometry.instrument import JAW_LENGTH
-from ravenjax.robots.raven2.geometry.links import GEOMETRY, GM1, GM2, GM3
 from ravenjax.train.protocol.frame import Frame, FrameLayout
 from ravenjax.train.protocol.world import Point
-from ravenjax.train.robot import ArmName
+from ravenjax.train.robot import GEOMETRY, GM1, GM2, GM3, JAW_LENGTH, ArmName
 
 _DRAWN = {"tip": "link_jpos", "virtual_tip": "virtual_jpos", "model_tip": "model_jpos"}
 """Channels of the jaws' axis, each with the channel of its joints."""

@@ -11,10 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.robots.raven2.geometry import scene
-from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 from ravenjax.train.protocol.messages import VIEW
-from ravenjax.train.robot import ArmName
+from ravenjax.train.robot import ITP_AXES, ArmName, scene
 
 Point = tuple[float, float, float]
 Rows = tuple[Point, Point, Point]

@@ -25,13 +25,10 @@ from ravenjax.numbers import tree
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, cast, replace
-from ravenjax.robots.raven2 import ROBOT
-from ravenjax.robots.raven2.console.reading import FIELDS
-from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.loop import connections, observers
 from ravenjax.stages import monitor
 from ravenjax.train.protocol.frame import Frame
-from ravenjax.train.robot import ARMS, E_STOP
+from ravenjax.train.robot import ARMS, E_STOP, FIELDS, ROBOT, kinematics
 from ravenjax.train.robot_link.joint_stream import JointReport
 from ravenjax.train.robot_link.remote import RobotLink
 from ravenjax.train.session import blueprint as of_session

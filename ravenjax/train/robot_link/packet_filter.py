@@ -34,11 +34,21 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ravenjax.numbers.vec import Vec
-from ravenjax.robots.raven2.console.choice import UNDECIDED, ProfileChoice, fitting
-from ravenjax.robots.raven2.console.reading import FIELDS, MODE, Misfit
-from ravenjax.robots.raven2.stages.network import RESET_GAP
 from ravenjax.store.consoles import loading as consoles
-from ravenjax.train.robot import U_STRUCT, ArmName, ConsoleProfile, Packet, turn_by
+from ravenjax.train.robot import (
+    FIELDS,
+    MODE,
+    RESET_GAP,
+    U_STRUCT,
+    UNDECIDED,
+    ArmName,
+    ConsoleProfile,
+    Misfit,
+    Packet,
+    ProfileChoice,
+    fitting,
+    turn_by,
+)
 from ravenjax.vocabulary.packets import QUIET_MS, RELEASE_MS
 
 SIZE = FIELDS.size

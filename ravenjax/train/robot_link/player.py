@@ -24,8 +24,7 @@ import numpy as np
 
 from ravenjax import interruption
 from ravenjax.errors import UserError
-from ravenjax.robots.raven2.console.reading import BUTTONS, CHECKSUM, FIELDS, MODE
-from ravenjax.train.robot import V_STRUCT
+from ravenjax.train.robot import BUTTONS, CHECKSUM, FIELDS, MODE, V_STRUCT
 from ravenjax.train.robot_link.itp import DRIVES, PEDAL
 from ravenjax.vocabulary.packets import RELEASE_MS
 

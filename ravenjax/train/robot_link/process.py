@@ -27,12 +27,11 @@ import numpy as np
 
 from ravenjax import interruption
 from ravenjax.errors import UserError, shown
-from ravenjax.robots.raven2.stages.teleoperation import NO_PACKET_SEQUENCE
 from ravenjax.train import scenario
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.realtime.clock import Clock, LoopTiming, no_collection, realtime
 from ravenjax.train.realtime.loop import Console
-from ravenjax.train.robot import UDP_PORT, ConsoleProfile
+from ravenjax.train.robot import NO_PACKET_SEQUENCE, UDP_PORT, ConsoleProfile
 from ravenjax.train.robot_link.crtk.messages import ARM_NAMES, Ros
 from ravenjax.train.robot_link.itp import LOOPBACK, ItpServer
 from ravenjax.train.robot_link.joint_stream import JOINT_PORT, JointServer, encode_report

@@ -27,9 +27,7 @@ from ravenjax.campaign.file import bounds, semantics
 from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.hazards import expansion, library
-from ravenjax.robots.raven2 import ROBOT
-from ravenjax.robots.raven2.declaration import SITES
-from ravenjax.train.robot import ArmName
+from ravenjax.train.robot import ROBOT, ArmName
 from ravenjax.train.scenario import hazard
 from ravenjax.train.scenario.config import INSTRUCTOR, Entry, Levels, Scenario
 from ravenjax.train.scenario.hazard import FAULT, Armable
@@ -178,7 +176,7 @@ def _groups(scenario: Scenario, seed: int) -> tuple[list[dict[str, Any]], list[i
         if entry.fault:
             faults = [fault.model_dump(exclude_none=True) for fault in entry.fault]
             for fault in faults:
-                site = SITES.get(fault["site"])
+                site = ROBOT.sites.get(fault["site"])
                 if site is not None and site.per_arm:
                     fault.setdefault("arm", scenario.arms[0])
             groups.append({"name": f"{name}/{FAULT}", "fault": faults})
@@ -232,7 +230,11 @@ def _faults(row: _Row) -> list[dict[str, Any]]:
     first = min((int(slot["start_ms"]) for slot in slots), default=0)
     faults = []
     for slot in slots:
-        site, value, duration = SITES[slot["site"]], float(slot["value"]), int(slot["duration_ms"])
+        site, value, duration = (
+            ROBOT.sites[slot["site"]],
+            float(slot["value"]),
+            int(slot["duration_ms"]),
+        )
         fault: dict[str, Any] = {
             "site": site.name,
             "channel": slot["channel"],

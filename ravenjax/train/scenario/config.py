@@ -25,9 +25,7 @@ from ravenjax.campaign.file.group import Fault, Section, flatten_parameters
 from ravenjax.campaign.file.sections import OneOrMore
 from ravenjax.errors import shown
 from ravenjax.outcomes.verdict import PUBLISHED_CUE_MM
-from ravenjax.robots.raven2.campaign.sections import Start
-from ravenjax.robots.raven2.plant import parameter_sets
-from ravenjax.train.robot import ARMS, ArmName
+from ravenjax.train.robot import ARMS, ArmName, Start, parameter_sets
 
 Response = Literal["release", "slow", "restart", "convert", "stop", "continue"]
 """Possible responses of an operator: lift the pedal, slow down, restart after an E-stop, report

@@ -18,7 +18,7 @@ from ravenjax.campaign.file import location, overriding
 from ravenjax.campaign.inspection.json_schema import of_model
 from ravenjax.campaign.loading import models_in
 from ravenjax.errors import UserError, shown, suggestion
-from ravenjax.robots.raven2 import ROBOT
+from ravenjax.train.robot import ROBOT
 from ravenjax.train.scenario.campaign import complaints
 from ravenjax.train.scenario.config import TASKS, Scenario
 

@@ -19,10 +19,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.robots.raven2.console.motion import ARM_COLUMNS
 from ravenjax.train.protocol.messages import STALE_MS
 from ravenjax.train.protocol.world import itp_from_view, turned
-from ravenjax.train.robot import ArmName, Quat, turn_by, unit
+from ravenjax.train.robot import ARM_COLUMNS, ArmName, Quat, turn_by, unit
 from ravenjax.train.scenario import Speeds
 
 STILL = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

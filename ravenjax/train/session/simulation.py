@@ -15,7 +15,6 @@ from ravenjax.engines.cpu.stepper import Stepper
 from ravenjax.faults.fault import FaultSlot
 from ravenjax.numbers import tree
 from ravenjax.numbers.vec import replace
-from ravenjax.robots.raven2.loop import run
 from ravenjax.stages import monitor
 from ravenjax.train.protocol.frame import GOLDEN, Frame, FrameLayout
 from ravenjax.train.robot import E_STOP, Packet
@@ -48,8 +47,8 @@ class SimulatedRobot:
         # Channels of the golden run in the row.
         self._golden = self._shown[:, first.start : last.stop]
         self.now = 0  # the next tick
-        series = run.series_length(blueprint.setup)
-        self._series = self._shown[1, -series:]
+        self._series = self._shown[1, blueprint.layout.simulated :]
+        series = self._series.size
         self._reference = self._own.entering[:series]
         self._apart = False
         self._told_apart = self._own.entering[series]
