@@ -30,9 +30,9 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.train.debrief.course import Course
 from ravenjax.train.protocol.frame import PHASES
 from ravenjax.train.recording import folders
+from ravenjax.train.recording.reader import Recording
 
 KEY = "dexterity"
 """Key in a session's summary."""
@@ -45,13 +45,13 @@ SHORTEST_S = 0.5
 _SPARC_HZ, _SPARC_LEAST, _SPARC_PADS = 10.0, 0.05, 4
 
 
-def measure(course: Course) -> dict[str, Any]:
+def measure(course: Recording) -> dict[str, Any]:
     """Return the measures of a recorded session, for session.json.
 
     A value is null if there was nothing to measure. `both` and `correlation` are null with one arm,
     `economy` without targets.
     """
-    driven = (course.channel("pedal") > 0) & (course.channel("phase") == PHASES.index("running"))
+    driven = (course["pedal"] > 0) & (course["phase"] == PHASES.index("running"))
     cuts = np.flatnonzero((np.diff(driven.astype(int)) != 0) | (np.diff(course.ms) > 1.5)) + 1
     edges = [0, *cuts.tolist(), len(driven)]
     stretches = [(a, b) for a, b in itertools.pairwise(edges) if b - a > 1 and driven[a]]
@@ -62,7 +62,7 @@ def measure(course: Course) -> dict[str, Any]:
     }
     speeds = []
     for arm in course.layout.arms:
-        tip = course.channel(f"{arm}/tip")
+        tip = course[f"{arm}/tip"]
         ways = [resample(course.ms[first:last], tip[first:last]) for first, last in stretches]
         speeds.append(np.concatenate([*map(speed, ways), np.zeros(0)]))
         path_mm = 1e3 * sum(map(path_length, ways))
@@ -76,15 +76,15 @@ def measure(course: Course) -> dict[str, Any]:
     return measures
 
 
-def measure_contact(course: Course) -> dict[str, dict[str, float]]:
+def measure_contact(course: Recording) -> dict[str, dict[str, float]]:
     """Return by arm the largest contact force and impulse, in N and N s.
 
     It also returns the largest force of the vessel and of the other instrument.
     """
     measures = {}
     for arm in course.layout.arms:
-        force = np.linalg.norm(course.channel(f"{arm}/contact").astype(float), axis=1)
-        vessel, between = (course.channel(f"{arm}/{name}") for name in ("vessel_n", "between_n"))
+        force = np.linalg.norm(course[f"{arm}/contact"].astype(float), axis=1)
+        vessel, between = (course[f"{arm}/{name}"] for name in ("vessel_n", "between_n"))
         measures[arm] = {
             "peak_n": float(force.max()),
             # A row is a millisecond.
@@ -203,10 +203,10 @@ def resample(ms: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def _movements(
-    course: Course, tip: np.ndarray, stretches: Sequence[tuple[int, int]]
+    course: Recording, tip: np.ndarray, stretches: Sequence[tuple[int, int]]
 ) -> dict[str, Any]:
     """Return the economy of one tip's movements, and medians of their smoothness."""
-    target = course.channel("target")
+    target = course["target"]
     ways, arc_lengths, jerks = [], [], []
     for first, last in stretches:
         marks = first + 1 + np.flatnonzero(np.diff(target[first:last]))

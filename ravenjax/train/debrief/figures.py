@@ -12,8 +12,8 @@ import numpy as np
 
 from ravenjax.document import palette
 from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots, Mark
-from ravenjax.train.debrief.course import Course
 from ravenjax.train.judge.row import HazardRow
+from ravenjax.train.recording.reader import Recording
 from ravenjax.train.robot import run_levels
 
 MOMENTS = {
@@ -34,7 +34,7 @@ Moment = tuple[str, float, str]
 
 
 def hazard(
-    course: Course, row: HazardRow, limits: Mapping[str, float], blinded: bool
+    course: Recording, row: HazardRow, limits: Mapping[str, float], blinded: bool
 ) -> list[Chart]:
     """Return the charts of one hazard, in ms after its activation.
 
@@ -60,7 +60,7 @@ def hazard(
 
 
 def session(
-    course: Course, hazards: Sequence[HazardRow], limits: Mapping[str, float], blinded: bool
+    course: Recording, hazards: Sequence[HazardRow], limits: Mapping[str, float], blinded: bool
 ) -> list[Chart]:
     """Return the charts of the whole session, in s.
 
@@ -75,7 +75,7 @@ def session(
                 moments.append(("response", row.response_ms / 1000, ""))
     axis = ChartAxis("s into the session", 0.0, float(time[-1]), unit="s")
     arms = course.layout.arms
-    progress = _curve("progress", "series7", time, course.channel("progress"))
+    progress = _curve("progress", "series7", time, course["progress"])
     return [
         *_charts(course, time, everything, axis, arms, moments, limits, blinded),
         _chart("Task", "share done", axis, [progress], moments, SMALL_HEIGHT, share=True),
@@ -116,7 +116,7 @@ def thin(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _charts(
-    course: Course,
+    course: Recording,
     time: np.ndarray,
     inside: np.ndarray,
     axis: ChartAxis,
@@ -144,7 +144,7 @@ def _charts(
         for name, mm in limits.items()
     ]
     charts = [_chart("Distances", "mm", axis, [*distances, *lines], moments, HEIGHT)]
-    is_felt = (course.channel("cue_on") > 0) & (not blinded)
+    is_felt = (course["cue_on"] > 0) & (not blinded)
     for title, unit, colour, values in (
         ("Depth in the tissue", "mm", "series2", course.worst("depth_mm", arms)),
         ("Force felt", "device units", "series1", course.worst("force", arms) * is_felt),
@@ -152,9 +152,9 @@ def _charts(
         if np.nanmax(values[inside]) > 0:
             line = curve(title, colour, np.maximum(values, 0.0))
             charts.append(_chart(title, unit, axis, [line], moments, SMALL_HEIGHT))
-    pedal = run_levels.PEDAL_UP + course.channel("pedal")
+    pedal = run_levels.PEDAL_UP + course["pedal"]
     levels = [
-        curve("robot", "series2", course.channel("runlevel"), step=True),
+        curve("robot", "series2", course["runlevel"], step=True),
         curve("pedal", "series0", pedal, step=True, dashed=True),
     ]
     names = ", ".join(f"{level} {name}" for level, name in enumerate(run_levels.NAMES))

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.train.debrief.course import Course
 from ravenjax.train.judge.row import HazardRow
+from ravenjax.train.recording.reader import Recording
 from ravenjax.train.robot import JAW_LENGTH, jaw_rotation, scene
 
 EVERY_MS, EVERY_HAZARD_MS = 40, 10
@@ -24,7 +24,7 @@ PER_M = 10_000
 
 
 def data(
-    course: Course, header: Mapping[str, Any], hazards: Sequence[HazardRow]
+    course: Recording, header: Mapping[str, Any], hazards: Sequence[HazardRow]
 ) -> dict[str, Any] | None:
     """Return JSON for the player, or None if the session's header lacks the positions of its arms.
 
@@ -47,8 +47,8 @@ def data(
     rows = rows[rows < len(course.ms)]
     return {
         "ms": course.ms[rows].astype(int).tolist(),
-        "pedal": course.channel("pedal")[rows].astype(int).tolist(),
-        "target": course.channel("target")[rows].astype(int).tolist(),
+        "pedal": course["pedal"][rows].astype(int).tolist(),
+        "target": course["target"][rows].astype(int).tolist(),
         "arms": {
             arm: _arm(course, arm, bases[arm], rows, bool(header.get("blinded"))) for arm in arms
         },
@@ -59,7 +59,7 @@ def data(
 
 
 def _arm(
-    course: Course, arm: str, base: dict[str, Any], rows: np.ndarray, blinded: bool
+    course: Recording, arm: str, base: dict[str, Any], rows: np.ndarray, blinded: bool
 ) -> dict[str, Any]:
     """Return the remote centre, and where the jaws close, of the robot and of the nominal model."""
     # The import takes half a second.
@@ -72,7 +72,7 @@ def _arm(
         ("tip", "tip", "link_jpos"),
         ("model", "model_tip", "model_jpos"),
     )[: 1 if blinded else 2]:
-        jaws = JAW_LENGTH * jaw_rotation(arm, course.channel(f"{arm}/{joints}")[rows])[..., 0]
-        points = origin + np.nan_to_num(course.channel(f"{arm}/{axis}")[rows] + jaws) @ turn.T
+        jaws = JAW_LENGTH * jaw_rotation(arm, course[f"{arm}/{joints}"][rows])[..., 0]
+        points = origin + np.nan_to_num(course[f"{arm}/{axis}"][rows] + jaws) @ turn.T
         drawing[name] = np.rint(PER_M * points).astype(int).tolist()
     return drawing

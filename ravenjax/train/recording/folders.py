@@ -20,18 +20,17 @@ class SessionFolder:
     @property
     def scenario(self) -> str:
         """Name of its scenario."""
-        content = self.header.get("scenario")
-        return str(content.get("name") or "") if isinstance(content, dict) else str(content or "")
+        return (self.header.get("scenario") or {}).get("name") or ""
 
     @property
     def participant(self) -> str:
         """The participant; "" if not named."""
-        return str(self.header.get("participant") or "")
+        return self.header.get("participant") or ""
 
     @property
     def started(self) -> str:
         """Time of the start, UTC, ISO 8601; "" if not known."""
-        return str(self.header.get("started") or "")
+        return self.header.get("started") or ""
 
     @property
     def summary(self) -> dict[str, Any]:

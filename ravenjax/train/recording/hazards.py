@@ -77,9 +77,8 @@ def from_recording(recording: Recording, header: Mapping[str, Any]) -> list[Haza
 def identity(header: Mapping[str, Any]) -> dict[str, Any]:
     """Return the columns that all hazards of a session share, from its session.json."""
     same = {name: header.get(name) for name in ("participant", "group", "seed", "blinded")}
-    scenario = header.get("scenario")
-    name = scenario.get("name") if isinstance(scenario, dict) else scenario
-    return same | {"session": header.get("name"), "scenario": name}
+    scenario = (header.get("scenario") or {}).get("name")
+    return same | {"session": header.get("name"), "scenario": scenario}
 
 
 def summarize(rows: Sequence[HazardRow]) -> dict[str, Any]:

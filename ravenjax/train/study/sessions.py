@@ -206,7 +206,10 @@ def _mixtures(sessions: Sequence[StudySession], mixed: bool) -> list[str]:
     unless `mixed`.
     """
     notes = []
-    for what, content_of in (("scenarios", _fixed_scenario), ("versions", _versions)):
+    for what, content_of in (
+        ("scenarios", _fixed_scenario),
+        ("versions", lambda one: one.header.get("versions") or {}),
+    ):
         kinds: dict[str, StudySession] = {}
         for session in sessions:
             kinds.setdefault(json.dumps(content_of(session), sort_keys=True), session)
@@ -232,14 +235,7 @@ def _mixtures(sessions: Sequence[StudySession], mixed: bool) -> list[str]:
 def _fixed_scenario(session: StudySession) -> dict[str, Any]:
     """Return the scenario without the settings that a study varies."""
     content = session.header.get("scenario") or {}
-    if not isinstance(content, dict):
-        return {"name": content}
-    varied = {"on": None, "blinded": None}
-    return content | {"cue": (content.get("cue") or {}) | varied}
-
-
-def _versions(session: StudySession) -> dict[str, Any]:
-    return session.header.get("versions") or {}
+    return content | {"cue": (content.get("cue") or {}) | {"on": None, "blinded": None}}
 
 
 def _letters(groups: Sequence[str], sessions: Sequence[StudySession]) -> dict[str, str]:

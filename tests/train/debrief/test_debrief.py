@@ -17,7 +17,6 @@ from ravenjax.robots.raven2.geometry import scene
 from ravenjax.store.logs.session import description, log
 from ravenjax.train.debrief import page as debrief
 from ravenjax.train.debrief import replay
-from ravenjax.train.debrief.course import Course
 from ravenjax.train.protocol.jaws import closing_point
 from ravenjax.train.protocol.world import to_world
 from ravenjax.train.recording import hazards as hazard_table
@@ -90,7 +89,7 @@ def test_pauses_are_left_out(tmp_path):
     writer = log.SessionWriter(tmp_path / log.FILE, layout.names(), {})
     writer.add(0, rows)
     writer.close()
-    np.testing.assert_array_equal(Course(reader.read(tmp_path)).ms, np.arange(801))
+    np.testing.assert_array_equal(reader.read(tmp_path).without_pauses().ms, np.arange(801))
 
 
 def test_the_page_is_honest_about_what_is_missing(tmp_path):
@@ -162,7 +161,7 @@ def test_text_from_a_session_cannot_become_markup(tmp_path):
 
 
 def test_the_replay_has_the_worlds_places_and_a_mark_for_every_hazard(recording, folder):
-    told = replay.data(Course(recording), description.read(folder), [MET])
+    told = replay.data(recording.without_pauses(), description.read(folder), [MET])
     assert told is not None
     ms = np.array(told["ms"])
     assert ms[0] == 0 and ms[-1] == 16_999 and len(ms) < 1500
@@ -178,7 +177,7 @@ def test_the_replay_has_the_worlds_places_and_a_mark_for_every_hazard(recording,
     marks = [(mark["ms"], mark["kind"]) for mark in told["marks"]]
     assert marks == [(2000.0, "strike"), (2430.0, "response")]
     assert told["task"]["targets"][0]["at"] == [0.0, 0.0, 0.19]
-    assert replay.data(Course(recording), {}, [MET]) is None
+    assert replay.data(recording.without_pauses(), {}, [MET]) is None
 
 
 @pytest.mark.slow
