@@ -1,11 +1,10 @@
 """Runs a whole session with its processes, from the scenario to the debrief.
 
-    realtime   this process, one thread: reads consoles, ticks, writes rows and events to two rings
-    page       serves the browser: reads the rings and sends commands (optional)
-    recorder   reads the rings and writes the session's folder
+- realtime: this process and one thread. It reads consoles, ticks, and writes rows and events.
+- page: reads the rows and events, serves the browser and sends commands (optional).
+- recorder: reads the rows and events, and writes the session's folder.
 
-The page and the recorder can never make the realtime loop wait. Both end when the realtime process
-ends.
+The page and the recorder never make the realtime loop wait. Both end with the realtime process.
 """
 
 from __future__ import annotations
@@ -29,8 +28,9 @@ from ravenjax.store import manifest
 from ravenjax.store.consoles import loading as profiles
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
-from ravenjax.train import judge, page, processes, scenario
-from ravenjax.train.consoles import ItpConsole, PedalWords, Scripted
+from ravenjax.train import page, processes, scenario
+from ravenjax.train.consoles import ItpConsole, Scripted
+from ravenjax.train.judge.row import COLUMNS
 from ravenjax.train.page import loopback
 from ravenjax.train.processes import SessionHelpers
 from ravenjax.train.realtime import clock, loop
@@ -52,9 +52,7 @@ from ravenjax.train.session.blueprint import Blueprint
 from ravenjax.train.session.simulation import SimulatedRobot
 
 KEPT_FRAMES, KEPT_EVENTS, KEPT_COMMANDS = 4096, 1024, 256
-"""Capacities of the rings in rows. Frames last four seconds; fewer events and commands than these
-arrive in that time.
-"""
+"""Capacities of the rings in rows: four seconds of frames, and more than arrives in that time."""
 COMMANDS = "commands.jsonl"
 """File with the commands of the session. Used as a script, it repeats the session."""
 Say = Callable[[str], None]
@@ -130,6 +128,7 @@ def realtime(
         session = Session(
             options.scenario, options.seed, cue=options.cue, robot=_robot(stack, options, say)
         )
+        session.pedals.say = say
         interruption.point()
         say(f"robot: ready after {time.monotonic() - began:.1f} s")
         # An invalid script is refused before anything is recorded.
@@ -157,13 +156,13 @@ def realtime(
             consoles.append(browser)
         if options.itp_port is not None:
             server = ItpServer(
-                session.arms, options.host, options.itp_port, profiles=console_profiles
+                session.arms, options.host, options.itp_port, profiles=console_profiles, say=say
             )
             stack.callback(server.close)
             stack.callback(
                 lambda: say(f"console: {in_words(server.counters()) or 'nothing arrived'}")
             )
-            consoles.append(ItpConsole(server, session, say))
+            consoles.append(ItpConsole(server, session))
             say("console: ITP over UDP {}:{}".format(*server.address))
         if options.crtk is not None:
             from ravenjax.train.robot_link.crtk import bridge
@@ -173,7 +172,6 @@ def realtime(
                 bridge.spawn(stack, options.crtk, session.blueprint, say, elsewhere=elsewhere)
             )
             say(f"CRTK: {options.crtk}, {', '.join(ARM_NAMES[arm] for arm in session.arms)}")
-        consoles.append(PedalWords(session, say))
         if script is not None:
             consoles.append(script)
         helpers.recorder.answer()
@@ -195,14 +193,14 @@ def realtime(
             say(trouble)
         recording.join(processes.STARTING_S)
         result = _conclude(options, session, timing, say)
-        if with_page and linger_s != 0 and not stop:
+        if browser is not None and linger_s != 0 and not stop:
             say(f"the page stays {'until Ctrl-C' if linger_s is None else f'for {linger_s:g} s'}")
             end = float("inf") if linger_s is None else time.monotonic() + linger_s
-            while not stop and time.monotonic() < end and browser is not None:
+            wish = None
+            while wish is None and not stop and time.monotonic() < end:
                 time.sleep(0.05)
-                if (wish := _wish(browser, say)) is not None:
-                    result = dataclasses.replace(result, wish=wish, port=port)
-                    break
+                wish = _wish(browser, say)
+            result = dataclasses.replace(result, wish=wish, port=port)
     return result
 
 
@@ -236,7 +234,7 @@ def following(options: SessionOptions, last: FinishedSession) -> SessionOptions:
 
 
 def _wish(said: loop.PageCommands, say: Say) -> dict[str, Any] | None:
-    """Return the request for the next session that has arrived since the last call, or None.
+    """Return the request for the next session that has arrived, or None.
 
     A scenario that does not exist is reported to the user.
     """
@@ -246,7 +244,7 @@ def _wish(said: loop.PageCommands, say: Say) -> dict[str, Any] | None:
                 if "scenario" in command:
                     scenario.load(command["scenario"])
             except UserError as error:
-                say(f"the next session cannot be begun: {error}")
+                say(f"the next session cannot start: {error}")
             else:
                 return command
     return None
@@ -261,8 +259,8 @@ def headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSess
     script = options.script
     if script is None:
         raise UserError(
-            f"nobody drives: give a script, one of {', '.join(scripts.REACTIONS)} or a file of"
-            " commands"
+            "nothing drives the session: give --script with a file of commands or one of"
+            f" {', '.join(scripts.REACTIONS)}"
         )
     session = Session(options.scenario, options.seed, cue=options.cue)
     driver = Scripted(script, session)  # an invalid file leaves no folder
@@ -320,11 +318,11 @@ def _with_new_folder(options: SessionOptions, say: Say) -> SessionOptions:
             folder = options.folder.with_name(f"{options.folder.name}-{number}")
     except OSError as error:
         raise UserError(
-            f"{folder}: cannot be made ({error.strerror or error}); name a folder with --out that"
-            " this user may make"
+            f"{folder}: cannot be created ({error.strerror or error}); give --out a folder in which"
+            " you may write"
         ) from None
     if number > 1:
-        say(f"{options.folder} is there already and stays as it is; this one goes to {folder}")
+        say(f"{options.folder} exists already; the session is written to {folder}")
     return dataclasses.replace(options, folder=folder)
 
 
@@ -366,22 +364,19 @@ def _header(options: SessionOptions, session: Session) -> dict[str, Any]:
 def _robot(
     stack: contextlib.ExitStack, options: SessionOptions, say: Say
 ) -> Callable[[Blueprint], SimulatedRobot | DistantRobot]:
-    """Return the function that makes the robot: the virtual robot, or a connection to
-    another one.
-    """
+    """Return the function that makes the robot, or connects to a remote one."""
     if options.robot is None:
         return SimulatedRobot
-    host, ports = address(options.robot)
-    itp_port, stream = ports
+    host, (itp_port, stream) = address(options.robot)
 
     def connected(made: Blueprint) -> DistantRobot:
         armables = scenario.armable(options.scenario, made.plan.rows)
         if not isinstance(stream, int):
             if armables:
                 raise UserError(
-                    f"scenario {options.scenario.name!r} has {len(armables)} hazards, and nothing"
-                    f" can be armed in a robot over {stream}: choose a scenario without, or start"
-                    " `ravenjax robot` and give its joint port"
+                    f"scenario {options.scenario.name!r} has {len(armables)} hazards, which cannot"
+                    f" be armed in a robot over {stream}: choose a scenario without hazards, or"
+                    " start `ravenjax robot` and give its joint port"
                 )
             from ravenjax.train.robot_link.crtk import bridge
             from ravenjax.train.robot_link.crtk.ros_robot import RosRobot
@@ -393,13 +388,11 @@ def _robot(
             return DistantRobot(made, robot)
         remote = RemoteRobot(host, itp_port, stream, made.setup.arms, options.token)
         stack.callback(remote.close)
-        mine, theirs = digest(armables), remote.greeting.get("hazards")
-        if mine != theirs:
-            other = (
-                f"scenario {remote.greeting.get('scenario')!r}, seed {remote.greeting.get('seed')}"
-            )
+        other = remote.greeting
+        if digest(armables) != other.get("hazards"):
             raise UserError(
-                f"the robot at {host} ({other}) has other hazards than this session"
+                f"the robot at {host} (scenario {other.get('scenario')!r}, seed"
+                f" {other.get('seed')}) has other hazards than this session"
                 f" ({options.scenario.name!r}, seed {options.seed}): start both with the same"
                 " scenario, --seed and --set"
             )
@@ -423,8 +416,8 @@ def address(text: str) -> tuple[str, tuple[int, int | Ros]]:
     ):
         raise UserError(
             f"robot is {text!r}, expected HOST[:ITP_PORT[:JOINT_PORT]], such as"
-            " 127.0.0.1:36000:36002; ros1 or ros2 in place of JOINT_PORT for a robot that tells of"
-            " itself over ROS"
+            " 127.0.0.1:36000:36002; for a robot that reports its state over ROS, ros1 or ros2"
+            " replaces JOINT_PORT"
         )
     itp, joint = [*map(int, numbers), *(UDP_PORT, JOINT_PORT)[len(numbers) :]]
     return host, (itp, joint if ros is None else ros)
@@ -438,9 +431,7 @@ def _open_page(
     rings: tuple[Ring, Ring, Ring],
     say: Say,
 ) -> int:
-    """Send the page's process its options, wait until it listens, print its addresses and return
-    its port.
-    """
+    """Start the page, print its addresses and return its port."""
     page_options = page.PageOptions(
         frames=rings[0].name,
         events=rings[1].name,
@@ -456,7 +447,7 @@ def _open_page(
     serving.begin(page_options)
     port = serving.answer()
     if options.port not in (0, port):
-        say(f"port {options.port} is taken: the page is at port {port}")
+        say(f"port {options.port} is in use: the page is at port {port}")
     ask = f"&token={options.token}" if options.token else ""
     host = "127.0.0.1" if options.host in ("0.0.0.0", "") else options.host
     url = f"http://{host}:{port}/?role="
@@ -479,8 +470,8 @@ def _require_address(host: str, port: int) -> None:
                 probe.bind(address)
     except OSError as error:
         raise UserError(
-            f"host is {host!r}, where the page cannot listen ({error}); "
-            "give an address of this machine, 127.0.0.1 for itself alone, or 0.0.0.0 for all it has"
+            f"host is {host!r}, where the page cannot listen ({error}); give an address of this"
+            " machine: 127.0.0.1 for this machine only, 0.0.0.0 for every network"
         ) from None
     if not 0 <= port <= 65535:
         raise UserError(f"port is {port}, expected 0 (any free one) to 65535")
@@ -494,7 +485,7 @@ def _conclude(
     from ravenjax.train.debrief import page as debrief
 
     rows = session.judge.rows(**table.identity(description.read(options.folder)))
-    text = table.as_csv(judge.COLUMNS, rows)
+    text = table.as_csv(COLUMNS, rows)
     (options.folder / table.FILE).write_text(text, encoding="utf-8", newline="")
     session.command_log.write(options.folder / COMMANDS)
     summary: dict[str, Any] = {
@@ -512,12 +503,9 @@ def _conclude(
 
 def facts(timing: LoopTiming) -> dict[str, float]:
     """Return the timing of a loop by name. Percentiles are in us."""
-    numbers: dict[str, float] = {
-        "ticks": timing.ticks,
-        "late_ticks": timing.late,
-        "skipped_ms": timing.skipped,
+    counts = {"ticks": timing.ticks, "late_ticks": timing.late, "skipped_ms": timing.skipped}
+    return counts | {
+        f"{what}_{name}_us": timing.percentile(what, share)
+        for what in ("compute", "whole", "lateness")
+        for name, share in (("p50", 0.5), ("p99", 0.99), ("p99_9", 0.999))
     }
-    for what in ("compute", "whole", "lateness"):
-        for name, share in (("p50", 0.5), ("p99", 0.99), ("p99_9", 0.999)):
-            numbers[f"{what}_{name}_us"] = timing.percentile(what, share)
-    return numbers

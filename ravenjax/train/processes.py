@@ -1,6 +1,4 @@
-"""Starts the processes beside the realtime loop, waits for their answers, and reports when they
-end.
-"""
+"""Starts the processes beside the realtime loop, and reports when they end."""
 
 from __future__ import annotations
 
@@ -24,9 +22,7 @@ STARTING_S = 60.0
 
 
 class Helper:
-    """A process that starts before its options are known, so that its imports run in
-    the meantime.
-    """
+    """A process that does its imports before its options are known."""
 
     def __init__(self, stack: contextlib.ExitStack, target: Callable[[Connection], None]) -> None:
         """target: receives its options through the connection, and may answer through it."""
@@ -57,8 +53,8 @@ class Helper:
     def _ended(self) -> UserError:
         self.process.join(STARTING_S)
         return UserError(
-            f"a process of the session ended with code {self.process.exitcode}; its message"
-            " stands above"
+            f"a process of the session ended with code {self.process.exitcode}; see its message"
+            " above"
         )
 
     def keep_away(self) -> None:
@@ -123,6 +119,4 @@ def ended(recording: BaseProcess) -> str | None:
     """Return a message if the recorder has ended before the session; None while it runs."""
     if recording.is_alive() or recording.exitcode == 0:
         return None
-    return (
-        f"the recorder has ended (exit code {recording.exitcode}): the session goes on unrecorded"
-    )
+    return f"the recorder ended with code {recording.exitcode}: the session goes on unrecorded"

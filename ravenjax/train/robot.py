@@ -38,9 +38,7 @@ Quat = tuple[float, float, float, float]
 
 
 def tip_pose(arm: ArmName, jpos: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return position, m [3], and rotation [3, 3] of the jaws in frame 0, at joints [7] in rad and
-    m.
-    """
+    """Return position, m [3], and rotation [3, 3] of the jaws in frame 0, at joints [7]."""
     with at_once():
         pose = kinematics.forward(arm, Vec(map(float, jpos)))
     return np.array(pose.position, float), np.array(pose.rotation, float)

@@ -20,9 +20,7 @@ COLUMNS = (
     "of",
 )
 LONGEST_TICK_US = 100
-"""The longest computation of a tick that is expected for 99.9 % of ticks. The margin lets slower
-machines keep up.
-"""
+"""The longest computation of a tick that is expected for 99.9 % of ticks."""
 SCENARIO = "first_steps"
 EMPTY, SESSION = "empty", "session"
 

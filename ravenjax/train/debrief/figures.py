@@ -17,7 +17,7 @@ from ravenjax.train.recording.reader import Recording
 from ravenjax.train.robot import run_levels
 
 MOMENTS = {
-    "strike": ("strike", "series3"),
+    "strike": ("start", "series3"),
     "knowable": ("could be known", palette.SAME),
     "cue": ("cue", palette.CUE),
     "alarm": ("robot's alarm", "series5"),
@@ -54,7 +54,7 @@ def hazard(
     if inside.sum() < 2:
         return []
     arms = [row.arm] if row.arm in course.layout.arms else list(course.layout.arms)
-    axis = ChartAxis("ms after the strike", -BEFORE_MS, end, unit="ms")
+    axis = ChartAxis("ms after the start of the hazard", -BEFORE_MS, end, unit="ms")
     time = course.ms - row.struck_ms
     return _charts(course, time, inside, axis, arms, moments, limits, blinded)
 

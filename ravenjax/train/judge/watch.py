@@ -2,17 +2,16 @@
 
 `episode` explains the terms of a row. Responses are:
 
-- `release`: the pedal comes up, also by an operator who gives the seat away or leaves; a console
-  that fails does not count
-- `slow`: the hands move at a quarter of their speed for a second (`detectors`)
-- `restart`: the operator restarts a robot that does not follow
-- `stop`: the E-stop button
-- `convert`: a note that says "convert" (the page's button sends one)
+- `release`: the pedal comes up, also when the operator gives the console away or leaves. A console
+  that fails does not count.
+- `slow`: the hands move at a quarter of their speed for a second (`detectors`).
+- `restart`: the operator restarts a robot that does not follow.
+- `stop`: the E-stop button.
+- `convert`: a note that contains "convert". The page's button sends one.
 
-A check that raises an alarm or stops the robot is an event "alarm", for everybody. While it keeps
-tripping, events "alarm_count" follow. The first check of each kind of response to the active hazard
-is an event of that name ("stopped", "flagged", "limited"), for the instructor's log. Only the
-instructor sees "limited".
+A check that raises an alarm or stops the robot causes the event "alarm". While it keeps tripping,
+events "alarm_count" follow. The first check of each kind of response to the active hazard is an
+event of that name ("stopped", "flagged", "limited"), which only the instructor sees.
 """
 
 from __future__ import annotations
@@ -28,15 +27,11 @@ from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.scenario import Armable, Scenario
 
 CUE_QUIET_MS = 250
-"""Time without force after which a new force counts as a new cue. A force that comes and goes
-around its threshold is then one cue.
-"""
+"""Time without force after which a new force counts as a new cue."""
 COUNT_EVERY_MS = 1000
 """The shortest time between two events "alarm_count" of one check."""
 _OF_MOTION = ("release", "slow")
-"""Responses to a robot that moves. Once the robot has halted on its own, they avoid nothing and do
-not count.
-"""
+"""Responses to a robot that moves. They do not count once the robot has halted on its own."""
 _COMMON = (
     *("tick", "live", "fault_active", "pedal", "console_alive"),
     *("golden_cue", "halted_ms", "golden_halted_ms"),
@@ -46,14 +41,11 @@ _EVENTS = {
     "loss": "loss_of_motion",
     "false_report": "false_report",
 }
-"""Event for each distance that exceeds the limit. The names are those of
-`ravenjax.outcomes.events`.
-"""
+"""Event for each distance that exceeds the limit, named as in `ravenjax.outcomes.events`."""
 
 
 SEEN = ("known", "unintended", "unintended_off", "loss")
-"""Distances that a person may see: of the reported tip from the golden run's, and of
-the true tip.
+"""Distances that a person may see: of the reported tip from the golden run's, and of the true tip.
 """
 
 
@@ -67,7 +59,7 @@ class Judge:
         cue_on: bool,
         tell: Callable[..., None],
     ) -> None:
-        """tell: receives each event: its tick, its kind, and its content by name."""
+        """tell: receives the tick, the kind and the content of each event."""
         self.scenario, self.hazards = scenario, tuple(hazards)
         self.cue_on = cue_on
         """Whether the operator feels forces. The instructor may change it at any time."""
@@ -84,8 +76,7 @@ class Judge:
         self._pedal = False
         # Whether the robot followed when the hazard became active, and the pedal is held since.
         self._was_down = False
-        # Whether the operator pressed the E-stop.
-        self._pressed = False
+        self._pressed = False  # whether the operator pressed the E-stop
         # Whether the operator has given the seat away or left, and nobody has driven since.
         self._walked = False
         self._live = False
@@ -135,9 +126,7 @@ class Judge:
         self.disarmed(tick)
 
     def lifted(self, tick: int, why: str) -> None:
-        """Take a pedal that comes up before this tick without the operator's foot. It is not a
-        release.
-        """
+        """Take a pedal that comes up without the operator's foot. It is not a release."""
         self._pedal = False
         if why != "silent" or not self._walked:
             self.interrupted(tick, why)
@@ -145,8 +134,7 @@ class Judge:
     def walked_away(self) -> None:
         """Take an operator who gives the seat away or leaves.
 
-        A pedal that was down counts as released. The silence until the next pedal-down interrupts
-        no hazard: otherwise leaving would be a way to avoid a score.
+        The silence until the next pedal-down interrupts no hazard, so that leaving avoids no score.
         """
         self._walked = True
 
@@ -225,9 +213,8 @@ class Judge:
     def look(self, outcomes: Mapping[str, Any], golden: Mapping[str, Any] | None = None) -> None:
         """Record the trips of the robot's checks since the last reading.
 
-        outcomes, golden: columns of a campaign, of robot and golden run until the last tick. golden
-        None: there is no golden run. Call it before a hazard is disarmed, because the golden run
-        restarts then.
+        outcomes, golden: outcome columns of robot and golden run so far; golden None: there is no
+        golden run. Call it before a hazard is disarmed, because the golden run restarts then.
         """
         tick, robot_tick = self._ticks
         episode = None if self._pressed else self._struck_episode()
@@ -271,9 +258,7 @@ class Judge:
     def _watch(
         self, tick: int, row: list[float], pedal: float, alive: float, episode: Episode
     ) -> None:
-        """Record the active hazard's effects, what can be known of it, and the operator's
-        responses.
-        """
+        """Record the active hazard's effects, what can be known of it, and the responses."""
         for arm in self._arms:
             self._measure(tick, row, arm, episode)
         self._was_down = self._was_down and pedal != 0.0
@@ -332,10 +317,7 @@ class Judge:
             self._tell(tick, "response", number=number, what=what, ok=is_right, ms=ms)
 
     def interrupted(self, tick: int, by: str) -> None:
-        """Record that something other than the operator cuts off the active hazard.
-
-        What is already decided stays decided.
-        """
+        """Record that others cut off the active hazard, if it is not decided yet."""
         episode = self._episode
         if episode is not None and episode.interrupt(tick):
             self._tell(tick, "interrupted", number=episode.hazard.number, by=by)
@@ -343,11 +325,6 @@ class Judge:
 
 class _Arm:
     """Places of an arm's channels in a row, and values remembered between ticks."""
-
-    __slots__ = (
-        *("depth", "depth_at_strike", "distances", "error", "force", "hand", "last_force", "name"),
-        *("seen", "unintended"),
-    )
 
     def __init__(self, frame: Frame, name: str) -> None:
         places = frame.layout.places

@@ -38,12 +38,12 @@ class PageOptions:
     def __post_init__(self) -> None:
         if not self.token and not loopback(self.host):
             raise UserError(
-                f"host is {self.host!r}, which others can reach, and there is no token: "
-                "give one that every visitor must carry, or bind 127.0.0.1"
+                f"host is {self.host!r}, which other machines can reach, and there is no token:"
+                " give --token, or host 127.0.0.1"
             )
         if self.token and self.token == self.instructor_token:
             raise UserError(
-                "token and instructor_token are the same: whoever drives could instruct; give two"
+                "token and instructor_token are the same, so an operator could instruct: give two"
                 " that differ"
             )
 
@@ -57,10 +57,10 @@ def loopback(host: str) -> bool:
 
 
 def run_when_told(told: Connection) -> None:
-    """Import the page, then serve it with the `PageOptions` that `told` delivers.
+    """Import the page, then serve it with the `PageOptions` that `told` sends.
 
-    This is the entry point of a spawned process. It sends its port through `told`, and serves until
-    it is terminated or the session's process ends.
+    This is the entry point of a spawned process. It answers with its port, and serves until it is
+    terminated or the session's process ends.
     """
     # viser and MuJoCo take seconds to import, and only the page's process needs them.
     from ravenjax.train.page import process

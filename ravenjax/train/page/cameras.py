@@ -12,9 +12,7 @@ from ravenjax.train.page.server import window
 
 FIRST = "endoscope"
 FAR = "theatre"
-"""An inset with this view has no letters: from there they would hide the instruments and each
-other.
-"""
+"""An inset with this view has no letters: they would hide the instruments."""
 # The endoscope's light: colour, candela.
 LAMP, LAMP_CD = (255, 246, 235), 0.008
 UP = (0.0, 0.0, 1.0)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import time
 from collections.abc import Callable
 from typing import Any
@@ -41,9 +40,7 @@ class Client:
     def __init__(
         self, connection: ServerConnection, role: str, window: str, instructs: bool
     ) -> None:
-        """instructs: whether it has proved its right to instruct, even if another window instructs
-        now.
-        """
+        """instructs: whether it may instruct, even if another window instructs now."""
         self.connection, self.role, self.window = connection, role, window
         self.instructs = instructs
         self._texts: list[str] = []
@@ -53,7 +50,7 @@ class Client:
 
     def send_soon(self, message: dict[str, Any]) -> None:
         """Queue a text; texts are sent in order."""
-        self._texts.append(json.dumps(message, separators=(",", ":")))
+        self._texts.append(messages.encode(message))
         self._wake.set()
 
     def show(self, row: np.ndarray, extras: np.ndarray) -> None:

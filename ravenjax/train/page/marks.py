@@ -168,9 +168,7 @@ def add_line_segments(
     points: np.ndarray | None = None,
     **settings: Any,
 ) -> Any:
-    """Add line segments [n, 2, 3], m, with a thickness on the screen. The default is one segment of
-    length 0.
-    """
+    """Add line segments [n, 2, 3], m; by default one of length 0."""
     return server.scene.add_line_segments(
         name,
         np.zeros((1, 2, 3), np.float32) if points is None else points.astype(np.float32),

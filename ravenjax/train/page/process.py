@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import io
 import logging
-import multiprocessing
 import signal
 import threading
 import time
@@ -21,12 +20,11 @@ from ravenjax.train.page.scene import Scene, describe_place
 from ravenjax.train.page.server import PageServer
 from ravenjax.train.protocol.frame import Frame, FrameLayout
 from ravenjax.train.protocol.jaws import closing_point, with_tips
-from ravenjax.train.realtime.ring import Ring, read_json
+from ravenjax.train.realtime.ring import Ring, parent_has_ended, read_json
 from ravenjax.train.robot import tip_pose
 
 # Interval between frames while the answer to a key is awaited, and duration of that wait.
 PROMPT_S, ANSWER_S = 0.004, 0.06
-PARENT_S = 1.0
 PERIOD_S = 1 / 60
 """Interval between frames at other times."""
 
@@ -70,18 +68,13 @@ class Page:
 
     def work(self) -> None:
         """Work until the session's process ends."""
-        last_frame = last_check = time.monotonic()
-        while True:
+        last_frame = time.monotonic()
+        while not parent_has_ended():
             now = time.monotonic()
             self._pass_on()
             if now >= last_frame + PERIOD_S - 1e-3:
                 last_frame = now
                 self._draw()
-            if now > last_check + PARENT_S:
-                last_check = now
-                parent = multiprocessing.parent_process()
-                if parent is not None and not parent.is_alive():
-                    return
             until_frame = max(0.0, last_frame + PERIOD_S - time.monotonic())
             self._changed.wait(PROMPT_S if now < self._answer_until else until_frame)
             self._changed.clear()

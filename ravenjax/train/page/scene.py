@@ -30,9 +30,7 @@ from ravenjax.train.robot import ARMS, ArmName, scene
 _LOOKS = {"ghost": (MODEL, 0.36), "virtual": ((120, 226, 170), 0.75)}
 """Colour and opacity of the figures that are not the robot."""
 GHOST_MM = (0.5, 0.8)
-"""A ghost disappears below the first distance and appears above the second. Inside the robot it
-would only tint it.
-"""
+"""A ghost disappears below the first distance and appears above the second."""
 FORCE, CONTACT = (255, 190, 60), (70, 200, 150)
 CONTACT_M = 0.03
 """m of arrow per N of contact force."""

@@ -25,9 +25,7 @@ from ravenjax.train.robot import ArmName
 CHANNELS: dict[str, dict[str, int]] = tomllib.loads(
     resources.files("ravenjax.train.protocol").joinpath("channels.toml").read_text(encoding="utf-8")
 )
-"""Channels of the tick (`simulated`) and of the session by name, with the number of
-values of each.
-"""
+"""Channels of the tick (`simulated`) and of the session, with the number of values of each."""
 GOLDEN = ("golden_halted_ms", "golden_cue")
 """Channels of the golden run. They are neighbours in a row."""
 
@@ -39,9 +37,7 @@ ready: waiting for the first pedal-down; running; paused by the instructor; stop
 E-stop; over; lost: no reports arrive, and the robot's state is unknown.
 """
 CONSOLES = ("nobody", "page", "itp", "script", "crtk")
-"""Who may drive: nobody, the page's operator window, a console over the network, a scripted or
-recorded operator, a console over ROS.
-"""
+"""What may drive: nobody, the operator's page, ITP or CRTK over the network, or a script."""
 VIEWS = ("real", "virtual", "replay")
 """What follows the hand.
 

@@ -44,9 +44,7 @@ def jaw_tips(arm: ArmName, closing: Sequence[float], jpos: Sequence[float]) -> t
 
 
 def along(arm: ArmName, jpos: Sequence[float]) -> Point:
-    """Return the direction of the closed jaws in frame 0, a unit vector, at joints [7] in rad and
-    m.
-    """
+    """Return the unit vector along the closed jaws in frame 0, at joints [7] in rad and m."""
     geometry = GEOMETRY[arm]
     cos23, side, flip = geometry.cos23, geometry.side, geometry.flip
     theta1, theta2 = jpos[0] + geometry.zero1, jpos[1] + geometry.zero2

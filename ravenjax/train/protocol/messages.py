@@ -65,6 +65,7 @@ for checks and motion.
 
 from __future__ import annotations
 
+import json
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
@@ -75,9 +76,9 @@ from ravenjax.vocabulary.packets import QUIET_MS
 STALE_MS = QUIET_MS
 """Older input counts as no input: pedal up, hands at rest, no force."""
 VIEW = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0))
-"""Axes of the operator's view in the world (z up, gold arm at negative x): right, up, toward the
-operator.
-"""
+"""Right, up and toward the operator in the world (z up, gold arm at negative x)."""
+encode = json.JSONEncoder(separators=(",", ":")).encode
+"""Returns a command or an event as JSON text."""
 OPERATOR = ("estop", "restart", "rehearse", "reengage", "discard", "note")
 INSTRUCTOR = ("start", "arm", "disarm", "pause", "resume", "reset", "end", "cue")
 SEAT = ("take", "give", "left")

@@ -35,9 +35,7 @@ def to_world(arm: ArmName, position: Point) -> Point:
 
 @cache
 def itp_from_view(arm: ArmName) -> Rows:
-    """Return rotation rows from the axes of the operator's view to those of the arm's
-    ITP packets.
-    """
+    """Return rotation rows from the axes of the operator's view to those of ITP packets."""
     rotation, axes = np.array(frame0(arm)[1]), np.array(_rows(ITP_AXES[arm]))
     return _rows(axes.T @ rotation.T @ np.array(VIEW).T)
 

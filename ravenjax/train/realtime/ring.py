@@ -10,11 +10,14 @@ overwritten, because rows are numbered.
 from __future__ import annotations
 
 import json
+import multiprocessing
 from collections.abc import Iterator
 from multiprocessing import shared_memory
 from typing import Any
 
 import numpy as np
+
+from ravenjax.train.protocol.messages import encode
 
 # Bytes: rows written so far, capacity, bytes of a row.
 _HEADER = 64
@@ -59,9 +62,7 @@ class Ring:
         return int(self._header[0])
 
     def put(self, row: np.ndarray) -> None:
-        """Append a row, uint8 [row_bytes] or shorter. Bytes beyond a shorter row keep their old
-        values.
-        """
+        """Append a row, uint8. Bytes beyond a shorter row keep their old values."""
         self._rows[self._written % self.capacity, : row.size] = row
         self._written += 1
         self._header[0] = self._written
@@ -91,12 +92,17 @@ EVENT_BYTES = 2048
 """The largest size of an event as JSON."""
 COMMAND_BYTES = 4096
 """The largest size of a command to a session."""
-_encode = json.JSONEncoder(separators=(",", ":")).encode
+
+
+def parent_has_ended() -> bool:
+    """Whether the process that spawned this one is gone."""
+    parent = multiprocessing.parent_process()
+    return parent is not None and not parent.is_alive()
 
 
 def put_json(ring: Ring, message: dict[str, Any]) -> None:
     """Append an event or a command. Raises ValueError if it is longer than a row."""
-    text = _encode(message).encode()
+    text = encode(message).encode()
     if len(text) >= ring.row_bytes:
         raise ValueError(
             f"{message.get('kind', message.get('type'))!r} has {len(text)} bytes, expected less"

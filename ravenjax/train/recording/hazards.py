@@ -14,13 +14,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from ravenjax.errors import StoreError
 from ravenjax.train.judge.row import COLUMNS, HazardRow
 from ravenjax.train.recording.reader import Recording
 
 FILE = "hazards.csv"
+_ROWS = TypeAdapter(list[HazardRow])
 
 
 def read_table(folder: Path) -> list[HazardRow]:
@@ -32,7 +33,7 @@ def read_table(folder: Path) -> list[HazardRow]:
     path = Path(folder) / FILE
     try:
         with open(path, newline="", encoding="utf-8") as file:
-            reader = csv.DictReader(file)
+            reader = csv.DictReader(file, restkey="")
             columns = list(reader.fieldnames or [])
             lines = list(reader)
     except FileNotFoundError:
@@ -41,19 +42,18 @@ def read_table(folder: Path) -> list[HazardRow]:
         raise StoreError(f"{path}: cannot be read ({error})") from error
     if missing := [name for name in COLUMNS if name not in columns]:
         raise StoreError(
-            f"{path}: has no column {', '.join(missing)}; expected those that `ravenjax train`"
-            " writes"
+            f"{path} has no column {', '.join(missing)}; expected the columns that"
+            " `ravenjax train` writes"
         )
-    rows = []
-    for number, line in enumerate(lines, start=2):
-        try:
-            cells: dict[str, Any] = {name: line[name] for name in COLUMNS}
-            rows.append(HazardRow(**cells))
-        except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            cell = f"{first['loc'][0]} is {first['input']!r}"
-            expected = first["msg"].removeprefix("Value error, ")
-            raise StoreError(f"{path}: line {number}: {cell}, {expected}") from None
+    try:
+        rows = _ROWS.validate_python(lines)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        number, column = first["loc"][:2]
+        expected = first["msg"].removeprefix("Value error, ")
+        raise StoreError(
+            f"{path}: line {int(number) + 2}: {column} is {first['input']!r}, {expected}"
+        ) from None
     return sorted(rows, key=lambda row: (row.struck_ms is None, row.struck_ms or 0.0, row.number))
 
 

@@ -9,7 +9,6 @@ and one block are lost (`store.recover`).
 from __future__ import annotations
 
 import contextlib
-import multiprocessing
 import signal
 import time
 from collections.abc import Callable, Mapping
@@ -22,12 +21,10 @@ import numpy as np
 
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
-from ravenjax.train.realtime.ring import Ring, read_json
+from ravenjax.train.realtime.ring import Ring, parent_has_ended, read_json
 
 POLL_S = 0.015
-"""s between readings of the rings. A kill loses at most this time, one block and the scheduler's
-delay.
-"""
+"""s between readings of the rings. A kill loses at most this time and one block."""
 BLOCK = 128
 """The largest number of rows of a block, so that a recorder that is behind loses little more."""
 LINGER_S = 0.5
@@ -112,21 +109,18 @@ def _record(
 
 
 class _Stop:
-    """Whether to stop: after SIGTERM, when the parent is gone, or some time after the session's
-    end.
-    """
+    """Whether to stop: after SIGTERM, without a parent, or some time after the session's end."""
 
     def __init__(self) -> None:
         self._at = float("inf")
         signal.signal(signal.SIGTERM, lambda *_: self.after(0.0))
         # Ctrl-C reaches every process, but the session must end first.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        self._parent = multiprocessing.parent_process()
 
     def after(self, seconds: float) -> None:
         self._at = min(self._at, time.monotonic() + seconds)
 
     def is_due(self) -> bool:
-        if self._parent is not None and not self._parent.is_alive():
+        if parent_has_ended():
             self.after(0.0)
         return time.monotonic() >= self._at

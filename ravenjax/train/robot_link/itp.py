@@ -31,17 +31,11 @@ from typing import Any
 from ravenjax.errors import UserError
 from ravenjax.train.protocol.messages import STALE_MS
 from ravenjax.train.robot import ARMS, ITP_AXES, UDP_PORT, V_STRUCT, ArmName, ConsoleProfile
-from ravenjax.train.robot_link.packet_filter import (
-    SIZE,
-    Gate,
-    merge,
-)
+from ravenjax.train.robot_link.packet_filter import SIZE, Gate, merge
 
 LOOPBACK = "127.0.0.1"
 PER_TICK = 8
-"""Datagrams read in one tick, at least. The others wait in the kernel, which drops those that do
-not fit.
-"""
+"""Datagrams read in one tick, at least. The others wait in the kernel."""
 USUAL_PER_TICK = 4
 """The largest number of packets accepted in one tick while the console's profile is unknown."""
 BUFFER_BYTES = 1 << 16
@@ -61,9 +55,7 @@ _AXES = tuple(
     ]
     for arm in ARMS
 )
-"""For each arm and ITP axis: the axis of frame 0 along which it lies, and the factor of
-the force.
-"""
+"""For each arm and ITP axis: its axis of frame 0, and the factor of the force."""
 
 
 class ItpServer:
@@ -77,12 +69,11 @@ class ItpServer:
         clock: Callable[[], int] = time.monotonic_ns,
         profiles: Sequence[ConsoleProfile] = (),
         only_host: str | None = None,
+        say: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """port 0: any free port. profiles, only_host: as of `Gate`. Raises UserError if the address
-        cannot be bound.
-        """
+        """profiles, only_host, say: as of `Gate`. Raises UserError if the port is taken."""
         self.arms = tuple(arms)
-        self.gate = Gate(arms, profiles, only_host)
+        self.gate = Gate(arms, profiles, only_host, say)
         self._clock = clock
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
@@ -92,8 +83,8 @@ class ItpServer:
         except (OSError, OverflowError) as error:
             self._socket.close()
             raise UserError(
-                f"UDP {host}:{port} cannot be opened for consoles ({error}); another session may"
-                " hold it. Give another port, or 0 for any free one"
+                f"UDP {host}:{port} cannot be opened for consoles ({error}): another session may"
+                " use it. Give another port, or 0 for any free one"
             ) from None
         self.last_sequence = 0  # number of the console's packet accepted last
         self._pedal = False
@@ -146,8 +137,8 @@ class ItpServer:
         """Send the force of each arm (3, device units, frame 0 of the arm) to the console.
 
         Call it at most once a tick. pedal: False if a pedal that the console holds down does not
-        count. drives: False if another console drives. A stale console gets zero force and pedal up
-        until `RELEASE_MS`, after which it counts as gone. Returns whether a packet was sent.
+        count. drives: False if another console drives; then the force is zero. A stale console gets
+        zero force and pedal up until `RELEASE_MS`. Returns whether a packet was sent.
         """
         now_ms = self._clock() * 1e-6
         peer = self.gate.peer(now_ms)
@@ -158,7 +149,7 @@ class ItpServer:
         components = [0] * 6
         if alive:
             flags |= ALIVE | (PEDAL if pedal and self._pedal else 0)
-            for arm, force in forces.items():
+            for arm, force in forces.items() if drives else ():
                 slot = ARMS.index(arm)  # type: ignore[arg-type]
                 pull = [_whole(float(force[axis]) * scale) for axis, scale in _AXES[slot]]
                 components[slot::2] = pull
@@ -182,9 +173,7 @@ class ItpServer:
         return True
 
     def counters(self) -> dict[str, int]:
-        """Return the counts of datagrams by result (`packet_filter.CAUSES`), and of
-        force packets.
-        """
+        """Return the counts of datagrams by `packet_filter.CAUSES`, and of force packets."""
         return {**self.gate.counts, "force_sent": self._sent}
 
     def close(self) -> None:

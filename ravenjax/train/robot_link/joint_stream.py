@@ -136,9 +136,7 @@ class LineConnection:
         return fits
 
     def read(self, longest: int = BUFFER_BYTES) -> list[bytes]:
-        """Return the complete lines that have arrived. Raises ValueError if one exceeds `longest`
-        bytes.
-        """
+        """Return the complete lines that have arrived. Raises ValueError if one is too long."""
         if self.is_closed:
             return []
         try:
@@ -173,16 +171,14 @@ class JointServer:
     def __init__(
         self, greeting: dict[str, Any], host: str, port: int = JOINT_PORT, token: str | None = None
     ) -> None:
-        """greeting: the first line to each listener. port 0: any free port. Raises UserError if the
-        port cannot be opened.
-        """
+        """greeting: the first line to each listener. Raises UserError if the port is taken."""
         self._greeting, self._token = encode_line(greeting), token
         try:
             self._socket = socket.create_server((host, port))
         except (OSError, OverflowError) as error:
             raise UserError(
-                f"TCP {host}:{port} cannot be opened for the joint stream ({error}); another robot"
-                " may hold it. Give another port, or 0 for any free one"
+                f"TCP {host}:{port} cannot be opened for the joint stream ({error}): another robot"
+                " may use it. Give another port, or 0 for any free one"
             ) from None
         self._socket.setblocking(False)
         self.listeners: list[LineConnection] = []

@@ -55,12 +55,12 @@ class Played(NamedTuple):
             f" {late_ms:.1f} ms late"
         )
         if not self.forces:
-            return f"{sent}; no force packet came back: does a robot listen there?"
+            return f"{sent}; no force packet came back: check that a robot listens there"
         words = (
             f"{sent}; {self.forces} force packets came back, {self.driving} of them with the pedal"
             " down"
         )
-        return words if self.driving else f"{words}: the terminal of the robot or session says why"
+        return words if self.driving else f"{words}; the robot's terminal shows why"
 
 
 def lead(first: bytes, count: int = round(LEAD_S / LEAD_STEP_S)) -> list[bytes]:
@@ -94,8 +94,8 @@ def play(
     due = np.concatenate([np.arange(len(ahead)) * LEAD_STEP_S, LEAD_S + np.asarray(arrival_s)])
     with interruption.until_interrupted() as stop, _connected(address) as port:
         say(
-            f"{len(datagrams)} packets of {arrival_s[-1]:.3f} s to {address[0]}:{address[1]}; pedal"
-            " up ahead of them"
+            f"sending packets with the pedal up to {address[0]}:{address[1]}, then"
+            f" {len(datagrams)} recorded packets of {arrival_s[-1]:.3f} s"
         )
         _knock(port, lead(datagrams[0], len(ahead) + 1)[0], stop)
         begin = time.monotonic()
@@ -136,19 +136,14 @@ def _knock(port: socket.socket, packet: bytes, stop: Sequence) -> None:
 
 @contextlib.contextmanager
 def _connected(address: tuple[str, int]) -> Iterator[socket.socket]:
-    try:
-        family, kind, protocol, _, place = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
-        port = socket.socket(family, kind, protocol)
-    except OSError as error:
-        raise UserError(
-            f"{address[0]}:{address[1]}: no such address ({error.strerror or error})"
-        ) from None
-    with port:
+    with contextlib.ExitStack() as stack:
         try:
+            *kind, _, place = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
+            port = stack.enter_context(socket.socket(*kind))
             port.connect(place)
         except OSError as error:
             raise UserError(
-                f"{address[0]}:{address[1]}: cannot be reached ({error.strerror or error})"
+                f"{address[0]}:{address[1]} cannot be reached ({error.strerror or error})"
             ) from None
         port.setblocking(False)
         yield port

@@ -1,13 +1,9 @@
 """Runs `ravenjax robot`: control software and virtual robot in a process that any ITP console can
 drive.
 
-    console  -- ITP, UDP --> gate --> one packet a tick --> control software, virtual robot
-             <-- force ----                                      |
-    listeners <-- joint state, TCP -------------------------------
-              --- orders -->  arm, disarm, estop, reset
-
-Faults act in this process, where no console sees them. If a console falls silent, the robot's own
-time-out (5 s) raises the pedal, as on the real robot.
+A console sends packets by ITP over UDP and gets forces back. Listeners get the joint state over TCP
+and send orders: arm, disarm, estop, reset. Faults act in this process, where no console sees them.
+If a console falls silent, the robot's own time-out of 5 s raises the pedal, as on the real robot.
 
 Increments that arrive within one millisecond are added up, as in the original, whose network thread
 adds them up before the control loop reads. The robot gets the sum as one packet with a new number,
@@ -64,16 +60,18 @@ class Station:
         hazards: int,
         estop_row: int,
         crtk: Console | None = None,
+        say: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """hazards: number of rows that may be armed. estop_row: row of the E-stop button. crtk: an
-        additional console.
+        """hazards: number of rows that may be armed. crtk: an additional console.
+
+        say: prints for the user why a pedal does not count.
         """
         self.machine, self.itp, self.joints, self.crtk = machine, itp, joints, crtk
         self.armed: int | None = None
         self.ticks = 0
         self._hazards, self._estop_row = hazards, estop_row
         self._number = 0  # number of the robot's newest packet
-        self._arbiter, self._pedals = ConsoleArbiter(), PedalReasons()
+        self._arbiter, self._pedals = ConsoleArbiter(), PedalReasons(say)
         self._checks: dict[str, tuple[int, int]] = {}  # as in the joint reports
         # The checks' trips at the last reading, and its tick.
         self._trips, self._looked = 0.0, 0
@@ -100,20 +98,13 @@ class Station:
         self._look(frame)
         self.joints.publish(encode_report(frame, self.ticks, self._last_seq, self._checks))
         drives = self._arbiter.owner != CRTK
-        forces = {
-            arm: frame[f"{arm}/force"].tolist() if drives else (0.0, 0.0, 0.0)
-            for arm in self.machine.arms
-        }
+        forces = {arm: frame[f"{arm}/force"].tolist() for arm in self.machine.arms}
         runlevel, stopped = int(frame.number("runlevel")), bool(frame.number("soft_estopped"))
         self.itp.send_force(forces, runlevel, stopped, drives, drives)
         if self.crtk is not None:
             self.crtk.tell(frame)
         self.ticks += 1
         return frame
-
-    def news(self) -> list[str]:
-        """Return new messages for the terminal about the console's packets and its pedal."""
-        return [*self.itp.gate.news(), *self._pedals.news()]
 
     def _choose(self) -> Increments | None:
         """Return the command that counts in this tick, or None."""
@@ -139,9 +130,7 @@ class Station:
         return chosen
 
     def _poll_crtk(self, console: Console) -> list[Increments]:
-        """Return the increments from CRTK as one command, or none. Its orders are
-        obeyed at once.
-        """
+        """Return CRTK's increments as one command, or none. Its orders are obeyed at once."""
         requests: list[Increments] = []
         for command in console.poll():
             if command["type"] == "unheard":
@@ -246,7 +235,9 @@ def run(
         "hazards": digest(armables),
     }
     with contextlib.ExitStack() as stack:
-        itp = ItpServer(robot.arms, host, itp_port, profiles=profiles, only_host=console_host)
+        itp = ItpServer(
+            robot.arms, host, itp_port, profiles=profiles, only_host=console_host, say=say
+        )
         stack.callback(itp.close)
         joints = JointServer(greeting, host, joint_port, token)
         stack.callback(joints.close)
@@ -255,7 +246,8 @@ def run(
             from ravenjax.train.robot_link.crtk import bridge
 
             beside = bridge.spawn(stack, crtk, robot.blueprint, say)
-        station = Station(robot, itp, joints, len(armables), robot.blueprint.plan.runs - 1, beside)
+        estop_row = robot.blueprint.plan.runs - 1
+        station = Station(robot, itp, joints, len(armables), estop_row, beside, say)
         stop = stack.enter_context(interruption.until_interrupted())
         for one in armables:
             say(f"hazard {one.number}: {one.title} ({one.hazard})")
@@ -268,7 +260,7 @@ def run(
             say("joint state: TCP {}:{}".format(*joints.address))
             if crtk:
                 say(f"CRTK: {crtk}, {', '.join(ARM_NAMES[arm] for arm in robot.arms)}")
-            timing = serve(station, due(hazards, lasting), seconds, lambda: bool(stop), say)
+            timing = serve(station, due(hazards, lasting), seconds, lambda: bool(stop))
         counts = {"console": itp.counters(), "joint stream": joints.counts}
     p50, p99 = (timing.percentile("compute", share) for share in (0.5, 0.99))
     say(
@@ -289,7 +281,6 @@ def serve(
     orders: Sequence[tuple[int, dict[str, Any]]] = (),
     seconds: float | None = None,
     stopped: Callable[[], bool] = lambda: False,
-    say: Callable[[str], None] = print,
 ) -> LoopTiming:
     """Tick `station` against the clock. orders: (tick, order), in the order of their ticks."""
     waiting = list(orders)
@@ -304,8 +295,6 @@ def serve(
                 if content["order"] != "disarm" or station.armed == content["number"]:
                     station.obey(content)
             station.tick()
-            for line in station.news():
-                say(line)
             clock.done()
     return clock.timing
 
@@ -329,7 +318,8 @@ def exposed(host: str, token: str | None, console: str | None) -> list[str]:
     warnings = []
     if not console:
         warnings.append(
-            f"whoever reaches {host} can drive this robot; --console-host ADDRESS lets one in only"
+            f"any machine that reaches {host} can drive this robot; --console-host ADDRESS allows"
+            " one only"
         )
     if not token:
         warnings.append("orders from other machines are refused; --token TOKEN allows them")

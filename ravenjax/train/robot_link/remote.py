@@ -25,9 +25,7 @@ from ravenjax.train.robot_link.joint_stream import (
 )
 
 PATIENCE_S = 10.0
-"""The longest time that a robot may take to accept a session. A busy machine may delay it by
-seconds.
-"""
+"""The longest time that a robot, perhaps a busy one, may take to accept a session."""
 
 
 class RobotLink(abc.ABC):

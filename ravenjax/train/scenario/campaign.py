@@ -61,9 +61,7 @@ _UNBOUNDED_S = 3600.0
 
 
 def campaign(scenario: Scenario, seed: int) -> CampaignConfig:
-    """Return the campaign of a session. Raises ValueError for the errors that
-    `complaints` reports.
-    """
+    """Return the campaign of a session. Raises ValueError for what `complaints` reports."""
     groups, numbers = _groups(scenario, seed)
     rows = design.rows(_config(scenario, seed, groups, _UNBOUNDED_S)).records() if groups else []
     fixed: list[dict[str, Any]] = []
@@ -80,9 +78,7 @@ def campaign(scenario: Scenario, seed: int) -> CampaignConfig:
 
 
 def armable(scenario: Scenario, table: FaultTable) -> tuple[Armable, ...]:
-    """Return the hazards of a session, one for each row of its fault table except the E-stop
-    button's.
-    """
+    """Return the hazards of a session: the rows of its fault table without the E-stop button's."""
     entries = {scenario.entry_name(h): entry for h, entry in enumerate(scenario.hazard)}
     return tuple(
         _armable(entries, number, row)

@@ -15,8 +15,8 @@ from pydantic import BaseModel, ValidationError
 
 from ravenjax.bundled import resources
 from ravenjax.campaign.file import location, overriding
+from ravenjax.campaign.file.section import model_at
 from ravenjax.campaign.inspection.json_schema import of_model
-from ravenjax.campaign.loading import models_in
 from ravenjax.errors import UserError, shown, suggestion
 from ravenjax.train.robot import ROBOT
 from ravenjax.train.scenario.campaign import complaints
@@ -75,9 +75,7 @@ def json_schema() -> dict[str, Any]:
 
 
 def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
-    """Return the part of pydantic's `loc` that is in the file, without the names of
-    union members.
-    """
+    """Return the part of pydantic's `loc` that is in the file, without names of union members."""
     key: location.Key = ()
     for i, part in enumerate(loc):
         last = i == len(loc) - 1
@@ -104,10 +102,5 @@ def _message(error: Any) -> str:
 
 def _model(loc: Sequence[str | int]) -> type[BaseModel]:
     """Return the model of the table at `loc`."""
-    model: type[BaseModel] = Scenario
-    for part in loc:
-        if isinstance(part, str) and part in model.model_fields:
-            model = next(models_in(model.model_fields[part].annotation), model)
-        elif part in TASKS:
-            model = TASKS[str(part)]
-    return model
+    task = next((TASKS[str(part)] for part in loc[1:2] if part in TASKS), Scenario)
+    return model_at(task, loc)

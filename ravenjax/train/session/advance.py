@@ -1,5 +1,4 @@
-"""Advances a training session by one millisecond: hands in, robots moved, hazards armed, events
-out.
+"""Advances a training session by one millisecond, from the hands to the events.
 
 A session depends only on its scenario, its seed and a list of (tick, command). This module uses no
 clock, file, socket or thread. A headless run calls `tick` as fast as it can. The realtime loop
@@ -19,8 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.train import judge, scenario, tasks
-from ravenjax.train.protocol.frame import PHASES, VIEWS, Frame, FrameLayout
+from ravenjax.train import scenario, tasks
+from ravenjax.train.judge.watch import Judge
+from ravenjax.train.protocol.frame import PHASES, VIEWS, Frame
 from ravenjax.train.protocol.jaws import closing_point
 from ravenjax.train.protocol.messages import INSTRUCTOR, OPERATOR, SEAT
 from ravenjax.train.protocol.world import Point
@@ -76,7 +76,7 @@ class Session:
                 scenario.campaign(chosen, seed), limit_mm=chosen.harm.excursion_mm
             )
         self.blueprint = ready
-        self.layout: FrameLayout = self.blueprint.layout
+        self.layout = self.blueprint.layout
         self.arms = self.layout.arms
         self.hazards = scenario.armable(chosen, self.blueprint.plan.rows)
         self.robot = robot(self.blueprint)
@@ -86,7 +86,7 @@ class Session:
         self.estop_row = self.blueprint.plan.runs - 1
         self.task = tasks.make(chosen, self._tips(), seed)
         self.director = director.Director(self.hazards, seed)
-        self.judge = judge.Judge(chosen, self.hazards, self.cue_on, self._record)
+        self.judge = Judge(chosen, self.hazards, self.cue_on, self._record)
         self.phase, self.view = READY, REAL
         self.ticks = 0  # ms of the session, without pauses
         self.started: int | None = None  # tick at which the session's time began
@@ -99,10 +99,8 @@ class Session:
         self._resume_to = READY
         # Row of the resting robot while the operator drives the virtual robot.
         self._rest: np.ndarray | None = None
-        # First and last tick of the motion tried on the virtual robot.
+        # Ticks of the motion tried on the virtual robot that the robot has not repeated yet.
         self._tried = (0, 0)
-        # How many of those ticks the robot has repeated.
-        self._replayed = 0
         self._pedal, self._alive = 0.0, False
         self._told: tuple[Any, ...] = (None,) * len(_TOLD)
         places = self.layout.places
@@ -126,10 +124,7 @@ class Session:
 
     @property
     def clock(self) -> int:
-        """ms since the session's time began; 0 before.
-
-        The time begins at the first pedal-down, or when the instructor starts it.
-        """
+        """ms since the first pedal-down or the instructor's start; 0 before."""
         return 0 if self.started is None else self.ticks - self.started
 
     @property
@@ -148,10 +143,7 @@ class Session:
         return self.conclude()
 
     def move(self, commands: list[dict[str, Any]]) -> None:
-        """Run the first half of the tick: hands, hazards and robots. Fills `frame`.
-
-        The frame can be sent right after this half; nothing outside needs to wait for `conclude`.
-        """
+        """Run the first half of the tick: hands, hazards and robots. Fills `frame`, to be sent."""
         self._events, self._moved, self._new = [], False, []
         for command in commands:
             if not self.over:
@@ -175,9 +167,7 @@ class Session:
         self._moved = True
 
     def conclude(self) -> list[Event]:
-        """Run the second half of the tick: task, judge and phase. Return the events of
-        both halves.
-        """
+        """Run the second half of the tick: task, judge and phase. Return the events of both."""
         self.command_log.add(self.ticks, self._new)
         self._events += self.arbiter.events()
         self.frame.settle()
@@ -194,9 +184,11 @@ class Session:
 
     def _why_not(self, console: str) -> str:
         """Return why a console's pedal that is held down does not count."""
+        if self.over:
+            return ""
         why = self.arbiter.why_not(console, self.ticks)
-        if self.over or not self.arbiter.holds(console):
-            return "" if self.over else why
+        if not self.arbiter.holds(console):
+            return why
         homing = pedal.HOMING if self.frame.numbers[self._runlevel] == INIT else ""
         return _STANDS.get(self.phase) or why or homing
 
@@ -268,7 +260,7 @@ class Session:
             self.judge.cue_on = self.cue_on
 
     def _let_go(self, why: str, own: bool = False) -> None:
-        """Raise the pedal without the operator's foot. It must be seen up before it drives again.
+        """Raise the pedal without the operator's foot. It drives again after the foot was up.
 
         own: the operator caused this by giving the seat away or by leaving.
         """
@@ -296,29 +288,28 @@ class Session:
     # --- the three robots ---
 
     def _drive(self, hand: hands.HandsRow) -> None:
-        """Write this tick's row of motion for each robot. The view decides which robot follows the
-        hand.
-        """
-        now = self.robot.now
+        """Write this tick's row of motion of the robots. The view decides which one follows."""
+        now, motion = self.robot.now, self.robot.motion
+        row = motion[:, now]
         if self.view == VIRTUAL:
             self.virtual.motion[:, self.virtual.now] = hand.columns
-            self.robot.motion[:, now] = self._rest
+            row[:] = self._rest
         elif self.view == REPLAY and hand.columns[-1]:
             first, last = self._tried
-            self.robot.motion[:, now] = self.virtual.motion[:, first + self._replayed]
-            self._replayed += 1
-            if first + self._replayed >= last:
-                self._hands.place(self.robot.motion[:, now])
+            row[:] = self.virtual.motion[:, first]
+            self._tried = first + 1, last
+            if first + 1 >= last:
+                self._hands.place(row)
                 self.view = REAL
         elif self.view == REPLAY:  # the pedal is up: the robot waits
-            self.robot.motion[:, now] = self.robot.motion[:, max(now - 1, 0)]
-            self.robot.motion[-1, now] = 0
+            row[:] = motion[:, max(now - 1, 0)]
+            row[-1] = 0
         else:
-            self.robot.motion[:, now] = hand.columns
+            row[:] = hand.columns
 
     def _rehearse(self) -> None:
-        """Start the virtual robot at the driven robot's state. It follows the hand, and the driven
-        robot rests.
+        """Let the virtual robot follow the hand from the driven robot's state, while that one
+        rests.
         """
         now = self.robot.now
         if not isinstance(self.robot, SimulatedRobot) or now == 0:
@@ -331,24 +322,18 @@ class Session:
 
     def _reengage(self) -> None:
         """Let the driven robot repeat the motion that was tried."""
-        self._tried = (self._tried[0], self.virtual.now)
-        self._replayed = 0
-        self.view = REPLAY if self._tried[1] > self._tried[0] else REAL
+        first, last = self._tried = self._tried[0], self.virtual.now
+        self.view = REPLAY if last > first else REAL
 
     def _discard(self) -> None:
-        """Return to the driven robot, which has not moved. The hand continues from the robot's
-        pose.
-        """
-        now = self.robot.now
-        self._hands.place(self.robot.motion[:, now - 1])
+        """Return to the driven robot. The hand continues from its pose."""
+        self._hands.place(self.robot.motion[:, self.robot.now - 1])
         self.view = REAL
 
     def _stand_by(self) -> bool:
-        """Restart the waiting time of a robot that nobody has driven yet. Return whether the robot
-        moves on.
+        """Restart the motion table of a robot that nobody has driven yet. Return whether it moves.
 
-        A stopped simulated robot does not move on: it holds its brakes until somebody restarts it
-        or the session's time begins.
+        A stopped simulated robot holds its brakes until somebody restarts it or the time begins.
         """
         if isinstance(self.robot, SimulatedRobot):
             if self.frame.number("runlevel") != PEDAL_UP:
@@ -371,9 +356,7 @@ class Session:
     # --- frames and events ---
 
     def _publish(self, hand: hands.HandsRow | None = None) -> None:
-        """Fill the frame. Without a hand, the channels of the robot and the hand keep
-        their values.
-        """
+        """Fill the frame. Without a hand, its channels and the robot's keep their values."""
         row, task = self.frame.row, self.task
         if hand is not None:
             row[: self.robot.row.size] = self.robot.row
@@ -435,9 +418,7 @@ class Session:
             self.phase = READY
 
     def _checked(self) -> tuple[()] | tuple[dict[str, Any], dict[str, Any] | None]:
-        """Return the outcomes of robot and golden run if a check has tripped since the last
-        reading.
-        """
+        """Return the outcomes of robot and golden run if a check tripped since the last reading."""
         trips = float(self.robot.row[self._trips])
         if trips == self._seen_trips:
             return ()
@@ -445,9 +426,7 @@ class Session:
         return self.robot.outcomes(), self.robot.golden_outcomes()
 
     def _look(self) -> None:
-        """Show the judge the checks' trips so far, because the robot or the golden run is about to
-        restart.
-        """
+        """Show the judge the trips so far, before the robot or the golden run restarts."""
         if checked := self._checked():
             self.judge.look(*checked)
 

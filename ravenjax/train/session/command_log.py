@@ -12,7 +12,7 @@ from typing import Annotated, Any
 from pydantic import Field, TypeAdapter, ValidationError
 
 from ravenjax.errors import UserError, shown
-from ravenjax.train.protocol.messages import Increments, Input
+from ravenjax.train.protocol.messages import Increments, Input, encode
 
 MOST_COMMANDS = 1_000_000
 """The largest number of commands that a log keeps.
@@ -36,8 +36,7 @@ class CommandLog:
         """Add the commands of one tick."""
         for command in commands:
             if len(self.lines) < MOST_COMMANDS:
-                line = {"tick": tick, "message": command}
-                self.lines.append(json.dumps(line, separators=(",", ":")) + "\n")
+                self.lines.append(encode({"tick": tick, "message": command}) + "\n")
 
     def write(self, path: Path) -> None:
         """Write the file."""

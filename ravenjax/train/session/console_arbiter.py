@@ -22,9 +22,7 @@ from ravenjax.train.protocol.messages import STALE_MS
 from ravenjax.train.session import pedal as words
 
 GONE_MS = 2000
-"""After this silence a console counts as gone. `robot_link.packet_filter` uses the same time for a
-stream.
-"""
+"""After this silence a console counts as gone, as in `robot_link.packet_filter`."""
 NOBODY, SCRIPT = "nobody", "script"
 
 

@@ -30,9 +30,7 @@ LEVEL: Quat = (0.0, 0.0, 0.0, 1.0)
 """The identity rotation."""
 
 SMOOTHING_MS = 30.0
-"""Time in which hands reach 90 % of a new speed. Keys have no ramp, and a hand cannot jump. The
-value is ours.
-"""
+"""Time in which hands reach 90 % of a new speed; an assumption."""
 _RATE = 3.8897 / SMOOTHING_MS
 """1/ms. A critically damped step, 1 - (1 + s) exp(-s), is 0.9 at s = 3.8897."""
 _DECAY = math.exp(-_RATE)
@@ -42,14 +40,10 @@ _AT_REST = 1e-6
 _SETTLED = 1e-12
 
 GRASP_MRAD = (-400.0, 1500.0)
-"""How far speeds open and close the jaws from their start (about 90 degrees open). Increments are
-not limited.
-"""
+"""How far speeds open and close the jaws from their start, which is about 90 degrees open."""
 
 FARTHEST_UM = 1_000_000.0
-"""Limit of scaled positions, within which single precision still resolves half a micrometre. No arm
-reaches 1 m.
-"""
+"""Limit of scaled positions, to which single precision resolves half a micrometre."""
 
 
 class HandsRow(NamedTuple):
@@ -63,9 +57,7 @@ class Hands:
     """The hands of one operator, one for each arm, and the foot on the pedal."""
 
     def __init__(self, arms: Sequence[ArmName], scale: float, speeds: Speeds) -> None:
-        """scale: the console's tip motion per hand motion. speeds: speeds of the tips at full
-        deflection.
-        """
+        """scale: tip motion per hand motion. speeds: of the tips at full deflection."""
         self.arms = tuple(arms)
         self._scale = float(np.float32(scale))
         self._hands = {arm: _Hand(arm, speeds) for arm in self.arms}

@@ -24,9 +24,7 @@ INPUT_EVERY_MS = 16
 FIRST_PEDAL_MS = 200
 """The time of the first pedal-down."""
 TOUCH_DELAY_MS, SIGHT_DELAY_MS = 250, 400
-"""Delay from the onset of a touch, or of an unexpected sight, to the action. Both are assumptions,
-as in `stages.reaction`.
-"""
+"""Delays from a touch, or an unexpected sight, to the action; assumed as in `stages.reaction`."""
 REST_MS = 1500
 """How long the operator keeps the pedal released or moves slowly."""
 UNAVAILABLE_MS = 1000

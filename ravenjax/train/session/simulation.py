@@ -1,6 +1,4 @@
-"""The simulated robots of a session: the driven robot with its golden run, and the
-virtual robot.
-"""
+"""The simulated robots of a session: the driven one with its golden run, and the virtual one."""
 
 from __future__ import annotations
 
@@ -219,9 +217,7 @@ class EstopHold:
 
 
 class PacketRobot(SimulatedRobot):
-    """A robot that gets its packets from an outside console: call `tick(packet)` once a
-    millisecond.
-    """
+    """A robot that gets its packets from outside: call `tick(packet)` once a millisecond."""
 
     def __init__(self, config: CampaignConfig) -> None:
         """Raises UserError if a hazard of `config` is on the console's side of the network."""

@@ -145,19 +145,17 @@ def smallest_p(participants: int, paired: bool = True, groups: int = 2) -> float
 def describe_plan(plan: StudyPlan) -> str:
     """Return the plan in words."""
     design = "who do both conditions" if plan.paired else "each in one group"
-    verdict = "no result can be clear, however large the effect"
-    if plan.possible:
-        verdict = "a clear result is possible"
+    verdict = "a clear result is possible" if plan.possible else "no result can be clear"
     lines = [
         f"{plan.participants} participants, {design}: the smallest p is {plan.smallest_p:.3g};"
         f" after Holm over {plan.comparisons} comparisons {plan.adjusted:.3g}: {verdict}.",
-        f"The least for a clear result: {plan.needed} participants.",
+        f"A clear result needs at least {plan.needed} participants.",
     ]
     if plan.for_effect is not None:
-        lines.append(f"For the effect that is to be found: {plan.for_effect} participants.")
+        lines.append(f"For the given effect and power: {plan.for_effect} participants.")
     lines.append(
-        "An outcome that does not vary is not compared, which makes the family smaller; who drops"
-        " out makes it harder."
+        "An outcome that does not vary is not compared, which helps; participants who drop out"
+        " make a clear result harder."
     )
     return "\n".join(lines)
 
@@ -179,7 +177,6 @@ def _least(enough: Callable[[int], bool]) -> int:
     least = next((number for number in range(1, MOST + 1) if enough(number)), None)
     if least is None:
         raise UserError(
-            f"more than {MOST} participants are needed: ask for a larger effect or fewer"
-            " comparisons"
+            f"more than {MOST} participants are needed: choose a larger effect or fewer comparisons"
         )
     return least

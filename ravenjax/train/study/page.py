@@ -19,9 +19,7 @@ from ravenjax.train.study.sessions import TrainingStudy
 
 PAGE, TABLE, TEXT = "study.html", "study.csv", "study.txt"
 _HIDDEN = ("group", "cue", "cue_ms", "session")
-"""Columns that would reveal the cue in a blinded study. A session's folder may be named
-after it.
-"""
+"""Columns that would reveal the cue in a blinded study."""
 _HEIGHT = 110
 
 

@@ -1,6 +1,4 @@
-"""The task of following a closed line over the tissue. It scores progress and time near
-the line.
-"""
+"""The task of following a closed line. It scores progress and the time near the line."""
 
 from __future__ import annotations
 

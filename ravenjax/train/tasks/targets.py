@@ -22,9 +22,7 @@ from ravenjax.train.scenario.config import Levels, Reach
 from ravenjax.train.tasks.base import Event, Field, Task, Tips, Wish, rounded
 
 LEAST_WAY_M = 0.005
-"""The least distance from one target to the next. A nearer one could be reached by
-holding still.
-"""
+"""The least distance from one target to the next, so that the tip must move."""
 COLOURS = {"gold": "#d9a441", "green": "#1fae84"}
 
 

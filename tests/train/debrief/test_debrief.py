@@ -74,10 +74,10 @@ def test_the_page_says_what_struck_when_it_could_be_known_and_how_it_was_met(tex
     assert "2 of 3 hazards met with the right response" in text
     # Reactions of 395 and 345 ms.
     assert "370 ms reaction, median" in text and "12.0 mm largest unintended motion" in text
-    course = " could be known 35 ms after the strike · tip → cue 90 ms after the strike →"
-    assert f"strike at 2.0 s →{course} response 430 ms after the strike · lifted the pedal" in text
-    assert f"strike at 15.0 s →{course} robot&#39;s alarm 240 ms" in text.replace("'", "&#39;")
-    assert "none right: release" in text and "armed, never struck" in text
+    course = " could be known 35 ms after the start · tip → cue 90 ms after the start →"
+    assert f"start at 2.0 s →{course} response 430 ms after the start · lifted the pedal" in text
+    assert f"start at 15.0 s →{course} robot&#39;s alarm 240 ms" in text.replace("'", "&#39;")
+    assert "none right: release" in text and "armed, never active" in text
     assert "Motion hazard: unintended motion (limit 8 mm)" in text
 
 
@@ -95,14 +95,14 @@ def test_pauses_are_left_out(tmp_path):
 def test_the_page_is_honest_about_what_is_missing(tmp_path):
     bare = synthetic.write(tmp_path / "bare", None, recorded=False, ended=None, summary={})
     told = text_of(debrief.write(bare).read_text())
-    assert "Nothing is known of hazards" in told and "There is no recording" in told
+    assert "The hazards are not known" in told and "There is no recording" in told
 
     cut = synthetic.write(tmp_path / "cut", [MET, ALARMED], seconds=8.0, cue_threshold_mm=9.0)
     data = (cut / log.FILE).read_bytes()
     (cut / log.FILE).write_bytes(data[: len(data) // 2])
     told = text_of(debrief.write(cut).read_text())
     assert "The recording was cut short" in told and "ravenjax log recover" in told
-    assert "The recording does not reach this hazard" in told
+    assert "The recording ends before this hazard" in told
 
     (cut / log.FILE).write_bytes(b"nothing")
     assert "cannot be read" in text_of(debrief.write(cut).read_text())
@@ -140,8 +140,8 @@ def test_hazards_of_a_killed_session_come_from_its_events(tmp_path):
     assert main(["log", "debrief", str(tmp_path)]) == 0
     assert main(["log", "debrief", str(tmp_path / "none")]) == 2
     page = text_of((tmp_path / debrief.FILE).read_text())
-    assert "hazards are rebuilt from the recording" in page and "1 of 2 hazards met" in page
-    assert "How it ended is not known" in page
+    assert "they are read from the recording" in page and "1 of 2 hazards met" in page
+    assert "The outcome is not known" in page
 
 
 def test_a_blinded_session_tells_nothing_of_cue_and_group(tmp_path):

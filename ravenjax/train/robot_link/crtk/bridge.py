@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import multiprocessing
 import signal
 import struct
 import sys
@@ -23,7 +22,7 @@ import numpy as np
 from ravenjax.errors import UserError
 from ravenjax.train import processes
 from ravenjax.train.protocol.frame import Frame, FrameLayout
-from ravenjax.train.realtime.ring import COMMAND_BYTES, Ring, put_json, read_json
+from ravenjax.train.realtime.ring import COMMAND_BYTES, Ring, parent_has_ended, put_json, read_json
 from ravenjax.train.robot import ArmName
 from ravenjax.train.robot_link.crtk import messages
 from ravenjax.train.robot_link.crtk.interpreter import Interpreter, RobotRow
@@ -34,7 +33,6 @@ PERIOD_S = 0.002
 """Time between two readings of robot and network."""
 READINGS_HZ = 100.0
 """The default rate of the dVRK's consoles."""
-_PARENT_S = 1.0
 # Wall clock ns, monotonic ns, number of the last command.
 _TAIL = struct.Struct("<qqq")
 _KEPT_ROWS, _KEPT_COMMANDS, _COMMANDS_PER_TICK = 64, 1024, 16
@@ -56,8 +54,13 @@ class Transport(Protocol):
 def connect(ros: Ros, published: list[str], subscribed: list[str]) -> Transport:
     """Return the transport of this ROS. Raises UserError if it is not available."""
     if ros == "ros2":
-        from ravenjax.train.robot_link.crtk.dds import DdsTransport
-
+        try:
+            from ravenjax.train.robot_link.crtk.dds import DdsTransport
+        except ImportError as error:
+            raise UserError(
+                f"ROS 2 needs the package cyclonedds ({error}): install it with `pip install"
+                " 'ravenjax[ros2]'`"
+            ) from None
         return DdsTransport(published, subscribed)
     from ravenjax.train.robot_link.crtk.ros1 import Ros1Transport
 
@@ -85,12 +88,11 @@ class CrtkConsole:
             try:
                 why = self.process_says.recv()
             except (EOFError, OSError):
-                why = "the process that speaks it is gone"
+                why = "its process is gone"
             self.process_says = None
             self._say(
-                f"CRTK over {self._ros} has ended: {why}. Its pedal counts as up, nothing is told"
-                " or heard there any more, and the robot goes on; CRTK comes back when ravenjax is"
-                " started anew"
+                f"CRTK over {self._ros} has ended: {why}. Its pedal counts as up, and the robot"
+                " goes on without it. Restart ravenjax to use CRTK again"
             )
         if self.commands.written == self._next:
             return []
@@ -217,15 +219,10 @@ def run(robot: Connection) -> None:
         arms, options.tools, transport.types, options.grasp_gain, contact, refused
     )
     robot.send(None)
-    parent = multiprocessing.parent_process()
-    published = checked = time.monotonic()
+    published = time.monotonic()
     try:
-        while True:
+        while not parent_has_ended():
             began = time.monotonic()
-            if began - checked > _PARENT_S:
-                checked = began
-                if parent is not None and not parent.is_alive():
-                    return
             row, heard = rings.newest(), transport.poll()
             now_ms = time.monotonic() * 1e3
             if row is not None:

@@ -88,9 +88,7 @@ class Interpreter:
         contact: bool = False,
         refused: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """tools: one for each arm. contact: whether the robot reports its contact force. refused:
-        receives the reason when a message is not followed.
-        """
+        """tools: one for each arm. refused: receives the reason why a message is not followed."""
         self.state = OperatingState()
         self.counts: dict[str, int] = {}
         """Counts of messages that were not followed, by reason."""

@@ -150,9 +150,7 @@ _PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 10 / math.sqrt(3)
 
 
 class Trajectory:
-    """`move_jp`: minimum-jerk motion between joint positions, as fast as the slowest
-    joint allows.
-    """
+    """`move_jp`: minimum-jerk motion between joint positions within the limits of each joint."""
 
     def __init__(self, start: np.ndarray, goal: np.ndarray, begins_ms: float) -> None:
         """start, goal: [7], rad, insertion m."""

@@ -25,9 +25,7 @@ from ravenjax.train.robot import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP
 State = Literal["DISABLED", "ENABLED", "PAUSED", "FAULT"]
 Order = Literal["estop", "restart"]
 IDLE_MS = 5000
-"""raven2 `local_io.cpp`: the robot lifts the pedal of a console that was silent for this number of
-cycles.
-"""
+"""The robot lifts the pedal of a console that is silent for this time (raven2 `local_io.cpp`)."""
 REFUSED_MS = 500
 """A pedal that the robot does not follow for this time does not count: another console drives."""
 COMMANDS = ("enable", "disable", "pause", "resume", "home", "unhome")
