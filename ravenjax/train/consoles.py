@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from ravenjax.train.protocol.frame import Frame
-from ravenjax.train.protocol.messages import STALE_MS
+from ravenjax.train.protocol.messages import STALE_MS, Command
 from ravenjax.train.robot import ArmName
 from ravenjax.train.robot_link.itp import ItpServer
 from ravenjax.train.robot_link.packet_filter import TAKEN, Gate
@@ -32,7 +31,7 @@ class Scripted:
         else:
             self._operator = scripts.Recorded(read_commands(script))
 
-    def poll(self) -> list[dict[str, Any]]:
+    def poll(self) -> list[Command]:
         """Return the commands to carry out before this tick."""
         session = self._session
         commands = self._operator.messages(session.ticks, session.frame)
@@ -51,10 +50,9 @@ class Refusals:
         self._gate, self._counts = gate, dict(gate.counts)
         self._polls, self._published = 0, ""
 
-    def poll(self) -> list[dict[str, Any]]:
-        """Return the command "unheard" when the filter starts or stops refusing all packets.
-
-        Call it once a millisecond. Otherwise the list is empty.
+    def poll(self) -> list[Command]:
+        """Return the command "unheard" in the tick in which the filter starts or stops refusing
+        all.
         """
         self._polls += 1
         if self._polls % STALE_MS:
@@ -81,7 +79,7 @@ class ItpConsole:
         self._server, self._session = server, session
         self._refusals = Refusals(server.gate)
 
-    def poll(self) -> list[dict[str, Any]]:
+    def poll(self) -> list[Command]:
         messages = (*self._server.poll(), *self._refusals.poll())
         return [{**message, "console": "itp"} for message in messages]
 

@@ -18,7 +18,7 @@ import time
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
 
@@ -33,13 +33,14 @@ from ravenjax.train.consoles import ItpConsole, Scripted
 from ravenjax.train.judge.row import COLUMNS
 from ravenjax.train.page import loopback
 from ravenjax.train.processes import SessionHelpers
+from ravenjax.train.protocol.messages import Command, Event, Json
 from ravenjax.train.realtime import clock, loop
 from ravenjax.train.realtime.clock import LoopTiming
 from ravenjax.train.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring
 from ravenjax.train.recording import hazards as table
 from ravenjax.train.recording import recorder
 from ravenjax.train.robot import UDP_PORT, scene
-from ravenjax.train.robot_link.crtk.messages import ARM_NAMES, Ros
+from ravenjax.train.robot_link.crtk.messages import Ros
 from ravenjax.train.robot_link.distant import DistantRobot
 from ravenjax.train.robot_link.itp import ItpServer
 from ravenjax.train.robot_link.joint_stream import JOINT_PORT
@@ -84,22 +85,17 @@ class SessionOptions:
     robot: str | None = None
     crtk: Ros | None = None  # also speak CRTK over this ROS
 
-    @property
-    def is_blinded(self) -> bool:
-        """Whether the session is blinded."""
-        return self.scenario.cue.blinded if self.blinded is None else self.blinded
-
 
 @dataclasses.dataclass(frozen=True)
 class FinishedSession:
     """The results of a session that has ended."""
 
     folder: Path
-    hazards: list[dict[str, Any]]
+    hazards: list[Json]
     timing: LoopTiming | None
     ended: str
     # The session that the instructor wants next: the command "next" of `messages`.
-    wish: dict[str, Any] | None = None
+    wish: Command | None = None
     port: int = 0  # port of the page
 
 
@@ -171,7 +167,6 @@ def realtime(
             consoles.append(
                 bridge.spawn(stack, options.crtk, session.blueprint, say, elsewhere=elsewhere)
             )
-            say(f"CRTK: {options.crtk}, {', '.join(ARM_NAMES[arm] for arm in session.arms)}")
         if script is not None:
             consoles.append(script)
         helpers.recorder.answer()
@@ -214,10 +209,7 @@ def with_tokens(options: SessionOptions) -> SessionOptions:
 
 
 def following(options: SessionOptions, last: FinishedSession) -> SessionOptions:
-    """Return the options of the session that the instructor requested at the end of `last`.
-
-    Its folder is next to the folder of the last session.
-    """
+    """Return the options of the session that the instructor requested, beside the last one."""
     wish = last.wish or {}
     name = wish.get("scenario")
     setting = options.scenario if name is None else scenario.load(name)
@@ -233,11 +225,8 @@ def following(options: SessionOptions, last: FinishedSession) -> SessionOptions:
     )
 
 
-def _wish(said: loop.PageCommands, say: Say) -> dict[str, Any] | None:
-    """Return the request for the next session that has arrived, or None.
-
-    A scenario that does not exist is reported to the user.
-    """
+def _wish(said: loop.PageCommands, say: Say) -> Command | None:
+    """Return the request for the next session, or None; report a scenario that does not exist."""
     for command in said.poll():
         if (command["type"], command.get("do")) == ("instructor", "next"):
             try:
@@ -271,7 +260,7 @@ def headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSess
         options.folder / session_log.FILE, tuple(session.layout.names()), header
     )
     block: list[np.ndarray] = []
-    events: list[dict[str, Any]] = []
+    events: list[Event] = []
     first = 0
     with contextlib.closing(log):
         while not session.over:
@@ -289,11 +278,7 @@ def headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSess
 def fresh_folder(
     name: str, participant: str = "", seed: int = 0, base: Path = Path("results/sessions")
 ) -> Path:
-    """Return a folder for a session that begins now.
-
-    Its name has the scenario, the participant, the time (UTC) and the seed, but not
-    the group.
-    """
+    """Return a folder for a session that begins now. Its name does not reveal the group."""
     who = re.sub(r"[^\w.-]", "-", participant)[:40]
     parts = (name, who, f"{datetime.now(UTC):%Y%m%d-%H%M%S}", f"seed{seed}")
     return base / "-".join(part for part in parts if part)
@@ -331,10 +316,10 @@ def _remove_if_empty(folder: Path) -> None:
         folder.rmdir()
 
 
-def _header(options: SessionOptions, session: Session) -> dict[str, Any]:
+def _header(options: SessionOptions, session: Session) -> Json:
     setting = options.scenario
-    beside = (("itp", options.itp_port), ("crtk", options.crtk))
-    consoles = ["page", *(name for name, given in beside if given is not None)]
+    given = {"page": True, "itp": options.itp_port is not None, "crtk": options.crtk is not None}
+    consoles = [name for name in given if given[name]]
     return {
         "name": options.folder.name,
         "scenario": setting.resolved(),
@@ -342,7 +327,7 @@ def _header(options: SessionOptions, session: Session) -> dict[str, Any]:
         "participant": options.participant,
         "group": options.group,
         "cue": session.cue_on,
-        "blinded": options.is_blinded,
+        "blinded": setting.cue.blinded if options.blinded is None else options.blinded,
         "cue_threshold_mm": setting.cue.threshold_mm,
         "contact_units_per_n": setting.contact.units_per_n if setting.contact.on else None,
         "versions": manifest.package_versions(),
@@ -427,7 +412,7 @@ def _open_page(
     serving: processes.Helper,
     options: SessionOptions,
     session: Session,
-    header: dict[str, Any],
+    header: Json,
     rings: tuple[Ring, Ring, Ring],
     say: Say,
 ) -> int:
@@ -457,10 +442,7 @@ def _open_page(
 
 
 def _require_address(host: str, port: int) -> None:
-    """Raise UserError if the page cannot listen at this address.
-
-    Without this check viser would wait forever.
-    """
+    """Raise UserError if the page cannot listen here: viser would wait forever."""
     try:
         addresses = socket.getaddrinfo(
             host or None, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
@@ -488,7 +470,7 @@ def _conclude(
     text = table.as_csv(COLUMNS, rows)
     (options.folder / table.FILE).write_text(text, encoding="utf-8", newline="")
     session.command_log.write(options.folder / COMMANDS)
-    summary: dict[str, Any] = {
+    summary: Json = {
         "ended": session.ended,
         "task": session.task.result(),
         "ticks": session.ticks,

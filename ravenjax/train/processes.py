@@ -39,10 +39,7 @@ class Helper:
             raise self._ended() from None
 
     def answer(self) -> Any:
-        """Wait for the answer of the process and return it.
-
-        Raises UserError if the process ends or takes longer than STARTING_S.
-        """
+        """Return the answer. Raises UserError if it takes longer than STARTING_S."""
         if not self.answers.poll(STARTING_S):
             raise UserError(f"a process of the session did not start within {STARTING_S:g} s")
         try:
@@ -88,10 +85,7 @@ class SessionHelpers:
 
 
 def spawn(stack: contextlib.ExitStack, target: Callable[[Any], None], given: Any) -> BaseProcess:
-    """Start a separate process; Ctrl-C does not reach it.
-
-    It is spawned, never forked: neither JAX nor a loaded server survives a fork.
-    """
+    """Spawn a process that Ctrl-C does not reach. JAX and a loaded server do not survive a fork."""
     process = multiprocessing.get_context("spawn").Process(
         target=target, args=(given,), daemon=True
     )

@@ -32,7 +32,12 @@ def measure(seconds: float, say: Callable[[str], None] = lambda _: None) -> dict
     """
     setting = scenario.load(SCENARIO, [f"duration_s={seconds}", "task.targets=1000"])
     say(f"{EMPTY}: {seconds:g} s")
-    measured = {EMPTY: _time_empty_loop(seconds)}
+    with clock.realtime(), clock.no_collection():
+        paced = Clock()
+        for _ in range(round(seconds * 1000)):
+            paced.wait()
+            paced.done()
+    measured = {EMPTY: paced.timing}
     with tempfile.TemporaryDirectory() as place:
         driven = launch.SessionOptions(
             scenario=setting, folder=Path(place) / "driven", seed=0, script="none"
@@ -74,12 +79,3 @@ def verdict(measured: dict[str, LoopTiming]) -> list[tuple[str, str]]:
             f"{session.late} late ticks of {session.ticks}; the empty loop had {empty.late}",
         ),
     ]
-
-
-def _time_empty_loop(seconds: float) -> LoopTiming:
-    with clock.realtime(), clock.no_collection():
-        paced = Clock()
-        for _ in range(round(seconds * 1000)):
-            paced.wait()
-            paced.done()
-    return paced.timing

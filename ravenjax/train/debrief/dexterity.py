@@ -26,11 +26,11 @@ import math
 import statistics
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from ravenjax.train.protocol.frame import PHASES
+from ravenjax.train.protocol.frame import RUNNING
+from ravenjax.train.protocol.messages import Json
 from ravenjax.train.recording import folders
 from ravenjax.train.recording.reader import Recording
 
@@ -45,17 +45,17 @@ SHORTEST_S = 0.5
 _SPARC_HZ, _SPARC_LEAST, _SPARC_PADS = 10.0, 0.05, 4
 
 
-def measure(course: Recording) -> dict[str, Any]:
+def measure(course: Recording) -> Json:
     """Return the measures of a recorded session, for session.json.
 
     A value is null if there was nothing to measure. `both` and `correlation` are null with one arm,
     `economy` without targets.
     """
-    driven = (course["pedal"] > 0) & (course["phase"] == PHASES.index("running"))
+    driven = (course["pedal"] > 0) & (course["phase"] == RUNNING)
     cuts = np.flatnonzero((np.diff(driven.astype(int)) != 0) | (np.diff(course.ms) > 1.5)) + 1
     edges = [0, *cuts.tolist(), len(driven)]
     stretches = [(a, b) for a, b in itertools.pairwise(edges) if b - a > 1 and driven[a]]
-    measures: dict[str, Any] = {
+    measures: Json = {
         "driven_s": sum(last - first for first, last in stretches) * 1e-3,
         **dict.fromkeys(("idle", "both", "correlation")),
         "arms": {},
@@ -77,10 +77,7 @@ def measure(course: Recording) -> dict[str, Any]:
 
 
 def measure_contact(course: Recording) -> dict[str, dict[str, float]]:
-    """Return by arm the largest contact force and impulse, in N and N s.
-
-    It also returns the largest force of the vessel and of the other instrument.
-    """
+    """Return by arm the largest forces, N, and the impulse, N s."""
     measures = {}
     for arm in course.layout.arms:
         force = np.linalg.norm(course[f"{arm}/contact"].astype(float), axis=1)
@@ -95,7 +92,7 @@ def measure_contact(course: Recording) -> dict[str, dict[str, float]]:
     return measures
 
 
-def read_attempts(folder: Path) -> list[dict[str, Any]]:
+def read_attempts(folder: Path) -> list[Json]:
     """Return the measured sessions of the same person and scenario beside `folder`, up to its own.
 
     The list is empty if the person is not named. Each entry has name, score, median reaction, path
@@ -131,10 +128,7 @@ def path_length(points: np.ndarray) -> float:
 
 
 def economy(ways: Sequence[np.ndarray]) -> float | None:
-    """Return the straight distances of all paths [T, 3] over their lengths; None for length 0.
-
-    A straight distance is from the first to the last point of a path.
-    """
+    """Return the distances between the ends of paths [T, 3] over their lengths, or None."""
     gone = sum(map(path_length, ways))
     straight = sum(float(np.linalg.norm(way[-1] - way[0])) for way in ways)
     return straight / gone if gone > 0 else None
@@ -148,10 +142,7 @@ def speed(points: np.ndarray) -> np.ndarray:
 
 
 def spectral_arc_length(profile: np.ndarray, rate_hz: float = RATE_HZ) -> float | None:
-    """Return the spectral arc length of a speed profile [T]; None if nothing moves.
-
-    Source: Balasubramanian et al. 2015.
-    """
+    """Return the spectral arc length of a speed profile [T]; None if nothing moves."""
     if len(profile) < 2 or not np.any(profile):
         return None
     size = 2 ** (math.ceil(math.log2(len(profile))) + _SPARC_PADS)
@@ -202,9 +193,7 @@ def resample(ms: np.ndarray, points: np.ndarray) -> np.ndarray:
     return np.asarray(signal.sosfiltfilt(sections, even, axis=0))
 
 
-def _movements(
-    course: Recording, tip: np.ndarray, stretches: Sequence[tuple[int, int]]
-) -> dict[str, Any]:
+def _movements(course: Recording, tip: np.ndarray, stretches: Sequence[tuple[int, int]]) -> Json:
     """Return the economy of one tip's movements, and medians of their smoothness."""
     target = course["target"]
     ways, arc_lengths, jerks = [], [], []

@@ -13,6 +13,7 @@ import numpy as np
 from ravenjax.document import palette
 from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots, Mark
 from ravenjax.train.judge.row import HazardRow
+from ravenjax.train.protocol.messages import Json
 from ravenjax.train.recording.reader import Recording
 from ravenjax.train.robot import run_levels
 
@@ -62,10 +63,7 @@ def hazard(
 def session(
     course: Recording, hazards: Sequence[HazardRow], limits: Mapping[str, float], blinded: bool
 ) -> list[Chart]:
-    """Return the charts of the whole session, in s.
-
-    They have the hazards' activations, the responses and the progress of the task.
-    """
+    """Return the charts of the whole session, in s, with hazards and responses."""
     time, everything = course.ms / 1000, np.ones(len(course.ms), bool)
     moments: list[Moment] = []
     for row in hazards:
@@ -82,7 +80,7 @@ def session(
     ]
 
 
-def learning(attempts: Sequence[Mapping[str, Any]]) -> list[Chart]:
+def learning(attempts: Sequence[Json]) -> list[Chart]:
     """Return charts of one person's sessions; none for less than two sessions."""
     if len(attempts) < 2:
         return []
@@ -186,7 +184,6 @@ def _chart(
     height: int,
     share: bool = False,
 ) -> Chart:
-    """Draw curves from 0 upwards, with a line and a name for each moment."""
     top = 1.1 * max(1e-3, *(float(curve.y.max()) for curve in curves))
     marks: list[Mark] = [
         Curve("", MOMENTS[kind][1], np.full(2, at), np.array([0.0, top]), in_legend=False)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from ravenjax.errors import StoreError
 from ravenjax.store.files import write_aside
 from ravenjax.store.logs.session import description
 from ravenjax.train.debrief import dexterity, figures, replay
+from ravenjax.train.protocol.messages import Json
 from ravenjax.train.recording import hazards as hazard_table
 from ravenjax.train.recording import reader
 
@@ -49,7 +49,7 @@ def write(folder: Path) -> Path:
         "limit of hazards": (scenario.get("harm") or {}).get("excursion_mm"),
     }
     limits = {name: mm for name, mm in named_limits.items() if mm is not None}
-    charts: dict[str, Any] = {"hazards": [[] for _ in hazards], "session": []}
+    charts: Json = {"hazards": [[] for _ in hazards], "session": []}
     shown, contact = None, {}
     if course is not None:
         charts = {

@@ -6,14 +6,15 @@ an hour of them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
 from ravenjax.train.judge.row import HazardRow
+from ravenjax.train.protocol.messages import Json
+from ravenjax.train.protocol.world import TISSUE
 from ravenjax.train.recording.reader import Recording
-from ravenjax.train.robot import JAW_LENGTH, jaw_rotation, scene
+from ravenjax.train.robot import JAW_LENGTH, jaw_rotation
 
 EVERY_MS, EVERY_HAZARD_MS = 40, 10
 """Time between two pictures. The second value applies around a hazard, where motion is fast."""
@@ -23,9 +24,7 @@ AROUND_MS = (400, 3000)
 PER_M = 10_000
 
 
-def data(
-    course: Recording, header: Mapping[str, Any], hazards: Sequence[HazardRow]
-) -> dict[str, Any] | None:
+def data(course: Recording, header: Json, hazards: Sequence[HazardRow]) -> Json | None:
     """Return JSON for the player, or None if the session's header lacks the positions of its arms.
 
     A blinded session has no nominal model.
@@ -53,14 +52,12 @@ def data(
             arm: _arm(course, arm, bases[arm], rows, bool(header.get("blinded"))) for arm in arms
         },
         "task": header.get("task") or {},
-        "tissue": {"top": scene.TISSUE_TOP, "sag": scene.TISSUE_SAG, "half": scene.TISSUE_HALF},
+        "tissue": TISSUE,
         "marks": marks,
     }
 
 
-def _arm(
-    course: Recording, arm: str, base: dict[str, Any], rows: np.ndarray, blinded: bool
-) -> dict[str, Any]:
+def _arm(course: Recording, arm: str, base: Json, rows: np.ndarray, blinded: bool) -> Json:
     """Return the remote centre, and where the jaws close, of the robot and of the nominal model."""
     # The import takes half a second.
     from scipy.spatial.transform import Rotation

@@ -7,9 +7,9 @@ held at a target. Its time is that of its beginning.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from ravenjax.train.protocol.messages import Json
 from ravenjax.train.robot import ROBOT
 from ravenjax.vocabulary import checks
 from ravenjax.vocabulary.checks import Check
@@ -51,8 +51,8 @@ class Trips:
         self,
         tick: int,
         robot_tick: int,
-        outcomes: Mapping[str, Any],
-        golden: Mapping[str, Any] | None = None,
+        outcomes: Json,
+        golden: Json | None = None,
     ) -> list[Trip]:
         """Return each check that tripped since the last reading, the earliest first.
 

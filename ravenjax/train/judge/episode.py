@@ -60,11 +60,11 @@ from the origin above, `halted_ms` and `golden_halted_ms` (the golden run's) are
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
 from ravenjax.outcomes import verdict
+from ravenjax.train.protocol.messages import Json
 from ravenjax.train.scenario import Armable, Harm
 from ravenjax.vocabulary.checks import Check
 
@@ -266,7 +266,7 @@ class Episode:
         )
         return round(50.0 * response + 50.0 * max(0.0, 1.0 - used), 1)
 
-    def row(self) -> dict[str, Any]:
+    def row(self) -> Json:
         """Return the hazard's columns of hazards.csv."""
         what, ok = self.answer()
         answered = what in self.responses

@@ -16,7 +16,7 @@ event of that name ("stopped", "flagged", "limited"), which only the instructor 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from ravenjax.outcomes import verdict
@@ -24,6 +24,7 @@ from ravenjax.train.judge.detectors import SlowdownDetector, Trip, Trips
 from ravenjax.train.judge.episode import PEAKS, SEEN_MM, Episode
 from ravenjax.train.judge.row import COLUMNS, KNOWN_WHEN_ARMED
 from ravenjax.train.protocol.frame import Frame
+from ravenjax.train.protocol.messages import Command, Json
 from ravenjax.train.scenario import Armable, Scenario
 
 CUE_QUIET_MS = 250
@@ -57,13 +58,13 @@ class Judge:
         scenario: Scenario,
         hazards: Sequence[Armable],
         cue_on: bool,
-        tell: Callable[..., None],
+        record: Callable[..., None],
     ) -> None:
-        """tell: receives the tick, the kind and the content of each event."""
+        """record: receives the tick, the kind and the content of each event."""
         self.scenario, self.hazards = scenario, tuple(hazards)
         self.cue_on = cue_on
         """Whether the operator feels forces. The instructor may change it at any time."""
-        self._tell = tell
+        self._tell = record
         self._episode: Episode | None = None
         self._over: list[Episode] = []
         self._trips = Trips()
@@ -142,7 +143,7 @@ class Judge:
         """Reset the trips: a waiting robot, at rest and without a hazard, was restarted."""
         self._trips.reset()
 
-    def command(self, message: Mapping[str, Any], tick: int) -> None:
+    def command(self, message: Command, tick: int) -> None:
         """Take a command of the operator other than motion."""
         do = message.get("do")
         if do == "estop":
@@ -157,8 +158,8 @@ class Judge:
         self,
         tick: int,
         frame: Frame,
-        outcomes: Mapping[str, Any] | None = None,
-        golden: Mapping[str, Any] | None = None,
+        outcomes: Json | None = None,
+        golden: Json | None = None,
     ) -> None:
         """Judge one tick. outcomes, golden: see `look`; outcomes None: not read in this tick."""
         if not self._columns:
@@ -198,7 +199,7 @@ class Judge:
 
     # --- rows and events ---
 
-    def rows(self, **identity: Any) -> list[dict[str, Any]]:
+    def rows(self, **identity: Any) -> list[Json]:
         """Return a dict for each hazard so far, with the keys COLUMNS; missing values are None.
 
         identity: see `recording.hazards`.
@@ -210,7 +211,7 @@ class Judge:
     def _struck_episode(self) -> Episode | None:
         return self._episode if self._episode is not None and self._episode.struck else None
 
-    def look(self, outcomes: Mapping[str, Any], golden: Mapping[str, Any] | None = None) -> None:
+    def look(self, outcomes: Json, golden: Json | None = None) -> None:
         """Record the trips of the robot's checks since the last reading.
 
         outcomes, golden: outcome columns of robot and golden run so far; golden None: there is no
@@ -243,7 +244,6 @@ class Judge:
             self._alarms[name] = trip.count
 
     def _feel(self, tick: int, row: list[float]) -> None:
-        """Record and report the cue's forces where the operator feels them."""
         episode = self._struck_episode()
         for arm in self._arms:
             if not any(row[arm.force]):

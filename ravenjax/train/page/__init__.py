@@ -10,9 +10,9 @@ import contextlib
 import dataclasses
 import ipaddress
 from multiprocessing.connection import Connection
-from typing import Any
 
 from ravenjax.errors import UserError
+from ravenjax.train.protocol.messages import Json
 from ravenjax.train.robot import ArmName
 
 
@@ -26,7 +26,7 @@ class PageOptions:
     commands: str
     arms: tuple[ArmName, ...]
     # As in session.json: name, hazards, task, blinded; also cue_threshold_mm.
-    header: dict[str, Any]
+    header: Json
     folder: str | None = None  # where debrief.html appears once the session is over
     host: str = "127.0.0.1"
     port: int = 0  # 0: a free one
@@ -56,8 +56,8 @@ def loopback(host: str) -> bool:
         return False
 
 
-def run_when_told(told: Connection) -> None:
-    """Import the page, then serve it with the `PageOptions` that `told` sends.
+def run_when_told(session: Connection) -> None:
+    """Import the page, then serve it with the `PageOptions` that `session` sends.
 
     This is the entry point of a spawned process. It answers with its port, and serves until it is
     terminated or the session's process ends.
@@ -67,4 +67,4 @@ def run_when_told(told: Connection) -> None:
 
     # EOFError: the session ended before the page began.
     with contextlib.suppress(EOFError):
-        process.run(told.recv(), told)
+        process.run(session.recv(), session)

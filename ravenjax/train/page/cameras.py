@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import viser
 
 from ravenjax.robots.raven2.dynamics.scene_views import ENDOSCOPES, FIELD, VIEWS, view_pose
 from ravenjax.train.page.hub import Client
 from ravenjax.train.page.server import window
+from ravenjax.train.protocol.messages import Command
 
 FIRST = "endoscope"
 FAR = "theatre"
@@ -54,7 +53,7 @@ class Windows:
                 if known.client_id == client.client_id:
                     del self._clients[name]
 
-    def obey(self, client: Client, message: dict[str, Any]) -> None:
+    def obey(self, client: Client, message: Command) -> None:
         """Carry out a window's request: {"do": "camera", "name"} or {"do": "shadows", "on"}."""
         handle, name = self._clients.get(client.window), message.get("name")
         if handle is not None and message["do"] == "shadows":

@@ -13,7 +13,6 @@ from multiprocessing.connection import Connection
 import numpy as np
 
 from ravenjax.train.page import PageOptions
-from ravenjax.train.page.auth import Auth
 from ravenjax.train.page.cameras import Windows
 from ravenjax.train.page.hub import Hub
 from ravenjax.train.page.scene import Scene, describe_place
@@ -56,10 +55,9 @@ class Page:
         self._hub = Hub(
             options, describe_place(options.arms), commands, windows.obey, self._await_answer
         )
-        auth = Auth(options.host, options.token)
         # Refused connections are not logged.
         logging.getLogger("websockets").setLevel(logging.CRITICAL)
-        self._server = PageServer(options, auth, self._hub.serve)
+        self._server = PageServer(options, self._hub.serve)
         windows.watch(self._server.viser)
         header = options.header
         blinded = bool(header.get("blinded"))
@@ -88,7 +86,6 @@ class Page:
             ring.close()
 
     def _pass_on(self) -> None:
-        """Forward new events and frames to the windows."""
         call_soon = self._server.loop.call_soon_threadsafe
         first, rows = self._events.read(self._next_event)
         if len(rows):

@@ -24,8 +24,9 @@ from ravenjax.robots.raven2.dynamics import arm_model, body_shapes
 from ravenjax.train.page.marks import MODEL, DepthLine, Rgb, TaskShapes
 from ravenjax.train.protocol.frame import VIEWS, Frame
 from ravenjax.train.protocol.jaws import jaw_tips
-from ravenjax.train.protocol.world import frame0, surface
-from ravenjax.train.robot import ARMS, ArmName, scene
+from ravenjax.train.protocol.messages import Event, Json
+from ravenjax.train.protocol.world import TISSUE, frame0, surface
+from ravenjax.train.robot import ARMS, ArmName
 
 _LOOKS = {"ghost": (MODEL, 0.36), "virtual": ((120, 226, 170), 0.75)}
 """Colour and opacity of the figures that are not the robot."""
@@ -128,7 +129,7 @@ class Scene:
         self,
         server: viser.ViserServer,
         arms: tuple[ArmName, ...],
-        task: dict[str, Any] | None,
+        task: Json | None,
         blinded: bool,
     ) -> None:
         """blinded: neither ghost nor force is drawn, because they show what must stay hidden."""
@@ -188,29 +189,23 @@ class Scene:
         self._server.flush()
 
     def _deeper_jaw(self, frame: Frame, arm: ArmName) -> np.ndarray:
-        """Return the jaw tip that is deeper in the tissue, in the world.
-
-        Most of the contact force acts there.
-        """
+        """Return the jaw tip, world, that is deeper in the tissue: most of the force acts there."""
         origin, turn = self._frames[arm]
         tip, jpos = frame[f"{arm}/tip"].tolist(), frame[f"{arm}/link_jpos"].tolist()
         ends = [origin + turn @ np.array(end) for end in jaw_tips(arm, tip, jpos)]
         return min(ends, key=lambda end: end[2] - surface(float(end[0]), float(end[1])))
 
-    def follow(self, event: dict[str, Any]) -> None:
+    def follow(self, event: Event) -> None:
         """Take an event of the session that changes the scene."""
         if event.get("kind") == "object":
             self._task.follow(event)
 
 
-def describe_place(arms: tuple[ArmName, ...]) -> dict[str, Any]:
-    """Return where the arms and the tissue are, for a window that draws tips itself.
-
-    The result is JSON, m, in the world's axes.
-    """
+def describe_place(arms: tuple[ArmName, ...]) -> Json:
+    """Return JSON of where the arms and the tissue are, m, for a window that draws tips itself."""
     return {
         "bases": {arm: dict(zip(("origin", "turn"), frame0(arm), strict=True)) for arm in arms},
-        "tissue": {"top": scene.TISSUE_TOP, "sag": scene.TISSUE_SAG, "half": scene.TISSUE_HALF},
+        "tissue": TISSUE,
     }
 
 

@@ -36,6 +36,7 @@ PHASES = ("ready", "running", "paused", "stopped", "over", "lost")
 ready: waiting for the first pedal-down; running; paused by the instructor; stopped: the robot's
 E-stop; over; lost: no reports arrive, and the robot's state is unknown.
 """
+READY, RUNNING, PAUSED, STOPPED, OVER, LOST = range(len(PHASES))
 CONSOLES = ("nobody", "page", "itp", "script", "crtk")
 """What may drive: nobody, the operator's page, ITP or CRTK over the network, or a script."""
 VIEWS = ("real", "virtual", "replay")
@@ -44,6 +45,7 @@ VIEWS = ("real", "virtual", "replay")
 real: the robot; virtual: only the virtual robot, while the robot rests; replay: the robot, which
 repeats the tried motion.
 """
+REAL, VIRTUAL, REPLAY = range(len(VIEWS))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,10 +77,7 @@ class FrameLayout:
         return self.places["session_tick"].start
 
     def names(self) -> list[str]:
-        """Return a name for each number: `gold/jpos/0` and so on.
-
-        A channel with a single number has no index.
-        """
+        """Return a name for each number: `gold/jpos/0`, or `runlevel` for a single one."""
         return [
             name if place.stop - place.start == 1 else f"{name}/{i}"
             for name, place in self.places.items()

@@ -14,6 +14,8 @@ import numpy as np
 from ravenjax.train.protocol.messages import VIEW
 from ravenjax.train.robot import ITP_AXES, ArmName, scene
 
+TISSUE = {"top": scene.TISSUE_TOP, "sag": scene.TISSUE_SAG, "half": scene.TISSUE_HALF}
+"""The tissue's dome for a window that draws it, m."""
 Point = tuple[float, float, float]
 Rows = tuple[Point, Point, Point]
 
@@ -46,10 +48,7 @@ def view_from_world(way: Point) -> Point:
 
 
 def surface(x: float, y: float) -> float:
-    """Return the height of the tissue's dome at (x, y) of the world, m.
-
-    The dome continues beside the tissue.
-    """
+    """Return the height of the tissue's dome at (x, y), m, also beside the tissue."""
     return scene.TISSUE_TOP - scene.TISSUE_SAG[0] * x * x - scene.TISSUE_SAG[1] * y * y
 
 

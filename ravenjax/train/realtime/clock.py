@@ -113,9 +113,8 @@ class Clock:
 def realtime(choose: Callable[[set[int]], int] = max) -> Iterator[str]:
     """Give this process one CPU and, where the system allows it, a realtime priority.
 
-    Yields a description of what was granted. Afterwards the process has its former CPUs and
-    priority. choose: selects one of the CPUs. A robot in a process of its own uses another CPU than
-    the session that drives it. Move spawned processes to other CPUs with `other_cpus`.
+    Yields what was granted, and undoes it at the end. choose: selects one of the CPUs. A robot in a
+    process of its own uses another CPU than the session that drives it.
     """
     if sys.platform != "linux":
         yield "as the system schedules"

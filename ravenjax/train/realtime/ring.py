@@ -13,11 +13,10 @@ import json
 import multiprocessing
 from collections.abc import Iterator
 from multiprocessing import shared_memory
-from typing import Any
 
 import numpy as np
 
-from ravenjax.train.protocol.messages import encode
+from ravenjax.train.protocol.messages import Json, encode
 
 # Bytes: rows written so far, capacity, bytes of a row.
 _HEADER = 64
@@ -45,10 +44,7 @@ class Ring:
 
     @staticmethod
     def attach(name: str) -> Ring:
-        """Attach to a ring that this process, or the process that spawned it, has created.
-
-        Only the creator removes the memory.
-        """
+        """Attach to a ring of this process or its parent. Only the creator removes it."""
         return Ring(shared_memory.SharedMemory(name=name), owner=False)
 
     @property
@@ -100,7 +96,7 @@ def parent_has_ended() -> bool:
     return parent is not None and not parent.is_alive()
 
 
-def put_json(ring: Ring, message: dict[str, Any]) -> None:
+def put_json(ring: Ring, message: Json) -> None:
     """Append an event or a command. Raises ValueError if it is longer than a row."""
     text = encode(message).encode()
     if len(text) >= ring.row_bytes:
@@ -111,7 +107,7 @@ def put_json(ring: Ring, message: dict[str, Any]) -> None:
     ring.put(np.frombuffer(text + b"\0", np.uint8))
 
 
-def read_json(rows: np.ndarray) -> Iterator[dict[str, Any]]:
+def read_json(rows: np.ndarray) -> Iterator[Json]:
     """Yield the events or commands in rows that `Ring.read` returned."""
     for row in rows:
         yield json.loads(row.tobytes().split(b"\0", 1)[0])

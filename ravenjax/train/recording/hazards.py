@@ -10,7 +10,7 @@ import csv
 import io
 import statistics
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from ravenjax.errors import StoreError
 from ravenjax.train.judge.row import COLUMNS, HazardRow
+from ravenjax.train.protocol.messages import Json
 from ravenjax.train.recording.reader import Recording
 
 FILE = "hazards.csv"
@@ -57,13 +58,9 @@ def read_table(folder: Path) -> list[HazardRow]:
     return sorted(rows, key=lambda row: (row.struck_ms is None, row.struck_ms or 0.0, row.number))
 
 
-def from_recording(recording: Recording, header: Mapping[str, Any]) -> list[HazardRow]:
-    """Return a row for each hazard that was armed, in order of arming.
-
-    If the recording breaks off while a hazard is active, its row has the times of arming and
-    activation, and no outcome.
-    """
-    rows: list[dict[str, Any]] = []
+def from_recording(recording: Recording, header: Json) -> list[HazardRow]:
+    """Return a row for each hazard that was armed; the last has no outcome if it was cut short."""
+    rows: list[Json] = []
     for event in recording.events:
         if event["kind"] == "hazard_armed":
             rows.append({**event["row"]})
@@ -74,14 +71,14 @@ def from_recording(recording: Recording, header: Mapping[str, Any]) -> list[Haza
     return [HazardRow(**(identity(header) | row)) for row in rows]
 
 
-def identity(header: Mapping[str, Any]) -> dict[str, Any]:
+def identity(header: Json) -> Json:
     """Return the columns that all hazards of a session share, from its session.json."""
     same = {name: header.get(name) for name in ("participant", "group", "seed", "blinded")}
     scenario = (header.get("scenario") or {}).get("name")
     return same | {"session": header.get("name"), "scenario": scenario}
 
 
-def summarize(rows: Sequence[HazardRow]) -> dict[str, Any]:
+def summarize(rows: Sequence[HazardRow]) -> Json:
     """Return numbers of a whole session; None where nothing was measured."""
     struck = [row for row in rows if row.struck_ms is not None]
     counts = {
@@ -109,7 +106,7 @@ def summarize(rows: Sequence[HazardRow]) -> dict[str, Any]:
     }
 
 
-def as_csv(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
+def as_csv(columns: Sequence[str], rows: Iterable[Json]) -> str:
     """Return the given columns of the rows as CSV."""
     out = io.StringIO()
     writer = csv.DictWriter(out, columns, extrasaction="ignore", lineterminator="\n")

@@ -11,16 +11,16 @@ from __future__ import annotations
 import contextlib
 import signal
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
+from ravenjax.train.protocol.messages import Json
 from ravenjax.train.realtime.ring import Ring, parent_has_ended, read_json
 
 POLL_S = 0.015
@@ -39,7 +39,7 @@ class RecorderOptions:
     events: str  # name of the ring of events
     names: tuple[str, ...]  # names of a row's numbers, `frame.FrameLayout.names()`
     folder: Path
-    header: Mapping[str, Any]  # session.json without "version", "started", "ended"
+    header: Json  # session.json without "version", "started", "ended"
 
 
 def run(options: RecorderOptions, listening: Callable[[], None] = lambda: None) -> None:
@@ -74,7 +74,7 @@ def now() -> str:
 
 def _record(
     frames: Ring, events: Ring, log: session_log.SessionWriter, late_ticks: int, stop: _Stop
-) -> dict[str, Any]:
+) -> Json:
     """Record, and return the summary for session.json. late_ticks: its index in a row."""
     row = event = 0
     summary = {"rows": 0, "seconds": 0.0, "lost_rows": 0, "events": 0, "late_ticks": 0}

@@ -28,6 +28,7 @@ from ravenjax.numbers.vec import Scalar, Vec, cast, replace
 from ravenjax.robots.raven2.loop import connections, observers
 from ravenjax.stages import monitor
 from ravenjax.train.protocol.frame import Frame
+from ravenjax.train.protocol.messages import Json
 from ravenjax.train.robot import ARMS, E_STOP, FIELDS, ROBOT, kinematics
 from ravenjax.train.robot_link.joint_stream import JointReport
 from ravenjax.train.robot_link.remote import RobotLink
@@ -75,7 +76,7 @@ class DistantRobot:
         # Places in the row of the numbers that the half tick fills. The packet's numbers follow
         # them.
         self._shown = np.r_[*(places[name] for name in (*names, "halted_ms"))]
-        self._outcomes: dict[str, Any] = {}
+        self._outcomes: Json = {}
         self._at_rest()
 
     def step(self) -> None:
@@ -92,7 +93,7 @@ class DistantRobot:
         self._frame["tick"] = self.now
         self.now += 1
 
-    def outcomes(self) -> dict[str, Any]:
+    def outcomes(self) -> Json:
         """Return the few outcome columns that are known here."""
         return dict(self._outcomes)
 

@@ -1,22 +1,18 @@
 """The ITP server: receives a console's increments over UDP and sends the cue's force.
 
 It is polled once a tick and never waits. Force packets have the original's `v_struct` (52 bytes,
-little-endian), which raven2 declares and never sends. The sources leave its meaning open; this
-server defines it:
+little-endian), which raven2 declares and never sends. This server defines its meaning:
 
-    sequence        number of the force packet, from 1
-    last_sequence   number of the console's packet accepted last
-    pactyp, version 0
-    fx, fy, fz      [gold, green], axes of the ITP frame: thousandths of a device unit of the
-                    haptic cue, so that the published cap of 0.05 device units reads 50; a
-                    device that takes newtons scales them
-    runlevel        of the robot, 0 to 3
-    jointflags      bit 0 gold is present, bit 1 green is present, bit 2 the pedal counts as
-                    down, bit 3 the console counts as alive, bit 4 the robot's software holds its
-                    E-stop, bit 5 this console drives (0: it watches), bit 8 the gold cue pulls,
-                    bit 9 the green cue pulls
-    checksum        sum of forces, run level and number, wrapped to 32 bits, as in the console's
-                    packet
+- sequence: number of the force packet, from 1.
+- last_sequence: number of the console's packet accepted last.
+- pactyp, version: 0.
+- fx, fy, fz: [gold, green] along the axes of the ITP frame, in thousandths of a device unit of the
+  haptic cue. The published cap of 0.05 device units reads 50. A device in newtons scales them.
+- runlevel: 0 to 3.
+- jointflags: bits 0 and 1 gold and green are present, bit 2 the pedal counts as down, bit 3 the
+  console is alive, bit 4 the software holds its E-stop, bit 5 this console drives, bits 8 and 9 the
+  gold and the green cue pull.
+- checksum: sum of forces, run level and number, wrapped to 32 bits, as in the console's packet.
 """
 
 from __future__ import annotations
@@ -26,10 +22,9 @@ import socket
 import struct
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 from ravenjax.errors import UserError
-from ravenjax.train.protocol.messages import STALE_MS
+from ravenjax.train.protocol.messages import STALE_MS, Command
 from ravenjax.train.robot import ARMS, ITP_AXES, UDP_PORT, V_STRUCT, ArmName, ConsoleProfile
 from ravenjax.train.robot_link.packet_filter import SIZE, Gate, merge
 
@@ -97,7 +92,7 @@ class ItpServer:
         """Host and port on which the server listens."""
         return self._socket.getsockname()[:2]
 
-    def poll(self) -> list[dict[str, Any]]:
+    def poll(self) -> list[Command]:
         """Return the increments since the last call as one command "increments", or an empty list.
 
         At most `SentStream.per_tick` packets of a burst count, which bounds the displacement of one
@@ -106,7 +101,7 @@ class ItpServer:
         now_ms = self._clock() * 1e-6
         profile = self.gate.profile
         most = USUAL_PER_TICK if profile is None else profile.stream.per_tick
-        accepted: list[dict[str, Any]] = []
+        accepted: list[Command] = []
         for _ in range(max(PER_TICK, most)):
             try:
                 datagram, source = self._socket.recvfrom(SIZE)

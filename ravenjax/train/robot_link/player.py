@@ -48,7 +48,6 @@ class Played(NamedTuple):
     driving: int
 
     def __str__(self) -> str:
-        """Return the summary in words, for the command line."""
         late_ms = self.latest_s * 1e3
         sent = (
             f"{self.packets} of {self.of} packets sent in {self.seconds:.3f} s, at most"
@@ -150,7 +149,6 @@ def _connected(address: tuple[str, int]) -> Iterator[socket.socket]:
 
 
 def _heard(port: socket.socket) -> Iterator[int]:
-    """Yield the flags of each force packet that has arrived."""
     while True:
         try:
             packet = port.recv(2048)

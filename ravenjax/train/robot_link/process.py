@@ -17,7 +17,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,18 +25,14 @@ from ravenjax import interruption
 from ravenjax.errors import UserError, shown
 from ravenjax.train import scenario
 from ravenjax.train.protocol.frame import Frame
+from ravenjax.train.protocol.messages import Command, Json
 from ravenjax.train.realtime.clock import Clock, LoopTiming, no_collection, realtime
 from ravenjax.train.realtime.loop import Console
 from ravenjax.train.robot import NO_PACKET_SEQUENCE, UDP_PORT, ConsoleProfile
-from ravenjax.train.robot_link.crtk.messages import ARM_NAMES, Ros
+from ravenjax.train.robot_link.crtk.messages import Ros
 from ravenjax.train.robot_link.itp import LOOPBACK, ItpServer
 from ravenjax.train.robot_link.joint_stream import JOINT_PORT, JointServer, encode_report
-from ravenjax.train.robot_link.packet_filter import (
-    Increments,
-    increments_of,
-    merge,
-    packet_of,
-)
+from ravenjax.train.robot_link.packet_filter import Increments, increments_of, merge, packet_of
 from ravenjax.train.scenario import Armable, Scenario
 from ravenjax.train.session.console_arbiter import ConsoleArbiter
 from ravenjax.train.session.pedal import NETWORK, PedalReasons
@@ -107,7 +103,6 @@ class Station:
         return frame
 
     def _choose(self) -> Increments | None:
-        """Return the command that counts in this tick, or None."""
         commands = [{**command, "console": ITP} for command in self.itp.poll()]
         if self.crtk is not None:
             commands += self._poll_crtk(self.crtk)
@@ -117,7 +112,7 @@ class Station:
             still = dict.fromkeys(self.machine.arms, ((0, 0, 0), (0.0, 0.0, 0.0, 1.0), 0))
             chosen = {**increments_of(False, still, CRTK), "console": CRTK}
 
-        def take(counted: Mapping[str, Any]) -> bool:
+        def take(counted: Command) -> bool:
             nonlocal chosen
             if chosen is None or counted["pedal"]:
                 chosen = dict(counted)
@@ -125,7 +120,6 @@ class Station:
 
         for command in commands:
             self._arbiter.hear(command, take, self.ticks)
-        self._arbiter.events()
         self._pedals.look({name: self._arbiter.why_not(name, self.ticks) for name in NETWORK})
         return chosen
 
@@ -155,7 +149,7 @@ class Station:
             if (count := int(outcomes[f"check_{name}_count"])) > 0
         }
 
-    def obey(self, content: dict[str, Any]) -> None:
+    def obey(self, content: Json) -> None:
         """Carry out an order of `joint_stream`. Raises UserError if that is not possible."""
         kind, number = content.get("order"), content.get("number")
         if kind == "arm":
@@ -215,10 +209,9 @@ def run(
 ) -> None:
     """Run the robot of a scenario until Ctrl-C or SIGTERM, or for this number of seconds.
 
-    seed: draws the scenario's hazards; None: the scenario's own. host: address to listen on. token:
-    required in orders from other machines; None: they are refused. console_host: the only host that
-    may drive. profiles: that of the console, or several of which one applies. crtk: also speak CRTK
-    over this ROS. Raises UserError if a port cannot be opened or a hazard does not exist.
+    seed: draws the scenario's hazards; None: its own. token: required in orders from other
+    machines; None: they are refused. console_host: the only host that may drive. profiles: of the
+    console, or several of which one applies. Raises UserError if a port cannot be opened.
     """
     number = chosen.seed if seed is None else seed
     robot = PacketRobot(scenario.campaign(chosen, number))
@@ -258,8 +251,6 @@ def run(
                 say(warning)
             say("console: ITP over UDP {}:{}".format(*itp.address))
             say("joint state: TCP {}:{}".format(*joints.address))
-            if crtk:
-                say(f"CRTK: {crtk}, {', '.join(ARM_NAMES[arm] for arm in robot.arms)}")
             timing = serve(station, due(hazards, lasting), seconds, lambda: bool(stop))
         counts = {"console": itp.counters(), "joint stream": joints.counts}
     p50, p99 = (timing.percentile("compute", share) for share in (0.5, 0.99))
@@ -278,7 +269,7 @@ def in_words(counts: Mapping[str, int]) -> str:
 
 def serve(
     station: Station,
-    orders: Sequence[tuple[int, dict[str, Any]]] = (),
+    orders: Sequence[tuple[int, Json]] = (),
     seconds: float | None = None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> LoopTiming:
@@ -299,11 +290,8 @@ def serve(
     return clock.timing
 
 
-def due(strikes: Sequence[Strike], lasting: dict[int, int]) -> list[tuple[int, dict[str, Any]]]:
-    """Return the orders that arm each hazard and disarm it after its time.
-
-    lasting: by hazard number, the ms for which it stays active.
-    """
+def due(strikes: Sequence[Strike], lasting: dict[int, int]) -> list[tuple[int, Json]]:
+    """Return the orders that arm each hazard, and disarm it after `lasting` ms."""
     orders = []
     for number, at_ms in strikes:
         orders.append((at_ms, {"order": "arm", "number": number}))

@@ -152,10 +152,7 @@ def _of_file(scenario: Scenario, key: Key, written: list[int]) -> Key:
 
 
 def _groups(scenario: Scenario, seed: int) -> tuple[list[dict[str, Any]], list[int]]:
-    """Return the groups as a campaign file has them, and for each the number of its hazard entry.
-
-    There is one group for each case of a hazard.
-    """
+    """Return a campaign's group for each case of a hazard, and the number of its entry."""
     groups: list[dict[str, Any]] = []
     numbers: list[int] = []
     for h, entry in enumerate(scenario.hazard):

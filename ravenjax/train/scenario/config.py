@@ -2,16 +2,14 @@
 
 `loading` reads the file, and `campaign` turns it into runs of a campaign.
 
-    name = "dac_burst"          # and title, description, arms, software, duration_s, seed, scale
-    [speeds]                    # speeds of tips at full deflection of keys, mouse or gamepad
-    [cue]                       # the haptic cue
-    [contact]                   # forces of tissue, vessel and the other instrument
-    [task]                      # the operator's task: reach, peg_transfer, path, levels, free
-    [[hazard]]                  # what may go wrong, when, and the right response
-    hazards = ["B27"]           # ids, layers of the library, or "all"; or [[hazard.fault]]
-    when = [20, 30]             # s; or one time, or "instructor"
-    right_response = ["release"]
-    [harm] [parameters] [robot]
+    name = "dac_burst"
+    [task]
+    kind = "reach"
+    [[hazard]]
+    hazards = ["B27"]
+    when = [20, 30]
+
+The other tables are [speeds], [cue], [contact], [harm], [parameters] and [robot].
 """
 
 from __future__ import annotations

@@ -53,9 +53,8 @@ class Armable:
 
     def header(self) -> dict[str, Any]:
         """Return the hazard's entry in session.json."""
-        names = ("number", "hazard", "title", "group", "run_id", "within_s", "layer")
-        fields = {name: getattr(self, name) for name in names}
-        return fields | {"right_response": list(self.right_response)}
+        hidden = ("arm", "lasts_ms", "when_ms")
+        return {key: value for key, value in vars(self).items() if key not in hidden}
 
 
 def responses(entry: Entry, hazard: Hazard | None) -> tuple[str, ...]:

@@ -1,8 +1,6 @@
-"""Reads a scenario file and checks it.
+"""Reads a scenario file and checks it: TOML, overrides, the model `Scenario`, then its hazards.
 
-The order is: TOML, overrides, the model `Scenario`, then the values of its hazards. Nothing is
-compiled. All errors are reported at once, each with file, line, key, the value found and the value
-expected.
+All errors are reported at once, each with file, line, key, the value found and the value expected.
 """
 
 from __future__ import annotations
@@ -27,11 +25,7 @@ FOLDER = "campaigns/training"
 
 
 def load(name: str | Path, overrides: Sequence[str] = ()) -> Scenario:
-    """Return the scenario in a TOML file, or a bundled one by name, with `key.path=value`
-    overrides.
-
-    `.toml` may be left out. Raises UserError.
-    """
+    """Return a scenario file, or a bundled one by name, with `key.path=value` overrides."""
     file = location.find(name, FOLDER, "scenario")
     raw, text = location.read(file)
     return from_dict(raw, source=file, text=text, overrides=overrides)
@@ -45,10 +39,7 @@ def bundled() -> list[Path]:
 def from_dict(
     raw: dict[str, Any], source: Path | None = None, text: str = "", overrides: Sequence[str] = ()
 ) -> Scenario:
-    """Return the scenario in nested tables, as TOML has them. Raises UserError.
-
-    source, text: the file and its content, for error messages.
-    """
+    """Return the scenario in TOML's tables. Raises UserError with places in `source` and `text`."""
     raw, replaced = overriding.all_applied(raw, overrides)
     where = location.Where(source, location.lines(text), replaced)
     try:
@@ -101,6 +92,5 @@ def _message(error: Any) -> str:
 
 
 def _model(loc: Sequence[str | int]) -> type[BaseModel]:
-    """Return the model of the table at `loc`."""
     task = next((TASKS[str(part)] for part in loc[1:2] if part in TASKS), Scenario)
     return model_at(task, loc)

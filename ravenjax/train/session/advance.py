@@ -20,9 +20,22 @@ import numpy as np
 
 from ravenjax.train import scenario, tasks
 from ravenjax.train.judge.watch import Judge
-from ravenjax.train.protocol.frame import PHASES, VIEWS, Frame
+from ravenjax.train.protocol.frame import (
+    LOST,
+    OVER,
+    PAUSED,
+    PHASES,
+    READY,
+    REAL,
+    REPLAY,
+    RUNNING,
+    STOPPED,
+    VIEWS,
+    VIRTUAL,
+    Frame,
+)
 from ravenjax.train.protocol.jaws import closing_point
-from ravenjax.train.protocol.messages import INSTRUCTOR, OPERATOR, SEAT
+from ravenjax.train.protocol.messages import INSTRUCTOR, OPERATOR, SEAT, Command, Event, Json
 from ravenjax.train.protocol.world import Point
 from ravenjax.train.robot import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP, ArmName, tip_pose
 from ravenjax.train.scenario import Scenario
@@ -32,9 +45,6 @@ from ravenjax.train.session.command_log import CommandLog
 from ravenjax.train.session.console_arbiter import ConsoleArbiter, console_of
 from ravenjax.train.session.simulation import EstopHold, SimulatedRobot
 
-Event = dict[str, Any]
-READY, RUNNING, PAUSED, STOPPED, OVER, LOST = range(len(PHASES))
-REAL, VIRTUAL, REPLAY = range(len(VIEWS))
 _TOLD = (
     ("phase", "phase"),
     ("view", "view"),
@@ -90,7 +100,7 @@ class Session:
         self.phase, self.view = READY, REAL
         self.ticks = 0  # ms of the session, without pauses
         self.started: int | None = None  # tick at which the session's time began
-        self.arbiter = ConsoleArbiter()
+        self.arbiter = ConsoleArbiter(self._record)
         self.pedals = pedal.PedalReasons()
         self._estop_hold = EstopHold(self.layout)
         self.ended = ""  # why the session is over
@@ -120,7 +130,7 @@ class Session:
         self._seen_trips, self._looked = 0.0, -OUTCOMES_EVERY
         self._events: list[Event] = []
         self._moved = False  # whether the robots moved in this tick
-        self._new: list[dict[str, Any]] = []  # commands of this tick
+        self._new: list[Command] = []  # commands of this tick
 
     @property
     def clock(self) -> int:
@@ -137,12 +147,12 @@ class Session:
         """Whether the session has ended."""
         return self.phase == OVER
 
-    def tick(self, commands: list[dict[str, Any]]) -> list[Event]:
+    def tick(self, commands: list[Command]) -> list[Event]:
         """Advance by one millisecond: fill `frame` and return the events."""
         self.move(commands)
         return self.conclude()
 
-    def move(self, commands: list[dict[str, Any]]) -> None:
+    def move(self, commands: list[Command]) -> None:
         """Run the first half of the tick: hands, hazards and robots. Fills `frame`, to be sent."""
         self._events, self._moved, self._new = [], False, []
         for command in commands:
@@ -158,7 +168,13 @@ class Session:
         goes_on = self.started is not None or self.robot.now < STAND_BY_MS or self._stand_by()
         self._drive(hand)
         for order in self.director.step(self.ticks, self.frame, self.clock):
-            self._order(order)
+            if order.kind == "arm":
+                self.robot.arm(order.number)
+                self.judge.armed(order.number, self.ticks)
+            else:
+                self._look()
+                self.robot.disarm()
+                self.judge.disarmed(self.ticks)
         if goes_on:
             self.robot.step()
         if self.view == VIRTUAL:
@@ -169,7 +185,6 @@ class Session:
     def conclude(self) -> list[Event]:
         """Run the second half of the tick: task, judge and phase. Return the events of both."""
         self.command_log.add(self.ticks, self._new)
-        self._events += self.arbiter.events()
         self.frame.settle()
         self._tell_changes()
         if self._moved:
@@ -194,7 +209,7 @@ class Session:
 
     # --- commands ---
 
-    def _command(self, command: dict[str, Any]) -> None:
+    def _command(self, command: Command) -> None:
         kind, do = command.get("type"), command.get("do")
         if kind in ("input", "increments"):
             self.arbiter.hear(
@@ -214,7 +229,7 @@ class Session:
         elif kind == "instructor" and do in INSTRUCTOR:
             self._instructor(command)
 
-    def _operator(self, command: dict[str, Any]) -> None:
+    def _operator(self, command: Command) -> None:
         do, by = command["do"], command.get("by", "operator")
         if by == "operator":
             self.judge.command(command, self.ticks)
@@ -229,13 +244,17 @@ class Session:
         elif do == "rehearse" and self.view == REAL and self.phase == RUNNING:
             self._rehearse()
         elif do == "reengage" and self.view == VIRTUAL:
-            self._reengage()
+            # The driven robot repeats the motion that was tried.
+            first, last = self._tried = self._tried[0], self.virtual.now
+            self.view = REPLAY if last > first else REAL
         elif do == "discard" and self.view != REAL:
-            self._discard()
+            # The hand goes on from the pose of the driven robot, which has not moved.
+            self._hands.place(self.robot.motion[:, self.robot.now - 1])
+            self.view = REAL
         elif do == "note":
             self._tell("note", text=str(command.get("text", ""))[:500])
 
-    def _instructor(self, command: dict[str, Any]) -> None:
+    def _instructor(self, command: Command) -> None:
         do = command["do"]
         if do in ("arm", "disarm"):
             if do == "disarm":
@@ -276,15 +295,6 @@ class Session:
             self.started = self.ticks
             self._tell("started", by=by)
 
-    def _order(self, order: Any) -> None:
-        if order.kind == "arm":
-            self.robot.arm(order.number)
-            self.judge.armed(order.number, self.ticks)
-        else:
-            self._look()
-            self.robot.disarm()
-            self.judge.disarmed(self.ticks)
-
     # --- the three robots ---
 
     def _drive(self, hand: hands.HandsRow) -> None:
@@ -308,9 +318,7 @@ class Session:
             row[:] = hand.columns
 
     def _rehearse(self) -> None:
-        """Let the virtual robot follow the hand from the driven robot's state, while that one
-        rests.
-        """
+        """Let the virtual robot follow the hand from the driven robot's state; that one rests."""
         now = self.robot.now
         if not isinstance(self.robot, SimulatedRobot) or now == 0:
             return
@@ -319,16 +327,6 @@ class Session:
         self._rest[-1] = 0
         self._tried = (now, now)
         self.view = VIRTUAL
-
-    def _reengage(self) -> None:
-        """Let the driven robot repeat the motion that was tried."""
-        first, last = self._tried = self._tried[0], self.virtual.now
-        self.view = REPLAY if last > first else REAL
-
-    def _discard(self) -> None:
-        """Return to the driven robot. The hand continues from its pose."""
-        self._hands.place(self.robot.motion[:, self.robot.now - 1])
-        self.view = REAL
 
     def _stand_by(self) -> bool:
         """Restart the motion table of a robot that nobody has driven yet. Return whether it moves.
@@ -343,7 +341,6 @@ class Session:
         return True
 
     def _restart(self, why: str) -> None:
-        """Home the robot again. It is at its start position, and the phase is ready."""
         self._look()
         self.arbiter.rearm(why, self.ticks)
         self.robot.reset()
@@ -384,7 +381,6 @@ class Session:
             self._told = state
 
     def _follow(self) -> None:
-        """Update the task, the judge and the phase after the tick."""
         frame = self.frame
         self._hear_of_robot()
         self._events += self.task.step(frame, self.ticks)
@@ -406,10 +402,7 @@ class Session:
             self._end("task")
 
     def _hear_of_robot(self) -> None:
-        """Change the phase when the link to the robot is lost or returns.
-
-        A robot that sends no reports has not stopped for certain: its state is unknown.
-        """
+        """Change the phase when reports stop or return. The robot's state is unknown meanwhile."""
         if not self.robot.heard and self.phase in (READY, RUNNING, STOPPED):
             self._let_go("link")
             self.phase = LOST
@@ -417,7 +410,7 @@ class Session:
             self.arbiter.rearm("link", self.ticks)
             self.phase = READY
 
-    def _checked(self) -> tuple[()] | tuple[dict[str, Any], dict[str, Any] | None]:
+    def _checked(self) -> tuple[()] | tuple[Json, Json | None]:
         """Return the outcomes of robot and golden run if a check tripped since the last reading."""
         trips = float(self.robot.row[self._trips])
         if trips == self._seen_trips:

@@ -65,9 +65,8 @@ def make(config: CampaignConfig, packets: bool = False, limit_mm: float = LIMIT_
     """Compile the session that `config` describes; its duration is the session's.
 
     packets: packets come from outside, at most one a tick. Raises UserError if a hazard then needs
-    older packets of the console. limit_mm: the observer's limit of hazards. It differs from the
-    campaign's limit on purpose: run ids, and with them the random numbers of faults, then do not
-    depend on a scenario's definition of harm.
+    older packets. limit_mm: the observer's limit. It is not the campaign's, on which run ids and
+    the random numbers of faults depend.
     """
     ready = plan.make_plan(config)
     slots = ready.program.setup.injection.slots
@@ -83,7 +82,9 @@ def make(config: CampaignConfig, packets: bool = False, limit_mm: float = LIMIT_
     layout = FrameLayout.of(setup.arms)
     # Values of the last row, the button's: they belong to no hazard.
     own = [values[-1] for values in ready.varied.values()]
-    inputs = own, Faults(tuple(_empty() for _ in range(slots + 1)))
+    zeros = {name: np.zeros((), dtype) for name, dtype in table.ARRAYS.items()}
+    empty = FaultSlot(**(zeros | {"period": np.ones((), np.int32)}))
+    inputs = own, Faults((empty,) * (slots + 1))
     entering = (
         [np.float32(0.0)] * run.series_length(setup),
         np.bool_(False),
@@ -173,11 +174,6 @@ def hazard_distances(live: Scalar, off: monitor.Distances) -> list[Scalar]:
         off.loss * while_live,
         off.false_report * while_live,
     ]
-
-
-def _empty() -> FaultSlot:
-    zeros = {name: np.zeros((), dtype) for name, dtype in table.ARRAYS.items()}
-    return FaultSlot(**(zeros | {"period": np.ones((), np.int32)}))
 
 
 OLDER_PACKETS: dict[str, Sequence[str]] = {"console": (), "hand": (), "network": ("lost",)}

@@ -11,12 +11,13 @@ pedal is a right response, it is also disarmed once the pedal has been up for `C
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Literal, NamedTuple
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ravenjax.train.protocol.frame import PHASES, VIEWS, Frame
+from ravenjax.train.protocol.frame import REAL, RUNNING, Frame
+from ravenjax.train.protocol.messages import Command
 from ravenjax.train.robot import PEDAL_DOWN
 from ravenjax.train.scenario import Armable
 
@@ -27,8 +28,6 @@ GAP_MS = 3000
 
 CLEARED_MS = 500
 """After this time with the pedal up the robot rests, and the hazard's effect is measured."""
-
-_RUNNING, _REAL = PHASES.index("running"), VIEWS.index("real")
 
 
 class Order(NamedTuple):
@@ -61,7 +60,7 @@ class Director:
         self._up = 0  # ms since the pedal came up
         self._stop = False  # the instructor disarms the hazard
 
-    def command(self, message: Mapping[str, Any]) -> None:
+    def command(self, message: Command) -> None:
         """Take the instructor's "arm" or "disarm". Only one hazard can be armed at a time."""
         number = message.get("hazard")
         if message["do"] == "disarm":
@@ -76,8 +75,8 @@ class Director:
         """
         number, pedal = frame.number, frame.number("pedal")
         ready = (
-            number("phase") == _RUNNING
-            and number("view") == _REAL
+            number("phase") == RUNNING
+            and number("view") == REAL
             and pedal
             and number("console_alive")
             and number("runlevel") == PEDAL_DOWN

@@ -14,12 +14,12 @@ yields that number despite single-precision rounding.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.train.protocol.messages import STALE_MS
+from ravenjax.train.protocol.messages import STALE_MS, Command, Json
 from ravenjax.train.protocol.world import itp_from_view, turned
 from ravenjax.train.robot import ARM_COLUMNS, ArmName, Quat, turn_by, unit
 from ravenjax.train.scenario import Speeds
@@ -66,7 +66,7 @@ class Hands:
         self._heard = -1
         self._columns = np.zeros(len(self.arms) * len(ARM_COLUMNS) + 1, np.float32)
 
-    def take(self, message: Mapping[str, Any], tick: int) -> bool:
+    def take(self, message: Command, tick: int) -> bool:
         """Take a message "input" or "increments" that came before this tick.
 
         The message is valid as `protocol.messages` defines it. Returns False if the position would
@@ -170,13 +170,13 @@ class _Hand:
             turn = unit((v[3] * half, v[4] * half, v[5] * half, 1.0))
             self._quat = turn_by(self._quat, turn)
 
-    def has_room(self, increment: Mapping[str, Any]) -> bool:
+    def has_room(self, increment: Json) -> bool:
         """Whether the position after this increment is in range."""
         x = [a + d for a, d in zip(self._x, increment["delta_um"], strict=True)]
         x.append(self._grasped + increment.get("grasp_mrad", 0.0))
         return max(map(abs, x)) <= FARTHEST_UM
 
-    def add(self, increment: Mapping[str, Any]) -> None:
+    def add(self, increment: Json) -> None:
         """Move by a console's increment."""
         for i, d in enumerate(increment["delta_um"]):
             self._x[i] += d
@@ -198,11 +198,8 @@ class _Hand:
         self._grasped = _within(values[7])
 
 
-def _speeds(given: Mapping[str, Any]) -> tuple[float, ...]:
-    """Return an arm's speeds in a message "input", ordered as STILL.
-
-    Move and turn are cut to length 1, grasp to -1 .. 1.
-    """
+def _speeds(given: Json) -> tuple[float, ...]:
+    """Return an arm's speeds ordered as STILL; move and turn cut to length 1, grasp to -1 .. 1."""
     speeds: list[float] = []
     for name in ("move", "turn"):
         vector = given.get(name, STILL[:3])
@@ -212,10 +209,7 @@ def _speeds(given: Mapping[str, Any]) -> tuple[float, ...]:
 
 
 def _beyond(x: float) -> float:
-    """Return `x` half a micrometre (or milliradian) farther from zero.
-
-    Truncated, this is the nearest whole number to `x`.
-    """
+    """Return `x` half a unit farther from zero, which truncates to the nearest whole number."""
     return x + 0.5 if x > 0.0 else x - 0.5 if x < 0.0 else 0.0
 
 

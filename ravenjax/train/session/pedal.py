@@ -9,7 +9,8 @@ the page and the log, and a line at the terminal.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+
+from ravenjax.train.protocol.messages import Event
 
 NETWORK = ("itp", "crtk")
 """The consoles of `CONSOLES` whose users get the reasons."""
@@ -88,7 +89,7 @@ class PedalReasons:
         # The new reason that must persist before it is reported, and for how many ms it has.
         self._coming: dict[str, tuple[str, int]] = dict.fromkeys(NETWORK, ("", 0))
 
-    def look(self, why: Mapping[str, str]) -> list[dict[str, Any]]:
+    def look(self, why: Mapping[str, str]) -> list[Event]:
         """Take each console's current reason ("" for none) and return the events for changes.
 
         Call it once a millisecond, also in a pause. When a reason no longer holds, the event has an
@@ -106,7 +107,7 @@ class PedalReasons:
             self._coming[console] = reason, held
         return events
 
-    def once(self, console: str, why: str) -> dict[str, Any]:
+    def once(self, console: str, why: str) -> Event:
         """Return the content of an event for a reason that does not last."""
         line = f"{console}: {why}" if why else ""
         if line:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from ravenjax.numbers import tree
 from ravenjax.numbers.vec import replace
 from ravenjax.stages import monitor
 from ravenjax.train.protocol.frame import GOLDEN, Frame, FrameLayout
+from ravenjax.train.protocol.messages import Json
 from ravenjax.train.robot import E_STOP, Packet
 from ravenjax.train.session import blueprint
 from ravenjax.train.session.blueprint import Blueprint
@@ -71,11 +71,11 @@ class SimulatedRobot:
             self._golden[0] = self._golden[1]
         self.now += 1
 
-    def outcomes(self) -> dict[str, Any]:
+    def outcomes(self) -> Json:
         """Return the robot's outcomes so far: outcome columns of a campaign."""
         return self._own.outcomes()
 
-    def golden_outcomes(self) -> dict[str, Any]:
+    def golden_outcomes(self) -> Json:
         """Return the outcomes of the golden run, which lacks the fault that was armed last."""
         return self._beside.outcomes() if self._apart else self._own.outcomes()
 
@@ -105,11 +105,7 @@ class SimulatedRobot:
         self.now = other.now
 
     def _realign(self) -> None:
-        """Start the golden run again at the robot's state, because a past hazard has left the two
-        apart.
-
-        The model realigns at the next pedal-up (`nominal.resync`).
-        """
+        """Start the golden run again at the robot's state: a past hazard has left the two apart."""
         self._own.change(lambda state: replace(state, monitor=monitor.realigned(state.monitor)))
         self._beside.restore(self._own.snapshot())
 
@@ -123,8 +119,7 @@ class SimulatedRobot:
     def arm(self, row: int) -> None:
         """Activate the faults of this row of the fault table from the next tick on.
 
-        The slots of a row keep their distances in time. A fault that waits for the pedal in a
-        campaign does not wait here.
+        The slots of a row keep their distances in time, and no fault waits for the pedal.
         """
         faults = self.blueprint.plan.faults
         slots = range(self.blueprint.fault_slots)
@@ -165,7 +160,7 @@ class SimulatedRobot:
         )
         self._forget([slot])
 
-    def _write(self, slot: int, values: dict[str, Any] | None) -> None:
+    def _write(self, slot: int, values: Json | None) -> None:
         first = self._fault_inputs + slot * len(_FIELDS)
         for k, name in enumerate(_FIELDS):
             self._own.inputs[first + k][0] = (name == "period") if values is None else values[name]
@@ -227,10 +222,7 @@ class PacketRobot(SimulatedRobot):
         self._estop_hold = EstopHold(self.blueprint.layout)
 
     def tick(self, packet: Packet | None) -> Frame:
-        """Advance by one tick with the packet that arrived, or None. Return the frame.
-
-        The frame is the same object each time.
-        """
+        """Advance by one tick with a packet or None. Returns the same frame each time."""
         if packet is not None:
             leaves = tree.leaves(packet)
             for entering in self.packets:

@@ -37,10 +37,9 @@ def assign(
     """Assign participants to groups in permuted blocks.
 
     In each run of `block` participants every group comes equally often, in random order. The same
-    arguments give the same list, and participants may be appended later without changing those
-    before. block: a multiple of the number of groups; default: twice that number. A longer block is
-    harder to guess. A shorter one keeps the groups closer to balance if a study ends early. Raises
-    UserError if names repeat or the block does not fit.
+    arguments give the same list, to which participants may be appended. block: a multiple of the
+    number of groups, by default twice that number. Raises UserError if names repeat or the block
+    does not fit.
     """
     for what, names in (("participants", participants), ("groups", groups)):
         if repeated := sorted({name for name in names if names.count(name) > 1}):
@@ -129,10 +128,7 @@ def plan(
 
 
 def smallest_p(participants: int, paired: bool = True, groups: int = 2) -> float:
-    """Return the least two-sided p of a permutation test of two groups.
-
-    People are spread evenly over `groups`. The result is 1 below two people.
-    """
+    """Return the least two-sided p of a permutation test of two groups; 1 below two people."""
     if paired:
         ways = 2**participants if participants > 1 else 1
     else:
@@ -161,10 +157,7 @@ def describe_plan(plan: StudyPlan) -> str:
 
 
 def _for_effect(effect: float, power: float, alpha: float, paired: bool, groups: int) -> int:
-    """Return the participants needed by Student's t-test at Holm's first level.
-
-    That is somewhat fewer than a permutation test of few participants needs.
-    """
+    """Return the participants that Student's t-test needs at Holm's first level."""
     # The import is slow.
     from statsmodels.stats.power import TTestIndPower, TTestPower
 

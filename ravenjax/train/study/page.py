@@ -82,10 +82,7 @@ def run(
 
 
 def _table(study: TrainingStudy) -> str:
-    """Return CSV with a row for each hazard that became active.
-
-    The column `compared` has the group as it is shown.
-    """
+    """Return CSV with a row for each active hazard; `compared` is the group as it is shown."""
     rows = [
         {"compared": label}
         | dataclasses.asdict(hazard)

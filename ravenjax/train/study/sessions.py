@@ -11,13 +11,13 @@ import json
 import string
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ravenjax.errors import UserError
 from ravenjax.store.logs.session import description
 from ravenjax.train.judge.row import HazardRow
+from ravenjax.train.protocol.messages import Json
 from ravenjax.train.recording import hazards as hazard_table
 from ravenjax.train.recording import reader
 from ravenjax.train.recording.folders import SessionFolder
@@ -52,10 +52,7 @@ class StudySession(SessionFolder):
         return self.participant or f"(session {self.name})"
 
     def groups(self, by: str) -> dict[str, list[HazardRow]]:
-        """Return the hazards that became active and were decided, by condition.
-
-        The cue may have been changed during the session.
-        """
+        """Return the hazards that became active and were decided, by condition."""
         groups: dict[str, list[HazardRow]] = {}
         for hazard in self.hazards:
             if hazard.struck_ms is not None and hazard.outcome not in UNDECIDED:
@@ -85,11 +82,7 @@ class TrainingStudy:
         ]
 
     def horizon_ms(self) -> float:
-        """ms after its activation until which every hazard was watched for a response.
-
-        Later responses count as none. It is the shortest time for a response of all hazards of the
-        scenario.
-        """
+        """Shortest time for a response, ms. Later responses count as none."""
         limits = [
             1e3 * float(listed["within_s"])
             for session in self.sessions
@@ -142,7 +135,6 @@ def collect(
 
 
 def _find_folders(given: Iterable[Path]) -> list[Path]:
-    """Return the folders of sessions, each once."""
     folders: dict[Path, Path] = {}
     for folder in map(Path, given):
         inside = sorted(path.parent for path in folder.rglob(description.FILE))
@@ -156,10 +148,7 @@ def _find_folders(given: Iterable[Path]) -> list[Path]:
 
 
 def _read_session(folder: Path) -> StudySession:
-    """Read a session with the hazards of its table.
-
-    If it was killed before it could write the table, the hazards are those of its recording.
-    """
+    """Read a session with the hazards of its table, or else of its recording."""
     header = description.read(folder)
     if (folder / hazard_table.FILE).exists() or reader.find(folder) is None:
         return StudySession(folder, header, hazard_table.read_table(folder))
@@ -226,17 +215,13 @@ def _mixtures(sessions: Sequence[StudySession], mixed: bool) -> list[str]:
     return notes
 
 
-def _fixed_scenario(session: StudySession) -> dict[str, Any]:
-    """Return the scenario without the settings that a study varies."""
+def _fixed_scenario(session: StudySession) -> Json:
     content = session.header.get("scenario") or {}
     return content | {"cue": (content.get("cue") or {}) | {"on": None, "blinded": None}}
 
 
 def _letters(groups: Sequence[str], sessions: Sequence[StudySession]) -> dict[str, str]:
-    """Return letters for the groups, in an order that reveals nothing.
-
-    The order is drawn from the sessions' names, and is the same each time.
-    """
+    """Return letters for the groups in an order that the sessions' names determine."""
     names = "\n".join(sorted(session.name for session in sessions))
     seed = int.from_bytes(hashlib.sha256(names.encode()).digest()[:8], "little")
     order = np.random.default_rng(seed).permutation(len(groups))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.protocol.jaws import closing_point
+from ravenjax.train.protocol.messages import Event, Json
 from ravenjax.train.protocol.world import Point, to_world
 from ravenjax.train.robot import ArmName
 
-Event = dict[str, Any]
 Tips = Mapping[ArmName, Point]
 """Where the jaws of each arm close, m, world."""
 
@@ -68,7 +68,7 @@ class Task:
         """Return where the tip (m, world) should go next, or None."""
         return None
 
-    def geometry(self) -> dict[str, Any]:
+    def geometry(self) -> Json:
         """Return what the page draws, world coordinates in m; JSON.
 
         `turns` has the arms that take turns, and `of`, the number of turns.
@@ -76,7 +76,7 @@ class Task:
         empty = dict.fromkeys(("object", "path", "turns"))
         return {"kind": self.kind, "targets": [], "pegs": []} | empty
 
-    def result(self) -> dict[str, Any]:
+    def result(self) -> Json:
         """Return numbers for the debrief: `progress` is 0 to 1, `score` 0 to 100."""
         return {
             "kind": self.kind,
@@ -86,7 +86,6 @@ class Task:
         }
 
     def _score(self) -> float:
-        """Return the score, 0 to 1."""
         return self.progress
 
     def _finish(self, tick: int, events: list[Event]) -> None:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from ravenjax.train.protocol.frame import Frame
+from ravenjax.train.protocol.messages import Json
 from ravenjax.train.protocol.world import Point, surface
 from ravenjax.train.robot import ArmName
 from ravenjax.train.scenario.config import Path
@@ -69,7 +69,7 @@ class PathTask(Task):
             return None
         return Wish(self.points[(self._at + (self._look_ahead if self._on else 0)) % POINTS])
 
-    def geometry(self) -> dict[str, Any]:
+    def geometry(self) -> Json:
         path = {
             "points": [rounded(point) for point in (*self.points, self.points[0])],
             "radius_m": self._tolerance_m,

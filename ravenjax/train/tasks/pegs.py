@@ -9,11 +9,11 @@ the object too.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
 from ravenjax.train.protocol.frame import Frame
+from ravenjax.train.protocol.messages import Json
 from ravenjax.train.protocol.world import Point, surface
 from ravenjax.train.robot import ArmName
 from ravenjax.train.scenario.config import PegTransfer
@@ -109,7 +109,7 @@ class PegTask(Task):
         over = z if aside < 0.5 * self._tolerance_m else z + LIFT_M
         return Wish((x, y, over), holding != there)
 
-    def geometry(self) -> dict[str, Any]:
+    def geometry(self) -> Json:
         pegs = [
             {
                 "number": k,

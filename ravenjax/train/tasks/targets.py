@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Any
 
 import numpy as np
 
 from ravenjax.train.protocol.frame import Frame
+from ravenjax.train.protocol.messages import Json
 from ravenjax.train.protocol.world import Point, surface
 from ravenjax.train.robot import ArmName
 from ravenjax.train.scenario.config import Levels, Reach
@@ -64,7 +64,7 @@ class ReachTask(Task):
             return None
         return Wish(self.targets[self.target][1])
 
-    def geometry(self) -> dict[str, Any]:
+    def geometry(self) -> Json:
         targets = [
             {
                 "number": k,
@@ -115,7 +115,6 @@ class LevelsTask(Task):
         return ReachTask(level, field._replace(arms=arms, seed=field.seed + number))
 
     def _judge(self, tick: int, events: list[Event]) -> None:
-        """Finish a round: begin another round, the next level, or end the task."""
         assert self._begun is not None
         level, levels = self._level, len(self.settings.level)
         took = tick - self._begun
@@ -154,7 +153,7 @@ class LevelsTask(Task):
     def wish(self, arm: ArmName, tip: Point) -> Wish | None:
         return None if self.done else self._reach.wish(arm, tip)
 
-    def geometry(self) -> dict[str, Any]:
+    def geometry(self) -> Json:
         targets = [
             target | {"number": first + target["number"]}
             for level, first in enumerate(self._first)
@@ -162,7 +161,7 @@ class LevelsTask(Task):
         ]
         return super().geometry() | {"targets": targets}
 
-    def result(self) -> dict[str, Any]:
+    def result(self) -> Json:
         return super().result() | {
             "levels": len(self.settings.level),
             "levels_proficient": self._level,
@@ -173,10 +172,7 @@ class LevelsTask(Task):
 def _draw(
     settings: Reach, middle: tuple[float, float], rng: np.random.Generator, before: Point
 ) -> Point:
-    """Draw a point of the box that is not too near to `before`.
-
-    In a small box, it is the farthest of 20 points.
-    """
+    """Draw a point that is not too near to `before`; in a small box the farthest of 20."""
     extent = settings.extent_mm / 1e3
     points = []
     for _ in range(20):

@@ -22,6 +22,7 @@ import numpy as np
 from ravenjax.errors import UserError
 from ravenjax.train import processes
 from ravenjax.train.protocol.frame import Frame, FrameLayout
+from ravenjax.train.protocol.messages import Command
 from ravenjax.train.realtime.ring import COMMAND_BYTES, Ring, parent_has_ended, put_json, read_json
 from ravenjax.train.robot import ArmName
 from ravenjax.train.robot_link.crtk import messages
@@ -81,7 +82,7 @@ class CrtkConsole:
         self.taken = 0  # number of the last command returned
         self.process_says: Connection | None = None  # delivers the reason when the process ends
 
-    def poll(self) -> list[dict[str, Any]]:
+    def poll(self) -> list[Command]:
         """Return the commands of CRTK's consoles; none once the CRTK process has ended."""
         self._polls += 1
         if self._polls % _LOOK_EVERY == 0 and self.process_says and self.process_says.poll():
@@ -159,6 +160,7 @@ def spawn(
     if trouble := helper.answer():
         raise UserError(trouble)
     console.process_says = helper.answers
+    say(f"CRTK: {ros}, {', '.join(messages.ARM_NAMES[arm] for arm in options.arms)}")
     return console
 
 
@@ -181,7 +183,7 @@ class RobotRings:
         stamp, clock, last_command = _TAIL.unpack_from(rows[-1].data, tail)
         return RobotRow(self._frame, stamp, clock, last_command, first + len(rows) - 1)
 
-    def send(self, command: dict[str, Any]) -> int:
+    def send(self, command: Command) -> int:
         """Put a command into the ring and return its number."""
         self._sent += 1
         put_json(self._commands, {**command, "command": self._sent})

@@ -111,10 +111,7 @@ def _quality(*, reliable: bool = True, latched: bool = False) -> Any:
 
 @cache
 def _data_type(kind: str) -> Any:
-    """Return the DDS type, built from the definition in `messages`.
-
-    A sample holds the serialised bytes.
-    """
+    """Return the DDS type of a message. A sample holds the serialised bytes."""
     package, _, word = kind.split("/")
     fields = {name: _idl(node) for name, node in messages.types("ros2").store.fielddefs[kind][1]}
 
@@ -137,7 +134,6 @@ def _data_type(kind: str) -> Any:
 
 
 def _idl(node: Any) -> Any:
-    """Return the IDL type of a field."""
     kind, content = node
     if kind == Nodetype.NAME:
         return _data_type(content)

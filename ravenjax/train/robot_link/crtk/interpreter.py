@@ -14,7 +14,7 @@ import numpy as np
 
 from ravenjax.store.logs import ros_types
 from ravenjax.train.protocol.frame import Frame
-from ravenjax.train.protocol.messages import STALE_MS
+from ravenjax.train.protocol.messages import STALE_MS, Command, Json
 from ravenjax.train.robot import (
     ARMS,
     JOINTS,
@@ -47,7 +47,7 @@ RAVEN_STATE_SIZES = dict.fromkeys(
     ("dac_val", "mpos", "jpos", "mvel", "jvel", "mpos_d", "jpos_d"), 8
 ) | {"pos": 3, "pos_d": 3, "ori": 9, "ori_d": 9, "grasp_d": 1, "jac_vel": 6, "jac_f": 6}
 """Numbers for each arm in the arrays of ravenstate that are known."""
-ELSEWHERE = "the robot went elsewhere: at a joint limit, or out of reach"
+ELSEWHERE = "the robot moved elsewhere, at a joint limit or out of reach"
 
 
 class RobotRow(NamedTuple):
@@ -100,7 +100,7 @@ class Interpreter:
         self._published: tuple[str, bool, bool] | None = None  # the state published last
         # Whether a state command came: the state is published again.
         self._answer = False
-        self._orders: list[dict[str, Any]] = []
+        self._orders: list[Command] = []
         self._stepped_ms: float | None = None
         self._drove = self._present = False
         self._moves = False  # whether the last commands have an increment
@@ -153,7 +153,7 @@ class Interpreter:
         if word == "servo_cp":
             pose = messages.pose_of(message)
             if pose is None:
-                return "no pose of finite numbers with a unit quaternion"
+                return "pose has numbers that are not finite, or no unit quaternion"
             goal = Setpoint.of(*from_base(arm.name, *pose), now.grasp_mrad * 1e-3)
         elif word == "jaw/servo_jp":
             opening = messages.numbers_of(message.position, 1)
@@ -174,7 +174,7 @@ class Interpreter:
                 return ""
             goal = Setpoint.at(arm.name, joints)
         if not arm.follower.aim(goal):
-            return "farther than 75 mm from where the arm is wanted"
+            return "farther than 75 mm from the arm's setpoint"
         arm.goal, arm.move = joints, None
         return ""
 
@@ -213,11 +213,11 @@ class Interpreter:
                 arm.follower.release()
         self._drove = drives
 
-    def commands(self, now_ms: float) -> list[dict[str, Any]]:
+    def commands(self, now_ms: float) -> list[Command]:
         """Return the orders, and the increments since the last call together with the pedal."""
         elapsed = 0.0 if self._stepped_ms is None else min(now_ms - self._stepped_ms, 20.0)
         self._stepped_ms = now_ms
-        increments: dict[str, Any] = {}
+        increments: Json = {}
         for arm in self._arms.values():
             if arm.move is not None:
                 joints, done = arm.move.at(now_ms)
@@ -253,24 +253,21 @@ class Interpreter:
         """Return all measurements and setpoints, and over ROS 1 also ravenstate."""
         types, frame = self._types, row.frame
         told: list[Message] = []
-        state: dict[str, Any] = {
-            name: np.zeros(2 * size) for name, size in RAVEN_STATE_SIZES.items()
-        }
+        state: Json = {name: np.zeros(2 * size) for name, size in RAVEN_STATE_SIZES.items()}
         for name, arm in self._arms.items():
             jpos, jpos_d, mpos, mvel, force, contact = (
                 frame[f"{arm.name}/{channel}"].astype(float)
                 for channel in ("jpos", "jpos_d", "mpos", "mvel", "force", "contact")
             )
             jvel = joints_of_motors(arm.name, arm.tool, mvel)
-            position, rotation = tip_pose(arm.name, jpos)
-            position_d, rotation_d = tip_pose(arm.name, jpos_d)
+            place, place_d = tip_pose(arm.name, jpos), tip_pose(arm.name, jpos_d)
             linear, angular = tip_twist(arm.name, jpos, jvel)
             header, base = types.header(row.stamp_ns, f"{name}_base"), BASE[arm.name]
             cue = force if self.state.drives else np.zeros(3)
             grasp, rate, grasp_d = (sum(joints[5:7]) for joints in (jpos, jvel, jpos_d))
             pose, pose_d = (
-                types.message(ros_types.POSE, header, to_base(arm.name, *place))
-                for place in ((position, rotation), (position_d, rotation_d))
+                types.message(ros_types.POSE, header, to_base(arm.name, *one))
+                for one in (place, place_d)
             )
             twist = base @ linear, base @ angular
             words = {
@@ -302,10 +299,10 @@ class Interpreter:
                 state[quantity][8 * slot + RAVEN_STATE_PLACES] = np.degrees(joints)
             state["dac_val"][8 * slot + RAVEN_STATE_PLACES] = frame[f"{arm.name}/dac"]
             whole = {
-                "pos": np.rint(position * 1e6),
-                "pos_d": np.rint(position_d * 1e6),
-                "ori": rotation.ravel(),
-                "ori_d": rotation_d.ravel(),
+                "pos": np.rint(place[0] * 1e6),
+                "pos_d": np.rint(place_d[0] * 1e6),
+                "ori": place[1].ravel(),
+                "ori_d": place_d[1].ravel(),
                 "grasp_d": grasp_d,
                 "jac_vel": (*linear, *angular),
                 "jac_f": (*linear, *angular),
@@ -318,10 +315,11 @@ class Interpreter:
                 "type": np.array([0, 1]),
                 "dt": (0, 1_000_000),
                 "hdr": types.header(row.stamp_ns, "0"),
+                "runlevel": int(frame.number("runlevel")),
+                # Sublevel 3 of the initialisation: done.
+                "sublevel": 3,
+                "last_seq": int(frame.number("last_seq")),
             }
-            # Sublevel 3 of the initialisation: done.
-            state |= {"runlevel": int(frame.number("runlevel")), "sublevel": 3}
-            state |= {"last_seq": int(frame.number("last_seq"))}
             names = [name for name, _ in types.store.fielddefs[messages.RAVEN_STATE][1]]
             # Fields that the virtual robot does not know are zero.
             values = [state.get(name, np.zeros(16)) for name in names]

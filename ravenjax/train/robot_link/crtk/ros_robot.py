@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 
 from ravenjax.errors import UserError
+from ravenjax.train.protocol.frame import CHANNELS
+from ravenjax.train.protocol.messages import Json
 from ravenjax.train.robot import (
     ARMS,
     E_STOP,
@@ -27,7 +29,7 @@ from ravenjax.train.robot import (
 from ravenjax.train.robot_link.crtk import messages
 from ravenjax.train.robot_link.crtk.bridge import Transport
 from ravenjax.train.robot_link.crtk.interpreter import RAVEN_STATE_PLACES
-from ravenjax.train.robot_link.joint_stream import JointReport
+from ravenjax.train.robot_link.joint_stream import OF_ARM, JointReport
 from ravenjax.train.robot_link.remote import RobotLink
 
 _COMMANDS = {"estop": "disable", "reset": "home"}
@@ -54,9 +56,9 @@ class RosRobot(RobotLink):
         self._transport, self._say = transport, say
         self._arms: dict[str, ArmName] = {messages.ARM_NAMES[arm]: arm for arm in arms}
         self._channels = {
-            f"{arm}/{name}": [0.0] * (3 if name == "position" else 7)
+            f"{arm}/{name}": [0.0] * CHANNELS["simulated_arm"][name]
             for arm in arms
-            for name in ("jpos", "jpos_d", "mpos", "mvel", "position", "dac")
+            for name in OF_ARM
         }
         self._motor_rates = {  # per joint rate, [7, 7]: the cables couple them
             arm: np.array([motors_of_joints(arm, tool, row) for row in np.eye(7)]).T
@@ -71,7 +73,7 @@ class RosRobot(RobotLink):
         """Return the topics to publish to such a robot, and the topics to subscribe to."""
         return ["state_command"], messages.reported(arms, ros)
 
-    def order(self, content: dict[str, Any]) -> None:
+    def order(self, content: Json) -> None:
         """Send the order's state command. Orders without one are ignored."""
         word = _COMMANDS.get(content["order"])
         if word is not None and not self.lost:
@@ -86,8 +88,8 @@ class RosRobot(RobotLink):
         except UserError as error:
             self.lost = True
             self._say(
-                f"nothing is heard of the robot any more: {error}; it counts as stopped. Start the"
-                " session anew"
+                f"no reports of the robot arrive any more ({error}), so it counts as stopped. Start"
+                " the session again"
             )
             return
         for name, message in heard:
@@ -149,7 +151,6 @@ class RosRobot(RobotLink):
 
 
 def _runlevel(message: Any) -> int:
-    """Return the Raven's run level for an operating state."""
     if message.state == "ENABLED":
         return INIT if message.is_busy and not message.is_homed else PEDAL_DOWN
     return PEDAL_UP if message.is_homed else E_STOP
