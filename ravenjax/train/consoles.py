@@ -103,12 +103,10 @@ class ItpConsole:
 def force_at_hand(
     frame: Frame, arm: ArmName, units_per_n: float, cap: float, cue: bool
 ) -> tuple[float, float, float]:
-    """Return the force at the operator's hand in device units, along the axes of frame 0.
+    """Return the force at the operator's hand in device units, frame 0.
 
-    The force is at most `cap`, or as large as the cue alone where the cue exceeds `cap`.
-
-    cue: whether the operator feels the cue. The contact force is always included: it is the
-    tissue's resistance, not an aid.
+    It is at most `cap`, or as large as the cue alone where the cue exceeds `cap`. cue: whether the
+    operator feels the cue. Contact is always felt: it is the tissue's resistance.
     """
     places, numbers = frame.layout.places, frame.numbers
     first, touch = places[f"{arm}/force"].start, places[f"{arm}/contact"].start

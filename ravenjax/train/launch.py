@@ -33,7 +33,7 @@ from ravenjax.train.consoles import ItpConsole, Scripted
 from ravenjax.train.judge.row import COLUMNS
 from ravenjax.train.page import loopback
 from ravenjax.train.processes import SessionHelpers
-from ravenjax.train.protocol.messages import Command, Event, Json
+from ravenjax.train.protocol.messages import Command, Event, Json, Say
 from ravenjax.train.realtime import clock, loop
 from ravenjax.train.realtime.clock import LoopTiming
 from ravenjax.train.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring
@@ -56,7 +56,6 @@ KEPT_FRAMES, KEPT_EVENTS, KEPT_COMMANDS = 4096, 1024, 256
 """Capacities of the rings in rows: four seconds of frames, and more than arrives in that time."""
 COMMANDS = "commands.jsonl"
 """File with the commands of the session. Used as a script, it repeats the session."""
-Say = Callable[[str], None]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -240,10 +239,9 @@ def _wish(said: loop.PageCommands, say: Say) -> Command | None:
 
 
 def headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSession:
-    """Run a session as fast as possible, without page and clock.
+    """Run a session as fast as possible; the same options write the same bits.
 
-    The same options write the same bits each time. Raises UserError without a script, because
-    something must drive.
+    Raises UserError without a script, because something must drive.
     """
     script = options.script
     if script is None:
@@ -288,10 +286,9 @@ def fresh_folder(
 
 
 def _with_new_folder(options: SessionOptions, say: Say) -> SessionOptions:
-    """Create the session's folder and return the options with it.
+    """Create the session's folder, with a number if it exists, and return the options with it.
 
-    If the folder exists already, a number is appended to its name and the user is informed. Raises
-    UserError if no folder can be created.
+    Raises UserError if no folder can be created.
     """
     folder, number = options.folder, 1
     try:

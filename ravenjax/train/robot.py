@@ -33,6 +33,7 @@ from ravenjax.robots.raven2.run_levels import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP
 from ravenjax.robots.raven2.stages.network import RESET_GAP
 from ravenjax.robots.raven2.stages.teleoperation import NO_PACKET_SEQUENCE
 
+Arms = tuple[ArmName, ...]
 Quat = tuple[float, float, float, float]
 """Quaternion in the order x, y, z, w."""
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 
 from ravenjax.train import launch, scenario
+from ravenjax.train.protocol.messages import Say
 from ravenjax.train.realtime import clock
 from ravenjax.train.realtime.clock import Clock, LoopTiming
 
@@ -25,11 +25,8 @@ SCENARIO = "first_steps"
 EMPTY, SESSION = "empty", "session"
 
 
-def measure(seconds: float, say: Callable[[str], None] = lambda _: None) -> dict[str, LoopTiming]:
-    """Time an empty loop, then a session with its recorder and its page.
-
-    Recorded commands drive the session, as many per second as a page sends.
-    """
+def measure(seconds: float, say: Say = lambda _: None) -> dict[str, LoopTiming]:
+    """Time an empty loop, then a session with recorder and page, driven by recorded commands."""
     setting = scenario.load(SCENARIO, [f"duration_s={seconds}", "task.targets=1000"])
     say(f"{EMPTY}: {seconds:g} s")
     with clock.realtime(), clock.no_collection():

@@ -93,10 +93,9 @@ def measure_contact(course: Recording) -> dict[str, dict[str, float]]:
 
 
 def read_attempts(folder: Path) -> list[Json]:
-    """Return the measured sessions of the same person and scenario beside `folder`, up to its own.
+    """Return the sessions of the same person and scenario beside `folder`, up to its own.
 
-    The list is empty if the person is not named. Each entry has name, score, median reaction, path
-    of all tips and mean smoothness; None for missing numbers.
+    The list is empty if the person is not named. Each entry has numbers, or None for those missing.
     """
     sessions = folders.beside(folder.parent)
     present = next((session for session in sessions if session.path.name == folder.name), None)
@@ -159,11 +158,7 @@ def spectral_arc_length(profile: np.ndarray, rate_hz: float = RATE_HZ) -> float 
 
 
 def log_dimensionless_jerk(profile: np.ndarray, rate_hz: float = RATE_HZ) -> float | None:
-    """Return the log dimensionless jerk of a speed profile [T]; None if nothing moves.
-
-    It is minus the logarithm of duration cubed over the peak squared, times the integral of the
-    speed's second derivative squared. Source: Balasubramanian et al. 2015.
-    """
+    """Return the log dimensionless jerk of a speed profile [T]; None if nothing moves."""
     total = float(np.square(np.diff(profile, 2) * rate_hz**2).sum()) / rate_hz
     duration = (len(profile) - 1) / rate_hz
     return -math.log(duration**3 / float(profile.max()) ** 2 * total) if total > 0 else None
@@ -177,10 +172,7 @@ def correlation(first: np.ndarray, second: np.ndarray) -> float | None:
 
 
 def resample(ms: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Resample points [T, 3] at times ms to `RATE_HZ`, and low-pass them without a shift in time.
-
-    The filter is a Butterworth filter, applied forward and backward.
-    """
+    """Resample points [T, 3] at times ms to `RATE_HZ`, low-passed forward and backward."""
     # The import takes half a second.
     from scipy import signal
 

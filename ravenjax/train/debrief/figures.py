@@ -37,10 +37,9 @@ Moment = tuple[str, float, str]
 def hazard(
     course: Recording, row: HazardRow, limits: Mapping[str, float], blinded: bool
 ) -> list[Chart]:
-    """Return the charts of one hazard, in ms after its activation.
+    """Return the charts of one hazard, in ms after its start; none beyond the recording.
 
-    The list is empty if the recording does not reach the hazard. limits: mm by name, drawn as lines
-    across the distances.
+    limits: mm by name, drawn as lines across the distances.
     """
     if row.struck_ms is None:
         return []
@@ -101,10 +100,7 @@ def learning(attempts: Sequence[Json]) -> list[Chart]:
 
 
 def thin(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Reduce a curve to at most `POINTS` without losing a peak.
-
-    Each stretch of the curve becomes its greatest value.
-    """
+    """Reduce a curve to at most `POINTS`: each stretch becomes its greatest value."""
     finite = np.where(np.isfinite(values), values, 0.0).astype(float)
     stride = -(-len(time) // POINTS)
     starts = range(0, len(time), stride)

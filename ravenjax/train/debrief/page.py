@@ -18,9 +18,8 @@ FILE = "debrief.html"
 def write(folder: Path) -> Path:
     """Write debrief.html into a session's folder and return its path.
 
-    The page uses session.json, hazards.csv and the recording. The measures of the motion are also
-    added to the summary of session.json, where a learning curve finds them. The page mentions what
-    is missing or cut short. Raises StoreError if the folder has no session.
+    The measures of the motion are also added to session.json, where a learning curve finds them.
+    Raises StoreError if the folder has no session.
     """
     # jinja takes a while to import.
     from ravenjax.document import html

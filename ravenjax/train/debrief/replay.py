@@ -25,10 +25,7 @@ PER_M = 10_000
 
 
 def data(course: Recording, header: Json, hazards: Sequence[HazardRow]) -> Json | None:
-    """Return JSON for the player, or None if the session's header lacks the positions of its arms.
-
-    A blinded session has no nominal model.
-    """
+    """Return JSON for the player; None if the header lacks the positions of the arms."""
     bases, arms = header.get("bases") or {}, course.layout.arms
     if any(arm not in bases for arm in arms):
         return None

@@ -171,10 +171,7 @@ class Episode:
         self._do(tick, 1, mm)
 
     def halt(self, halted_ms: int, golden_halted_ms: int) -> bool:
-        """Record how long the pedal was held since the activation without the robot being live.
-
-        Returns whether this is a loss of motion for the first time.
-        """
+        """Record the times of a held pedal without motion. Return whether the loss is new."""
         was_lost = self._is_lost
         self.halted_ms, self.golden_halted_ms = halted_ms, golden_halted_ms
         stopped = self.check_response == "stopped"

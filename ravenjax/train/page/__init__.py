@@ -13,7 +13,7 @@ from multiprocessing.connection import Connection
 
 from ravenjax.errors import UserError
 from ravenjax.train.protocol.messages import Json
-from ravenjax.train.robot import ArmName
+from ravenjax.train.robot import Arms
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,7 +24,7 @@ class PageOptions:
     events: str  # name of the ring of events
     # Name of the ring of commands, which the page writes.
     commands: str
-    arms: tuple[ArmName, ...]
+    arms: Arms
     # As in session.json: name, hazards, task, blinded; also cue_threshold_mm.
     header: Json
     folder: str | None = None  # where debrief.html appears once the session is over
@@ -59,8 +59,7 @@ def loopback(host: str) -> bool:
 def run_when_told(session: Connection) -> None:
     """Import the page, then serve it with the `PageOptions` that `session` sends.
 
-    This is the entry point of a spawned process. It answers with its port, and serves until it is
-    terminated or the session's process ends.
+    The answer is its port. It serves until it is terminated or the session's process ends.
     """
     # viser and MuJoCo take seconds to import, and only the page's process needs them.
     from ravenjax.train.page import process

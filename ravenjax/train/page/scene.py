@@ -26,7 +26,7 @@ from ravenjax.train.protocol.frame import VIEWS, Frame
 from ravenjax.train.protocol.jaws import jaw_tips
 from ravenjax.train.protocol.messages import Event, Json
 from ravenjax.train.protocol.world import TISSUE, frame0, surface
-from ravenjax.train.robot import ARMS, ArmName
+from ravenjax.train.robot import ARMS, ArmName, Arms
 
 _LOOKS = {"ghost": (MODEL, 0.36), "virtual": ((120, 226, 170), 0.75)}
 """Colour and opacity of the figures that are not the robot."""
@@ -43,11 +43,9 @@ _SHAPE_MAKERS = ("mujoco", "mjviser", "trimesh")
 
 
 def read_shapes(model: mujoco.MjModel) -> dict[int, tuple[bytes, np.ndarray, np.ndarray]]:
-    """Return by body: its coloured GLB file, and the vertices [n, 3], m, and faces [m, 3] of its
-    plain mesh.
+    """Return by body its GLB file, and vertices [n, 3], m, and faces [m, 3] of its plain mesh.
 
-    The result is cached on disk: making the shapes takes seconds and libraries that nothing else
-    needs here.
+    The result is cached on disk, because making it takes seconds.
     """
     objects = compile_cache.objects()
     content = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
@@ -76,7 +74,7 @@ class RobotFigure:
         server: viser.ViserServer,
         layer: str,
         model: mujoco.MjModel,
-        arms: tuple[ArmName, ...],
+        arms: Arms,
         shapes: dict[int, tuple[bytes, np.ndarray, np.ndarray]],
     ) -> None:
         self._model, self._data = model, mujoco.MjData(model)
@@ -128,7 +126,7 @@ class Scene:
     def __init__(
         self,
         server: viser.ViserServer,
-        arms: tuple[ArmName, ...],
+        arms: Arms,
         task: Json | None,
         blinded: bool,
     ) -> None:
@@ -201,7 +199,7 @@ class Scene:
             self._task.follow(event)
 
 
-def describe_place(arms: tuple[ArmName, ...]) -> Json:
+def describe_place(arms: Arms) -> Json:
     """Return JSON of where the arms and the tissue are, m, for a window that draws tips itself."""
     return {
         "bases": {arm: dict(zip(("origin", "turn"), frame0(arm), strict=True)) for arm in arms},

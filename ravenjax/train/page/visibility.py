@@ -49,10 +49,10 @@ class Visibility:
         return words | {name: value for name, value in header.items() if name not in hidden}
 
     def frame(self, row: np.ndarray, extras: np.ndarray) -> bytes:
-        """Return a frame's message, float32: extras [arms, 5], then the row, both masked.
+        """Return a frame's message, float32: extras [arms, 5] of `Page._extras`, then the row.
 
-        extras: as of `Page._extras`. The force is what the hand feels: zero with the cue off. The
-        instructor sees the force that the cue would have.
+        Both are masked. The force is what the hand feels: zero with the cue off. The instructor
+        sees the force that the cue would have.
         """
         frame, extras = Frame(self._layout, row.copy()), extras.copy()
         is_felt = frame.number("cue_on") != 0

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.train.robot import ArmName
+from ravenjax.train.robot import ArmName, Arms
 
 CHANNELS: dict[str, dict[str, int]] = tomllib.loads(
     resources.files("ravenjax.train.protocol").joinpath("channels.toml").read_text(encoding="utf-8")
@@ -52,7 +52,7 @@ REAL, VIRTUAL, REPLAY = range(len(VIEWS))
 class FrameLayout:
     """The place of each channel in a row."""
 
-    arms: tuple[ArmName, ...]
+    arms: Arms
     places: dict[str, slice]
     size: int
 

@@ -20,19 +20,13 @@ _DRAWN = {"tip": "link_jpos", "virtual_tip": "virtual_jpos", "model_tip": "model
 
 
 def closing_point(arm: ArmName, axis: Sequence[float], jpos: Sequence[float]) -> Point:
-    """Return where the ends of the jaws meet when they close, m, frame 0.
-
-    axis: the jaws' axis, m, frame 0. jpos: joints [7].
-    """
+    """Return where the ends of the jaws meet, m. axis: their axis, m, frame 0. jpos: [7]."""
     x, y, z = along(arm, jpos)
     return axis[0] + JAW_LENGTH * x, axis[1] + JAW_LENGTH * y, axis[2] + JAW_LENGTH * z
 
 
 def jaw_tips(arm: ArmName, closing: Sequence[float], jpos: Sequence[float]) -> tuple[Point, Point]:
-    """Return the ends of jaw 1 and jaw 2, m, frame 0.
-
-    closing: where the jaws close, m, frame 0. jpos: joints [7].
-    """
+    """Return the ends of both jaws, m, frame 0. closing: where they close. jpos: joints [7]."""
     middle = along(arm, jpos)
     out = []
     for angle in (-jpos[5], jpos[6]):

@@ -70,6 +70,7 @@ golden run has had the cue, too. `ravenjax.outcomes` defines the terms for check
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
@@ -83,6 +84,8 @@ Command = dict[str, Any]
 """A command, as above."""
 Event = dict[str, Any]
 """An event, as above."""
+Say = Callable[[str], None]
+"""Prints a line for the user."""
 STALE_MS = QUIET_MS
 """Older input counts as no input: pedal up, hands at rest, no force."""
 VIEW = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0))

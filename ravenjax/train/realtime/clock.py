@@ -71,9 +71,9 @@ class Clock:
         self._due = self._began // PERIOD_NS * PERIOD_NS + PHASE_NS
 
     def wait(self, warm_up: Callable[[], None] | None = None) -> None:
-        """Sleep until shortly before the next tick is due, then poll the clock until it is due.
+        """Sleep until shortly before the next tick is due, then poll the clock.
 
-        warm_up: called as late as possible before the tick, if there is time for it.
+        warm_up: called as late as possible before the tick.
         """
         self._due += PERIOD_NS
         due, now = self._due, time.monotonic_ns()

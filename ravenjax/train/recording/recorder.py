@@ -45,8 +45,7 @@ class RecorderOptions:
 def run(options: RecorderOptions, listening: Callable[[], None] = lambda: None) -> None:
     """Record until the session ends. listening: called once session.mcap exists.
 
-    Raises StoreError if the folder cannot be written, ValueError if the ring's rows have another
-    length.
+    Raises StoreError if the folder cannot be written, ValueError if rows have another length.
     """
     stop = _Stop()
     header = {"started": now(), **options.header, "ended": None}

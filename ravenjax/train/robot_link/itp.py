@@ -9,9 +9,9 @@ little-endian), which raven2 declares and never sends. This server defines its m
 - fx, fy, fz: [gold, green] along the axes of the ITP frame, in thousandths of a device unit of the
   haptic cue. The published cap of 0.05 device units reads 50. A device in newtons scales them.
 - runlevel: 0 to 3.
-- jointflags: bits 0 and 1 gold and green are present, bit 2 the pedal counts as down, bit 3 the
-  console is alive, bit 4 the software holds its E-stop, bit 5 this console drives, bits 8 and 9 the
-  gold and the green cue pull.
+- jointflags: bits 0 and 1: gold and green are present. Bit 2: the pedal counts as down. Bit 3: the
+  console is alive. Bit 4: the software holds its E-stop. Bit 5: this console drives. Bits 8 and 9:
+  the gold and the green cue pull.
 - checksum: sum of forces, run level and number, wrapped to 32 bits, as in the console's packet.
 """
 
@@ -24,7 +24,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 
 from ravenjax.errors import UserError
-from ravenjax.train.protocol.messages import STALE_MS, Command
+from ravenjax.train.protocol.messages import STALE_MS, Command, Say
 from ravenjax.train.robot import ARMS, ITP_AXES, UDP_PORT, V_STRUCT, ArmName, ConsoleProfile
 from ravenjax.train.robot_link.packet_filter import SIZE, Gate, merge
 
@@ -64,7 +64,7 @@ class ItpServer:
         clock: Callable[[], int] = time.monotonic_ns,
         profiles: Sequence[ConsoleProfile] = (),
         only_host: str | None = None,
-        say: Callable[[str], None] = lambda _: None,
+        say: Say = lambda _: None,
     ) -> None:
         """profiles, only_host, say: as of `Gate`. Raises UserError if the port is taken."""
         self.arms = tuple(arms)
@@ -93,10 +93,9 @@ class ItpServer:
         return self._socket.getsockname()[:2]
 
     def poll(self) -> list[Command]:
-        """Return the increments since the last call as one command "increments", or an empty list.
+        """Return the increments since the last call as one command "increments", or [].
 
-        At most `SentStream.per_tick` packets of a burst count, which bounds the displacement of one
-        tick. The others wait in the kernel, in order, for the next ticks.
+        At most `SentStream.per_tick` packets count in one tick. The others wait in the kernel.
         """
         now_ms = self._clock() * 1e-6
         profile = self.gate.profile

@@ -30,11 +30,12 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ravenjax.numbers.vec import Vec
 from ravenjax.store.consoles import loading as consoles
+from ravenjax.train.protocol.messages import Say
 from ravenjax.train.robot import (
     FIELDS,
     MODE,
@@ -98,7 +99,7 @@ class Gate:
         arms: Sequence[ArmName],
         profiles: Sequence[ConsoleProfile] = (),
         only_host: str | None = None,
-        say: Callable[[str], None] = lambda _: None,
+        say: Say = lambda _: None,
     ) -> None:
         """arms: the arms whose fields are read; fields of other arms may have any value.
 
@@ -136,10 +137,7 @@ class Gate:
         return self._choice.profile
 
     def admit(self, datagram: bytes, source: tuple, now_ms: float) -> Increments | None:
-        """Return the increments in a datagram, or None if it is refused.
-
-        source: (host, port, ...) of the sender. now_ms: monotonic.
-        """
+        """Return the increments in a datagram, or None if it is refused. now_ms: monotonic."""
         increments, cause = self._judged(datagram, source, now_ms)
         self.counts[cause] += 1
         return increments

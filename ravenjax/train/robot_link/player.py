@@ -17,13 +17,14 @@ from __future__ import annotations
 import contextlib
 import socket
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from ravenjax import interruption
 from ravenjax.errors import UserError
+from ravenjax.train.protocol.messages import Say
 from ravenjax.train.robot import BUTTONS, CHECKSUM, FIELDS, MODE, V_STRUCT
 from ravenjax.train.robot_link.itp import DRIVES, PEDAL
 from ravenjax.vocabulary.packets import RELEASE_MS
@@ -81,12 +82,11 @@ def play(
     datagrams: Sequence[bytes],
     arrival_s: np.ndarray,
     address: tuple[str, int],
-    say: Callable[[str], None] = print,
+    say: Say = print,
 ) -> Played:
-    """Send the packets to a robot until the end, or Ctrl-C.
+    """Send the packets to a robot until the end, or Ctrl-C. arrival_s: counted from the first.
 
-    arrival_s: when each packet arrived, counted from the first. Raises UserError if the address is
-    not valid or reachable.
+    Raises UserError if the address is not valid or reachable.
     """
     ahead = lead(datagrams[0])
     whole = [*ahead, *datagrams]

@@ -25,7 +25,7 @@ from ravenjax import interruption
 from ravenjax.errors import UserError, shown
 from ravenjax.train import scenario
 from ravenjax.train.protocol.frame import Frame
-from ravenjax.train.protocol.messages import Command, Json
+from ravenjax.train.protocol.messages import Command, Json, Say
 from ravenjax.train.realtime.clock import Clock, LoopTiming, no_collection, realtime
 from ravenjax.train.realtime.loop import Console
 from ravenjax.train.robot import NO_PACKET_SEQUENCE, UDP_PORT, ConsoleProfile
@@ -56,7 +56,7 @@ class Station:
         hazards: int,
         estop_row: int,
         crtk: Console | None = None,
-        say: Callable[[str], None] = lambda _: None,
+        say: Say = lambda _: None,
     ) -> None:
         """hazards: number of rows that may be armed. crtk: an additional console.
 
@@ -205,7 +205,7 @@ def run(
     profiles: Sequence[ConsoleProfile] = (),
     seconds: float | None = None,
     crtk: Ros | None = None,
-    say: Callable[[str], None] = print,
+    say: Say = print,
 ) -> None:
     """Run the robot of a scenario until Ctrl-C or SIGTERM, or for this number of seconds.
 

@@ -27,7 +27,7 @@ from ravenjax.campaign.file import bounds, semantics
 from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.hazards import expansion, library
-from ravenjax.train.robot import ROBOT, ArmName
+from ravenjax.train.robot import ROBOT, Arms
 from ravenjax.train.scenario import hazard
 from ravenjax.train.scenario.config import INSTRUCTOR, Entry, Levels, Scenario
 from ravenjax.train.scenario.hazard import FAULT, Armable
@@ -95,7 +95,7 @@ def complaints(scenario: Scenario) -> Iterator[Complaint]:
             message = f"got {name!r} twice, expected a name of its own for each hazard"
             yield ("hazard", h, "name"), message
     task, arms = scenario.task, list(scenario.arms)
-    tasks: list[tuple[Key, tuple[ArmName, ...]]] = [(("task", "arms"), task.arms)]
+    tasks: list[tuple[Key, Arms]] = [(("task", "arms"), task.arms)]
     if isinstance(task, Levels):
         tasks = [(("task", "level", k, "arms"), level.arms) for k, level in enumerate(task.level)]
     for key, named in tasks:

@@ -23,7 +23,7 @@ from ravenjax.campaign.file.group import Fault, Section, flatten_parameters
 from ravenjax.campaign.file.sections import OneOrMore
 from ravenjax.errors import shown
 from ravenjax.outcomes.verdict import PUBLISHED_CUE_MM
-from ravenjax.train.robot import ARMS, ArmName, Start, parameter_sets
+from ravenjax.train.robot import ARMS, ArmName, Arms, Start, parameter_sets
 
 Response = Literal["release", "slow", "restart", "convert", "stop", "continue"]
 """Responses of an operator; convert: report that the procedure is converted to open surgery."""
@@ -36,49 +36,42 @@ class Speeds(Section):
     """[speeds]: speeds of the tips when keys or sticks are fully deflected."""
 
     move_mm_s: float = Field(
-        default=30.0,
-        gt=0.0,
-        le=500.0,
-        description="speed of the tip, mm/s; in surgery about 5 to 60",
+        30.0, gt=0.0, le=500.0, description="speed of the tip, mm/s; in surgery about 5 to 60"
     )
-    turn_rad_s: float = Field(
-        default=1.0, gt=0.0, le=20.0, description="turning speed of the tip, rad/s"
-    )
+    turn_rad_s: float = Field(1.0, gt=0.0, le=20.0, description="turning speed of the tip, rad/s")
     grasp_mrad_s: float = Field(
-        default=1500.0, gt=0.0, le=20_000.0, description="speed of the jaws, mrad/s"
+        1500.0, gt=0.0, le=20_000.0, description="speed of the jaws, mrad/s"
     )
 
 
 class Cue(Section):
     """[cue]: the force at the operator's hand. Its values are one set of a campaign's [haptics]."""
 
-    on: bool = Field(default=True, description="whether the operator feels the force")
-    blinded: bool = Field(
-        default=False, description="hide hazards, cue and score from the operator"
-    )
+    on: bool = Field(True, description="whether the operator feels the force")
+    blinded: bool = Field(False, description="hide hazards, cue and score from the operator")
     threshold_mm: float = Field(
-        default=PUBLISHED_CUE_MM,
+        PUBLISHED_CUE_MM,
         ge=0.0,
         le=1e6,
-        description="distance of the tip from the model above which the cue pulls, mm",
+        description="distance from the model above which the cue pulls, mm",
     )
     kp_per_mm: float = Field(
-        default=0.0045, ge=0.0, le=1e6, description="spring constant, device units per mm"
+        0.0045, ge=0.0, le=1e6, description="spring constant, device units per mm"
     )
     kd_per_mm_s: float = Field(
-        default=0.00009, ge=0.0, le=1e6, description="damping constant, device units per mm/s"
+        0.00009, ge=0.0, le=1e6, description="damping constant, device units per mm/s"
     )
-    cap: float = Field(default=0.05, ge=0.0, le=1e6, description="largest force, device units")
+    cap: float = Field(0.05, ge=0.0, le=1e6, description="largest force, device units")
 
 
 class ContactSection(Section):
     """[contact]: contact of the instruments with tissue, vessel and each other."""
 
     on: bool = Field(
-        default=False, description="whether contact acts; [parameters] contact.* are its numbers"
+        False, description="whether contact acts; its numbers are [parameters] contact.*"
     )
     units_per_n: float = Field(
-        default=0.03,
+        0.03,
         ge=0.0,
         le=1e3,
         description=(
@@ -93,7 +86,7 @@ class Harm(Section):
 
     excursion_mm: float = Field(
         # Above the cue's threshold, so that an operator who waits for the cue has time to act.
-        default=10.0,
+        10.0,
         gt=0.0,
         le=1000.0,
         description=(
@@ -103,25 +96,22 @@ class Harm(Section):
         ),
     )
     depth_mm: float = Field(
-        default=5.0,
+        5.0,
         gt=0.0,
         le=1000.0,
-        description="depth that the hazard adds in the tissue above which there is harm, mm",
+        description="depth added in the tissue above which there is harm, mm",
     )
 
 
 class _Task(Section):
     tolerance_mm: float = Field(
-        default=2.0,
-        gt=0.0,
-        le=100.0,
-        description="distance within which a goal counts as reached, mm",
+        2.0, gt=0.0, le=100.0, description="distance at which a goal counts as reached, mm"
     )
     seed: int = Field(
-        default=0, ge=0, lt=2**31, description="seed of the task, in addition to the session's seed"
+        0, ge=0, lt=2**31, description="seed of the task, in addition to the session's seed"
     )
-    arms: tuple[ArmName, ...] = Field(
-        default=(), max_length=2, description="arms that do the task, in turn; default: all arms"
+    arms: Arms = Field(
+        (), max_length=2, description="arms that do the task, in turn; default: all arms"
     )
 
 
@@ -129,19 +119,14 @@ class Reach(_Task):
     """[task] kind = "reach": one target after another, each to be held for a moment."""
 
     kind: Literal["reach"]
-    targets: int = Field(default=12, ge=1, le=1000, description="number of targets")
+    targets: int = Field(12, ge=1, le=1000, description="number of targets")
     extent_mm: float = Field(
-        default=12.0,
-        gt=0.0,
-        le=20.0,
-        description="greatest distance of targets from the middle on each axis, mm",
+        12.0, gt=0.0, le=20.0, description="largest distance of targets from the middle, mm"
     )
     height_mm: tuple[float, float] = Field(
-        default=(3.0, 18.0), description="[least, greatest] height of targets above the tissue, mm"
+        (3.0, 18.0), description="[least, greatest] height of targets above the tissue, mm"
     )
-    dwell_ms: int = Field(
-        default=300, ge=0, le=60_000, description="time for which the tip must stay at a target, ms"
-    )
+    dwell_ms: int = Field(300, ge=0, le=60_000, description="time to hold the tip at a target, ms")
 
     @field_validator("height_mm")
     @classmethod
@@ -154,14 +139,12 @@ class Reach(_Task):
 class Level(Reach):
     """[[task.level]]: rounds of targets, with the keys of "reach" and a time for each round."""
 
-    kind: Literal["reach"] = Field(default="reach", description="task of a round")
+    kind: Literal["reach"] = Field("reach", description="task of a round")
     title: str = Field(
-        default="",
-        max_length=100,
-        description="skill that the operator learns, as the page shows it",
+        "", max_length=100, description="skill that the operator learns, as the page shows it"
     )
     targets: int = Field(
-        default=6, ge=2, le=100, description="number of targets of a round, the same in each round"
+        6, ge=2, le=100, description="number of targets of a round, the same in each round"
     )
     within_s: float = Field(
         gt=0.0,
@@ -175,17 +158,14 @@ class Levels(Section):
 
     kind: Literal["levels"]
     in_a_row: int = Field(
-        default=2,
-        ge=1,
-        le=100,
-        description="number of rounds in a row that must be within the time",
+        2, ge=1, le=100, description="number of rounds in a row that must be within the time"
     )
     level: tuple[Level, ...] = Field(
         min_length=1, max_length=20, description="levels in their order"
     )
 
     @property
-    def arms(self) -> tuple[ArmName, ...]:
+    def arms(self) -> Arms:
         """All arms that a level names."""
         return tuple(dict.fromkeys(arm for level in self.level for arm in level.arms))
 
@@ -194,13 +174,13 @@ class PegTransfer(_Task):
     """[task] kind = "peg_transfer": carry the object from one peg to another."""
 
     kind: Literal["peg_transfer"]
-    transfers: int = Field(default=6, ge=1, le=1000, description="number of transfers")
-    pegs: Literal[2, 4, 6, 8] = Field(default=6, description="number of pegs, in two rows")
+    transfers: int = Field(6, ge=1, le=1000, description="number of transfers")
+    pegs: Literal[2, 4, 6, 8] = Field(6, description="number of pegs, in two rows")
     spacing_mm: float = Field(
-        default=10.0, ge=4.0, le=12.0, description="distance between pegs of a row, mm"
+        10.0, ge=4.0, le=12.0, description="distance between pegs of a row, mm"
     )
     height_mm: float = Field(
-        default=6.0, ge=1.0, le=20.0, description="height of the pegs above the tissue, mm"
+        6.0, ge=1.0, le=20.0, description="height of the pegs above the tissue, mm"
     )
 
 
@@ -209,15 +189,11 @@ class Path(_Task):
 
     kind: Literal["path"]
     shape: Literal["circle", "eight", "line"] = Field(
-        default="circle", description="shape of the path; a line goes there and back"
+        "circle", description="shape of the path; a line goes there and back"
     )
-    radius_mm: float = Field(
-        default=10.0, gt=0.0, le=20.0, description="half of the path's width, mm"
-    )
-    height_mm: float = Field(
-        default=6.0, ge=-10.0, le=30.0, description="height above the tissue, mm"
-    )
-    laps: int = Field(default=3, ge=1, le=1000, description="number of laps")
+    radius_mm: float = Field(10.0, gt=0.0, le=20.0, description="half of the path's width, mm")
+    height_mm: float = Field(6.0, ge=-10.0, le=30.0, description="height above the tissue, mm")
+    laps: int = Field(3, ge=1, le=1000, description="number of laps")
 
 
 class Free(_Task):
@@ -265,40 +241,33 @@ class Entry(Section):
     """[[hazard]]: hazards of the library or a fault, and the response that is right."""
 
     name: str = Field(
-        default="",
-        description="name of the entry in tables",
-        pattern=r"^[A-Za-z0-9_.-]*$",
-        max_length=60,
+        "", description="name of the entry in tables", pattern=r"^[A-Za-z0-9_.-]*$", max_length=60
     )
-    title: str = Field(default="", description="title for people; default: the library's")
+    title: str = Field("", description="title for people; default: the library's")
     hazards: Annotated[
         tuple[str, ...], BeforeValidator(_words, json_schema_input_type=OneOrMore[str])
-    ] = Field(default=(), description='ids and layers of the hazard library, or "all"')
+    ] = Field((), description='ids and layers of the hazard library, or "all"')
     fault: tuple[Fault, ...] = Field(
-        default=(), max_length=8, description="faults in place of `hazards`, as in [[group.fault]]"
+        (), max_length=8, description="faults in place of `hazards`, as in [[group.fault]]"
     )
     arm: ArmName | None = Field(
-        default=None, description="arm of the hazard; default: drawn from the session's arms"
+        None, description="arm of the hazard; default: drawn from the session's arms"
     )
-    value: Number | None = Field(default=None, description="value in place of the library's")
+    value: Number | None = Field(None, description="value in place of the library's")
     when: When = Field(
-        default=INSTRUCTOR,
+        INSTRUCTOR,
         description=(
             "time since the first pedal-down, s: one, [earliest, latest] to draw from, or"
             ' "instructor"'
         ),
     )
-    times: int = Field(
-        default=1, ge=1, le=100, description="number of hazards that are drawn of each case"
-    )
+    times: int = Field(1, ge=1, le=100, description="number of hazards that are drawn of each case")
     right_response: tuple[Response, ...] | None = Field(
-        default=None,
-        min_length=1,
-        description="responses that are right; default: those of the library",
+        None, min_length=1, description="responses that are right; default: those of the library"
     )
-    within_s: float = Field(default=2.0, gt=0.0, le=600.0, description="time for the response, s")
+    within_s: float = Field(2.0, gt=0.0, le=600.0, description="time for the response, s")
     lasts_s: float | None = Field(
-        default=None,
+        None,
         gt=0.0,
         le=3600.0,
         description="longest time at work, s; default: its own, or 5 if it has no end",
@@ -339,23 +308,23 @@ class RobotSection(Section):
     """[robot]: settings of the robot; keys as in [campaign]."""
 
     tools: tuple[str, ...] | None = Field(
-        default=None, description="tool of each arm; default: the software's own"
+        None, description="tool of each arm; default: the software's own"
     )
     policy: Literal["no_regulation", "soft_regulation", "hard_regulation"] = Field(
-        default="soft_regulation", description="overdrive policy of raven2"
+        "soft_regulation", description="overdrive policy of raven2"
     )
     level: Literal["beginner", "moderate", "advanced", "fork2015"] | None = Field(
-        default=None, description="DAC limits of the overdrive check"
+        None, description="DAC limits of the overdrive check"
     )
     parameter_set: parameter_sets.Name = Field(
-        default=parameter_sets.DEFAULT,
+        parameter_sets.DEFAULT,
         description=(
             "mechanics of the robot: power_consistent, or a set that the authors published for"
             " joints 1 to 3"
         ),
     )
-    noise: bool = Field(default=False, description="whether encoders and torques have noise")
-    start: Start = Field(default=Start(), description="joint positions at which the session begins")
+    noise: bool = Field(False, description="whether encoders and torques have noise")
+    start: Start = Field(Start(), description="joint positions at which the session begins")
 
 
 class Scenario(Section):
@@ -364,31 +333,24 @@ class Scenario(Section):
     name: str = Field(
         description="short name", pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*$", max_length=100
     )
-    title: str = Field(default="", max_length=200, description="title on the page")
-    description: str = Field(default="", description="what the operator does and learns")
-    arms: tuple[ArmName, ...] = Field(
-        default=("gold",), min_length=1, max_length=2, description="arms, gold first"
-    )
+    title: str = Field("", max_length=200, description="title on the page")
+    description: str = Field("", description="what the operator does and learns")
+    arms: Arms = Field(("gold",), min_length=1, max_length=2, description="arms, gold first")
     software: Literal["raven2", "fork2015"] = Field(
-        default="raven2", description="raven2, or its fork of 2015"
+        "raven2", description="raven2, or its fork of 2015"
     )
     duration_s: float = Field(
-        default=120.0,
-        gt=0.0,
-        le=3600.0,
-        description="length of the session from the first pedal-down, s",
+        120.0, gt=0.0, le=3600.0, description="length of the session from the first pedal-down, s"
     )
-    seed: int = Field(
-        default=0, ge=0, lt=2**31, description="seed of a session that is not given one"
-    )
+    seed: int = Field(0, ge=0, lt=2**31, description="seed of a session that is not given one")
     scale: float = Field(
-        default=0.1, gt=0.0, le=1.0, description="teleoperation scale: tip motion per hand motion"
+        0.1, gt=0.0, le=1.0, description="teleoperation scale: tip motion per hand motion"
     )
     speeds: Speeds = Speeds()
     cue: Cue = Cue()
     contact: ContactSection = ContactSection()
-    task: Task = Field(default=Free(kind="free"), description="the operator's task")
-    hazard: tuple[Entry, ...] = Field(default=(), description="hazards of the session")
+    task: Task = Field(Free(kind="free"), description="the operator's task")
+    hazard: tuple[Entry, ...] = Field((), description="hazards of the session")
     harm: Harm = Harm()
     parameters: dict[str, Number] = Field(
         default_factory=dict,
@@ -403,7 +365,7 @@ class Scenario(Section):
 
     @field_validator("arms")
     @classmethod
-    def _in_order(cls, arms: tuple[ArmName, ...]) -> tuple[ArmName, ...]:
+    def _in_order(cls, arms: Arms) -> Arms:
         if list(arms) != [arm for arm in ARMS if arm in arms]:
             raise ValueError(f"got {list(arms)}, expected each arm once, in the order {list(ARMS)}")
         return arms

@@ -21,6 +21,7 @@ import numpy as np
 from ravenjax.train import scenario, tasks
 from ravenjax.train.judge.watch import Judge
 from ravenjax.train.protocol.frame import (
+    CONSOLES,
     LOST,
     OVER,
     PAUSED,
@@ -297,7 +298,7 @@ class Session:
 
     # --- the three robots ---
 
-    def _drive(self, hand: hands.HandsRow) -> None:
+    def _drive(self, hand: hands.Hands) -> None:
         """Write this tick's row of motion of the robots. The view decides which one follows."""
         now, motion = self.robot.now, self.robot.motion
         row = motion[:, now]
@@ -352,7 +353,7 @@ class Session:
 
     # --- frames and events ---
 
-    def _publish(self, hand: hands.HandsRow | None = None) -> None:
+    def _publish(self, hand: hands.Hands | None = None) -> None:
         """Fill the frame. Without a hand, its channels and the robot's keep their values."""
         row, task = self.frame.row, self.task
         if hand is not None:
@@ -367,7 +368,7 @@ class Session:
         left_ms = 0 if self.over else self.left_ms
         row[self._common] = (
             *(self.ticks, left_ms, self.phase, self.view, self._pedal, self._alive),
-            *(self.arbiter.number, self.robot.heard),
+            *(CONSOLES.index(self.arbiter.owner), self.robot.heard),
             *(self.director.at_work, task.target, task.progress, self.cue_on),
         )
 

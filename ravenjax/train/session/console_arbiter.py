@@ -40,11 +40,6 @@ class ConsoleArbiter:
         self._since: dict[str, str] = {}  # why each console's pedal must be lifted
         self._unheard: dict[str, str] = {}  # why a console's messages are refused
 
-    @property
-    def number(self) -> int:
-        """The index of the owner in `CONSOLES`."""
-        return CONSOLES.index(self.owner)
-
     def hear(self, message: Command, take: Callable[[Command], bool], tick: int) -> None:
         """Process a message of a console's hands.
 
@@ -122,10 +117,10 @@ class ConsoleArbiter:
         return True
 
     def vacate(self, tick: int) -> str:
-        """Empty the seat if the owner's pedal is up or its console was silent for `STALE_MS`.
+        """Empty the seat if its pedal is up or silent; return the silent console or "".
 
-        Call it once a tick where pedals alone decide. Returns the console that was silent, or "".
-        Another pedal that was pressed in the meantime must be lifted first.
+        Call it once a tick where pedals alone decide. Another pedal that was pressed in the
+        meantime must be lifted first.
         """
         is_silent = self.owner != NOBODY and tick - self._heard[self.owner] > STALE_MS
         silent = self.owner if is_silent else ""

@@ -69,10 +69,7 @@ class Director:
             self._pending = number
 
     def step(self, tick: int, frame: Frame, clock: int) -> tuple[Order, ...]:
-        """Return the orders to carry out before this tick; `frame` is that of the previous tick.
-
-        clock: ms since the session's time began.
-        """
+        """Return the orders before this tick. frame: of the last tick. clock: session's time."""
         number, pedal = frame.number, frame.number("pedal")
         ready = (
             number("phase") == RUNNING

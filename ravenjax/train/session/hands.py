@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -46,13 +45,6 @@ FARTHEST_UM = 1_000_000.0
 """Limit of scaled positions, to which single precision resolves half a micrometre."""
 
 
-class HandsRow(NamedTuple):
-    """The hands in one tick."""
-
-    columns: np.ndarray  # float32, as a row of `Motion.table`; the same array in each tick
-    alive: bool  # False: the input is stale
-
-
 class Hands:
     """The hands of one operator, one for each arm, and the foot on the pedal."""
 
@@ -64,14 +56,12 @@ class Hands:
         self._pedal = False
         # Tick of the last accepted message; -1: none yet.
         self._heard = -1
-        self._columns = np.zeros(len(self.arms) * len(ARM_COLUMNS) + 1, np.float32)
+        # The hands in this tick, as a row of `Motion.table`.
+        self.columns = np.zeros(len(self.arms) * len(ARM_COLUMNS) + 1, np.float32)
+        self.alive = False  # whether input arrives that is not stale
 
     def take(self, message: Command, tick: int) -> bool:
-        """Take a message "input" or "increments" that came before this tick.
-
-        The message is valid as `protocol.messages` defines it. Returns False if the position would
-        be out of range.
-        """
+        """Take a valid message "input" or "increments". Return False if it leads out of range."""
         tables = message["arms"]
         if message["type"] == "increments":
             given = [(hand, tables[arm]) for arm, hand in self._hands.items() if arm in tables]
@@ -87,9 +77,9 @@ class Hands:
         self._pedal, self._heard = message["pedal"], tick
         return True
 
-    def advance(self, tick: int) -> HandsRow:
-        """Advance by one millisecond and return the hands. Call it once a tick."""
-        alive = self._heard >= 0 and tick - self._heard <= STALE_MS
+    def advance(self, tick: int) -> Hands:
+        """Advance by one millisecond and return self. Call it once a tick."""
+        alive = self.alive = self._heard >= 0 and tick - self._heard <= STALE_MS
         values: list[float] = []
         for hand in self._hands.values():
             if alive:
@@ -98,8 +88,8 @@ class Hands:
                 hand.stop()
             hand.fill(values, self._scale)
         values.append(1.0 if alive and self._pedal else 0.0)
-        self._columns[:] = values
-        return HandsRow(self._columns, alive)
+        self.columns[:] = values
+        return self
 
     def place(self, columns: np.ndarray) -> None:
         """Put the hands, at rest, where a row of motion has them. The next row is then the same."""

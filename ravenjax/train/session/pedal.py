@@ -8,9 +8,9 @@ the page and the log, and a line at the terminal.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
-from ravenjax.train.protocol.messages import Event
+from ravenjax.train.protocol.messages import Event, Say
 
 NETWORK = ("itp", "crtk")
 """The consoles of `CONSOLES` whose users get the reasons."""
@@ -23,6 +23,7 @@ STOPPED = "the robot is stopped: restart it first"
 LOST = "no reports of the robot arrive"
 HOMING = "the robot is homing"
 SILENT = "the console sends nothing, so its pedal counts as up: lift it once"
+RIVAL = "the pedal of another console is down: lift this one, and press it once that one is up"
 OUT_OF_RANGE = "its increments lead out of the range of positions that a packet can hold"
 _SINCE = {
     "silence": "the console was silent",
@@ -44,11 +45,6 @@ def lift(since: str = "") -> str:
 def other(owner: str) -> str:
     """Return that another console drives."""
     return f"{owner} drives: wait until {owner} leaves or control is given to this console"
-
-
-def rival(owner: str) -> str:
-    """Return that another console holds its pedal down, where pedals alone decide."""
-    return f"the pedal of {owner} is down: lift this one, and press it once that one is up"
 
 
 RELEASED = {
@@ -82,7 +78,7 @@ def packets(cause: str) -> str:
 class PedalReasons:
     """Stores the reason that was last reported for each console."""
 
-    def __init__(self, say: Callable[[str], None] = lambda _: None) -> None:
+    def __init__(self, say: Say = lambda _: None) -> None:
         """say: prints a reason for the user."""
         self.say = say
         self._published: dict[str, str] = dict.fromkeys(NETWORK, "")
@@ -90,10 +86,9 @@ class PedalReasons:
         self._coming: dict[str, tuple[str, int]] = dict.fromkeys(NETWORK, ("", 0))
 
     def look(self, why: Mapping[str, str]) -> list[Event]:
-        """Take each console's current reason ("" for none) and return the events for changes.
+        """Take each console's reason ("" for none) and return the events for changes.
 
-        Call it once a millisecond, also in a pause. When a reason no longer holds, the event has an
-        empty "why".
+        Call it once a millisecond, also in a pause.
         """
         events = []
         for console, reason in why.items():

@@ -119,7 +119,7 @@ class SimulatedRobot:
     def arm(self, row: int) -> None:
         """Activate the faults of this row of the fault table from the next tick on.
 
-        The slots of a row keep their distances in time, and no fault waits for the pedal.
+        They keep their distances in time, and none waits for the pedal.
         """
         faults = self.blueprint.plan.faults
         slots = range(self.blueprint.fault_slots)

@@ -40,10 +40,7 @@ def run(
     unblind: bool = False,
     mixed: bool = False,
 ) -> StudyResult:
-    """Compare sessions and write study.html, study.csv (one row a hazard) and study.txt into `out`.
-
-    Arguments as `sessions.collect`. Raises UserError and StoreError as it does.
-    """
+    """Write study.html, study.csv (one row a hazard) and study.txt; see `sessions.collect`."""
     # jinja takes a while to import.
     from ravenjax.document import html
 

@@ -9,7 +9,7 @@ from ravenjax.train.protocol.messages import Json
 from ravenjax.train.protocol.world import Point, surface
 from ravenjax.train.robot import ArmName
 from ravenjax.train.scenario.config import Path
-from ravenjax.train.tasks.base import Event, Field, Task, Tips, Wish, rounded
+from ravenjax.train.tasks.base import Field, Task, Tips, Wish, rounded
 
 POINTS = 200
 """Points of the line; on the largest line they are half a millimetre apart."""
@@ -40,7 +40,7 @@ class PathTask(Task):
     def _arm(self) -> ArmName:
         return self._arms[(self._at // POINTS) % len(self._arms)]
 
-    def _step(self, frame: Frame, tips: Tips, tick: int, events: list[Event]) -> None:
+    def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
         tip = tips[self._arm]
         near, ahead = min(
             (math.dist(tip, self.points[(self._at + k) % POINTS]), k) for k in range(AHEAD)
@@ -59,7 +59,7 @@ class PathTask(Task):
         self.target = self._at % POINTS
         self.progress = self._at / (POINTS * self.settings.laps)
         if self._at >= POINTS * self.settings.laps:
-            self._finish(tick, events)
+            self._finish(tick)
 
     def restart(self) -> None:
         self._on = False

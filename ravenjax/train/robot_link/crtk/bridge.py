@@ -13,7 +13,6 @@ import signal
 import struct
 import sys
 import time
-from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
@@ -22,9 +21,9 @@ import numpy as np
 from ravenjax.errors import UserError
 from ravenjax.train import processes
 from ravenjax.train.protocol.frame import Frame, FrameLayout
-from ravenjax.train.protocol.messages import Command
+from ravenjax.train.protocol.messages import Command, Say
 from ravenjax.train.realtime.ring import COMMAND_BYTES, Ring, parent_has_ended, put_json, read_json
-from ravenjax.train.robot import ArmName
+from ravenjax.train.robot import Arms
 from ravenjax.train.robot_link.crtk import messages
 from ravenjax.train.robot_link.crtk.interpreter import Interpreter, RobotRow
 from ravenjax.train.robot_link.crtk.messages import MessageTypes, Ros
@@ -71,7 +70,7 @@ def connect(ros: Ros, published: list[str], subscribed: list[str]) -> Transport:
 class CrtkConsole:
     """A console of the realtime loop (`realtime.loop.Console`), which owns both rings."""
 
-    def __init__(self, layout: FrameLayout, ros: Ros, say: Callable[[str], None] = print) -> None:
+    def __init__(self, layout: FrameLayout, ros: Ros, say: Say = print) -> None:
         """say: receives a message once the process has ended."""
         self._bytes = np.zeros(4 * layout.size + _TAIL.size, np.uint8)
         self._tail = 4 * layout.size
@@ -124,7 +123,7 @@ class BridgeOptions:
     rows: str  # names of the rings
     commands: str
     ros: Ros
-    arms: tuple[ArmName, ...]
+    arms: Arms
     tools: tuple[str, ...]
     # mrad that the jaws close per mrad of an increment.
     grasp_gain: int
@@ -135,13 +134,12 @@ def spawn(
     stack: contextlib.ExitStack,
     ros: Ros,
     blueprint: Blueprint,
-    say: Callable[[str], None] = print,
+    say: Say = print,
     elsewhere: bool = False,
 ) -> CrtkConsole:
     """Start the process for the robot of a blueprint and wait until it speaks CRTK.
 
-    elsewhere: whether a remote robot is driven, whose contact is not known here. Raises UserError
-    if the process cannot start.
+    elsewhere: whether the robot is a remote one with unknown contact. Raises UserError.
     """
     console = CrtkConsole(blueprint.layout, ros, say)
     stack.callback(console.close)

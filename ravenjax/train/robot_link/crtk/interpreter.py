@@ -7,14 +7,14 @@ and commands of `protocol.messages` come out.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ravenjax.store.logs import ros_types
 from ravenjax.train.protocol.frame import Frame
-from ravenjax.train.protocol.messages import STALE_MS, Command, Json
+from ravenjax.train.protocol.messages import STALE_MS, Command, Json, Say
 from ravenjax.train.robot import (
     ARMS,
     JOINTS,
@@ -61,13 +61,13 @@ class RobotRow(NamedTuple):
     number: int = 0  # number of the row, from 0
 
 
-class _Arm:
+class _Arm(SetpointFollower):
     """State and goals of one arm."""
 
     def __init__(self, arm: ArmName, tool: str, grasp_gain: int) -> None:
+        super().__init__(arm, grasp_gain)
         self.name: ArmName = arm
         self.tool = tool
-        self.follower = SetpointFollower(arm, grasp_gain)
         limits = soft_limits(tool)
         self.lower, self.upper = (np.array(side[:5], float) for side in limits[:2])
         self.jpos_d = np.zeros(7)  # joints that the software wants
@@ -86,7 +86,7 @@ class Interpreter:
         types: MessageTypes,
         grasp_gain: int = 1,
         contact: bool = False,
-        refused: Callable[[str], None] = lambda _: None,
+        refused: Say = lambda _: None,
     ) -> None:
         """tools: one for each arm. refused: receives the reason why a message is not followed."""
         self.state = OperatingState()
@@ -137,7 +137,7 @@ class Interpreter:
     def _want_pedal(self, wanted: bool) -> None:
         """If somebody wants the pedal down while another console drives, report the reason."""
         if wanted and not self.state.pedal and self.state.other_drives:
-            self._refused(pedal.rival("another console"))
+            self._refused(pedal.RIVAL)
 
     def _move(self, arm: _Arm, word: str, message: Any, now_ms: float) -> None:
         (self.state.word if word == "move_jp" else self.state.servo)(now_ms)
@@ -146,9 +146,9 @@ class Interpreter:
 
     def _why_not(self, arm: _Arm, word: str, message: Any, now_ms: float) -> str:
         """Follow a command of motion and return "", or return why it is not followed."""
-        if not self.state.drives or arm.follower.sum is None:
+        if not self.state.drives or arm.sum is None:
             return "the robot is not enabled"
-        now = arm.follower.target or arm.follower.sum
+        now = arm.target or arm.sum
         joints: np.ndarray | None = None
         if word == "servo_cp":
             pose = messages.pose_of(message)
@@ -173,7 +173,7 @@ class Interpreter:
                 arm.move, arm.goal = Trajectory(before, joints, now_ms), joints
                 return ""
             goal = Setpoint.at(arm.name, joints)
-        if not arm.follower.aim(goal):
+        if not arm.aim(goal):
             return "farther than 75 mm from the arm's setpoint"
         arm.goal, arm.move = joints, None
         return ""
@@ -202,15 +202,15 @@ class Interpreter:
         for arm in self._arms.values():
             arm.jpos_d = frame[f"{arm.name}/jpos_d"].astype(float)
             if drives and self._drove:
-                if settled and arm.follower.has_slipped(Setpoint.at(arm.name, arm.jpos_d)):
+                if settled and arm.has_slipped(Setpoint.at(arm.name, arm.jpos_d)):
                     arm.goal = arm.move = None
                     self._refuse(ELSEWHERE)
                 continue
             arm.goal = arm.move = None
             if drives:
-                arm.follower.engage(Setpoint.at(arm.name, arm.jpos_d))
+                arm.engage(Setpoint.at(arm.name, arm.jpos_d))
             else:
-                arm.follower.release()
+                arm.release()
         self._drove = drives
 
     def commands(self, now_ms: float) -> list[Command]:
@@ -221,9 +221,9 @@ class Interpreter:
         for arm in self._arms.values():
             if arm.move is not None:
                 joints, done = arm.move.at(now_ms)
-                if not arm.follower.aim(Setpoint.at(arm.name, joints)) or done:
+                if not arm.aim(Setpoint.at(arm.name, joints)) or done:
                     arm.move = None
-            increments[arm.name] = arm.follower.step(elapsed)
+            increments[arm.name] = arm.step(elapsed)
         self._moves = any(increment != STILL for increment in increments.values())
         self.state.is_busy = any(arm.move is not None for arm in self._arms.values())
         orders, self._orders = self._orders, []

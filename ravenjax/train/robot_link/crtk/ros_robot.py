@@ -15,7 +15,7 @@ import numpy as np
 
 from ravenjax.errors import UserError
 from ravenjax.train.protocol.frame import CHANNELS
-from ravenjax.train.protocol.messages import Json
+from ravenjax.train.protocol.messages import Json, Say
 from ravenjax.train.robot import (
     ARMS,
     E_STOP,
@@ -23,6 +23,7 @@ from ravenjax.train.robot import (
     PEDAL_DOWN,
     PEDAL_UP,
     ArmName,
+    Arms,
     motors_of_joints,
     tip_pose,
 )
@@ -43,11 +44,11 @@ class RosRobot(RobotLink):
         self,
         host: str,
         itp_port: int,
-        arms: tuple[ArmName, ...],
+        arms: Arms,
         tools: tuple[str, ...],
         transport: Transport,
         clock: Callable[[], int] = time.monotonic_ns,
-        say: Callable[[str], None] = print,
+        say: Say = print,
     ) -> None:
         """tools: one for each arm. transport: has the topics of `topics`. say: receives a message
         if ROS is lost. Raises UserError if the host has no address.
@@ -69,7 +70,7 @@ class RosRobot(RobotLink):
         self._began_ns = 0
 
     @staticmethod
-    def topics(arms: tuple[ArmName, ...], ros: messages.Ros) -> tuple[list[str], list[str]]:
+    def topics(arms: Arms, ros: messages.Ros) -> tuple[list[str], list[str]]:
         """Return the topics to publish to such a robot, and the topics to subscribe to."""
         return ["state_command"], messages.reported(arms, ros)
 
