@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
 
 from ravenjax.train.protocol.frame import Frame
-from ravenjax.train.protocol.messages import STALE_MS
+from ravenjax.train.protocol.messages import STALE_MS, Command
 from ravenjax.train.robot import ArmName
 from ravenjax.train.robot_link.itp import ItpServer
 from ravenjax.train.robot_link.packet_filter import TAKEN, Gate
@@ -18,9 +16,7 @@ from ravenjax.train.session.command_log import read_commands
 SOME_PACKETS = 10
 """The number of packets refused within `STALE_MS`, with none accepted, that triggers a message."""
 UNATTENDED_MS = 60_000
-"""The tick at which the session's time begins even if a script has not driven, so that the session
-ends.
-"""
+"""The tick at which the session's time begins even if a script has not driven."""
 
 
 class Scripted:
@@ -35,7 +31,7 @@ class Scripted:
         else:
             self._operator = scripts.Recorded(read_commands(script))
 
-    def poll(self) -> list[dict[str, Any]]:
+    def poll(self) -> list[Command]:
         """Return the commands to carry out before this tick."""
         session = self._session
         commands = self._operator.messages(session.ticks, session.frame)
@@ -54,10 +50,9 @@ class Refusals:
         self._gate, self._counts = gate, dict(gate.counts)
         self._polls, self._published = 0, ""
 
-    def poll(self) -> list[dict[str, Any]]:
-        """Return the command "unheard" when the filter starts or stops refusing all packets.
-
-        Call it once a millisecond. Otherwise the list is empty.
+    def poll(self) -> list[Command]:
+        """Return the command "unheard" in the tick in which the filter starts or stops refusing
+        all.
         """
         self._polls += 1
         if self._polls % STALE_MS:
@@ -77,49 +72,25 @@ class Refusals:
         return [{"type": "unheard", "why": why}]
 
 
-class PedalWords:
-    """Prints why the pedal of a console over the network does not count."""
-
-    def __init__(self, session: Session, say: Callable[[str], None]) -> None:
-        self._session, self._say = session, say
-
-    def poll(self) -> list[dict[str, Any]]:
-        """Return no commands: this console never sends any."""
-        return []
-
-    def tell(self, frame: Frame) -> None:
-        """Print the new messages about pedals from the last tick."""
-        for line in self._session.pedals.news():
-            self._say(line)
-
-
 class ItpConsole:
     """A console over the network: receives increments and sends forces."""
 
-    def __init__(
-        self, server: ItpServer, session: Session, say: Callable[[str], None] = print
-    ) -> None:
-        """say: prints a message about the console's packets to the user."""
-        self._server, self._session, self._arms = server, session, session.arms
-        self._say = say
-        self._still: dict[str, Any] = dict.fromkeys(session.arms, (0.0, 0.0, 0.0))
+    def __init__(self, server: ItpServer, session: Session) -> None:
+        self._server, self._session = server, session
         self._refusals = Refusals(server.gate)
 
-    def poll(self) -> list[dict[str, Any]]:
-        messages = [
-            {**one, "console": "itp"} for one in (*self._server.poll(), *self._refusals.poll())
-        ]
-        for line in self._server.gate.news():
-            self._say(line)
-        return messages
+    def poll(self) -> list[Command]:
+        messages = (*self._server.poll(), *self._refusals.poll())
+        return [{**message, "console": "itp"} for message in messages]
 
     def tell(self, frame: Frame) -> None:
         drives = self._session.arbiter.owner == "itp"
-        forces = self._still
+        forces = {}
         if drives and frame.number("console_alive"):
             setting, cue_on = self._session.scenario, frame.number("cue_on") != 0
             gain, cap = setting.contact.units_per_n, setting.cue.cap
-            forces = {arm: force_at_hand(frame, arm, gain, cap, cue_on) for arm in self._arms}
+            arms = self._session.arms
+            forces = {arm: force_at_hand(frame, arm, gain, cap, cue_on) for arm in arms}
         self._server.send_force(
             forces,
             int(frame.number("runlevel")),
@@ -132,12 +103,10 @@ class ItpConsole:
 def force_at_hand(
     frame: Frame, arm: ArmName, units_per_n: float, cap: float, cue: bool
 ) -> tuple[float, float, float]:
-    """Return the force at the operator's hand in device units, along the axes of frame 0.
+    """Return the force at the operator's hand in device units, frame 0.
 
-    The force is at most `cap`, or as large as the cue alone where the cue exceeds `cap`.
-
-    cue: whether the operator feels the cue. The contact force is always included: it is the
-    tissue's resistance, not an aid.
+    It is at most `cap`, or as large as the cue alone where the cue exceeds `cap`. cue: whether the
+    operator feels the cue. Contact is always felt: it is the tissue's resistance.
     """
     places, numbers = frame.layout.places, frame.numbers
     first, touch = places[f"{arm}/force"].start, places[f"{arm}/contact"].start

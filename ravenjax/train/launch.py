@@ -1,11 +1,10 @@
 """Runs a whole session with its processes, from the scenario to the debrief.
 
-    realtime   this process, one thread: reads consoles, ticks, writes rows and events to two rings
-    page       serves the browser: reads the rings and sends commands (optional)
-    recorder   reads the rings and writes the session's folder
+- realtime: this process and one thread. It reads consoles, ticks, and writes rows and events.
+- page: reads the rows and events, serves the browser and sends commands (optional).
+- recorder: reads the rows and events, and writes the session's folder.
 
-The page and the recorder can never make the realtime loop wait. Both end when the realtime process
-ends.
+The page and the recorder never make the realtime loop wait. Both end with the realtime process.
 """
 
 from __future__ import annotations
@@ -19,28 +18,29 @@ import time
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
 
 from ravenjax import interruption
 from ravenjax.errors import UserError
-from ravenjax.robots.raven2.geometry import scene
 from ravenjax.store import manifest
 from ravenjax.store.consoles import loading as profiles
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
-from ravenjax.train import judge, page, processes, scenario
-from ravenjax.train.consoles import ItpConsole, PedalWords, Scripted
+from ravenjax.train import page, processes, scenario
+from ravenjax.train.consoles import ItpConsole, Scripted
+from ravenjax.train.judge.row import COLUMNS
 from ravenjax.train.page import loopback
 from ravenjax.train.processes import SessionHelpers
+from ravenjax.train.protocol.messages import Command, Event, Json, Say
 from ravenjax.train.realtime import clock, loop
 from ravenjax.train.realtime.clock import LoopTiming
 from ravenjax.train.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring
 from ravenjax.train.recording import hazards as table
 from ravenjax.train.recording import recorder
-from ravenjax.train.robot import UDP_PORT
-from ravenjax.train.robot_link.crtk.messages import ARM_NAMES, Ros
+from ravenjax.train.robot import UDP_PORT, scene
+from ravenjax.train.robot_link.crtk.messages import Ros
 from ravenjax.train.robot_link.distant import DistantRobot
 from ravenjax.train.robot_link.itp import ItpServer
 from ravenjax.train.robot_link.joint_stream import JOINT_PORT
@@ -53,12 +53,9 @@ from ravenjax.train.session.blueprint import Blueprint
 from ravenjax.train.session.simulation import SimulatedRobot
 
 KEPT_FRAMES, KEPT_EVENTS, KEPT_COMMANDS = 4096, 1024, 256
-"""Capacities of the rings in rows. Frames last four seconds; fewer events and commands than these
-arrive in that time.
-"""
+"""Capacities of the rings in rows: four seconds of frames, and more than arrives in that time."""
 COMMANDS = "commands.jsonl"
 """File with the commands of the session. Used as a script, it repeats the session."""
-Say = Callable[[str], None]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,22 +84,17 @@ class SessionOptions:
     robot: str | None = None
     crtk: Ros | None = None  # also speak CRTK over this ROS
 
-    @property
-    def is_blinded(self) -> bool:
-        """Whether the session is blinded."""
-        return self.scenario.cue.blinded if self.blinded is None else self.blinded
-
 
 @dataclasses.dataclass(frozen=True)
 class FinishedSession:
     """The results of a session that has ended."""
 
     folder: Path
-    hazards: list[dict[str, Any]]
+    hazards: list[Json]
     timing: LoopTiming | None
     ended: str
     # The session that the instructor wants next: the command "next" of `messages`.
-    wish: dict[str, Any] | None = None
+    wish: Command | None = None
     port: int = 0  # port of the page
 
 
@@ -131,6 +123,7 @@ def realtime(
         session = Session(
             options.scenario, options.seed, cue=options.cue, robot=_robot(stack, options, say)
         )
+        session.pedals.say = say
         interruption.point()
         say(f"robot: ready after {time.monotonic() - began:.1f} s")
         # An invalid script is refused before anything is recorded.
@@ -158,13 +151,13 @@ def realtime(
             consoles.append(browser)
         if options.itp_port is not None:
             server = ItpServer(
-                session.arms, options.host, options.itp_port, profiles=console_profiles
+                session.arms, options.host, options.itp_port, profiles=console_profiles, say=say
             )
             stack.callback(server.close)
             stack.callback(
                 lambda: say(f"console: {in_words(server.counters()) or 'nothing arrived'}")
             )
-            consoles.append(ItpConsole(server, session, say))
+            consoles.append(ItpConsole(server, session))
             say("console: ITP over UDP {}:{}".format(*server.address))
         if options.crtk is not None:
             from ravenjax.train.robot_link.crtk import bridge
@@ -173,8 +166,6 @@ def realtime(
             consoles.append(
                 bridge.spawn(stack, options.crtk, session.blueprint, say, elsewhere=elsewhere)
             )
-            say(f"CRTK: {options.crtk}, {', '.join(ARM_NAMES[arm] for arm in session.arms)}")
-        consoles.append(PedalWords(session, say))
         if script is not None:
             consoles.append(script)
         helpers.recorder.answer()
@@ -196,14 +187,14 @@ def realtime(
             say(trouble)
         recording.join(processes.STARTING_S)
         result = _conclude(options, session, timing, say)
-        if with_page and linger_s != 0 and not stop:
+        if browser is not None and linger_s != 0 and not stop:
             say(f"the page stays {'until Ctrl-C' if linger_s is None else f'for {linger_s:g} s'}")
             end = float("inf") if linger_s is None else time.monotonic() + linger_s
-            while not stop and time.monotonic() < end and browser is not None:
+            wish = None
+            while wish is None and not stop and time.monotonic() < end:
                 time.sleep(0.05)
-                if (wish := _wish(browser, say)) is not None:
-                    result = dataclasses.replace(result, wish=wish, port=port)
-                    break
+                wish = _wish(browser, say)
+            result = dataclasses.replace(result, wish=wish, port=port)
     return result
 
 
@@ -217,10 +208,7 @@ def with_tokens(options: SessionOptions) -> SessionOptions:
 
 
 def following(options: SessionOptions, last: FinishedSession) -> SessionOptions:
-    """Return the options of the session that the instructor requested at the end of `last`.
-
-    Its folder is next to the folder of the last session.
-    """
+    """Return the options of the session that the instructor requested, beside the last one."""
     wish = last.wish or {}
     name = wish.get("scenario")
     setting = options.scenario if name is None else scenario.load(name)
@@ -236,34 +224,30 @@ def following(options: SessionOptions, last: FinishedSession) -> SessionOptions:
     )
 
 
-def _wish(said: loop.PageCommands, say: Say) -> dict[str, Any] | None:
-    """Return the request for the next session that has arrived since the last call, or None.
-
-    A scenario that does not exist is reported to the user.
-    """
+def _wish(said: loop.PageCommands, say: Say) -> Command | None:
+    """Return the request for the next session, or None; report a scenario that does not exist."""
     for command in said.poll():
         if (command["type"], command.get("do")) == ("instructor", "next"):
             try:
                 if "scenario" in command:
                     scenario.load(command["scenario"])
             except UserError as error:
-                say(f"the next session cannot be begun: {error}")
+                say(f"the next session cannot start: {error}")
             else:
                 return command
     return None
 
 
 def headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSession:
-    """Run a session as fast as possible, without page and clock.
+    """Run a session as fast as possible; the same options write the same bits.
 
-    The same options write the same bits each time. Raises UserError without a script, because
-    something must drive.
+    Raises UserError without a script, because something must drive.
     """
     script = options.script
     if script is None:
         raise UserError(
-            f"nobody drives: give a script, one of {', '.join(scripts.REACTIONS)} or a file of"
-            " commands"
+            "nothing drives the session: give --script with a file of commands or one of"
+            f" {', '.join(scripts.REACTIONS)}"
         )
     session = Session(options.scenario, options.seed, cue=options.cue)
     driver = Scripted(script, session)  # an invalid file leaves no folder
@@ -274,7 +258,7 @@ def headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSess
         options.folder / session_log.FILE, tuple(session.layout.names()), header
     )
     block: list[np.ndarray] = []
-    events: list[dict[str, Any]] = []
+    events: list[Event] = []
     first = 0
     with contextlib.closing(log):
         while not session.over:
@@ -292,11 +276,7 @@ def headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSess
 def fresh_folder(
     name: str, participant: str = "", seed: int = 0, base: Path = Path("results/sessions")
 ) -> Path:
-    """Return a folder for a session that begins now.
-
-    Its name has the scenario, the participant, the time (UTC) and the seed, but not
-    the group.
-    """
+    """Return a folder for a session that begins now. Its name does not reveal the group."""
     who = re.sub(r"[^\w.-]", "-", participant)[:40]
     parts = (name, who, f"{datetime.now(UTC):%Y%m%d-%H%M%S}", f"seed{seed}")
     return base / "-".join(part for part in parts if part)
@@ -306,10 +286,9 @@ def fresh_folder(
 
 
 def _with_new_folder(options: SessionOptions, say: Say) -> SessionOptions:
-    """Create the session's folder and return the options with it.
+    """Create the session's folder, with a number if it exists, and return the options with it.
 
-    If the folder exists already, a number is appended to its name and the user is informed. Raises
-    UserError if no folder can be created.
+    Raises UserError if no folder can be created.
     """
     folder, number = options.folder, 1
     try:
@@ -321,11 +300,11 @@ def _with_new_folder(options: SessionOptions, say: Say) -> SessionOptions:
             folder = options.folder.with_name(f"{options.folder.name}-{number}")
     except OSError as error:
         raise UserError(
-            f"{folder}: cannot be made ({error.strerror or error}); name a folder with --out that"
-            " this user may make"
+            f"{folder}: cannot be created ({error.strerror or error}); give --out a folder in which"
+            " you may write"
         ) from None
     if number > 1:
-        say(f"{options.folder} is there already and stays as it is; this one goes to {folder}")
+        say(f"{options.folder} exists already; the session is written to {folder}")
     return dataclasses.replace(options, folder=folder)
 
 
@@ -334,10 +313,10 @@ def _remove_if_empty(folder: Path) -> None:
         folder.rmdir()
 
 
-def _header(options: SessionOptions, session: Session) -> dict[str, Any]:
+def _header(options: SessionOptions, session: Session) -> Json:
     setting = options.scenario
-    beside = (("itp", options.itp_port), ("crtk", options.crtk))
-    consoles = ["page", *(name for name, given in beside if given is not None)]
+    given = {"page": True, "itp": options.itp_port is not None, "crtk": options.crtk is not None}
+    consoles = [name for name in given if given[name]]
     return {
         "name": options.folder.name,
         "scenario": setting.resolved(),
@@ -345,7 +324,7 @@ def _header(options: SessionOptions, session: Session) -> dict[str, Any]:
         "participant": options.participant,
         "group": options.group,
         "cue": session.cue_on,
-        "blinded": options.is_blinded,
+        "blinded": setting.cue.blinded if options.blinded is None else options.blinded,
         "cue_threshold_mm": setting.cue.threshold_mm,
         "contact_units_per_n": setting.contact.units_per_n if setting.contact.on else None,
         "versions": manifest.package_versions(),
@@ -367,22 +346,19 @@ def _header(options: SessionOptions, session: Session) -> dict[str, Any]:
 def _robot(
     stack: contextlib.ExitStack, options: SessionOptions, say: Say
 ) -> Callable[[Blueprint], SimulatedRobot | DistantRobot]:
-    """Return the function that makes the robot: the virtual robot, or a connection to
-    another one.
-    """
+    """Return the function that makes the robot, or connects to a remote one."""
     if options.robot is None:
         return SimulatedRobot
-    host, ports = address(options.robot)
-    itp_port, stream = ports
+    host, (itp_port, stream) = address(options.robot)
 
     def connected(made: Blueprint) -> DistantRobot:
         armables = scenario.armable(options.scenario, made.plan.rows)
         if not isinstance(stream, int):
             if armables:
                 raise UserError(
-                    f"scenario {options.scenario.name!r} has {len(armables)} hazards, and nothing"
-                    f" can be armed in a robot over {stream}: choose a scenario without, or start"
-                    " `ravenjax robot` and give its joint port"
+                    f"scenario {options.scenario.name!r} has {len(armables)} hazards, which cannot"
+                    f" be armed in a robot over {stream}: choose a scenario without hazards, or"
+                    " start `ravenjax robot` and give its joint port"
                 )
             from ravenjax.train.robot_link.crtk import bridge
             from ravenjax.train.robot_link.crtk.ros_robot import RosRobot
@@ -394,13 +370,11 @@ def _robot(
             return DistantRobot(made, robot)
         remote = RemoteRobot(host, itp_port, stream, made.setup.arms, options.token)
         stack.callback(remote.close)
-        mine, theirs = digest(armables), remote.greeting.get("hazards")
-        if mine != theirs:
-            other = (
-                f"scenario {remote.greeting.get('scenario')!r}, seed {remote.greeting.get('seed')}"
-            )
+        other = remote.greeting
+        if digest(armables) != other.get("hazards"):
             raise UserError(
-                f"the robot at {host} ({other}) has other hazards than this session"
+                f"the robot at {host} (scenario {other.get('scenario')!r}, seed"
+                f" {other.get('seed')}) has other hazards than this session"
                 f" ({options.scenario.name!r}, seed {options.seed}): start both with the same"
                 " scenario, --seed and --set"
             )
@@ -424,8 +398,8 @@ def address(text: str) -> tuple[str, tuple[int, int | Ros]]:
     ):
         raise UserError(
             f"robot is {text!r}, expected HOST[:ITP_PORT[:JOINT_PORT]], such as"
-            " 127.0.0.1:36000:36002; ros1 or ros2 in place of JOINT_PORT for a robot that tells of"
-            " itself over ROS"
+            " 127.0.0.1:36000:36002; for a robot that reports its state over ROS, ros1 or ros2"
+            " replaces JOINT_PORT"
         )
     itp, joint = [*map(int, numbers), *(UDP_PORT, JOINT_PORT)[len(numbers) :]]
     return host, (itp, joint if ros is None else ros)
@@ -435,13 +409,11 @@ def _open_page(
     serving: processes.Helper,
     options: SessionOptions,
     session: Session,
-    header: dict[str, Any],
+    header: Json,
     rings: tuple[Ring, Ring, Ring],
     say: Say,
 ) -> int:
-    """Send the page's process its options, wait until it listens, print its addresses and return
-    its port.
-    """
+    """Start the page, print its addresses and return its port."""
     page_options = page.PageOptions(
         frames=rings[0].name,
         events=rings[1].name,
@@ -457,7 +429,7 @@ def _open_page(
     serving.begin(page_options)
     port = serving.answer()
     if options.port not in (0, port):
-        say(f"port {options.port} is taken: the page is at port {port}")
+        say(f"port {options.port} is in use: the page is at port {port}")
     ask = f"&token={options.token}" if options.token else ""
     host = "127.0.0.1" if options.host in ("0.0.0.0", "") else options.host
     url = f"http://{host}:{port}/?role="
@@ -467,10 +439,7 @@ def _open_page(
 
 
 def _require_address(host: str, port: int) -> None:
-    """Raise UserError if the page cannot listen at this address.
-
-    Without this check viser would wait forever.
-    """
+    """Raise UserError if the page cannot listen here: viser would wait forever."""
     try:
         addresses = socket.getaddrinfo(
             host or None, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
@@ -480,8 +449,8 @@ def _require_address(host: str, port: int) -> None:
                 probe.bind(address)
     except OSError as error:
         raise UserError(
-            f"host is {host!r}, where the page cannot listen ({error}); "
-            "give an address of this machine, 127.0.0.1 for itself alone, or 0.0.0.0 for all it has"
+            f"host is {host!r}, where the page cannot listen ({error}); give an address of this"
+            " machine: 127.0.0.1 for this machine only, 0.0.0.0 for every network"
         ) from None
     if not 0 <= port <= 65535:
         raise UserError(f"port is {port}, expected 0 (any free one) to 65535")
@@ -495,10 +464,10 @@ def _conclude(
     from ravenjax.train.debrief import page as debrief
 
     rows = session.judge.rows(**table.identity(description.read(options.folder)))
-    text = table.as_csv(judge.COLUMNS, rows)
+    text = table.as_csv(COLUMNS, rows)
     (options.folder / table.FILE).write_text(text, encoding="utf-8", newline="")
     session.command_log.write(options.folder / COMMANDS)
-    summary: dict[str, Any] = {
+    summary: Json = {
         "ended": session.ended,
         "task": session.task.result(),
         "ticks": session.ticks,
@@ -513,12 +482,9 @@ def _conclude(
 
 def facts(timing: LoopTiming) -> dict[str, float]:
     """Return the timing of a loop by name. Percentiles are in us."""
-    numbers: dict[str, float] = {
-        "ticks": timing.ticks,
-        "late_ticks": timing.late,
-        "skipped_ms": timing.skipped,
+    counts = {"ticks": timing.ticks, "late_ticks": timing.late, "skipped_ms": timing.skipped}
+    return counts | {
+        f"{what}_{name}_us": timing.percentile(what, share)
+        for what in ("compute", "whole", "lateness")
+        for name, share in (("p50", 0.5), ("p99", 0.99), ("p99_9", 0.999))
     }
-    for what in ("compute", "whole", "lateness"):
-        for name, share in (("p50", 0.5), ("p99", 0.99), ("p99_9", 0.999)):
-            numbers[f"{what}_{name}_us"] = timing.percentile(what, share)
-    return numbers

@@ -1,6 +1,4 @@
-"""Starts the processes beside the realtime loop, waits for their answers, and reports when they
-end.
-"""
+"""Starts the processes beside the realtime loop, and reports when they end."""
 
 from __future__ import annotations
 
@@ -24,9 +22,7 @@ STARTING_S = 60.0
 
 
 class Helper:
-    """A process that starts before its options are known, so that its imports run in
-    the meantime.
-    """
+    """A process that does its imports before its options are known."""
 
     def __init__(self, stack: contextlib.ExitStack, target: Callable[[Connection], None]) -> None:
         """target: receives its options through the connection, and may answer through it."""
@@ -43,10 +39,7 @@ class Helper:
             raise self._ended() from None
 
     def answer(self) -> Any:
-        """Wait for the answer of the process and return it.
-
-        Raises UserError if the process ends or takes longer than STARTING_S.
-        """
+        """Return the answer. Raises UserError if it takes longer than STARTING_S."""
         if not self.answers.poll(STARTING_S):
             raise UserError(f"a process of the session did not start within {STARTING_S:g} s")
         try:
@@ -57,8 +50,8 @@ class Helper:
     def _ended(self) -> UserError:
         self.process.join(STARTING_S)
         return UserError(
-            f"a process of the session ended with code {self.process.exitcode}; its message"
-            " stands above"
+            f"a process of the session ended with code {self.process.exitcode}; see its message"
+            " above"
         )
 
     def keep_away(self) -> None:
@@ -92,10 +85,7 @@ class SessionHelpers:
 
 
 def spawn(stack: contextlib.ExitStack, target: Callable[[Any], None], given: Any) -> BaseProcess:
-    """Start a separate process; Ctrl-C does not reach it.
-
-    It is spawned, never forked: neither JAX nor a loaded server survives a fork.
-    """
+    """Spawn a process that Ctrl-C does not reach. JAX and a loaded server do not survive a fork."""
     process = multiprocessing.get_context("spawn").Process(
         target=target, args=(given,), daemon=True
     )
@@ -123,6 +113,4 @@ def ended(recording: BaseProcess) -> str | None:
     """Return a message if the recorder has ended before the session; None while it runs."""
     if recording.is_alive() or recording.exitcode == 0:
         return None
-    return (
-        f"the recorder has ended (exit code {recording.exitcode}): the session goes on unrecorded"
-    )
+    return f"the recorder ended with code {recording.exitcode}: the session goes on unrecorded"

@@ -1,6 +1,9 @@
-"""The parts of the Raven-II that sessions use: its names, its packets, and its kinematics on plain
-numbers.
+"""The parts of the Raven-II that sessions use, and its kinematics on plain numbers.
+
+Other modules of `train` import them from here, except those that compile a tick or draw the arms.
 """
+
+# ruff: noqa: F401
 
 from __future__ import annotations
 
@@ -11,39 +14,32 @@ import numpy as np
 
 from ravenjax.numbers.lazy import at_once
 from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2 import ROBOT, run_levels
 from ravenjax.robots.raven2.arms import ARMS, JOINTS, ArmName
+from ravenjax.robots.raven2.campaign.sections import Start
+from ravenjax.robots.raven2.console.choice import UNDECIDED, ProfileChoice, fitting
+from ravenjax.robots.raven2.console.motion import ARM_COLUMNS
 from ravenjax.robots.raven2.console.packet import U_STRUCT, UDP_PORT, V_STRUCT, Packet
 from ravenjax.robots.raven2.console.profile import ConsoleProfile
-from ravenjax.robots.raven2.geometry import kinematics, transmission
+from ravenjax.robots.raven2.console.reading import BUTTONS, CHECKSUM, FIELDS, MODE, Misfit
+from ravenjax.robots.raven2.geometry import kinematics, scene, transmission
+from ravenjax.robots.raven2.geometry.arrays import jaw_rotation
+from ravenjax.robots.raven2.geometry.instrument import JAW_LENGTH
+from ravenjax.robots.raven2.geometry.joints import GEOMETRY, GM1, GM2, GM3
 from ravenjax.robots.raven2.geometry.limits import soft_limits
 from ravenjax.robots.raven2.geometry.mapping import ITP_AXES, quat_mul
+from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.run_levels import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP
+from ravenjax.robots.raven2.stages.network import RESET_GAP
+from ravenjax.robots.raven2.stages.teleoperation import NO_PACKET_SEQUENCE
 
-__all__ = [
-    "ARMS",
-    "E_STOP",
-    "INIT",
-    "ITP_AXES",
-    "JOINTS",
-    "PEDAL_DOWN",
-    "PEDAL_UP",
-    "UDP_PORT",
-    "U_STRUCT",
-    "V_STRUCT",
-    "ArmName",
-    "ConsoleProfile",
-    "Packet",
-    "soft_limits",
-]
-
+Arms = tuple[ArmName, ...]
 Quat = tuple[float, float, float, float]
 """Quaternion in the order x, y, z, w."""
 
 
 def tip_pose(arm: ArmName, jpos: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return position, m [3], and rotation [3, 3] of the jaws in frame 0, at joints [7] in rad and
-    m.
-    """
+    """Return position, m [3], and rotation [3, 3] of the jaws in frame 0, at joints [7]."""
     with at_once():
         pose = kinematics.forward(arm, Vec(map(float, jpos)))
     return np.array(pose.position, float), np.array(pose.rotation, float)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 
 from ravenjax.train import launch, scenario
+from ravenjax.train.protocol.messages import Say
 from ravenjax.train.realtime import clock
 from ravenjax.train.realtime.clock import Clock, LoopTiming
 
@@ -20,21 +20,21 @@ COLUMNS = (
     "of",
 )
 LONGEST_TICK_US = 100
-"""The longest computation of a tick that is expected for 99.9 % of ticks. The margin lets slower
-machines keep up.
-"""
+"""The longest computation of a tick that is expected for 99.9 % of ticks."""
 SCENARIO = "first_steps"
 EMPTY, SESSION = "empty", "session"
 
 
-def measure(seconds: float, say: Callable[[str], None] = lambda _: None) -> dict[str, LoopTiming]:
-    """Time an empty loop, then a session with its recorder and its page.
-
-    Recorded commands drive the session, as many per second as a page sends.
-    """
+def measure(seconds: float, say: Say = lambda _: None) -> dict[str, LoopTiming]:
+    """Time an empty loop, then a session with recorder and page, driven by recorded commands."""
     setting = scenario.load(SCENARIO, [f"duration_s={seconds}", "task.targets=1000"])
     say(f"{EMPTY}: {seconds:g} s")
-    measured = {EMPTY: _time_empty_loop(seconds)}
+    with clock.realtime(), clock.no_collection():
+        paced = Clock()
+        for _ in range(round(seconds * 1000)):
+            paced.wait()
+            paced.done()
+    measured = {EMPTY: paced.timing}
     with tempfile.TemporaryDirectory() as place:
         driven = launch.SessionOptions(
             scenario=setting, folder=Path(place) / "driven", seed=0, script="none"
@@ -76,12 +76,3 @@ def verdict(measured: dict[str, LoopTiming]) -> list[tuple[str, str]]:
             f"{session.late} late ticks of {session.ticks}; the empty loop had {empty.late}",
         ),
     ]
-
-
-def _time_empty_loop(seconds: float) -> LoopTiming:
-    with clock.realtime(), clock.no_collection():
-        paced = Clock()
-        for _ in range(round(seconds * 1000)):
-            paced.wait()
-            paced.done()
-    return paced.timing

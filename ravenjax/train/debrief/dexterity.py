@@ -26,13 +26,13 @@ import math
 import statistics
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from ravenjax.train.debrief.course import Course
-from ravenjax.train.protocol.frame import PHASES
+from ravenjax.train.protocol.frame import RUNNING
+from ravenjax.train.protocol.messages import Json
 from ravenjax.train.recording import folders
+from ravenjax.train.recording.reader import Recording
 
 KEY = "dexterity"
 """Key in a session's summary."""
@@ -45,24 +45,24 @@ SHORTEST_S = 0.5
 _SPARC_HZ, _SPARC_LEAST, _SPARC_PADS = 10.0, 0.05, 4
 
 
-def measure(course: Course) -> dict[str, Any]:
+def measure(course: Recording) -> Json:
     """Return the measures of a recorded session, for session.json.
 
     A value is null if there was nothing to measure. `both` and `correlation` are null with one arm,
     `economy` without targets.
     """
-    driven = (course.channel("pedal") > 0) & (course.channel("phase") == PHASES.index("running"))
+    driven = (course["pedal"] > 0) & (course["phase"] == RUNNING)
     cuts = np.flatnonzero((np.diff(driven.astype(int)) != 0) | (np.diff(course.ms) > 1.5)) + 1
     edges = [0, *cuts.tolist(), len(driven)]
     stretches = [(a, b) for a, b in itertools.pairwise(edges) if b - a > 1 and driven[a]]
-    measures: dict[str, Any] = {
+    measures: Json = {
         "driven_s": sum(last - first for first, last in stretches) * 1e-3,
         **dict.fromkeys(("idle", "both", "correlation")),
         "arms": {},
     }
     speeds = []
     for arm in course.layout.arms:
-        tip = course.channel(f"{arm}/tip")
+        tip = course[f"{arm}/tip"]
         ways = [resample(course.ms[first:last], tip[first:last]) for first, last in stretches]
         speeds.append(np.concatenate([*map(speed, ways), np.zeros(0)]))
         path_mm = 1e3 * sum(map(path_length, ways))
@@ -76,15 +76,12 @@ def measure(course: Course) -> dict[str, Any]:
     return measures
 
 
-def measure_contact(course: Course) -> dict[str, dict[str, float]]:
-    """Return by arm the largest contact force and impulse, in N and N s.
-
-    It also returns the largest force of the vessel and of the other instrument.
-    """
+def measure_contact(course: Recording) -> dict[str, dict[str, float]]:
+    """Return by arm the largest forces, N, and the impulse, N s."""
     measures = {}
     for arm in course.layout.arms:
-        force = np.linalg.norm(course.channel(f"{arm}/contact").astype(float), axis=1)
-        vessel, between = (course.channel(f"{arm}/{name}") for name in ("vessel_n", "between_n"))
+        force = np.linalg.norm(course[f"{arm}/contact"].astype(float), axis=1)
+        vessel, between = (course[f"{arm}/{name}"] for name in ("vessel_n", "between_n"))
         measures[arm] = {
             "peak_n": float(force.max()),
             # A row is a millisecond.
@@ -95,11 +92,10 @@ def measure_contact(course: Course) -> dict[str, dict[str, float]]:
     return measures
 
 
-def read_attempts(folder: Path) -> list[dict[str, Any]]:
-    """Return the measured sessions of the same person and scenario beside `folder`, up to its own.
+def read_attempts(folder: Path) -> list[Json]:
+    """Return the sessions of the same person and scenario beside `folder`, up to its own.
 
-    The list is empty if the person is not named. Each entry has name, score, median reaction, path
-    of all tips and mean smoothness; None for missing numbers.
+    The list is empty if the person is not named. Each entry has numbers, or None for those missing.
     """
     sessions = folders.beside(folder.parent)
     present = next((session for session in sessions if session.path.name == folder.name), None)
@@ -131,10 +127,7 @@ def path_length(points: np.ndarray) -> float:
 
 
 def economy(ways: Sequence[np.ndarray]) -> float | None:
-    """Return the straight distances of all paths [T, 3] over their lengths; None for length 0.
-
-    A straight distance is from the first to the last point of a path.
-    """
+    """Return the distances between the ends of paths [T, 3] over their lengths, or None."""
     gone = sum(map(path_length, ways))
     straight = sum(float(np.linalg.norm(way[-1] - way[0])) for way in ways)
     return straight / gone if gone > 0 else None
@@ -148,10 +141,7 @@ def speed(points: np.ndarray) -> np.ndarray:
 
 
 def spectral_arc_length(profile: np.ndarray, rate_hz: float = RATE_HZ) -> float | None:
-    """Return the spectral arc length of a speed profile [T]; None if nothing moves.
-
-    Source: Balasubramanian et al. 2015.
-    """
+    """Return the spectral arc length of a speed profile [T]; None if nothing moves."""
     if len(profile) < 2 or not np.any(profile):
         return None
     size = 2 ** (math.ceil(math.log2(len(profile))) + _SPARC_PADS)
@@ -168,11 +158,7 @@ def spectral_arc_length(profile: np.ndarray, rate_hz: float = RATE_HZ) -> float 
 
 
 def log_dimensionless_jerk(profile: np.ndarray, rate_hz: float = RATE_HZ) -> float | None:
-    """Return the log dimensionless jerk of a speed profile [T]; None if nothing moves.
-
-    It is minus the logarithm of duration cubed over the peak squared, times the integral of the
-    speed's second derivative squared. Source: Balasubramanian et al. 2015.
-    """
+    """Return the log dimensionless jerk of a speed profile [T]; None if nothing moves."""
     total = float(np.square(np.diff(profile, 2) * rate_hz**2).sum()) / rate_hz
     duration = (len(profile) - 1) / rate_hz
     return -math.log(duration**3 / float(profile.max()) ** 2 * total) if total > 0 else None
@@ -186,10 +172,7 @@ def correlation(first: np.ndarray, second: np.ndarray) -> float | None:
 
 
 def resample(ms: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Resample points [T, 3] at times ms to `RATE_HZ`, and low-pass them without a shift in time.
-
-    The filter is a Butterworth filter, applied forward and backward.
-    """
+    """Resample points [T, 3] at times ms to `RATE_HZ`, low-passed forward and backward."""
     # The import takes half a second.
     from scipy import signal
 
@@ -202,11 +185,9 @@ def resample(ms: np.ndarray, points: np.ndarray) -> np.ndarray:
     return np.asarray(signal.sosfiltfilt(sections, even, axis=0))
 
 
-def _movements(
-    course: Course, tip: np.ndarray, stretches: Sequence[tuple[int, int]]
-) -> dict[str, Any]:
+def _movements(course: Recording, tip: np.ndarray, stretches: Sequence[tuple[int, int]]) -> Json:
     """Return the economy of one tip's movements, and medians of their smoothness."""
-    target = course.channel("target")
+    target = course["target"]
     ways, arc_lengths, jerks = [], [], []
     for first, last in stretches:
         marks = first + 1 + np.flatnonzero(np.diff(target[first:last]))

@@ -12,12 +12,13 @@ import numpy as np
 
 from ravenjax.document import palette
 from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots, Mark
-from ravenjax.robots.raven2 import run_levels
-from ravenjax.train.debrief.course import Course
 from ravenjax.train.judge.row import HazardRow
+from ravenjax.train.protocol.messages import Json
+from ravenjax.train.recording.reader import Recording
+from ravenjax.train.robot import run_levels
 
 MOMENTS = {
-    "strike": ("strike", "series3"),
+    "strike": ("start", "series3"),
     "knowable": ("could be known", palette.SAME),
     "cue": ("cue", palette.CUE),
     "alarm": ("robot's alarm", "series5"),
@@ -34,12 +35,11 @@ Moment = tuple[str, float, str]
 
 
 def hazard(
-    course: Course, row: HazardRow, limits: Mapping[str, float], blinded: bool
+    course: Recording, row: HazardRow, limits: Mapping[str, float], blinded: bool
 ) -> list[Chart]:
-    """Return the charts of one hazard, in ms after its activation.
+    """Return the charts of one hazard, in ms after its start; none beyond the recording.
 
-    The list is empty if the recording does not reach the hazard. limits: mm by name, drawn as lines
-    across the distances.
+    limits: mm by name, drawn as lines across the distances.
     """
     if row.struck_ms is None:
         return []
@@ -54,18 +54,15 @@ def hazard(
     if inside.sum() < 2:
         return []
     arms = [row.arm] if row.arm in course.layout.arms else list(course.layout.arms)
-    axis = ChartAxis("ms after the strike", -BEFORE_MS, end, unit="ms")
+    axis = ChartAxis("ms after the start of the hazard", -BEFORE_MS, end, unit="ms")
     time = course.ms - row.struck_ms
     return _charts(course, time, inside, axis, arms, moments, limits, blinded)
 
 
 def session(
-    course: Course, hazards: Sequence[HazardRow], limits: Mapping[str, float], blinded: bool
+    course: Recording, hazards: Sequence[HazardRow], limits: Mapping[str, float], blinded: bool
 ) -> list[Chart]:
-    """Return the charts of the whole session, in s.
-
-    They have the hazards' activations, the responses and the progress of the task.
-    """
+    """Return the charts of the whole session, in s, with hazards and responses."""
     time, everything = course.ms / 1000, np.ones(len(course.ms), bool)
     moments: list[Moment] = []
     for row in hazards:
@@ -75,14 +72,14 @@ def session(
                 moments.append(("response", row.response_ms / 1000, ""))
     axis = ChartAxis("s into the session", 0.0, float(time[-1]), unit="s")
     arms = course.layout.arms
-    progress = _curve("progress", "series7", time, course.channel("progress"))
+    progress = _curve("progress", "series7", time, course["progress"])
     return [
         *_charts(course, time, everything, axis, arms, moments, limits, blinded),
         _chart("Task", "share done", axis, [progress], moments, SMALL_HEIGHT, share=True),
     ]
 
 
-def learning(attempts: Sequence[Mapping[str, Any]]) -> list[Chart]:
+def learning(attempts: Sequence[Json]) -> list[Chart]:
     """Return charts of one person's sessions; none for less than two sessions."""
     if len(attempts) < 2:
         return []
@@ -103,10 +100,7 @@ def learning(attempts: Sequence[Mapping[str, Any]]) -> list[Chart]:
 
 
 def thin(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Reduce a curve to at most `POINTS` without losing a peak.
-
-    Each stretch of the curve becomes its greatest value.
-    """
+    """Reduce a curve to at most `POINTS`: each stretch becomes its greatest value."""
     finite = np.where(np.isfinite(values), values, 0.0).astype(float)
     stride = -(-len(time) // POINTS)
     starts = range(0, len(time), stride)
@@ -116,7 +110,7 @@ def thin(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _charts(
-    course: Course,
+    course: Recording,
     time: np.ndarray,
     inside: np.ndarray,
     axis: ChartAxis,
@@ -144,7 +138,7 @@ def _charts(
         for name, mm in limits.items()
     ]
     charts = [_chart("Distances", "mm", axis, [*distances, *lines], moments, HEIGHT)]
-    is_felt = (course.channel("cue_on") > 0) & (not blinded)
+    is_felt = (course["cue_on"] > 0) & (not blinded)
     for title, unit, colour, values in (
         ("Depth in the tissue", "mm", "series2", course.worst("depth_mm", arms)),
         ("Force felt", "device units", "series1", course.worst("force", arms) * is_felt),
@@ -152,9 +146,9 @@ def _charts(
         if np.nanmax(values[inside]) > 0:
             line = curve(title, colour, np.maximum(values, 0.0))
             charts.append(_chart(title, unit, axis, [line], moments, SMALL_HEIGHT))
-    pedal = run_levels.PEDAL_UP + course.channel("pedal")
+    pedal = run_levels.PEDAL_UP + course["pedal"]
     levels = [
-        curve("robot", "series2", course.channel("runlevel"), step=True),
+        curve("robot", "series2", course["runlevel"], step=True),
         curve("pedal", "series0", pedal, step=True, dashed=True),
     ]
     names = ", ".join(f"{level} {name}" for level, name in enumerate(run_levels.NAMES))
@@ -186,7 +180,6 @@ def _chart(
     height: int,
     share: bool = False,
 ) -> Chart:
-    """Draw curves from 0 upwards, with a line and a name for each moment."""
     top = 1.1 * max(1e-3, *(float(curve.y.max()) for curve in curves))
     marks: list[Mark] = [
         Curve("", MOMENTS[kind][1], np.full(2, at), np.array([0.0, top]), in_legend=False)

@@ -1,20 +1,14 @@
-"""Writes the debrief of a session: a self-contained HTML page.
-
-It is made from session.json, hazards.csv and the recording.
-"""
+"""Writes the debrief of a session: a self-contained HTML page."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from ravenjax.errors import StoreError
 from ravenjax.store.files import write_aside
 from ravenjax.store.logs.session import description
 from ravenjax.train.debrief import dexterity, figures, replay
-from ravenjax.train.debrief.course import Course
-from ravenjax.train.judge.row import HazardRow
+from ravenjax.train.protocol.messages import Json
 from ravenjax.train.recording import hazards as hazard_table
 from ravenjax.train.recording import reader
 
@@ -24,55 +18,37 @@ FILE = "debrief.html"
 def write(folder: Path) -> Path:
     """Write debrief.html into a session's folder and return its path.
 
-    The page uses session.json, hazards.csv and the recording. The measures of the motion are also
-    added to the summary of session.json, where a learning curve finds them. The page mentions what
-    is missing or cut short. Raises StoreError if the folder holds no session.
+    The measures of the motion are also added to session.json, where a learning curve finds them.
+    Raises StoreError if the folder has no session.
     """
+    # jinja takes a while to import.
+    from ravenjax.document import html
+
     folder = Path(folder)
     header = description.read(folder)
-    recording, trouble = None, ""
+    recording = course = None
+    trouble = ""
     try:
         if reader.find(folder) is not None:
             recording = reader.read(folder)
     except StoreError as error:
         trouble = str(error)
-    course = None
     if recording is not None and len(recording.rows) > 1:
-        course = Course(recording)
+        course = recording.without_pauses()
         measures = dexterity.measure(course)
         header = description.update(folder, {"summary": {dexterity.KEY: measures}})
     has_table = (folder / hazard_table.FILE).exists()
     hazards = hazard_table.read_table(folder)
     if not has_table and recording is not None:
         hazards = hazard_table.from_recording(recording, header)
-    text = _render(folder, header, recording, course, hazards, has_table, trouble)
-    path = folder / FILE
-    write_aside(path, lambda target: target.write_bytes(text.encode()))
-    return path
-
-
-def _render(
-    folder: Path,
-    header: Mapping[str, Any],
-    recording: reader.Recording | None,
-    course: Course | None,
-    hazards: Sequence[HazardRow],
-    has_table: bool,
-    trouble: str,
-) -> str:
-    # jinja takes a while to import.
-    from ravenjax.document import html
-
     blinded = bool(header.get("blinded"))
-    content = header.get("scenario") or {}
-    scenario = content if isinstance(content, dict) else {"name": content}
-    harm = scenario.get("harm") or {}
+    scenario = header.get("scenario") or {}
     named_limits = {
         "threshold of the cue": header.get("cue_threshold_mm"),
-        "limit of hazards": harm.get("excursion_mm"),
+        "limit of hazards": (scenario.get("harm") or {}).get("excursion_mm"),
     }
     limits = {name: mm for name, mm in named_limits.items() if mm is not None}
-    charts: dict[str, Any] = {"hazards": [[] for _ in hazards], "session": []}
+    charts: Json = {"hazards": [[] for _ in hazards], "session": []}
     shown, contact = None, {}
     if course is not None:
         charts = {
@@ -99,4 +75,6 @@ def _render(
         replay=shown,
         contact=contact,
     )
-    return html.with_scopes(page)
+    path = folder / FILE
+    write_aside(path, lambda target: target.write_bytes(html.with_scopes(page).encode()))
+    return path

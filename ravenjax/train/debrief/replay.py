@@ -6,16 +6,15 @@ an hour of them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
-from ravenjax.robots.raven2.geometry import scene
-from ravenjax.robots.raven2.geometry.arrays import jaw_rotation
-from ravenjax.robots.raven2.geometry.instrument import JAW_LENGTH
-from ravenjax.train.debrief.course import Course
 from ravenjax.train.judge.row import HazardRow
+from ravenjax.train.protocol.messages import Json
+from ravenjax.train.protocol.world import TISSUE
+from ravenjax.train.recording.reader import Recording
+from ravenjax.train.robot import JAW_LENGTH, jaw_rotation
 
 EVERY_MS, EVERY_HAZARD_MS = 40, 10
 """Time between two pictures. The second value applies around a hazard, where motion is fast."""
@@ -25,13 +24,8 @@ AROUND_MS = (400, 3000)
 PER_M = 10_000
 
 
-def data(
-    course: Course, header: Mapping[str, Any], hazards: Sequence[HazardRow]
-) -> dict[str, Any] | None:
-    """Return JSON for the player, or None if the session's header lacks the positions of its arms.
-
-    A blinded session has no nominal model.
-    """
+def data(course: Recording, header: Json, hazards: Sequence[HazardRow]) -> Json | None:
+    """Return JSON for the player; None if the header lacks the positions of the arms."""
     bases, arms = header.get("bases") or {}, course.layout.arms
     if any(arm not in bases for arm in arms):
         return None
@@ -49,20 +43,18 @@ def data(
     rows = rows[rows < len(course.ms)]
     return {
         "ms": course.ms[rows].astype(int).tolist(),
-        "pedal": course.channel("pedal")[rows].astype(int).tolist(),
-        "target": course.channel("target")[rows].astype(int).tolist(),
+        "pedal": course["pedal"][rows].astype(int).tolist(),
+        "target": course["target"][rows].astype(int).tolist(),
         "arms": {
             arm: _arm(course, arm, bases[arm], rows, bool(header.get("blinded"))) for arm in arms
         },
         "task": header.get("task") or {},
-        "tissue": {"top": scene.TISSUE_TOP, "sag": scene.TISSUE_SAG, "half": scene.TISSUE_HALF},
+        "tissue": TISSUE,
         "marks": marks,
     }
 
 
-def _arm(
-    course: Course, arm: str, base: dict[str, Any], rows: np.ndarray, blinded: bool
-) -> dict[str, Any]:
+def _arm(course: Recording, arm: str, base: Json, rows: np.ndarray, blinded: bool) -> Json:
     """Return the remote centre, and where the jaws close, of the robot and of the nominal model."""
     # The import takes half a second.
     from scipy.spatial.transform import Rotation
@@ -74,7 +66,7 @@ def _arm(
         ("tip", "tip", "link_jpos"),
         ("model", "model_tip", "model_jpos"),
     )[: 1 if blinded else 2]:
-        jaws = JAW_LENGTH * jaw_rotation(arm, course.channel(f"{arm}/{joints}")[rows])[..., 0]
-        points = origin + np.nan_to_num(course.channel(f"{arm}/{axis}")[rows] + jaws) @ turn.T
+        jaws = JAW_LENGTH * jaw_rotation(arm, course[f"{arm}/{joints}"][rows])[..., 0]
+        points = origin + np.nan_to_num(course[f"{arm}/{axis}"][rows] + jaws) @ turn.T
         drawing[name] = np.rint(PER_M * points).astype(int).tolist()
     return drawing

@@ -1,31 +1,26 @@
-"""Detects trips of the robot's built-in checks during a session, and whether the hands have slowed
-down.
+"""Detects trips of the robot's checks during a session, and whether the hands slow down.
 
-Trips come from the outcomes of robot and golden run so far. Hands also slow down where they arrive,
-so a slow-down counts only if it lasts longer than a tip is held at a target. Its time is that of
-its beginning.
+Hands also slow down where they arrive, so a slow-down counts only if it lasts longer than a tip is
+held at a target. Its time is that of its beginning.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from ravenjax.robots.raven2 import ROBOT
+from ravenjax.train.protocol.messages import Json
+from ravenjax.train.robot import ROBOT
 from ravenjax.vocabulary import checks
 from ravenjax.vocabulary.checks import Check
 
 SLOW_SHARE = 0.25
-"""Hands count as slow below this share of their usual speed before the hazard. Operators in
-`stages.reaction` slow down to it.
-"""
+"""Hands are slow below this share of their usual speed before the hazard (`stages.reaction`)."""
 SLOW_FOR_MS = 1000
 """A slow-down counts only if it lasts this long without a break."""
 MOVING_MM_S = 2.0
 """Hands below this speed, as tip motion, have no speed to reduce."""
-# Rates of running means in 1/ms: the usual speed over some targets, the present speed over a
-# twitch.
+# Rates of the running means of the usual and the present speed, 1/ms.
 _USUAL, _PRESENT = 1.0 / 2000.0, 1.0 / 50.0
 _QUICK, _SLOW_AT_STRIKE = -1, -2
 QUIET_MS = 1000
@@ -56,14 +51,13 @@ class Trips:
         self,
         tick: int,
         robot_tick: int,
-        outcomes: Mapping[str, Any],
-        golden: Mapping[str, Any] | None = None,
+        outcomes: Json,
+        golden: Json | None = None,
     ) -> list[Trip]:
         """Return each check that tripped since the last reading, the earliest first.
 
-        tick, robot_tick: ms of session and robot. outcomes, golden: `check_*` columns of a
-        campaign, of robot and golden run so far. golden None: there is no golden run, and every
-        trip counts.
+        tick, robot_tick: ms of session and robot. outcomes, golden: `check_*` columns of robot and
+        golden run so far. Without a golden run every trip counts.
         """
         trips = []
         for name in checks.names(outcomes):
@@ -91,8 +85,6 @@ class Trips:
 class SlowdownDetector:
     """Running means of the hands' speed as tip motion, mm/s, both hands together."""
 
-    __slots__ = ("_before", "_limit", "_scale", "_since", "present", "slowed", "usual")
-
     def __init__(self, scale: float) -> None:
         self._scale = scale
         self._before: list[float] | None = None
@@ -102,12 +94,10 @@ class SlowdownDetector:
         # The tick since which the hands are slow.
         self._since = _QUICK
         self.slowed = -1
-        """Tick at which a lasting slow-down began; -1: there is none."""
+        """Tick at which a lasting slow-down began; -1 without one."""
 
     def step(self, tick: int, hands: list[float]) -> None:
-        """Take the hands' positions: um before scaling, three numbers a hand. Call it
-        once a tick.
-        """
+        """Take the hands' positions of a tick: um before scaling, three numbers a hand."""
         before, self._before = self._before, hands
         if before is None:
             return
@@ -123,9 +113,7 @@ class SlowdownDetector:
             self.slowed = self._since
 
     def strike(self) -> None:
-        """From now on measure slow-downs against the present usual speed, because a hazard became
-        active.
-        """
+        """Measure slow-downs against the usual speed before the hazard that becomes active now."""
         self._limit = SLOW_SHARE * self.usual if self.usual > MOVING_MM_S else 0.0
         self._since = _SLOW_AT_STRIKE if self.present < self._limit else _QUICK
         self.slowed = -1

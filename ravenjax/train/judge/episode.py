@@ -5,8 +5,8 @@ score.
 which starts at the robot's state when the hazard is armed:
 
 - `check_response`: stopped, flagged, limited or silent. `check_cause` is the first check that did
-  so. `alarm` is the first check that alerted a person or stopped the robot. `limited` is the first
-  that changed a command or dropped a packet without alerting anybody.
+  so. `alarm` is the first check that raised an alarm or stopped the robot. `limited` is the first
+  that changed a command or dropped a packet without an alarm.
 - `motion_hazard`: unintended motion, loss of motion, false report or none, whichever is gravest.
   The limit is the scenario's `[harm] excursion_mm`, column `limit_mm`.
 - The columns `unintended_mm` to `false_report_first_ms` equal the result table's columns of these
@@ -17,25 +17,22 @@ which starts at the robot's state when the hazard is armed:
 **First possible knowledge** (`knowable_ms`): the first tick at which a person at the console could
 know of the hazard. Seen: the tip, reported or true, is `SEEN_MM` or more from where it would be
 without the fault ("tip"), or the robot left pedal-down on its own ("runlevel"). Announced: a check
-alerted a person (the check's name). A difference of micrometres, which only a computer can measure,
-is not knowledge. The cue is felt from its onset: at its published threshold it begins with a
-quarter of its largest force. Reaction times count from their *origin*: the earliest of knowledge,
-cue and alarm.
+raised an alarm (the check's name). A difference that only a computer can measure is not knowledge.
+The cue is felt from its onset: at its published threshold it begins with a quarter of its largest
+force. Reaction times count from their *origin*: the earliest of knowledge, cue and alarm.
 
 **Unavoidable effects**: `ACTS_MS` after the origin is the earliest time at which a person can have
 acted. No operator could prevent the fault's effects until then, and none is blamed for them.
 
-**Response**: the operator's first right response after the origin and within the time for it. If
-there is none, the first response of another kind. An operator who slows down may only have arrived,
-so a slow-down counts only where it is a right response.
+**Response**: the operator's first right response after the origin and within the time for it, or
+else the first response of another kind. An operator who slows down may only have arrived, so a
+slow-down counts only where it is a right response.
 
-**Interrupted**: the hazard was cut off by a pause, a reset, a disarming or an end by others, a
-console that the instructor handed over or that fell silent, a lost link, or an E-stop that somebody
-else pressed. An operator who gives the console away, takes another or leaves (closes or reloads the
-page) acts on their own account: the pedal, if it was down, counts as released, and nothing is cut
-off. The acts of others never affect the score. A hazard that they cut off before it was decided is
-not scored, and no later response to it is. A hazard is decided once harm is done, a right response
-is given, or the time for one is up.
+**Interrupted**: others cut the hazard off before it was decided. They pause, reset, disarm or end
+the session, press the E-stop or hand the console over, or a console or link fails. Neither the
+hazard nor a later response is scored. A hazard is decided once harm is done, a right response is
+given, or the time for one is up. An operator who gives the console away or leaves cuts nothing off:
+a pedal that was down counts as released.
 
 **Outcome**, the first that holds:
 
@@ -63,11 +60,11 @@ from the origin above, `halted_ms` and `golden_halted_ms` (the golden run's) are
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
 from ravenjax.outcomes import verdict
+from ravenjax.train.protocol.messages import Json
 from ravenjax.train.scenario import Armable, Harm
 from ravenjax.vocabulary.checks import Check
 
@@ -75,21 +72,16 @@ AFFECTED_MM = 1.0
 """A distance that counts as an effect: the jump as expert surgeons defined it (DSN'16, text)."""
 
 SEEN_MM = AFFECTED_MM
-"""A distance that a person at the console can see while the tip moves.
+"""A distance that a person at the console can see while the tip moves: the surgeons' jump.
 
-For want of a measurement it is the surgeons' jump. An eye at 0.6 m resolves 0.2 mm on the screen
-(one arc minute), but has no golden run beside the tip to compare with.
+This is an assumption. An eye at 0.6 m resolves 0.2 mm on the screen, but sees no golden run.
 """
 
 ACTS_MS = 150.0
-"""The earliest that a person can act. A simple reaction to a touch, the fastest possible reaction
-here, takes 150 to 300 ms.
-"""
+"""The earliest that a person can act: a simple reaction to a touch takes 150 to 300 ms."""
 
 FASTEST_MS = 250.0
-"""Reactions up to this time lose no points. A simple reaction to a touch takes 150 to 300 ms, and
-`stages.reaction` assumes the same value.
-"""
+"""Reactions up to this time lose no points; `stages.reaction` assumes the same value."""
 
 CONTINUE = "continue"
 
@@ -155,10 +147,7 @@ class Episode:
         self._originate(tick)
 
     def trip(self, tick: int, check: Check) -> bool:
-        """Record that a check tripped more often than in the golden run.
-
-        Returns whether it is the first check of its kind of response.
-        """
+        """Record a trip beyond the golden run's. Return whether it is the first of its response."""
         if check.response in self.checks:
             return False
         self.checks[check.response] = tick, check.name
@@ -167,9 +156,7 @@ class Episode:
         return True
 
     def exceed(self, tick: int, name: str, mm: float, arm: str) -> bool:
-        """Record a new peak of one of `PEAKS` on this arm. Return whether it is the first beyond
-        its limit.
-        """
+        """Record a new peak of one of `PEAKS`. Return whether its limit is first exceeded now."""
         self.peak_mm[name] = mm
         if name.startswith("unintended") and mm > self._done_mm[0] and not self.hazard.arm:
             self.arm = arm
@@ -180,17 +167,11 @@ class Episode:
         return False
 
     def drive(self, tick: int, mm: float) -> None:
-        """Record that the fault has driven the tip this much deeper into the tissue than at its
-        activation.
-        """
+        """Record the depth that the fault has added since its activation."""
         self._do(tick, 1, mm)
 
     def halt(self, halted_ms: int, golden_halted_ms: int) -> bool:
-        """Record how long the pedal was held without the robot being live, in robot and golden run.
-
-        The times count from the activation. Returns whether this is a loss of motion for the first
-        time.
-        """
+        """Record the times of a held pedal without motion. Return whether the loss is new."""
         was_lost = self._is_lost
         self.halted_ms, self.golden_halted_ms = halted_ms, golden_halted_ms
         stopped = self.check_response == "stopped"
@@ -198,10 +179,7 @@ class Episode:
         return self._is_lost and not was_lost
 
     def respond(self, tick: int, what: str) -> bool:
-        """Record a response and return True, unless it does not count.
-
-        It does not count before anything could be known, or if it is not the first of its kind.
-        """
+        """Record a response, if it is the first of its kind after the origin. Return that."""
         known = self.origin_ms is not None and tick >= self.origin_ms
         if self.interrupted or not known or what in self.responses:
             return False
@@ -209,10 +187,7 @@ class Episode:
         return True
 
     def decided(self, tick: int) -> bool:
-        """Whether nothing from this tick on can improve the outcome.
-
-        That is so after harm or a right response, or when the time is up.
-        """
+        """Whether nothing can improve the outcome: after harm, a right response, or the time."""
         if self._exceeds(self._done_mm) and not self._exceeds(self._spared_mm):
             return True
         is_late = self.origin_ms is not None and tick - self.origin_ms > self._within_ms
@@ -221,10 +196,7 @@ class Episode:
         return is_late or self.answer()[1]
 
     def interrupt(self, tick: int) -> bool:
-        """Record that something other than the operator cuts the hazard off.
-
-        Returns whether that leaves the hazard undecided, for the first time.
-        """
+        """Record that others cut the hazard off. Return whether it was undecided until now."""
         if not self.struck or self.interrupted or self.decided(tick):
             return False
         self.interrupted = True
@@ -291,7 +263,7 @@ class Episode:
         )
         return round(50.0 * response + 50.0 * max(0.0, 1.0 - used), 1)
 
-    def row(self) -> dict[str, Any]:
+    def row(self) -> Json:
         """Return the hazard's columns of hazards.csv."""
         what, ok = self.answer()
         answered = what in self.responses

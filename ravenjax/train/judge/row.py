@@ -80,9 +80,7 @@ class HazardRow:
 
     @property
     def after(self) -> dict[str, float]:
-        """Times in ms after the activation of knowledge, cue, alarm and response, as far as they
-        happened.
-        """
+        """Times of the events that happened, in ms after the activation."""
         if self.struck_ms is None:
             return {}
         times = {

@@ -2,22 +2,21 @@
 
 `episode` explains the terms of a row. Responses are:
 
-- `release`: the pedal comes up, also by an operator who gives the seat away or leaves; a console
-  that fails does not count
-- `slow`: the hands move at a quarter of their speed for a second (`detectors`)
-- `restart`: the operator restarts a robot that does not follow
-- `stop`: the E-stop button
-- `convert`: a note that says "convert" (the page's button sends one)
+- `release`: the pedal comes up, also when the operator gives the console away or leaves. A console
+  that fails does not count.
+- `slow`: the hands move at a quarter of their speed for a second (`detectors`).
+- `restart`: the operator restarts a robot that does not follow.
+- `stop`: the E-stop button.
+- `convert`: a note that contains "convert". The page's button sends one.
 
-A check that raises an alarm or stops the robot is an event "alarm", for everybody. While it keeps
-tripping, events "alarm_count" follow. The first check of each kind of response to the active hazard
-is an event of that name ("stopped", "flagged", "limited"), for the instructor's log. Only the
-instructor sees "limited".
+A check that raises an alarm or stops the robot causes the event "alarm". While it keeps tripping,
+events "alarm_count" follow. The first check of each kind of response to the active hazard is an
+event of that name ("stopped", "flagged", "limited"), which only the instructor sees.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from ravenjax.outcomes import verdict
@@ -25,18 +24,15 @@ from ravenjax.train.judge.detectors import SlowdownDetector, Trip, Trips
 from ravenjax.train.judge.episode import PEAKS, SEEN_MM, Episode
 from ravenjax.train.judge.row import COLUMNS, KNOWN_WHEN_ARMED
 from ravenjax.train.protocol.frame import Frame
+from ravenjax.train.protocol.messages import Command, Json
 from ravenjax.train.scenario import Armable, Scenario
 
 CUE_QUIET_MS = 250
-"""Time without force after which a new force counts as a new cue. A force that comes and goes
-around its threshold is then one cue.
-"""
+"""Time without force after which a new force counts as a new cue."""
 COUNT_EVERY_MS = 1000
 """The shortest time between two events "alarm_count" of one check."""
 _OF_MOTION = ("release", "slow")
-"""Responses to a robot that moves. Once the robot has halted on its own, they avoid nothing and do
-not count.
-"""
+"""Responses to a robot that moves. They do not count once the robot has halted on its own."""
 _COMMON = (
     *("tick", "live", "fault_active", "pedal", "console_alive"),
     *("golden_cue", "halted_ms", "golden_halted_ms"),
@@ -46,14 +42,11 @@ _EVENTS = {
     "loss": "loss_of_motion",
     "false_report": "false_report",
 }
-"""Event for each distance that exceeds the limit. The names are those of
-`ravenjax.outcomes.events`.
-"""
+"""Event for each distance that exceeds the limit, named as in `ravenjax.outcomes.events`."""
 
 
 SEEN = ("known", "unintended", "unintended_off", "loss")
-"""Distances that a person may see: of the reported tip from the golden run's, and of
-the true tip.
+"""Distances that a person may see: of the reported tip from the golden run's, and of the true tip.
 """
 
 
@@ -65,13 +58,13 @@ class Judge:
         scenario: Scenario,
         hazards: Sequence[Armable],
         cue_on: bool,
-        tell: Callable[..., None],
+        record: Callable[..., None],
     ) -> None:
-        """tell: receives each event: its tick, its kind, and its content by name."""
+        """record: receives the tick, the kind and the content of each event."""
         self.scenario, self.hazards = scenario, tuple(hazards)
         self.cue_on = cue_on
         """Whether the operator feels forces. The instructor may change it at any time."""
-        self._tell = tell
+        self._tell = record
         self._episode: Episode | None = None
         self._over: list[Episode] = []
         self._trips = Trips()
@@ -84,8 +77,7 @@ class Judge:
         self._pedal = False
         # Whether the robot followed when the hazard became active, and the pedal is held since.
         self._was_down = False
-        # Whether the operator pressed the E-stop.
-        self._pressed = False
+        self._pressed = False  # whether the operator pressed the E-stop
         # Whether the operator has given the seat away or left, and nobody has driven since.
         self._walked = False
         self._live = False
@@ -135,9 +127,7 @@ class Judge:
         self.disarmed(tick)
 
     def lifted(self, tick: int, why: str) -> None:
-        """Take a pedal that comes up before this tick without the operator's foot. It is not a
-        release.
-        """
+        """Take a pedal that comes up without the operator's foot. It is not a release."""
         self._pedal = False
         if why != "silent" or not self._walked:
             self.interrupted(tick, why)
@@ -145,8 +135,7 @@ class Judge:
     def walked_away(self) -> None:
         """Take an operator who gives the seat away or leaves.
 
-        A pedal that was down counts as released. The silence until the next pedal-down interrupts
-        no hazard: otherwise leaving would be a way to avoid a score.
+        The silence until the next pedal-down interrupts no hazard, so that leaving avoids no score.
         """
         self._walked = True
 
@@ -154,7 +143,7 @@ class Judge:
         """Reset the trips: a waiting robot, at rest and without a hazard, was restarted."""
         self._trips.reset()
 
-    def command(self, message: Mapping[str, Any], tick: int) -> None:
+    def command(self, message: Command, tick: int) -> None:
         """Take a command of the operator other than motion."""
         do = message.get("do")
         if do == "estop":
@@ -169,8 +158,8 @@ class Judge:
         self,
         tick: int,
         frame: Frame,
-        outcomes: Mapping[str, Any] | None = None,
-        golden: Mapping[str, Any] | None = None,
+        outcomes: Json | None = None,
+        golden: Json | None = None,
     ) -> None:
         """Judge one tick. outcomes, golden: see `look`; outcomes None: not read in this tick."""
         if not self._columns:
@@ -210,11 +199,8 @@ class Judge:
 
     # --- rows and events ---
 
-    def rows(self, **identity: Any) -> list[dict[str, Any]]:
-        """Return a dict for each hazard so far, with the keys COLUMNS; missing values are None.
-
-        identity: see `recording.hazards`.
-        """
+    def rows(self, **identity: Any) -> list[Json]:
+        """Return a dict with the keys COLUMNS of each hazard. identity: of `recording.hazards`."""
         episodes = self._over + ([] if self._episode is None else [self._episode])
         rows = [identity | episode.row() for episode in episodes]
         return [{column: row.get(column) for column in COLUMNS} for row in rows]
@@ -222,12 +208,11 @@ class Judge:
     def _struck_episode(self) -> Episode | None:
         return self._episode if self._episode is not None and self._episode.struck else None
 
-    def look(self, outcomes: Mapping[str, Any], golden: Mapping[str, Any] | None = None) -> None:
+    def look(self, outcomes: Json, golden: Json | None = None) -> None:
         """Record the trips of the robot's checks since the last reading.
 
-        outcomes, golden: columns of a campaign, of robot and golden run until the last tick. golden
-        None: there is no golden run. Call it before a hazard is disarmed, because the golden run
-        restarts then.
+        outcomes, golden: outcome columns of robot and golden run so far; golden None: there is no
+        golden run. Call it before a hazard is disarmed, because the golden run restarts then.
         """
         tick, robot_tick = self._ticks
         episode = None if self._pressed else self._struck_episode()
@@ -256,7 +241,6 @@ class Judge:
             self._alarms[name] = trip.count
 
     def _feel(self, tick: int, row: list[float]) -> None:
-        """Record and report the cue's forces where the operator feels them."""
         episode = self._struck_episode()
         for arm in self._arms:
             if not any(row[arm.force]):
@@ -271,9 +255,7 @@ class Judge:
     def _watch(
         self, tick: int, row: list[float], pedal: float, alive: float, episode: Episode
     ) -> None:
-        """Record the active hazard's effects, what can be known of it, and the operator's
-        responses.
-        """
+        """Record the active hazard's effects, what can be known of it, and the responses."""
         for arm in self._arms:
             self._measure(tick, row, arm, episode)
         self._was_down = self._was_down and pedal != 0.0
@@ -332,10 +314,7 @@ class Judge:
             self._tell(tick, "response", number=number, what=what, ok=is_right, ms=ms)
 
     def interrupted(self, tick: int, by: str) -> None:
-        """Record that something other than the operator cuts off the active hazard.
-
-        What is already decided stays decided.
-        """
+        """Record that others cut off the active hazard, if it is not decided yet."""
         episode = self._episode
         if episode is not None and episode.interrupt(tick):
             self._tell(tick, "interrupted", number=episode.hazard.number, by=by)
@@ -343,11 +322,6 @@ class Judge:
 
 class _Arm:
     """Places of an arm's channels in a row, and values remembered between ticks."""
-
-    __slots__ = (
-        *("depth", "depth_at_strike", "distances", "error", "force", "hand", "last_force", "name"),
-        *("seen", "unintended"),
-    )
 
     def __init__(self, frame: Frame, name: str) -> None:
         places = frame.layout.places

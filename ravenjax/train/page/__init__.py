@@ -10,10 +10,10 @@ import contextlib
 import dataclasses
 import ipaddress
 from multiprocessing.connection import Connection
-from typing import Any
 
 from ravenjax.errors import UserError
-from ravenjax.train.robot import ArmName
+from ravenjax.train.protocol.messages import Json
+from ravenjax.train.robot import Arms
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,9 +24,9 @@ class PageOptions:
     events: str  # name of the ring of events
     # Name of the ring of commands, which the page writes.
     commands: str
-    arms: tuple[ArmName, ...]
+    arms: Arms
     # As in session.json: name, hazards, task, blinded; also cue_threshold_mm.
-    header: dict[str, Any]
+    header: Json
     folder: str | None = None  # where debrief.html appears once the session is over
     host: str = "127.0.0.1"
     port: int = 0  # 0: a free one
@@ -38,12 +38,12 @@ class PageOptions:
     def __post_init__(self) -> None:
         if not self.token and not loopback(self.host):
             raise UserError(
-                f"host is {self.host!r}, which others can reach, and there is no token: "
-                "give one that every visitor must carry, or bind 127.0.0.1"
+                f"host is {self.host!r}, which other machines can reach, and there is no token:"
+                " give --token, or host 127.0.0.1"
             )
         if self.token and self.token == self.instructor_token:
             raise UserError(
-                "token and instructor_token are the same: whoever drives could instruct; give two"
+                "token and instructor_token are the same, so an operator could instruct: give two"
                 " that differ"
             )
 
@@ -56,15 +56,14 @@ def loopback(host: str) -> bool:
         return False
 
 
-def run_when_told(told: Connection) -> None:
-    """Import the page, then serve it with the `PageOptions` that `told` delivers.
+def run_when_told(session: Connection) -> None:
+    """Import the page, then serve it with the `PageOptions` that `session` sends.
 
-    This is the entry point of a spawned process. It sends its port through `told`, and serves until
-    it is terminated or the session's process ends.
+    The answer is its port. It serves until it is terminated or the session's process ends.
     """
     # viser and MuJoCo take seconds to import, and only the page's process needs them.
     from ravenjax.train.page import process
 
     # EOFError: the session ended before the page began.
     with contextlib.suppress(EOFError):
-        process.run(told.recv(), told)
+        process.run(session.recv(), session)

@@ -33,7 +33,11 @@ class Auth:
             _header(request.headers, name)
             for name in ("Host", "Origin", "Upgrade", "Sec-Fetch-Site", "Cookie")
         )
-        if host is None or not self._is_own_name(host):
+        name, _, port = (host or "").lower().rpartition(":")
+        # With a token any name is allowed: a foreign one has no cookie, and the names that lead to
+        # this host are unknown.
+        is_own = self._token is not None or (name in self._names and port == str(self.port))
+        if host is None or not is_own:
             return f"host {host!r} is not this server's"
         if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
             return f"origin {origin!r} is not this server's page"
@@ -64,17 +68,12 @@ class Auth:
         # All ports of a host share cookies, so the name contains the port.
         return f"ravenjax_{self.port}"
 
-    def _is_own_name(self, host: str) -> bool:
-        if self._token is not None:
-            # A foreign name has no cookie, and the names that lead to this host are unknown.
-            return True
-        name, _, port = host.lower().rpartition(":")
-        return name in self._names and port == str(self.port)
-
 
 def same_secret(word: str, secret: str | None) -> bool:
     """Compare in constant time; False if there is no secret."""
-    return secret is not None and hmac.compare_digest(word.encode(), secret.encode())
+    return secret is not None and hmac.compare_digest(
+        word.encode(errors="replace"), secret.encode()
+    )
 
 
 def query(path: str) -> dict[str, str]:

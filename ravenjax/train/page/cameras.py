@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import viser
 
 from ravenjax.robots.raven2.dynamics.scene_views import ENDOSCOPES, FIELD, VIEWS, view_pose
 from ravenjax.train.page.hub import Client
 from ravenjax.train.page.server import window
+from ravenjax.train.protocol.messages import Command
 
 FIRST = "endoscope"
 FAR = "theatre"
-"""An inset with this view has no letters: from there they would hide the instruments and each
-other.
-"""
+"""An inset with this view has no letters: they would hide the instruments."""
 # The endoscope's light: colour, candela.
 LAMP, LAMP_CD = (255, 246, 235), 0.008
 UP = (0.0, 0.0, 1.0)
@@ -56,7 +53,7 @@ class Windows:
                 if known.client_id == client.client_id:
                     del self._clients[name]
 
-    def obey(self, client: Client, message: dict[str, Any]) -> None:
+    def obey(self, client: Client, message: Command) -> None:
         """Carry out a window's request: {"do": "camera", "name"} or {"do": "shadows", "on"}."""
         handle, name = self._clients.get(client.window), message.get("name")
         if handle is not None and message["do"] == "shadows":

@@ -8,23 +8,22 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import time
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
-from ravenjax.robots.raven2 import ROBOT
 from ravenjax.train.page import PageOptions
 from ravenjax.train.page.auth import query, same_secret
 from ravenjax.train.page.inbox import Inbox, RefusedMessage
 from ravenjax.train.page.visibility import Visibility
 from ravenjax.train.protocol import messages
 from ravenjax.train.protocol.frame import CONSOLES, PHASES, VIEWS, FrameLayout
+from ravenjax.train.protocol.messages import Command, Event, Json
 from ravenjax.train.realtime.ring import Ring, put_json
+from ravenjax.train.robot import ROBOT
 
 MOST_PER_S = 400
 """The largest rate of messages of one window. A gamepad at 144 Hz with all keys stays below it."""
@@ -41,9 +40,7 @@ class Client:
     def __init__(
         self, connection: ServerConnection, role: str, window: str, instructs: bool
     ) -> None:
-        """instructs: whether it has proved its right to instruct, even if another window instructs
-        now.
-        """
+        """instructs: whether it may instruct, even if another window instructs now."""
         self.connection, self.role, self.window = connection, role, window
         self.instructs = instructs
         self._texts: list[str] = []
@@ -51,9 +48,9 @@ class Client:
         self._wake = asyncio.Event()
         self._room, self._counted = float(MOST_PER_S), time.monotonic()
 
-    def send_soon(self, message: dict[str, Any]) -> None:
+    def send_soon(self, message: Json) -> None:
         """Queue a text; texts are sent in order."""
-        self._texts.append(json.dumps(message, separators=(",", ":")))
+        self._texts.append(messages.encode(message))
         self._wake.set()
 
     def show(self, row: np.ndarray, extras: np.ndarray) -> None:
@@ -93,9 +90,9 @@ class Hub:
     def __init__(
         self,
         options: PageOptions,
-        place: dict[str, Any],
+        place: Json,
         commands: Ring,
-        on_page: Callable[[Client, dict[str, Any]], None],
+        on_page: Callable[[Client, Command], None],
         on_input: Callable[[], None],
     ) -> None:
         """place: the geometry that a window needs to draw tips.
@@ -117,8 +114,8 @@ class Hub:
         self._clients: list[Client] = []
         # An event loop holds its tasks weakly, so this set keeps closing connections alive.
         self._closing: set[asyncio.Task[None]] = set()
-        self._events: list[dict[str, Any]] = []
-        self._last_input: dict[str, Any] = {}
+        self._events: list[Event] = []
+        self._last_input: Command = {}
 
     async def serve(self, connection: ServerConnection) -> None:
         """Serve one websocket, from its greeting to its end."""
@@ -154,7 +151,7 @@ class Hub:
         for client in self._clients:
             client.show(row, extras)
 
-    def announce(self, events: list[dict[str, Any]]) -> None:
+    def announce(self, events: list[Event]) -> None:
         """Queue new events of the session for the windows that may see them."""
         self._events = [*self._events, *events][-KEPT_EVENTS:]
         for client in self._clients:
@@ -166,7 +163,7 @@ class Hub:
         """The number of open windows."""
         return len(self._clients)
 
-    def _visible(self, client: Client, events: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    def _visible(self, client: Client, events: list[Event]) -> list[Event]:
         """Return the events that a window may see. Their rows of hazards.csv are for the recording
         alone: a row says whether the cue is on, which blinding hides.
         """
@@ -245,8 +242,7 @@ class Hub:
         else:
             self._forward(command)
 
-    def _obey(self, client: Client, command: dict[str, Any]) -> None:
-        """Carry out a command for the page's process."""
+    def _obey(self, client: Client, command: Command) -> None:
         match command["do"]:
             case "ping":
                 client.send_soon({"type": "pong", "stamp": command.get("stamp", 0.0)})
@@ -262,7 +258,7 @@ class Hub:
             case _:
                 self._on_page(client, command)
 
-    def _forward(self, command: dict[str, Any]) -> None:
+    def _forward(self, command: Command) -> None:
         put_json(self._commands, command)
         if command["type"] == "input" and command != self._last_input:
             self._last_input = command

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import tomllib
 from importlib import resources
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from ravenjax.train.protocol.messages import Input, Message
+from ravenjax.train.protocol.messages import Input, Json, Message
 
 LARGEST = 2048
 """The largest size of a message in bytes."""
@@ -52,10 +52,8 @@ class Inbox:
         """hazards: number of hazards in the session's list."""
         self._arms, self._hazards, self._blinded = arms, hazards, blinded
 
-    def read(self, message: str | bytes, role: str) -> dict[str, Any]:
-        """Return the message as `messages` describes it, or one of type "page". Raises
-        RefusedMessage.
-        """
+    def read(self, message: str | bytes, role: str) -> Json:
+        """Return the message as in `messages`, or one of type "page". Raises RefusedMessage."""
         if len(message) > LARGEST:
             raise RefusedMessage(f"{len(message)} bytes, expected {LARGEST} at most")
         try:
@@ -81,7 +79,7 @@ class Inbox:
         self._require_sense(name, content)
         return content
 
-    def _require_sense(self, name: str, content: dict[str, Any]) -> None:
+    def _require_sense(self, name: str, content: Json) -> None:
         """Raise RefusedMessage if the message does not fit this session."""
         for arm in content.get("arms", ()):
             if arm not in self._arms:

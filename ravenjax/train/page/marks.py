@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import viser
 
-from ravenjax.robots.raven2.geometry import scene
+from ravenjax.train.protocol.messages import Event, Json
 from ravenjax.train.protocol.world import surface
-from ravenjax.train.robot import ArmName
+from ravenjax.train.robot import ArmName, scene
 
 Rgb = tuple[int, int, int]
 
@@ -74,7 +74,7 @@ class TaskShapes:
     {"points", "colour"} or None}; all optional.
     """
 
-    def __init__(self, server: viser.ViserServer, geometry: dict[str, Any]) -> None:
+    def __init__(self, server: viser.ViserServer, geometry: Json) -> None:
         self._server = server
         self._goal: int | None = None
         self._spots: dict[int, tuple[Any, Rgb]] = {}
@@ -108,7 +108,7 @@ class TaskShapes:
         if carried := geometry.get("object"):
             self._object = self._add_spot("object", carried, carried["at"], None)
 
-    def follow(self, event: dict[str, Any]) -> None:
+    def follow(self, event: Event) -> None:
         """Take an event of kind "object": an arm took the object, or let it go somewhere."""
         self._holder = event.get("held", "")
         if self._object is not None and "at" in event:
@@ -135,10 +135,7 @@ class TaskShapes:
             node.color = GOAL if is_goal else DONE if is_reached else colour
 
     def _surround(self, goal: int, tips: dict[str, np.ndarray]) -> None:
-        """Draw a ring around the goal, with the tip's distance as its radius.
-
-        The tip is that of the arm whose turn it is, otherwise the nearest.
-        """
+        """Draw a ring around the goal whose radius is the distance of the nearest tip in turn."""
         place = self._places.get(goal)
         arms = [arm for arm in tips if self._arms.get(goal, "") in ("", arm)]
         self._ring.visible = place is not None and bool(arms)
@@ -154,7 +151,7 @@ class TaskShapes:
             f"/task/{name}", radius, color=colour, opacity=opacity, **_FLAT, **settings
         )
 
-    def _add_spot(self, name: str, spot: dict[str, Any], at: Any, opacity: float | None) -> Any:
+    def _add_spot(self, name: str, spot: Json, at: Any, opacity: float | None) -> Any:
         colour, number = _rgb(spot["colour"]), int(spot["number"])
         node = self._add_ball(name, spot["radius_m"], colour, opacity, position=tuple(at))
         self._spots[number], self._places[number] = (node, colour), np.asarray(at, float)
@@ -169,9 +166,7 @@ def add_line_segments(
     points: np.ndarray | None = None,
     **settings: Any,
 ) -> Any:
-    """Add line segments [n, 2, 3], m, with a thickness on the screen. The default is one segment of
-    length 0.
-    """
+    """Add line segments [n, 2, 3], m; by default one of length 0."""
     return server.scene.add_line_segments(
         name,
         np.zeros((1, 2, 3), np.float32) if points is None else points.astype(np.float32),
@@ -188,6 +183,5 @@ def segments_of_path(path: np.ndarray) -> np.ndarray:
 
 
 def _rgb(colour: str) -> Rgb:
-    """Parse #rrggbb."""
     red, green, blue = bytes.fromhex(colour[1:])
     return red, green, blue

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import io
 import logging
-import multiprocessing
 import signal
 import threading
 import time
@@ -14,19 +13,17 @@ from multiprocessing.connection import Connection
 import numpy as np
 
 from ravenjax.train.page import PageOptions
-from ravenjax.train.page.auth import Auth
 from ravenjax.train.page.cameras import Windows
 from ravenjax.train.page.hub import Hub
 from ravenjax.train.page.scene import Scene, describe_place
 from ravenjax.train.page.server import PageServer
 from ravenjax.train.protocol.frame import Frame, FrameLayout
 from ravenjax.train.protocol.jaws import closing_point, with_tips
-from ravenjax.train.realtime.ring import Ring, read_json
+from ravenjax.train.realtime.ring import Ring, parent_has_ended, read_json
 from ravenjax.train.robot import tip_pose
 
 # Interval between frames while the answer to a key is awaited, and duration of that wait.
 PROMPT_S, ANSWER_S = 0.004, 0.06
-PARENT_S = 1.0
 PERIOD_S = 1 / 60
 """Interval between frames at other times."""
 
@@ -58,10 +55,9 @@ class Page:
         self._hub = Hub(
             options, describe_place(options.arms), commands, windows.obey, self._await_answer
         )
-        auth = Auth(options.host, options.token)
         # Refused connections are not logged.
         logging.getLogger("websockets").setLevel(logging.CRITICAL)
-        self._server = PageServer(options, auth, self._hub.serve)
+        self._server = PageServer(options, self._hub.serve)
         windows.watch(self._server.viser)
         header = options.header
         blinded = bool(header.get("blinded"))
@@ -70,18 +66,13 @@ class Page:
 
     def work(self) -> None:
         """Work until the session's process ends."""
-        last_frame = last_check = time.monotonic()
-        while True:
+        last_frame = time.monotonic()
+        while not parent_has_ended():
             now = time.monotonic()
             self._pass_on()
             if now >= last_frame + PERIOD_S - 1e-3:
                 last_frame = now
                 self._draw()
-            if now > last_check + PARENT_S:
-                last_check = now
-                parent = multiprocessing.parent_process()
-                if parent is not None and not parent.is_alive():
-                    return
             until_frame = max(0.0, last_frame + PERIOD_S - time.monotonic())
             self._changed.wait(PROMPT_S if now < self._answer_until else until_frame)
             self._changed.clear()
@@ -95,7 +86,6 @@ class Page:
             ring.close()
 
     def _pass_on(self) -> None:
-        """Forward new events and frames to the windows."""
         call_soon = self._server.loop.call_soon_threadsafe
         first, rows = self._events.read(self._next_event)
         if len(rows):

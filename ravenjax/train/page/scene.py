@@ -21,19 +21,17 @@ import viser
 from ravenjax.campaign import compile_cache
 from ravenjax.engines import trace_key
 from ravenjax.robots.raven2.dynamics import arm_model, body_shapes
-from ravenjax.robots.raven2.geometry import scene
 from ravenjax.train.page.marks import MODEL, DepthLine, Rgb, TaskShapes
 from ravenjax.train.protocol.frame import VIEWS, Frame
 from ravenjax.train.protocol.jaws import jaw_tips
-from ravenjax.train.protocol.world import frame0, surface
-from ravenjax.train.robot import ARMS, ArmName
+from ravenjax.train.protocol.messages import Event, Json
+from ravenjax.train.protocol.world import TISSUE, frame0, surface
+from ravenjax.train.robot import ARMS, ArmName, Arms
 
 _LOOKS = {"ghost": (MODEL, 0.36), "virtual": ((120, 226, 170), 0.75)}
 """Colour and opacity of the figures that are not the robot."""
 GHOST_MM = (0.5, 0.8)
-"""A ghost disappears below the first distance and appears above the second. Inside the robot it
-would only tint it.
-"""
+"""A ghost disappears below the first distance and appears above the second."""
 FORCE, CONTACT = (255, 190, 60), (70, 200, 150)
 CONTACT_M = 0.03
 """m of arrow per N of contact force."""
@@ -45,11 +43,9 @@ _SHAPE_MAKERS = ("mujoco", "mjviser", "trimesh")
 
 
 def read_shapes(model: mujoco.MjModel) -> dict[int, tuple[bytes, np.ndarray, np.ndarray]]:
-    """Return by body: its coloured GLB file, and the vertices [n, 3], m, and faces [m, 3] of its
-    plain mesh.
+    """Return by body its GLB file, and vertices [n, 3], m, and faces [m, 3] of its plain mesh.
 
-    The result is cached on disk: making the shapes takes seconds and libraries that nothing else
-    needs here.
+    The result is cached on disk, because making it takes seconds.
     """
     objects = compile_cache.objects()
     content = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
@@ -78,7 +74,7 @@ class RobotFigure:
         server: viser.ViserServer,
         layer: str,
         model: mujoco.MjModel,
-        arms: tuple[ArmName, ...],
+        arms: Arms,
         shapes: dict[int, tuple[bytes, np.ndarray, np.ndarray]],
     ) -> None:
         self._model, self._data = model, mujoco.MjData(model)
@@ -130,8 +126,8 @@ class Scene:
     def __init__(
         self,
         server: viser.ViserServer,
-        arms: tuple[ArmName, ...],
-        task: dict[str, Any] | None,
+        arms: Arms,
+        task: Json | None,
         blinded: bool,
     ) -> None:
         """blinded: neither ghost nor force is drawn, because they show what must stay hidden."""
@@ -191,29 +187,23 @@ class Scene:
         self._server.flush()
 
     def _deeper_jaw(self, frame: Frame, arm: ArmName) -> np.ndarray:
-        """Return the jaw tip that is deeper in the tissue, in the world.
-
-        Most of the contact force acts there.
-        """
+        """Return the jaw tip, world, that is deeper in the tissue: most of the force acts there."""
         origin, turn = self._frames[arm]
         tip, jpos = frame[f"{arm}/tip"].tolist(), frame[f"{arm}/link_jpos"].tolist()
         ends = [origin + turn @ np.array(end) for end in jaw_tips(arm, tip, jpos)]
         return min(ends, key=lambda end: end[2] - surface(float(end[0]), float(end[1])))
 
-    def follow(self, event: dict[str, Any]) -> None:
+    def follow(self, event: Event) -> None:
         """Take an event of the session that changes the scene."""
         if event.get("kind") == "object":
             self._task.follow(event)
 
 
-def describe_place(arms: tuple[ArmName, ...]) -> dict[str, Any]:
-    """Return where the arms and the tissue are, for a window that draws tips itself.
-
-    The result is JSON, m, in the world's axes.
-    """
+def describe_place(arms: Arms) -> Json:
+    """Return JSON of where the arms and the tissue are, m, for a window that draws tips itself."""
     return {
         "bases": {arm: dict(zip(("origin", "turn"), frame0(arm), strict=True)) for arm in arms},
-        "tissue": {"top": scene.TISSUE_TOP, "sag": scene.TISSUE_SAG, "half": scene.TISSUE_HALF},
+        "tissue": TISSUE,
     }
 
 

@@ -58,6 +58,12 @@ _WITHOUT_SCENE = (
     f"<title>ravenjax</title>{_LATE}</head><body>PANEL</body></html>"
 )
 
+_POLICY = (
+    "default-src 'self' data: blob:; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob: data:;"
+    " style-src 'self' 'unsafe-inline'; worker-src blob: data:; connect-src 'self' ws://{host}"
+    " wss://{host} data: blob:; frame-ancestors 'self'; base-uri 'none'"
+)
+"""Under this policy no request of the page leaves the server, whatever a scene requests."""
 window: contextvars.ContextVar[str] = contextvars.ContextVar("window", default="")
 """The browser window to which the viser client of this task belongs; see `early.js`."""
 
@@ -70,9 +76,9 @@ class PageServer:
     A request for any other file gets 404. A request that the checks refuse gets 403.
     """
 
-    def __init__(self, options: PageOptions, auth: Auth, session: Handler) -> None:
+    def __init__(self, options: PageOptions, session: Handler) -> None:
         """session: handles each websocket of /session."""
-        self._auth, self._session = auth, session
+        self._auth, self._session = Auth(options.host, options.token), session
         self._instructor_token = options.instructor_token
         self._folder = Path(options.folder) if options.folder else None
         self._files = {
@@ -98,7 +104,7 @@ class PageServer:
                 self.viser = viser.ViserServer(host=options.host, port=options.port, verbose=False)
         finally:
             websocket_server.serve = original
-        auth.port = self.port
+        self._auth.port = self.port
         # Remove viser's share request: a visitor could make viser open a tunnel to an outside
         # server. Nothing leaves this machine.
         self.viser._websock_server.unregister_handler(_messages.ShareUrlRequest)
@@ -163,14 +169,14 @@ class PageServer:
         if path == "/":
             with_scene = "panel" if parameters.get("scene") == "off" else "scene"
             body = self._pages["inset" if "inset" in parameters else with_scene]
-            extra["Content-Security-Policy"] = _policy(request.headers["Host"])
+            extra["Content-Security-Policy"] = _POLICY.format(host=request.headers["Host"])
             return _response(HTTPStatus.OK, _TYPES[".html"], body, extra)
         if path in self._files:
             return _response(HTTPStatus.OK, *self._files[path], extra)
         return _refusal(HTTPStatus.NOT_FOUND, "no such page")
 
     def _earlier_session(self, path: str, token: str) -> Response:
-        """Return the list of sessions, or a debrief from it. Only the instructor gets them."""
+        """Return the list of sessions, or a debrief from it, for the instructor only."""
         if self._folder is None or not same_secret(token, self._instructor_token):
             return _refusal(HTTPStatus.FORBIDDEN, "the list of sessions is the instructor's")
         sessions = {session.path.name: session for session in folders.beside(self._folder.parent)}
@@ -225,15 +231,3 @@ def _with_panel(client: str, late: str, panel: str) -> str:
                 f"viser {viser.__version__}: its client's page has no place for {part[:60]!r}"
             )
     return text
-
-
-def _policy(host: str) -> str:
-    """Return a policy under which no request of the page leaves the server.
-
-    This holds whatever an address or a scene requests.
-    """
-    return (
-        "default-src 'self' data: blob:; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:"
-        " data:; style-src 'self' 'unsafe-inline'; worker-src blob: data:; connect-src 'self'"
-        f" ws://{host} wss://{host} data: blob:; frame-ancestors 'self'; base-uri 'none'"
-    )

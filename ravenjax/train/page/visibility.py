@@ -6,11 +6,10 @@ learns only of checks that raise an alarm or stop the robot (event "alarm").
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ravenjax.train.protocol.frame import Frame, FrameLayout
+from ravenjax.train.protocol.messages import Event, Json
 
 _OPERATORS_EVENTS = {
     *("phase", "view", "console", "pedal", "runlevel", "owner", "refused", "rearm", "started"),
@@ -33,14 +32,14 @@ class Visibility:
         self._layout, self._blinded = layout, blinded
         self._is_instructor = role == "instructor"
 
-    def shows_event(self, event: dict[str, Any]) -> bool:
+    def shows_event(self, event: Event) -> bool:
         """Whether the role sees an event."""
         kind = event.get("kind", "")
         if self._is_instructor:
             return kind != "hazard_row" and not (self._blinded and kind == "cue")
         return kind in _OPERATORS_EVENTS or (kind in _FELT_EVENTS and not self._blinded)
 
-    def header(self, header: dict[str, Any]) -> dict[str, Any]:
+    def header(self, header: Json) -> Json:
         """Return the session's header without the hidden entries."""
         hidden = set() if self._is_instructor else _HIDDEN_FROM_OPERATORS
         if self._blinded:
@@ -50,13 +49,10 @@ class Visibility:
         return words | {name: value for name, value in header.items() if name not in hidden}
 
     def frame(self, row: np.ndarray, extras: np.ndarray) -> bytes:
-        """Return a frame's message, float32: extras [arms, 5], then the row, both masked.
+        """Return a frame's message, float32: extras [arms, 5] of `Page._extras`, then the row.
 
-        extras of an arm: greatest error_mm and force since the last frame; the software's desired
-        tip, m, frame 0.
-
-        The force is what the hand feels: zero with the cue off. The instructor sees the force that
-        the cue would have.
+        Both are masked. The force is what the hand feels: zero with the cue off. The instructor
+        sees the force that the cue would have.
         """
         frame, extras = Frame(self._layout, row.copy()), extras.copy()
         is_felt = frame.number("cue_on") != 0

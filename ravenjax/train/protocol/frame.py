@@ -20,14 +20,12 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.train.robot import ArmName
+from ravenjax.train.robot import ArmName, Arms
 
 CHANNELS: dict[str, dict[str, int]] = tomllib.loads(
     resources.files("ravenjax.train.protocol").joinpath("channels.toml").read_text(encoding="utf-8")
 )
-"""Channels of the tick (`simulated`) and of the session by name, with the number of
-values of each.
-"""
+"""Channels of the tick (`simulated`) and of the session, with the number of values of each."""
 GOLDEN = ("golden_halted_ms", "golden_cue")
 """Channels of the golden run. They are neighbours in a row."""
 
@@ -38,23 +36,23 @@ PHASES = ("ready", "running", "paused", "stopped", "over", "lost")
 ready: waiting for the first pedal-down; running; paused by the instructor; stopped: the robot's
 E-stop; over; lost: no reports arrive, and the robot's state is unknown.
 """
+READY, RUNNING, PAUSED, STOPPED, OVER, LOST = range(len(PHASES))
 CONSOLES = ("nobody", "page", "itp", "script", "crtk")
-"""Who may drive: nobody, the page's operator window, a console over the network, a scripted or
-recorded operator, a console over ROS.
-"""
+"""What may drive: nobody, the operator's page, ITP or CRTK over the network, or a script."""
 VIEWS = ("real", "virtual", "replay")
 """What follows the hand.
 
 real: the robot; virtual: only the virtual robot, while the robot rests; replay: the robot, which
 repeats the tried motion.
 """
+REAL, VIRTUAL, REPLAY = range(len(VIEWS))
 
 
 @dataclasses.dataclass(frozen=True)
 class FrameLayout:
     """The place of each channel in a row."""
 
-    arms: tuple[ArmName, ...]
+    arms: Arms
     places: dict[str, slice]
     size: int
 
@@ -79,10 +77,7 @@ class FrameLayout:
         return self.places["session_tick"].start
 
     def names(self) -> list[str]:
-        """Return a name for each number: `gold/jpos/0` and so on.
-
-        A channel with a single number has no index.
-        """
+        """Return a name for each number: `gold/jpos/0`, or `runlevel` for a single one."""
         return [
             name if place.stop - place.start == 1 else f"{name}/{i}"
             for name, place in self.places.items()

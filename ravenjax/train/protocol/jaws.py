@@ -11,30 +11,22 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ravenjax.robots.raven2.geometry.instrument import JAW_LENGTH
-from ravenjax.robots.raven2.geometry.joints import GEOMETRY, GM1, GM2, GM3
 from ravenjax.train.protocol.frame import Frame, FrameLayout
 from ravenjax.train.protocol.world import Point
-from ravenjax.train.robot import ArmName
+from ravenjax.train.robot import GEOMETRY, GM1, GM2, GM3, JAW_LENGTH, ArmName
 
 _DRAWN = {"tip": "link_jpos", "virtual_tip": "virtual_jpos", "model_tip": "model_jpos"}
 """Channels of the jaws' axis, each with the channel of its joints."""
 
 
 def closing_point(arm: ArmName, axis: Sequence[float], jpos: Sequence[float]) -> Point:
-    """Return where the ends of the jaws meet when they close, m, frame 0.
-
-    axis: the jaws' axis, m, frame 0. jpos: joints [7].
-    """
+    """Return where the ends of the jaws meet, m. axis: their axis, m, frame 0. jpos: [7]."""
     x, y, z = along(arm, jpos)
     return axis[0] + JAW_LENGTH * x, axis[1] + JAW_LENGTH * y, axis[2] + JAW_LENGTH * z
 
 
 def jaw_tips(arm: ArmName, closing: Sequence[float], jpos: Sequence[float]) -> tuple[Point, Point]:
-    """Return the ends of jaw 1 and jaw 2, m, frame 0.
-
-    closing: where the jaws close, m, frame 0. jpos: joints [7].
-    """
+    """Return the ends of both jaws, m, frame 0. closing: where they close. jpos: joints [7]."""
     middle = along(arm, jpos)
     out = []
     for angle in (-jpos[5], jpos[6]):
@@ -46,9 +38,7 @@ def jaw_tips(arm: ArmName, closing: Sequence[float], jpos: Sequence[float]) -> t
 
 
 def along(arm: ArmName, jpos: Sequence[float]) -> Point:
-    """Return the direction of the closed jaws in frame 0, a unit vector, at joints [7] in rad and
-    m.
-    """
+    """Return the unit vector along the closed jaws in frame 0, at joints [7] in rad and m."""
     geometry = GEOMETRY[arm]
     cos23, side, flip = geometry.cos23, geometry.side, geometry.flip
     theta1, theta2 = jpos[0] + geometry.zero1, jpos[1] + geometry.zero2

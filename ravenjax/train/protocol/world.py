@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.robots.raven2.geometry import scene
-from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 from ravenjax.train.protocol.messages import VIEW
-from ravenjax.train.robot import ArmName
+from ravenjax.train.robot import ITP_AXES, ArmName, scene
 
+TISSUE = {"top": scene.TISSUE_TOP, "sag": scene.TISSUE_SAG, "half": scene.TISSUE_HALF}
+"""The tissue's dome for a window that draws it, m."""
 Point = tuple[float, float, float]
 Rows = tuple[Point, Point, Point]
 
@@ -37,9 +37,7 @@ def to_world(arm: ArmName, position: Point) -> Point:
 
 @cache
 def itp_from_view(arm: ArmName) -> Rows:
-    """Return rotation rows from the axes of the operator's view to those of the arm's
-    ITP packets.
-    """
+    """Return rotation rows from the axes of the operator's view to those of ITP packets."""
     rotation, axes = np.array(frame0(arm)[1]), np.array(_rows(ITP_AXES[arm]))
     return _rows(axes.T @ rotation.T @ np.array(VIEW).T)
 
@@ -50,10 +48,7 @@ def view_from_world(way: Point) -> Point:
 
 
 def surface(x: float, y: float) -> float:
-    """Return the height of the tissue's dome at (x, y) of the world, m.
-
-    The dome continues beside the tissue.
-    """
+    """Return the height of the tissue's dome at (x, y), m, also beside the tissue."""
     return scene.TISSUE_TOP - scene.TISSUE_SAG[0] * x * x - scene.TISSUE_SAG[1] * y * y
 
 

@@ -1,3 +1,1 @@
-"""Keeps time and shares data: the clock, the realtime loop, and rings of memory between
-processes.
-"""
+"""The clock, the realtime loop, and rings of memory between processes."""

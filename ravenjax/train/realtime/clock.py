@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import gc
 import os
 import sys
@@ -30,16 +29,13 @@ sleeps. With a single CPU, other processes need it more.
 WARM_UP_NS = 110_000
 """How long before a tick the cache-warming work begins: the duration of a tick and a margin."""
 MOST_BEHIND = 100
-"""The largest number of ticks that are caught up. If the loop is further behind (a suspended
-machine), the schedule moves on instead.
-"""
+"""Ticks that are caught up at most. After a longer delay the schedule moves on instead."""
 LATE_US = 1000
 """A tick that begins at least one whole period late counts as an overrun."""
 BINS = 20_000
 """Bins of a histogram, one microsecond each. The last bin also counts everything longer."""
 
 
-@dataclasses.dataclass
 class LoopTiming:
     """Histograms of a loop, in microseconds.
 
@@ -47,11 +43,10 @@ class LoopTiming:
     follows. lateness: how late they began.
     """
 
-    compute: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(BINS, np.int64))
-    whole: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(BINS, np.int64))
-    lateness: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(BINS, np.int64))
-    late: int = 0  # ticks that began a period late
-    skipped: int = 0  # ms by which the schedule moved on
+    def __init__(self) -> None:
+        self.compute, self.whole, self.lateness = np.zeros((3, BINS), np.int64)
+        self.late = 0  # ticks that began a period late
+        self.skipped = 0  # ms by which the schedule moved on
 
     @property
     def ticks(self) -> int:
@@ -59,9 +54,7 @@ class LoopTiming:
         return int(self.lateness.sum())
 
     def percentile(self, what: str, share: float) -> float:
-        """Return the quantile of "compute", "whole" or "lateness" in us; NaN before the
-        first tick.
-        """
+        """Return the quantile of "compute", "whole" or "lateness", us; NaN without a tick."""
         counts = getattr(self, what).cumsum()
         if not counts[-1]:
             return float("nan")
@@ -78,9 +71,9 @@ class Clock:
         self._due = self._began // PERIOD_NS * PERIOD_NS + PHASE_NS
 
     def wait(self, warm_up: Callable[[], None] | None = None) -> None:
-        """Sleep until shortly before the next tick is due, then poll the clock until it is due.
+        """Sleep until shortly before the next tick is due, then poll the clock.
 
-        warm_up: called as late as possible before the tick, if there is time for it.
+        warm_up: called as late as possible before the tick.
         """
         self._due += PERIOD_NS
         due, now = self._due, time.monotonic_ns()
@@ -120,9 +113,8 @@ class Clock:
 def realtime(choose: Callable[[set[int]], int] = max) -> Iterator[str]:
     """Give this process one CPU and, where the system allows it, a realtime priority.
 
-    Yields a description of what was granted. Afterwards the process has its former CPUs and
-    priority. choose: selects one of the CPUs. A robot in a process of its own uses another CPU than
-    the session that drives it. Move spawned processes to other CPUs with `other_cpus`.
+    Yields what was granted, and undoes it at the end. choose: selects one of the CPUs. A robot in a
+    process of its own uses another CPU than the session that drives it.
     """
     if sys.platform != "linux":
         yield "as the system schedules"
@@ -157,9 +149,7 @@ def other_cpus() -> set[int]:
 
 @contextlib.contextmanager
 def no_collection() -> Iterator[None]:
-    """Disable the garbage collector, whose pauses are longer than a tick. A tick makes
-    no cycles.
-    """
+    """Disable the garbage collector, whose pauses are longer than a tick."""
     gc.collect()
     gc.freeze()
     gc.disable()

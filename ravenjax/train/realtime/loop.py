@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
-from ravenjax.train.protocol.frame import Frame
+from ravenjax.train.protocol.frame import PAUSED, Frame
+from ravenjax.train.protocol.messages import Command
 from ravenjax.train.realtime import clock
 from ravenjax.train.realtime.clock import Clock, LoopTiming
 from ravenjax.train.realtime.ring import Ring, put_json, read_json
-from ravenjax.train.session.advance import PAUSED, Session
+from ravenjax.train.session.advance import Session
 from ravenjax.train.session.console_arbiter import console_of
 
 MOST_COMMANDS = 16
@@ -23,9 +24,9 @@ AFTER_END_MS = 200
 
 
 class Console(Protocol):
-    """A console of the loop: `poll` returns its commands, `tell` receives the robot's frame."""
+    """A console of the loop: `poll` returns its commands, `tell` takes the robot's frame."""
 
-    def poll(self) -> list[dict[str, Any]]: ...
+    def poll(self) -> list[Command]: ...
     def tell(self, frame: Frame) -> None: ...
 
 
@@ -37,7 +38,7 @@ class PageCommands:
         self._ring, self._next = ring, 0
         self._drives = drives
 
-    def poll(self) -> list[dict[str, Any]]:
+    def poll(self) -> list[Command]:
         """Return the commands that have arrived."""
         if self._ring.written == self._next:
             return []
@@ -70,10 +71,8 @@ def run(
     """
     rehearsal = _Rehearsal(session)
     frame, places = session.frame, session.layout.places
-    row, timing = (
-        frame.row.view(np.uint8),
-        slice(places["compute_us"].start, places["late_ticks"].stop),
-    )
+    row = frame.row.view(np.uint8)
+    timing = slice(places["compute_us"].start, places["late_ticks"].stop)
     reported = left = ticks = 0
     troubled = None
     with clock.no_collection():
@@ -114,9 +113,9 @@ class _Rehearsal:
     def __init__(self, session: Session) -> None:
         self._first = session
         self._session = Session(session.scenario, session.seed, ready=session.blueprint)
-        self._commands: list[dict[str, Any]] = []
+        self._commands: list[Command] = []
 
-    def hear(self, commands: list[dict[str, Any]]) -> None:
+    def hear(self, commands: list[Command]) -> None:
         """Take the commands of this tick. The last motion of the hands is repeated."""
         if commands:
             hands = [each for each in commands if each.get("type") in ("input", "increments")]

@@ -10,11 +10,13 @@ overwritten, because rows are numbered.
 from __future__ import annotations
 
 import json
+import multiprocessing
 from collections.abc import Iterator
 from multiprocessing import shared_memory
-from typing import Any
 
 import numpy as np
+
+from ravenjax.train.protocol.messages import Json, encode
 
 # Bytes: rows written so far, capacity, bytes of a row.
 _HEADER = 64
@@ -42,10 +44,7 @@ class Ring:
 
     @staticmethod
     def attach(name: str) -> Ring:
-        """Attach to a ring that this process, or the process that spawned it, has created.
-
-        Only the creator removes the memory.
-        """
+        """Attach to a ring of this process or its parent. Only the creator removes it."""
         return Ring(shared_memory.SharedMemory(name=name), owner=False)
 
     @property
@@ -59,9 +58,7 @@ class Ring:
         return int(self._header[0])
 
     def put(self, row: np.ndarray) -> None:
-        """Append a row, uint8 [row_bytes] or shorter. Bytes beyond a shorter row keep their old
-        values.
-        """
+        """Append a row, uint8. Bytes beyond a shorter row keep their old values."""
         self._rows[self._written % self.capacity, : row.size] = row
         self._written += 1
         self._header[0] = self._written
@@ -91,12 +88,17 @@ EVENT_BYTES = 2048
 """The largest size of an event as JSON."""
 COMMAND_BYTES = 4096
 """The largest size of a command to a session."""
-_encode = json.JSONEncoder(separators=(",", ":")).encode
 
 
-def put_json(ring: Ring, message: dict[str, Any]) -> None:
+def parent_has_ended() -> bool:
+    """Whether the process that spawned this one is gone."""
+    parent = multiprocessing.parent_process()
+    return parent is not None and not parent.is_alive()
+
+
+def put_json(ring: Ring, message: Json) -> None:
     """Append an event or a command. Raises ValueError if it is longer than a row."""
-    text = _encode(message).encode()
+    text = encode(message).encode()
     if len(text) >= ring.row_bytes:
         raise ValueError(
             f"{message.get('kind', message.get('type'))!r} has {len(text)} bytes, expected less"
@@ -105,7 +107,7 @@ def put_json(ring: Ring, message: dict[str, Any]) -> None:
     ring.put(np.frombuffer(text + b"\0", np.uint8))
 
 
-def read_json(rows: np.ndarray) -> Iterator[dict[str, Any]]:
+def read_json(rows: np.ndarray) -> Iterator[Json]:
     """Yield the events or commands in rows that `Ring.read` returned."""
     for row in rows:
         yield json.loads(row.tobytes().split(b"\0", 1)[0])

@@ -6,10 +6,10 @@ import contextlib
 from multiprocessing.connection import Connection
 
 
-def run_when_told(told: Connection) -> None:
-    """Import the recorder, then record with the `recorder.RecorderOptions` that `told` delivers.
+def run_when_told(session: Connection) -> None:
+    """Import the recorder, then record with the `RecorderOptions` that `session` sends.
 
-    None is sent through `told` once the recording file exists.
+    The answer is None, once the recording file exists.
     """
     import numpy as np
 
@@ -18,4 +18,4 @@ def run_when_told(told: Connection) -> None:
 
     quaternions(np.eye(3)[None])  # a first call does its imports
     with contextlib.suppress(EOFError):  # the session ended before it began
-        recorder.run(told.recv(), lambda: told.send(None))
+        recorder.run(session.recv(), lambda: session.send(None))

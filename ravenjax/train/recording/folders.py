@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from ravenjax.errors import StoreError
 from ravenjax.store.logs.session import description
+from ravenjax.train.protocol.messages import Json
 
 
 @dataclass(frozen=True)
@@ -15,35 +15,31 @@ class SessionFolder:
     """A session's folder and its session.json."""
 
     path: Path
-    header: dict[str, Any]
+    header: Json
 
     @property
     def scenario(self) -> str:
         """Name of its scenario."""
-        content = self.header.get("scenario")
-        return str(content.get("name") or "") if isinstance(content, dict) else str(content or "")
+        return (self.header.get("scenario") or {}).get("name") or ""
 
     @property
     def participant(self) -> str:
         """The participant; "" if not named."""
-        return str(self.header.get("participant") or "")
+        return self.header.get("participant") or ""
 
     @property
     def started(self) -> str:
         """Time of the start, UTC, ISO 8601; "" if not known."""
-        return str(self.header.get("started") or "")
+        return self.header.get("started") or ""
 
     @property
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> Json:
         """The summary that the session wrote when it ended."""
         return self.header.get("summary") or {}
 
 
 def beside(base: Path) -> list[SessionFolder]:
-    """Return the sessions in the folders of `base`, the first begun first.
-
-    Folders without a session, or with a damaged one, are left out.
-    """
+    """Return the undamaged sessions in the folders of `base`, the first begun first."""
     sessions = []
     for file in sorted(Path(base).glob(f"*/{description.FILE}")):
         try:

@@ -10,17 +10,19 @@ import csv
 import io
 import statistics
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from ravenjax.errors import StoreError
 from ravenjax.train.judge.row import COLUMNS, HazardRow
+from ravenjax.train.protocol.messages import Json
 from ravenjax.train.recording.reader import Recording
 
 FILE = "hazards.csv"
+_ROWS = TypeAdapter(list[HazardRow])
 
 
 def read_table(folder: Path) -> list[HazardRow]:
@@ -32,7 +34,7 @@ def read_table(folder: Path) -> list[HazardRow]:
     path = Path(folder) / FILE
     try:
         with open(path, newline="", encoding="utf-8") as file:
-            reader = csv.DictReader(file)
+            reader = csv.DictReader(file, restkey="")
             columns = list(reader.fieldnames or [])
             lines = list(reader)
     except FileNotFoundError:
@@ -41,29 +43,24 @@ def read_table(folder: Path) -> list[HazardRow]:
         raise StoreError(f"{path}: cannot be read ({error})") from error
     if missing := [name for name in COLUMNS if name not in columns]:
         raise StoreError(
-            f"{path}: has no column {', '.join(missing)}; expected those that `ravenjax train`"
-            " writes"
+            f"{path} has no column {', '.join(missing)}; expected the columns that"
+            " `ravenjax train` writes"
         )
-    rows = []
-    for number, line in enumerate(lines, start=2):
-        try:
-            cells: dict[str, Any] = {name: line[name] for name in COLUMNS}
-            rows.append(HazardRow(**cells))
-        except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            cell = f"{first['loc'][0]} is {first['input']!r}"
-            expected = first["msg"].removeprefix("Value error, ")
-            raise StoreError(f"{path}: line {number}: {cell}, {expected}") from None
+    try:
+        rows = _ROWS.validate_python(lines)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        number, column = first["loc"][:2]
+        expected = first["msg"].removeprefix("Value error, ")
+        raise StoreError(
+            f"{path}: line {int(number) + 2}: {column} is {first['input']!r}, {expected}"
+        ) from None
     return sorted(rows, key=lambda row: (row.struck_ms is None, row.struck_ms or 0.0, row.number))
 
 
-def from_recording(recording: Recording, header: Mapping[str, Any]) -> list[HazardRow]:
-    """Return a row for each hazard that was armed, in order of arming.
-
-    If the recording breaks off while a hazard is active, its row has the times of arming and
-    activation, and no outcome.
-    """
-    rows: list[dict[str, Any]] = []
+def from_recording(recording: Recording, header: Json) -> list[HazardRow]:
+    """Return a row for each hazard that was armed; the last has no outcome if it was cut short."""
+    rows: list[Json] = []
     for event in recording.events:
         if event["kind"] == "hazard_armed":
             rows.append({**event["row"]})
@@ -74,15 +71,14 @@ def from_recording(recording: Recording, header: Mapping[str, Any]) -> list[Haza
     return [HazardRow(**(identity(header) | row)) for row in rows]
 
 
-def identity(header: Mapping[str, Any]) -> dict[str, Any]:
+def identity(header: Json) -> Json:
     """Return the columns that all hazards of a session share, from its session.json."""
     same = {name: header.get(name) for name in ("participant", "group", "seed", "blinded")}
-    scenario = header.get("scenario")
-    name = scenario.get("name") if isinstance(scenario, dict) else scenario
-    return same | {"session": header.get("name"), "scenario": name}
+    scenario = (header.get("scenario") or {}).get("name")
+    return same | {"session": header.get("name"), "scenario": scenario}
 
 
-def summarize(rows: Sequence[HazardRow]) -> dict[str, Any]:
+def summarize(rows: Sequence[HazardRow]) -> Json:
     """Return numbers of a whole session; None where nothing was measured."""
     struck = [row for row in rows if row.struck_ms is not None]
     counts = {
@@ -110,7 +106,7 @@ def summarize(rows: Sequence[HazardRow]) -> dict[str, Any]:
     }
 
 
-def as_csv(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
+def as_csv(columns: Sequence[str], rows: Iterable[Json]) -> str:
     """Return the given columns of the rows as CSV."""
     out = io.StringIO()
     writer = csv.DictWriter(out, columns, extrasaction="ignore", lineterminator="\n")

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import dataclasses
+from collections.abc import Sequence
+from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -12,58 +13,60 @@ from ravenjax.errors import StoreError
 from ravenjax.store.logs import mcap_records
 from ravenjax.store.logs.session import log as session_log
 from ravenjax.train.protocol.frame import FrameLayout
-from ravenjax.train.robot import ArmName
+from ravenjax.train.robot import ARMS
 
 
-@dataclass(frozen=True, eq=False)
-class Recording:
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Recording(session_log.SessionLog):
     """The recording of a session."""
 
     layout: FrameLayout
-    # int64 [T], number of each row, with gaps where rows were lost.
-    numbers: np.ndarray
-    rows: np.ndarray  # float32 [T, layout.size]
-    events: list[dict[str, Any]]
-    header: dict[str, Any]  # at the session's beginning
-    complete: bool  # whether the recorder closed it
-    lost_bytes: int
 
     def __getitem__(self, name: str) -> np.ndarray:
         """Return a channel over time: [T] or [T, k]."""
-        place = self.layout.places[name]
-        values = self.rows[:, place]
-        return values[:, 0] if place.stop - place.start == 1 else values
+        values = self.rows[:, self.layout.places[name]]
+        return values[:, 0] if values.shape[1] == 1 else values
+
+    @cached_property
+    def ms(self) -> np.ndarray:
+        """Time of each row in ms since the session began, [T]."""
+        return self["session_tick"].astype(float)
+
+    def without_pauses(self) -> Recording:
+        """Return the recording without the rows in which the session's time stood still."""
+        runs = np.diff(self.ms, append=self.ms[-1:] + 1) > 0
+        return dataclasses.replace(self, rows=self.rows[runs], numbers=self.numbers[runs])
+
+    def worst(self, name: str, arms: Sequence[str]) -> np.ndarray:
+        """Return the greatest of the arms' values [T]. The value of a vector is its length."""
+        channels = [self[f"{arm}/{name}"] for arm in arms]
+        sizes = [np.linalg.norm(one, axis=1) if one.ndim > 1 else one for one in channels]
+        return np.max(sizes, axis=0)
 
 
 def find(folder: Path) -> Path | None:
     """Return the recording of a session's folder, preferably the recovered one, or None."""
     own = Path(folder) / session_log.FILE
-    saved = mcap_records.recovered_path(own)
-    return saved if saved.exists() else own if own.exists() else None
+    return next((file for file in (mcap_records.recovered_path(own), own) if file.exists()), None)
 
 
 def read(path: Path) -> Recording:
     """Read a recording, complete or cut short, from a file or a session's folder.
 
-    Raises StoreError if there is none.
+    Raises StoreError if the folder has no recording, or its channels are those of another version.
     """
     path = Path(path)
     if path.is_dir():
-        file = find(path)
-        if file is None:
+        if (file := find(path)) is None:
             raise StoreError(
-                f"{path}: holds no {session_log.FILE}; give the folder of a session that was"
-                " recorded"
+                f"{path} has no {session_log.FILE}; give the folder of a session that was recorded"
             )
         path = file
     log = session_log.read(path)
-    arms: tuple[ArmName, ...] = ("gold", "green")
-    layout = FrameLayout.of([arm for arm in arms if f"{arm}/jpos/0" in log.names])
+    layout = FrameLayout.of([arm for arm in ARMS if f"{arm}/jpos/0" in log.names])
     if layout.names() != log.names:
         raise StoreError(
-            f"{path}: has other channels than this version records; read it with the version that"
+            f"{path} was recorded with other channels; read it with the version of ravenjax that"
             " session.json names"
         )
-    return Recording(
-        layout, log.numbers, log.rows, log.events, log.header, log.complete, log.lost_bytes
-    )
+    return Recording(**vars(log), layout=layout)

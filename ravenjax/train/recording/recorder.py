@@ -9,25 +9,22 @@ and one block are lost (`store.recover`).
 from __future__ import annotations
 
 import contextlib
-import multiprocessing
 import signal
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
-from ravenjax.train.realtime.ring import Ring, read_json
+from ravenjax.train.protocol.messages import Json
+from ravenjax.train.realtime.ring import Ring, parent_has_ended, read_json
 
 POLL_S = 0.015
-"""s between readings of the rings. A kill loses at most this time, one block and the scheduler's
-delay.
-"""
+"""s between readings of the rings. A kill loses at most this time and one block."""
 BLOCK = 128
 """The largest number of rows of a block, so that a recorder that is behind loses little more."""
 LINGER_S = 0.5
@@ -42,14 +39,13 @@ class RecorderOptions:
     events: str  # name of the ring of events
     names: tuple[str, ...]  # names of a row's numbers, `frame.FrameLayout.names()`
     folder: Path
-    header: Mapping[str, Any]  # session.json without "version", "started", "ended"
+    header: Json  # session.json without "version", "started", "ended"
 
 
 def run(options: RecorderOptions, listening: Callable[[], None] = lambda: None) -> None:
     """Record until the session ends. listening: called once session.mcap exists.
 
-    Raises StoreError if the folder cannot be written, ValueError if the ring's rows have another
-    length.
+    Raises StoreError if the folder cannot be written, ValueError if rows have another length.
     """
     stop = _Stop()
     header = {"started": now(), **options.header, "ended": None}
@@ -77,7 +73,7 @@ def now() -> str:
 
 def _record(
     frames: Ring, events: Ring, log: session_log.SessionWriter, late_ticks: int, stop: _Stop
-) -> dict[str, Any]:
+) -> Json:
     """Record, and return the summary for session.json. late_ticks: its index in a row."""
     row = event = 0
     summary = {"rows": 0, "seconds": 0.0, "lost_rows": 0, "events": 0, "late_ticks": 0}
@@ -112,21 +108,18 @@ def _record(
 
 
 class _Stop:
-    """Whether to stop: after SIGTERM, when the parent is gone, or some time after the session's
-    end.
-    """
+    """Whether to stop: after SIGTERM, without a parent, or some time after the session's end."""
 
     def __init__(self) -> None:
         self._at = float("inf")
         signal.signal(signal.SIGTERM, lambda *_: self.after(0.0))
         # Ctrl-C reaches every process, but the session must end first.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        self._parent = multiprocessing.parent_process()
 
     def after(self, seconds: float) -> None:
         self._at = min(self._at, time.monotonic() + seconds)
 
     def is_due(self) -> bool:
-        if self._parent is not None and not self._parent.is_alive():
+        if parent_has_ended():
             self.after(0.0)
         return time.monotonic() >= self._at

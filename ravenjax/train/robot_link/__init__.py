@@ -1,3 +1,1 @@
-"""Links to robots and consoles over a network: ITP, joint state, `ravenjax robot`, and remote
-robots.
-"""
+"""Links to robots and consoles over a network."""

@@ -25,14 +25,12 @@ from ravenjax.numbers import tree
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, cast, replace
-from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.console import operator
-from ravenjax.robots.raven2.console.reading import FIELDS
-from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.loop import observers
 from ravenjax.stages import monitor
 from ravenjax.train.protocol.frame import Frame
-from ravenjax.train.robot import ARMS, E_STOP
+from ravenjax.train.protocol.messages import Json
+from ravenjax.train.robot import ARMS, E_STOP, FIELDS, ROBOT, kinematics
 from ravenjax.train.robot_link.joint_stream import JointReport
 from ravenjax.train.robot_link.remote import RobotLink
 from ravenjax.train.session import blueprint as of_session
@@ -79,7 +77,7 @@ class DistantRobot:
         # Places in the row of the numbers that the half tick fills. The packet's numbers follow
         # them.
         self._shown = np.r_[*(places[name] for name in (*names, "halted_ms"))]
-        self._outcomes: dict[str, Any] = {}
+        self._outcomes: Json = {}
         self._at_rest()
 
     def step(self) -> None:
@@ -96,7 +94,7 @@ class DistantRobot:
         self._frame["tick"] = self.now
         self.now += 1
 
-    def outcomes(self) -> dict[str, Any]:
+    def outcomes(self) -> Json:
         """Return the few outcome columns that are known here."""
         return dict(self._outcomes)
 

@@ -1,22 +1,18 @@
 """The ITP server: receives a console's increments over UDP and sends the cue's force.
 
 It is polled once a tick and never waits. Force packets have the original's `v_struct` (52 bytes,
-little-endian), which raven2 declares and never sends. The sources leave its meaning open; this
-server defines it:
+little-endian), which raven2 declares and never sends. This server defines its meaning:
 
-    sequence        number of the force packet, from 1
-    last_sequence   number of the console's packet accepted last
-    pactyp, version 0
-    fx, fy, fz      [gold, green], axes of the ITP frame: thousandths of a device unit of the
-                    haptic cue, so that the published cap of 0.05 device units reads 50; a
-                    device that takes newtons scales them
-    runlevel        of the robot, 0 to 3
-    jointflags      bit 0 gold is present, bit 1 green is present, bit 2 the pedal counts as
-                    down, bit 3 the console counts as alive, bit 4 the robot's software holds its
-                    E-stop, bit 5 this console drives (0: it watches), bit 8 the gold cue pulls,
-                    bit 9 the green cue pulls
-    checksum        sum of forces, run level and number, wrapped to 32 bits, as in the console's
-                    packet
+- sequence: number of the force packet, from 1.
+- last_sequence: number of the console's packet accepted last.
+- pactyp, version: 0.
+- fx, fy, fz: [gold, green] along the axes of the ITP frame, in thousandths of a device unit of the
+  haptic cue. The published cap of 0.05 device units reads 50. A device in newtons scales them.
+- runlevel: 0 to 3.
+- jointflags: bits 0 and 1: gold and green are present. Bit 2: the pedal counts as down. Bit 3: the
+  console is alive. Bit 4: the software holds its E-stop. Bit 5: this console drives. Bits 8 and 9:
+  the gold and the green cue pull.
+- checksum: sum of forces, run level and number, wrapped to 32 bits, as in the console's packet.
 """
 
 from __future__ import annotations
@@ -25,22 +21,15 @@ import contextlib
 import socket
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 from ravenjax.errors import UserError
-from ravenjax.train.protocol.messages import STALE_MS
+from ravenjax.train.protocol.messages import STALE_MS, Command, Say
 from ravenjax.train.robot import ARMS, ITP_AXES, UDP_PORT, V_STRUCT, ArmName, ConsoleProfile
-from ravenjax.train.robot_link.packet_filter import (
-    SIZE,
-    Gate,
-    merge,
-)
+from ravenjax.train.robot_link.packet_filter import SIZE, Gate, merge
 
 LOOPBACK = "127.0.0.1"
 PER_TICK = 8
-"""Datagrams read in one tick, at least. The others wait in the kernel, which drops those that do
-not fit.
-"""
+"""Datagrams read in one tick, at least. The others wait in the kernel."""
 USUAL_PER_TICK = 4
 """The largest number of packets accepted in one tick while the console's profile is unknown."""
 BUFFER_BYTES = 1 << 16
@@ -58,9 +47,7 @@ _AXES = tuple(
     ]
     for arm in ARMS
 )
-"""For each arm and ITP axis: the axis of frame 0 along which it lies, and the factor of
-the force.
-"""
+"""For each arm and ITP axis: its axis of frame 0, and the factor of the force."""
 
 
 class ItpServer:
@@ -74,12 +61,11 @@ class ItpServer:
         clock: Callable[[], int] = time.monotonic_ns,
         profiles: Sequence[ConsoleProfile] = (),
         only_host: str | None = None,
+        say: Say = lambda _: None,
     ) -> None:
-        """port 0: any free port. profiles, only_host: as of `Gate`. Raises UserError if the address
-        cannot be bound.
-        """
+        """profiles, only_host, say: as of `Gate`. Raises UserError if the port is taken."""
         self.arms = tuple(arms)
-        self.gate = Gate(arms, profiles, only_host)
+        self.gate = Gate(arms, profiles, only_host, say)
         self._clock = clock
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
@@ -89,8 +75,8 @@ class ItpServer:
         except (OSError, OverflowError) as error:
             self._socket.close()
             raise UserError(
-                f"UDP {host}:{port} cannot be opened for consoles ({error}); another session may"
-                " hold it. Give another port, or 0 for any free one"
+                f"UDP {host}:{port} cannot be opened for consoles ({error}): another session may"
+                " use it. Give another port, or 0 for any free one"
             ) from None
         self.last_sequence = 0  # number of the console's packet accepted last
         self._pedal = False
@@ -103,16 +89,15 @@ class ItpServer:
         """Host and port on which the server listens."""
         return self._socket.getsockname()[:2]
 
-    def poll(self) -> list[dict[str, Any]]:
-        """Return the increments since the last call as one command "increments", or an empty list.
+    def poll(self) -> list[Command]:
+        """Return the increments since the last call as one command "increments", or [].
 
-        At most `SentStream.per_tick` packets of a burst count, which bounds the displacement of one
-        tick. The others wait in the kernel, in order, for the next ticks.
+        At most `SentStream.per_tick` packets count in one tick. The others wait in the kernel.
         """
         now_ms = self._clock() * 1e-6
         profile = self.gate.profile
         most = USUAL_PER_TICK if profile is None else profile.stream.per_tick
-        accepted: list[dict[str, Any]] = []
+        accepted: list[Command] = []
         for _ in range(max(PER_TICK, most)):
             try:
                 datagram, source = self._socket.recvfrom(SIZE)
@@ -143,8 +128,8 @@ class ItpServer:
         """Send the force of each arm (3, device units, frame 0 of the arm) to the console.
 
         Call it at most once a tick. pedal: False if a pedal that the console holds down does not
-        count. drives: False if another console drives. A stale console gets zero force and pedal up
-        until `RELEASE_MS`, after which it counts as gone. Returns whether a packet was sent.
+        count. drives: False if another console drives; then the force is zero. A stale console gets
+        zero force and pedal up until `RELEASE_MS`. Returns whether a packet was sent.
         """
         now_ms = self._clock() * 1e-6
         peer = self.gate.peer(now_ms)
@@ -155,7 +140,7 @@ class ItpServer:
         components = [0] * 6
         if alive:
             flags |= ALIVE | (PEDAL if pedal and self._pedal else 0)
-            for arm, force in forces.items():
+            for arm, force in forces.items() if drives else ():
                 slot = ARMS.index(arm)  # type: ignore[arg-type]
                 pull = [_whole(float(force[axis]) * scale) for axis, scale in _AXES[slot]]
                 components[slot::2] = pull
@@ -179,9 +164,7 @@ class ItpServer:
         return True
 
     def counters(self) -> dict[str, int]:
-        """Return the counts of datagrams by result (`packet_filter.CAUSES`), and of
-        force packets.
-        """
+        """Return the counts of datagrams by `packet_filter.CAUSES`, and of force packets."""
         return {**self.gate.counts, "force_sent": self._sent}
 
     def close(self) -> None:

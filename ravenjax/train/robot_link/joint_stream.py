@@ -12,31 +12,32 @@ the connection: its sender is not a console, but perhaps a web page that probes 
 A report is
 
     {"tick": 7, "last_seq": 9, "checks": {"joint_limit": [13308, 5]},
-     "channels": {"runlevel": [3], "plc_runlevel": [3], "surgeon_mode": [1], "soft_estopped": [0],
-                  "brakes": [0], "fault_active": [0], "gold/jpos": [..], "gold/jpos_d": [..],
-                  "gold/mpos": [..], "gold/mvel": [..], "gold/position": [..], "gold/dac": [..]}}
+     "channels": {"runlevel": [3], "gold/jpos": [..], ..}}
 
 `tick` counts ms since the robot's process began. `last_seq` is the number of the console's packet
 that the robot took last (111 before the first). `checks` has the number of trips of each check that
-has tripped, and the tick of its first trip. Channels and their units are those of `protocol.frame`.
+has tripped, and the tick of its first trip. Channels and units are those of `protocol.frame`:
+runlevel, plc_runlevel, surgeon_mode, soft_estopped, brakes, fault_active, and jpos, jpos_d, mpos,
+mvel, position and dac of each arm.
 """
 
 from __future__ import annotations
 
 import collections
 import contextlib
-import hmac
 import ipaddress
 import json
 import socket
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from pydantic import BaseModel, field_validator
 from pydantic_core import to_json
 
 from ravenjax.errors import UserError
+from ravenjax.train.page.auth import same_secret
 from ravenjax.train.protocol.frame import CHANNELS, Frame
+from ravenjax.train.protocol.messages import Json
 
 JOINT_PORT = 36002
 """The console uses UDP port 36000, and raven2's packet generator uses 36001."""
@@ -44,11 +45,11 @@ BUFFER_BYTES = 1 << 17
 """Size of a listener's buffer here, and again in the kernel: a tenth of a second."""
 READ_BYTES = 1 << 16
 LONGEST_ORDER = 1024
-_NOT_ALLOWED = "not from this machine: start the robot with a token and give the same one here"
+_NOT_ALLOWED = "not from the robot's machine: start robot and session with the same --token"
 _COMMON = ("runlevel", "plc_runlevel", "surgeon_mode", "soft_estopped", "brakes", "fault_active")
-_OF_ARM = ("jpos", "jpos_d", "mpos", "mvel", "position", "dac")
+OF_ARM = ("jpos", "jpos_d", "mpos", "mvel", "position", "dac")
 _SIZES = {
-    name: (CHANNELS["simulated"] | CHANNELS["simulated_arm"])[name] for name in (*_COMMON, *_OF_ARM)
+    name: (CHANNELS["simulated"] | CHANNELS["simulated_arm"])[name] for name in (*_COMMON, *OF_ARM)
 }
 
 
@@ -96,12 +97,12 @@ def encode_report(
 ) -> bytes:
     """Return a frame as a line. The other arguments are as in the module's description."""
     numbers, places = frame.row.tolist(), frame.layout.places
-    names = (*_COMMON, *(f"{arm}/{name}" for arm in frame.layout.arms for name in _OF_ARM))
+    names = (*_COMMON, *(f"{arm}/{name}" for arm in frame.layout.arms for name in OF_ARM))
     channels = {name: numbers[places[name]] for name in names}
     return encode_line({"tick": tick, "last_seq": last_seq, "checks": checks, "channels": channels})
 
 
-def encode_line(content: dict[str, Any]) -> bytes:
+def encode_line(content: Json) -> bytes:
     """Return an object as a JSON line."""
     return to_json(content) + b"\n"
 
@@ -119,10 +120,7 @@ class LineConnection:
         self._waiting, self._heard = bytearray(), b""
 
     def send(self, line: bytes = b"") -> bool:
-        """Append a line if there is room for all of it, and send what the kernel takes.
-
-        Returns whether there was room.
-        """
+        """Append a line if there is room, send what the kernel takes, and return the former."""
         fits = len(self._waiting) + len(line) <= BUFFER_BYTES
         if fits:
             self._waiting += line
@@ -136,9 +134,7 @@ class LineConnection:
         return fits
 
     def read(self, longest: int = BUFFER_BYTES) -> list[bytes]:
-        """Return the complete lines that have arrived. Raises ValueError if one exceeds `longest`
-        bytes.
-        """
+        """Return the complete lines that have arrived. Raises ValueError if one is too long."""
         if self.is_closed:
             return []
         try:
@@ -164,25 +160,23 @@ class ListenerOrder(NamedTuple):
     """An order of a listener that may give it."""
 
     listener: LineConnection
-    content: dict[str, Any]
+    content: Json
 
 
 class JointServer:
     """A TCP port for listeners. `poll` and `publish` are called once a tick and never wait."""
 
     def __init__(
-        self, greeting: dict[str, Any], host: str, port: int = JOINT_PORT, token: str | None = None
+        self, greeting: Json, host: str, port: int = JOINT_PORT, token: str | None = None
     ) -> None:
-        """greeting: the first line to each listener. port 0: any free port. Raises UserError if the
-        port cannot be opened.
-        """
+        """greeting: the first line to each listener. Raises UserError if the port is taken."""
         self._greeting, self._token = encode_line(greeting), token
         try:
             self._socket = socket.create_server((host, port))
         except (OSError, OverflowError) as error:
             raise UserError(
-                f"TCP {host}:{port} cannot be opened for the joint stream ({error}); another robot"
-                " may hold it. Give another port, or 0 for any free one"
+                f"TCP {host}:{port} cannot be opened for the joint stream ({error}): another robot"
+                " may use it. Give another port, or 0 for any free one"
             ) from None
         self._socket.setblocking(False)
         self.listeners: list[LineConnection] = []
@@ -234,16 +228,10 @@ class JointServer:
             listener.close()
             return
         for content in contents:
-            order = ListenerOrder(listener, content)
-            if self._may(listener, content):
+            order, token = ListenerOrder(listener, content), content.get("token")
+            if listener.local or (isinstance(token, str) and same_secret(token, self._token)):
                 self.counts["orders"] += 1
                 yield order
             else:
                 self.counts["orders_refused"] += 1
                 self.answer(order, _NOT_ALLOWED)
-
-    def _may(self, listener: LineConnection, order: dict[str, Any]) -> bool:
-        token = order.get("token")
-        if listener.local or self._token is None or not isinstance(token, str):
-            return listener.local
-        return hmac.compare_digest(self._token.encode(), token.encode(errors="replace"))

@@ -34,11 +34,22 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ravenjax.numbers.vec import Vec
-from ravenjax.robots.raven2.console.choice import UNDECIDED, ProfileChoice, fitting
-from ravenjax.robots.raven2.console.reading import FIELDS, MODE, Misfit
-from ravenjax.robots.raven2.stages.network import RESET_GAP
 from ravenjax.store.consoles import loading as consoles
-from ravenjax.train.robot import U_STRUCT, ArmName, ConsoleProfile, Packet, turn_by
+from ravenjax.train.protocol.messages import Say
+from ravenjax.train.robot import (
+    FIELDS,
+    MODE,
+    RESET_GAP,
+    U_STRUCT,
+    UNDECIDED,
+    ArmName,
+    ConsoleProfile,
+    Misfit,
+    Packet,
+    ProfileChoice,
+    fitting,
+    turn_by,
+)
 from ravenjax.vocabulary.packets import QUIET_MS, RELEASE_MS
 
 SIZE = FIELDS.size
@@ -88,20 +99,21 @@ class Gate:
         arms: Sequence[ArmName],
         profiles: Sequence[ConsoleProfile] = (),
         only_host: str | None = None,
+        say: Say = lambda _: None,
     ) -> None:
         """arms: the arms whose fields are read; fields of other arms may have any value.
 
         profiles: that of the console, or several of which one applies; none: the robot's own
-        protocol. only_host: the only address that may send; None: any.
+        protocol. only_host: the only address that may send; None: any. say: prints for the user
+        which profile was found, or which one would fit.
         """
-        self._only_host = only_host
+        self._only_host, self._say = only_host, say
         self.counts: dict[str, int] = dict.fromkeys(CAUSES, 0)
         self._arms = tuple(arms)
         self._choice = ProfileChoice(profiles or (consoles.load("raven"),), arms)
         self._open = len(self._choice.readers) > 1  # whether packets have yet to decide the profile
         self._misfits: deque[Sequence] = deque(maxlen=KEPT_MISFITS)
         self._misfit_count, self._advised = 0, False
-        self._news: list[str] = []
         self._peer: tuple | None = None
         # Number of the stream's last packet; 0: none yet.
         self._last = 0
@@ -124,16 +136,8 @@ class Gate:
         """The profile by which packets are read; None while it is undecided."""
         return self._choice.profile
 
-    def news(self) -> list[str]:
-        """Return new messages for the user: which profile was found, or which one would fit."""
-        news, self._news = self._news, []
-        return news
-
     def admit(self, datagram: bytes, source: tuple, now_ms: float) -> Increments | None:
-        """Return the increments in a datagram, or None if it is refused.
-
-        source: (host, port, ...) of the sender. now_ms: monotonic.
-        """
+        """Return the increments in a datagram, or None if it is refused. now_ms: monotonic."""
         increments, cause = self._judged(datagram, source, now_ms)
         self.counts[cause] += 1
         return increments
@@ -161,7 +165,7 @@ class Gate:
             self._choice.follow()
             if self._open and (profile := self._choice.profile) is not None:
                 self._open = False
-                self._news.append(
+                self._say(
                     f"console: profile {profile.name}, {profile.title}. {self._choice.reason}"
                 )
         if cause != TAKEN or isinstance(reading, Misfit):
@@ -186,7 +190,7 @@ class Gate:
             f"console: {self._misfit_count} of {self.received + 1} packets do not fit {under}, the"
             f" last for {misfit}"
         )
-        self._news.append(
+        self._say(
             f"{words}. They fit {fits}: start again with --console {fits}"
             if fits
             else (
@@ -196,9 +200,7 @@ class Gate:
         )
 
     def _numbered(self, number: int, now_ms: float) -> tuple[str, bool]:
-        """Return the result for a packet of this number, and whether the stream goes on
-        after it.
-        """
+        """Return the result for a packet's number, and whether the stream goes on after it."""
         last = self._last
         if number == 0:
             return "zero", False

@@ -17,15 +17,15 @@ from __future__ import annotations
 import contextlib
 import socket
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from ravenjax import interruption
 from ravenjax.errors import UserError
-from ravenjax.robots.raven2.console.reading import BUTTONS, CHECKSUM, FIELDS, MODE
-from ravenjax.train.robot import V_STRUCT
+from ravenjax.train.protocol.messages import Say
+from ravenjax.train.robot import BUTTONS, CHECKSUM, FIELDS, MODE, V_STRUCT
 from ravenjax.train.robot_link.itp import DRIVES, PEDAL
 from ravenjax.vocabulary.packets import RELEASE_MS
 
@@ -48,19 +48,18 @@ class Played(NamedTuple):
     driving: int
 
     def __str__(self) -> str:
-        """Return the summary in words, for the command line."""
         late_ms = self.latest_s * 1e3
         sent = (
             f"{self.packets} of {self.of} packets sent in {self.seconds:.3f} s, at most"
             f" {late_ms:.1f} ms late"
         )
         if not self.forces:
-            return f"{sent}; no force packet came back: does a robot listen there?"
+            return f"{sent}; no force packet came back: check that a robot listens there"
         words = (
             f"{sent}; {self.forces} force packets came back, {self.driving} of them with the pedal"
             " down"
         )
-        return words if self.driving else f"{words}: the terminal of the robot or session says why"
+        return words if self.driving else f"{words}; the robot's terminal shows why"
 
 
 def lead(first: bytes, count: int = round(LEAD_S / LEAD_STEP_S)) -> list[bytes]:
@@ -82,20 +81,19 @@ def play(
     datagrams: Sequence[bytes],
     arrival_s: np.ndarray,
     address: tuple[str, int],
-    say: Callable[[str], None] = print,
+    say: Say = print,
 ) -> Played:
-    """Send the packets to a robot until the end, or Ctrl-C.
+    """Send the packets to a robot until the end, or Ctrl-C. arrival_s: counted from the first.
 
-    arrival_s: when each packet arrived, counted from the first. Raises UserError if the address is
-    not valid or reachable.
+    Raises UserError if the address is not valid or reachable.
     """
     ahead = lead(datagrams[0])
     whole = [*ahead, *datagrams]
     due = np.concatenate([np.arange(len(ahead)) * LEAD_STEP_S, LEAD_S + np.asarray(arrival_s)])
     with interruption.until_interrupted() as stop, _connected(address) as port:
         say(
-            f"{len(datagrams)} packets of {arrival_s[-1]:.3f} s to {address[0]}:{address[1]}; pedal"
-            " up ahead of them"
+            f"sending packets with the pedal up to {address[0]}:{address[1]}, then"
+            f" {len(datagrams)} recorded packets of {arrival_s[-1]:.3f} s"
         )
         _knock(port, lead(datagrams[0], len(ahead) + 1)[0], stop)
         begin = time.monotonic()
@@ -136,26 +134,20 @@ def _knock(port: socket.socket, packet: bytes, stop: Sequence) -> None:
 
 @contextlib.contextmanager
 def _connected(address: tuple[str, int]) -> Iterator[socket.socket]:
-    try:
-        family, kind, protocol, _, place = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
-        port = socket.socket(family, kind, protocol)
-    except OSError as error:
-        raise UserError(
-            f"{address[0]}:{address[1]}: no such address ({error.strerror or error})"
-        ) from None
-    with port:
+    with contextlib.ExitStack() as stack:
         try:
+            *kind, _, place = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
+            port = stack.enter_context(socket.socket(*kind))
             port.connect(place)
         except OSError as error:
             raise UserError(
-                f"{address[0]}:{address[1]}: cannot be reached ({error.strerror or error})"
+                f"{address[0]}:{address[1]} cannot be reached ({error.strerror or error})"
             ) from None
         port.setblocking(False)
         yield port
 
 
 def _heard(port: socket.socket) -> Iterator[int]:
-    """Yield the flags of each force packet that has arrived."""
     while True:
         try:
             packet = port.recv(2048)

@@ -1,13 +1,9 @@
 """Runs `ravenjax robot`: control software and virtual robot in a process that any ITP console can
 drive.
 
-    console  -- ITP, UDP --> gate --> one packet a tick --> control software, virtual robot
-             <-- force ----                                      |
-    listeners <-- joint state, TCP -------------------------------
-              --- orders -->  arm, disarm, estop, reset
-
-Faults act in this process, where no console sees them. If a console falls silent, the robot's own
-time-out (5 s) raises the pedal, as on the real robot.
+A console sends packets by ITP over UDP and gets forces back. Listeners get the joint state over TCP
+and send orders: arm, disarm, estop, reset. Faults act in this process, where no console sees them.
+If a console falls silent, the robot's own time-out of 5 s raises the pedal, as on the real robot.
 
 Increments that arrive within one millisecond are added up, as in the original, whose network thread
 adds them up before the control loop reads. The robot gets the sum as one packet with a new number,
@@ -21,27 +17,22 @@ from __future__ import annotations
 import contextlib
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ravenjax import interruption
 from ravenjax.errors import UserError, shown
-from ravenjax.robots.raven2.stages.teleoperation import NO_PACKET_SEQUENCE
 from ravenjax.train import scenario
 from ravenjax.train.protocol.frame import Frame
+from ravenjax.train.protocol.messages import Command, Json, Say
 from ravenjax.train.realtime.clock import Clock, LoopTiming, no_collection, realtime
 from ravenjax.train.realtime.loop import Console
-from ravenjax.train.robot import UDP_PORT, ConsoleProfile
-from ravenjax.train.robot_link.crtk.messages import ARM_NAMES, Ros
+from ravenjax.train.robot import NO_PACKET_SEQUENCE, UDP_PORT, ConsoleProfile
+from ravenjax.train.robot_link.crtk.messages import Ros
 from ravenjax.train.robot_link.itp import LOOPBACK, ItpServer
 from ravenjax.train.robot_link.joint_stream import JOINT_PORT, JointServer, encode_report
-from ravenjax.train.robot_link.packet_filter import (
-    Increments,
-    increments_of,
-    merge,
-    packet_of,
-)
+from ravenjax.train.robot_link.packet_filter import Increments, increments_of, merge, packet_of
 from ravenjax.train.scenario import Armable, Scenario
 from ravenjax.train.session.console_arbiter import ConsoleArbiter
 from ravenjax.train.session.pedal import NETWORK, PedalReasons
@@ -65,16 +56,18 @@ class Station:
         hazards: int,
         estop_row: int,
         crtk: Console | None = None,
+        say: Say = lambda _: None,
     ) -> None:
-        """hazards: number of rows that may be armed. estop_row: row of the E-stop button. crtk: an
-        additional console.
+        """hazards: number of rows that may be armed. crtk: an additional console.
+
+        say: prints for the user why a pedal does not count.
         """
         self.machine, self.itp, self.joints, self.crtk = machine, itp, joints, crtk
         self.armed: int | None = None
         self.ticks = 0
         self._hazards, self._estop_row = hazards, estop_row
         self._number = 0  # number of the robot's newest packet
-        self._arbiter, self._pedals = ConsoleArbiter(), PedalReasons()
+        self._arbiter, self._pedals = ConsoleArbiter(), PedalReasons(say)
         self._checks: dict[str, tuple[int, int]] = {}  # as in the joint reports
         # The checks' trips at the last reading, and its tick.
         self._trips, self._looked = 0.0, 0
@@ -101,10 +94,7 @@ class Station:
         self._look(frame)
         self.joints.publish(encode_report(frame, self.ticks, self._last_seq, self._checks))
         drives = self._arbiter.owner != CRTK
-        forces = {
-            arm: frame[f"{arm}/force"].tolist() if drives else (0.0, 0.0, 0.0)
-            for arm in self.machine.arms
-        }
+        forces = {arm: frame[f"{arm}/force"].tolist() for arm in self.machine.arms}
         runlevel, stopped = int(frame.number("runlevel")), bool(frame.number("soft_estopped"))
         self.itp.send_force(forces, runlevel, stopped, drives, drives)
         if self.crtk is not None:
@@ -112,12 +102,7 @@ class Station:
         self.ticks += 1
         return frame
 
-    def news(self) -> list[str]:
-        """Return new messages for the terminal about the console's packets and its pedal."""
-        return [*self.itp.gate.news(), *self._pedals.news()]
-
     def _choose(self) -> Increments | None:
-        """Return the command that counts in this tick, or None."""
         commands = [{**command, "console": ITP} for command in self.itp.poll()]
         if self.crtk is not None:
             commands += self._poll_crtk(self.crtk)
@@ -127,7 +112,7 @@ class Station:
             still = dict.fromkeys(self.machine.arms, ((0, 0, 0), (0.0, 0.0, 0.0, 1.0), 0))
             chosen = {**increments_of(False, still, CRTK), "console": CRTK}
 
-        def take(counted: Mapping[str, Any]) -> bool:
+        def take(counted: Command) -> bool:
             nonlocal chosen
             if chosen is None or counted["pedal"]:
                 chosen = dict(counted)
@@ -135,14 +120,11 @@ class Station:
 
         for command in commands:
             self._arbiter.hear(command, take, self.ticks)
-        self._arbiter.events()
         self._pedals.look({name: self._arbiter.why_not(name, self.ticks) for name in NETWORK})
         return chosen
 
     def _poll_crtk(self, console: Console) -> list[Increments]:
-        """Return the increments from CRTK as one command, or none. Its orders are
-        obeyed at once.
-        """
+        """Return CRTK's increments as one command, or none. Its orders are obeyed at once."""
         requests: list[Increments] = []
         for command in console.poll():
             if command["type"] == "unheard":
@@ -167,7 +149,7 @@ class Station:
             if (count := int(outcomes[f"check_{name}_count"])) > 0
         }
 
-    def obey(self, content: dict[str, Any]) -> None:
+    def obey(self, content: Json) -> None:
         """Carry out an order of `joint_stream`. Raises UserError if that is not possible."""
         kind, number = content.get("order"), content.get("number")
         if kind == "arm":
@@ -223,14 +205,13 @@ def run(
     profiles: Sequence[ConsoleProfile] = (),
     seconds: float | None = None,
     crtk: Ros | None = None,
-    say: Callable[[str], None] = print,
+    say: Say = print,
 ) -> None:
     """Run the robot of a scenario until Ctrl-C or SIGTERM, or for this number of seconds.
 
-    seed: draws the scenario's hazards; None: the scenario's own. host: address to listen on. token:
-    required in orders from other machines; None: they are refused. console_host: the only host that
-    may drive. profiles: that of the console, or several of which one applies. crtk: also speak CRTK
-    over this ROS. Raises UserError if a port cannot be opened or a hazard does not exist.
+    seed: draws the scenario's hazards; None: its own. token: required in orders from other
+    machines; None: they are refused. console_host: the only host that may drive. profiles: of the
+    console, or several of which one applies. Raises UserError if a port cannot be opened.
     """
     number = chosen.seed if seed is None else seed
     robot = PacketRobot(scenario.campaign(chosen, number))
@@ -247,7 +228,9 @@ def run(
         "hazards": digest(armables),
     }
     with contextlib.ExitStack() as stack:
-        itp = ItpServer(robot.arms, host, itp_port, profiles=profiles, only_host=console_host)
+        itp = ItpServer(
+            robot.arms, host, itp_port, profiles=profiles, only_host=console_host, say=say
+        )
         stack.callback(itp.close)
         joints = JointServer(greeting, host, joint_port, token)
         stack.callback(joints.close)
@@ -256,7 +239,8 @@ def run(
             from ravenjax.train.robot_link.crtk import bridge
 
             beside = bridge.spawn(stack, crtk, robot.blueprint, say)
-        station = Station(robot, itp, joints, len(armables), robot.blueprint.plan.runs - 1, beside)
+        estop_row = robot.blueprint.plan.runs - 1
+        station = Station(robot, itp, joints, len(armables), estop_row, beside, say)
         stop = stack.enter_context(interruption.until_interrupted())
         for one in armables:
             say(f"hazard {one.number}: {one.title} ({one.hazard})")
@@ -267,9 +251,7 @@ def run(
                 say(warning)
             say("console: ITP over UDP {}:{}".format(*itp.address))
             say("joint state: TCP {}:{}".format(*joints.address))
-            if crtk:
-                say(f"CRTK: {crtk}, {', '.join(ARM_NAMES[arm] for arm in robot.arms)}")
-            timing = serve(station, due(hazards, lasting), seconds, lambda: bool(stop), say)
+            timing = serve(station, due(hazards, lasting), seconds, lambda: bool(stop))
         counts = {"console": itp.counters(), "joint stream": joints.counts}
     p50, p99 = (timing.percentile("compute", share) for share in (0.5, 0.99))
     say(
@@ -287,10 +269,9 @@ def in_words(counts: Mapping[str, int]) -> str:
 
 def serve(
     station: Station,
-    orders: Sequence[tuple[int, dict[str, Any]]] = (),
+    orders: Sequence[tuple[int, Json]] = (),
     seconds: float | None = None,
     stopped: Callable[[], bool] = lambda: False,
-    say: Callable[[str], None] = print,
 ) -> LoopTiming:
     """Tick `station` against the clock. orders: (tick, order), in the order of their ticks."""
     waiting = list(orders)
@@ -305,17 +286,12 @@ def serve(
                 if content["order"] != "disarm" or station.armed == content["number"]:
                     station.obey(content)
             station.tick()
-            for line in station.news():
-                say(line)
             clock.done()
     return clock.timing
 
 
-def due(strikes: Sequence[Strike], lasting: dict[int, int]) -> list[tuple[int, dict[str, Any]]]:
-    """Return the orders that arm each hazard and disarm it after its time.
-
-    lasting: by hazard number, the ms for which it stays active.
-    """
+def due(strikes: Sequence[Strike], lasting: dict[int, int]) -> list[tuple[int, Json]]:
+    """Return the orders that arm each hazard, and disarm it after `lasting` ms."""
     orders = []
     for number, at_ms in strikes:
         orders.append((at_ms, {"order": "arm", "number": number}))
@@ -330,7 +306,8 @@ def exposed(host: str, token: str | None, console: str | None) -> list[str]:
     warnings = []
     if not console:
         warnings.append(
-            f"whoever reaches {host} can drive this robot; --console-host ADDRESS lets one in only"
+            f"any machine that reaches {host} can drive this robot; --console-host ADDRESS allows"
+            " one only"
         )
     if not token:
         warnings.append("orders from other machines are refused; --token TOKEN allows them")

@@ -12,10 +12,9 @@ import json
 import socket
 import time
 from collections.abc import Callable, Sequence
-from typing import Any
 
 from ravenjax.errors import UserError
-from ravenjax.train.protocol.messages import STALE_MS
+from ravenjax.train.protocol.messages import STALE_MS, Json
 from ravenjax.train.robot import UDP_PORT, ArmName
 from ravenjax.train.robot_link.joint_stream import (
     JOINT_PORT,
@@ -25,9 +24,7 @@ from ravenjax.train.robot_link.joint_stream import (
 )
 
 PATIENCE_S = 10.0
-"""The longest time that a robot may take to accept a session. A busy machine may delay it by
-seconds.
-"""
+"""The longest time that a robot, perhaps a busy one, may take to accept a session."""
 
 
 class RobotLink(abc.ABC):
@@ -46,17 +43,13 @@ class RobotLink(abc.ABC):
         except (OSError, OverflowError) as error:
             self._console.close()
             raise UserError(
-                f"no robot can be reached at {host}:{itp_port} ({error}); expected a name or"
+                f"no robot can be reached at {host}:{itp_port} ({error}): give a host name or an"
                 " address"
             ) from None
         self._console.setblocking(False)
 
     def exchange(self, datagram: bytes) -> JointReport | None:
-        """Send this tick's ITP packet (124 bytes) and return the newest report, or None before the
-        first.
-
-        The report may be old: see `stale`.
-        """
+        """Send this tick's ITP packet. Return the newest report, which may be `stale`."""
         # If the packet cannot be sent, the robot misses it, like any packet that is lost.
         with contextlib.suppress(OSError):
             self._console.send(datagram)
@@ -69,7 +62,7 @@ class RobotLink(abc.ABC):
         """Take the reports that have arrived."""
 
     @abc.abstractmethod
-    def order(self, content: dict[str, Any]) -> None:
+    def order(self, content: Json) -> None:
         """Send an order of `joint_stream` to the robot."""
 
     @property
@@ -106,9 +99,17 @@ class RemoteRobot(RobotLink):
         self._resets = 0  # resets that were not answered yet
         self._stream: LineConnection | None = None
         try:
-            self._stream = _connect(host, joint_port)
+            try:
+                self._stream = LineConnection(
+                    socket.create_connection((host, joint_port), PATIENCE_S)
+                )
+            except (OSError, OverflowError) as error:
+                raise UserError(
+                    f"no robot answers at {host}:{joint_port} ({error}): start one there with"
+                    " `ravenjax robot`, and give the port of its joint stream"
+                ) from None
             # The robot's greeting: its arms, scenario, seed and hazards.
-            self.greeting: dict[str, Any] = {}
+            self.greeting: Json = {}
             self._await_greeting(f"{host}:{joint_port}")
             there = self.greeting.get("arms", [])
             if missing := [arm for arm in arms if arm not in there]:
@@ -120,11 +121,8 @@ class RemoteRobot(RobotLink):
             self.close()
             raise
 
-    def order(self, content: dict[str, Any]) -> None:
-        """Send an order of `joint_stream`, now or as soon as there is room.
-
-        After a reset there is no report until the restarted robot sends one.
-        """
+    def order(self, content: Json) -> None:
+        """Send an order. After a reset there is no report until the robot has restarted."""
         if content.get("order") == "reset":
             self._resets += 1
             self.report = None
@@ -161,24 +159,13 @@ class RemoteRobot(RobotLink):
             self.greeting = content
 
     def _await_greeting(self, address: str) -> None:
-        """Wait for the robot's greeting. Raises UserError if none arrives."""
         deadline = time.monotonic() + PATIENCE_S
         while not self.greeting and not self.lost and time.monotonic() < deadline:
             self._read()
             time.sleep(0.005)
         if not self.greeting:
-            heard = "hung up" if self.lost else f"said nothing of itself for {PATIENCE_S:g} s"
+            heard = "closed the connection" if self.lost else f"sent nothing for {PATIENCE_S:g} s"
             raise UserError(
-                f"{address} takes connections but is no ravenjax robot, or a busy one (it {heard}):"
+                f"{address} accepts connections but {heard}. It is busy or not a ravenjax robot:"
                 " start one there with `ravenjax robot`"
             )
-
-
-def _connect(host: str, port: int) -> LineConnection:
-    try:
-        return LineConnection(socket.create_connection((host, port), PATIENCE_S))
-    except (OSError, OverflowError) as error:
-        raise UserError(
-            f"no robot answers at {host}:{port} ({error}): start one there with `ravenjax robot`,"
-            " and give the port of its joint stream"
-        ) from None

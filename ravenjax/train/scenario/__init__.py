@@ -1,6 +1,4 @@
-"""Training scenarios: TOML files that declare the task, the hazards and the right
-response to each.
-"""
+"""Training scenarios: TOML files that declare a task, hazards and the right responses."""
 
 from ravenjax.train.scenario.campaign import armable, campaign
 from ravenjax.train.scenario.config import Entry, Harm, Scenario, Speeds

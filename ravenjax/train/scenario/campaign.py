@@ -27,9 +27,7 @@ from ravenjax.campaign.file import bounds, semantics
 from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.hazards import expansion, library
-from ravenjax.robots.raven2 import ROBOT
-from ravenjax.robots.raven2.declaration import SITES
-from ravenjax.train.robot import ArmName
+from ravenjax.train.robot import ROBOT, Arms
 from ravenjax.train.scenario import hazard
 from ravenjax.train.scenario.config import INSTRUCTOR, Entry, Levels, Scenario
 from ravenjax.train.scenario.hazard import FAULT, Armable
@@ -63,9 +61,7 @@ _UNBOUNDED_S = 3600.0
 
 
 def campaign(scenario: Scenario, seed: int) -> CampaignConfig:
-    """Return the campaign of a session. Raises ValueError for the errors that
-    `complaints` reports.
-    """
+    """Return the campaign of a session. Raises ValueError for what `complaints` reports."""
     groups, numbers = _groups(scenario, seed)
     rows = (
         design.rows(_config(scenario, seed, groups, _UNBOUNDED_S)).to_dict("records")
@@ -86,9 +82,7 @@ def campaign(scenario: Scenario, seed: int) -> CampaignConfig:
 
 
 def armable(scenario: Scenario, table: pd.DataFrame) -> tuple[Armable, ...]:
-    """Return the hazards of a session, one for each row of its fault table except the E-stop
-    button's.
-    """
+    """Return the hazards of a session: the rows of its fault table without the E-stop button's."""
     entries = {scenario.entry_name(h): entry for h, entry in enumerate(scenario.hazard)}
     return tuple(
         _armable(entries, number, row)
@@ -105,7 +99,7 @@ def complaints(scenario: Scenario) -> Iterator[Complaint]:
             message = f"got {name!r} twice, expected a name of its own for each hazard"
             yield ("hazard", h, "name"), message
     task, arms = scenario.task, list(scenario.arms)
-    tasks: list[tuple[Key, tuple[ArmName, ...]]] = [(("task", "arms"), task.arms)]
+    tasks: list[tuple[Key, Arms]] = [(("task", "arms"), task.arms)]
     if isinstance(task, Levels):
         tasks = [(("task", "level", k, "arms"), level.arms) for k, level in enumerate(task.level)]
     for key, named in tasks:
@@ -162,10 +156,7 @@ def _of_file(scenario: Scenario, key: Key, written: list[int]) -> Key:
 
 
 def _groups(scenario: Scenario, seed: int) -> tuple[list[dict[str, Any]], list[int]]:
-    """Return the groups as a campaign file has them, and for each the number of its hazard entry.
-
-    There is one group for each case of a hazard.
-    """
+    """Return a campaign's group for each case of a hazard, and the number of its entry."""
     groups: list[dict[str, Any]] = []
     numbers: list[int] = []
     for h, entry in enumerate(scenario.hazard):
@@ -182,7 +173,7 @@ def _groups(scenario: Scenario, seed: int) -> tuple[list[dict[str, Any]], list[i
         if entry.fault:
             faults = [fault.model_dump(exclude_none=True) for fault in entry.fault]
             for fault in faults:
-                site = SITES.get(fault["site"])
+                site = ROBOT.sites.get(fault["site"])
                 if site is not None and site.per_arm:
                     fault.setdefault("arm", scenario.arms[0])
             groups.append({"name": f"{name}/{FAULT}", "fault": faults})
@@ -236,7 +227,11 @@ def _faults(row: _Row) -> list[dict[str, Any]]:
     first = min((int(slot["start_ms"]) for slot in slots), default=0)
     faults = []
     for slot in slots:
-        site, value, duration = SITES[slot["site"]], float(slot["value"]), int(slot["duration_ms"])
+        site, value, duration = (
+            ROBOT.sites[slot["site"]],
+            float(slot["value"]),
+            int(slot["duration_ms"]),
+        )
         fault: dict[str, Any] = {
             "site": site.name,
             "channel": slot["channel"],

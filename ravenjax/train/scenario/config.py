@@ -2,16 +2,14 @@
 
 `loading` reads the file, and `campaign` turns it into runs of a campaign.
 
-    name = "dac_burst"          # and title, description, arms, software, duration_s, seed, scale
-    [speeds]                    # speeds of tips at full deflection of keys, mouse or gamepad
-    [cue]                       # the haptic cue
-    [contact]                   # forces of tissue, vessel and the other instrument
-    [task]                      # the operator's task: reach, peg_transfer, path, levels, free
-    [[hazard]]                  # what may go wrong, when, and the right response
-    hazards = ["B27"]           # ids, layers of the library, or "all"; or [[hazard.fault]]
-    when = [20, 30]             # s; or one time, or "instructor"
-    right_response = ["release"]
-    [harm] [parameters] [robot]
+    name = "dac_burst"
+    [task]
+    kind = "reach"
+    [[hazard]]
+    hazards = ["B27"]
+    when = [20, 30]
+
+The other tables are [speeds], [cue], [contact], [harm], [parameters] and [robot].
 """
 
 from __future__ import annotations
@@ -25,13 +23,10 @@ from ravenjax.campaign.file.group import Fault, Section, flatten_parameters
 from ravenjax.campaign.file.sections import OneOrMore
 from ravenjax.errors import shown
 from ravenjax.outcomes.verdict import PUBLISHED_CUE_MM
-from ravenjax.robots.raven2.campaign.sections import Start
-from ravenjax.robots.raven2.plant import parameter_sets
-from ravenjax.train.robot import ARMS, ArmName
+from ravenjax.train.robot import ARMS, ArmName, Arms, Start, parameter_sets
 
 Response = Literal["release", "slow", "restart", "convert", "stop", "continue"]
-"""Possible responses of an operator: lift the pedal, slow down, restart after an E-stop, report
-that the procedure is converted, press the E-stop, or continue if that is right."""
+"""Responses of an operator; convert: report that the procedure is converted to open surgery."""
 
 INSTRUCTOR = "instructor"
 """`when` of a hazard that becomes active on the instructor's command."""
@@ -41,49 +36,47 @@ class Speeds(Section):
     """[speeds]: speeds of the tips when keys or sticks are fully deflected."""
 
     move_mm_s: float = Field(
-        default=30.0, gt=0.0, le=500.0, description="tip, mm/s; surgery moves at some 5 to 60"
+        30.0, gt=0.0, le=500.0, description="speed of the tip, mm/s; in surgery about 5 to 60"
     )
-    turn_rad_s: float = Field(default=1.0, gt=0.0, le=20.0, description="tip about an axis, rad/s")
-    grasp_mrad_s: float = Field(default=1500.0, gt=0.0, le=20_000.0, description="jaws, mrad/s")
+    turn_rad_s: float = Field(1.0, gt=0.0, le=20.0, description="turning speed of the tip, rad/s")
+    grasp_mrad_s: float = Field(
+        1500.0, gt=0.0, le=20_000.0, description="speed of the jaws, mrad/s"
+    )
 
 
 class Cue(Section):
     """[cue]: the force at the operator's hand. Its values are one set of a campaign's [haptics]."""
 
-    on: bool = Field(default=True, description="whether the force is felt")
-    blinded: bool = Field(
-        default=False, description="the operator's page tells nothing of hazards, cue and score"
-    )
+    on: bool = Field(True, description="whether the operator feels the force")
+    blinded: bool = Field(False, description="hide hazards, cue and score from the operator")
     threshold_mm: float = Field(
-        default=PUBLISHED_CUE_MM,
+        PUBLISHED_CUE_MM,
         ge=0.0,
         le=1e6,
-        description="tip distance above which it pulls, mm",
+        description="distance from the model above which the cue pulls, mm",
     )
     kp_per_mm: float = Field(
-        default=0.0045, ge=0.0, le=1e6, description="spring, device units per mm"
+        0.0045, ge=0.0, le=1e6, description="spring constant, device units per mm"
     )
     kd_per_mm_s: float = Field(
-        default=0.00009, ge=0.0, le=1e6, description="damper, device units per mm/s"
+        0.00009, ge=0.0, le=1e6, description="damping constant, device units per mm/s"
     )
-    cap: float = Field(default=0.05, ge=0.0, le=1e6, description="largest force, device units")
+    cap: float = Field(0.05, ge=0.0, le=1e6, description="largest force, device units")
 
 
 class ContactSection(Section):
-    """[contact]: whether instruments touch tissue, vessel and each other. Its numbers are the
-    parameters contact.*.
-    """
+    """[contact]: contact of the instruments with tissue, vessel and each other."""
 
     on: bool = Field(
-        default=False, description="whether they do: forces on the robot, seen, felt and measured"
+        False, description="whether contact acts; its numbers are [parameters] contact.*"
     )
     units_per_n: float = Field(
-        default=0.03,
+        0.03,
         ge=0.0,
         le=1e3,
         description=(
-            "force at the operator's hand per N on the instrument, device units, capped with the"
-            " cue at its cap; no source says it, assumed"
+            "force at the operator's hand per N on the instrument, device units; the sum with the"
+            " cue is at most the cue's cap; an assumption"
         ),
     )
 
@@ -93,29 +86,32 @@ class Harm(Section):
 
     excursion_mm: float = Field(
         # Above the cue's threshold, so that an operator who waits for the cue has time to act.
-        default=10.0,
+        10.0,
         gt=0.0,
         le=1000.0,
         description=(
-            "unintended motion of the true tip, mm; also the limit of hazards, as a campaign's"
-            " [outcomes] limit_mm. Must exceed the cue's threshold if an operator is to act in time"
+            "unintended motion of the true tip above which there is harm, mm; also the limit of"
+            " motion hazards, like [outcomes] limit_mm of a campaign. Set it above the cue's"
+            " threshold, or an operator who waits for the cue acts too late"
         ),
     )
     depth_mm: float = Field(
-        default=5.0,
+        5.0,
         gt=0.0,
         le=1000.0,
-        description="deeper in the tissue than when the hazard struck, mm; palpation: 5",
+        description="depth added in the tissue above which there is harm, mm",
     )
 
 
 class _Task(Section):
-    tolerance_mm: float = Field(default=2.0, gt=0.0, le=100.0, description="how near is there, mm")
-    seed: int = Field(
-        default=0, ge=0, lt=2**31, description="of what is drawn, besides the session's seed"
+    tolerance_mm: float = Field(
+        2.0, gt=0.0, le=100.0, description="distance at which a goal counts as reached, mm"
     )
-    arms: tuple[ArmName, ...] = Field(
-        default=(), max_length=2, description="whose task, in turn; default: all arms"
+    seed: int = Field(
+        0, ge=0, lt=2**31, description="seed of the task, in addition to the session's seed"
+    )
+    arms: Arms = Field(
+        (), max_length=2, description="arms that do the task, in turn; default: all arms"
     )
 
 
@@ -123,14 +119,14 @@ class Reach(_Task):
     """[task] kind = "reach": one target after another, each to be held for a moment."""
 
     kind: Literal["reach"]
-    targets: int = Field(default=12, ge=1, le=1000, description="how many")
+    targets: int = Field(12, ge=1, le=1000, description="number of targets")
     extent_mm: float = Field(
-        default=12.0, gt=0.0, le=20.0, description="to each side of the field's middle, mm"
+        12.0, gt=0.0, le=20.0, description="largest distance of targets from the middle, mm"
     )
     height_mm: tuple[float, float] = Field(
-        default=(3.0, 18.0), description="[least, greatest] height above the tissue, mm"
+        (3.0, 18.0), description="[least, greatest] height of targets above the tissue, mm"
     )
-    dwell_ms: int = Field(default=300, ge=0, le=60_000, description="to be held there, ms")
+    dwell_ms: int = Field(300, ge=0, le=60_000, description="time to hold the tip at a target, ms")
 
     @field_validator("height_mm")
     @classmethod
@@ -141,17 +137,19 @@ class Reach(_Task):
 
 
 class Level(Reach):
-    """[[task.level]]: rounds of targets, until some in a row are within the time. The keys are
-    those of "reach".
-    """
+    """[[task.level]]: rounds of targets, with the keys of "reach" and a time for each round."""
 
-    kind: Literal["reach"] = Field(default="reach", description="what a round is")
+    kind: Literal["reach"] = Field("reach", description="task of a round")
     title: str = Field(
-        default="", max_length=100, description="what is learnt, as the page shows it"
+        "", max_length=100, description="skill that the operator learns, as the page shows it"
     )
-    targets: int = Field(default=6, ge=2, le=100, description="of a round, the same in each")
+    targets: int = Field(
+        6, ge=2, le=100, description="number of targets of a round, the same in each round"
+    )
     within_s: float = Field(
-        gt=0.0, le=3600.0, description="proficient: a round from its first target to its last, s"
+        gt=0.0,
+        le=3600.0,
+        description="time for a proficient round, from its first target to its last, s",
     )
 
 
@@ -160,29 +158,29 @@ class Levels(Section):
 
     kind: Literal["levels"]
     in_a_row: int = Field(
-        default=2, ge=1, le=100, description="rounds in a row that have to be within the time"
+        2, ge=1, le=100, description="number of rounds in a row that must be within the time"
     )
-    level: tuple[Level, ...] = Field(min_length=1, max_length=20, description="in their order")
+    level: tuple[Level, ...] = Field(
+        min_length=1, max_length=20, description="levels in their order"
+    )
 
     @property
-    def arms(self) -> tuple[ArmName, ...]:
+    def arms(self) -> Arms:
         """All arms that a level names."""
         return tuple(dict.fromkeys(arm for level in self.level for arm in level.arms))
 
 
 class PegTransfer(_Task):
-    """[task] kind = "peg_transfer": take the object from its peg, carry it, set it down on
-    another.
-    """
+    """[task] kind = "peg_transfer": carry the object from one peg to another."""
 
     kind: Literal["peg_transfer"]
-    transfers: int = Field(default=6, ge=1, le=1000, description="how many")
-    pegs: Literal[2, 4, 6, 8] = Field(default=6, description="in two rows")
+    transfers: int = Field(6, ge=1, le=1000, description="number of transfers")
+    pegs: Literal[2, 4, 6, 8] = Field(6, description="number of pegs, in two rows")
     spacing_mm: float = Field(
-        default=10.0, ge=4.0, le=12.0, description="between pegs of a row, mm"
+        10.0, ge=4.0, le=12.0, description="distance between pegs of a row, mm"
     )
     height_mm: float = Field(
-        default=6.0, ge=1.0, le=20.0, description="of the pegs, mm above the tissue"
+        6.0, ge=1.0, le=20.0, description="height of the pegs above the tissue, mm"
     )
 
 
@@ -191,11 +189,11 @@ class Path(_Task):
 
     kind: Literal["path"]
     shape: Literal["circle", "eight", "line"] = Field(
-        default="circle", description="line: there and back"
+        "circle", description="shape of the path; a line goes there and back"
     )
-    radius_mm: float = Field(default=10.0, gt=0.0, le=20.0, description="half of its width, mm")
-    height_mm: float = Field(default=6.0, ge=-10.0, le=30.0, description="above the tissue, mm")
-    laps: int = Field(default=3, ge=1, le=1000, description="how often round")
+    radius_mm: float = Field(10.0, gt=0.0, le=20.0, description="half of the path's width, mm")
+    height_mm: float = Field(6.0, ge=-10.0, le=30.0, description="height above the tissue, mm")
+    laps: int = Field(3, ge=1, le=1000, description="number of laps")
 
 
 class Free(_Task):
@@ -243,39 +241,36 @@ class Entry(Section):
     """[[hazard]]: hazards of the library or a fault, and the response that is right."""
 
     name: str = Field(
-        default="", description="names it in tables", pattern=r"^[A-Za-z0-9_.-]*$", max_length=60
+        "", description="name of the entry in tables", pattern=r"^[A-Za-z0-9_.-]*$", max_length=60
     )
-    title: str = Field(default="", description="what is told of it; default: the library's")
+    title: str = Field("", description="title for people; default: the library's")
     hazards: Annotated[
         tuple[str, ...], BeforeValidator(_words, json_schema_input_type=OneOrMore[str])
-    ] = Field(default=(), description='ids and layers of the hazard library, or "all"')
+    ] = Field((), description='ids and layers of the hazard library, or "all"')
     fault: tuple[Fault, ...] = Field(
-        default=(), max_length=8, description="in place of hazards, as in [[group.fault]]"
+        (), max_length=8, description="faults in place of `hazards`, as in [[group.fault]]"
     )
     arm: ArmName | None = Field(
-        default=None, description="that is struck; default: drawn among the session's"
+        None, description="arm of the hazard; default: drawn from the session's arms"
     )
-    value: Number | None = Field(default=None, description="in place of the library's")
+    value: Number | None = Field(None, description="value in place of the library's")
     when: When = Field(
-        default=INSTRUCTOR,
+        INSTRUCTOR,
         description=(
-            's since the first pedal-down, [earliest, latest] to draw from, or "instructor"'
+            "time since the first pedal-down, s: one, [earliest, latest] to draw from, or"
+            ' "instructor"'
         ),
     )
-    times: int = Field(
-        default=1, ge=1, le=100, description="as many hazards of each case, drawn apart"
-    )
+    times: int = Field(1, ge=1, le=100, description="number of hazards that are drawn of each case")
     right_response: tuple[Response, ...] | None = Field(
-        default=None,
-        min_length=1,
-        description="any of these is right; default: what the library's row asks for",
+        None, min_length=1, description="responses that are right; default: those of the library"
     )
-    within_s: float = Field(default=2.0, gt=0.0, le=600.0, description="time for the response, s")
+    within_s: float = Field(2.0, gt=0.0, le=600.0, description="time for the response, s")
     lasts_s: float | None = Field(
-        default=None,
+        None,
         gt=0.0,
         le=3600.0,
-        description="longest at work, s; default: its own, or 5 where it has no end",
+        description="longest time at work, s; default: its own, or 5 if it has no end",
     )
 
     @model_validator(mode="before")
@@ -296,16 +291,16 @@ class Entry(Section):
             )
         if any(fault.start_ms.phases for fault in self.fault):
             raise ValueError(
-                "start_ms: got a phase of the operation, expected ms: nobody knows the motion"
-                " beforehand"
+                "start_ms: got a phase of the operation, expected ms: the motion of a person is not"
+                " known beforehand"
             )
         if self.fault and (self.arm is not None or self.value is not None):
             raise ValueError(
-                "arm and value belong to hazards of the library; write them into [[hazard.fault]]"
+                "arm and value apply to hazards of the library; write them into [[hazard.fault]]"
             )
         right = self.right_response or ()
         if "continue" in right and len(right) > 1:
-            raise ValueError('right_response: "continue" stands alone')
+            raise ValueError('right_response: "continue" excludes other responses')
         return self
 
 
@@ -313,23 +308,23 @@ class RobotSection(Section):
     """[robot]: settings of the robot; keys as in [campaign]."""
 
     tools: tuple[str, ...] | None = Field(
-        default=None, description="one per arm; default: the software's own"
+        None, description="tool of each arm; default: the software's own"
     )
     policy: Literal["no_regulation", "soft_regulation", "hard_regulation"] = Field(
-        default="soft_regulation", description="overdrive policy of raven2"
+        "soft_regulation", description="overdrive policy of raven2"
     )
     level: Literal["beginner", "moderate", "advanced", "fork2015"] | None = Field(
-        default=None, description="overdrive DAC limits"
+        None, description="DAC limits of the overdrive check"
     )
     parameter_set: parameter_sets.Name = Field(
-        default=parameter_sets.DEFAULT,
+        parameter_sets.DEFAULT,
         description=(
             "mechanics of the robot: power_consistent, or a set that the authors published for"
-            " joints 1-3"
+            " joints 1 to 3"
         ),
     )
-    noise: bool = Field(default=False, description="encoder and torque noise")
-    start: Start = Field(default=Start(), description="joints in which the session begins")
+    noise: bool = Field(False, description="whether encoders and torques have noise")
+    start: Start = Field(Start(), description="joint positions at which the session begins")
 
 
 class Scenario(Section):
@@ -338,33 +333,28 @@ class Scenario(Section):
     name: str = Field(
         description="short name", pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*$", max_length=100
     )
-    title: str = Field(default="", max_length=200, description="what the page shows")
-    description: str = Field(default="", description="what the operator is to do and to learn")
-    arms: tuple[ArmName, ...] = Field(
-        default=("gold",), min_length=1, max_length=2, description="arms, gold first"
-    )
+    title: str = Field("", max_length=200, description="title on the page")
+    description: str = Field("", description="what the operator does and learns")
+    arms: Arms = Field(("gold",), min_length=1, max_length=2, description="arms, gold first")
     software: Literal["raven2", "fork2015"] = Field(
-        default="raven2", description="present raven2, or the 2015 fork"
+        "raven2", description="raven2, or its fork of 2015"
     )
     duration_s: float = Field(
-        default=120.0,
-        gt=0.0,
-        le=3600.0,
-        description="length of the session from its first pedal-down, s",
+        120.0, gt=0.0, le=3600.0, description="length of the session from the first pedal-down, s"
     )
-    seed: int = Field(default=0, ge=0, lt=2**31, description="of a session that is given none")
+    seed: int = Field(0, ge=0, lt=2**31, description="seed of a session that is not given one")
     scale: float = Field(
-        default=0.1, gt=0.0, le=1.0, description="teleoperation scale, tip motion per hand motion"
+        0.1, gt=0.0, le=1.0, description="teleoperation scale: tip motion per hand motion"
     )
     speeds: Speeds = Speeds()
     cue: Cue = Cue()
     contact: ContactSection = ContactSection()
-    task: Task = Field(default=Free(kind="free"), description="what is to be done")
-    hazard: tuple[Entry, ...] = Field(default=(), description="what may go wrong")
+    task: Task = Field(Free(kind="free"), description="the operator's task")
+    hazard: tuple[Entry, ...] = Field((), description="hazards of the session")
     harm: Harm = Harm()
     parameters: dict[str, Number] = Field(
         default_factory=dict,
-        description="path = value as in campaigns; of a list or distribution a session draws one",
+        description="path = value, as in campaigns; a session draws one value of a list",
     )
     robot: RobotSection = RobotSection()
 
@@ -375,7 +365,7 @@ class Scenario(Section):
 
     @field_validator("arms")
     @classmethod
-    def _in_order(cls, arms: tuple[ArmName, ...]) -> tuple[ArmName, ...]:
+    def _in_order(cls, arms: Arms) -> Arms:
         if list(arms) != [arm for arm in ARMS if arm in arms]:
             raise ValueError(f"got {list(arms)}, expected each arm once, in the order {list(ARMS)}")
         return arms

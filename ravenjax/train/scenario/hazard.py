@@ -1,6 +1,4 @@
-"""Describes a hazard that a session can arm: one row of the fault table, and the
-response expected.
-"""
+"""Describes a hazard that a session can arm, and the response expected."""
 
 from __future__ import annotations
 
@@ -20,14 +18,10 @@ convert, reschedule and report; release the pedal, slow down, stop.
 """
 
 MOVING = ("jump", "displaced", "withheld", "unpublished")
-"""Expected outcomes in which the instrument may move. The right responses are those to a sudden
-jump.
-"""
+"""Expected outcomes in which the instrument may move, as in a sudden jump."""
 
 ENDLESS_MS = 5000
-"""How long a fault without an end stays active unless the scenario sets a time. It is longer than
-any response takes.
-"""
+"""How long a fault without an end stays active, unless the scenario sets a time."""
 
 SETTLE_MS = 500
 """A hazard is watched for this much longer than the time allowed for the response."""
@@ -59,15 +53,12 @@ class Armable:
 
     def header(self) -> dict[str, Any]:
         """Return the hazard's entry in session.json."""
-        names = ("number", "hazard", "title", "group", "run_id", "within_s", "layer")
-        fields = {name: getattr(self, name) for name in names}
-        return fields | {"right_response": list(self.right_response)}
+        hidden = ("arm", "lasts_ms", "when_ms")
+        return {key: value for key, value in vars(self).items() if key not in hidden}
 
 
 def responses(entry: Entry, hazard: Hazard | None) -> tuple[str, ...]:
-    """Return the right responses: the scenario's if it sets them, otherwise those of the library's
-    row.
-    """
+    """Return the scenario's right responses; without any, those of the library's row."""
     if entry.right_response is not None:
         return entry.right_response
     if hazard is None:

@@ -1,8 +1,6 @@
-"""Reads a scenario file and checks it.
+"""Reads a scenario file and checks it: TOML, overrides, the model `Scenario`, then its hazards.
 
-The order is: TOML, overrides, the model `Scenario`, then the values of its hazards. Nothing is
-compiled. All errors are reported at once, each with file, line, key, the value found and the value
-expected.
+All errors are reported at once, each with file, line, key, the value found and the value expected.
 """
 
 from __future__ import annotations
@@ -15,10 +13,10 @@ from pydantic import BaseModel, ValidationError
 
 from ravenjax.bundled import resources
 from ravenjax.campaign.file import location, overriding
+from ravenjax.campaign.file.section import model_at
 from ravenjax.campaign.inspection.json_schema import of_model
-from ravenjax.campaign.loading import models_in
 from ravenjax.errors import UserError, shown, suggestion
-from ravenjax.robots.raven2 import ROBOT
+from ravenjax.train.robot import ROBOT
 from ravenjax.train.scenario.campaign import complaints
 from ravenjax.train.scenario.config import TASKS, Scenario
 
@@ -27,11 +25,7 @@ FOLDER = "campaigns/training"
 
 
 def load(name: str | Path, overrides: Sequence[str] = ()) -> Scenario:
-    """Return the scenario in a TOML file, or a bundled one by name, with `key.path=value`
-    overrides.
-
-    `.toml` may be left out. Raises UserError.
-    """
+    """Return a scenario file, or a bundled one by name, with `key.path=value` overrides."""
     file = location.find(name, FOLDER, "scenario")
     raw, text = location.read(file)
     return from_dict(raw, source=file, text=text, overrides=overrides)
@@ -45,10 +39,7 @@ def bundled() -> list[Path]:
 def from_dict(
     raw: dict[str, Any], source: Path | None = None, text: str = "", overrides: Sequence[str] = ()
 ) -> Scenario:
-    """Return the scenario in nested tables, as TOML has them. Raises UserError.
-
-    source, text: the file and its content, for error messages.
-    """
+    """Return the scenario in TOML's tables. Raises UserError with places in `source` and `text`."""
     raw, replaced = overriding.all_applied(raw, overrides)
     where = location.Where(source, location.lines(text), replaced)
     try:
@@ -75,9 +66,7 @@ def json_schema() -> dict[str, Any]:
 
 
 def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
-    """Return the part of pydantic's `loc` that is in the file, without the names of
-    union members.
-    """
+    """Return the part of pydantic's `loc` that is in the file, without names of union members."""
     key: location.Key = ()
     for i, part in enumerate(loc):
         last = i == len(loc) - 1
@@ -103,11 +92,5 @@ def _message(error: Any) -> str:
 
 
 def _model(loc: Sequence[str | int]) -> type[BaseModel]:
-    """Return the model of the table at `loc`."""
-    model: type[BaseModel] = Scenario
-    for part in loc:
-        if isinstance(part, str) and part in model.model_fields:
-            model = next(models_in(model.model_fields[part].annotation), model)
-        elif part in TASKS:
-            model = TASKS[str(part)]
-    return model
+    task = next((TASKS[str(part)] for part in loc[1:2] if part in TASKS), Scenario)
+    return model_at(task, loc)

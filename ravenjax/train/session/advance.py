@@ -1,5 +1,4 @@
-"""Advances a training session by one millisecond: hands in, robots moved, hazards armed, events
-out.
+"""Advances a training session by one millisecond, from the hands to the events.
 
 A session depends only on its scenario, its seed and a list of (tick, command). This module uses no
 clock, file, socket or thread. A headless run calls `tick` as fast as it can. The realtime loop
@@ -19,10 +18,25 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.train import judge, scenario, tasks
-from ravenjax.train.protocol.frame import PHASES, VIEWS, Frame, FrameLayout
+from ravenjax.train import scenario, tasks
+from ravenjax.train.judge.watch import Judge
+from ravenjax.train.protocol.frame import (
+    CONSOLES,
+    LOST,
+    OVER,
+    PAUSED,
+    PHASES,
+    READY,
+    REAL,
+    REPLAY,
+    RUNNING,
+    STOPPED,
+    VIEWS,
+    VIRTUAL,
+    Frame,
+)
 from ravenjax.train.protocol.jaws import closing_point
-from ravenjax.train.protocol.messages import INSTRUCTOR, OPERATOR, SEAT
+from ravenjax.train.protocol.messages import INSTRUCTOR, OPERATOR, SEAT, Command, Event, Json
 from ravenjax.train.protocol.world import Point
 from ravenjax.train.robot import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP, ArmName, tip_pose
 from ravenjax.train.scenario import Scenario
@@ -32,9 +46,6 @@ from ravenjax.train.session.command_log import CommandLog
 from ravenjax.train.session.console_arbiter import ConsoleArbiter, console_of
 from ravenjax.train.session.simulation import EstopHold, SimulatedRobot
 
-Event = dict[str, Any]
-READY, RUNNING, PAUSED, STOPPED, OVER, LOST = range(len(PHASES))
-REAL, VIRTUAL, REPLAY = range(len(VIEWS))
 _TOLD = (
     ("phase", "phase"),
     ("view", "view"),
@@ -76,7 +87,7 @@ class Session:
                 scenario.campaign(chosen, seed), limit_mm=chosen.harm.excursion_mm
             )
         self.blueprint = ready
-        self.layout: FrameLayout = self.blueprint.layout
+        self.layout = self.blueprint.layout
         self.arms = self.layout.arms
         self.hazards = scenario.armable(chosen, self.blueprint.plan.rows)
         self.robot = robot(self.blueprint)
@@ -86,11 +97,11 @@ class Session:
         self.estop_row = self.blueprint.plan.runs - 1
         self.task = tasks.make(chosen, self._tips(), seed)
         self.director = director.Director(self.hazards, seed)
-        self.judge = judge.Judge(chosen, self.hazards, self.cue_on, self._record)
+        self.judge = Judge(chosen, self.hazards, self.cue_on, self._record)
         self.phase, self.view = READY, REAL
         self.ticks = 0  # ms of the session, without pauses
         self.started: int | None = None  # tick at which the session's time began
-        self.arbiter = ConsoleArbiter()
+        self.arbiter = ConsoleArbiter(self._record)
         self.pedals = pedal.PedalReasons()
         self._estop_hold = EstopHold(self.layout)
         self.ended = ""  # why the session is over
@@ -99,10 +110,8 @@ class Session:
         self._resume_to = READY
         # Row of the resting robot while the operator drives the virtual robot.
         self._rest: np.ndarray | None = None
-        # First and last tick of the motion tried on the virtual robot.
+        # Ticks of the motion tried on the virtual robot that the robot has not repeated yet.
         self._tried = (0, 0)
-        # How many of those ticks the robot has repeated.
-        self._replayed = 0
         self._pedal, self._alive = 0.0, False
         self._told: tuple[Any, ...] = (None,) * len(_TOLD)
         places = self.layout.places
@@ -122,14 +131,11 @@ class Session:
         self._seen_trips, self._looked = 0.0, -OUTCOMES_EVERY
         self._events: list[Event] = []
         self._moved = False  # whether the robots moved in this tick
-        self._new: list[dict[str, Any]] = []  # commands of this tick
+        self._new: list[Command] = []  # commands of this tick
 
     @property
     def clock(self) -> int:
-        """ms since the session's time began; 0 before.
-
-        The time begins at the first pedal-down, or when the instructor starts it.
-        """
+        """ms since the first pedal-down or the instructor's start; 0 before."""
         return 0 if self.started is None else self.ticks - self.started
 
     @property
@@ -142,16 +148,13 @@ class Session:
         """Whether the session has ended."""
         return self.phase == OVER
 
-    def tick(self, commands: list[dict[str, Any]]) -> list[Event]:
+    def tick(self, commands: list[Command]) -> list[Event]:
         """Advance by one millisecond: fill `frame` and return the events."""
         self.move(commands)
         return self.conclude()
 
-    def move(self, commands: list[dict[str, Any]]) -> None:
-        """Run the first half of the tick: hands, hazards and robots. Fills `frame`.
-
-        The frame can be sent right after this half; nothing outside needs to wait for `conclude`.
-        """
+    def move(self, commands: list[Command]) -> None:
+        """Run the first half of the tick: hands, hazards and robots. Fills `frame`, to be sent."""
         self._events, self._moved, self._new = [], False, []
         for command in commands:
             if not self.over:
@@ -166,7 +169,13 @@ class Session:
         goes_on = self.started is not None or self.robot.now < STAND_BY_MS or self._stand_by()
         self._drive(hand)
         for order in self.director.step(self.ticks, self.frame, self.clock):
-            self._order(order)
+            if order.kind == "arm":
+                self.robot.arm(order.number)
+                self.judge.armed(order.number, self.ticks)
+            else:
+                self._look()
+                self.robot.disarm()
+                self.judge.disarmed(self.ticks)
         if goes_on:
             self.robot.step()
         if self.view == VIRTUAL:
@@ -175,11 +184,8 @@ class Session:
         self._moved = True
 
     def conclude(self) -> list[Event]:
-        """Run the second half of the tick: task, judge and phase. Return the events of
-        both halves.
-        """
+        """Run the second half of the tick: task, judge and phase. Return the events of both."""
         self.command_log.add(self.ticks, self._new)
-        self._events += self.arbiter.events()
         self.frame.settle()
         self._tell_changes()
         if self._moved:
@@ -194,15 +200,17 @@ class Session:
 
     def _why_not(self, console: str) -> str:
         """Return why a console's pedal that is held down does not count."""
+        if self.over:
+            return ""
         why = self.arbiter.why_not(console, self.ticks)
-        if self.over or not self.arbiter.holds(console):
-            return "" if self.over else why
+        if not self.arbiter.holds(console):
+            return why
         homing = pedal.HOMING if self.frame.numbers[self._runlevel] == INIT else ""
         return _STANDS.get(self.phase) or why or homing
 
     # --- commands ---
 
-    def _command(self, command: dict[str, Any]) -> None:
+    def _command(self, command: Command) -> None:
         kind, do = command.get("type"), command.get("do")
         if kind in ("input", "increments"):
             self.arbiter.hear(
@@ -222,7 +230,7 @@ class Session:
         elif kind == "instructor" and do in INSTRUCTOR:
             self._instructor(command)
 
-    def _operator(self, command: dict[str, Any]) -> None:
+    def _operator(self, command: Command) -> None:
         do, by = command["do"], command.get("by", "operator")
         if by == "operator":
             self.judge.command(command, self.ticks)
@@ -237,13 +245,17 @@ class Session:
         elif do == "rehearse" and self.view == REAL and self.phase == RUNNING:
             self._rehearse()
         elif do == "reengage" and self.view == VIRTUAL:
-            self._reengage()
+            # The driven robot repeats the motion that was tried.
+            first, last = self._tried = self._tried[0], self.virtual.now
+            self.view = REPLAY if last > first else REAL
         elif do == "discard" and self.view != REAL:
-            self._discard()
+            # The hand goes on from the pose of the driven robot, which has not moved.
+            self._hands.place(self.robot.motion[:, self.robot.now - 1])
+            self.view = REAL
         elif do == "note":
             self._tell("note", text=str(command.get("text", ""))[:500])
 
-    def _instructor(self, command: dict[str, Any]) -> None:
+    def _instructor(self, command: Command) -> None:
         do = command["do"]
         if do in ("arm", "disarm"):
             if do == "disarm":
@@ -268,7 +280,7 @@ class Session:
             self.judge.cue_on = self.cue_on
 
     def _let_go(self, why: str, own: bool = False) -> None:
-        """Raise the pedal without the operator's foot. It must be seen up before it drives again.
+        """Raise the pedal without the operator's foot. It drives again after the foot was up.
 
         own: the operator caused this by giving the seat away or by leaving.
         """
@@ -284,42 +296,30 @@ class Session:
             self.started = self.ticks
             self._tell("started", by=by)
 
-    def _order(self, order: Any) -> None:
-        if order.kind == "arm":
-            self.robot.arm(order.number)
-            self.judge.armed(order.number, self.ticks)
-        else:
-            self._look()
-            self.robot.disarm()
-            self.judge.disarmed(self.ticks)
-
     # --- the three robots ---
 
-    def _drive(self, hand: hands.HandsRow) -> None:
-        """Write this tick's row of motion for each robot. The view decides which robot follows the
-        hand.
-        """
-        now = self.robot.now
+    def _drive(self, hand: hands.Hands) -> None:
+        """Write this tick's row of motion of the robots. The view decides which one follows."""
+        now, motion = self.robot.now, self.robot.motion
+        row = motion[:, now]
         if self.view == VIRTUAL:
             self.virtual.motion[:, self.virtual.now] = hand.columns
-            self.robot.motion[:, now] = self._rest
+            row[:] = self._rest
         elif self.view == REPLAY and hand.columns[-1]:
             first, last = self._tried
-            self.robot.motion[:, now] = self.virtual.motion[:, first + self._replayed]
-            self._replayed += 1
-            if first + self._replayed >= last:
-                self._hands.place(self.robot.motion[:, now])
+            row[:] = self.virtual.motion[:, first]
+            self._tried = first + 1, last
+            if first + 1 >= last:
+                self._hands.place(row)
                 self.view = REAL
         elif self.view == REPLAY:  # the pedal is up: the robot waits
-            self.robot.motion[:, now] = self.robot.motion[:, max(now - 1, 0)]
-            self.robot.motion[-1, now] = 0
+            row[:] = motion[:, max(now - 1, 0)]
+            row[-1] = 0
         else:
-            self.robot.motion[:, now] = hand.columns
+            row[:] = hand.columns
 
     def _rehearse(self) -> None:
-        """Start the virtual robot at the driven robot's state. It follows the hand, and the driven
-        robot rests.
-        """
+        """Let the virtual robot follow the hand from the driven robot's state; that one rests."""
         now = self.robot.now
         if not isinstance(self.robot, SimulatedRobot) or now == 0:
             return
@@ -329,26 +329,10 @@ class Session:
         self._tried = (now, now)
         self.view = VIRTUAL
 
-    def _reengage(self) -> None:
-        """Let the driven robot repeat the motion that was tried."""
-        self._tried = (self._tried[0], self.virtual.now)
-        self._replayed = 0
-        self.view = REPLAY if self._tried[1] > self._tried[0] else REAL
-
-    def _discard(self) -> None:
-        """Return to the driven robot, which has not moved. The hand continues from the robot's
-        pose.
-        """
-        now = self.robot.now
-        self._hands.place(self.robot.motion[:, now - 1])
-        self.view = REAL
-
     def _stand_by(self) -> bool:
-        """Restart the waiting time of a robot that nobody has driven yet. Return whether the robot
-        moves on.
+        """Restart the motion table of a robot that nobody has driven yet. Return whether it moves.
 
-        A stopped simulated robot does not move on: it holds its brakes until somebody restarts it
-        or the session's time begins.
+        A stopped simulated robot holds its brakes until somebody restarts it or the time begins.
         """
         if isinstance(self.robot, SimulatedRobot):
             if self.frame.number("runlevel") != PEDAL_UP:
@@ -358,7 +342,6 @@ class Session:
         return True
 
     def _restart(self, why: str) -> None:
-        """Home the robot again. It is at its start position, and the phase is ready."""
         self._look()
         self.arbiter.rearm(why, self.ticks)
         self.robot.reset()
@@ -370,10 +353,8 @@ class Session:
 
     # --- frames and events ---
 
-    def _publish(self, hand: hands.HandsRow | None = None) -> None:
-        """Fill the frame. Without a hand, the channels of the robot and the hand keep
-        their values.
-        """
+    def _publish(self, hand: hands.Hands | None = None) -> None:
+        """Fill the frame. Without a hand, its channels and the robot's keep their values."""
         row, task = self.frame.row, self.task
         if hand is not None:
             row[: self.robot.row.size] = self.robot.row
@@ -387,7 +368,7 @@ class Session:
         left_ms = 0 if self.over else self.left_ms
         row[self._common] = (
             *(self.ticks, left_ms, self.phase, self.view, self._pedal, self._alive),
-            *(self.arbiter.number, self.robot.heard),
+            *(CONSOLES.index(self.arbiter.owner), self.robot.heard),
             *(self.director.at_work, task.target, task.progress, self.cue_on),
         )
 
@@ -401,7 +382,6 @@ class Session:
             self._told = state
 
     def _follow(self) -> None:
-        """Update the task, the judge and the phase after the tick."""
         frame = self.frame
         self._hear_of_robot()
         self._events += self.task.step(frame, self.ticks)
@@ -423,10 +403,7 @@ class Session:
             self._end("task")
 
     def _hear_of_robot(self) -> None:
-        """Change the phase when the link to the robot is lost or returns.
-
-        A robot that sends no reports has not stopped for certain: its state is unknown.
-        """
+        """Change the phase when reports stop or return. The robot's state is unknown meanwhile."""
         if not self.robot.heard and self.phase in (READY, RUNNING, STOPPED):
             self._let_go("link")
             self.phase = LOST
@@ -434,10 +411,8 @@ class Session:
             self.arbiter.rearm("link", self.ticks)
             self.phase = READY
 
-    def _checked(self) -> tuple[()] | tuple[dict[str, Any], dict[str, Any] | None]:
-        """Return the outcomes of robot and golden run if a check has tripped since the last
-        reading.
-        """
+    def _checked(self) -> tuple[()] | tuple[Json, Json | None]:
+        """Return the outcomes of robot and golden run if a check tripped since the last reading."""
         trips = float(self.robot.row[self._trips])
         if trips == self._seen_trips:
             return ()
@@ -445,9 +420,7 @@ class Session:
         return self.robot.outcomes(), self.robot.golden_outcomes()
 
     def _look(self) -> None:
-        """Show the judge the checks' trips so far, because the robot or the golden run is about to
-        restart.
-        """
+        """Show the judge the trips so far, before the robot or the golden run restarts."""
         if checked := self._checked():
             self.judge.look(*checked)
 

@@ -23,7 +23,7 @@ from ravenjax.engines import trace_key
 from ravenjax.engines.cpu.stepper import StepCode
 from ravenjax.errors import UserError
 from ravenjax.faults.fault import Faults, FaultSlot
-from ravenjax.numbers.algebra import minus
+from ravenjax.numbers.algebra import minus, norm
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec, as_int, replace
 from ravenjax.outcomes.verdict import LIMIT_MM
@@ -65,9 +65,8 @@ def make(config: CampaignConfig, packets: bool = False, limit_mm: float = LIMIT_
     """Compile the session that `config` describes; its duration is the session's.
 
     packets: packets come from outside, at most one a tick. Raises UserError if a hazard then needs
-    older packets of the console. limit_mm: the observer's limit of hazards. It differs from the
-    campaign's limit on purpose: run ids, and with them the random numbers of faults, then do not
-    depend on a scenario's definition of harm.
+    older packets. limit_mm: the observer's limit. It is not the campaign's, on which run ids and
+    the random numbers of faults depend.
     """
     ready = plan.make_plan(config)
     slots = ready.program.setup.injection.slots
@@ -83,7 +82,9 @@ def make(config: CampaignConfig, packets: bool = False, limit_mm: float = LIMIT_
     layout = FrameLayout.of(setup.arms)
     # Values of the last row, the button's: they belong to no hazard.
     own = [values[-1] for values in ready.varied.values()]
-    inputs = own, Faults(tuple(_empty() for _ in range(slots + 1)))
+    zeros = {name: np.zeros((), dtype) for name, dtype in table.ARRAYS.items()}
+    empty = FaultSlot(**(zeros | {"period": np.ones((), np.int32)}))
+    inputs = own, Faults((empty,) * (slots + 1))
     entering = (
         [np.float32(0.0)] * run.series_length(setup),
         np.bool_(False),
@@ -125,9 +126,7 @@ def _frame(
     out: tick.TickSignals,
     signal: tick.Input,
 ) -> list[Scalar]:
-    """Return the numbers of [simulated] in `channels.toml`, then those of [simulated_arm] for each
-    arm.
-    """
+    """Return the numbers of [simulated] in `channels.toml`, then [simulated_arm] of each arm."""
     active_fault = jnp.bool_(False)
     for active in out.fault_active:
         active_fault = active_fault | active
@@ -143,32 +142,22 @@ def _frame(
         trips = trips + one.count
     numbers += [software.last_seq, as_int(active_fault), trips, out.tip_distance * 1e3]
     # `simulation` overwrites the last two with those of the golden run.
-    numbers += [
-        observer.halted,
-        observer.halted,
-        as_int(pulls),
-    ]
+    numbers += [observer.halted, observer.halted, as_int(pulls)]
     positions = run.measured(setup, software)
     golden = observers.reference(setup, signal, out.tip, positions)
     for i, measured in enumerate(software.arms):
         cue, position = out.haptics[i], positions[i]
+        position_m = (jnp.float32(x) * 1e-6 for x in position)
+        pull = (x * cue.force[0] for x in cue.direction)
         numbers += [*measured.jpos, *measured.jpos_d, *measured.mpos, *measured.mvel]
         numbers += [*out.plant[i].jpos, *out.nominal[i].jpos]
-        numbers += [
-            *out.tip[i],
-            *out.nominal[i].tip_position,
-            *(jnp.float32(x) * 1e-6 for x in position),
-        ]
-        numbers += [
-            cue.distance * 1e3,
-            *(x * cue.force[0] for x in cue.direction),
-            *measured.current_cmd_written,
-        ]
+        numbers += [*out.tip[i], *out.nominal[i].tip_position, *position_m]
+        numbers += [cue.distance * 1e3, *pull, *measured.current_cmd_written]
         off = monitor.distances(
             params.monitor, observer.arms[i], out.nominal[i].tip_position, position, golden.pos[i]
         )
         numbers += [out.depth[i] * 1e3, *hazard_distances(live, off)]
-        numbers += [_distance(Vec(jnp.float32(x) for x in position), golden.pos[i]) * 1e-3]
+        numbers += [norm(minus(Vec(jnp.float32(x) for x in position), golden.pos[i])) * 1e-3]
         touch = out.plant[i].touch
         numbers += [0.0] * 5 if touch is None else [*touch.force, touch.vessel, touch.instrument]
     return numbers
@@ -185,16 +174,6 @@ def hazard_distances(live: Scalar, off: monitor.Distances) -> list[Scalar]:
     ]
 
 
-def _distance(a: Vec, b: Vec) -> Scalar:
-    x, y, z = minus(a, b)
-    return jnp.sqrt(x * x + y * y + z * z)
-
-
-def _empty() -> FaultSlot:
-    zeros = {name: np.zeros((), dtype) for name, dtype in table.ARRAYS.items()}
-    return FaultSlot(**(zeros | {"period": np.ones((), np.int32)}))
-
-
 OLDER_PACKETS: dict[str, Sequence[str]] = {"console": (), "hand": (), "network": ("lost",)}
 """Sites that change what the console sends, with the channels that need the newest packet only."""
 
@@ -204,7 +183,7 @@ def _require_strikable(ready: Plan) -> None:
         for _, channel in use.channels:
             if use.site in OLDER_PACKETS and channel not in OLDER_PACKETS[use.site]:
                 raise UserError(
-                    f"a hazard strikes site {use.site!r}, channel {channel!r}: the console's side"
-                    " of the network, which is another process here. Leave it out of the robot's"
-                    " scenario, or train without --robot."
+                    f"a hazard acts at site {use.site!r}, channel {channel!r}, on the console's"
+                    " side of the network, which is another process here. Leave it out of the"
+                    " robot's scenario, or train without --robot"
                 )

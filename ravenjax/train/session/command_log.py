@@ -5,14 +5,13 @@ With scenario and seed they reproduce the session.
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
-from ravenjax.errors import UserError, shown
-from ravenjax.train.protocol.messages import Increments, Input
+from ravenjax.errors import UserError
+from ravenjax.train.protocol.messages import Command, Increments, Input, encode
 
 MOST_COMMANDS = 1_000_000
 """The largest number of commands that a log keeps.
@@ -23,7 +22,13 @@ millisecond.
 _HANDS: TypeAdapter[Input | Increments] = TypeAdapter(
     Annotated[Input | Increments, Field(discriminator="type")]
 )
-_EXPECTED = 'expected {"tick": ms, "message": {..}}'
+
+
+class _Line(BaseModel):
+    """A line of a command file."""
+
+    tick: Annotated[int, Field(ge=0, strict=True)]
+    message: Command
 
 
 class CommandLog:
@@ -32,19 +37,18 @@ class CommandLog:
     def __init__(self) -> None:
         self.lines: list[str] = []
 
-    def add(self, tick: int, commands: list[dict[str, Any]]) -> None:
+    def add(self, tick: int, commands: list[Command]) -> None:
         """Add the commands of one tick."""
         for command in commands:
             if len(self.lines) < MOST_COMMANDS:
-                line = {"tick": tick, "message": command}
-                self.lines.append(json.dumps(line, separators=(",", ":")) + "\n")
+                self.lines.append(encode({"tick": tick, "message": command}) + "\n")
 
     def write(self, path: Path) -> None:
         """Write the file."""
         path.write_text("".join(self.lines), encoding="utf-8")
 
 
-def read_commands(path: str | Path) -> list[tuple[int, dict[str, Any]]]:
+def read_commands(path: str | Path) -> list[tuple[int, Command]]:
     """Return the tick and the command of each line. Raises UserError if a line is invalid."""
     try:
         text = Path(path).read_text(encoding="utf-8")
@@ -55,17 +59,15 @@ def read_commands(path: str | Path) -> list[tuple[int, dict[str, Any]]]:
         if not line.strip():
             continue
         try:
-            entry = json.loads(line)
-            tick, message = entry["tick"], entry["message"]
-            if type(tick) is not int or tick < 0 or not isinstance(message, dict):
-                raise ValueError(_EXPECTED)
-            if message.get("type") in ("input", "increments"):
-                _HANDS.validate_python(message)
+            entry = _Line.model_validate_json(line)
+            if entry.message.get("type") in ("input", "increments"):
+                _HANDS.validate_python(entry.message)
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
-            where = ".".join(map(str, first["loc"]))
-            raise UserError(f"{path}:{number}: {where}: {first['msg']}") from None
-        except (ArithmeticError, LookupError, TypeError, ValueError, RecursionError):
-            raise UserError(f"{path}:{number}: got {shown(line)}, {_EXPECTED}") from None
-        commands.append((tick, message))
+            where = ".".join(map(str, first["loc"])) or "the line"
+            raise UserError(
+                f"{path}:{number}: {where}: {first['msg']}. Expected"
+                ' {"tick": ms, "message": {..}}'
+            ) from None
+        commands.append((entry.tick, entry.message))
     return commands

@@ -2,58 +2,49 @@
 watch.
 
 At first no console has the seat. The first console whose pedal goes down gets it and keeps it. A
-console that has left, or that was silent for `GONE_MS`, loses it. Every other change is deliberate
-and an event "owner": an operator takes the seat while the other console's pedal is up, its owner
-gives it away, or the instructor gives it to any console.
+console that has left, or that was silent for `GONE_MS`, loses it. An operator may take the seat
+while the other console's pedal is up. The owner may give it away, and the instructor may give it to
+any console. Each change is an event "owner".
 
-A pedal counts as down only after it was seen up. This applies at the beginning, and after each
-event that an operator may not notice while keeping the foot down: the console was silent for
-`STALE_MS` or has left, it was given the seat, the robot was stopped or restarted, a pause ended, or
-the link to the robot was lost.
+A pedal counts as down only after it was up. This applies at the beginning, and after each event
+that an operator with a foot on the pedal may not notice. The console left, was silent for
+`STALE_MS` or was given the seat. The robot was stopped or restarted. A pause ended, or the link to
+the robot was lost.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable
 
 from ravenjax.train.protocol.frame import CONSOLES
-from ravenjax.train.protocol.messages import STALE_MS
+from ravenjax.train.protocol.messages import STALE_MS, Command
 from ravenjax.train.session import pedal as words
 
 GONE_MS = 2000
-"""After this silence a console counts as gone. `robot_link.packet_filter` uses the same time for a
-stream.
-"""
+"""After this silence a console counts as gone, as in `robot_link.packet_filter`."""
 NOBODY, SCRIPT = "nobody", "script"
 
 
 class ConsoleArbiter:
     """The arbiter of one session."""
 
-    def __init__(self) -> None:
+    def __init__(self, record: Callable[..., None] = lambda *_, **__: None) -> None:
+        """record: receives the tick, the kind and the content of each event."""
+        self._record = record
         self.owner = NOBODY
         """The console that has the seat, one of `CONSOLES`."""
-        self._armed: set[str] = set()  # consoles whose pedal was seen up as required
+        self._armed: set[str] = set()  # consoles whose pedal was up as required
         self._heard: dict[str, int] = {}  # tick of each console's last message
         self._down = False  # the owner's pedal, as it counts
         self._foot: dict[str, bool] = {}  # each console's pedal in its last message
-        self._since: dict[str, str] = {}  # why each console's pedal must be seen up
+        self._since: dict[str, str] = {}  # why each console's pedal must be lifted
         self._unheard: dict[str, str] = {}  # why a console's messages are refused
-        self._events: list[dict[str, Any]] = []
 
-    @property
-    def number(self) -> int:
-        """The index of the owner in `CONSOLES`."""
-        return CONSOLES.index(self.owner)
-
-    def hear(
-        self, message: Mapping[str, Any], take: Callable[[Mapping[str, Any]], bool], tick: int
-    ) -> None:
+    def hear(self, message: Command, take: Callable[[Command], bool], tick: int) -> None:
         """Process a message of a console's hands.
 
-        take: receives the message with the pedal as it counts, if its console drives. It returns
-        False if it refuses the message, which then has no effect.
+        take: receives the message of the console that drives, with the pedal as it counts. It
+        returns False if it refuses the message.
         """
         console, pedal = console_of(message), message["pedal"]
         if console in self._heard and tick - self._heard[console] > STALE_MS:
@@ -92,7 +83,7 @@ class ConsoleArbiter:
             return words.other(self.owner)
         return "" if console in self._armed else words.lift(self._since.get(console, ""))
 
-    def obey(self, command: Mapping[str, Any], tick: int) -> bool:
+    def obey(self, command: Command, tick: int) -> bool:
         """Carry out a command "seat". Return whether the seat has changed hands."""
         console, do, by = console_of(command), command.get("do"), command.get("by", "operator")
         target, refusal = (command.get("to") if do == "give" else console), ""
@@ -110,7 +101,7 @@ class ConsoleArbiter:
         elif do == "give" and by != "instructor" and self.owner not in (console, NOBODY):
             refusal = f"{self.owner} has the console"
         if refusal:
-            self._tell(tick, "refused", console=console, why=refusal)
+            self._record(tick, "refused", console=console, why=refusal)
             return False
         self._armed.discard(target)
         self._since[target] = "handover"
@@ -126,10 +117,10 @@ class ConsoleArbiter:
         return True
 
     def vacate(self, tick: int) -> str:
-        """Empty the seat if the owner's pedal is up or its console was silent for `STALE_MS`.
+        """Empty the seat if its pedal is up or silent; return the silent console or "".
 
-        Call it once a tick where pedals alone decide. Returns the console that was silent, or "".
-        Another pedal that was pressed in the meantime must be seen up first.
+        Call it once a tick where pedals alone decide. Another pedal that was pressed in the
+        meantime must be lifted first.
         """
         is_silent = self.owner != NOBODY and tick - self._heard[self.owner] > STALE_MS
         silent = self.owner if is_silent else ""
@@ -139,35 +130,27 @@ class ConsoleArbiter:
         return silent
 
     def rearm(self, why: str, tick: int) -> None:
-        """Make every pedal that is down now not count until it was seen up."""
+        """Require that every pedal is lifted before it counts again."""
         if self._armed:
-            self._tell(tick, "rearm", why=why)
+            self._record(tick, "rearm", why=why)
         self._armed.clear()
         self._since = dict.fromkeys(CONSOLES, why)
         self._down = False
 
-    def events(self) -> list[dict[str, Any]]:
-        """Return the events since the last call."""
-        events, self._events = self._events, []
-        return events
-
     def _hand_to(self, console: str, by: str, tick: int) -> None:
         self.owner, self._down = console, False
         self._heard[console] = tick
-        self._tell(tick, "owner", console=console, by=by)
+        self._record(tick, "owner", console=console, by=by)
 
     def _disarm(self, console: str, why: str, tick: int) -> None:
         if console in self._armed:
             self._armed.discard(console)
             self._since[console] = why
             if console == self.owner:
-                self._tell(tick, "rearm", why=why)
-
-    def _tell(self, tick: int, kind: str, **what: Any) -> None:
-        self._events.append({"tick": tick, "kind": kind, **what})
+                self._record(tick, "rearm", why=why)
 
 
-def console_of(message: Mapping[str, Any]) -> str:
+def console_of(message: Command) -> str:
     """Return the console that a message comes from."""
     console = message.get("console")
     return console if console in CONSOLES[1:] else SCRIPT

@@ -3,37 +3,31 @@
 Only one hazard is active at a time. Planned times count from the beginning of the session's time:
 the first pedal-down or the instructor's start.
 
-A hazard that is due, or that the instructor has armed, waits for these conditions: the session
-runs, the real robot follows the hands, the pedal has been down for `SETTLED_MS`, no other hazard is
-active, and the last one ended `GAP_MS` ago. It is disarmed after its time (`Armable.lasts_ms`), so
-that permanent faults end too. If lifting the pedal is a right response, it is also disarmed once
-the pedal has been up for `CLEARED_MS`. The next pedal-down then continues normally.
+A hazard that is due, or that the instructor has armed, waits until the session runs and the real
+robot has followed the hands for `SETTLED_MS`. It also waits until `GAP_MS` after the last hazard.
+It is disarmed after its time (`Armable.lasts_ms`), so that permanent faults end too. If lifting the
+pedal is a right response, it is also disarmed once the pedal has been up for `CLEARED_MS`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Literal, NamedTuple
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ravenjax.train.protocol.frame import PHASES, VIEWS, Frame
+from ravenjax.train.protocol.frame import REAL, RUNNING, Frame
+from ravenjax.train.protocol.messages import Command
 from ravenjax.train.robot import PEDAL_DOWN
 from ravenjax.train.scenario import Armable
 
 SETTLED_MS = 500
-"""After this time the robot has adopted pedal-down and the hands move. The library uses the same
-value as its earliest start in pedal-down.
-"""
+"""After this time in pedal-down the hands move. It is the library's earliest start."""
 GAP_MS = 3000
 """Time between two hazards in which the tip comes to rest and the operator resumes the task."""
 
 CLEARED_MS = 500
-"""After this time with the pedal up the robot rests in its brakes, and the hazard's effect is
-measured.
-"""
-
-_RUNNING, _REAL = PHASES.index("running"), VIEWS.index("real")
+"""After this time with the pedal up the robot rests, and the hazard's effect is measured."""
 
 
 class Order(NamedTuple):
@@ -66,25 +60,20 @@ class Director:
         self._up = 0  # ms since the pedal came up
         self._stop = False  # the instructor disarms the hazard
 
-    def command(self, message: Mapping[str, Any]) -> None:
-        """Take the instructor's "arm" or "disarm". While a hazard is active no other
-        can be armed.
-        """
+    def command(self, message: Command) -> None:
+        """Take the instructor's "arm" or "disarm". Only one hazard can be armed at a time."""
         number = message.get("hazard")
         if message["do"] == "disarm":
             self._pending, self._stop = -1, True
         elif type(number) is int and 0 <= number < len(self.hazards) and not self._ordered:
             self._pending = number
 
-    def step(self, tick: int, frame: Frame, clock: int | None = None) -> tuple[Order, ...]:
-        """Return the orders to carry out before this tick; `frame` is that of the previous tick.
-
-        clock: ms since the session's time began; None: the tick.
-        """
+    def step(self, tick: int, frame: Frame, clock: int) -> tuple[Order, ...]:
+        """Return the orders before this tick. frame: of the last tick. clock: session's time."""
         number, pedal = frame.number, frame.number("pedal")
         ready = (
-            number("phase") == _RUNNING
-            and number("view") == _REAL
+            number("phase") == RUNNING
+            and number("view") == REAL
             and pedal
             and number("console_alive")
             and number("runlevel") == PEDAL_DOWN
@@ -102,7 +91,7 @@ class Director:
             return ()
         self._stop = False
         choice = self.at_work = self._pending  # the instructor's hazard first
-        if choice < 0 and self.plan and self.plan[0][0] <= (tick if clock is None else clock):
+        if choice < 0 and self.plan and self.plan[0][0] <= clock:
             choice = self.plan[0][1]
         if choice < 0 or self._down < SETTLED_MS or tick < self._free_from:
             return ()
@@ -114,8 +103,6 @@ class Director:
         return (Order("arm", choice),)
 
     def reset(self, tick: int) -> None:
-        """Forget the active hazard, because the robot was homed and has no fault. Planned hazards
-        stay.
-        """
+        """Forget the active hazard of a robot that was homed. Planned hazards stay."""
         self.at_work, self._ordered, self._pending, self._stop = -1, False, -1, False
         self._down, self._free_from = 0, tick + GAP_MS

@@ -14,15 +14,13 @@ yields that number despite single-precision rounding.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 
-from ravenjax.robots.raven2.console.motion import ARM_COLUMNS
-from ravenjax.train.protocol.messages import STALE_MS
+from ravenjax.train.protocol.messages import STALE_MS, Command, Json
 from ravenjax.train.protocol.world import itp_from_view, turned
-from ravenjax.train.robot import ArmName, Quat, turn_by, unit
+from ravenjax.train.robot import ARM_COLUMNS, ArmName, Quat, turn_by, unit
 from ravenjax.train.scenario import Speeds
 
 STILL = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -31,9 +29,7 @@ LEVEL: Quat = (0.0, 0.0, 0.0, 1.0)
 """The identity rotation."""
 
 SMOOTHING_MS = 30.0
-"""Time in which hands reach 90 % of a new speed. Keys have no ramp, and a hand cannot jump. The
-value is ours.
-"""
+"""Time in which hands reach 90 % of a new speed; an assumption."""
 _RATE = 3.8897 / SMOOTHING_MS
 """1/ms. A critically damped step, 1 - (1 + s) exp(-s), is 0.9 at s = 3.8897."""
 _DECAY = math.exp(-_RATE)
@@ -43,44 +39,29 @@ _AT_REST = 1e-6
 _SETTLED = 1e-12
 
 GRASP_MRAD = (-400.0, 1500.0)
-"""How far speeds open and close the jaws from their start (about 90 degrees open). Increments are
-not limited.
-"""
+"""How far speeds open and close the jaws from their start, which is about 90 degrees open."""
 
 FARTHEST_UM = 1_000_000.0
-"""Limit of scaled positions, within which single precision still resolves half a micrometre. No arm
-reaches 1 m.
-"""
-
-
-class HandsRow(NamedTuple):
-    """The hands in one tick."""
-
-    columns: np.ndarray  # float32, as a row of `Motion.table`; the same array in each tick
-    alive: bool  # False: the input is stale
+"""Limit of scaled positions, to which single precision resolves half a micrometre."""
 
 
 class Hands:
     """The hands of one operator, one for each arm, and the foot on the pedal."""
 
     def __init__(self, arms: Sequence[ArmName], scale: float, speeds: Speeds) -> None:
-        """scale: the console's tip motion per hand motion. speeds: speeds of the tips at full
-        deflection.
-        """
+        """scale: tip motion per hand motion. speeds: of the tips at full deflection."""
         self.arms = tuple(arms)
         self._scale = float(np.float32(scale))
         self._hands = {arm: _Hand(arm, speeds) for arm in self.arms}
         self._pedal = False
         # Tick of the last accepted message; -1: none yet.
         self._heard = -1
-        self._columns = np.zeros(len(self.arms) * len(ARM_COLUMNS) + 1, np.float32)
+        # The hands in this tick, as a row of `Motion.table`.
+        self.columns = np.zeros(len(self.arms) * len(ARM_COLUMNS) + 1, np.float32)
+        self.alive = False  # whether input arrives that is not stale
 
-    def take(self, message: Mapping[str, Any], tick: int) -> bool:
-        """Take a message "input" or "increments" that came before this tick.
-
-        The message is valid as `protocol.messages` defines it. Returns False if the position would
-        be out of range.
-        """
+    def take(self, message: Command, tick: int) -> bool:
+        """Take a valid message "input" or "increments". Return False if it leads out of range."""
         tables = message["arms"]
         if message["type"] == "increments":
             given = [(hand, tables[arm]) for arm, hand in self._hands.items() if arm in tables]
@@ -96,9 +77,9 @@ class Hands:
         self._pedal, self._heard = message["pedal"], tick
         return True
 
-    def advance(self, tick: int) -> HandsRow:
-        """Advance by one millisecond and return the hands. Call it once a tick."""
-        alive = self._heard >= 0 and tick - self._heard <= STALE_MS
+    def advance(self, tick: int) -> Hands:
+        """Advance by one millisecond and return self. Call it once a tick."""
+        alive = self.alive = self._heard >= 0 and tick - self._heard <= STALE_MS
         values: list[float] = []
         for hand in self._hands.values():
             if alive:
@@ -107,8 +88,8 @@ class Hands:
                 hand.stop()
             hand.fill(values, self._scale)
         values.append(1.0 if alive and self._pedal else 0.0)
-        self._columns[:] = values
-        return HandsRow(self._columns, alive)
+        self.columns[:] = values
+        return self
 
     def place(self, columns: np.ndarray) -> None:
         """Put the hands, at rest, where a row of motion has them. The next row is then the same."""
@@ -179,13 +160,13 @@ class _Hand:
             turn = unit((v[3] * half, v[4] * half, v[5] * half, 1.0))
             self._quat = turn_by(self._quat, turn)
 
-    def has_room(self, increment: Mapping[str, Any]) -> bool:
+    def has_room(self, increment: Json) -> bool:
         """Whether the position after this increment is in range."""
         x = [a + d for a, d in zip(self._x, increment["delta_um"], strict=True)]
         x.append(self._grasped + increment.get("grasp_mrad", 0.0))
         return max(map(abs, x)) <= FARTHEST_UM
 
-    def add(self, increment: Mapping[str, Any]) -> None:
+    def add(self, increment: Json) -> None:
         """Move by a console's increment."""
         for i, d in enumerate(increment["delta_um"]):
             self._x[i] += d
@@ -207,11 +188,8 @@ class _Hand:
         self._grasped = _within(values[7])
 
 
-def _speeds(given: Mapping[str, Any]) -> tuple[float, ...]:
-    """Return an arm's speeds in a message "input", ordered as STILL.
-
-    Move and turn are cut to length 1, grasp to -1 .. 1.
-    """
+def _speeds(given: Json) -> tuple[float, ...]:
+    """Return an arm's speeds ordered as STILL; move and turn cut to length 1, grasp to -1 .. 1."""
     speeds: list[float] = []
     for name in ("move", "turn"):
         vector = given.get(name, STILL[:3])
@@ -221,10 +199,7 @@ def _speeds(given: Mapping[str, Any]) -> tuple[float, ...]:
 
 
 def _beyond(x: float) -> float:
-    """Return `x` half a micrometre (or milliradian) farther from zero.
-
-    Truncated, this is the nearest whole number to `x`.
-    """
+    """Return `x` half a unit farther from zero, which truncates to the nearest whole number."""
     return x + 0.5 if x > 0.0 else x - 0.5 if x < 0.0 else 0.0
 
 

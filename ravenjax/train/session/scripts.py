@@ -7,33 +7,28 @@ session can be repeated exactly.
 from __future__ import annotations
 
 import collections
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
 
-from ravenjax.train.protocol.frame import PHASES, Frame
+from ravenjax.train.protocol.frame import STOPPED, Frame
 from ravenjax.train.protocol.jaws import closing_point
+from ravenjax.train.protocol.messages import Command
 from ravenjax.train.protocol.world import Point, to_world, view_from_world
 from ravenjax.train.robot import PEDAL_DOWN, ArmName
 from ravenjax.train.scenario import Speeds
 from ravenjax.train.tasks import Task
-
-Message = dict[str, Any]
 
 INPUT_EVERY_MS = 16
 """The interval at which a page at 60 Hz sends."""
 FIRST_PEDAL_MS = 200
 """The time of the first pedal-down."""
 TOUCH_DELAY_MS, SIGHT_DELAY_MS = 250, 400
-"""Delay from the onset of a touch, or of an unexpected sight, to the action. Both are assumptions,
-as in `stages.reaction`.
-"""
+"""Delays from a touch, or an unexpected sight, to the action; assumed as in `stages.reaction`."""
 REST_MS = 1500
 """How long the operator keeps the pedal released or moves slowly."""
 UNAVAILABLE_MS = 1000
 """The operator restarts a robot that does not follow for this time although the pedal is down."""
 GAIN_PER_S, GRASP_PER_RAD = 4.0, 4.0
 REACTIONS = ("none", "release", "slow", "stop")
-_STOPPED = PHASES.index("stopped")
 
 
 class Follower:
@@ -57,12 +52,12 @@ class Follower:
         self._felt = False
         self._waited = 0  # ms for which the robot has not followed
 
-    def messages(self, tick: int, frame: Frame) -> list[Message]:
+    def messages(self, tick: int, frame: Frame) -> list[Command]:
         """Return the commands before this tick; `frame` is that of the previous tick."""
         down = frame.number("pedal")
         waits = down and frame.number("runlevel") != PEDAL_DOWN
         self._waited = self._waited + 1 if waits else 0
-        gone = frame.number("phase") == _STOPPED or self._waited > UNAVAILABLE_MS
+        gone = frame.number("phase") == STOPPED or self._waited > UNAVAILABLE_MS
         if gone or tick <= self._restart_at:
             self._act_at = -1
             return self._restart(tick)
@@ -78,7 +73,7 @@ class Follower:
             return [*stop, self._input(tick, frame)]
         return [] if tick % INPUT_EVERY_MS else [self._input(tick, frame)]
 
-    def _input(self, tick: int, frame: Frame) -> Message:
+    def _input(self, tick: int, frame: Frame) -> Command:
         acting = tick < self._until
         released = acting and self._reaction in ("release", "stop")
         slow = 0.1 if acting and self._reaction == "slow" else 1.0
@@ -90,7 +85,7 @@ class Follower:
             "arms": {arm: hand for arm, hand in hands.items() if hand},
         }
 
-    def _hand(self, arm: ArmName, frame: Frame, slow: float) -> Message:
+    def _hand(self, arm: ArmName, frame: Frame, slow: float) -> Command:
         row = frame[f"{arm}/link_jpos"].tolist()
         tip = to_world(arm, closing_point(arm, frame[f"{arm}/tip"].tolist(), row))
         wish = self._task.wish(arm, tip)
@@ -108,16 +103,12 @@ class Follower:
             "grasp": grasp if abs(opening - aim) > 0.02 else 0.0,
         }
 
-    def _restart(self, tick: int) -> list[Message]:
-        """Restart a robot that does not follow.
-
-        The hands stop at once. The pedal comes up once the operator notices, and the restart
-        follows.
-        """
+    def _restart(self, tick: int) -> list[Command]:
+        """Stop the hands; restart a robot that does not follow once the operator has noticed."""
         if self._restart_at < 0:
             self._restart_at = tick + REST_MS
         aware = tick - (self._restart_at - REST_MS) >= SIGHT_DELAY_MS
-        out: list[Message] = []
+        out: list[Command] = []
         if tick % INPUT_EVERY_MS == 0:
             out.append({"type": "input", "source": "script", "pedal": not aware, "arms": {}})
         if tick == self._restart_at:
@@ -129,10 +120,10 @@ class Follower:
 class Recorded:
     """Repeats recorded commands at the same ticks."""
 
-    def __init__(self, said: Iterable[tuple[int, Mapping[str, Any]]]) -> None:
+    def __init__(self, said: Iterable[tuple[int, Command]]) -> None:
         self._said = collections.deque(sorted(said, key=lambda pair: pair[0]))
 
-    def messages(self, tick: int, frame: Frame) -> list[Message]:
+    def messages(self, tick: int, frame: Frame) -> list[Command]:
         """Return the commands recorded up to this tick that were not returned before."""
         out = []
         while self._said and self._said[0][0] <= tick:

@@ -1,12 +1,9 @@
-"""The simulated robots of a session: the driven robot with its golden run, and the
-virtual robot.
-"""
+"""The simulated robots of a session: the driven one with its golden run, and the virtual one."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -15,9 +12,9 @@ from ravenjax.engines.cpu.stepper import Stepper
 from ravenjax.faults.fault import FaultSlot
 from ravenjax.numbers import tree
 from ravenjax.numbers.vec import replace
-from ravenjax.robots.raven2.loop import run
 from ravenjax.stages import monitor
 from ravenjax.train.protocol.frame import GOLDEN, Frame, FrameLayout
+from ravenjax.train.protocol.messages import Json
 from ravenjax.train.robot import E_STOP, Packet
 from ravenjax.train.session import blueprint
 from ravenjax.train.session.blueprint import Blueprint
@@ -48,8 +45,8 @@ class SimulatedRobot:
         # Channels of the golden run in the row.
         self._golden = self._shown[:, first.start : last.stop]
         self.now = 0  # the next tick
-        series = run.series_length(blueprint.setup)
-        self._series = self._shown[1, -series:]
+        self._series = self._shown[1, blueprint.layout.simulated :]
+        series = self._series.size
         self._reference = self._own.entering[:series]
         self._apart = False
         self._told_apart = self._own.entering[series]
@@ -74,11 +71,11 @@ class SimulatedRobot:
             self._golden[0] = self._golden[1]
         self.now += 1
 
-    def outcomes(self) -> dict[str, Any]:
+    def outcomes(self) -> Json:
         """Return the robot's outcomes so far: outcome columns of a campaign."""
         return self._own.outcomes()
 
-    def golden_outcomes(self) -> dict[str, Any]:
+    def golden_outcomes(self) -> Json:
         """Return the outcomes of the golden run, which lacks the fault that was armed last."""
         return self._beside.outcomes() if self._apart else self._own.outcomes()
 
@@ -108,11 +105,7 @@ class SimulatedRobot:
         self.now = other.now
 
     def _realign(self) -> None:
-        """Start the golden run again at the robot's state, because a past hazard has left the two
-        apart.
-
-        The model realigns at the next pedal-up (`nominal.resync`).
-        """
+        """Start the golden run again at the robot's state: a past hazard has left the two apart."""
         self._own.change(lambda state: replace(state, monitor=monitor.realigned(state.monitor)))
         self._beside.restore(self._own.snapshot())
 
@@ -126,8 +119,7 @@ class SimulatedRobot:
     def arm(self, row: int) -> None:
         """Activate the faults of this row of the fault table from the next tick on.
 
-        The slots of a row keep their distances in time. A fault that waits for the pedal in a
-        campaign does not wait here.
+        They keep their distances in time, and none waits for the pedal.
         """
         faults = self.blueprint.plan.faults
         slots = range(self.blueprint.fault_slots)
@@ -168,7 +160,7 @@ class SimulatedRobot:
         )
         self._forget([slot])
 
-    def _write(self, slot: int, values: dict[str, Any] | None) -> None:
+    def _write(self, slot: int, values: Json | None) -> None:
         first = self._fault_inputs + slot * len(_FIELDS)
         for k, name in enumerate(_FIELDS):
             self._own.inputs[first + k][0] = (name == "period") if values is None else values[name]
@@ -220,9 +212,7 @@ class EstopHold:
 
 
 class PacketRobot(SimulatedRobot):
-    """A robot that gets its packets from an outside console: call `tick(packet)` once a
-    millisecond.
-    """
+    """A robot that gets its packets from outside: call `tick(packet)` once a millisecond."""
 
     def __init__(self, config: CampaignConfig) -> None:
         """Raises UserError if a hazard of `config` is on the console's side of the network."""
@@ -232,10 +222,7 @@ class PacketRobot(SimulatedRobot):
         self._estop_hold = EstopHold(self.blueprint.layout)
 
     def tick(self, packet: Packet | None) -> Frame:
-        """Advance by one tick with the packet that arrived, or None. Return the frame.
-
-        The frame is the same object each time.
-        """
+        """Advance by one tick with a packet or None. Returns the same frame each time."""
         if packet is not None:
             leaves = tree.leaves(packet)
             for entering in self.packets:

@@ -36,15 +36,8 @@ class ComparedOutcome(NamedTuple):
 
 
 def _response_ms(hazard: HazardRow) -> float | None:
-    """Return the time to the response, infinite without one.
-
-    None if the right response was to carry on, because then there is no response to wait for.
-    """
+    """Return the time to the response, infinite without one; None if none was right."""
     return None if hazard.right_response == "continue" else hazard.after.get("response", math.inf)
-
-
-def _depth_mm(hazard: HazardRow) -> float | None:
-    return None if hazard.deepest_mm is None else max(0.0, hazard.deepest_mm)
 
 
 RIGHT = ComparedOutcome("right response", "%", 0, 1, lambda hazard: 100.0 * hazard.response_ok)
@@ -52,7 +45,13 @@ TIME = ComparedOutcome("time to a response", "ms", 0, -1, _response_ms)
 UNINTENDED = ComparedOutcome(
     "largest unintended motion", "mm", 1, -1, lambda hazard: hazard.farthest_mm
 )
-DEPTH = ComparedOutcome("deepest in the tissue", "mm", 1, -1, _depth_mm)
+DEPTH = ComparedOutcome(
+    "deepest in the tissue",
+    "mm",
+    1,
+    -1,
+    lambda hazard: None if hazard.deepest_mm is None else max(0.0, hazard.deepest_mm),
+)
 OUTCOMES = (RIGHT, TIME, UNINTENDED, DEPTH)
 
 
@@ -179,10 +178,7 @@ def _compare(
 def _values_by_person(
     study: TrainingStudy, outcome: ComparedOutcome, label: str, horizon: float
 ) -> dict[str, np.ndarray]:
-    """Return the values of each participant's hazards.
-
-    A response after the horizon counts as none (infinite).
-    """
+    """Return the values of each participant's hazards, infinite after the horizon."""
     values: dict[str, list[float]] = {}
     for session, group, hazard in study.rows():
         value = outcome.value(hazard) if group == label else None

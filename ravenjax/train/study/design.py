@@ -37,10 +37,9 @@ def assign(
     """Assign participants to groups in permuted blocks.
 
     In each run of `block` participants every group comes equally often, in random order. The same
-    arguments give the same list, and participants may be appended later without changing those
-    before. block: a multiple of the number of groups; default: twice that number. A longer block is
-    harder to guess. A shorter one keeps the groups closer to balance if a study ends early. Raises
-    UserError if names repeat or the block does not fit.
+    arguments give the same list, to which participants may be appended. block: a multiple of the
+    number of groups, by default twice that number. Raises UserError if names repeat or the block
+    does not fit.
     """
     for what, names in (("participants", participants), ("groups", groups)):
         if repeated := sorted({name for name in names if names.count(name) > 1}):
@@ -129,10 +128,7 @@ def plan(
 
 
 def smallest_p(participants: int, paired: bool = True, groups: int = 2) -> float:
-    """Return the least two-sided p of a permutation test of two groups.
-
-    People are spread evenly over `groups`. The result is 1 below two people.
-    """
+    """Return the least two-sided p of a permutation test of two groups; 1 below two people."""
     if paired:
         ways = 2**participants if participants > 1 else 1
     else:
@@ -145,28 +141,23 @@ def smallest_p(participants: int, paired: bool = True, groups: int = 2) -> float
 def describe_plan(plan: StudyPlan) -> str:
     """Return the plan in words."""
     design = "who do both conditions" if plan.paired else "each in one group"
-    verdict = "no result can be clear, however large the effect"
-    if plan.possible:
-        verdict = "a clear result is possible"
+    verdict = "a clear result is possible" if plan.possible else "no result can be clear"
     lines = [
         f"{plan.participants} participants, {design}: the smallest p is {plan.smallest_p:.3g};"
         f" after Holm over {plan.comparisons} comparisons {plan.adjusted:.3g}: {verdict}.",
-        f"The least for a clear result: {plan.needed} participants.",
+        f"A clear result needs at least {plan.needed} participants.",
     ]
     if plan.for_effect is not None:
-        lines.append(f"For the effect that is to be found: {plan.for_effect} participants.")
+        lines.append(f"For the given effect and power: {plan.for_effect} participants.")
     lines.append(
-        "An outcome that does not vary is not compared, which makes the family smaller; who drops"
-        " out makes it harder."
+        "An outcome that does not vary is not compared, which helps; participants who drop out"
+        " make a clear result harder."
     )
     return "\n".join(lines)
 
 
 def _for_effect(effect: float, power: float, alpha: float, paired: bool, groups: int) -> int:
-    """Return the participants needed by Student's t-test at Holm's first level.
-
-    That is somewhat fewer than a permutation test of few participants needs.
-    """
+    """Return the participants that Student's t-test needs at Holm's first level."""
     # The import is slow.
     from statsmodels.stats.power import TTestIndPower, TTestPower
 
@@ -179,7 +170,6 @@ def _least(enough: Callable[[int], bool]) -> int:
     least = next((number for number in range(1, MOST + 1) if enough(number)), None)
     if least is None:
         raise UserError(
-            f"more than {MOST} participants are needed: ask for a larger effect or fewer"
-            " comparisons"
+            f"more than {MOST} participants are needed: choose a larger effect or fewer comparisons"
         )
     return least

@@ -19,9 +19,7 @@ from ravenjax.train.study.sessions import TrainingStudy
 
 PAGE, TABLE, TEXT = "study.html", "study.csv", "study.txt"
 _HIDDEN = ("group", "cue", "cue_ms", "session")
-"""Columns that would reveal the cue in a blinded study. A session's folder may be named
-after it.
-"""
+"""Columns that would reveal the cue in a blinded study."""
 _HEIGHT = 110
 
 
@@ -42,10 +40,7 @@ def run(
     unblind: bool = False,
     mixed: bool = False,
 ) -> StudyResult:
-    """Compare sessions and write study.html, study.csv (one row a hazard) and study.txt into `out`.
-
-    Arguments as `sessions.collect`. Raises UserError and StoreError as it does.
-    """
+    """Write study.html, study.csv (one row a hazard) and study.txt; see `sessions.collect`."""
     # jinja takes a while to import.
     from ravenjax.document import html
 
@@ -84,10 +79,7 @@ def run(
 
 
 def _table(study: TrainingStudy) -> str:
-    """Return CSV with a row for each hazard that became active.
-
-    The column `compared` has the group as it is shown.
-    """
+    """Return CSV with a row for each active hazard; `compared` is the group as it is shown."""
     rows = [
         {"compared": label}
         | dataclasses.asdict(hazard)

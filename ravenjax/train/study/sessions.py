@@ -11,13 +11,13 @@ import json
 import string
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ravenjax.errors import UserError
 from ravenjax.store.logs.session import description
 from ravenjax.train.judge.row import HazardRow
+from ravenjax.train.protocol.messages import Json
 from ravenjax.train.recording import hazards as hazard_table
 from ravenjax.train.recording import reader
 from ravenjax.train.recording.folders import SessionFolder
@@ -30,9 +30,7 @@ _LONGEST = 6
 DEFAULT_HORIZON_MS = 2000.0
 """Horizon of sessions whose header lists no hazards."""
 UNDECIDED = ("", "interrupted")
-"""Outcomes of hazards that were cut off, by the end of a recording or by something other than the
-operator. They count for no group.
-"""
+"""Outcomes of hazards that were cut off, but not by the operator. They count for no group."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,10 +52,7 @@ class StudySession(SessionFolder):
         return self.participant or f"(session {self.name})"
 
     def groups(self, by: str) -> dict[str, list[HazardRow]]:
-        """Return the hazards that became active and were decided, by condition.
-
-        The cue may have been changed during the session.
-        """
+        """Return the hazards that became active and were decided, by condition."""
         groups: dict[str, list[HazardRow]] = {}
         for hazard in self.hazards:
             if hazard.struck_ms is not None and hazard.outcome not in UNDECIDED:
@@ -78,9 +73,7 @@ class TrainingStudy:
     notes: list[str]
 
     def rows(self) -> list[tuple[StudySession, str, HazardRow]]:
-        """Return the session, the label of its group and the hazard, for every hazard that became
-        active.
-        """
+        """Return session, label of its group and hazard for every hazard that became active."""
         return [
             (session, self.labels[condition], hazard)
             for session in self.sessions
@@ -89,11 +82,7 @@ class TrainingStudy:
         ]
 
     def horizon_ms(self) -> float:
-        """ms after its activation until which every hazard was watched for a response.
-
-        Later responses count as none. It is the shortest time for a response of all hazards of the
-        scenario.
-        """
+        """Shortest time for a response, ms. Later responses count as none."""
         limits = [
             1e3 * float(listed["within_s"])
             for session in self.sessions
@@ -118,14 +107,14 @@ def collect(
     sessions = [_read_session(folder) for folder in _find_folders(folders)]
     valid = [session for session in sessions if session.groups("cue")]
     left_out = [
-        f"Left out: {session.name}: no hazard struck and was decided."
+        f"Left out: {session.name}, because no hazard became active and was decided."
         for session in sessions
         if session not in valid
     ]
     if not valid:
         listed = " ".join(left_out[:_LONGEST])
         raise UserError(
-            f"a study needs sessions in which hazards struck and were decided. {listed}"
+            f"a study needs sessions in which hazards became active and were decided. {listed}"
         )
     _require_no_copies(valid)
     notes = _mixtures(valid, mixed) + _describe_cuts(valid) + left_out
@@ -134,8 +123,8 @@ def collect(
     groups = sorted(conditions[by], key=lambda name: (name.lower() not in _REFERENCES, name))
     if len(groups) < 2:
         raise UserError(
-            f"all {len(valid)} sessions have {by} {groups[0]!r}: there is nothing to compare. Give"
-            f" sessions of another {by} too" + ("" if by == "cue" else ", or compare by the cue")
+            f"all {len(valid)} sessions have {by} {groups[0]!r}, so there is nothing to compare."
+            f" Give sessions of another {by} too" + ("" if by == "cue" else ", or use --by cue")
         )
     blinded = any(session.header.get("blinded") for session in valid) and not unblind
     if blinded:
@@ -146,24 +135,20 @@ def collect(
 
 
 def _find_folders(given: Iterable[Path]) -> list[Path]:
-    """Return the folders of sessions, each once."""
     folders: dict[Path, Path] = {}
     for folder in map(Path, given):
         inside = sorted(path.parent for path in folder.rglob(description.FILE))
         if not inside:
             raise UserError(
-                f"{folder}: holds no session; expected folders that `ravenjax train` wrote, or one"
-                " with such"
+                f"{folder} contains no session; expected folders that `ravenjax train` wrote, or a"
+                " folder of them"
             )
         folders |= {session.resolve(): session for session in inside}
     return list(folders.values())
 
 
 def _read_session(folder: Path) -> StudySession:
-    """Read a session with the hazards of its table.
-
-    If it was killed before it could write the table, the hazards are those of its recording.
-    """
+    """Read a session with the hazards of its table, or else of its recording."""
     header = description.read(folder)
     if (folder / hazard_table.FILE).exists() or reader.find(folder) is None:
         return StudySession(folder, header, hazard_table.read_table(folder))
@@ -176,7 +161,8 @@ def _describe_cuts(sessions: Sequence[StudySession]) -> list[str]:
     notes = []
     if short := [session.name for session in sessions if session.cut_short]:
         notes.append(
-            f"Sessions that were cut short count as far as their recordings go: {', '.join(short)}."
+            f"Sessions that were cut short count up to the end of their recordings:"
+            f" {', '.join(short)}."
         )
     outcomes = [
         hazard.outcome
@@ -186,8 +172,8 @@ def _describe_cuts(sessions: Sequence[StudySession]) -> list[str]:
     ]
     if cut := sum(outcome in UNDECIDED for outcome in outcomes):
         notes.append(
-            f"{cut} of {len(outcomes)} hazards were cut off, and not by the operator (a pause, a"
-            " reset, a lost console, the end); they are left out."
+            f"{cut} of {len(outcomes)} hazards are left out because others cut them off (a pause, a"
+            " reset, a lost console, the end)."
         )
     return notes
 
@@ -197,16 +183,17 @@ def _require_no_copies(sessions: Sequence[StudySession]) -> None:
     for session in sessions:
         key = session.person, session.started, session.name
         if key in folders:
-            raise UserError(f"{session.path}: is a copy of {folders[key]}; give each session once")
+            raise UserError(f"{session.path} is a copy of {folders[key]}; give each session once")
         folders[key] = session.path
 
 
 def _mixtures(sessions: Sequence[StudySession], mixed: bool) -> list[str]:
-    """Return notes on sessions whose scenarios or versions differ. Raises UserError
-    unless `mixed`.
-    """
+    """Return notes on differing scenarios or versions. Raises UserError unless `mixed`."""
     notes = []
-    for what, content_of in (("scenarios", _fixed_scenario), ("versions", _versions)):
+    for what, content_of in (
+        ("scenarios", _fixed_scenario),
+        ("versions", lambda one: one.header.get("versions") or {}),
+    ):
         kinds: dict[str, StudySession] = {}
         for session in sessions:
             kinds.setdefault(json.dumps(content_of(session), sort_keys=True), session)
@@ -221,32 +208,20 @@ def _mixtures(sessions: Sequence[StudySession], mixed: bool) -> list[str]:
             difference = f"{len(kinds)} different {what}, which differ in {', '.join(keys)}"
             if not mixed:
                 raise UserError(
-                    f"the sessions are not of one study, they have {difference} ({first.name}"
-                    f" against {second.name}). Give those of one study, or allow a mixture with"
-                    " --mixed"
+                    f"the sessions are not of one study: they have {difference} ({first.name}"
+                    f" against {second.name}). Give the sessions of one study, or use --mixed"
                 )
             notes.append(f"Sessions with {difference} are taken together.")
     return notes
 
 
-def _fixed_scenario(session: StudySession) -> dict[str, Any]:
-    """Return the scenario without the settings that a study varies."""
+def _fixed_scenario(session: StudySession) -> Json:
     content = session.header.get("scenario") or {}
-    if not isinstance(content, dict):
-        return {"name": content}
-    varied = {"on": None, "blinded": None}
-    return content | {"cue": (content.get("cue") or {}) | varied}
-
-
-def _versions(session: StudySession) -> dict[str, Any]:
-    return session.header.get("versions") or {}
+    return content | {"cue": (content.get("cue") or {}) | {"on": None, "blinded": None}}
 
 
 def _letters(groups: Sequence[str], sessions: Sequence[StudySession]) -> dict[str, str]:
-    """Return letters for the groups, in an order that reveals nothing.
-
-    The order is drawn from the sessions' names, and is the same each time.
-    """
+    """Return letters for the groups in an order that the sessions' names determine."""
     names = "\n".join(sorted(session.name for session in sessions))
     seed = int.from_bytes(hashlib.sha256(names.encode()).digest()[:8], "little")
     order = np.random.default_rng(seed).permutation(len(groups))

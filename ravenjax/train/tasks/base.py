@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.protocol.jaws import closing_point
+from ravenjax.train.protocol.messages import Event, Json
 from ravenjax.train.protocol.world import Point, to_world
-from ravenjax.train.robot import ArmName
+from ravenjax.train.robot import ArmName, Arms
 
-Event = dict[str, Any]
 Tips = Mapping[ArmName, Point]
 """Where the jaws of each arm close, m, world."""
 
@@ -18,7 +18,7 @@ Tips = Mapping[ArmName, Point]
 class Field(NamedTuple):
     """The place of a task, and the seed of its goals."""
 
-    arms: tuple[ArmName, ...]  # arms that do the task, in turn
+    arms: Arms  # arms that do the task, in turn
     begin: Tips  # where the tips begin
     middle: tuple[float, float]  # of the tips, m
     seed: int
@@ -42,23 +42,24 @@ class Task:
         self.progress = 0.0
         """0 to 1."""
         self._published = -1
+        self._events: list[Event] = []
 
     def step(self, frame: Frame, tick: int) -> list[Event]:
         """Advance by one tick. Return the events "target", "object", "level" and "task_done"."""
-        events: list[Event] = []
+        self._events = []
         if not self.done:
             places, numbers = frame.layout.places, frame.numbers
             tips: dict[ArmName, Point] = {}
             for arm in self._field.begin:
                 axis, joints = places[f"{arm}/tip"], places[f"{arm}/link_jpos"]
                 tips[arm] = to_world(arm, closing_point(arm, numbers[axis], numbers[joints]))
-            self._step(frame, tips, tick, events)
+            self._step(frame, tips, tick)
         if self.target != self._published:
             self._published = self.target
-            events.append({"tick": tick, "kind": "target", "target": self.target})
-        return events
+            self._record(tick, "target", target=self.target)
+        return self._events
 
-    def _step(self, frame: Frame, tips: Tips, tick: int, events: list[Event]) -> None:
+    def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
         """Advance what is specific to the kind of task."""
 
     def restart(self) -> None:
@@ -68,15 +69,12 @@ class Task:
         """Return where the tip (m, world) should go next, or None."""
         return None
 
-    def geometry(self) -> dict[str, Any]:
-        """Return what the page draws, world coordinates in m; JSON.
-
-        `turns` has the arms that take turns, and `of`, the number of turns.
-        """
+    def geometry(self) -> Json:
+        """Return JSON of what the page draws, m, world. `turns`: the arms, and how many turns."""
         empty = dict.fromkeys(("object", "path", "turns"))
         return {"kind": self.kind, "targets": [], "pegs": []} | empty
 
-    def result(self) -> dict[str, Any]:
+    def result(self) -> Json:
         """Return numbers for the debrief: `progress` is 0 to 1, `score` 0 to 100."""
         return {
             "kind": self.kind,
@@ -86,12 +84,14 @@ class Task:
         }
 
     def _score(self) -> float:
-        """Return the score, 0 to 1."""
         return self.progress
 
-    def _finish(self, tick: int, events: list[Event]) -> None:
+    def _finish(self, tick: int) -> None:
         self.done, self.target, self.progress = True, -1, 1.0
-        events.append({"tick": tick, "kind": "task_done"})
+        self._record(tick, "task_done")
+
+    def _record(self, tick: int, kind: str, **what: Any) -> None:
+        self._events.append({"tick": tick, "kind": kind, **what})
 
 
 def rounded(point: Point) -> list[float]:

@@ -1,17 +1,15 @@
-"""The task of following a closed line over the tissue. It scores progress and time near
-the line.
-"""
+"""The task of following a closed line. It scores progress and the time near the line."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from ravenjax.train.protocol.frame import Frame
+from ravenjax.train.protocol.messages import Json
 from ravenjax.train.protocol.world import Point, surface
 from ravenjax.train.robot import ArmName
 from ravenjax.train.scenario.config import Path
-from ravenjax.train.tasks.base import Event, Field, Task, Tips, Wish, rounded
+from ravenjax.train.tasks.base import Field, Task, Tips, Wish, rounded
 
 POINTS = 200
 """Points of the line; on the largest line they are half a millimetre apart."""
@@ -42,7 +40,7 @@ class PathTask(Task):
     def _arm(self) -> ArmName:
         return self._arms[(self._at // POINTS) % len(self._arms)]
 
-    def _step(self, frame: Frame, tips: Tips, tick: int, events: list[Event]) -> None:
+    def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
         tip = tips[self._arm]
         near, ahead = min(
             (math.dist(tip, self.points[(self._at + k) % POINTS]), k) for k in range(AHEAD)
@@ -61,7 +59,7 @@ class PathTask(Task):
         self.target = self._at % POINTS
         self.progress = self._at / (POINTS * self.settings.laps)
         if self._at >= POINTS * self.settings.laps:
-            self._finish(tick, events)
+            self._finish(tick)
 
     def restart(self) -> None:
         self._on = False
@@ -71,7 +69,7 @@ class PathTask(Task):
             return None
         return Wish(self.points[(self._at + (self._look_ahead if self._on else 0)) % POINTS])
 
-    def geometry(self) -> dict[str, Any]:
+    def geometry(self) -> Json:
         path = {
             "points": [rounded(point) for point in (*self.points, self.points[0])],
             "radius_m": self._tolerance_m,

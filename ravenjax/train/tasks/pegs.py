@@ -9,15 +9,15 @@ the object too.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
 from ravenjax.train.protocol.frame import Frame
+from ravenjax.train.protocol.messages import Json
 from ravenjax.train.protocol.world import Point, surface
 from ravenjax.train.robot import ArmName
 from ravenjax.train.scenario.config import PegTransfer
-from ravenjax.train.tasks.base import Event, Field, Task, Tips, Wish, rounded
+from ravenjax.train.tasks.base import Field, Task, Tips, Wish, rounded
 
 CLOSED_RAD, OPEN_RAD = 0.8, 1.1
 """Jaw openings below which jaws hold and above which they release. The opening is 1.57 at home, and
@@ -53,7 +53,7 @@ class PegTask(Task):
     def _arm(self) -> ArmName:
         return self._arms[self.placed % len(self._arms)]
 
-    def _step(self, frame: Frame, tips: Tips, tick: int, events: list[Event]) -> None:
+    def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
         for arm, closed in self._closed.items():
             opening = float(frame[f"{arm}/link_jpos"][5:7].sum(dtype=float))
             closes, opens = not closed and opening < CLOSED_RAD, closed and opening > OPEN_RAD
@@ -62,7 +62,7 @@ class PegTask(Task):
             if arm == self.held:
                 self.object = tips[arm]
                 if opens:
-                    self._let_go(tick, events)
+                    self._let_go(tick)
             elif (
                 closes
                 and self.held is None
@@ -70,9 +70,9 @@ class PegTask(Task):
             ):
                 self.held = arm
                 self.target = self.ways[self.placed + 1]
-                events.append(self._object_event(tick))
+                self._record_object(tick)
 
-    def _let_go(self, tick: int, events: list[Event]) -> None:
+    def _let_go(self, tick: int) -> None:
         x, y, z = self.object
         self.held, peg = None, self.pegs[self.ways[self.placed + 1]]
         self.target = len(self.pegs)
@@ -83,12 +83,12 @@ class PegTask(Task):
         else:
             self.object = (x, y, min(z, surface(x, y) + OBJECT_RADIUS_M))
             self.dropped += 1
-        events.append(self._object_event(tick))
+        self._record_object(tick)
         if self.placed == self.settings.transfers:
-            self._finish(tick, events)
+            self._finish(tick)
 
-    def _object_event(self, tick: int) -> Event:
-        return {"tick": tick, "kind": "object", "held": self.held or "", "at": rounded(self.object)}
+    def _record_object(self, tick: int) -> None:
+        self._record(tick, "object", held=self.held or "", at=rounded(self.object))
 
     def restart(self) -> None:
         """Put a held object back on its peg, because the robot that held it has moved away."""
@@ -109,7 +109,7 @@ class PegTask(Task):
         over = z if aside < 0.5 * self._tolerance_m else z + LIFT_M
         return Wish((x, y, over), holding != there)
 
-    def geometry(self) -> dict[str, Any]:
+    def geometry(self) -> Json:
         pegs = [
             {
                 "number": k,

@@ -11,20 +11,18 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Any
 
 import numpy as np
 
 from ravenjax.train.protocol.frame import Frame
+from ravenjax.train.protocol.messages import Json
 from ravenjax.train.protocol.world import Point, surface
 from ravenjax.train.robot import ArmName
 from ravenjax.train.scenario.config import Levels, Reach
-from ravenjax.train.tasks.base import Event, Field, Task, Tips, Wish, rounded
+from ravenjax.train.tasks.base import Field, Task, Tips, Wish, rounded
 
 LEAST_WAY_M = 0.005
-"""The least distance from one target to the next. A nearer one could be reached by
-holding still.
-"""
+"""The least distance from one target to the next, so that the tip must move."""
 COLOURS = {"gold": "#d9a441", "green": "#1fae84"}
 
 
@@ -44,7 +42,7 @@ class ReachTask(Task):
         self.target = 0
         self._inside_ms = 0
 
-    def _step(self, frame: Frame, tips: Tips, tick: int, events: list[Event]) -> None:
+    def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
         arm, point = self.targets[self.target]
         if math.dist(tips[arm], point) > self.settings.tolerance_mm / 1e3:
             self._inside_ms = 0
@@ -56,7 +54,7 @@ class ReachTask(Task):
         self.target += 1
         self.progress = self.target / len(self.targets)
         if self.target == len(self.targets):
-            self._finish(tick, events)
+            self._finish(tick)
 
     def restart(self) -> None:
         self._inside_ms = 0
@@ -66,7 +64,7 @@ class ReachTask(Task):
             return None
         return Wish(self.targets[self.target][1])
 
-    def geometry(self) -> dict[str, Any]:
+    def geometry(self) -> Json:
         targets = [
             {
                 "number": k,
@@ -99,15 +97,15 @@ class LevelsTask(Task):
         self._reach = self._round(0)
         self.target = 0
 
-    def _step(self, frame: Frame, tips: Tips, tick: int, events: list[Event]) -> None:
+    def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
         if self._published < 0:
-            events.append(self._event(tick))
+            self._record_level(tick)
         # The round's own events are not passed on.
-        self._reach._step(frame, tips, tick, [])
+        self._reach._step(frame, tips, tick)
         if self._begun is None and self._reach.target != 0:
             self._begun = tick
         if self._reach.done:
-            self._judge(tick, events)
+            self._judge(tick)
         if not self.done:
             self.target = self._first[self._level] + self._reach.target
 
@@ -116,8 +114,7 @@ class LevelsTask(Task):
         arms = tuple(level.arms or field.arms)
         return ReachTask(level, field._replace(arms=arms, seed=field.seed + number))
 
-    def _judge(self, tick: int, events: list[Event]) -> None:
-        """Finish a round: begin another round, the next level, or end the task."""
+    def _judge(self, tick: int) -> None:
         assert self._begun is not None
         level, levels = self._level, len(self.settings.level)
         took = tick - self._begun
@@ -129,26 +126,25 @@ class LevelsTask(Task):
             self._level, self._in_a_row = level + 1, 0
         self.progress = (self._level + self._in_a_row / self.settings.in_a_row) / levels
         if self._level == levels:
-            self._finish(tick, events)
+            self._finish(tick)
             return
         self._reach = self._round(self._level)
-        events.append(self._event(tick, took, within))
+        self._record_level(tick, took, within)
 
-    def _event(self, tick: int, took_ms: int | None = None, within: bool = False) -> Event:
-        """Return the event that describes the level, its requirements, and the last round."""
+    def _record_level(self, tick: int, took_ms: int | None = None, within: bool = False) -> None:
         level = self.settings.level[self._level]
-        return {
-            "tick": tick,
-            "kind": "level",
-            "level": self._level + 1,
-            "of": len(self.settings.level),
-            "title": level.title,
-            "within_s": level.within_s,
-            "in_a_row": self._in_a_row,
-            "needs": self.settings.in_a_row,
-            "took_ms": took_ms,
-            "within": within,
-        }
+        self._record(
+            tick,
+            "level",
+            level=self._level + 1,
+            of=len(self.settings.level),
+            title=level.title,
+            within_s=level.within_s,
+            in_a_row=self._in_a_row,
+            needs=self.settings.in_a_row,
+            took_ms=took_ms,
+            within=within,
+        )
 
     def restart(self) -> None:
         self._reach.restart()
@@ -156,7 +152,7 @@ class LevelsTask(Task):
     def wish(self, arm: ArmName, tip: Point) -> Wish | None:
         return None if self.done else self._reach.wish(arm, tip)
 
-    def geometry(self) -> dict[str, Any]:
+    def geometry(self) -> Json:
         targets = [
             target | {"number": first + target["number"]}
             for level, first in enumerate(self._first)
@@ -164,7 +160,7 @@ class LevelsTask(Task):
         ]
         return super().geometry() | {"targets": targets}
 
-    def result(self) -> dict[str, Any]:
+    def result(self) -> Json:
         return super().result() | {
             "levels": len(self.settings.level),
             "levels_proficient": self._level,
@@ -175,10 +171,7 @@ class LevelsTask(Task):
 def _draw(
     settings: Reach, middle: tuple[float, float], rng: np.random.Generator, before: Point
 ) -> Point:
-    """Draw a point of the box that is not too near to `before`.
-
-    In a small box, it is the farthest of 20 points.
-    """
+    """Draw a point that is not too near to `before`; in a small box the farthest of 20."""
     extent = settings.extent_mm / 1e3
     points = []
     for _ in range(20):

@@ -17,7 +17,6 @@ from ravenjax.robots.raven2.geometry import scene
 from ravenjax.store.logs.session import description, log
 from ravenjax.train.debrief import page as debrief
 from ravenjax.train.debrief import replay
-from ravenjax.train.debrief.course import Course
 from ravenjax.train.protocol.jaws import closing_point
 from ravenjax.train.protocol.world import to_world
 from ravenjax.train.recording import hazards as hazard_table
@@ -75,10 +74,10 @@ def test_the_page_says_what_struck_when_it_could_be_known_and_how_it_was_met(tex
     assert "2 of 3 hazards met with the right response" in text
     # Reactions of 395 and 345 ms.
     assert "370 ms reaction, median" in text and "12.0 mm largest unintended motion" in text
-    course = " could be known 35 ms after the strike · tip → cue 90 ms after the strike →"
-    assert f"strike at 2.0 s →{course} response 430 ms after the strike · lifted the pedal" in text
-    assert f"strike at 15.0 s →{course} robot&#39;s alarm 240 ms" in text.replace("'", "&#39;")
-    assert "none right: release" in text and "armed, never struck" in text
+    course = " could be known 35 ms after the start · tip → cue 90 ms after the start →"
+    assert f"start at 2.0 s →{course} response 430 ms after the start · lifted the pedal" in text
+    assert f"start at 15.0 s →{course} robot&#39;s alarm 240 ms" in text.replace("'", "&#39;")
+    assert "none right: release" in text and "armed, never active" in text
     assert "Motion hazard: unintended motion (limit 8 mm)" in text
 
 
@@ -90,20 +89,20 @@ def test_pauses_are_left_out(tmp_path):
     writer = log.SessionWriter(tmp_path / log.FILE, layout.names(), {})
     writer.add(0, rows)
     writer.close()
-    np.testing.assert_array_equal(Course(reader.read(tmp_path)).ms, np.arange(801))
+    np.testing.assert_array_equal(reader.read(tmp_path).without_pauses().ms, np.arange(801))
 
 
 def test_the_page_is_honest_about_what_is_missing(tmp_path):
     bare = synthetic.write(tmp_path / "bare", None, recorded=False, ended=None, summary={})
     told = text_of(debrief.write(bare).read_text())
-    assert "Nothing is known of hazards" in told and "There is no recording" in told
+    assert "The hazards are not known" in told and "There is no recording" in told
 
     cut = synthetic.write(tmp_path / "cut", [MET, ALARMED], seconds=8.0, cue_threshold_mm=9.0)
     data = (cut / log.FILE).read_bytes()
     (cut / log.FILE).write_bytes(data[: len(data) // 2])
     told = text_of(debrief.write(cut).read_text())
     assert "The recording was cut short" in told and "ravenjax log recover" in told
-    assert "The recording does not reach this hazard" in told
+    assert "The recording ends before this hazard" in told
 
     (cut / log.FILE).write_bytes(b"nothing")
     assert "cannot be read" in text_of(debrief.write(cut).read_text())
@@ -141,8 +140,8 @@ def test_hazards_of_a_killed_session_come_from_its_events(tmp_path):
     assert main(["log", "debrief", str(tmp_path)]) == 0
     assert main(["log", "debrief", str(tmp_path / "none")]) == 2
     page = text_of((tmp_path / debrief.FILE).read_text())
-    assert "hazards are rebuilt from the recording" in page and "1 of 2 hazards met" in page
-    assert "How it ended is not known" in page
+    assert "they are read from the recording" in page and "1 of 2 hazards met" in page
+    assert "The outcome is not known" in page
 
 
 def test_a_blinded_session_tells_nothing_of_cue_and_group(tmp_path):
@@ -162,7 +161,7 @@ def test_text_from_a_session_cannot_become_markup(tmp_path):
 
 
 def test_the_replay_has_the_worlds_places_and_a_mark_for_every_hazard(recording, folder):
-    told = replay.data(Course(recording), description.read(folder), [MET])
+    told = replay.data(recording.without_pauses(), description.read(folder), [MET])
     assert told is not None
     ms = np.array(told["ms"])
     assert ms[0] == 0 and ms[-1] == 16_999 and len(ms) < 1500
@@ -178,7 +177,7 @@ def test_the_replay_has_the_worlds_places_and_a_mark_for_every_hazard(recording,
     marks = [(mark["ms"], mark["kind"]) for mark in told["marks"]]
     assert marks == [(2000.0, "strike"), (2430.0, "response")]
     assert told["task"]["targets"][0]["at"] == [0.0, 0.0, 0.19]
-    assert replay.data(Course(recording), {}, [MET]) is None
+    assert replay.data(recording.without_pauses(), {}, [MET]) is None
 
 
 @pytest.mark.slow

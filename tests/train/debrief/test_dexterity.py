@@ -3,7 +3,6 @@ Gaussian's spectrum.
 """
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,9 +10,10 @@ import synthetic_session as synthetic
 from scipy import integrate, optimize
 
 from ravenjax.store.logs.session import description
+from ravenjax.store.logs.session import log as session_log
 from ravenjax.train.debrief import dexterity, figures, page
-from ravenjax.train.debrief.course import Course
 from ravenjax.train.protocol.frame import FrameLayout
+from ravenjax.train.recording import reader
 
 LAYOUT = FrameLayout.of(("gold", "green"))
 
@@ -36,11 +36,8 @@ def session(gold, green, pedal=None, target=None):
         :, None
     ]
 
-    class Made(SimpleNamespace):
-        def __getitem__(self, name):
-            return self.rows[:, LAYOUT.places[name]][:, 0]
-
-    return Course(Made(rows=rows, layout=LAYOUT))
+    log = session_log.SessionLog({}, LAYOUT.names(), ms, rows, [], True, 0)
+    return reader.Recording(**vars(log), layout=LAYOUT).without_pauses()
 
 
 def minimum_jerk(seconds, rate=1000):

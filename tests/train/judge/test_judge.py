@@ -7,8 +7,9 @@ from __future__ import annotations
 import pytest
 from made_frames import kinds, made, running
 
-from ravenjax.train.judge import COLUMNS, Judge
 from ravenjax.train.judge.detectors import SLOW_FOR_MS
+from ravenjax.train.judge.row import COLUMNS
+from ravenjax.train.judge.watch import Judge
 
 FAULT = [
     {"site": "usb_out", "channel": "elbow", "effect": "offset", "value": 700, "duration_ms": 2000}

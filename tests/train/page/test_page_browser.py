@@ -188,8 +188,8 @@ def test_the_list_of_sessions_starts_the_next_through_the_instructors_panel(brow
         session.heard(do="next", participant="P07", scenario="creep")
         until(
             listed,
-            "document.querySelector('[role=status]').textContent.startsWith('It is being"
-            " prepared')",
+            "document.querySelector('[role=status]').textContent.startsWith('The session is"
+            " being prepared')",
         )
 
 

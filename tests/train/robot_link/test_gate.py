@@ -180,10 +180,10 @@ def test_under_a_wrong_profile_a_message_names_the_right_one_once(shared_data):
     packets = pd.read_parquet(shared_data("console_itp_packets.parquet"))["packet"].iloc[
         10_000:11_000
     ]
-    gate, told = Gate(BOTH), []
+    told = []
+    gate = Gate(BOTH, say=told.append)
     for packet in packets:
         gate.admit(packet, CONSOLE, 0.0)
-        told += gate.news()
     (line,) = told
     assert "do not fit profile raven" in line and line.endswith(
         "start again with --console dv_trainer"
@@ -191,15 +191,16 @@ def test_under_a_wrong_profile_a_message_names_the_right_one_once(shared_data):
 
 
 def test_a_choice_is_said_and_outlives_its_console():
-    gate = Gate(BOTH, profiles=consoles.choice("auto"))
+    told = []
+    gate = Gate(BOTH, profiles=consoles.choice("auto"), say=told.append)
     turn = (0.0, math.sin(0.02), 0.0, math.cos(0.02))
     assert sent(gate, 1) == TAKEN
     assert sent(gate, 2, quats=(turn, IDENTITY)) == "undecided"
-    assert gate.news() == [] and gate.profile is None
+    assert told == [] and gate.profile is None
     sent(gate, 3, 4, 5, quats=(turn, IDENTITY))
     assert sent(gate, 6, quats=(turn, IDENTITY)) == TAKEN
     assert gate.profile == consoles.load("raven")
-    (line,) = gate.news()
+    (line,) = told
     assert line.startswith("console: profile raven, ") and "It is not dv_trainer: 4 of" in line
     assert gate.peer(9999.0) is None
     assert sent(gate, 1, quats=((0.0, 1.0, 0.0, 1.0), IDENTITY), now_ms=9999.0) == "quaternion", (

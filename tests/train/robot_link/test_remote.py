@@ -133,7 +133,7 @@ def test_nobody_there():
     free.close()
     with pytest.raises(UserError, match=rf"no robot answers at 127.0.0.1:{port}.*ravenjax robot"):
         RemoteRobot("127.0.0.1", port, port)
-    with pytest.raises(UserError, match="expected a name or address"):
+    with pytest.raises(UserError, match="give a host name or an address"):
         RemoteRobot("no.such.host.invalid")
 
 

@@ -103,7 +103,7 @@ def test_the_list_of_hazards_says_what_each_asks(tmp_path):
         "group": "burst/B27#1",
         "run_id": first.run_id,
         "within_s": 2.0,
-        "right_response": ["release"],
+        "right_response": ("release",),
         "layer": library.layers()[library.find("B27").layer],
     }
 

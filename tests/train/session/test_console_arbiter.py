@@ -9,7 +9,10 @@ class Play:
     """A seat, its tick, and what of each console's messages reached the hands."""
 
     def __init__(self):
-        self.arbiter, self.tick, self.events, self.reached = ConsoleArbiter(), 0, [], []
+        self.tick, self.events, self.reached = 0, [], []
+        self.arbiter = ConsoleArbiter(
+            lambda tick, kind, **what: self.events.append({"tick": tick, "kind": kind, **what})
+        )
 
     def say(self, console, pedal, ms=0, good=True):
         """Whether the pedal counts as down; None where the message reached no hand."""
@@ -20,15 +23,10 @@ class Play:
             {"type": "input", "console": console, "pedal": pedal, "arms": {}}, take, self.tick
         )
         self.arbiter.step(self.tick)
-        self.events += self.arbiter.events()
         return self.reached[-1]["pedal"] if len(self.reached) > before else None
 
     def act(self, console, do, **more):
-        changed = self.arbiter.obey(
-            {"type": "seat", "console": console, "do": do, **more}, self.tick
-        )
-        self.events += self.arbiter.events()
-        return changed
+        return self.arbiter.obey({"type": "seat", "console": console, "do": do, **more}, self.tick)
 
     def driving(self, console="page"):
         self.say(console, False)

@@ -24,7 +24,7 @@ def director(*entries, seed=0):
 
 def run(one, frame, first, last):
     """(tick, order) of each order."""
-    return [(tick, order) for tick in range(first, last) for order in one.step(tick, frame)]
+    return [(tick, order) for tick in range(first, last) for order in one.step(tick, frame, tick)]
 
 
 def test_a_hazard_strikes_when_due_and_is_taken_back_after_its_time():

@@ -111,7 +111,7 @@ def test_against_the_clock_it_is_the_same_session_but_for_the_timing(headless, t
 
 
 def test_somebody_must_drive_a_headless_session(tmp_path):
-    with pytest.raises(UserError, match="give a script, one of none, release"):
+    with pytest.raises(UserError, match="commands or one of none, release"):
         launch.headless(SessionOptions(scenario=CHOSEN, folder=tmp_path / "x", seed=0))
     assert not (tmp_path / "x").exists()
 
@@ -167,9 +167,9 @@ def test_a_folder_that_is_there_is_left_alone(tmp_path):
     lines, folder = [], tmp_path / "x"
     first, second = (launch._with_new_folder(options(folder), lines.append) for _ in range(2))
     assert (first.folder, second.folder) == (folder, tmp_path / "x-2")
-    assert len(lines) == 1 and f"this one goes to {tmp_path / 'x-2'}" in lines[0]
+    assert len(lines) == 1 and f"the session is written to {tmp_path / 'x-2'}" in lines[0]
     (folder / "file").touch()
-    with pytest.raises(UserError, match="cannot be made"):
+    with pytest.raises(UserError, match="cannot be created"):
         launch._with_new_folder(options(folder / "file" / "y"), lines.append)
 
 
@@ -216,7 +216,7 @@ def test_one_interruption_ends_it_whenever_it_comes(tmp_path, when):
         # By the signal: Python ends so where it came while a dataclass was being made.
         assert ran.wait(60) in (0, 130, -signal.SIGINT) and "Traceback" not in said
     if when != "the session is being prepared":
-        assert f"port {port} is taken: the page is at port" in said
+        assert f"port {port} is in use: the page is at port" in said
     if when == "realtime:":
         assert (tmp_path / "x" / "debrief.html").exists() and "(interrupted)" in said
 

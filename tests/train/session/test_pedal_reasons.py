@@ -5,7 +5,7 @@ change.
 import pytest
 
 from ravenjax.train import scenario
-from ravenjax.train.consoles import PedalWords, Refusals
+from ravenjax.train.consoles import Refusals
 from ravenjax.train.protocol.messages import STALE_MS
 from ravenjax.train.robot_link.packet_filter import TAKEN, Gate
 from ravenjax.train.session import blueprint, pedal
@@ -24,7 +24,7 @@ class Told:
 
     def __init__(self, ready):
         self.session, self.lines, self.whys = Session(CHOSEN, 0, ready=ready), [], []
-        self._words = PedalWords(self.session, self.lines.append)
+        self.session.pedals.say = self.lines.append
 
     def run(self, down, ms, *commands, console="itp"):
         """Hold the pedal so for a while; None: nothing comes. The reasons that were told
@@ -35,7 +35,6 @@ class Told:
             hands = {"type": "input", "console": console, "pedal": down, "arms": {}}
             said = [*(commands if tick == 0 else ()), *([] if down is None else [hands])]
             self.whys += [one["why"] for one in self.session.tick(said) if one["kind"] == "refused"]
-            self._words.tell(self.session.frame)
         return self.whys[before:]
 
 
@@ -70,7 +69,7 @@ def test_each_change_of_the_reason_is_told_once(told):
     assert told.run(True, 100) == []
     assert told.run(True, 200, {"type": "operator", "do": "estop"}) == [f"itp: {pedal.STOPPED}"]
     again = told.run(True, 200, {"type": "operator", "do": "restart"})
-    assert again[-1] == f"itp: {pedal.LIFT} (the robot began anew)"
+    assert again[-1] == f"itp: {pedal.LIFT} (the robot was restarted)"
 
 
 def test_packets_that_are_refused_are_told_and_that_they_are_taken_again(told):

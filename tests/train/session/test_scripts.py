@@ -70,7 +70,7 @@ def test_it_restarts_a_stopped_robot_and_steps_on_again():
 def test_a_line_that_is_no_message_is_told_with_its_number(tmp_path, line):
     path = tmp_path / "said.jsonl"
     path.write_text('{"tick": 0, "message": {}}\n\n' + line + "\n")
-    with pytest.raises(UserError, match=r"said.jsonl:3: got .*, expected"):
+    with pytest.raises(UserError, match=r"said.jsonl:3: .* Expected"):
         read_commands(path)
     with pytest.raises(UserError, match="cannot be read"):
         read_commands(tmp_path / "none.jsonl")

@@ -13,7 +13,7 @@ from ravenjax.campaign.inspection import replay
 from ravenjax.errors import UserError
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.robots.raven2.console.operator import lookup, packet
-from ravenjax.train.judge import Judge
+from ravenjax.train.judge.watch import Judge
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.session import blueprint
 from ravenjax.train.session.simulation import PacketRobot, SimulatedRobot

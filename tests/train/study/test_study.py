@@ -75,18 +75,18 @@ def test_sessions_of_other_studies_are_refused(tmp_path):
     session(tmp_path, "P2", "control", [met(0, 900.0)], scenario={"name": "other"})
     with pytest.raises(
         UserError,
-        match=r"not of one study, they have 2 different scenarios, which differ in name",
+        match=r"not of one study: they have 2 different scenarios, which differ in name",
     ):
         study_sessions.collect([tmp_path])
     assert "different scenarios" in study_sessions.collect([tmp_path], mixed=True).notes[0]
 
 
 def test_what_cannot_be_compared_says_why(tmp_path):
-    with pytest.raises(UserError, match="holds no session"):
+    with pytest.raises(UserError, match="contains no session"):
         study_sessions.collect([tmp_path])
     one = session(tmp_path, "P1", "cue", [met(0, 500.0)])
     with pytest.raises(
-        UserError, match="all 1 sessions have cue 'on': there is nothing to compare"
+        UserError, match="all 1 sessions have cue 'on', so there is nothing to compare"
     ):
         study_sessions.collect([tmp_path])
     shutil.copytree(one, tmp_path / "copy")
@@ -102,7 +102,7 @@ def test_hazards_that_were_cut_off_count_for_nobody(tmp_path):
     found = study_sessions.collect([tmp_path])
     assert [hazard.number for one, _, hazard in found.rows() if one.participant == "P7"] == [0]
     cut, left_out = found.notes
-    assert "1 of 14 hazards were cut off" in cut and "P8-cue" in left_out
+    assert "1 of 14 hazards are left out" in cut and "P8-cue" in left_out
 
 
 @pytest.mark.slow
@@ -125,7 +125,7 @@ def test_what_does_not_vary_is_no_part_of_the_family(tmp_path):
     # With the other two in the family it would be 8 / 2**7, 0.0625.
     assert time.adjusted == pytest.approx(4 / 2**7) and time.clear
     text = page.run([tmp_path], tmp_path / "out").text
-    assert "it did not vary, so there is nothing to test" in text
+    assert "the outcome did not vary" in text
     assert "2 of 2 comparisons are clear" in text
 
 

@@ -66,7 +66,7 @@ export class HazardPanel {
     const label = made("label", {}, this.starred, "favourites only");
     const tools = made("div", { className: "hazard-tools" }, this.search, label);
     list.before(tools);
-    this.strip = made("div", { className: "hazard-strip", title: "what has struck and what is planned, on the session's clock" });
+    this.strip = made("div", { className: "hazard-strip", title: "hazards that became active and planned hazards, by the session's time" });
     this.queue = made("ol", { className: "list hazard-plan" });
     this.presets = made("select", { id: "hazard-preset", ariaLabel: "plans that were kept" });
     this.name = made("input", { type: "text", id: "hazard-plan-name", maxLength: 40, placeholder: "name, then Keep", ariaLabel: "name of the plan" });

@@ -43,7 +43,7 @@ export class NextSession {
 
   waits(on, why = "") {
     this.waiting = on;
-    this.form.querySelector("button").textContent = on ? "It is being prepared" : "Start the next session";
+    this.form.querySelector("button").textContent = on ? "The session is being prepared" : "Start the next session";
     this.form.querySelector(".note").textContent = why;
   }
 

@@ -5,12 +5,12 @@ import { LETTERS } from "./plots.js";
 const $ = (id) => document.getElementById(id);
 export const WORDS = {
   hazard_armed: (e) => `hazard ${e.number} armed`,
-  hazard_struck: (e) => `hazard ${e.number} struck`,
+  hazard_struck: (e) => `hazard ${e.number} became active`,
   knowable: (e) => `could be known: ${e.by}`,
   cue: (e) => (e.number < 0 ? "cue without a hazard" : `cue on ${e.arm}`),
   stopped: (e) => `stopped by the check ${e.check}`,
   flagged: (e) => `flagged by the check ${e.check}`,
-  limited: (e) => `limited by the check ${e.check}, nobody is told`,
+  limited: (e) => `limited by the check ${e.check}, without an alarm`,
   unintended_motion: (e) => `unintended motion: ${e.arm} arm, ${Number(e.mm).toFixed(1)} mm`,
   loss_of_motion: (e) =>
     e.halted_ms ? `loss of motion: out of pedal-down for ${e.halted_ms} ms` : `loss of motion: ${e.arm} arm, ${Number(e.mm).toFixed(1)} mm`,
@@ -37,19 +37,19 @@ export const WORDS = {
 };
 const DRIVERS = { nobody: "nobody", page: "the page", itp: "the ITP console", script: "a script", crtk: "a console over ROS" };
 const BANNERS = {
-  down: ["bad", "No connection", "The session does not answer. The robot takes this console for dead and holds still."],
-  stopped: ["bad", "Robot stopped", "It holds its brakes. Find out why, then restart.", "Restart"],
+  down: ["bad", "No connection", "The session does not answer. The pedal counts as up, so the robot holds still."],
+  stopped: ["bad", "Robot stopped", "The brakes hold it. Find the cause, then restart.", "Restart"],
   paused: ["wait", "Paused", "The instructor has paused the session."],
-  lost: ["bad", "Link to the robot lost", "Nothing is heard of it, and nobody can say what it does. Its own time-out lifts the pedal. This page goes on by itself once the robot is heard again."],
+  lost: ["bad", "Link to the robot lost", "No reports arrive, so its state is unknown. Its own time-out lifts the pedal. The page continues when reports arrive again."],
   watcher: ["wait", "View only", "Another window holds the console."],
   scripted: ["wait", "View only", "A script drives this session."],
-  keyless: ["bad", "Not an instructor", "This address lacks the instructor's token. Open the one that was printed when the session began."],
-  second: ["wait", "Another instructor is at work", "You see what a watcher sees.", "Instruct too"],
+  keyless: ["bad", "Not an instructor", "This address has no instructor's token. Open the address that the terminal printed."],
+  second: ["wait", "Another instructor is active", "You see what a watcher sees.", "Instruct too"],
   other: ["wait", "The ITP console drives", "This page watches. The E-STOP works here too.", "Take over"],
   ros: ["wait", "A console over ROS drives", "This page watches. The E-STOP works here too.", "Take over"],
   free: ["wait", "The console is free", "Nobody drives.", "Take it"],
-  over: ["wait", "Session over", "What happened, and when you could have known:", "Debrief"],
-  virtual: ["virtual", "Virtual robot", "The robot rests. What you try now happens to the virtual robot alone."],
+  over: ["wait", "Session over", "What happened, and when it could be known:", "Debrief"],
+  virtual: ["virtual", "Virtual robot", "The robot rests. Only the virtual robot follows your hands."],
   replay: ["virtual", "Re-engaged", "Hold the pedal: the robot follows what you tried."],
 };
 

@@ -9,12 +9,10 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import multiprocessing
 import signal
 import struct
 import sys
 import time
-from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
@@ -23,8 +21,9 @@ import numpy as np
 from ravenjax.errors import UserError
 from ravenjax.train import processes
 from ravenjax.train.protocol.frame import Frame, FrameLayout
-from ravenjax.train.realtime.ring import COMMAND_BYTES, Ring, put_json, read_json
-from ravenjax.train.robot import ArmName
+from ravenjax.train.protocol.messages import Command, Say
+from ravenjax.train.realtime.ring import COMMAND_BYTES, Ring, parent_has_ended, put_json, read_json
+from ravenjax.train.robot import Arms
 from ravenjax.train.robot_link.crtk import messages
 from ravenjax.train.robot_link.crtk.interpreter import Interpreter, RobotRow
 from ravenjax.train.robot_link.crtk.messages import MessageTypes, Ros
@@ -34,7 +33,6 @@ PERIOD_S = 0.002
 """Time between two readings of robot and network."""
 READINGS_HZ = 100.0
 """The default rate of the dVRK's consoles."""
-_PARENT_S = 1.0
 # Wall clock ns, monotonic ns, number of the last command.
 _TAIL = struct.Struct("<qqq")
 _KEPT_ROWS, _KEPT_COMMANDS, _COMMANDS_PER_TICK = 64, 1024, 16
@@ -56,8 +54,13 @@ class Transport(Protocol):
 def connect(ros: Ros, published: list[str], subscribed: list[str]) -> Transport:
     """Return the transport of this ROS. Raises UserError if it is not available."""
     if ros == "ros2":
-        from ravenjax.train.robot_link.crtk.dds import DdsTransport
-
+        try:
+            from ravenjax.train.robot_link.crtk.dds import DdsTransport
+        except ImportError as error:
+            raise UserError(
+                f"ROS 2 needs the package cyclonedds ({error}): install it with `pip install"
+                " 'ravenjax[ros2]'`"
+            ) from None
         return DdsTransport(published, subscribed)
     from ravenjax.train.robot_link.crtk.ros1 import Ros1Transport
 
@@ -67,7 +70,7 @@ def connect(ros: Ros, published: list[str], subscribed: list[str]) -> Transport:
 class CrtkConsole:
     """A console of the realtime loop (`realtime.loop.Console`), which owns both rings."""
 
-    def __init__(self, layout: FrameLayout, ros: Ros, say: Callable[[str], None] = print) -> None:
+    def __init__(self, layout: FrameLayout, ros: Ros, say: Say = print) -> None:
         """say: receives a message once the process has ended."""
         self._bytes = np.zeros(4 * layout.size + _TAIL.size, np.uint8)
         self._tail = 4 * layout.size
@@ -78,19 +81,18 @@ class CrtkConsole:
         self.taken = 0  # number of the last command returned
         self.process_says: Connection | None = None  # delivers the reason when the process ends
 
-    def poll(self) -> list[dict[str, Any]]:
+    def poll(self) -> list[Command]:
         """Return the commands of CRTK's consoles; none once the CRTK process has ended."""
         self._polls += 1
         if self._polls % _LOOK_EVERY == 0 and self.process_says and self.process_says.poll():
             try:
                 why = self.process_says.recv()
             except (EOFError, OSError):
-                why = "the process that speaks it is gone"
+                why = "its process is gone"
             self.process_says = None
             self._say(
-                f"CRTK over {self._ros} has ended: {why}. Its pedal counts as up, nothing is told"
-                " or heard there any more, and the robot goes on; CRTK comes back when ravenjax is"
-                " started anew"
+                f"CRTK over {self._ros} has ended: {why}. Its pedal counts as up, and the robot"
+                " goes on without it. Restart ravenjax to use CRTK again"
             )
         if self.commands.written == self._next:
             return []
@@ -121,7 +123,7 @@ class BridgeOptions:
     rows: str  # names of the rings
     commands: str
     ros: Ros
-    arms: tuple[ArmName, ...]
+    arms: Arms
     tools: tuple[str, ...]
     # mrad that the jaws close per mrad of an increment.
     grasp_gain: int
@@ -132,13 +134,12 @@ def spawn(
     stack: contextlib.ExitStack,
     ros: Ros,
     blueprint: Blueprint,
-    say: Callable[[str], None] = print,
+    say: Say = print,
     elsewhere: bool = False,
 ) -> CrtkConsole:
     """Start the process for the robot of a blueprint and wait until it speaks CRTK.
 
-    elsewhere: whether a remote robot is driven, whose contact is not known here. Raises UserError
-    if the process cannot start.
+    elsewhere: whether the robot is a remote one with unknown contact. Raises UserError.
     """
     console = CrtkConsole(blueprint.layout, ros, say)
     stack.callback(console.close)
@@ -157,6 +158,7 @@ def spawn(
     if trouble := helper.answer():
         raise UserError(trouble)
     console.process_says = helper.answers
+    say(f"CRTK: {ros}, {', '.join(messages.ARM_NAMES[arm] for arm in options.arms)}")
     return console
 
 
@@ -179,7 +181,7 @@ class RobotRings:
         stamp, clock, last_command = _TAIL.unpack_from(rows[-1].data, tail)
         return RobotRow(self._frame, stamp, clock, last_command, first + len(rows) - 1)
 
-    def send(self, command: dict[str, Any]) -> int:
+    def send(self, command: Command) -> int:
         """Put a command into the ring and return its number."""
         self._sent += 1
         put_json(self._commands, {**command, "command": self._sent})
@@ -217,15 +219,10 @@ def run(robot: Connection) -> None:
         arms, options.tools, transport.types, options.grasp_gain, contact, refused
     )
     robot.send(None)
-    parent = multiprocessing.parent_process()
-    published = checked = time.monotonic()
+    published = time.monotonic()
     try:
-        while True:
+        while not parent_has_ended():
             began = time.monotonic()
-            if began - checked > _PARENT_S:
-                checked = began
-                if parent is not None and not parent.is_alive():
-                    return
             row, heard = rings.newest(), transport.poll()
             now_ms = time.monotonic() * 1e3
             if row is not None:

@@ -16,6 +16,16 @@ from functools import cache
 from types import new_class
 from typing import Any
 
+from cyclonedds.core import DDSException, Policy, Qos
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.idl import IdlStruct, types
+from cyclonedds.idl.annotations import final
+from cyclonedds.pub import DataWriter
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
+from rosbags.interfaces import Nodetype
+
 from ravenjax.errors import UserError
 from ravenjax.train.robot_link.crtk import messages
 
@@ -30,17 +40,7 @@ class DdsTransport:
     """Topics over DDS. `publish` and `poll` never wait longer than a millisecond."""
 
     def __init__(self, published: Sequence[str], subscribed: Sequence[str]) -> None:
-        """Raises UserError if the wheel is missing or the domain is invalid."""
-        try:
-            from cyclonedds.domain import DomainParticipant
-            from cyclonedds.pub import DataWriter
-            from cyclonedds.sub import DataReader
-            from cyclonedds.topic import Topic
-        except ImportError as error:
-            raise UserError(
-                f"ROS 2 needs the package cyclonedds ({error}): install it with `pip install"
-                " 'ravenjax[ros2]'`"
-            ) from None
+        """Raises UserError if the domain is invalid."""
         self.types = messages.types("ros2")
         self._participant = DomainParticipant(domain())
         self._writers: dict[str, tuple[Any, Any]] = {}
@@ -61,8 +61,6 @@ class DdsTransport:
 
     def publish(self, name: str, message: Any) -> None:
         """Send a message of `types` to the readers of the topic."""
-        from cyclonedds.core import DDSException
-
         writer, data = self._writers[name]
         # Without room within a millisecond, the message is dropped: some reader does not read.
         with contextlib.suppress(DDSException):
@@ -102,9 +100,6 @@ def domain() -> int:
 
 
 def _quality(*, reliable: bool = True, latched: bool = False) -> Any:
-    from cyclonedds.core import Policy, Qos
-    from cyclonedds.util import duration
-
     kinds = Policy.Reliability
     return Qos(
         kinds.Reliable(duration(milliseconds=1)) if reliable else kinds.BestEffort,
@@ -116,13 +111,7 @@ def _quality(*, reliable: bool = True, latched: bool = False) -> Any:
 
 @cache
 def _data_type(kind: str) -> Any:
-    """Return the DDS type, built from the definition in `messages`.
-
-    A sample holds the serialised bytes.
-    """
-    from cyclonedds.idl import IdlStruct
-    from cyclonedds.idl.annotations import final
-
+    """Return the DDS type of a message. A sample holds the serialised bytes."""
     package, _, word = kind.split("/")
     fields = {name: _idl(node) for name, node in messages.types("ros2").store.fielddefs[kind][1]}
 
@@ -145,10 +134,6 @@ def _data_type(kind: str) -> Any:
 
 
 def _idl(node: Any) -> Any:
-    """Return the IDL type of a field."""
-    from cyclonedds.idl import types
-    from rosbags.interfaces import Nodetype
-
     kind, content = node
     if kind == Nodetype.NAME:
         return _data_type(content)

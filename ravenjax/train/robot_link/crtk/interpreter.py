@@ -7,14 +7,14 @@ and commands of `protocol.messages` come out.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ravenjax.store.logs import ros_types
 from ravenjax.train.protocol.frame import Frame
-from ravenjax.train.protocol.messages import STALE_MS
+from ravenjax.train.protocol.messages import STALE_MS, Command, Json, Say
 from ravenjax.train.robot import (
     ARMS,
     JOINTS,
@@ -47,7 +47,7 @@ RAVEN_STATE_SIZES = dict.fromkeys(
     ("dac_val", "mpos", "jpos", "mvel", "jvel", "mpos_d", "jpos_d"), 8
 ) | {"pos": 3, "pos_d": 3, "ori": 9, "ori_d": 9, "grasp_d": 1, "jac_vel": 6, "jac_f": 6}
 """Numbers for each arm in the arrays of ravenstate that are known."""
-ELSEWHERE = "the robot went elsewhere: at a joint limit, or out of reach"
+ELSEWHERE = "the robot moved elsewhere, at a joint limit or out of reach"
 
 
 class RobotRow(NamedTuple):
@@ -61,13 +61,13 @@ class RobotRow(NamedTuple):
     number: int = 0  # number of the row, from 0
 
 
-class _Arm:
+class _Arm(SetpointFollower):
     """State and goals of one arm."""
 
     def __init__(self, arm: ArmName, tool: str, grasp_gain: int) -> None:
+        super().__init__(arm, grasp_gain)
         self.name: ArmName = arm
         self.tool = tool
-        self.follower = SetpointFollower(arm, grasp_gain)
         limits = soft_limits(tool)
         self.lower, self.upper = (np.array(side[:5], float) for side in limits[:2])
         self.jpos_d = np.zeros(7)  # joints that the software wants
@@ -86,11 +86,9 @@ class Interpreter:
         types: MessageTypes,
         grasp_gain: int = 1,
         contact: bool = False,
-        refused: Callable[[str], None] = lambda _: None,
+        refused: Say = lambda _: None,
     ) -> None:
-        """tools: one for each arm. contact: whether the robot reports its contact force. refused:
-        receives the reason when a message is not followed.
-        """
+        """tools: one for each arm. refused: receives the reason why a message is not followed."""
         self.state = OperatingState()
         self.counts: dict[str, int] = {}
         """Counts of messages that were not followed, by reason."""
@@ -102,7 +100,7 @@ class Interpreter:
         self._published: tuple[str, bool, bool] | None = None  # the state published last
         # Whether a state command came: the state is published again.
         self._answer = False
-        self._orders: list[dict[str, Any]] = []
+        self._orders: list[Command] = []
         self._stepped_ms: float | None = None
         self._drove = self._present = False
         self._moves = False  # whether the last commands have an increment
@@ -139,7 +137,7 @@ class Interpreter:
     def _want_pedal(self, wanted: bool) -> None:
         """If somebody wants the pedal down while another console drives, report the reason."""
         if wanted and not self.state.pedal and self.state.other_drives:
-            self._refused(pedal.rival("another console"))
+            self._refused(pedal.RIVAL)
 
     def _move(self, arm: _Arm, word: str, message: Any, now_ms: float) -> None:
         (self.state.word if word == "move_jp" else self.state.servo)(now_ms)
@@ -148,14 +146,14 @@ class Interpreter:
 
     def _why_not(self, arm: _Arm, word: str, message: Any, now_ms: float) -> str:
         """Follow a command of motion and return "", or return why it is not followed."""
-        if not self.state.drives or arm.follower.sum is None:
+        if not self.state.drives or arm.sum is None:
             return "the robot is not enabled"
-        now = arm.follower.target or arm.follower.sum
+        now = arm.target or arm.sum
         joints: np.ndarray | None = None
         if word == "servo_cp":
             pose = messages.pose_of(message)
             if pose is None:
-                return "no pose of finite numbers with a unit quaternion"
+                return "pose has numbers that are not finite, or no unit quaternion"
             goal = Setpoint.of(*from_base(arm.name, *pose), now.grasp_mrad * 1e-3)
         elif word == "jaw/servo_jp":
             opening = messages.numbers_of(message.position, 1)
@@ -175,8 +173,8 @@ class Interpreter:
                 arm.move, arm.goal = Trajectory(before, joints, now_ms), joints
                 return ""
             goal = Setpoint.at(arm.name, joints)
-        if not arm.follower.aim(goal):
-            return "farther than 75 mm from where the arm is wanted"
+        if not arm.aim(goal):
+            return "farther than 75 mm from the arm's setpoint"
         arm.goal, arm.move = joints, None
         return ""
 
@@ -204,28 +202,28 @@ class Interpreter:
         for arm in self._arms.values():
             arm.jpos_d = frame[f"{arm.name}/jpos_d"].astype(float)
             if drives and self._drove:
-                if settled and arm.follower.has_slipped(Setpoint.at(arm.name, arm.jpos_d)):
+                if settled and arm.has_slipped(Setpoint.at(arm.name, arm.jpos_d)):
                     arm.goal = arm.move = None
                     self._refuse(ELSEWHERE)
                 continue
             arm.goal = arm.move = None
             if drives:
-                arm.follower.engage(Setpoint.at(arm.name, arm.jpos_d))
+                arm.engage(Setpoint.at(arm.name, arm.jpos_d))
             else:
-                arm.follower.release()
+                arm.release()
         self._drove = drives
 
-    def commands(self, now_ms: float) -> list[dict[str, Any]]:
+    def commands(self, now_ms: float) -> list[Command]:
         """Return the orders, and the increments since the last call together with the pedal."""
         elapsed = 0.0 if self._stepped_ms is None else min(now_ms - self._stepped_ms, 20.0)
         self._stepped_ms = now_ms
-        increments: dict[str, Any] = {}
+        increments: Json = {}
         for arm in self._arms.values():
             if arm.move is not None:
                 joints, done = arm.move.at(now_ms)
-                if not arm.follower.aim(Setpoint.at(arm.name, joints)) or done:
+                if not arm.aim(Setpoint.at(arm.name, joints)) or done:
                     arm.move = None
-            increments[arm.name] = arm.follower.step(elapsed)
+            increments[arm.name] = arm.step(elapsed)
         self._moves = any(increment != STILL for increment in increments.values())
         self.state.is_busy = any(arm.move is not None for arm in self._arms.values())
         orders, self._orders = self._orders, []
@@ -255,24 +253,21 @@ class Interpreter:
         """Return all measurements and setpoints, and over ROS 1 also ravenstate."""
         types, frame = self._types, row.frame
         told: list[Message] = []
-        state: dict[str, Any] = {
-            name: np.zeros(2 * size) for name, size in RAVEN_STATE_SIZES.items()
-        }
+        state: Json = {name: np.zeros(2 * size) for name, size in RAVEN_STATE_SIZES.items()}
         for name, arm in self._arms.items():
             jpos, jpos_d, mpos, mvel, force, contact = (
                 frame[f"{arm.name}/{channel}"].astype(float)
                 for channel in ("jpos", "jpos_d", "mpos", "mvel", "force", "contact")
             )
             jvel = joints_of_motors(arm.name, arm.tool, mvel)
-            position, rotation = tip_pose(arm.name, jpos)
-            position_d, rotation_d = tip_pose(arm.name, jpos_d)
+            place, place_d = tip_pose(arm.name, jpos), tip_pose(arm.name, jpos_d)
             linear, angular = tip_twist(arm.name, jpos, jvel)
             header, base = types.header(row.stamp_ns, f"{name}_base"), BASE[arm.name]
             cue = force if self.state.drives else np.zeros(3)
             grasp, rate, grasp_d = (sum(joints[5:7]) for joints in (jpos, jvel, jpos_d))
             pose, pose_d = (
-                types.message(ros_types.POSE, header, to_base(arm.name, *place))
-                for place in ((position, rotation), (position_d, rotation_d))
+                types.message(ros_types.POSE, header, to_base(arm.name, *one))
+                for one in (place, place_d)
             )
             twist = base @ linear, base @ angular
             words = {
@@ -304,10 +299,10 @@ class Interpreter:
                 state[quantity][8 * slot + RAVEN_STATE_PLACES] = np.degrees(joints)
             state["dac_val"][8 * slot + RAVEN_STATE_PLACES] = frame[f"{arm.name}/dac"]
             whole = {
-                "pos": np.rint(position * 1e6),
-                "pos_d": np.rint(position_d * 1e6),
-                "ori": rotation.ravel(),
-                "ori_d": rotation_d.ravel(),
+                "pos": np.rint(place[0] * 1e6),
+                "pos_d": np.rint(place_d[0] * 1e6),
+                "ori": place[1].ravel(),
+                "ori_d": place_d[1].ravel(),
                 "grasp_d": grasp_d,
                 "jac_vel": (*linear, *angular),
                 "jac_f": (*linear, *angular),
@@ -320,10 +315,11 @@ class Interpreter:
                 "type": np.array([0, 1]),
                 "dt": (0, 1_000_000),
                 "hdr": types.header(row.stamp_ns, "0"),
+                "runlevel": int(frame.number("runlevel")),
+                # Sublevel 3 of the initialisation: done.
+                "sublevel": 3,
+                "last_seq": int(frame.number("last_seq")),
             }
-            # Sublevel 3 of the initialisation: done.
-            state |= {"runlevel": int(frame.number("runlevel")), "sublevel": 3}
-            state |= {"last_seq": int(frame.number("last_seq"))}
             names = [name for name, _ in types.store.fielddefs[messages.RAVEN_STATE][1]]
             # Fields that the virtual robot does not know are zero.
             values = [state.get(name, np.zeros(16)) for name in names]

@@ -58,9 +58,7 @@ def subscribed(arms: Sequence[ArmName]) -> list[str]:
 
 
 def reported(arms: Sequence[ArmName], ros: Ros) -> list[str]:
-    """Return the topics on which a remote robot reports its state: raven2's own, or CRTK's of each
-    arm.
-    """
+    """Return the topics on which a remote robot reports its state: raven2's own, or CRTK's."""
     words = ("measured_js", "setpoint_js", "operating_state")
     return ["ravenstate"] if ros == "ros1" else _of_arms(arms, words)
 

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ravenjax.train.protocol.messages import Json
 from ravenjax.train.robot import ITP_AXES, ArmName, tip_pose
 
 SPEED_UM_MS = 200.0
@@ -27,7 +28,7 @@ SLIP_UM, SLIP_RAD = 20.0, 2e-3
 SETTLED_TICKS = 30
 """Ticks of the software after which it has reached its setpoint."""
 
-STILL: dict[str, Any] = {"delta_um": [0, 0, 0], "quat": [0.0, 0.0, 0.0, 1.0], "grasp_mrad": 0}
+STILL: Json = {"delta_um": [0, 0, 0], "quat": [0.0, 0.0, 0.0, 1.0], "grasp_mrad": 0}
 """The increment of an arm that does not move."""
 
 BASE: dict[ArmName, np.ndarray] = {
@@ -102,10 +103,7 @@ class SetpointFollower:
         return True
 
     def has_slipped(self, at: Setpoint) -> bool:
-        """Whether the software's setpoint `at` is not the one that was sent.
-
-        The follower then adopts it.
-        """
+        """Whether the software's setpoint is not the one sent. The follower then adopts it."""
         if self.sum is None:
             return False
         slipped = (
@@ -117,7 +115,7 @@ class SetpointFollower:
             self.engage(at)
         return bool(slipped)
 
-    def step(self, elapsed_ms: float) -> dict[str, Any]:
+    def step(self, elapsed_ms: float) -> Json:
         """Return the increment to send now, ITP frame, as in a command "increments"."""
         if self.sum is None or self.target is None:
             return STILL
@@ -150,9 +148,7 @@ _PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 10 / math.sqrt(3)
 
 
 class Trajectory:
-    """`move_jp`: minimum-jerk motion between joint positions, as fast as the slowest
-    joint allows.
-    """
+    """`move_jp`: minimum-jerk motion between joint positions within the limits of each joint."""
 
     def __init__(self, start: np.ndarray, goal: np.ndarray, begins_ms: float) -> None:
         """start, goal: [7], rad, insertion m."""

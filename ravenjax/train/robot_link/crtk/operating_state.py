@@ -1,18 +1,18 @@
 """Decides the operating state that CRTK sees, and whether its consoles hold the robot's pedal down.
 
-    DISABLED   not enabled since power-on (brakes on, pedal up), or stopped by `disable` (E-stop)
-    ENABLED    pedal down, whoever drives; also during initialisation, then busy
-    PAUSED     powered, but the pedal is up
-    FAULT      stopped otherwise: by a check of the robot, an E-stop, or a lost link
+- DISABLED: not enabled since power-on (brakes on, pedal up), or stopped by `disable` (E-stop).
+- ENABLED: pedal down, also that of another console; or initialising, then busy.
+- PAUSED: powered, but the pedal is up.
+- FAULT: stopped by a check of the robot, an E-stop, or a lost link.
 
 Commands are those of CRTK's table. A command that is invalid in a state changes nothing. `enable`
 homes a stopped robot again, as `home` does. A robot without power has lost its homing, so `unhome`
 is the same as `disable`.
 
-A pedal that a command holds down needs somebody to hold it. It comes up, and stays up until
-`resume`, in three cases: nobody publishes commands any more, the last of a stream of servo commands
-is `STALE_MS` old, or the last command of any kind is `IDLE_MS` old (the robot's own time-out). An
-E-stop cancels every request, including that of a foot that is still on a pedal.
+A command holds the pedal down only while somebody commands. It comes up, and stays up until
+`resume`, once nobody publishes commands or the last command is `IDLE_MS` old (the robot's own
+time-out). In a stream of servo commands, it comes up once the last is `STALE_MS` old. An E-stop
+cancels every request, including that of a foot that is still on a pedal.
 """
 
 from __future__ import annotations
@@ -25,9 +25,7 @@ from ravenjax.train.robot import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP
 State = Literal["DISABLED", "ENABLED", "PAUSED", "FAULT"]
 Order = Literal["estop", "restart"]
 IDLE_MS = 5000
-"""raven2 `local_io.cpp`: the robot lifts the pedal of a console that was silent for this number of
-cycles.
-"""
+"""The robot lifts the pedal of a console that is silent for this time (raven2 `local_io.cpp`)."""
 REFUSED_MS = 500
 """A pedal that the robot does not follow for this time does not count: another console drives."""
 COMMANDS = ("enable", "disable", "pause", "resume", "home", "unhome")
@@ -62,9 +60,7 @@ class OperatingState:
             return "FAULT"
         if self._stopped or self.runlevel == E_STOP:
             return "DISABLED" if self._disabled else "FAULT"
-        if self.runlevel == INIT:
-            return "ENABLED"
-        if self.other_drives:
+        if self.runlevel == INIT or self.other_drives:
             return "ENABLED"
         if self._disabled:
             return "DISABLED"
@@ -81,10 +77,7 @@ class OperatingState:
         return self.pedal and self.state == "ENABLED" and self.runlevel == PEDAL_DOWN
 
     def command(self, word: str, now_ms: float) -> list[Order]:
-        """Process a state command and return the orders for the robot.
-
-        Raises ValueError if CRTK has no such command.
-        """
+        """Return the orders for the robot. Raises ValueError if CRTK has no such command."""
         if word not in COMMANDS:
             raise ValueError(f"state command {word!r}, expected one of {', '.join(COMMANDS)}")
         self._word_ms = now_ms
@@ -156,10 +149,7 @@ class OperatingState:
     def observe(
         self, runlevel: int, stopped: bool, connected: bool, now_ms: float, lost: bool = False
     ) -> None:
-        """Take the robot's run level, and whether it is stopped and anybody could command it.
-
-        lost: whether the robot's reports have stopped.
-        """
+        """Take the run level, and whether the robot is stopped, commanded and lost."""
         was_stopped = self._stopped or self.runlevel == E_STOP
         if lost and not self._lost:
             # A robot that was enabled need not be enabled again afterwards.

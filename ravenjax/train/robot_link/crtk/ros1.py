@@ -92,10 +92,10 @@ class Ros1Transport:
         except (EOFError, OSError):
             code = self._node.wait()
             raise UserError(
-                f"the node of ROS 1 has ended (code {code}); its words stand above"
+                f"the node of ROS 1 ended with code {code}; see its message above"
             ) from None
         if word == "error":
-            raise UserError(f"ROS 1: {content}; {_HELP}")
+            raise UserError(f"ROS 1: {content}: {_HELP}")
         if word == "ready":
             self._is_ready = True
         elif word == "connected":
@@ -123,13 +123,12 @@ class Ros1Transport:
 
 
 _HELP = (
-    "start `roscore`, or give ROS_MASTER_URI; on Debian and Ubuntu `apt-get install python3-rospy"
-    f" python3-roslaunch` brings rospy and roscore, and {PYTHON} names another Python that has it"
+    "start `roscore`, or set ROS_MASTER_URI. On Debian and Ubuntu `apt-get install python3-rospy"
+    f" python3-roslaunch` installs both. {PYTHON} may name another Python that has rospy"
 )
 
 
 def _python() -> str:
-    """Return the Python that has rospy. Raises UserError if none has."""
     wanted = os.environ.get(PYTHON)
     choices = [wanted] if wanted else ["/usr/bin/python3", shutil.which("python3") or ""]
     tried = list(dict.fromkeys(filter(None, choices)))
@@ -140,14 +139,11 @@ def _python() -> str:
                 command, capture_output=True, env=_environment(), timeout=PATIENCE_S, check=True
             )
             return python
-    raise UserError(f"ROS 1 needs rospy, which {' and '.join(tried)} do not have; {_HELP}")
+    raise UserError(f"ROS 1 needs rospy, which is not in {' or '.join(tried)}: {_HELP}")
 
 
 def _environment() -> dict[str, str]:
-    """Return an environment without this Python's own paths, which do not suit another Python.
-
-    Paths of a sourced ROS stay.
-    """
+    """Return an environment without this Python's own paths. Paths of a sourced ROS stay."""
     paths = os.environ.get("PYTHONPATH", "").split(os.pathsep)
     ros = os.pathsep.join(path for path in paths if path.startswith("/opt/ros"))
     environment = {

@@ -31,7 +31,7 @@ def main():
         import rosgraph  # pyright: ignore[reportMissingImports]
         import rospy  # pyright: ignore[reportMissingImports]
     except ImportError as error:
-        tell("error", f"rospy is not there ({error})")
+        tell("error", f"rospy cannot be imported ({error})")
         return
     if not rosgraph.is_master_online():
         tell("error", f"no ROS master answers at {rosgraph.get_master_uri()}")

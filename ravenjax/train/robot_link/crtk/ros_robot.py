@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 
 from ravenjax.errors import UserError
+from ravenjax.train.protocol.frame import CHANNELS
+from ravenjax.train.protocol.messages import Json, Say
 from ravenjax.train.robot import (
     ARMS,
     E_STOP,
@@ -21,13 +23,14 @@ from ravenjax.train.robot import (
     PEDAL_DOWN,
     PEDAL_UP,
     ArmName,
+    Arms,
     motors_of_joints,
     tip_pose,
 )
 from ravenjax.train.robot_link.crtk import messages
 from ravenjax.train.robot_link.crtk.bridge import Transport
 from ravenjax.train.robot_link.crtk.interpreter import RAVEN_STATE_PLACES
-from ravenjax.train.robot_link.joint_stream import JointReport
+from ravenjax.train.robot_link.joint_stream import OF_ARM, JointReport
 from ravenjax.train.robot_link.remote import RobotLink
 
 _COMMANDS = {"estop": "disable", "reset": "home"}
@@ -41,11 +44,11 @@ class RosRobot(RobotLink):
         self,
         host: str,
         itp_port: int,
-        arms: tuple[ArmName, ...],
+        arms: Arms,
         tools: tuple[str, ...],
         transport: Transport,
         clock: Callable[[], int] = time.monotonic_ns,
-        say: Callable[[str], None] = print,
+        say: Say = print,
     ) -> None:
         """tools: one for each arm. transport: has the topics of `topics`. say: receives a message
         if ROS is lost. Raises UserError if the host has no address.
@@ -54,9 +57,9 @@ class RosRobot(RobotLink):
         self._transport, self._say = transport, say
         self._arms: dict[str, ArmName] = {messages.ARM_NAMES[arm]: arm for arm in arms}
         self._channels = {
-            f"{arm}/{name}": [0.0] * (3 if name == "position" else 7)
+            f"{arm}/{name}": [0.0] * CHANNELS["simulated_arm"][name]
             for arm in arms
-            for name in ("jpos", "jpos_d", "mpos", "mvel", "position", "dac")
+            for name in OF_ARM
         }
         self._motor_rates = {  # per joint rate, [7, 7]: the cables couple them
             arm: np.array([motors_of_joints(arm, tool, row) for row in np.eye(7)]).T
@@ -67,11 +70,11 @@ class RosRobot(RobotLink):
         self._began_ns = 0
 
     @staticmethod
-    def topics(arms: tuple[ArmName, ...], ros: messages.Ros) -> tuple[list[str], list[str]]:
+    def topics(arms: Arms, ros: messages.Ros) -> tuple[list[str], list[str]]:
         """Return the topics to publish to such a robot, and the topics to subscribe to."""
         return ["state_command"], messages.reported(arms, ros)
 
-    def order(self, content: dict[str, Any]) -> None:
+    def order(self, content: Json) -> None:
         """Send the order's state command. Orders without one are ignored."""
         word = _COMMANDS.get(content["order"])
         if word is not None and not self.lost:
@@ -86,8 +89,8 @@ class RosRobot(RobotLink):
         except UserError as error:
             self.lost = True
             self._say(
-                f"nothing is heard of the robot any more: {error}; it counts as stopped. Start the"
-                " session anew"
+                f"no reports of the robot arrive any more ({error}), so it counts as stopped. Start"
+                " the session again"
             )
             return
         for name, message in heard:
@@ -149,7 +152,6 @@ class RosRobot(RobotLink):
 
 
 def _runlevel(message: Any) -> int:
-    """Return the Raven's run level for an operating state."""
     if message.state == "ENABLED":
         return INIT if message.is_busy and not message.is_homed else PEDAL_DOWN
     return PEDAL_UP if message.is_homed else E_STOP
