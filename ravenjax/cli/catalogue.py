@@ -197,7 +197,7 @@ def parameters(
 
     plain = {"campaign": {"name": "plain"}, "group": [{"name": "plain"}]}
     config = (
-        loading.load(file, overrides or ())
+        loading.load(file, overrides or (), runs=False)
         if file is not None
         else loading.from_dict(plain, overrides=overrides or ())
     )

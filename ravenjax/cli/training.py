@@ -47,6 +47,7 @@ def train(
     instructor_token: str | None = None,
     itp_port: int | None = None,
     console_profile: ConsoleProfile = "raven",
+    console_host: str | None = None,
     robot: str | None = None,
     crtk: Crtk = None,
 ) -> None:
@@ -89,6 +90,8 @@ def train(
         also take an ITP console on this UDP port (36000)
     console_profile
         what the ITP console sends: raven, dv_trainer, a .toml file, or auto
+    console_host
+        the only host whose ITP console may drive; default any
     robot
         drive one elsewhere: HOST[:ITP_PORT[:JOINT_PORT]], or ros1, ros2 for JOINT_PORT
     crtk
@@ -128,6 +131,7 @@ def train(
                 script=script,
                 itp_port=itp_port,
                 console=console_profile,
+                console_host=console_host,
                 robot=robot,
                 crtk=crtk,
             )

@@ -10,7 +10,12 @@ from __future__ import annotations
 import functools
 import importlib
 import importlib.util
+import sys
+from importlib.machinery import PathFinder
+from itertools import accumulate
+from pathlib import Path
 
+from ravenjax import consent
 from ravenjax.errors import UserError
 from ravenjax.vocabulary.robot import Robot
 
@@ -22,14 +27,13 @@ DEFAULT = "raven2"
 def find(name: str) -> Robot:
     """Return the robot of that name: a folder of this package, or a module that declares ROBOT.
 
-    Raises UserError.
+    Raises UserError, also if the user has not agreed to run that module.
     """
     for module in (f"{__name__}.{name}", name):
-        try:
-            if importlib.util.find_spec(module) is None:
-                continue
-        except (ModuleNotFoundError, ValueError):
+        if (file := _source(module)) is None:
             continue
+        if module == name and name not in sys.modules:
+            consent.require(file, file.read_bytes(), is_robot=True)
         robot = getattr(importlib.import_module(module), "ROBOT", None)
         if not isinstance(robot, Robot):
             raise UserError(
@@ -41,6 +45,22 @@ def find(name: str) -> Robot:
         f"robot {name!r} is unknown: expected {DEFAULT!r}, or the name of a module that Python can"
         " import and that declares ROBOT"
     )
+
+
+def _source(module: str) -> Path | None:
+    """Return the file of a module, without importing the packages that hold it."""
+    places = None
+    try:
+        for name in accumulate(module.split("."), "{}.{}".format):
+            # Other finders know installed packages only by their first name.
+            find_spec = importlib.util.find_spec if places is None else PathFinder.find_spec
+            spec = find_spec(name, places)
+            if spec is None:
+                return None
+            places = spec.submodule_search_locations
+    except (ModuleNotFoundError, ValueError, TypeError):
+        return None
+    return file if spec.origin and (file := Path(spec.origin)).is_file() else None
 
 
 USUAL = find(DEFAULT)

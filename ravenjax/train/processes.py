@@ -96,6 +96,8 @@ def spawn(stack: contextlib.ExitStack, target: Callable[[Any], None], given: Any
 
     It is spawned, never forked: neither JAX nor a loaded server survives a fork.
     """
+    # As python -P: a file such as tempfile.py in the current folder is no module of the process.
+    os.environ["PYTHONSAFEPATH"] = "1"
     process = multiprocessing.get_context("spawn").Process(
         target=target, args=(given,), daemon=True
     )

@@ -24,6 +24,10 @@ _OPTIONS = ("-pre-RA-sched=source", "-enable-misched=false")
 
 They hold for the whole process.
 """
+FUSED = frozenset(("fma", "neon", "fp-armv8"))
+"""CPU features that provide a fused multiply-add."""
+NO_FMA = "no FMA"
+"""Words in the description of a CPU without fused multiply-add, which rounds differently."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,7 +45,8 @@ class Host:
     @property
     def vectors(self) -> str:
         """Description of the CPU's widest vectors."""
-        return {16: "AVX-512", 8: "AVX2", 4: "128-bit vectors"}[self.width]
+        widest = {16: "AVX-512", 8: "AVX2", 4: "128-bit vectors"}[self.width]
+        return widest if self.features & FUSED else f"{widest}, {NO_FMA}"
 
     @property
     def text(self) -> str:

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from ravenjax.engines.cpu.jit import FUSED
 from ravenjax.engines.cpu.memory import Place, size
 from ravenjax.engines.printing import Printing
 from ravenjax.ir import elementary
@@ -40,8 +41,6 @@ _COMPARED = {
 }
 _ROUNDED = {"floor": "floor", "ceil": "ceil", "round": "rint", "sqrt": "sqrt", "abs": "fabs"}
 _SHIFTED = {"shl": "shl", "shr": "lshr", "sar": "ashr"}
-_FUSED = frozenset(("fma", "neon", "fp-armv8"))
-"""CPU features that provide a fused multiply-add."""
 
 
 class LlvmPrinter(Printing[Place]):
@@ -219,7 +218,7 @@ class LlvmPrinter(Printing[Place]):
                 return self.op(f"fdiv {wide} {', '.join(x)}")
             case "div" | "rem" if not real and size(dtype) == 4:
                 return self._divided(name, dtype, x)
-            case "fma" if not self.features & _FUSED:
+            case "fma" if not self.features & FUSED:
                 product = self.op(f"fmul {wide} {x[0]}, {x[1]}")
                 return self.op(f"fadd {wide} {product}, {x[2]}")
             case "fma":

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ravenjax import threads
+from ravenjax.engines.cpu.jit import NO_FMA
 from ravenjax.errors import StoreError, listed
 from ravenjax.store import manifest as manifests
 from ravenjax.store import parts
@@ -97,12 +98,18 @@ def _require_same(first: Path, one: Manifest, other: Path, two: Manifest) -> Non
     differences = one.differences(alike)
     if one.runs != two.runs:
         differences.append(f"runs: {one.runs} here, {two.runs} asked for")
+    if (NO_FMA in one.device) != (NO_FMA in two.device):
+        raise StoreError(
+            f"{first} was computed on {one.device}, {other} on {two.device}. A CPU without fused"
+            " multiply-add (FMA) rounds differently, so that some of its rows differ. Nothing was"
+            " merged: compute these shards again on CPUs of one kind."
+        )
     if differences:
         lines = listed([f"{line.removesuffix(' asked for')} there" for line in differences])
         raise StoreError(
             f"{other}: is no shard of the campaign in {first}. Here {first}, there"
             f" {other}:\n{lines}\nNothing was merged: shards are made by the same command and code,"
-            " but for --shard and --out."
+            " except for --shard and --out."
         )
 
 

@@ -165,6 +165,7 @@ def _read_session(folder: Path) -> StudySession:
     If it was killed before it could write the table, the hazards are those of its recording.
     """
     header = description.read(folder)
+    description.require_unchanged(folder, header)
     if (folder / hazard_table.FILE).exists() or reader.find(folder) is None:
         return StudySession(folder, header, hazard_table.read_table(folder))
     hazards = hazard_table.from_recording(reader.read(folder), header)

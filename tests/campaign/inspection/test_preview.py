@@ -123,7 +123,10 @@ def test_it_tells_what_a_check_of_ones_own_does(command_line, idle, tmp_path):
     (tmp_path / "gate.py").write_text(GATE)
     campaign = tmp_path / "own.toml"
     campaign.write_text(OWN)
-    code, out, err = command_line("check", str(campaign), "--out", str(tmp_path / "out"))
+    arguments = ("check", str(campaign), "--out", str(tmp_path / "out"))
+    code, _, err = command_line(*arguments)
+    assert code == 2 and "gate.py: is Python code" in err and "--trust" in err
+    code, out, err = command_line(*arguments, "--trust")
     assert code == 0, err
     lines = {what: text for what, _, text in (line.partition("│") for line in out.splitlines())}
     lines = {what.strip(): text.strip() for what, text in lines.items()}
@@ -131,7 +134,7 @@ def test_it_tells_what_a_check_of_ones_own_does(command_line, idle, tmp_path):
         lines["check gate"]
         == "at usb_out, above 0.25 to 4, varied: stops the robot; checks.own.gate.counts = 3000"
     )
-    code, out, _ = command_line("check", str(campaign), "--out", str(tmp_path / "out"), "--json")
+    code, out, _ = command_line(*arguments, "--json")
     (gate,) = json.loads(out)["checks"]
     assert (gate["threshold"], gate["consecutive"], gate["acts"]) == (
         "0.25 to 4, varied",

@@ -157,6 +157,11 @@ def spawn(
     if trouble := helper.answer():
         raise UserError(trouble)
     console.process_says = helper.answers
+    network = "the DDS domain" if ros == "ros2" else "the ROS master"
+    say(
+        f"CRTK listens on every network of this machine, whatever --host says: whoever reaches"
+        f" {network} can drive"
+    )
     return console
 
 
