@@ -102,6 +102,7 @@ def test_a_user_without_a_home_has_no_cache(monkeypatch, tmp_path):
 def test_a_cache_that_others_may_change_is_refused(monkeypatch, tmp_path):
     monkeypatch.setenv(compile_cache.VARIABLE, str(tmp_path))
     kept = compile_cache.objects()
+    assert kept is not None
     kept["one"] = b"content"
     monkeypatch.setattr(consent, "OWNERS", (os.geteuid() + 1,))
     assert kept.get("one") is None

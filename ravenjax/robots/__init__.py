@@ -12,7 +12,6 @@ import importlib
 import importlib.util
 import sys
 from importlib.machinery import PathFinder
-from itertools import accumulate
 from pathlib import Path
 
 from ravenjax import consent
@@ -49,18 +48,16 @@ def find(name: str) -> Robot:
 
 def _source(module: str) -> Path | None:
     """Return the file of a module, without importing the packages that hold it."""
-    places = None
+    first, *rest = module.split(".")
     try:
-        for name in accumulate(module.split("."), "{}.{}".format):
-            # Other finders know installed packages only by their first name.
-            find_spec = importlib.util.find_spec if places is None else PathFinder.find_spec
-            spec = find_spec(name, places)
-            if spec is None:
-                return None
-            places = spec.submodule_search_locations
-    except (ModuleNotFoundError, ValueError, TypeError):
+        spec = importlib.util.find_spec(first)
+        for name in rest:
+            places = (spec and spec.submodule_search_locations) or []
+            spec = spec and PathFinder.find_spec(f"{spec.name}.{name}", places)
+    except (ModuleNotFoundError, ValueError):
         return None
-    return file if spec.origin and (file := Path(spec.origin)).is_file() else None
+    origin = spec and spec.origin
+    return file if origin and (file := Path(origin)).is_file() else None
 
 
 USUAL = find(DEFAULT)
