@@ -54,10 +54,10 @@ def require(path: Path, content: bytes, is_robot: bool = False) -> None:
                 mark.touch()
     elif not (mark and is_private(mark.parent) and mark.exists()):
         raise UserError(
-            f"{path}: is Python code, which could do whatever you may do, and you have not run it"
-            " before. Nothing of it was run. Read it, then repeat the command with --trust; in"
-            f" Python set {VARIABLE}=1. `ravenjax run` needs that only for code outside of the"
-            " campaign's folder, or of another user"
+            f"{path}: is Python code that you have not run before, and it was not run now. It can"
+            " do whatever you can do. Read it, then repeat the command with --trust; in Python, set"
+            f" {VARIABLE}=1. `ravenjax run` needs that only for code outside of the campaign's"
+            " folder, or of another user"
         )
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
+import time
 
 import pytest
 
@@ -11,6 +13,7 @@ from ravenjax import consent, robots
 from ravenjax.campaign import compile_cache, loading
 from ravenjax.campaign.file import own_part
 from ravenjax.errors import UserError
+from ravenjax.train import processes
 
 CAMPAIGN = """
 [campaign]
@@ -59,12 +62,9 @@ def test_a_computed_campaign_runs_the_code_in_its_folder_and_later_files_what_ra
         loading.validated(config.model_dump(mode="json")).detectors  # noqa: B018
 
 
-@pytest.mark.parametrize("way", ["option", "variable"])
-def test_trust_lets_any_code_run(place, monkeypatch, way):
-    if way == "variable":
-        monkeypatch.setenv(consent.VARIABLE, "1")
-    with consent.given_for(*[consent.EVERYWHERE] * (way == "option")):
-        loading.load(place / "campaign" / "outside.toml", runs=False)
+def test_trust_lets_any_code_run(place, monkeypatch):
+    monkeypatch.setenv(consent.VARIABLE, "1")
+    loading.load(place / "campaign" / "outside.toml", runs=False)
     assert (place / "ran").exists()
 
 
@@ -111,3 +111,12 @@ def test_a_cache_that_others_may_change_is_refused(monkeypatch, tmp_path):
     tmp_path.chmod(0o770)
     with pytest.raises(UserError, match=r"others may write into this cache.*chmod go-w"):
         compile_cache.objects()
+
+
+def test_a_process_imports_nothing_from_the_current_folder(monkeypatch, tmp_path):
+    (tmp_path / "pickle.py").write_text("open('ran', 'w')")
+    monkeypatch.chdir(tmp_path)
+    with contextlib.ExitStack() as stack:
+        process = processes.spawn(stack, time.sleep, 0)
+        process.join()
+    assert process.exitcode == 0 and not (tmp_path / "ran").exists()

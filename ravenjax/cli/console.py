@@ -64,7 +64,7 @@ def table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, ...]])
     """Print a table."""
     from ravenjax.cli import terminal
 
-    out.print(terminal.table(title, columns, list(rows)))
+    out.print(terminal.table(title, columns, rows))
 
 
 def emit_json(value: Any) -> None:

@@ -172,7 +172,6 @@ def _taken(source: PartSource, out: Path, config_hash: str) -> str:
     target = out / PARTS / source.part.file
     if target.exists() and (target.samefile(source.file) or sha256(target) == source.part.sha256):
         return "kept"
-    ways = []
 
     def fill(aside: Path) -> None:
         with contextlib.suppress(FileNotFoundError):
@@ -180,16 +179,15 @@ def _taken(source: PartSource, out: Path, config_hash: str) -> str:
             aside.unlink()
         try:
             os.link(source.file, aside)
-            ways.append("linked")
         # Another file system, or one without links.
         except OSError:
             shutil.copyfile(source.file, aside)
-            ways.append("copied")
 
     write_aside(target, fill)
-    if ways[-1] == "copied":
-        parts.verify(target, config_hash, source.part)
-    return ways[-1]
+    if target.samefile(source.file):
+        return "linked"
+    parts.verify(target, config_hash, source.part)
+    return "copied"
 
 
 def _require_own(out: Path, sources: list[PartSource]) -> None:
