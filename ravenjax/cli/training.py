@@ -69,7 +69,7 @@ def train(
     cue
         whether the force is felt; default the scenario's
     blinded
-        tell nobody which group this is; default the scenario's
+        hide from everybody which group this is; default the scenario's
     script
         drive by a scripted operator, or by a recorded FILE.jsonl
     page
@@ -85,7 +85,7 @@ def train(
     token
         that the page asks for; made up where one is needed
     instructor_token
-        that makes an instructor; made up anew for each session where it is left out
+        that makes an instructor; default a new one for each session
     itp_port
         also take an ITP console on this UDP port (36000)
     console_profile

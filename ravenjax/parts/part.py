@@ -158,9 +158,9 @@ def _blame(source: OwnSource, where: str) -> Iterator[None]:
         place = f"{frames[-1].filename}:{frames[-1].lineno}" if frames else source.path
         if any(kind.__name__ in _BRANCHES for kind in type(error).__mro__):
             trouble = (
-                "uses a value that is known only when the robot runs as if it were known now, in an"
-                " if, a while, a comparison chain or a conversion; write jnp.where(condition, a,"
-                " b), and & and | for and and or"
+                "has an if, a while, a comparison chain or a conversion of a value that is known"
+                " only when the robot runs. Write jnp.where(condition, a, b), and & and | for and"
+                " and or"
             )
         else:
             first = next(iter(str(error).strip().splitlines()), "")

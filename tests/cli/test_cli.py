@@ -28,33 +28,6 @@ def test_help_and_version_import_nothing_slow():
         assert command in done.stdout
 
 
-def tables(out):
-    """The rows of each table that was printed, by its title; cells of one line, so on a wide
-    terminal.
-    """
-    rows, title = {}, ""
-    for line in out.splitlines():
-        if "│" in line:
-            rows.setdefault(title, []).append([cell.strip() for cell in line.split("│")])
-        elif "┃" not in line and "━" not in line and line.strip():
-            title = line.strip()
-    return rows
-
-
-def test_faults_of_a_site_lists_channels_effects_and_hazards(command_line):
-    code, out, _ = command_line("faults", "usb_out")
-    about, channels, effects, hazards = tables(out).values()
-    assert code == 0 and about[0] == [
-        "layer",
-        "L7: USB write, motors and brakes: after every software check",
-    ]
-    assert channels[0][:3] == ["shoulder", "int16", "cnt"] and channels[0][3].startswith(
-        "gold -1871..2099, green "
-    )
-    assert {row[0] for row in effects} == set(EFFECTS) - {"drop", "duplicate", "delay"}
-    assert [row[0] for row in hazards] == ["B11", "B24", "B25", "B26", "B27"]
-
-
 @pytest.mark.parametrize(
     "tokens, parts",
     [
@@ -131,6 +104,14 @@ def test_faults_as_json(command_line):
     _, told = as_json(command_line, "faults")
     assert [one["site"] for one in told["sites"]] == list(SITES)
     assert {one["effect"] for one in told["effects"]} == set(EFFECTS)
+    _, told = as_json(command_line, "faults", "usb_out")
+    assert told["site"][0]["is"].startswith("L7: ") and told["channels"][0]["number"] == "int16"
+    assert {one["effect"] for one in told["effects"]} == set(EFFECTS) - {
+        "drop",
+        "duplicate",
+        "delay",
+    }
+    assert [one["id"] for one in told["hazards"]] == ["B11", "B24", "B25", "B26", "B27"]
     _, told = as_json(command_line, "faults", "C09")
     assert told["hazard"][0] == {"what": "id", "is": "C09"}
     _, told = as_json(command_line, "faults", "brake")
