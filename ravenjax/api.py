@@ -108,10 +108,8 @@ def explain(
     or several; None: every run with a fault. Raises UserError, and StoreError for a folder that
     cannot be read.
     """
-    if isinstance(campaign, CampaignResults):
-        campaign = campaign.folder
-    source = Path(campaign) if result_folder(campaign) else _config(campaign)  # type: ignore[arg-type]
-    return explaining.table(source, runs, engine)
+    folder = _folder(campaign)
+    return explaining.table(folder or _config(campaign), runs, engine)
 
 
 def counterfactual(
@@ -135,9 +133,8 @@ def counterfactual(
     UserError and StoreError.
     """
     question = Question(false_alarms_per_hour, lead_ms, hours, most, tuple(groups), seed)
-    if isinstance(campaign, CampaignResults):
-        campaign = campaign.folder
-    config = load_source(campaign) if result_folder(campaign) else _config(campaign)  # type: ignore[arg-type]
+    folder = _folder(campaign)
+    config = load_source(folder) if folder else _config(campaign)
     one = finding.find(config, question, engine)
     files = [] if out is None else output.write(one, Path(out))
     table = pd.read_csv(
@@ -202,6 +199,12 @@ def check_monitor(
 
     several = [sources] if isinstance(sources, str | Path) else sources
     return checking.check(Path(folder), [Path(source) for source in several], level, seed)
+
+
+def _folder(campaign: Any) -> Path | None:
+    """Return the result folder that is given in place of a campaign, if any."""
+    place = campaign.folder if isinstance(campaign, CampaignResults) else campaign
+    return Path(place) if result_folder(place) else None
 
 
 def _config(campaign: Any) -> CampaignConfig:

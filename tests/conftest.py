@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,6 +20,10 @@ settings.load_profile("ravenjax")
 
 ROOT = Path(__file__).resolve().parent.parent
 LEVEL = jit._OPTIMISATION
+
+
+os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp()
+"""Which code ran before does not depend on who runs the tests."""
 
 
 def pytest_configure(config):

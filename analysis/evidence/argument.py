@@ -204,7 +204,11 @@ def _mermaid(evidence: EvidenceRecord) -> Iterator[str]:
     yield "classDef broken fill:#fde2e2,stroke:#b91c1c\nclassDef open stroke:#a16207"
     shown = {n.name: n for n in evidence.nodes if n.kind != "solution" or n.status == "broken"}
     for node in shown.values():
-        words = f"{node.name} {node.text} {node.reason}".strip().replace('"', "#quot;")
+        words = (
+            f"{node.name} {node.text} {node.reason}".strip()
+            .replace('"', "#quot;")
+            .replace("<", "#lt;")
+        )
         yield f'{node.name}@{{ shape: {SHAPES[node.kind]}, label: "{words}" }}'
         if node.status != "holds":
             yield f"class {node.name} {node.status}"

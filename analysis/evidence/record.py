@@ -5,6 +5,7 @@ their files.
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal
@@ -77,11 +78,12 @@ class EvidenceRecord(BaseModel):
 
 
 def fill_template(name: str, **values: object) -> str:
-    """Fill the Markdown template of that name in this folder."""
+    """Fill the Markdown template of that name in this folder. Values cannot contain HTML."""
     templates = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent),
         undefined=jinja2.StrictUndefined,
         keep_trailing_newline=True,
+        finalize=lambda value: re.sub(r"<(?=[\w/!?])", "&lt;", str(value)),
     )
     return templates.get_template(name).render(notice=NOTICE, **values)
 

@@ -3,6 +3,9 @@ once.
 
 Two processes may use the folder at the same time. A damaged file counts as absent. When the folder
 grows too large, the files that were used longest ago are deleted.
+
+What is stored is executed. So the folder must belong to the user, or to root, and nobody else may
+write into it. Files of other users count as absent.
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ from collections.abc import Iterator, MutableMapping
 from pathlib import Path
 from typing import Any
 
+from ravenjax import consent
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Engine
 from ravenjax.errors import UserError
@@ -32,24 +36,34 @@ default.
 _HASH = 32
 
 
-def folder() -> Path | None:
-    """Return the cache folder, and create it if needed; None if the cache is off or cannot be
-    created.
+def folder(kind: str) -> Path | None:
+    """Return the cache folder of a kind of code, and create it if needed; None if the cache is off
+    or cannot be created.
+
+    Raises UserError for a folder into which others may write.
     """
     wanted = os.environ.get(VARIABLE, "")
     if wanted.lower() == "off":
         return None
-    place = (
-        Path(wanted)
-        if wanted
-        else Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "ravenjax"
-    )
-    try:
-        place.mkdir(parents=True, exist_ok=True)
-    # A run is possible without a cache.
-    except OSError:
+    base = Path(wanted) if wanted else consent.user_folder("XDG_CACHE_HOME", ".cache")
+    if base is None:
         return None
-    return place
+    for place in (base, base / kind):
+        if not wanted:
+            # A folder of an earlier version has the rights that were usual on this machine.
+            with contextlib.suppress(OSError):
+                place.chmod(0o700)
+        if consent.is_private(place):
+            continue
+        if not place.is_dir():
+            # A run is possible without a cache.
+            return None
+        raise UserError(
+            f"{place}: others may write into this cache, and what is in it is executed. Delete it,"
+            f" or take their right away (chmod go-w), name another folder in {VARIABLE}, or set"
+            f" {VARIABLE}=off"
+        )
+    return base / kind
 
 
 def enable() -> None:
@@ -59,13 +73,13 @@ def enable() -> None:
     Code for one CPU may not run on another one that shares the home folder. Therefore each kind of
     CPU has a separate folder.
     """
-    if (base := folder()) is not None:
-        lazy.when_loaded(lambda jax: _use(jax, base))
+    if (place := folder(f"xla-{_machine()}")) is not None:
+        lazy.when_loaded(lambda jax: _use(jax, place))
 
 
-def _use(jax: Any, base: Path) -> None:
+def _use(jax: Any, place: Path) -> None:
     if not jax.config.jax_compilation_cache_dir:
-        jax.config.update("jax_compilation_cache_dir", str(base / f"xla-{_machine()}"))
+        jax.config.update("jax_compilation_cache_dir", str(place))
 
 
 def objects() -> MutableMapping[str, bytes] | None:
@@ -73,8 +87,8 @@ def objects() -> MutableMapping[str, bytes] | None:
 
     Returns None if the cache is off. Raises UserError if the configured size is not a number.
     """
-    base = folder()
-    return None if base is None else Objects(base / "objects", _size_mb() * 1_000_000)
+    place = folder("objects")
+    return None if place is None else Objects(place, _size_mb() * 1_000_000)
 
 
 def _size_mb() -> int:
@@ -116,7 +130,7 @@ class Objects(MutableMapping[str, bytes]):
     def __getitem__(self, key: str) -> bytes:
         path = self._path(key)
         try:
-            whole = path.read_bytes()
+            whole = path.read_bytes() if path.stat().st_uid in consent.OWNERS else b""
         except OSError:
             raise KeyError(key) from None
         content = whole[_HASH:]
@@ -132,7 +146,6 @@ class Objects(MutableMapping[str, bytes]):
         path = self._path(key)
         aside = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}")
         try:
-            self._place.mkdir(parents=True, exist_ok=True)
             aside.write_bytes(hashlib.sha256(value).digest() + value)
             os.replace(aside, path)
         except OSError:

@@ -13,6 +13,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from ravenjax import consent
 from ravenjax.campaign import population
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import location, overriding, semantics
@@ -24,20 +25,22 @@ from ravenjax.store import manifest
 
 
 def load_campaign(
-    campaign: str | Path | dict[str, Any], overrides: Sequence[str] = ()
+    campaign: str | Path | dict[str, Any], overrides: Sequence[str] = (), runs: bool = True
 ) -> CampaignConfig:
     """Return a validated campaign from a TOML file, a bundled one by name, or nested tables as TOML
     has them.
 
     overrides: `key.path=value`, as `--set` on the command line. `.toml` may be left out. Paths of
-    files that a campaign names are relative to its file's folder. Raises UserError that names each
-    error and its place.
+    files that a campaign names are relative to its file's folder. runs: whether the user asks to
+    compute the campaign, and so agrees to run the code in its folder (`ravenjax.consent`).
+    Raises UserError that names each error and its place.
     """
     if isinstance(campaign, dict):
         return from_dict(campaign, overrides=overrides)
     file = location.find(campaign, "campaigns", "campaign", "ravenjax campaigns")
     raw, text = location.read(file)
-    return from_dict(raw, source=file, text=text, overrides=overrides)
+    with consent.given_for(*[file.parent] * runs):
+        return _from_dict(raw, file, text, overrides)
 
 
 load = load_campaign
@@ -70,8 +73,16 @@ def from_dict(
 ) -> CampaignConfig:
     """Return the campaign of nested tables as TOML has them, with overrides applied.
 
-    `source` and `text` are the file and its text, for error messages. Raises UserError.
+    `source` and `text` are the file and its text, for error messages. The code in its folder may
+    run; without a file, a program wrote the tables, and any code may. Raises UserError.
     """
+    with consent.given_for(consent.EVERYWHERE if source is None else source.parent):
+        return _from_dict(raw, source, text, overrides)
+
+
+def _from_dict(
+    raw: dict[str, Any], source: Path | None, text: str, overrides: Sequence[str]
+) -> CampaignConfig:
     raw, replaced = overriding.all_applied(raw, overrides)
     where = location.Where(source, location.lines(text), replaced)
     raw = population.with_population(raw, where, source)

@@ -6,6 +6,7 @@ Slow imports are inside the commands.
 from __future__ import annotations
 
 import os
+import sys
 
 from cyclopts import App, CycloptsError
 
@@ -37,7 +38,8 @@ app = App(
     name="ravenjax",
     help=(
         "A virtual Raven-II surgical robot: faults, built-in checks, haptics, thousands of runs in"
-        " parallel."
+        " parallel.\n\nEvery command takes `--trust`: run Python code that a campaign or a result"
+        " folder names, though you have not run it before."
     ),
     version=lambda: _version(),
     suppress_keyboard_interrupt=False,
@@ -85,12 +87,24 @@ def main(tokens: list[str] | None = None) -> int:
 
     An error that the user can correct prints one message and gives exit code 2.
     """
+    from ravenjax import consent
     from ravenjax.errors import StoreError, UserError
 
+    words = sys.argv[1:] if tokens is None else tokens
+    trusted = [consent.EVERYWHERE] if "--trust" in words else []
     # Otherwise MuJoCo starts a process that looks for a display.
     os.environ.setdefault("MUJOCO_GL", "disable")
     try:
-        code = app(tokens, exit_on_error=False, print_error=True, result_action="return_value")
+        for text in (*words, os.getcwd()):
+            if text.encode(errors="replace") != os.fsencode(text):
+                raise UserError(f"{text!r}: is not UTF-8; rename the file or folder")
+        with consent.given_for(*trusted):
+            code = app(
+                [word for word in words if word != "--trust"],
+                exit_on_error=False,
+                print_error=True,
+                result_action="return_value",
+            )
     except KeyboardInterrupt:
         console.err.print(
             "stopped; finished parts are kept, and the same command goes on from there",

@@ -115,7 +115,7 @@ def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, Loo
         tables.by_joint(title, logged.judged(part, robots), joints)
         for title, part in zip(titles, logged.halves, strict=True)
     ]
-    for rows in (*judged, tables.parameters("What the log tells", calibrated)):
+    for rows in (*judged, tables.parameters("What the log determines", calibrated)):
         console.table(rows.title, rows.columns, rows.cells)
     for one, other, correlation in calibrated.confounded:
         console.say(f"told together: {one} and {other}, correlation {correlation:.2f}")

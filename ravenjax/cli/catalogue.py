@@ -168,7 +168,7 @@ def _site(site: Site) -> Iterator[Listing]:
     ]
     yield Listing("effects", "Effects that it takes", ("effect", "meaning"), effects)
     hazards = listing.table(listing.of_site(site.name))
-    yield Listing("hazards", "Hazards that strike it", listing.COLUMNS, hazards)
+    yield Listing("hazards", "Hazards that act there", listing.COLUMNS, hazards)
 
 
 def parameters(
@@ -197,7 +197,7 @@ def parameters(
 
     plain = {"campaign": {"name": "plain"}, "group": [{"name": "plain"}]}
     config = (
-        loading.load(file, overrides or ())
+        loading.load(file, overrides or (), runs=False)
         if file is not None
         else loading.from_dict(plain, overrides=overrides or ())
     )

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import importlib
 import re
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from cyclopts import Parameter, validators
 from rich.console import Console
+
+from ravenjax.errors import UserError
 
 if TYPE_CHECKING:
     from ravenjax.report.run.ranking import WorstRun
@@ -60,7 +64,7 @@ def table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, ...]])
     """Print a table."""
     from ravenjax.cli import terminal
 
-    out.print(terminal.table(title, columns, list(rows)))
+    out.print(terminal.table(title, columns, rows))
 
 
 def emit_json(value: Any) -> None:
@@ -98,6 +102,22 @@ def complain(text: str) -> None:
 def note(text: str) -> None:
     """Print a note on standard error."""
     err.print(f"note: {text}", markup=False, highlight=False, soft_wrap=True)
+
+
+def load_module(name: str) -> Any:
+    """Return module `name` of the folder `analysis`, such as "studies.claims". The installed
+    package has no such folder. Raises UserError outside of a checkout.
+    """
+    analysis = Path(__file__).resolve().parents[2] / "analysis"
+    folder = analysis / name.partition(".")[0]
+    if not (folder / "__init__.py").is_file():
+        raise UserError(
+            f"this command needs a checkout of the repository, and this is no checkout: {folder} is"
+            " missing; clone the repository and install it with `pip install -e .`"
+        )
+    if str(analysis) not in sys.path:
+        sys.path.insert(0, str(analysis))
+    return importlib.import_module(name)
 
 
 def worst(folder: Path, most: int | None, by: str) -> list[WorstRun]:

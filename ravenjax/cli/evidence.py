@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ravenjax.cli import checkout
+from ravenjax.cli import console
 from ravenjax.cli.console import AsJson, Switch
 
 
@@ -37,5 +37,5 @@ def evidence(
     credibility
         findings of `ravenjax reproduce`: report what the simulator's credibility rests on, too
     """
-    commands = checkout.load_module("evidence.commands")
+    commands = console.load_module("evidence.commands")
     return commands.evidence(folders, out, check, xlsx, credibility, as_json)

@@ -19,7 +19,7 @@ def export(
     parameter_set: str = "power_consistent",
     cpu: Literal["portable", "native"] = "portable",
     as_json: AsJson = False,
-) -> int:
+) -> None:
     """Write the control software and the virtual robot as a C library.
 
     Header, object, shared library and example. Each part is one `step` per millisecond on plain
@@ -59,8 +59,7 @@ def export(
     robot = VirtualRobot(software.setup.arms, software.setup.tools, parameter_set)
     written = c_folder.write(folder, software, robot, cpu)
     if as_json:
-        console.emit_json(written)
-        return 0
+        return console.emit_json(written)
     for path in written:
         if path is not None:
             console.say(str(path))
@@ -69,4 +68,4 @@ def export(
             f"no C compiler ({', '.join(c_folder.COMPILERS)}) to link a shared library with: link"
             f" {written.object} and the C library's mathematics (-lm) into your program"
         )
-    return 0
+    return None

@@ -40,9 +40,7 @@ def bench(
     seconds
         how long it may take, about; default: 160, and 35 of a quick run
     """
-    from ravenjax.cli import checkout
-
-    suite = checkout.load_module("bench.suite")
+    suite = console.load_module("bench.suite")
     return suite.bench(json, quick, markdown, only or (), seconds)
 
 

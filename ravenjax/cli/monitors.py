@@ -207,7 +207,9 @@ def signals(
     from ravenjax.analyses.monitors.scores import catalogue
     from ravenjax.campaign import loading
 
-    robot = loading.load(file).robot if file is not None else robots.find(robots.DEFAULT)
+    robot = (
+        loading.load(file, runs=False).robot if file is not None else robots.find(robots.DEFAULT)
+    )
     rows = [
         (one.name, one.words, ", ".join(dict.fromkeys(one.units)), one.layer)
         for one in catalogue(robot)

@@ -135,12 +135,12 @@ def merge(
         console.say(f"missing: rows {query.in_words(done.missing)}")
 
 
-def write_report(folder: Path, tell: bool = True) -> Path:
-    """Write the report and return its path; tell: also print the path."""
+def write_report(folder: Path, prints: bool = True) -> Path:
+    """Write the report and return its path. prints: also print the path."""
     from ravenjax.report import page
 
     path = page.build(folder)
-    if tell:
+    if prints:
         console.say(f"report: {path}")
     return path
 

@@ -91,7 +91,7 @@ def run(
             config, folder, engine, on_progress=watch, executor=who, shard=share, command=sys.argv
         )
     if as_json:
-        page = write_report(folder, tell=False) if report and share is None else None
+        page = write_report(folder, prints=False) if report and share is None else None
         console.emit_json(
             _outcome(folder, results)
             | {
@@ -160,7 +160,7 @@ def fault_free(
     engine
         auto, cuda, simd, xla or mjx; auto is a CPU engine: motions run one at a time
     report
-        write the result's report.html anew at the end
+        write the result's report.html again at the end
     """
     from ravenjax.campaign.inspection import fault_free as more_motion
     from ravenjax.cli import terminal
@@ -181,7 +181,7 @@ def fault_free(
         )
     if not as_json:
         say(f"fault-free motion: {wording.hours(there)} in {place}")
-    page = write_report(folder, tell=not as_json) if report else None
+    page = write_report(folder, prints=not as_json) if report else None
     if as_json:
         console.emit_json({"folder": place, "hours": there, "report": page})
 

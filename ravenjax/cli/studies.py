@@ -7,8 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ravenjax.cli.checkout import load_module
-from ravenjax.cli.console import AsJson, Engine
+from ravenjax.cli.console import AsJson, Engine, load_module
 
 
 def reproduce(

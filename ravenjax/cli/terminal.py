@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import os
 import platform
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -27,20 +26,6 @@ LONGEST_NAME = 48
 
 A first column with longer texts holds sentences, which are wrapped as in any other column.
 """
-
-PACKAGES = (
-    "ravenjax",
-    "jax",
-    "jaxlib",
-    "mujoco",
-    "mujoco-mjx",
-    "numpy",
-    "pandas",
-    "pyarrow",
-    "scipy",
-    "pydantic",
-    "mcap",
-)
 
 
 class Watch:
@@ -118,14 +103,11 @@ def duration(seconds: float) -> str:
     return f"{minutes} min" if minutes < 120 else f"{minutes // 60} h {minutes % 60:02d} min"
 
 
-def table(
-    title: str, columns: tuple[str, ...], rows: Iterator[tuple[str, ...]] | list[tuple[str, ...]]
-) -> Table:
+def table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Table:
     """Return a table of text; square brackets are not markup.
 
     Names in the first column are not wrapped, so that they can be copied.
     """
-    rows = list(rows)
     grid = Table(title=title, title_justify="left", show_edge=False)
     names = max((len(row[0]) for row in rows), default=0) <= LONGEST_NAME
     for place, column in enumerate(columns):
@@ -139,13 +121,12 @@ def machine() -> Iterator[tuple[str, str]]:
     """Yield (name, description) of this machine and its software."""
     from ravenjax.engines import selection
     from ravenjax.numbers.setup import CAMPAIGN
+    from ravenjax.store import manifest
 
     yield "python", f"{platform.python_version()} on {platform.system()} {platform.machine()}"
-    for package in PACKAGES:
-        try:
-            yield package, importlib.metadata.version(package)
-        except importlib.metadata.PackageNotFoundError:
-            yield package, "not installed"
+    for package, version in manifest.package_versions().items():
+        if package != "python":
+            yield package, version
     yield "cpu", f"{os.cpu_count()} threads, {selection.select('simd', CAMPAIGN).device}"
     page = os.sysconf("SC_PAGE_SIZE") / 2**30
     total, free = (page * os.sysconf(name) for name in ("SC_PHYS_PAGES", "SC_AVPHYS_PAGES"))

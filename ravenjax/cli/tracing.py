@@ -30,8 +30,7 @@ def trace(
     folder
         What `ravenjax run` wrote.
     run_ids
-        Of each row its run_id, or enough of its beginning to tell it from others, or its
-        index.
+        The run_id of each row, the beginning of it, or the row's index.
     worst
         trace the N worst runs instead of named ones
     by

@@ -47,6 +47,7 @@ def train(
     instructor_token: str | None = None,
     itp_port: int | None = None,
     console_profile: ConsoleProfile = "raven",
+    console_host: str | None = None,
     robot: str | None = None,
     crtk: Crtk = None,
 ) -> None:
@@ -68,7 +69,7 @@ def train(
     cue
         whether the force is felt; default the scenario's
     blinded
-        tell nobody which group this is; default the scenario's
+        hide from everybody which group this is; default the scenario's
     script
         drive by a scripted operator, or by a recorded FILE.jsonl
     page
@@ -84,11 +85,13 @@ def train(
     token
         that the page asks for; made up where one is needed
     instructor_token
-        that makes an instructor; made up anew for each session where it is left out
+        that makes an instructor; default a new one for each session
     itp_port
         also take an ITP console on this UDP port (36000)
     console_profile
         what the ITP console sends: raven, dv_trainer, a .toml file, or auto
+    console_host
+        the only host whose ITP console may drive; default any
     robot
         drive one elsewhere: HOST[:ITP_PORT[:JOINT_PORT]], or ros1, ros2 for JOINT_PORT
     crtk
@@ -128,6 +131,7 @@ def train(
                 script=script,
                 itp_port=itp_port,
                 console=console_profile,
+                console_host=console_host,
                 robot=robot,
                 crtk=crtk,
             )

@@ -18,7 +18,7 @@ import re
 import sys
 import traceback
 import types
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -75,10 +75,16 @@ class InPlace(NamedTuple):
 _MODULES: dict[OwnSource, types.ModuleType] = {}
 
 
-def read(name: str, path: Path, what: str = "detector") -> OwnSource:
+def read(
+    name: str,
+    path: Path,
+    what: str = "detector",
+    require: Callable[[Path, bytes], None] = lambda *_: None,
+) -> OwnSource:
     """Read the file at `path`, run it once, and return its source.
 
-    what: kind of the part, for messages. Raises UserError, which names file and line.
+    what: kind of the part, for messages. require: raises UserError for code that must not run.
+    Raises UserError, which names file and line.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -86,7 +92,7 @@ def read(name: str, path: Path, what: str = "detector") -> OwnSource:
         reason = getattr(error, "strerror", None) or "not UTF-8"
         raise UserError(f"{path}: file of {what} {name!r} cannot be read ({reason})") from None
     source = OwnSource(name, str(path), text)
-    module, contents = _run(source, None)
+    module, contents = _run(source, None, require)
     whole = dataclasses.replace(source, files=tuple(sorted(contents.items())))
     _MODULES[whole] = module
     loaded(whole)
@@ -113,7 +119,9 @@ def digest(source: OwnSource) -> str:
 
 
 def _run(
-    source: OwnSource, known: Mapping[str, bytes] | None
+    source: OwnSource,
+    known: Mapping[str, bytes] | None,
+    require: Callable[[Path, bytes], None] = lambda *_: None,
 ) -> tuple[types.ModuleType, dict[str, bytes]]:
     """Return the module of a source, and the files of its folder that it uses; known: as for
     `Reader`.
@@ -123,7 +131,7 @@ def _run(
     linecache.cache[source.path] = (len(source.text), None, lines, source.path)
     path = Path(source.path)
     name = f"ravenjax_part_{hashlib.sha256(repr(source).encode()).hexdigest()[:16]}"
-    reader = Reader(name, path.parent, known)
+    reader = Reader(name, path.parent, known, require)
     with _blame(source, "the file"):
         return reader.read(source.text, path), reader.taken
 
@@ -150,9 +158,9 @@ def _blame(source: OwnSource, where: str) -> Iterator[None]:
         place = f"{frames[-1].filename}:{frames[-1].lineno}" if frames else source.path
         if any(kind.__name__ in _BRANCHES for kind in type(error).__mro__):
             trouble = (
-                "uses a value that is known only when the robot runs as if it were known now, in an"
-                " if, a while, a comparison chain or a conversion; write jnp.where(condition, a,"
-                " b), and & and | for and and or"
+                "has an if, a while, a comparison chain or a conversion of a value that is known"
+                " only when the robot runs. Write jnp.where(condition, a, b), and & and | for and"
+                " and or"
             )
         else:
             first = next(iter(str(error).strip().splitlines()), "")

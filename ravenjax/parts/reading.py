@@ -11,7 +11,7 @@ import hashlib
 import io
 import sys
 import types
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,19 +27,27 @@ class Reader:
     names. Two campaigns may therefore each have a module `filters`.
     """
 
-    def __init__(self, name: str, folder: Path, known: Mapping[str, bytes] | None) -> None:
+    def __init__(
+        self,
+        name: str,
+        folder: Path,
+        known: Mapping[str, bytes] | None,
+        require: Callable[[Path, bytes], None],
+    ) -> None:
         """Prepare to run the part whose module is called `name`.
 
         known: files of a part that was read before, maybe in another process, which are used
-        unchanged. None: files are read from the folder.
+        unchanged. None: files are read from the folder. require: raises UserError for code that
+        must not run.
         """
         self.folder = folder
         self.taken: dict[str, bytes] = {}
-        self._name, self._known = name, known
+        self._name, self._known, self._require = name, known, require
         self._modules: dict[str, types.ModuleType] = {}
 
     def read(self, text: str, path: Path) -> types.ModuleType:
         """Return the module of the part's file."""
+        self._require(path, text.encode())
         _READERS.append(self)
         try:
             return self._run(text, path, self._name)
@@ -100,6 +108,7 @@ class Reader:
             content = self.content(path.name)
         except OSError:
             return None
+        self._require(path, content)
         digest = hashlib.sha256(content).hexdigest()[:16]
         self._modules[name] = self._run(content, path, f"{self._name}_{name}_{digest}")
         return self._modules[name]

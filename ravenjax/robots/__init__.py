@@ -10,7 +10,11 @@ from __future__ import annotations
 import functools
 import importlib
 import importlib.util
+import sys
+from importlib.machinery import PathFinder
+from pathlib import Path
 
+from ravenjax import consent
 from ravenjax.errors import UserError
 from ravenjax.vocabulary.robot import Robot
 
@@ -20,13 +24,15 @@ DEFAULT = "raven2"
 
 @functools.cache
 def find(name: str) -> Robot:
-    """Return a robot: a folder here, or a module that declares ROBOT. Raises UserError."""
+    """Return a robot: a folder here, or a module that declares ROBOT.
+
+    Raises UserError, also if the user has not agreed to run that module.
+    """
     for module in (f"{__name__}.{name}", name):
-        try:
-            if importlib.util.find_spec(module) is None:
-                continue
-        except (ModuleNotFoundError, ValueError):
+        if (file := _source(module)) is None:
             continue
+        if module == name and name not in sys.modules:
+            consent.require(file, file.read_bytes(), is_robot=True)
         robot = getattr(importlib.import_module(module), "ROBOT", None)
         if not isinstance(robot, Robot):
             raise UserError(
@@ -38,6 +44,20 @@ def find(name: str) -> Robot:
         f"robot {name!r} is unknown: expected {DEFAULT!r}, or the name of a module that Python can"
         " import and that declares ROBOT"
     )
+
+
+def _source(module: str) -> Path | None:
+    """Return the file of a module, without importing the packages that hold it."""
+    first, *rest = module.split(".")
+    try:
+        spec = importlib.util.find_spec(first)
+        for name in rest:
+            places = (spec and spec.submodule_search_locations) or []
+            spec = spec and PathFinder.find_spec(f"{spec.name}.{name}", places)
+    except (ModuleNotFoundError, ValueError):
+        return None
+    origin = spec and spec.origin
+    return file if origin and (file := Path(origin)).is_file() else None
 
 
 USUAL = find(DEFAULT)

@@ -73,6 +73,19 @@ def json_values(value: Any) -> Any:
     return json.loads(text, parse_constant=lambda _: None)
 
 
+def inside(folder: Path, name: str) -> Path:
+    """Return the path of a file in `folder` whose name was read from another file.
+
+    Raises StoreError for a name that leads out of the folder.
+    """
+    if name in ("", "..") or Path(name).name != name:
+        raise StoreError(
+            f"{folder}: a record names the file {name!r}, expected the name of a file in this"
+            " folder. Nothing was read or written: the record is damaged or forged"
+        )
+    return folder / name
+
+
 TABLES = (".csv", ".parquet")
 
 

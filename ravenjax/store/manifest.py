@@ -29,7 +29,7 @@ from ravenjax.errors import StoreError
 from ravenjax.outcomes.events import Rules
 from ravenjax.outcomes.verdict import LIMIT_MM, PUBLISHED_CUE_MM
 from ravenjax.store import schema
-from ravenjax.store.files import parsed, write_aside
+from ravenjax.store.files import inside, parsed, write_aside
 from ravenjax.store.motion.summary import MotionSummary
 from ravenjax.store.parts import Part, require_version
 from ravenjax.vocabulary.checks import built_in_column
@@ -282,7 +282,7 @@ _RESTORE = (
 
 
 def recorded(folder: Path) -> tuple[Part, ...]:
-    """Return the parts that `record` listed, up to the first incomplete line."""
+    """Return the parts that `record` listed, up to the first incomplete line. Raises StoreError."""
     path = folder / PARTS_FILE
     if not path.exists():
         return ()
@@ -295,6 +295,7 @@ def recorded(folder: Path) -> tuple[Part, ...]:
         for line in lines:
             if line.endswith(b"\n"):
                 entries.append(Part.model_validate_json(line))
+                inside(folder, entries[-1].file)
     return tuple(entries)
 
 
@@ -398,7 +399,10 @@ def code_hash(robot: Robot = robots.USUAL) -> str:
     spec = importlib.util.find_spec(robot.package)
     module = Path(spec.origin) if spec is not None and spec.origin is not None else Path()
     if spec is not None and spec.submodule_search_locations:
-        contents |= {f"robot {path.name}": path for path in module.parent.rglob("*.py")}
+        contents |= {
+            f"robot {path.relative_to(module.parent).as_posix()}": path
+            for path in module.parent.rglob("*.py")
+        }
     elif module.is_file():
         contents |= {f"robot {module.name}": module}
     for name in robot.files:

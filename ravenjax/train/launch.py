@@ -26,6 +26,7 @@ from ravenjax import interruption
 from ravenjax.errors import UserError
 from ravenjax.store import manifest
 from ravenjax.store.consoles import loading as profiles
+from ravenjax.store.files import sha256
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
 from ravenjax.train import page, processes, scenario
@@ -44,7 +45,7 @@ from ravenjax.train.robot_link.crtk.messages import Ros
 from ravenjax.train.robot_link.distant import DistantRobot
 from ravenjax.train.robot_link.itp import ItpServer
 from ravenjax.train.robot_link.joint_stream import JOINT_PORT
-from ravenjax.train.robot_link.process import digest, in_words
+from ravenjax.train.robot_link.process import digest, exposed, in_words
 from ravenjax.train.robot_link.remote import RemoteRobot
 from ravenjax.train.scenario import Scenario
 from ravenjax.train.session import scripts
@@ -79,6 +80,7 @@ class SessionOptions:
     itp_port: int | None = None  # None: no console over the network
     # The console's profile: a name or file of `store.consoles`, or "auto".
     console: str = "raven"
+    console_host: str | None = None  # the only host that may drive over the network; None: any
     # A robot outside this process, HOST[:ITP_PORT[:JOINT_PORT]]; ros1 or ros2 may replace
     # JOINT_PORT.
     robot: str | None = None
@@ -151,13 +153,20 @@ def realtime(
             consoles.append(browser)
         if options.itp_port is not None:
             server = ItpServer(
-                session.arms, options.host, options.itp_port, profiles=console_profiles, say=say
+                session.arms,
+                options.host,
+                options.itp_port,
+                profiles=console_profiles,
+                only_host=options.console_host,
+                say=say,
             )
             stack.callback(server.close)
             stack.callback(
                 lambda: say(f"console: {in_words(server.counters()) or 'nothing arrived'}")
             )
             consoles.append(ItpConsole(server, session))
+            for warning in exposed(options.host, options.token, options.console_host):
+                say(warning)
             say("console: ITP over UDP {}:{}".format(*server.address))
         if options.crtk is not None:
             from ravenjax.train.robot_link.crtk import bridge
@@ -475,7 +484,9 @@ def _conclude(
     }
     if timing is not None:
         summary["timing"] = facts(timing)
-    description.update(options.folder, {"summary": summary})
+    paths = [options.folder / name for name in (session_log.FILE, table.FILE, COMMANDS)]
+    checksums = {path.name: sha256(path) for path in paths if path.is_file()}
+    description.update(options.folder, {"summary": summary, "sha256": checksums})
     say(f"debrief: {debrief.write(options.folder)}")
     return FinishedSession(options.folder, rows, timing, session.ended)
 

@@ -86,6 +86,8 @@ class SessionHelpers:
 
 def spawn(stack: contextlib.ExitStack, target: Callable[[Any], None], given: Any) -> BaseProcess:
     """Spawn a process that Ctrl-C does not reach. JAX and a loaded server do not survive a fork."""
+    # As python -P: a file such as tempfile.py in the current folder is no module of the process.
+    os.environ["PYTHONSAFEPATH"] = "1"
     process = multiprocessing.get_context("spawn").Process(
         target=target, args=(given,), daemon=True
     )

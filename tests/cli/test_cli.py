@@ -23,64 +23,9 @@ def test_help_and_version_import_nothing_slow():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    for command in (
-        "run",
-        "fault-free",
-        "check",
-        "report",
-        "trace",
-        "verify",
-        "merge",
-        "motion",
-        "train",
-        "robot",
-        "study",
-        "campaigns",
-        "faults",
-        "parameters",
-        "doctor",
-    ):
+    commands = "run fault-free check report trace verify merge motion train robot study campaigns"
+    for command in f"{commands} faults parameters doctor --trust".split():
         assert command in done.stdout
-
-
-def tables(out):
-    """The rows of each table that was printed, by its title; cells of one line, so on a wide
-    terminal.
-    """
-    rows, title = {}, ""
-    for line in out.splitlines():
-        if "│" in line:
-            rows.setdefault(title, []).append([cell.strip() for cell in line.split("│")])
-        elif "┃" not in line and "━" not in line and line.strip():
-            title = line.strip()
-    return rows
-
-
-def test_faults_of_a_site_lists_channels_effects_and_hazards(command_line):
-    code, out, _ = command_line("faults", "usb_out")
-    about, channels, effects, hazards = tables(out).values()
-    assert code == 0 and about[0] == [
-        "layer",
-        "L7: USB write, motors and brakes: after every software check",
-    ]
-    assert channels[0][:3] == ["shoulder", "int16", "cnt"] and channels[0][3].startswith(
-        "gold -1871..2099, green "
-    )
-    assert {row[0] for row in effects} == set(EFFECTS) - {"drop", "duplicate", "delay"}
-    assert [row[0] for row in hazards] == ["B11", "B24", "B25", "B26", "B27"]
-
-
-@pytest.mark.parametrize(
-    "word, near",
-    [("usb_ou", "usb_out"), ("drft", "drift")],
-)
-def test_an_unknown_word_gets_the_nearest(command_line, word, near):
-    code, _, err = command_line("faults", word)
-    assert (
-        code == 2
-        and f"unknown word {word!r}, expected a layer" in err
-        and f"Did you mean {near!r}?" in err
-    )
 
 
 @pytest.mark.parametrize(
@@ -90,6 +35,8 @@ def test_an_unknown_word_gets_the_nearest(command_line, word, near):
         (["run", "quick.toml", "--chunk", "0"], ['Invalid value "0" for --chunk']),
         (["train", "first_steps", "--no-page"], ["nobody drives: without the page give --script"]),
         (["rn"], ['Did you mean "run"']),
+        (["faults", "usb_ou"], ["unknown word 'usb_ou', expected a layer", "'usb_out'?"]),
+        (["check", "a\udcff.toml"], ["is not UTF-8; rename the file or folder"]),
     ],
 )
 def test_user_errors_are_messages_with_code_2(command_line, tokens, parts):
@@ -101,13 +48,8 @@ def test_user_errors_are_messages_with_code_2(command_line, tokens, parts):
 
 
 def test_parameters_are_listed_with_their_ranges(command_line):
-    code, out, _ = command_line(
-        "parameters",
-        "--set",
-        'campaign.arms=["gold", "green"]',
-        "--set",
-        "campaign.software=fork2015",
-    )
+    options = ("--set", 'campaign.arms=["gold", "green"]', "campaign.software=fork2015")
+    code, out, _ = command_line("parameters", *options)
     assert code == 0
     lines = {line.split("│")[0].strip(): line for line in out.splitlines() if "│" in line}
     assert (
@@ -162,6 +104,14 @@ def test_faults_as_json(command_line):
     _, told = as_json(command_line, "faults")
     assert [one["site"] for one in told["sites"]] == list(SITES)
     assert {one["effect"] for one in told["effects"]} == set(EFFECTS)
+    _, told = as_json(command_line, "faults", "usb_out")
+    assert told["site"][0]["is"].startswith("L7: ") and told["channels"][0]["number"] == "int16"
+    assert {one["effect"] for one in told["effects"]} == set(EFFECTS) - {
+        "drop",
+        "duplicate",
+        "delay",
+    }
+    assert [one["id"] for one in told["hazards"]] == ["B11", "B24", "B25", "B26", "B27"]
     _, told = as_json(command_line, "faults", "C09")
     assert told["hazard"][0] == {"what": "id", "is": "C09"}
     _, told = as_json(command_line, "faults", "brake")

@@ -92,9 +92,7 @@ def test_a_log_that_is_too_short_is_refused(tmp_path, capsys) -> None:
     table = {"time_s": np.arange(100) * 1e-3}
     table |= {f"{name}_shoulder": np.full(100, 0.5) for name in ("jpos", "jpos_d")}
     pd.DataFrame(table).to_csv(tmp_path / "log.csv", index=False)
-    assert (
-        cli.main(["calibrate", str(tmp_path / "log.csv"), "--out", str(tmp_path / "robot.toml")])
-        == 2
-    )
+    words = ["calibrate", str(tmp_path / "log.csv"), "--out", str(tmp_path / "robot.toml")]
+    assert cli.main(words) == 2
     assert "the log lasts 0.1 s, expected at least 4 s" in " ".join(capsys.readouterr().err.split())
     assert not (tmp_path / "robot.toml").exists()

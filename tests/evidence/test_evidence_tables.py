@@ -9,7 +9,7 @@ import io
 import pytest
 import synthetic_results as synthetic
 
-from evidence import control_actions, trace
+from evidence import control_actions, trace, writing
 from evidence.control_actions import count_control_actions
 from evidence.failure_modes import count_failure_modes
 from evidence.sources import Source, opened
@@ -120,3 +120,11 @@ def test_the_trace_names_every_run_and_its_part(folder, tmp_path):
         for hazard in trace.TRACED:
             assert line[hazard.replace(" ", "_")] == (mine["hazard"] == hazard).sum()
     assert {line["group"] for line in matrix} == set(synthetic.BLOCKS)
+
+
+def test_the_name_of_a_campaign_is_no_html(tmp_path):
+    forged = synthetic.manifest(RUNS, campaign="<img src=x>")
+    place = synthetic.folder(tmp_path / "forged", FRAME, forged, BEGINS)
+    writing.write([place], tmp_path / "out")
+    assert "&lt;img src=x>" in (tmp_path / "out" / writing.README).read_text()
+    assert not [path for path in (tmp_path / "out").glob("*.m*") if "<img" in path.read_text()]

@@ -143,10 +143,8 @@ def test_modules_beside_the_file_count_as_its_content(tmp_path):
         digests.append(part.digest(part.read("mine", path)))
     source = part.read("mine", path)
     assert digests[0] != digests[1] == part.digest(source) and traced(path)[1] == 15.0
-    assert [name for name, _ in source.files] == [
-        "gains.py",
-        "limits.py",
-    ] and "gains" not in sys.modules
+    assert [name for name, _ in source.files] == ["gains.py", "limits.py"]
+    assert "gains" not in sys.modules
     (tmp_path / "limits.py").write_text("MOST = 4.0\n")
     assert not part.unchanged(source)
 
@@ -156,13 +154,8 @@ def test_two_parts_may_import_modules_of_one_name(tmp_path):
     for place, factor in (("a", 2.0), ("b", 7.0)):
         (tmp_path / place).mkdir()
         (tmp_path / place / "gains.py").write_text(f"GAIN = {factor}\n")
-        scores.append(
-            traced(
-                written(
-                    tmp_path / place, "import gains\n" + STEP + "return state, view * gains.GAIN"
-                )
-            )[1]
-        )
+        text = "import gains\n" + STEP + "return state, view * gains.GAIN"
+        scores.append(traced(written(tmp_path / place, text))[1])
     assert scores == [6.0, 21.0]
 
 
@@ -217,12 +210,7 @@ def test_parameters_travel_to_a_process_that_has_no_files(tmp_path):
 
 
 def test_what_a_part_prints_is_no_output(tmp_path, capsys):
-    traced(
-        written(
-            tmp_path,
-            "print('read')\ndef step(params, state, view):\n    print('traced')\n    return state,"
-            " view",
-        )
-    )
+    text = "print('read')" + STEP + "print('traced')\n    return state, view"
+    traced(written(tmp_path, text))
     output, aside = capsys.readouterr()
     assert output == "" and aside.startswith("read") and "traced" in aside

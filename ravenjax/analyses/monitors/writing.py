@@ -151,9 +151,10 @@ def read(folder: Path) -> tuple[Monitor, dict[str, Any]]:
             f"{path}: is no record of a monitor ({type(error).__name__}: {error})"
         ) from None
     for name, digest in content.get("sha256", {}).items():
-        if not (folder / name).is_file() or files.sha256(folder / name) != digest:
+        file = files.inside(folder, name)
+        if not file.is_file() or files.sha256(file) != digest:
             raise StoreError(
-                f"{folder / name}: is not what the calibration wrote (sha256 expected"
+                f"{file}: is not what the calibration wrote (sha256 expected"
                 f" {digest[:16]}); calibrate again, its operations are there already"
             )
     return monitor, content

@@ -21,7 +21,7 @@ import threading
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ravenjax import interruption
+from ravenjax import consent, interruption
 from ravenjax.campaign import compile_cache, memory_windows
 from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.executors.protocol import (
@@ -168,6 +168,7 @@ class Ray:
         progress.status.workers = tasks
         progress.tell("compile")
         head = ray.put(make_head(work, chunks, cores))
+        first_node = ray.get_runtime_context().gcs_address
         compute = ray.remote(
             num_cpus=cores,
             num_gpus=int(gpu),
@@ -192,6 +193,8 @@ class Ray:
                         share = ray.put(work.plan.row_fields(slice(rows.start, rows.stop)))
                         under_way[compute.remote(key, head, share)] = rows
                     done, _ = ray.wait(list(under_way), num_returns=1, timeout=1.0)
+                    if not done:
+                        _require_answer(first_node)
                     for task in done:
                         rows = under_way.pop(task)
                         try:
@@ -218,6 +221,20 @@ class Ray:
                 raise
         if lost:
             raise _refusal(lost, delivered)
+
+
+def _require_answer(address: str) -> None:
+    """Raise UserError if the first machine of the cluster does not answer. Ray itself would end
+    this process a minute later.
+    """
+    host, _, port = address.rpartition(":")
+    try:
+        socket.create_connection((host, int(port)), ANSWER_S).close()
+    except OSError as error:
+        raise UserError(
+            f"the Ray cluster at {address} has ended ({error}). Finished parts are kept: start it"
+            " again, and the same command continues"
+        ) from None
 
 
 def _refusal(lost: Mapping[range, str], delivered: int) -> UserError:
@@ -260,6 +277,8 @@ def task_environment(engine: str) -> dict[str, str]:
     waste memory.
     """
     variables = {name: os.environ[name] for name in _PASSED_ON if name in os.environ}
+    # The user has already agreed here.
+    variables[consent.VARIABLE] = "1"
     return {"JAX_PLATFORMS": "cpu"} | variables if engine == "simd" else variables
 
 

@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 from typing import TypeVar
 
+from ravenjax import consent
 from ravenjax.campaign.file.section import Section
 from ravenjax.errors import UserError
 from ravenjax.parts import part
@@ -36,13 +37,13 @@ _KNOWN: dict[tuple[str, Path, str], OwnSource] = {}
 def source(name: str, file: Path, sha256: str | None, what: str) -> OwnSource:
     """Return the code of a file. It is read again if it or a file that it imports has changed.
 
-    what: kind of the part. Raises UserError if the file is unusable or its content does not match
-    `sha256`.
+    what: kind of the part. Raises UserError if the file is unusable, its code must not run
+    (`consent`), or its content does not match `sha256`.
     """
     key = name, file.absolute(), what
     code = _KNOWN.get(key)
     if code is None or not part.unchanged(code):
-        code = _KNOWN[key] = part.read(*key)
+        code = _KNOWN[key] = part.read(*key, consent.require)
     if sha256 not in (None, own := part.digest(code)):
         raise UserError(
             f"{file}: has changed since (sha256 {own[:16]}, expected {sha256[:16]}). "

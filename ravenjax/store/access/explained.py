@@ -37,7 +37,7 @@ def add(place: Path, ticks: pd.DataFrame, record: Manifest) -> Path:
 
 
 def read(place: Path, record: Manifest) -> pd.DataFrame | None:
-    """Return the explained runs of a campaign in a folder; None if there are none of this campaign.
+    """Return the explained runs of a campaign in a folder; None if the folder has none.
 
     Raises StoreError for a damaged file.
     """

@@ -102,7 +102,7 @@ def _require_same(first: Path, one: Manifest, other: Path, two: Manifest) -> Non
         raise StoreError(
             f"{other}: is no shard of the campaign in {first}. Here {first}, there"
             f" {other}:\n{lines}\nNothing was merged: shards are made by the same command and code,"
-            " but for --shard and --out."
+            " except for --shard and --out."
         )
 
 
@@ -165,7 +165,6 @@ def _taken(source: PartSource, out: Path, config_hash: str) -> str:
     target = out / PARTS / source.part.file
     if target.exists() and (target.samefile(source.file) or sha256(target) == source.part.sha256):
         return "kept"
-    ways = []
 
     def fill(aside: Path) -> None:
         with contextlib.suppress(FileNotFoundError):
@@ -173,16 +172,15 @@ def _taken(source: PartSource, out: Path, config_hash: str) -> str:
             aside.unlink()
         try:
             os.link(source.file, aside)
-            ways.append("linked")
         # Another file system, or one without links.
         except OSError:
             shutil.copyfile(source.file, aside)
-            ways.append("copied")
 
     write_aside(target, fill)
-    if ways[-1] == "copied":
-        parts.verify(target, config_hash, source.part)
-    return ways[-1]
+    if target.samefile(source.file):
+        return "linked"
+    parts.verify(target, config_hash, source.part)
+    return "copied"
 
 
 def _require_own(out: Path, sources: list[PartSource]) -> None:

@@ -94,21 +94,19 @@ class ResultTable:
             raise StoreError(f"a query of the result table failed: {_first_line(error)}") from error
 
 
-def open_folder(path: str | Path, memory_mb: int | None = None) -> ResultTable:
+def open_folder(path: str | Path) -> ResultTable:
     """Open the finished rows of a result folder.
 
-    memory_mb: memory of DuckDB, MB; None: the environment variable RAVENJAX_QUERY_MB, else
-    MEMORY_MB. Raises StoreError if the folder holds no result, a part is missing or damaged, or a
-    part has another schema version.
+    Raises StoreError if the folder holds no result, a part is missing or damaged, or a part has
+    another schema version.
     """
     path = Path(path)
-    return open_parts(whole_parts(path), path, memory_mb)
+    return open_parts(whole_parts(path), path)
 
 
 def open_parts(
     files: Sequence[Path],
     aside: Path | None = None,
-    memory_mb: int | None = None,
     numbered: bool = False,
 ) -> ResultTable:
     """Open the rows of these Parquet files without checks.
@@ -116,7 +114,7 @@ def open_parts(
     aside: folder with space to spill, if it is writable. numbered: add columns `filename` and
     `file_row_number`, which counts from 0.
     """
-    table = empty(aside, memory_mb)
+    table = empty(aside)
     more = ", filename = true, file_row_number = true" if numbered else ""
     table.run(f'CREATE VIEW {RESULTS} AS SELECT *, "index" AS row FROM {of_files(files, more)}')
     return table
@@ -146,7 +144,11 @@ def whole_parts(path: Path) -> list[Path]:
 
 
 def empty(aside: Path | None = None, memory_mb: int | None = None) -> ResultTable:
-    """Return a connection without a table; arguments as in `open_parts`."""
+    """Return a connection without a table.
+
+    aside: as in `open_parts`. memory_mb: memory of DuckDB, MB; None: the environment variable
+    RAVENJAX_QUERY_MB, else MEMORY_MB.
+    """
     import duckdb
 
     limit_mb = memory_mb or _memory_mb()

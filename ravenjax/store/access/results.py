@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import pyarrow as pa
 
 from ravenjax.store import folder, schema
-from ravenjax.store.folder import Measured
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,7 +31,8 @@ class Results:
         """Return the table, or some of its columns, as Arrow. Raises StoreError as
         `folder.read_all`.
         """
-        return pa.concat_tables(self._of_parts(lambda table: table, columns)).unify_dictionaries()
+        tables = folder.read_parts(self.path, columns, lambda table: table)
+        return pa.concat_tables(tables).unify_dictionaries()
 
     def verdicts(self, acted: bool = True) -> dict[str, int]:
         """Return how many of the faulty runs have each verdict, most frequent first; "" means
@@ -50,12 +50,6 @@ class Results:
             return frame.loc[faulty & counted, "verdict"].value_counts().to_dict()
 
         counts: Counter[str] = Counter()
-        for part in self._of_parts(count, ["activated", "verdict", *sites]):
+        for part in folder.read_parts(self.path, ["activated", "verdict", *sites], count):
             counts.update(part)
         return {verdict: number for verdict, number in counts.most_common() if number}
-
-    def _of_parts(
-        self, measure: Callable[[pa.Table], Measured], columns: Sequence[str] | None
-    ) -> list[Measured]:
-        """Return `measure` of the columns of each part, in the order of rows; columns None: all."""
-        return folder.read_parts(self.path, columns, measure)

@@ -29,6 +29,13 @@ class Auth:
 
     def refusal(self, request: Request) -> str | None:
         """Return why this request is refused; None if it is allowed."""
+        try:
+            urlsplit(request.path)
+            return self._refusal(request)
+        except ValueError as error:
+            return f"the address or the origin is invalid ({error})"
+
+    def _refusal(self, request: Request) -> str | None:
         host, origin, upgrade, site, cookies = (
             _header(request.headers, name)
             for name in ("Host", "Origin", "Upgrade", "Sec-Fetch-Site", "Cookie")

@@ -23,6 +23,8 @@ from ravenjax.train.recording.reader import Recording
 
 FILE = "hazards.csv"
 _ROWS = TypeAdapter(list[HazardRow])
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+"""Beginnings of a cell that a spreadsheet computes."""
 
 
 def read_table(folder: Path) -> list[HazardRow]:
@@ -106,10 +108,17 @@ def summarize(rows: Sequence[HazardRow]) -> Json:
     }
 
 
+def _plain(value: Any) -> Any:
+    return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA) else value
+
+
 def as_csv(columns: Sequence[str], rows: Iterable[Json]) -> str:
-    """Return the given columns of the rows as CSV."""
+    """Return the given columns of the rows as CSV. Text that a spreadsheet would take for a formula
+    begins with an apostrophe.
+    """
     out = io.StringIO()
     writer = csv.DictWriter(out, columns, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
-    writer.writerows(rows)
+    for row in rows:
+        writer.writerow({name: _plain(value) for name, value in row.items()})
     return out.getvalue()

@@ -150,6 +150,7 @@ def _find_folders(given: Iterable[Path]) -> list[Path]:
 def _read_session(folder: Path) -> StudySession:
     """Read a session with the hazards of its table, or else of its recording."""
     header = description.read(folder)
+    description.require_unchanged(folder, header)
     if (folder / hazard_table.FILE).exists() or reader.find(folder) is None:
         return StudySession(folder, header, hazard_table.read_table(folder))
     hazards = hazard_table.from_recording(reader.read(folder), header)

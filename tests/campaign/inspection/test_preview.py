@@ -99,7 +99,10 @@ def test_it_tells_what_a_check_of_ones_own_does(command_line, idle, tmp_path):
     (tmp_path / "gate.py").write_text(GATE)
     campaign = tmp_path / "own.toml"
     campaign.write_text(OWN)
-    code, out, err = command_line("check", str(campaign), "--out", str(tmp_path / "out"))
+    arguments = ("check", str(campaign), "--out", str(tmp_path / "out"))
+    code, _, err = command_line(*arguments)
+    assert code == 2 and "gate.py: is Python code" in err and "--trust" in err
+    code, out, err = command_line(*arguments, "--trust")
     assert code == 0, err
     lines = {what: text for what, _, text in (line.partition("│") for line in out.splitlines())}
     lines = {what.strip(): text.strip() for what, text in lines.items()}
@@ -108,7 +111,7 @@ def test_it_tells_what_a_check_of_ones_own_does(command_line, idle, tmp_path):
         == "at usb_out, above 0.25 to 4, varied: stops the robot; checks.own.gate.counts = 3000"
     )
     (tmp_path / "gate.py").write_text(GATE.replace("view.boards_cmd", "view.bords_cmd"))
-    code, out, err = command_line("check", str(campaign), "--out", str(tmp_path / "out"))
+    code, out, err = command_line(*arguments, "--trust")
     assert code == 2 and "view has no bords_cmd at usb_out; it has" in err and "boards_cmd" in err
 
 

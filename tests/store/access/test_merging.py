@@ -118,3 +118,12 @@ def test_another_campaign_code_or_engine_is_no_shard(tmp_path, changes, told):
     with pytest.raises(StoreError, match="is no shard of the campaign") as caught:
         merging.merge(tmp_path / "out", two(tmp_path, **changes))
     assert told in str(caught.value) and not (tmp_path / "out").exists()
+
+
+def test_a_forged_name_of_a_part_leads_nowhere(tmp_path):
+    shards = two(tmp_path)
+    record = shards[1] / manifests.PARTS_FILE
+    record.write_text(record.read_text().replace('"file":"part', '"file":"../../../part'))
+    with pytest.raises(StoreError, match=r"b: a record names the file '../../../part"):
+        merging.merge(tmp_path / "out", shards)
+    assert not (tmp_path / "out").exists()

@@ -33,6 +33,8 @@ def auth(token=None, host="127.0.0.1"):
         *(("/", {"Host": host}, True) for host in (AT, "LOCALHOST:8000", "[::1]:8000")),
         *(("/", {"Host": host}, False) for host in ("evil.example:8000", "127.0.0.1", f"{AT}.x")),
         ("/", {}, False),
+        ("//[", {"Host": AT}, False),
+        ("/", {"Host": AT, "Origin": "http://["}, False),
         ("/session", {"Host": AT, "Origin": f"http://{AT}", "Upgrade": "websocket"}, True),
         ("/session", {"Host": AT, "Origin": EVIL, "Upgrade": "websocket"}, False),
         ("/session", {"Host": AT, "Origin": "http://localhost:8000"}, False),

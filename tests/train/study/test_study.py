@@ -14,8 +14,10 @@ import numpy as np
 import pytest
 import synthetic_session as synthetic
 
-from ravenjax.errors import UserError
+from ravenjax.errors import StoreError, UserError
 from ravenjax.stats import intervals
+from ravenjax.store.logs.session import description
+from ravenjax.train.recording import hazards
 from ravenjax.train.study import comparison, design, page
 from ravenjax.train.study import sessions as study_sessions
 
@@ -92,6 +94,14 @@ def test_what_cannot_be_compared_says_why(tmp_path):
     shutil.copytree(one, tmp_path / "copy")
     with pytest.raises(UserError, match="is a copy of"):
         study_sessions.collect([tmp_path])
+    description.update(one, {"sha256": {"hazards.csv": "0" * 64}})
+    with pytest.raises(StoreError, match=r"hazards\.csv: has changed since the session ended"):
+        study_sessions.collect([one])
+
+
+def test_a_name_is_no_formula_of_a_spreadsheet():
+    text = hazards.as_csv(["who", "mm"], [{"who": "=HYPERLINK(0)", "mm": -1.5}])
+    assert text == "who,mm\n'=HYPERLINK(0),-1.5\n"
 
 
 def test_hazards_that_were_cut_off_count_for_nobody(tmp_path):

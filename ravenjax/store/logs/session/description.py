@@ -15,7 +15,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ravenjax.errors import StoreError, shown
-from ravenjax.store.files import parsed, require_writable, write_aside
+from ravenjax.store.files import inside, parsed, require_writable, sha256, write_aside
 
 FILE = "session.json"
 VERSION = 1
@@ -70,6 +70,8 @@ class SessionHeader(HeaderTable):
     hazards: list[ListedHazard] | None = None
     task: dict[str, Any] | None = None
     summary: dict[str, Any] | None = None
+    # Checksums of the files beside it, taken when the session ended.
+    sha256: dict[str, str] | None = None
 
 
 def write(folder: Path, header: Mapping[str, Any]) -> None:
@@ -122,6 +124,19 @@ def update(folder: Path, changes: Mapping[str, Any]) -> dict[str, Any]:
     header = _merged(read(folder), changes)
     write(folder, header)
     return header
+
+
+def require_unchanged(folder: Path, header: Mapping[str, Any]) -> None:
+    """Raise StoreError if a file of the session differs from the checksum that it had when the
+    session ended.
+    """
+    for name, digest in (header.get("sha256") or {}).items():
+        path = inside(folder, name)
+        if path.is_file() and sha256(path) != digest:
+            raise StoreError(
+                f"{path}: has changed since the session ended (its sha256 is not that of {FILE}):"
+                " restore it, or leave this session out"
+            )
 
 
 def _merged(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:

@@ -159,6 +159,11 @@ def spawn(
         raise UserError(trouble)
     console.process_says = helper.answers
     say(f"CRTK: {ros}, {', '.join(messages.ARM_NAMES[arm] for arm in options.arms)}")
+    network = "the DDS domain" if ros == "ros2" else "the ROS master"
+    say(
+        f"CRTK listens on every network of this machine, whatever --host says: whoever reaches"
+        f" {network} can drive"
+    )
     return console
 
 

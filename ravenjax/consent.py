@@ -1,0 +1,83 @@
+"""Decides whether Python code that a file names may run: a user's part, or the module of a robot.
+
+The user agrees to code in one of these ways:
+
+- A command computes a campaign file, and the code lies in the folder of that file and belongs to
+  the user. A robot's module may lie wherever Python finds it.
+- `--trust` is on the command line, or RAVENJAX_TRUST=1 in the environment.
+- The same content has run before for this user, who agreed then. Its hash is remembered.
+
+A result folder and `ravenjax check` therefore run only code that the user has run before.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+from collections.abc import Iterator
+from contextvars import ContextVar
+from pathlib import Path
+
+from ravenjax.errors import UserError
+
+VARIABLE = "RAVENJAX_TRUST"
+"""Environment variable: 1 lets all code run that a file names."""
+EVERYWHERE = Path("/")
+OWNERS = (0, os.geteuid())
+"""Users whose files are as safe as the user's own: root and the user."""
+
+_FOLDERS: ContextVar[tuple[Path, ...]] = ContextVar("folders", default=())
+
+
+@contextlib.contextmanager
+def given_for(*folders: Path) -> Iterator[None]:
+    """Let the code in these folders run, in addition to code that may run anyway."""
+    before = _FOLDERS.set((*_FOLDERS.get(), *(folder.resolve() for folder in folders)))
+    try:
+        yield
+    finally:
+        _FOLDERS.reset(before)
+
+
+def require(path: Path, content: bytes, is_robot: bool = False) -> None:
+    """Raise UserError unless the user agrees that the code in this file runs."""
+    memory = user_folder("XDG_STATE_HOME", ".local/state")
+    mark = memory and memory / "trusted" / hashlib.sha256(content).hexdigest()
+    trusted = os.environ.get(VARIABLE) == "1" or EVERYWHERE in _FOLDERS.get()
+    place = path.resolve()
+    given = any(is_robot or place.is_relative_to(folder) for folder in _FOLDERS.get())
+    if trusted or (given and place.stat().st_uid in OWNERS):
+        # Without a memory the user is asked again.
+        with contextlib.suppress(OSError):
+            if mark and is_private(mark.parent):
+                mark.touch()
+    elif not (mark and is_private(mark.parent) and mark.exists()):
+        raise UserError(
+            f"{path}: is Python code that you have not run before, and it was not run now. It can"
+            " do whatever you can do. Read it, then repeat the command with --trust; in Python, set"
+            f" {VARIABLE}=1. `ravenjax run` needs that only for code outside of the campaign's"
+            " folder, or of another user"
+        )
+
+
+def user_folder(variable: str, usual: str) -> Path | None:
+    """Return the folder of ravenjax in the place that an XDG variable names, or else in `usual` of
+    the home folder; None for a user without a home.
+    """
+    given = Path(os.environ.get(variable, ""))
+    try:
+        # The specification says to ignore a relative path.
+        return (given if given.is_absolute() else Path.home() / usual) / "ravenjax"
+    except RuntimeError:
+        return None
+
+
+def is_private(folder: Path) -> bool:
+    """Create a folder if needed, and return whether nobody else may write into it."""
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        status = folder.stat()
+    except OSError:
+        return False
+    return status.st_uid in OWNERS and not status.st_mode & 0o022

@@ -1,0 +1,122 @@
+"""Code that a file names runs if the user agreed, and else not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import time
+
+import pytest
+
+from ravenjax import consent, robots
+from ravenjax.campaign import compile_cache, loading
+from ravenjax.campaign.file import own_part
+from ravenjax.errors import UserError
+from ravenjax.train import processes
+
+CAMPAIGN = """
+[campaign]
+name = "own"
+[[detector]]
+name = "own"
+file = "FILE"
+threshold = [1]
+[[group]]
+name = "fault-free"
+"""
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A campaign with a part that imports a module; both leave a file when they run."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    (tmp_path / "campaign").mkdir()
+    for folder in (tmp_path, tmp_path / "campaign"):
+        (folder / "beside.py").write_text(
+            f"open({str(tmp_path / 'ran')!r}, 'a').write('beside ')\n"
+        )
+        (folder / "part.py").write_text(
+            f"open({str(tmp_path / 'ran')!r}, 'a').write('part ')\nimport beside\n"
+            "def step(params, state, view):\n    return state, view.tip_error\n"
+        )
+    for name, file in (("own", "part.py"), ("outside", "../part.py")):
+        (tmp_path / "campaign" / f"{name}.toml").write_text(CAMPAIGN.replace("FILE", file))
+    return tmp_path
+
+
+def test_a_computed_campaign_runs_the_code_in_its_folder_and_later_files_what_ran_before(place):
+    campaign = place / "campaign" / "own.toml"
+    with pytest.raises(UserError, match=r"part.py: is Python code.*--trust"):
+        loading.load(campaign, runs=False)
+    with pytest.raises(UserError, match="is Python code"):
+        loading.load(campaign.with_name("outside.toml"))
+    assert not (place / "ran").exists()
+    config = loading.load(campaign)
+    assert (place / "ran").read_text() == "part beside "
+    own_part._KNOWN.clear()
+    assert loading.validated(config.model_dump(mode="json")).detectors
+    (place / "campaign" / "beside.py").write_text("raise RuntimeError")
+    own_part._KNOWN.clear()
+    with pytest.raises(UserError, match=r"beside.py: is Python code"):
+        loading.validated(config.model_dump(mode="json")).detectors  # noqa: B018
+
+
+def test_trust_lets_any_code_run(place, monkeypatch):
+    monkeypatch.setenv(consent.VARIABLE, "1")
+    loading.load(place / "campaign" / "outside.toml", runs=False)
+    assert (place / "ran").exists()
+
+
+def test_code_of_another_user_is_not_the_users_own(place, monkeypatch):
+    monkeypatch.setattr(consent, "OWNERS", (os.geteuid() + 1,))
+    with pytest.raises(UserError, match="of another user"):
+        loading.load(place / "campaign" / "own.toml")
+
+
+def test_a_result_imports_no_module_as_its_robot(tmp_path, monkeypatch):
+    (tmp_path / "lab").mkdir()
+    ran = f"open({str(tmp_path / 'ran')!r}, 'w')\n"
+    for name in ("__init__", "strange"):
+        (tmp_path / "lab" / f"{name}.py").write_text(ran)
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(UserError, match=r"strange.py: is Python code"):
+        robots.find("lab.strange")
+    assert not (tmp_path / "ran").exists() and "lab" not in sys.modules
+
+
+def test_a_user_without_a_home_has_no_cache(monkeypatch, tmp_path):
+    def no_home():
+        raise RuntimeError
+
+    monkeypatch.delenv(compile_cache.VARIABLE, raising=False)
+    monkeypatch.setattr(consent.Path, "home", no_home)
+    for given in ("", "relative"):
+        monkeypatch.setenv("XDG_CACHE_HOME", given)
+        assert compile_cache.objects() is None
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert compile_cache.objects() is not None
+    assert (tmp_path / "ravenjax").stat().st_mode & 0o777 == 0o700
+
+
+def test_a_cache_that_others_may_change_is_refused(monkeypatch, tmp_path):
+    monkeypatch.setenv(compile_cache.VARIABLE, str(tmp_path))
+    kept = compile_cache.objects()
+    assert kept is not None
+    kept["one"] = b"content"
+    monkeypatch.setattr(consent, "OWNERS", (os.geteuid() + 1,))
+    assert kept.get("one") is None
+    monkeypatch.undo()
+    monkeypatch.setenv(compile_cache.VARIABLE, str(tmp_path))
+    tmp_path.chmod(0o770)
+    with pytest.raises(UserError, match=r"others may write into this cache.*chmod go-w"):
+        compile_cache.objects()
+
+
+def test_a_process_imports_nothing_from_the_current_folder(monkeypatch, tmp_path):
+    (tmp_path / "pickle.py").write_text("open('ran', 'w')")
+    monkeypatch.chdir(tmp_path)
+    with contextlib.ExitStack() as stack:
+        process = processes.spawn(stack, time.sleep, 0)
+        process.join()
+    assert process.exitcode == 0 and not (tmp_path / "ran").exists()
