@@ -108,7 +108,6 @@ def test_a_log_that_cannot_be_used_is_refused_with_what_to_write(
 @pytest.mark.parametrize(
     ("name", "content"),
     [
-        ("empty.csv", b""),
         ("latin.csv", b"time_s,jpos_shoulder\n0,\xbb\n"),
         ("ragged.csv", b"a\n1\n1,2,3\n"),
         ("cut.parquet", b"PAR1"),

@@ -8,6 +8,7 @@ from recorded_hands import ROWS, circle, play, recording, refused, table, tip_mm
 
 from ravenjax.errors import UserError
 from ravenjax.store.motion import stamps
+from ravenjax.store.motion.options import ReplayOptions
 
 SLOW = np.arange(90) / 30.0
 """A camera's 30 rows a second."""
@@ -100,10 +101,8 @@ def test_stamps_that_only_rise_are_the_same_in_every_unit(steps, unit):
 
     milliseconds = np.cumsum([0, *steps])
     per_ms = {"s": 1e-3, "ms": 1, "us": 1000, "ns": 1_000_000}[unit]
-    seconds, clock, notes = stamps.sample_times(
-        Path("m"), f"time_{unit}", milliseconds * per_ms, len(milliseconds), None
-    )
+    seconds = stamps.seconds_since_first(milliseconds * per_ms) * stamps.UNITS[unit]
     np.testing.assert_allclose(seconds, milliseconds * 1e-3, rtol=1e-12)
-    assert clock == f"column time_{unit}" and notes == ()
+    stamps.require_plausible(Path("m"), seconds, "column t", ReplayOptions())
     with pytest.raises(UserError, match="goes back"):
-        stamps.require_plausible(Path("m"), seconds[::-1], clock, 0.1)
+        stamps.require_plausible(Path("m"), seconds[::-1], "column t", ReplayOptions())

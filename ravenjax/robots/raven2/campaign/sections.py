@@ -21,7 +21,18 @@ from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.motions import MOTIONS
 from ravenjax.robots.raven2.geometry.tools import TOOLS
 from ravenjax.robots.raven2.plant import parameter_sets
-from ravenjax.store.motion.options import MAX_GAP_S, AtEnd, ReplayOptions, Spikes
+from ravenjax.store.motion.options import (
+    MAX_GAP_S,
+    MOST_GAP_S,
+    AtEnd,
+    Columns,
+    Frame,
+    Place,
+    ReplayOptions,
+    Spikes,
+    Triple,
+    Turn,
+)
 from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.parts import OwnSource
 
@@ -256,8 +267,8 @@ class Operator(Section):
     file: Path | None = Field(
         default=None,
         description=(
-            "a recorded motion (Parquet, CSV, MCAP, ROS bag), from this file's folder; a Python"
-            " file (.py) is `hands`"
+            "a recorded motion (Parquet, CSV, text, MCAP, ROS bag), from this file's folder; a"
+            " Python file (.py) is `hands`"
         ),
     )
     hands: Path | None = Field(
@@ -294,6 +305,47 @@ class Operator(Section):
             " arrival"
         ),
     )
+    columns: Columns = Field(
+        default=[],
+        description=(
+            "names of a table's columns: all in order where it has no header line; the file's name"
+            " by ravenjax's, { gold_x_mm = 'X' }; or jigsaws"
+        ),
+    )
+    topics: dict[ArmName, str] = Field(
+        default={}, description="topic or namespace of each arm in a bag, { gold = '/PSM2' }"
+    )
+    sensors: dict[Literal["column", "gold", "green"], str] = Field(
+        default={},
+        description=(
+            "the column that names each row's sensor, and each arm's sensor, { column = 'tool',"
+            " gold = 'L' }"
+        ),
+    )
+    frame: Frame | None = Field(
+        default=None,
+        description=(
+            "frame of recorded tips: frame0, arm_base (CRTK's) or console; without it as headers"
+            " say, else frame0"
+        ),
+    )
+    rotation: Turn | dict[ArmName, Turn] | None = Field(
+        default=None,
+        description=(
+            "turns recorded tips: rows of a matrix, or x, y, z, w; or a table with those of each"
+            " arm"
+        ),
+    )
+    offset_mm: Triple | dict[ArmName, Triple] | None = Field(
+        default=None, description="moves recorded tips after the turn; or a table as of rotation"
+    )
+    place: Place = Field(
+        default="recorded",
+        description=(
+            "home: recorded tips are moved and turned so that the replayed part begins as after"
+            " homing"
+        ),
+    )
     cutoff_hz: float | None = Field(
         default=None,
         gt=0.0,
@@ -303,7 +355,7 @@ class Operator(Section):
     max_gap_s: float = Field(
         default=MAX_GAP_S,
         gt=0.0,
-        le=60.0,
+        le=MOST_GAP_S,
         description="longest gap of a recorded motion that is bridged by interpolation, s",
     )
     spikes: Spikes = Field(
@@ -358,6 +410,21 @@ class Operator(Section):
 
             raise ValueError(f"got {shown(str(file))}, expected the path of a {ANY_KIND} file")
         return file
+
+    @field_validator("rotation")
+    @classmethod
+    def _proper(cls, value: Any) -> Any:
+        import numpy as np
+
+        for turn in value.values() if isinstance(value, dict) else [value] if value else []:
+            rows = np.array(turn)
+            apart = rows @ rows - 1.0 if rows.ndim == 1 else rows @ rows.T - np.eye(3)
+            if np.abs(apart).max() > 0.01 or (rows.ndim == 2 and np.linalg.det(rows) < 0.0):
+                raise ValueError(
+                    f"got {shown(turn)}, expected a rotation: three rows of length 1 at right"
+                    " angles, without a mirror, or x, y, z, w of length 1"
+                )
+        return value
 
     @field_validator("hands")
     @classmethod

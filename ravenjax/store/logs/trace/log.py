@@ -2,10 +2,10 @@
 messages.
 
 The file opens in Foxglove, Lichtblick, PlotJuggler, rerun and `ros2 bag`. Gold is arm1, green arm2,
-as in the CRTK interface of raven2. Poses are in frame 0 of their arm, `armN_base`; /tf carries the
-frames
+as in the CRTK interface of raven2. Poses are in frame 0 of their arm, `armN_frame0`; /tf carries
+the frames
 
-    world -> armN_base -> armN_tip_measured, armN_tip_true, armN_tip_model
+    world -> armN_frame0 -> armN_tip_measured, armN_tip_true, armN_tip_model
 
 Series are those of `time_series`, each optional. Topics of each arm:
 
