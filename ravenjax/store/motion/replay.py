@@ -244,7 +244,8 @@ def _require_inside(
         " as operator.window_s"
         if usable
         else "No row lies inside the joint limits of every arm. If positions are of another frame,"
-        ' write operator.frame, operator.rotation and operator.offset_mm, or operator.place = "home"'
+        " write operator.frame, operator.rotation and operator.offset_mm, or operator.place ="
+        ' "home"'
     )
     share = 1.0 - float((inside & ~reachable.leaps)[begin:end].mean())
     raise UserError(

@@ -79,6 +79,9 @@ def test_what_the_robot_was_asked_for_follows_from_its_torque(tmp_path) -> None:
     assert np.isnan(log.measured[:, 3:]).all() and log.joints == [0, 1, 2]
 
 
+GOOD = {f"{name}_shoulder": [0.5, 0.6] for name in ("jpos_d", "jpos")}
+
+
 @pytest.mark.parametrize(
     ("name", "columns", "period", "message"),
     [
@@ -95,7 +98,10 @@ def test_what_the_robot_was_asked_for_follows_from_its_torque(tmp_path) -> None:
             None,
             "row 1",
         ),
-        ("log.csv", {"jpos_shoulder": [0.0]}, 1.0, "1 rows"),
+        ("log.csv", {"jpos_shoulder": [0.0]}, 1.0, "holds 1 rows"),
+        ("log.csv", GOOD | {"jpos_d_elbow": [1.5, None]}, 1.0, "row 1, column jpos_d_elbow"),
+        ("log.csv", GOOD | {"jpos_elbow": [90.0, 91.0]}, 1.0, "degrees, name .* jpos_elbow_deg"),
+        ("log.csv", GOOD | {"jpos_insertion": [400.0] * 2}, 1.0, "0.23 to 0.56 m. If these are mm"),
     ],
 )
 def test_a_log_that_cannot_be_used_is_refused_with_what_to_write(
