@@ -86,8 +86,8 @@ def read_table(
 ) -> pd.DataFrame:
     """Return the table in a Parquet file or in a text: CSV, or separated by ;, tabs or spaces.
 
-    names: columns of a text without a header line. header: a line that an error tells
-    to write. Raises UserError if the file cannot be read or has no header line.
+    names: columns of a text without a header line. header: a header line that an error
+    proposes. Raises UserError if the file cannot be read or has no header line.
     """
     import pandas as pd
     import pyarrow as pa

@@ -1,10 +1,10 @@
 """Reads the log of one arm: desired and measured joints on the clock of the control cycle.
 
 A table (.csv, .parquet) has one row per sample. Its columns are named by joint, shoulder to grasp2.
-A log may leave joints out. Columns are used in this order of preference:
+A log may leave joints out. Columns are used in this order of preference.
 
-- `jpos_d_JOINT` and `jpos_JOINT`: desired and measured joints, rad and m;
-- `mpos_d_JOINT` and `mpos_JOINT`: desired and measured motors, rad;
+- `jpos_d_JOINT` and `jpos_JOINT`: desired and measured joints, rad and m.
+- `mpos_d_JOINT` and `mpos_JOINT`: desired and measured motors, rad.
 - `dac_JOINT`, `mpos_JOINT` and optionally `mvel_JOINT`: the desired joints are computed from the
   robot's PD law, for joints without an integral.
 
@@ -12,10 +12,10 @@ A name may end in `_deg` (motors and angles), `_deg_s` or `_mm` (insertion). Tim
 another unit of it; without it the samples are `period_ms` apart. If there is a column `runlevel`,
 the longest stretch in raven2's pedal-down is the log.
 
-A bag of ROS 1 or ROS 2 is converted to such a table, from one of
+A bag of ROS 1 or ROS 2 is converted to such a table. It has one of these sources.
 
 - raven2's `raven_2/raven_state`: jpos and jpos_d of both arms in its slots, all multiplied by
-  180/pi, the insertion too;
+  180/pi, the insertion too.
 - CRTK's `/arm1/measured_js` and `/arm1/setpoint_js` (arm1 is gold, arm2 green), rad and m. raven2
   publishes the measurements of one arm under the other arm's name (branch crtk,
   src/raven/local_io.cpp). So the measured joints of an arm are taken to be those that follow its

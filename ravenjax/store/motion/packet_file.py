@@ -3,8 +3,8 @@ after homing.
 
 A table (Parquet) has a column `packet` (124 bytes each) and a column of arrival times. A network
 capture (.pcap, .pcapng), as tcpdump and Wireshark write it, contains both. A console's packets are
-UDP datagrams of at least 124 bytes to port 36000. If there are none, the only port that receives
-datagrams of that size is used. If there are several senders, the console is the one that sent most.
+UDP datagrams of at least 124 bytes to port 36000, or else to the only port that receives datagrams
+of that size. If there are several senders, the console is the one that sent most.
 
 Complete packets are read with the console's profile, in order. Packets that the robot would drop
 move nothing: repeated and older numbers, and the packet after a gap. A stream may restart, see

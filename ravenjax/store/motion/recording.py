@@ -59,7 +59,7 @@ class HandRecording:
 
 
 def arms_in(path: Path) -> tuple[ArmName, ...]:
-    """Return the arms that a file holds, gold first; gold if no name tells.
+    """Return the arms that a file holds, gold first. Unknown names count as gold.
 
     Raises UserError if the file cannot be read.
     """

@@ -91,7 +91,7 @@ class Samples:
         return numbers
 
     def quantity(self, name: str, units: Mapping[str, float]) -> np.ndarray | None:
-        """Return the column `name`_<unit>, converted to the base unit; None if there is none."""
+        """Return the column `name`_<unit> in the base unit, or None without such a column."""
         names = [f"{name}_{unit}" for unit in units if f"{name}_{unit}" in self.table]
         if len(names) > 1:
             raise UserError(
@@ -114,7 +114,7 @@ class Samples:
 def read_table(path: Path, options: ReplayOptions, header: str) -> Samples:
     """Return the columns of a table under the names of this package.
 
-    header: a header line that an error tells to write.
+    header: a header line that an error proposes.
     """
     given, ours = options.columns, {}
     if given == "jigsaws":
@@ -259,7 +259,8 @@ def _unit_quaternions(
 ) -> np.ndarray | None:
     """Return quaternions [T, 4] of length 1 from such or from rotation matrices [T, 9].
 
-    Returns None if there are none, or all are zero, as a trace without rotations writes them.
+    Returns None without either, or if all quaternions are zero, as a trace without rotations writes
+    them.
     """
     from scipy.spatial.transform import Rotation
 
@@ -325,8 +326,8 @@ def _choice(options: ReplayOptions, arm: str, topics: Sequence[str]) -> str:
 def missing_topics(
     path: Path, kinds: Mapping[str, str], arm: str, options: ReplayOptions, *ends: str
 ) -> UserError:
-    """Return the error for a bag without an arm's topics. It tells which option would take others
-    of the file.
+    """Return the error for a bag without an arm's topics, with the option that takes others of the
+    file.
     """
     wanted = [f"{options.topics.get(arm, '/' + ARM_TOPICS[arm])}/{end}" for end in ends]
     others = [topic for topic in kinds if topic.endswith(ends)]

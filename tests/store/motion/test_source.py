@@ -7,7 +7,6 @@ import pytest
 from recorded_hands import HOME_MM, circle, play, refused, tip_mm
 from scipy.spatial.transform import Rotation
 
-
 TIME_S = np.arange(120) / 30.0
 PLACE_MM = HOME_MM + circle(TIME_S)
 NAMES = ["time_s", "gold_x_mm", "gold_y_mm", "gold_z_mm"]
