@@ -39,7 +39,6 @@ from ravenjax.robots.raven2.geometry import limits, transmission
 from ravenjax.robots.raven2.run_levels import PEDAL_DOWN
 from ravenjax.store import files
 from ravenjax.store.logs import bags
-from ravenjax.store.logs.topics import JOINT_STATE
 from ravenjax.store.motion import source, stamps
 from ravenjax.store.motion.options import Columns, ReplayOptions
 from ravenjax.store.motion.source import Samples
@@ -263,11 +262,10 @@ def _quantity(samples: Samples, name: str) -> np.ndarray | None:
 
 def _read_bag(path: Path, arm: ArmName, options: ReplayOptions) -> Samples:
     """Return a bag's columns jpos_d_JOINT and jpos_JOINT, and runlevel from raven_state."""
-    with bags.open_bag(path) as reader:
-        kinds = source.kinds_in(reader)
-        state = next((topic for topic, kind in kinds.items() if kind.endswith("/raven_state")), "")
-        if state:
-            states = bags.read_topic(path, reader, state)
+    with source.open_bag(path, options) as bag:
+        kinds = bag.kinds.items()
+        if state := next((topic for topic, kind in kinds if kind.endswith("/raven_state")), ""):
+            states = bag.read(state)
             slots = SLOTS + 8 * ARMS.index(arm)
             desired, measured = (
                 np.array([getattr(one, name)[slots] for one in states.messages], float) * PER_STATE
@@ -276,27 +274,21 @@ def _read_bag(path: Path, arm: ArmName, options: ReplayOptions) -> Samples:
             samples = _samples(path, states, states.time_ns[0], desired, measured)
             samples.table["runlevel"] = [int(one.runlevel) for one in states.messages]
             return samples
-        states = {topic: kind for topic, kind in kinds.items() if kind == JOINT_STATE}
-        setpoint = source.find_topic(path, states, arm, options, "setpoint_js")
         # raven2 publishes the measured joints of one arm under the other's name.
-        measured_of = {
-            source.find_topic(path, states, one, options, "measured_js")
-            for one in ((arm,) if options.topics else ARMS)
-        }
-        if setpoint is None or not any(measured_of):
-            raise source.missing_topics(path, kinds, arm, options, "setpoint_js", "measured_js")
-        wanted, *followers = (
-            bags.read_topic(path, reader, topic) for topic in (setpoint, *measured_of) if topic
-        )
+        several = (arm,) if options.topics else ARMS
+        setpoint = bag.topic(arm, "setpoint_js")
+        measured_of = [topic for one in several if (topic := bag.topic(one, "measured_js"))]
+        if setpoint is None or not measured_of:
+            raise bag.missing(arm, "setpoint_js", "measured_js")
+        wanted, *followers = map(bag.read, (setpoint, *measured_of))
     asked = bags.read_joints(path, wanted)
     begin = wanted.time_ns[0]
-    times = _regular_times(_samples(path, wanted, begin, asked, asked), LogOptions())
+    times = _regular_times(_samples(path, wanted, begin, asked, asked), options)
     found = []
     for measured in followers:
         joints = bags.read_joints(path, measured)
-        samples = _samples(path, measured, begin, joints, joints)
-        # The times are known before desired joints are interpolated.
-        at = _regular_times(samples, LogOptions())
+        # Times are checked before anything is interpolated.
+        at = _regular_times(_samples(path, measured, begin, joints, joints), options)
         common = (at >= times[0]) & (at <= times[-1])
         desired = np.stack([np.interp(at, times, column) for column in asked.T], axis=1)
         pair = _samples(path, measured, begin, desired, joints)

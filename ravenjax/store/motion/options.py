@@ -32,7 +32,7 @@ class ReplayOptions:
     # Topic or namespace of each arm in a bag.
     topics: dict[str, str] = dataclasses.field(default_factory=dict)
     # The column that names each row's sensor, as "column", and each arm's sensor.
-    sensors: dict[str, str] = dataclasses.field(default_factory=dict)
+    sensors: dict[str, str | int] = dataclasses.field(default_factory=dict)
     # Frame of the positions; None: as the headers of a bag name it, else frame 0.
     frame: Frame | None = None
     # Turn (rows of a matrix, or x, y, z, w) and then offset, after `frame`; or those of each arm.

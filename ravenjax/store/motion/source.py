@@ -6,9 +6,10 @@ read their files here, with the same checks of numbers, units and times.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -154,9 +155,8 @@ def read_table(path: Path, options: ReplayOptions, header: str) -> Samples:
 def arms_in(path: Path) -> tuple[ArmName, ...]:
     """Return the arms for which a table or a bag has positions under the usual names."""
     if path.suffix.lower() in bags.SUFFIXES:
-        with bags.open_bag(path) as reader:
-            kinds = kinds_in(reader)
-        return tuple(arm for arm in ARMS if _topics(kinds, arm, "setpoint_cp", "measured_cp"))
+        with open_bag(path, ReplayOptions()) as bag:
+            return tuple(arm for arm in ARMS if bag.topic(arm, "setpoint_cp", "measured_cp"))
     try:
         table = files.read_table(path)
     # A table without a header line may be read under the names that the options give.
@@ -197,7 +197,7 @@ def read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) ->
     )
 
 
-def _of_sensor(whole: Samples, arm: str, sensors: Mapping[str, str]) -> Samples:
+def _of_sensor(whole: Samples, arm: str, sensors: Mapping[str, str | int]) -> Samples:
     """Return the rows of an arm's sensor, in columns with the arm's name; all rows if no column
     names sensors.
     """
@@ -285,101 +285,97 @@ def _unit_quaternions(
     return quat / length[:, None]
 
 
-def kinds_in(reader: AnyReader) -> dict[str, str]:
-    """Return the type of each topic that has messages."""
-    return {one.topic: one.msgtype for one in reader.connections if one.msgcount}
+class Bag:
+    """An open bag: its topics, and which of them are those of an arm of a Raven-II."""
 
+    def __init__(self, path: Path, reader: AnyReader, options: ReplayOptions) -> None:
+        self.path, self._reader, self._options = path, reader, options
+        # Type of each topic that has messages.
+        self.kinds = {one.topic: one.msgtype for one in reader.connections if one.msgcount}
 
-def _topics(kinds: Mapping[str, str], arm: str, *ends: str) -> list[str]:
-    """Return the topics of an arm of a Raven-II, in any namespace, in the order of `ends`."""
-    names = [f"/{ARM_TOPICS[arm]}/{end}" for end in ends]
-    return [topic for name in names for topic in kinds if f"/{topic}".endswith(name)]
+    def read(self, topic: str, stamped: bool = True) -> TopicMessages:
+        """Return the messages of a topic, see `bags.read_topic`."""
+        return bags.read_topic(self.path, self._reader, topic, stamped)
 
+    def topic(self, arm: str, *ends: str) -> str | None:
+        """Return the first of an arm's topics that is there, by its end, such as setpoint_cp.
 
-def find_topic(
-    path: Path, kinds: Mapping[str, str], arm: str, options: ReplayOptions, *ends: str
-) -> str | None:
-    """Return the first of an arm's topics that is there, by its end, such as setpoint_cp.
+        Topics are those of the namespace in the options, else of arm1 (gold) and arm2 (green) in
+        any namespace. Raises UserError if several namespaces have them.
+        """
+        if (own := self._options.topics.get(arm)) is not None:
+            if own in self.kinds and own.endswith(ends):
+                return own
+            space = own.rpartition("/")[0] if own in self.kinds else own.rstrip("/")
+            return next((one for end in ends if (one := f"{space}/{end}") in self.kinds), None)
+        names = [f"/{ARM_TOPICS[arm]}/{end}" for end in ends]
+        found = [topic for name in names for topic in self.kinds if f"/{topic}".endswith(name)]
+        if len({topic.rpartition(ARM_TOPICS[arm])[0] for topic in found}) > 1:
+            raise UserError(
+                f"{self.path}: {' and '.join(found)} are of several robots; choose a namespace:"
+                f" {self._choice(arm, found)}"
+            )
+        return found[0] if found else None
 
-    Topics are those of the namespace in `options.topics`, else of arm1 (gold) and arm2 (green) in
-    any namespace. Raises UserError if several namespaces have them.
-    """
-    if (own := options.topics.get(arm)) is not None:
-        space = own.rpartition("/")[0] if own in kinds else own.rstrip("/")
-        if own in kinds and own.endswith(ends):
-            return own
-        return next((one for end in ends if (one := f"{space}/{end}") in kinds), None)
-    found = _topics(kinds, arm, *ends)
-    if len({topic.rpartition(ARM_TOPICS[arm])[0] for topic in found}) > 1:
-        raise UserError(
-            f"{path}: {' and '.join(found)} are of several robots; choose a namespace:"
-            f" {_choice(options, arm, found)}"
+    def missing(self, arm: str, *ends: str) -> UserError:
+        """Return the error for a bag without an arm's topics, with the option that takes others."""
+        space = self._options.topics.get(arm, f"/{ARM_TOPICS[arm]}")
+        others = [topic for topic in self.kinds if topic.endswith(ends)]
+        kinds = [f"{topic} ({kind})" for topic, kind in sorted(self.kinds.items())]
+        advice = f". To take other topics write {self._choice(arm, others)}" if others else ""
+        return UserError(
+            f"{self.path}: no topic {' or '.join(f'{space}/{end}' for end in ends)}; the file has"
+            f" {listed(kinds, 12) or 'none'}{advice}"
         )
-    return found[0] if found else None
+
+    def _choice(self, arm: str, topics: Sequence[str]) -> str:
+        space = topics[0].rpartition("/")[0]
+        return self._options.written(f"topics.{arm}", f'"{space}"')
 
 
-def _choice(options: ReplayOptions, arm: str, topics: Sequence[str]) -> str:
-    """Return how a user names the namespace of one of `topics`."""
-    return options.written(f"topics.{arm}", f'"{topics[0].rpartition("/")[0]}"')
-
-
-def missing_topics(
-    path: Path, kinds: Mapping[str, str], arm: str, options: ReplayOptions, *ends: str
-) -> UserError:
-    """Return the error for a bag without an arm's topics, with the option that takes others of the
-    file.
-    """
-    wanted = [f"{options.topics.get(arm, '/' + ARM_TOPICS[arm])}/{end}" for end in ends]
-    others = [topic for topic in kinds if topic.endswith(ends)]
-    advice = f". To take other topics write {_choice(options, arm, others)}" if others else ""
-    return UserError(
-        f"{path}: no topic {' or '.join(wanted)}; the file has"
-        f" {listed([f'{topic} ({kind})' for topic, kind in sorted(kinds.items())], 12) or 'none'}"
-        f"{advice}"
-    )
+@contextlib.contextmanager
+def open_bag(path: Path, options: ReplayOptions) -> Iterator[Bag]:
+    """Open a bag or MCAP file. Raises UserError for any damage."""
+    with bags.open_bag(path) as reader:
+        yield Bag(path, reader, options)
 
 
 def _bag_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> Track:
-    with bags.open_bag(path) as reader:
-        kinds = kinds_in(reader)
-        tips, jaws, notes = {}, {}, []
-        ends = [f"{source}_cp" for source in SOURCES]
+    ends = [f"{source}_cp" for source in SOURCES]
+    tips, jaws, notes = {}, {}, []
+    with open_bag(path, options) as bag:
         for arm in arms:
-            topic = find_topic(path, kinds, arm, options, *ends) or options.topics.get(arm, "")
-            if topic not in kinds:
-                raise missing_topics(path, kinds, arm, options, *ends)
-            if kinds[topic] != POSE:
-                raise UserError(f"{path}: {topic} has type {kinds[topic]!r}, expected {POSE!r}")
-            tips[arm] = bags.read_topic(path, reader, topic)
+            topic = bag.topic(arm, *ends) or options.topics.get(arm, "")
+            if topic not in bag.kinds:
+                raise bag.missing(arm, *ends)
+            if bag.kinds[topic] != POSE:
+                raise UserError(f"{path}: {topic} has type {bag.kinds[topic]}, expected {POSE}")
+            tips[arm] = bag.read(topic)
         stamped = all(one.clock.startswith("header") for one in tips.values())
         for arm in arms:
             if not stamped:
-                tips[arm] = bags.read_topic(path, reader, tips[arm].topic, False)
+                tips[arm] = bag.read(tips[arm].topic, False)
             # A motion without jaws is a motion.
             try:
-                jaws[arm] = _jaws(path, reader, kinds, arm, options, stamped)
+                jaws[arm] = _jaws(bag, arm, stamped)
             except UserError as error:
                 notes.append(f"jaws of {arm} are not read: {error}")
+        own = any(topic.startswith("/ravenjax/") for topic in bag.kinds)
     begin = min(int(one.time_ns[0]) for one in tips.values())
-    tracks, used = {}, []
-    clock = ""
+    tracks, clocks = {}, []
+    used = [tip.topic for tip in tips.values()]
     for arm, tip in tips.items():
         samples = _poses(path, arm, tip, begin)
-        track = _arm_track(samples, arm, options)
-        frame, words = _frame(
-            path, arm, tip, options, any(t.startswith("/ravenjax/") for t in kinds)
-        )
-        opening = None
+        frame, words = _frame(path, arm, tip, options, own)
         if (jaw := jaws.get(arm)) is not None:
-            at, values, topic = jaw
+            at, opening, topic = jaw
             used.append(topic)
-            opening = np.interp(tip.time_ns - begin, at - begin, values * 1e3)
-        tracks[arm] = dataclasses.replace(track, opening_mrad=opening, frame=frame)
-        clock = clock or samples.clock
+            samples.table[f"{arm}_grasp_rad"] = np.interp(tip.time_ns - begin, at - begin, opening)
+        tracks[arm] = dataclasses.replace(_arm_track(samples, arm, options), frame=frame)
+        clocks.append(samples.clock)
         notes = [*samples.notes, *words, *notes]
-    used = [*(tip.topic for tip in tips.values()), *used]
-    ignored = tuple(sorted(kinds.keys() - used))
-    return Track(path, clock, tracks, None, tuple(used), ignored, tuple(dict.fromkeys(notes)))
+    ignored = tuple(sorted(bag.kinds.keys() - used))
+    return Track(path, clocks[0], tracks, None, tuple(used), ignored, tuple(notes))
 
 
 def _poses(path: Path, arm: str, tip: TopicMessages, begin_ns: int) -> Samples:
@@ -395,36 +391,27 @@ def _poses(path: Path, arm: str, tip: TopicMessages, begin_ns: int) -> Samples:
     return Samples(path, table, tip.clock, (tip.time_ns - begin_ns) * 1e-9, tip.topic, tip.notes)
 
 
-def _jaws(
-    path: Path,
-    reader: AnyReader,
-    kinds: Mapping[str, str],
-    arm: ArmName,
-    options: ReplayOptions,
-    stamped: bool,
-) -> tuple[np.ndarray, np.ndarray, str] | None:
-    """Return times (ns), opening (rad) and topic of an arm's jaws: from raven2's two jaws, or from
-    CRTK's topic of the jaw alone. None if they were not recorded.
+def _jaws(bag: Bag, arm: ArmName, stamped: bool) -> tuple[np.ndarray, np.ndarray, str] | None:
+    """Return times (ns), opening (rad) and topic of an arm's jaws: from CRTK's topic of the jaw
+    alone, or from raven2's two jaws. None if they were not recorded.
     """
-    states = {topic: kind for topic, kind in kinds.items() if kind == JOINT_STATE}
-    alone = find_topic(path, states, arm, options, *(f"jaw/{source}_js" for source in SOURCES))
-    topic = alone or find_topic(path, states, arm, options, *(f"{one}_js" for one in SOURCES))
-    if topic is None:
+    alone = bag.topic(arm, *(f"jaw/{source}_js" for source in SOURCES))
+    topic = alone or bag.topic(arm, *(f"{source}_js" for source in SOURCES))
+    if topic is None or bag.kinds[topic] != JOINT_STATE:
         return None
-    jaw = bags.read_topic(path, reader, topic, stamped)
+    jaw = bag.read(topic, stamped)
     if alone:
-        short = [
-            n for n, one in zip(jaw.number, jaw.messages, strict=True) if not len(one.position)
-        ]
-        if short:
-            raise UserError(f"{path}: message {short[0]} of {topic} has no position")
-        opening = np.array([one.position[0] for one in jaw.messages])
+        opening = np.array(
+            [one.position[0] if len(one.position) else np.nan for one in jaw.messages]
+        )
     else:
-        opening = bags.read_joints(path, jaw)[:, JOINTS.index("grasp1") :].sum(axis=1)
+        opening = bags.read_joints(bag.path, jaw)[:, JOINTS.index("grasp1") :].sum(axis=1)
         if np.isnan(opening).any():
             return None
-    if (np.diff(jaw.time_ns) < 0).any():
-        raise UserError(f"{path}: {topic}: expected times that never go back")
+    if np.isnan(opening).any() or (np.diff(jaw.time_ns) < 0).any():
+        raise UserError(
+            f"{topic}: expected times that never go back, and a position in every message"
+        )
     return jaw.time_ns, opening, topic
 
 

@@ -315,7 +315,7 @@ class Operator(Section):
     topics: dict[ArmName, str] = Field(
         default={}, description="topic or namespace of each arm in a bag, { gold = '/PSM2' }"
     )
-    sensors: dict[Literal["column", "gold", "green"], str] = Field(
+    sensors: dict[Literal["column", "gold", "green"], str | int] = Field(
         default={},
         description=(
             "the column that names each row's sensor, and each arm's sensor, { column = 'tool',"
