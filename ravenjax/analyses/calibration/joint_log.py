@@ -53,7 +53,7 @@ HOLD = np.radians(
 )
 HOLD[:, 2] = 0.23, 0.56
 """Least and greatest joint of a Raven-II, rad and m."""
-BEYOND = np.radians([45.0, 45.0, 0.0, 45.0, 45.0, 45.0, 45.0]) + np.eye(7)[2] * 0.2
+BEYOND = np.radians([45.0, 45.0, 0.0, 45.0, 45.0, 45.0, 45.0]) + np.eye(7)[2] * 0.05
 """How far beyond it a joint may be, because the zeros of robots differ."""
 SLOTS = np.array([0, 1, 2, 4, 5, 6, 7])
 """Positions of the joints among the eight numbers of an arm in raven_state. The fourth is unused.
@@ -237,10 +237,14 @@ def _require_possible(samples: Samples, name: str, joints: np.ndarray) -> None:
     word, value = JOINTS[joint], joints[row, joint]
     unit, other, factor = ("m", "mm", 1e-3) if word in LINEAR else ("rad", "deg", UNITS["deg"])
     low, high = HOLD[:, joint]
-    likely = HOLD[0] - BEYOND <= joints * factor
-    advice, units = "", {"mm": "mm", "deg": "degrees"}
-    if (likely & (joints * factor <= HOLD[1] + BEYOND))[:, joint].all():
-        advice = f". If these are {units[other]}, name the column {name}_{word}_{other}"
+    likely, column = joints[:, joint] * factor, f"{name}_{word}"
+    inside = likely.min() >= low - BEYOND[joint] and likely.max() <= high + BEYOND[joint]
+    advice = ""
+    if inside and column in samples.table:
+        change = (
+            f"convert {samples.topic}" if samples.topic else f"name the column {column}_{other}"
+        )
+        advice = f". If these are {other.replace('deg', 'degrees')}, {change}"
     raise UserError(
         f"{samples.path}: {samples.place(row)}: {name} of {word} is {value:.6g} {unit}, expected"
         f" {low:.3g} to {high:.3g} {unit}{advice}"

@@ -131,8 +131,8 @@ def open_bag(path: Path) -> Iterator[AnyReader]:
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
-    if path.is_file():
-        files.require_content(path)
+    for file in path.iterdir() if path.is_dir() else [path]:
+        files.require_content(file)
     # Files of ROS 2 may contain no definitions. The usual ones suffice for CRTK.
     usual = get_typestore(Stores.LATEST)
     try:
