@@ -123,12 +123,10 @@ def read_table(path: Path, options: ReplayOptions, header: str) -> Samples:
     if isinstance(given, dict):
         ours, given = given, []
     names = [name.strip(" -") or f"column {i}" for i, name in enumerate(given)]
-    way = (
-        f"{header}, or give all: {options.written('columns', header.split(','))}; or, where it has"
-    )
-    table = files.read_table(
-        path, names or None, f'{way} the {len(JIGSAWS)} columns of JIGSAWS, "jigsaws"'
-    )
+    way = f"{header}, or give all: {options.written('columns', header.split(','))}"
+    if "gold" in header:
+        way += f'. The {len(JIGSAWS)} columns of JIGSAWS are operator.columns = "jigsaws"'
+    table = files.read_table(path, names or None, way)
     for name, theirs in ours.items():
         if theirs not in table:
             raise UserError(
