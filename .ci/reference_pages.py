@@ -208,6 +208,10 @@ def key_rows(model: type[BaseModel]) -> Iterator[tuple[str, ...]]:
         )
 
 
+_TABLES = ("columns", "topics", "sensors", "rotation", "offset_mm")
+"""Keys that may be tables of plain values."""
+
+
 def _inner(schema: Mapping[str, Any]) -> Mapping[str, Any]:
     """A schema without the null of what may be left out; of a value or a list of it, the list."""
     options = [option for option in schema.get("anyOf", ()) if option.get("type") != "null"]
@@ -220,7 +224,8 @@ def _type(name: str, schema: Mapping[str, Any], model: type[BaseModel]) -> str:
     if any("properties" in option for option in schema.get("anyOf", ())):  # tables of distributions
         return f"{_axis(schema, model, name)}, axis"
     if "anyOf" in schema:
-        return ", or ".join(_type(name, option, model) for option in schema["anyOf"])
+        options = [option for option in schema["anyOf"] if option.get("type") != "null"]
+        return ", or ".join(_type(name, option, model) for option in options)
     kinds = {
         "integer": "whole number",
         "number": "number",
@@ -232,11 +237,12 @@ def _type(name: str, schema: Mapping[str, Any], model: type[BaseModel]) -> str:
     if "enum" in schema:
         return ", ".join(f"`{word}`" for word in schema["enum"])
     if schema["type"] == "object":
-        return "paths of numbers, axis"
+        return "table" if name in _TABLES else "paths of numbers, axis"
     if schema["type"] != "array":
         return "path of a file" if schema.get("format") == "path" else kinds[schema["type"]]
     if "prefixItems" in schema:
-        return f"two {kinds[schema['prefixItems'][0]['type']]}s"
+        number = {2: "two", 3: "three", 4: "four"}[len(schema["prefixItems"])]
+        return f"{number} {kinds.get(schema['prefixItems'][0]['type'], 'row')}s"
     items = schema["items"]
     if items.get("type") == "object":
         return "list of tables"

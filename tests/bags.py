@@ -79,9 +79,16 @@ def state_bag(
     return _ros1(path, store, {"/ravenstate": STATE}, messages)
 
 
-def crtk_bag(path: Path, gold: Motion, green: Motion, ros: int = 1, swapped: bool = False) -> Path:
+def crtk_bag(
+    path: Path,
+    gold: Motion,
+    green: Motion,
+    ros: int = 1,
+    swapped: bool = False,
+    change: Callable[[list[str], Any], Any] | None = None,
+) -> Path:
     """CRTK of both arms. ros: 1; or 2, an MCAP folder. swapped: measured_js under the other's
-    name, as raven2 does.
+    name, as raven2 does. change: of names and positions of gold's setpoint 20.
     """
     store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
     kind = "sensor_msgs/msg/JointState"
@@ -97,12 +104,54 @@ def crtk_bag(path: Path, gold: Motion, green: Motion, ros: int = 1, swapped: boo
                     names = [
                         f"{'gold' if name == 'arm1' else 'green'}_{word}" for word in CRTK_NAMES
                     ]
-                    numbers = [joints[row], np.zeros(7), np.zeros(7)]
+                    position = joints[row]
+                    if change and (row, name, topic) == (20, "arm1", "setpoint_js"):
+                        names, position = change(names, position)
+                    numbers = [position, np.zeros(7), np.zeros(7)]
                     message = store.types[kind](_header(store, seconds), names, *numbers)
                     yield f"/{name}/{topic}", _ns(seconds), message
 
     topics = {f"/{name}/{topic}": kind for name in arms for topic in ("setpoint_js", "measured_js")}
     return (_ros1 if ros == 1 else _ros2)(path, store, topics, messages)
+
+
+def pose_bag(
+    path: Path,
+    namespace: str,
+    seconds: np.ndarray,
+    place: np.ndarray,
+    frame: str = "",
+    jaws: str = "none",
+    first_ns: int = EPOCH_NS,
+) -> Path:
+    """ROS 1: CRTK's setpoint_cp at `place` [n, 3] m. jaws: "raven2" in setpoint_js, "alone" in
+    jaw/setpoint_js, where setpoint_js has six joints; or "none". first_ns: the first stamp.
+    """
+    store = get_typestore(Stores.ROS1_NOETIC)
+    pose, joints = "geometry_msgs/msg/PoseStamped", "sensor_msgs/msg/JointState"
+    topics = {f"{namespace}/setpoint_cp": pose}
+    if jaws != "none":
+        topics |= {f"{namespace}/setpoint_js": joints}
+    if jaws == "alone":
+        topics |= {f"{namespace}/jaw/setpoint_js": joints}
+    names = {"setpoint_js": [f"gold_{word}" for word in CRTK_NAMES], "jaw/setpoint_js": ["jaw"]}
+    if jaws == "alone":
+        names["setpoint_js"] = names["setpoint_js"][:5]
+
+    def messages() -> Iterator[tuple[str, int, Any]]:
+        point, turn = (store.types[f"geometry_msgs/msg/{one}"] for one in ("Point", "Quaternion"))
+        for row, (at, where) in enumerate(zip(seconds, place, strict=True)):
+            header = _header(store, at, frame=frame)
+            if row == 0:
+                header.stamp.sec, header.stamp.nanosec = divmod(first_ns, 10**9)
+            body = store.types["geometry_msgs/msg/Pose"](point(*where), turn(0.0, 0.0, 0.0, 0.0))
+            yield f"{namespace}/setpoint_cp", _ns(at), store.types[pose](header, body)
+            for topic in topics:
+                if (words := names.get(topic.removeprefix(f"{namespace}/"))) is not None:
+                    numbers = [np.full(len(words), 0.4), np.zeros(0), np.zeros(0)]
+                    yield topic, _ns(at), store.types[joints](header, words, *numbers)
+
+    return _ros1(path, store, topics, messages)
 
 
 def _ros1(
@@ -136,11 +185,11 @@ def _ns(seconds: float) -> int:
     return EPOCH_NS + DELAY_NS + round(seconds * 1e9)
 
 
-def _header(store: Any, seconds: float, stamped: bool = True) -> Any:
+def _header(store: Any, seconds: float, stamped: bool = True, frame: str = "") -> Any:
     time_ns = EPOCH_NS + round(seconds * 1e9) if stamped else 0
     stamp = store.types["builtin_interfaces/msg/Time"](time_ns // 10**9, time_ns % 10**9)
     header = store.types["std_msgs/msg/Header"]
-    return header(0, stamp, "") if "seq" in header.__dataclass_fields__ else header(stamp, "")
+    return header(0, stamp, frame) if "seq" in header.__dataclass_fields__ else header(stamp, frame)
 
 
 def _empty(store: Any, kind: Any) -> Any:

@@ -27,6 +27,8 @@ def calibrate(
     software: Literal["raven2", "fork2015"] = "raven2",
     gains: Literal["raven2", "fork2015"] | None = None,
     period_ms: float | None = None,
+    columns: str = "",
+    topics: str | None = None,
     ask: str = EVERYTHING,
     draws: int = 200,
 ) -> None:
@@ -41,7 +43,7 @@ def calibrate(
     ----------
     log
         Desired and measured joints: a bag of ROS 1 or ROS 2 or an MCAP file with raven2's
-        ravenstate or CRTK's measured_js and setpoint_js; or a table, .csv or .parquet, with
+        ravenstate or CRTK's measured_js and setpoint_js; or a table, text or .parquet, with
         columns as jpos_d_shoulder and jpos_shoulder (rad, insertion m), or mpos_d_, or mpos_
         with dac_.
     out
@@ -56,6 +58,11 @@ def calibrate(
         PID of the log's robot; default that of its software
     period_ms
         time between samples, instead of the log's own
+    columns
+        names of a table's columns, a comma between: all in order where it has no header line, or
+        NAME=THEIRS for each that the log calls differently
+    topics
+        namespace of the arm's joints in a bag, such as /lab/arm1
     ask
         what the log is asked for, a comma between
     draws
@@ -78,14 +85,20 @@ def calibrate(
     if draws < 1:
         raise UserError(f"--draws {draws}: expected at least 1 robot")
     tool = tool or DEFAULT_TOOLS[software][arm]
+    given = [word.strip() for word in columns.split(",")] if columns else []
+    named = dict(word.split("=", 1) for word in given if "=" in word)
     setup = RavenSetup(software=software, arms=(arm,), tools=(tool,))
     controller = position_loop.CONTROLLERS[gains or software]
     logged = LoggedRobot(
-        joint_log.read_joint_log(log, arm, tool, software, controller, period_ms),
+        joint_log.read_joint_log(
+            log, arm, tool, software, controller, period_ms, named or given, topics
+        ),
         setup,
         arm,
         controller,
     )
+    for note in logged.log.notes:
+        console.say(note)
     wanted = parameters.unknowns(logged.log.joints, [word.strip() for word in ask.split(",")])
     calibrated = logged.calibrated(robot.params(setup, arm, SET), wanted)
     _show(logged, calibrated, {"before": calibrated.base, "calibrated": calibrated.robot})

@@ -34,7 +34,7 @@ def motion(
     Parameters
     ----------
     file
-        Recorded tip positions: .parquet, .csv, .mcap, .bag or .db3; or a console's packets: .parquet, .pcap or .pcapng.
+        Recorded tip positions: .parquet, .csv, .txt, .tsv, .mcap, .bag or .db3; or a console's packets: .parquet, .pcap or .pcapng.
     campaign
         campaign file whose robot, limits and duration it is for
     arms

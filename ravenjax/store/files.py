@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import itertools
 import json
 import os
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -86,19 +88,66 @@ def inside(folder: Path, name: str) -> Path:
     return folder / name
 
 
-TABLES = (".csv", ".parquet")
+TABLES = (".csv", ".txt", ".tsv", ".parquet")
+_NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)(e[+-]?\d+)?|nan", re.IGNORECASE)
 
 
-def read_table(path: Path) -> pd.DataFrame:
-    """Return the table in a CSV or Parquet file. Raises UserError if it cannot be read."""
+def require_content(path: Path) -> None:
+    """Raise UserError for an empty file and for a pointer that Git LFS left in place of a file."""
+    with open(path, "rb") as file:
+        begin = file.read(42)
+    if not begin:
+        raise UserError(f"{path}: the file is empty; expected a recording")
+    if begin == b"version https://git-lfs.github.com/spec/v1":
+        raise UserError(
+            f"{path}: a pointer of Git LFS, {path.stat().st_size} bytes, not the file. Get the file"
+            " with: git lfs pull"
+        )
+
+
+def read_table(
+    path: Path, names: Sequence[str] | None = None, header: str = "time_s,x_mm"
+) -> pd.DataFrame:
+    """Return the table in a Parquet file or in a text: CSV, or separated by ;, tabs or spaces.
+
+    names: columns of a text without a header line. header: a header line that an error
+    proposes. Raises UserError if the file cannot be read or has no header line.
+    """
     import pandas as pd
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    require_content(path)
     try:
-        if path.suffix.lower() == ".csv":
-            return pd.read_csv(path, skipinitialspace=True)
-        return pq.read_table(path).to_pandas(ignore_metadata=True)
+        if path.suffix.lower() == ".parquet":
+            return pq.read_table(path).to_pandas(ignore_metadata=True)
+        with open(path, encoding="utf-8-sig") as file:
+            lines = "".join(itertools.islice(file, 5))
+        separator = next((mark for mark in ";\t," if mark in lines), r"\s+")
+        first = re.split(separator, lines.strip().partition("\n")[0].strip())
+        headed = not all(_NUMBER.fullmatch(cell.strip()) for cell in first if cell.strip())
+        if not headed and names is None:
+            raise UserError(
+                f"{path}: the first line holds numbers: the table has no header line. It has"
+                f" {len(first)} columns; write a line such as {header}"
+            )
+        if names is not None and (headed or len(names) != len(first)):
+            got = "a header line" if headed else f"{len(first)} columns"
+            raise UserError(
+                f"{path}: has {got}; expected numbers in the {len(names)} columns given"
+            )
+        decimal = "," if separator != "," and re.search(r"\d,\d", lines) else "."
+        table = pd.read_csv(
+            path,
+            sep=separator,
+            skipinitialspace=True,
+            decimal=decimal,
+            header=0 if headed else None,
+        )
+        table.columns = names or [str(name).lstrip("# ").strip() for name in table]
+        return table
+    except UserError:
+        raise
     # pandas raises ValueError, and so does text that is not UTF-8.
     except (ValueError, OSError, pa.ArrowException) as error:
         raise UserError(

@@ -241,5 +241,5 @@ def _require_same(path: Path, kept: Manifest, wanted: Manifest) -> None:
         raise StoreError(
             f"{path}: holds {kept.done} of {kept.runs} runs of campaign {kept.campaign!r}, which"
             f" differs:\n{listed(differences)}\nNothing was changed. To keep it, choose another"
-            f" --out; to start anew, delete the folder: rm -r {path}"
+            f" --out; to begin again, delete the folder: rm -r {path}"
         )

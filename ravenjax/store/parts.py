@@ -207,7 +207,7 @@ def _opened(path: Path, config_hash: str | None) -> Iterator[pq.ParquetFile]:
         if not path.is_file():
             raise StoreError(
                 f"{path}: is missing. Every other part is untouched: start the same command again, "
-                "which computes its rows anew."
+                "which computes its rows again."
             ) from error
         size = path.stat().st_size
         raise _damaged(

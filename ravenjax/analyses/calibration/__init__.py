@@ -14,7 +14,7 @@ A log's joints are compared at the motors, where a Raven's encoders are. Effects
 above all backlash, appear only through the motors.
 
 The covariance of a fit is valid if the virtual robot differs from the logged one only in the
-unknowns. In a check with logs of 14 s from twenty virtual robots, each with 44 values drawn from
-the beliefs, 847 of 880 values lay inside their 90 % intervals, and at least 37 of 44 for each
+unknowns. A check used logs of 14 s from twenty virtual robots, each with 44 values drawn from the
+beliefs. Of these 880 values, 847 lay inside their 90 % intervals, and at least 37 of 44 for each
 robot. A real robot differs in more ways, so there the covariance is only a guide.
 """

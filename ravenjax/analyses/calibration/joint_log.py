@@ -1,21 +1,21 @@
 """Reads the log of one arm: desired and measured joints on the clock of the control cycle.
 
 A table (.csv, .parquet) has one row per sample. Its columns are named by joint, shoulder to grasp2.
-A log may leave joints out. Columns are used in this order of preference:
+A log may leave joints out. Columns are used in this order of preference.
 
-- `jpos_d_JOINT` and `jpos_JOINT`: desired and measured joints, rad and m;
-- `mpos_d_JOINT` and `mpos_JOINT`: desired and measured motors, rad;
+- `jpos_d_JOINT` and `jpos_JOINT`: desired and measured joints, rad and m.
+- `mpos_d_JOINT` and `mpos_JOINT`: desired and measured motors, rad.
 - `dac_JOINT`, `mpos_JOINT` and optionally `mvel_JOINT`: the desired joints are computed from the
   robot's PD law, for joints without an integral.
 
-A name may end in `_deg` (motors and angles) or `_deg_s`. Time is `time_s`; without it the samples
-are `period_ms` apart. If there is a column `runlevel`, the longest stretch in raven2's pedal-down
-is the log.
+A name may end in `_deg` (motors and angles), `_deg_s` or `_mm` (insertion). Time is `time_s`, or
+another unit of it; without it the samples are `period_ms` apart. If there is a column `runlevel`,
+the longest stretch in raven2's pedal-down is the log.
 
-A bag of ROS 1 or ROS 2 is converted to such a table, from one of
+A bag of ROS 1 or ROS 2 is converted to such a table. It has one of these sources.
 
 - raven2's `raven_2/raven_state`: jpos and jpos_d of both arms in its slots, all multiplied by
-  180/pi, the insertion too;
+  180/pi, the insertion too.
 - CRTK's `/arm1/measured_js` and `/arm1/setpoint_js` (arm1 is gold, arm2 green), rad and m. raven2
   publishes the measurements of one arm under the other arm's name (branch crtk,
   src/raven/local_io.cpp). So the measured joints of an arm are taken to be those that follow its
@@ -24,6 +24,7 @@ A bag of ROS 1 or ROS 2 is converted to such a table, from one of
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import NamedTuple
 
@@ -31,18 +32,29 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.analyses.calibration.position_loop import Controller
-from ravenjax.errors import UserError, listed
+from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec
-from ravenjax.robots.raven2.arms import ARMS, JOINTS, ArmName
+from ravenjax.robots.raven2.arms import ARMS, JOINTS, LINEAR, ArmName
 from ravenjax.robots.raven2.geometry import limits, transmission
 from ravenjax.robots.raven2.run_levels import PEDAL_DOWN
 from ravenjax.store import files
 from ravenjax.store.logs import bags
-from ravenjax.store.logs.topics import ARM_TOPICS
+from ravenjax.store.motion import source, stamps
+from ravenjax.store.motion.options import Columns, ReplayOptions
+from ravenjax.store.motion.source import Samples
 
-ENDINGS = {"": 1.0, "_deg": np.pi / 180.0, "_deg_s": np.pi / 180.0}
-LONGEST_S = 6 * 3600.0
-"""Longest log in seconds. It is held in memory, with one row per millisecond."""
+UNITS = {"deg_s": np.pi / 180.0, "deg": np.pi / 180.0, "mm": 1e-3, "": 1.0}
+"""Factors to rad and m of the last words of columns."""
+HOLD = np.radians(
+    [
+        [0.0, 45.0, 0.0, -330.0, -100.0, -120.0, -120.0],
+        [90.0, 135.0, 0.0, 330.0, 100.0, 120.0, 120.0],
+    ]
+)
+HOLD[:, 2] = 0.23, 0.56
+"""Least and greatest joint of a Raven-II, rad and m."""
+BEYOND = np.radians([45.0, 45.0, 0.0, 45.0, 45.0, 45.0, 45.0]) + np.eye(7)[2] * 0.05
+"""How far beyond it a joint may be, because the zeros of robots differ."""
 SLOTS = np.array([0, 1, 2, 4, 5, 6, 7])
 """Positions of the joints among the eight numbers of an arm in raven_state. The fourth is unused.
 """
@@ -57,6 +69,7 @@ class JointLog(NamedTuple):
     desired: np.ndarray  # [T, 7], one row per control cycle (1 ms)
     measured: np.ndarray  # [n, 7], measured at the motors; NaN if missing
     cycles: np.ndarray  # [n] cycle after which each row was measured
+    notes: tuple[str, ...] = ()  # what a user should know of how the log was read
 
     @property
     def joints(self) -> list[int]:
@@ -69,7 +82,20 @@ class JointLog(NamedTuple):
         """
         rows = self.cycles < end
         measured = np.where((self.cycles >= begin)[:, None], self.measured, np.nan)
-        return JointLog(self.start, self.desired[:end], measured[rows], self.cycles[rows])
+        return JointLog(
+            self.start, self.desired[:end], measured[rows], self.cycles[rows], self.notes
+        )
+
+
+class LogOptions(ReplayOptions):
+    """How a log is read. Its options are those of the command line."""
+
+    def written(self, key: str, value: object) -> str:
+        """Return how a user writes an option of the command `calibrate`."""
+        if key == "rate_hz":
+            return f"--period-ms {1e3 / float(str(value)):.6g}"
+        shown = ",".join(value) if isinstance(value, list) else value
+        return f"--{key.partition('.')[0]} {shown}"
 
 
 def read_joint_log(
@@ -79,80 +105,93 @@ def read_joint_log(
     software: str,
     controller: Controller,
     period_ms: float | None = None,
+    columns: Columns | None = None,
+    topics: str | None = None,
 ) -> JointLog:
-    """Read the log of one arm. Raises UserError if the file or its columns have no
-    supported form.
+    """Read the log of one arm.
+
+    columns: as `ReplayOptions.columns`. topics: the arm's namespace in a bag. Raises UserError if
+    the file or its columns have no supported form, or if a number or a time is not plausible.
     """
+    if period_ms is not None and not period_ms > 0.0:
+        raise UserError(f"--period-ms {period_ms:g}: expected more than 0")
+    options = LogOptions(
+        rate_hz=None if period_ms is None else 1e3 / period_ms,
+        columns=[] if columns is None else columns,
+        topics={} if topics is None else {arm: topics},
+    )
     if path.is_dir() or (path.is_file() and path.suffix in bags.SUFFIXES):
-        table = _read_bag(path, arm)
+        samples = _read_bag(path, arm, options)
     elif path.is_file() and path.suffix in files.TABLES:
-        table = files.read_table(path)
+        samples = source.read_table(path, options, "time_s,jpos_d_shoulder,jpos_shoulder")
     else:
         kinds = ", ".join((*files.TABLES, *bags.SUFFIXES))
         raise UserError(f"{path}: expected the file of a log ({kinds}) or a folder of ROS 2")
-    table = _pedal_down(path, table)
-    times = _times(path, table, period_ms)
+    samples = _pedal_down(samples)
+    times = _regular_times(samples, options)
+    desired, measured = _joints(samples, arm, tool, software, controller)
+    times = times - times[0]
     cycles = np.round(times * 1e3).astype(int)
     whole = np.arange(cycles[-1] + 1)
-    desired, measured = _joints(path, table, arm, tool, software, controller)
     on_clock = np.stack([np.interp(whole, times * 1e3, column) for column in desired.T], axis=1)
     # A row is read before its cycle's command.
-    return JointLog(measured[0], on_clock, measured[1:], cycles[1:] - 1)
+    return JointLog(measured[0], on_clock, measured[1:], cycles[1:] - 1, samples.notes)
 
 
-def _pedal_down(path: Path, table: pd.DataFrame) -> pd.DataFrame:
+def _pedal_down(samples: Samples) -> Samples:
     """Return the longest stretch of rows in which the robot could move; all rows if no column shows
     it.
     """
-    where = ""
+    table, where = samples.table, ""
     if "runlevel" in table:
-        live = table["runlevel"].to_numpy() == PEDAL_DOWN
+        live = samples.numbers("runlevel") == PEDAL_DOWN
         stretch = np.cumsum(np.diff(live, prepend=live[:1]) != 0)
-        longest = np.bincount(stretch, live, minlength=1).argmax()
-        table = table.loc[live & (stretch == longest)].reset_index(drop=True)
+        rows = live & (stretch == np.bincount(stretch, live, minlength=1).argmax())
+        times = None if samples.time_s is None else samples.time_s[rows]
+        samples = dataclasses.replace(samples, table=table[rows], time_s=times)
         where = f" in pedal-down (runlevel {PEDAL_DOWN})"
-    if len(table) < 2:
-        raise UserError(f"{path} has {len(table)} rows{where}; a log needs some seconds of motion")
-    return table
+    if len(samples.table) < 2:
+        raise UserError(
+            f"{samples.path} has {len(samples.table)} rows{where}; a log needs some seconds of"
+            " motion"
+        )
+    return samples
 
 
-def _times(path: Path, table: pd.DataFrame, period_ms: float | None) -> np.ndarray:
-    """Return seconds since the first sample, [n]."""
-    if period_ms is not None:
-        times = np.arange(len(table)) * period_ms * 1e-3
-    elif "time_s" in table:
-        times = _numbers(path, table, "time_s")
-        times = times - times[0]
-    else:
-        raise UserError(
-            f"{path} has no column time_s: say how far apart its samples are, --period-ms 1"
-        )
-    if (stuck := np.flatnonzero(~(np.diff(times) > 0.0))).size:
-        raise UserError(
-            f"{path}: time does not increase at row {stuck[0] + 1}; write --period-ms, above 0,"
-            " and time_s is not read"
-        )
-    if not (times[-1] <= LONGEST_S and round(times[-1] * 1e3) >= 1):
-        raise UserError(
-            f"{path} lasts {times[-1]:.4g} s, expected seconds of motion, at most {LONGEST_S:g}:"
-            " write time_s in seconds, or cut the log"
-        )
+def _regular_times(samples: Samples, options: ReplayOptions) -> np.ndarray:
+    """Return seconds of the samples, [n]. Raises UserError for times that are not plausible and for
+    a gap, in which the motion is unknown.
+    """
+    path = samples.path
+    times, clock, notes = stamps.sample_times(
+        path, samples.clock, samples.time_s, len(samples.table), options
+    )
+    samples.notes = (*samples.notes, *notes)
+    if times is None:
+        return np.arange(len(samples.table)) / (options.rate_hz or np.nan)
+    stamps.require_plausible(path, times, clock, options)
+    for row, begin, end in stamps.gaps(times):
+        if end - begin > options.max_gap_s:
+            raise UserError(
+                f"{path}: gap of {end - begin:.3f} s after {samples.place(row)} ({clock}); expected"
+                f" at most {options.max_gap_s:g} s between samples. Cut the log there"
+            )
     return times
 
 
 def _joints(
-    path: Path, table: pd.DataFrame, arm: ArmName, tool: str, software: str, controller: Controller
+    samples: Samples, arm: ArmName, tool: str, software: str, controller: Controller
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return desired [n, 7] and measured joints [n, 7]. Missing joints are measured as NaN and
-    desired at home.
+    """Return desired [n, 7] and measured joints [n, 7]. A joint that lacks one of them is measured
+    as NaN and desired at home.
     """
-    desired, measured = _quantity(path, table, "jpos_d"), _quantity(path, table, "jpos")
+    desired, measured = _quantity(samples, "jpos_d"), _quantity(samples, "jpos")
     if desired is None or measured is None:
-        motors, targets = _quantity(path, table, "mpos"), _quantity(path, table, "mpos_d")
-        counts = _quantity(path, table, "dac")
+        motors, targets = _quantity(samples, "mpos"), _quantity(samples, "mpos_d")
+        counts = _quantity(samples, "dac")
         if motors is not None and targets is None and counts is not None:
             # The PD law is solved for the desired angle. An integral term would prevent this.
-            speed = _quantity(path, table, "mvel")
+            speed = _quantity(samples, "mvel")
             speed = np.gradient(motors, 1e-3, axis=0) if speed is None else speed
             signs = np.array([*transmission.tau_signs(arm, tool, software)], float)
             torque = counts * signs / np.array([*transmission.COUNTS_PER_NM])
@@ -162,9 +201,9 @@ def _joints(
             targets = np.where(ki > 0.0, np.nan, motors + (torque + kd * speed) / kp)
         if motors is None or targets is None:
             raise UserError(
-                f"{path} has neither jpos_d and jpos, nor mpos_d and mpos, nor mpos and dac of any"
-                " joint (as mpos_shoulder); its columns are"
-                f" {', '.join(map(str, table.columns[:12]))}"
+                f"{samples.path} has neither jpos_d and jpos, nor mpos_d and mpos, nor mpos and dac"
+                " of any joint (as mpos_shoulder); its columns are"
+                f" {', '.join(map(str, samples.table.columns[:12]))}"
             )
         # If a motor is unknown, its joint and the following joints are unknown too.
         desired, measured = (
@@ -177,93 +216,102 @@ def _joints(
             )
             for angles in (targets, motors)
         )
-    home = np.array([*limits.HOME_JPOS])
-    return np.where(np.isnan(desired), home, desired), measured
+    home, missing = np.array([*limits.HOME_JPOS]), np.isnan(desired)
+    for name, joints in (("jpos_d", desired), ("jpos", measured)):
+        _require_possible(samples, name, joints)
+    alone = [JOINTS[joint] for joint in np.flatnonzero((missing & ~np.isnan(measured)).any(axis=0))]
+    if alone:
+        samples.notes = (
+            *samples.notes,
+            f"{', '.join(alone)}: without desired joints, not used",
+        )
+    return np.where(missing, home, desired), np.where(missing, np.nan, measured)
 
 
-def _quantity(path: Path, table: pd.DataFrame, name: str) -> np.ndarray | None:
+def _require_possible(samples: Samples, name: str, joints: np.ndarray) -> None:
+    """Raise UserError for joints [n, 7] that no Raven-II has, with the unit that they may be in."""
+    outside = (joints < HOLD[0] - BEYOND) | (joints > HOLD[1] + BEYOND)
+    if not outside.any():
+        return
+    row, joint = np.argwhere(outside)[0]
+    word, value = JOINTS[joint], joints[row, joint]
+    unit, other, factor = ("m", "mm", 1e-3) if word in LINEAR else ("rad", "deg", UNITS["deg"])
+    low, high = HOLD[:, joint]
+    likely, column = joints[:, joint] * factor, f"{name}_{word}"
+    inside = likely.min() >= low - BEYOND[joint] and likely.max() <= high + BEYOND[joint]
+    advice = ""
+    if inside and column in samples.table:
+        change = (
+            f"convert {samples.topic}" if samples.topic else f"name the column {column}_{other}"
+        )
+        advice = f". If these are {other.replace('deg', 'degrees')}, {change}"
+    raise UserError(
+        f"{samples.path}: {samples.place(row)}: {name} of {word} is {value:.6g} {unit}, expected"
+        f" {low:.3g} to {high:.3g} {unit}{advice}"
+    )
+
+
+def _quantity(samples: Samples, name: str) -> np.ndarray | None:
     """Return the columns of a quantity [n, 7], NaN for joints that are not logged; None if no joint
-    is logged.
+    is logged. A joint without any number is not logged.
     """
-    columns = np.full((len(table), len(JOINTS)), np.nan)
+    columns = np.full((len(samples.table), len(JOINTS)), np.nan)
     for joint, word in enumerate(JOINTS):
-        for ending, factor in ENDINGS.items():
-            if f"{name}_{word}{ending}" in table:
-                columns[:, joint] = _numbers(path, table, f"{name}_{word}{ending}") * factor
+        for unit, factor in UNITS.items():
+            column = f"{name}_{word}_{unit}".rstrip("_")
+            if column in samples.table and not samples.table[column].isna().to_numpy().all():
+                columns[:, joint] = samples.numbers(column) * factor
     return None if np.isnan(columns).all() else columns
 
 
-def _numbers(path: Path, table: pd.DataFrame, name: str) -> np.ndarray:
-    """Return a column [n], NaN for missing values. Raises UserError for values that are not
-    numbers.
-    """
-    try:
-        numbers = table[name].to_numpy(float)
-    except (TypeError, ValueError) as error:
-        raise UserError(f"{path}: column {name} holds other things than numbers: {error}") from None
-    if (infinite := np.flatnonzero(np.isinf(numbers))).size:
-        raise UserError(
-            f"{path}: row {infinite[0]}, column {name}: got {numbers[infinite[0]]}, expected a"
-            " finite number"
-        )
-    return numbers
-
-
-def _read_bag(path: Path, arm: ArmName) -> pd.DataFrame:
-    """Return the table of a bag: time_s, jpos_d_JOINT and jpos_JOINT, and runlevel from
-    raven_state.
-    """
-    with bags.open_bag(path) as reader:
-        kinds = {one.topic: one.msgtype for one in reader.connections}
-        state = next((topic for topic, kind in kinds.items() if kind.endswith("/raven_state")), "")
-        if state:
-            states = bags.read_topic(path, reader, state)
+def _read_bag(path: Path, arm: ArmName, options: ReplayOptions) -> Samples:
+    """Return a bag's columns jpos_d_JOINT and jpos_JOINT, and runlevel from raven_state."""
+    with source.open_bag(path, options) as bag:
+        kinds = bag.kinds.items()
+        if state := next((topic for topic, kind in kinds if kind.endswith("/raven_state")), ""):
+            states = bag.read(state)
             slots = SLOTS + 8 * ARMS.index(arm)
             desired, measured = (
                 np.array([getattr(one, name)[slots] for one in states.messages], float) * PER_STATE
                 for name in ("jpos_d", "jpos")
             )
-            columns = _columns(states.time_ns, desired, measured)
-            return columns.assign(runlevel=[int(one.runlevel) for one in states.messages])
-
-        def joint_topics(ends: list[str]) -> list[str]:
-            return [
-                topic
-                for topic, kind in kinds.items()
-                if kind.endswith("/JointState") and f"/{topic}".endswith(tuple(ends))
-            ]
-
-        setpoint = joint_topics([f"/{ARM_TOPICS[arm]}/setpoint_js"])
-        measured_of = joint_topics([f"/{ARM_TOPICS[name]}/measured_js" for name in ARMS])
-        if not setpoint or not measured_of:
-            raise UserError(
-                f"{path}: expected raven2's state, or /{ARM_TOPICS[arm]}/setpoint_js and"
-                " measured_js of CRTK; the file has\n"
-                + listed([f"{topic} ({kind})" for topic, kind in sorted(kinds.items())] or ["none"])
-            )
-        wanted = bags.read_joints(path, reader, setpoint[0])
-        tables = [
-            _following(wanted, bags.read_joints(path, reader, topic)) for topic in measured_of
-        ]
-    return min(tables, key=lambda pair: pair[0])[1]
-
-
-def _following(setpoint: bags.Joints, measured: bags.Joints) -> tuple[float, pd.DataFrame]:
-    """Return how far measured joints are from a setpoint, and both at the times at which both are
-    known.
-    """
-    begin, end = setpoint.time_ns[[0, -1]]
-    common = (measured.time_ns >= begin) & (measured.time_ns <= end)
-    time_ns, joints = measured.time_ns[common], measured.joints[common]
-    desired = np.stack(
-        [np.interp(time_ns - begin, setpoint.time_ns - begin, one) for one in setpoint.joints.T],
-        axis=1,
-    )
-    return float(np.nanmean(np.abs(desired - joints))), _columns(time_ns, desired, joints)
+            samples = _samples(path, states, states.time_ns[0], desired, measured)
+            samples.table["runlevel"] = [int(one.runlevel) for one in states.messages]
+            return samples
+        # raven2 publishes the measured joints of one arm under the other's name.
+        several = (arm,) if options.topics else ARMS
+        setpoint = bag.topic(arm, "setpoint_js")
+        measured_of = [topic for one in several if (topic := bag.topic(one, "measured_js"))]
+        if setpoint is None or not measured_of:
+            raise bag.missing(arm, "setpoint_js", "measured_js")
+        wanted, *followers = map(bag.read, (setpoint, *measured_of))
+    asked = bags.read_joints(path, wanted)
+    begin = wanted.time_ns[0]
+    times = _regular_times(_samples(path, wanted, begin, asked, asked), options)
+    found = []
+    for measured in followers:
+        joints = bags.read_joints(path, measured)
+        # Times are checked before anything is interpolated.
+        at = _regular_times(_samples(path, measured, begin, joints, joints), options)
+        common = (at >= times[0]) & (at <= times[-1])
+        desired = np.stack([np.interp(at, times, column) for column in asked.T], axis=1)
+        pair = _samples(path, measured, begin, desired, joints)
+        pair = dataclasses.replace(
+            pair, table=pair.table[common], time_s=at[common], notes=(*wanted.notes, *pair.notes)
+        )
+        found.append((float(np.nanmean(np.abs(desired - joints)[common])), pair))
+    return min(found, key=lambda pair: pair[0])[1]
 
 
-def _columns(time_ns: np.ndarray, desired: np.ndarray, measured: np.ndarray) -> pd.DataFrame:
-    columns = {"time_s": (time_ns - time_ns[:1]) * 1e-9}
-    for joint, word in enumerate(JOINTS):
-        columns |= {f"jpos_d_{word}": desired[:, joint], f"jpos_{word}": measured[:, joint]}
-    return pd.DataFrame(columns).dropna(axis="columns", how="all")
+def _samples(
+    path: Path,
+    messages: bags.TopicMessages,
+    begin_ns: np.int64,
+    desired: np.ndarray,
+    measured: np.ndarray,
+) -> Samples:
+    """Return joints [n, 7] as the columns of a table."""
+    names = [f"{name}_{word}" for name in ("jpos_d", "jpos") for word in JOINTS]
+    table = pd.DataFrame(np.hstack([desired, measured]), columns=names, index=messages.number)
+    time_s = (messages.time_ns - begin_ns) * 1e-9
+    return Samples(path, table, messages.clock, time_s, messages.topic, messages.notes)

@@ -11,6 +11,7 @@ trace are one second later in a bag of ROS 1.
 from __future__ import annotations
 
 import contextlib
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,6 +21,7 @@ import numpy as np
 
 from ravenjax.errors import StoreError, UserError
 from ravenjax.robots.raven2.arms import JOINTS
+from ravenjax.store import files
 from ravenjax.store.logs.ros_types import HEADER
 
 if TYPE_CHECKING:
@@ -28,6 +30,14 @@ if TYPE_CHECKING:
 
 Ros = Literal[1, 2]
 SUFFIXES = (".bag", ".mcap", ".db3")
+DAY_NS = 86_400_000_000_000
+_NAME = re.compile(r"^(gold|green|arm[12])_|_joint|_[lr]$")
+RAVEN2_NAMES = {
+    "ins": "insertion",
+    "roll": "tool_roll",
+    **{f"{jaw}{side}": f"grasp{side}" for jaw in ("jaw", "grasper_") for side in "12"},
+}
+"""Names of joints in raven2's messages, without the arm, that differ from those of ravenjax."""
 RECORDING = "session.mcap"
 """Name of a recording in the folder of a session."""
 ONLY_ROS2 = "rcl_interfaces/msg/Log"
@@ -41,72 +51,78 @@ class TopicMessages(NamedTuple):
     """The messages of one topic, by time."""
 
     topic: str
-    arrived_ns: np.ndarray  # int64 [n] since the epoch
-    # int64 [n]: times in their headers; 0 without headers.
-    stamped_ns: np.ndarray
+    clock: str  # source of their times, in words
+    time_ns: np.ndarray  # int64 [n] since the epoch
+    number: np.ndarray  # [n] of each message on its topic, from 0
     messages: list[Any]
-
-    @property
-    def stamps_run(self) -> bool:
-        """Whether headers carry times. If nobody fills them, all are equal."""
-        return bool(self.stamped_ns.max() > self.stamped_ns.min())
-
-    @property
-    def time_ns(self) -> np.ndarray:
-        """Time at which each message was sampled: from its header if headers carry times, else its
-        arrival.
-        """
-        return self.stamped_ns if self.stamps_run else self.arrived_ns
+    notes: tuple[str, ...]
 
 
-class Joints(NamedTuple):
-    """A topic of sensor_msgs/JointState."""
+def read_topic(path: Path, reader: AnyReader, topic: str, stamped: bool = True) -> TopicMessages:
+    """Read the messages of one topic. Raises UserError if it has none.
 
-    messages: TopicMessages
-    joints: np.ndarray  # [n, 7], rad and m; nan where the messages have no such joint
-
-    @property
-    def time_ns(self) -> np.ndarray:
-        """Times of the messages."""
-        return self.messages.time_ns
-
-
-def read_joints(path: Path, reader: AnyReader, topic: str) -> Joints:
-    """Read joints by the names that ravenjax writes, else seven joints in their order. Raises
-    UserError.
+    Times are those of the headers if headers carry times, else of arrival; `stamped` false: of
+    arrival. If nobody fills the headers, all are equal. A message with stamp 0 among others was
+    sent before the clock was known. It is left out, with a note.
     """
-    states = read_topic(path, reader, topic)
-    first = states.messages[0]
-    places = {
-        joint: first.name.index(word) for joint, word in enumerate(JOINTS) if word in first.name
-    }
-    if not places:
-        places = dict(enumerate(range(len(JOINTS))))
-    joints = np.full((len(states.messages), len(JOINTS)), np.nan)
-    try:
-        for joint, place in places.items():
-            joints[:, joint] = [one.position[place] for one in states.messages]
-    except IndexError:
-        raise UserError(
-            f"{path}: a message of {topic} has other joints than {', '.join(first.name)}; expected"
-            f" some of {', '.join(JOINTS)}, or seven in this order"
-        ) from None
-    return Joints(states, joints)
-
-
-def read_topic(path: Path, reader: AnyReader, topic: str) -> TopicMessages:
-    """Read the messages of one topic. Raises UserError if it has none."""
     connections = [one for one in reader.connections if one.topic == topic]
-    arrived, stamped, messages = [], [], []
+    arrived, stamps, messages = [], [], []
     for connection, time_ns, data in reader.messages(connections=connections):
         message: Any = reader.deserialize(data, connection.msgtype)
         header = getattr(message, "header", None) or getattr(message, "hdr", None)
-        stamped.append(0 if header is None else header.stamp.sec * 10**9 + header.stamp.nanosec)
+        stamps.append(0 if header is None else header.stamp.sec * 10**9 + header.stamp.nanosec)
         arrived.append(time_ns)
         messages.append(message)
     if not messages:
         raise UserError(f"{path}: {topic} has no messages")
-    return TopicMessages(topic, np.array(arrived, np.int64), np.array(stamped, np.int64), messages)
+    at, number = np.array(stamps, np.int64), np.arange(len(messages))
+    if not stamped or at.max() == at.min():
+        times = np.array(arrived, np.int64)
+        return TopicMessages(topic, f"log times of {topic}", times, number, messages, ())
+    notes: tuple[str, ...] = ()
+    known = at != 0
+    # A trace begins at time 0, and its next stamp is near.
+    if not known.all() and at[known].min() > DAY_NS:
+        first = int(np.argmin(known))
+        notes = (
+            f"message {first} of {topic} has stamp 0, the next {at[known][0] * 1e-9:.4g} s:"
+            f" {(~known).sum()} without a stamp left out",
+        )
+        at, number = at[known], number[known]
+        messages = [messages[i] for i in number]
+    return TopicMessages(topic, f"header stamps of {topic}", at, number, messages, notes)
+
+
+def read_joints(path: Path, states: TopicMessages) -> np.ndarray:
+    """Return joints [n, 7] of sensor_msgs/JointState, rad and m; NaN for a joint of no message.
+
+    Each message is read by its own names, those of ravenjax or of raven2; without names it holds
+    seven joints in their order. Raises UserError for other names and for a message that lacks a
+    joint which others have.
+    """
+    joints = np.full((len(states.messages), len(JOINTS)), np.nan)
+    for row, (number, one) in enumerate(zip(states.number, states.messages, strict=True)):
+        names = [_NAME.sub("", name.lower()) for name in one.name]
+        words = [RAVEN2_NAMES.get(name, name) for name in names] or list(JOINTS)
+        known = [word for word in words if word in JOINTS]
+        if not known or len(set(known)) < len(known) or len(one.position) > len(words):
+            raise UserError(
+                f"{path}: message {number} of {states.topic} has {len(one.position)} positions of"
+                f" {', '.join(one.name) or 'joints without names'}; expected some of"
+                f" {', '.join(JOINTS)}, each once, or seven in this order"
+            )
+        for word, position in zip(words, one.position, strict=False):
+            if word in JOINTS:
+                joints[row, JOINTS.index(word)] = position
+    lacks = ~np.isfinite(joints) & ~np.isnan(joints).all(axis=0)
+    if lacks.any():
+        row = int(np.argmax(lacks.any(axis=1)))
+        raise UserError(
+            f"{path}: message {states.number[row]} of {states.topic} lacks"
+            f" {', '.join(JOINTS[joint] for joint in np.flatnonzero(lacks[row]))}, which other"
+            f" messages have ({lacks.any(axis=1).sum()} such messages). Cut them out"
+        )
+    return joints
 
 
 @contextlib.contextmanager
@@ -115,6 +131,8 @@ def open_bag(path: Path) -> Iterator[AnyReader]:
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
+    for file in path.iterdir() if path.is_dir() else [path]:
+        files.require_content(file)
     # Files of ROS 2 may contain no definitions. The usual ones suffice for CRTK.
     usual = get_typestore(Stores.LATEST)
     try:

@@ -1,8 +1,8 @@
 """Topics of MCAP logs that traces and sessions share: names, types and messages.
 
 Names are CRTK's as raven2 has them: gold is arm1, green arm2. Poses are in frame 0 of their arm,
-which is the frame `armN_base`. An unknown orientation is not published: the message is then a
-point.
+which is the frame `armN_frame0`; CRTK's `armN_base` is another. An unknown orientation is not
+published: the message is then a point.
 
 Names and sizes of a log's messages do not change from tick to tick. Therefore rosbags encodes one
 message of each topic, with marks in place of times and numbers, and NumPy fills in those of all
@@ -111,9 +111,9 @@ class Topic:
         return {int(tick): row.tobytes() for tick, row in zip(ticks, rows, strict=True)}
 
 
-def base(arm: str) -> str:
+def frame0(arm: str) -> str:
     """Return the name of an arm's frame 0, in which all its poses are given."""
-    return f"{arm_name(arm)}_base"
+    return f"{arm_name(arm)}_frame0"
 
 
 def tip(arm: str, which: str) -> str:
@@ -199,10 +199,10 @@ def standard(
                 yield point(arm, f"{name}_tip"), own[place].astype(float)
         tips = {name: values for name, values in poses.items() if name in _FRAMES}
         if tips and arm in bases:
-            pairs.append((WORLD, base(arm)))
+            pairs.append((WORLD, frame0(arm)))
             row = np.array([*bases[arm].origin, *bases[arm].quaternion])
             places.append(np.broadcast_to(row, (len(next(iter(tips.values()))), 7)))
-        pairs += [(base(arm), tip(arm, name)) for name in tips]
+        pairs += [(frame0(arm), tip(arm, name)) for name in tips]
         places += tips.values()
     if pairs:
         yield frames(tuple(pairs)), np.concatenate(places, axis=1)
@@ -339,7 +339,7 @@ def _marks(count: int, first: int = 0) -> np.ndarray:
 
 
 def _topic(arm: str, name: str, schema: str, *fields: Any) -> Topic:
-    message = types().message(schema, _header(base(arm)), *fields)
+    message = types().message(schema, _header(frame0(arm)), *fields)
     return _template(f"/{arm_name(arm)}/{name}", message)
 
 

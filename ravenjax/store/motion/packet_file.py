@@ -3,8 +3,8 @@ after homing.
 
 A table (Parquet) has a column `packet` (124 bytes each) and a column of arrival times. A network
 capture (.pcap, .pcapng), as tcpdump and Wireshark write it, contains both. A console's packets are
-UDP datagrams of at least 124 bytes to port 36000. If there are none, the only port that receives
-datagrams of that size is used. If there are several senders, the console is the one that sent most.
+UDP datagrams of at least 124 bytes to port 36000, or else to the only port that receives datagrams
+of that size. If there are several senders, the console is the one that sent most.
 
 Complete packets are read with the console's profile, in order. Packets that the robot would drop
 move nothing: repeated and older numbers, and the packet after a gap. A stream may restart, see
@@ -35,7 +35,7 @@ from ravenjax.robots.raven2.stages.network import RESET_GAP
 from ravenjax.store import files
 from ravenjax.store.consoles import loading
 from ravenjax.store.motion import stamps
-from ravenjax.store.motion.track import ArmTrack, Track
+from ravenjax.store.motion.track import ArmTrack, Home, Track
 from ravenjax.vocabulary.packets import MOST_CYCLES, QUIET_MS, RELEASE_MS
 
 if TYPE_CHECKING:
@@ -50,14 +50,6 @@ RATE_AGREES = 3.0
 """Factor by which the rate of arrivals may differ from the profile's rate."""
 
 
-class Home(NamedTuple):
-    """Pose in which a tip begins, in frame 0."""
-
-    position: np.ndarray  # [3] m
-    quat: np.ndarray  # [4] x, y, z, w
-    opening_mrad: float
-
-
 class PacketStream(NamedTuple):
     """A recorded stream, read."""
 
@@ -69,6 +61,7 @@ class PacketStream(NamedTuple):
     # [T] 0 or 1, held where a packet does not count.
     pedal: np.ndarray
     counted: np.ndarray  # bool [T], whether the packet counts
+    numbers: np.ndarray  # [T]
     arrivals: Arrivals
 
 
@@ -229,6 +222,15 @@ def read_track(
 ) -> Track:
     """Return the tip poses that a stream commands. home: pose in which each arm begins."""
     read = read_stream(path, arms, console)
+    rows, dropped = len(read.counted), int((~read.counted).sum())
+    if dropped > MOST_MISFITS * rows:
+        back = int((np.diff(read.numbers) < 0).sum())
+        what = (
+            f"Numbers go back {back} times: they come from two streams. Record one console"
+            if back > MOST_MISFITS * rows
+            else "Packets before them are missing. Record closer to the robot"
+        )
+        raise UserError(f"{path}: the robot would drop {dropped:,} of {rows:,} packets. {what}")
     tracks: dict[str, ArmTrack] = {}
     for i, arm in enumerate(arms):
         axes = np.array([[float(c) for c in row] for row in ITP_AXES[arm]])
@@ -244,7 +246,7 @@ def read_track(
     shares = ", ".join(f"{share:g}" for share in packet_lengths.as_campaign(cycles))
     notes = (
         f"packets are those of console {read.profile.name}; the robot would drop"
-        f" {(~read.counted).sum():,} of {len(read.counted):,}",
+        f" {dropped:,} of {rows:,}",
         f"campaign.packets = [{shares}] makes packets last as long as these, up to {MOST_CYCLES}"
         " ms",
     )
@@ -359,7 +361,8 @@ def read_stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketSt
             f"{path}: {len(misfits)} of {rows} packets do not fit console {profile.name}, the last"
             f" for {why}; {advice}"
         )
-    return PacketStream(profile, delta, quat, grasp, pedal, counted, arrivals)
+    numbers = np.array([one[0] for one in fields])
+    return PacketStream(profile, delta, quat, grasp, pedal, counted, numbers, arrivals)
 
 
 def _restarts(number: int, last: int, silence_s: float) -> bool:

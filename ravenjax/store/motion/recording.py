@@ -17,18 +17,15 @@ from ravenjax.robots.raven2.arms import ARMS, ArmName
 from ravenjax.robots.raven2.console.motion import TICK_S
 from ravenjax.store import files
 from ravenjax.store.logs import bags
-from ravenjax.store.motion import resampling, spikes, stamps
+from ravenjax.store.motion import packet_file, resampling, source, spikes, stamps
 from ravenjax.store.motion.options import ReplayOptions
-from ravenjax.store.motion.packet_file import CAPTURES, PACKET, Home
+from ravenjax.store.motion.packet_file import CAPTURES, PACKET
 from ravenjax.store.motion.reach import Poses
 from ravenjax.store.motion.spikes import Spike
-from ravenjax.store.motion.track import Track, check_plausible
+from ravenjax.store.motion.track import Home, Track, check_plausible, in_frame0
 
 KINDS = (*files.TABLES, *bags.SUFFIXES, *CAPTURES)
 ANY_KIND = f"{', '.join(KINDS[:-1])} or {KINDS[-1]}"
-
-USUAL_STEPS, LEAST_GAP_S = 3.0, 0.02
-"""A gap is a step of more than USUAL_STEPS median steps that is longer than LEAST_GAP_S."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -62,40 +59,31 @@ class HandRecording:
 
 
 def arms_in(path: Path) -> tuple[ArmName, ...]:
-    """Return the arms that a file holds, gold first.
+    """Return the arms that a file holds, gold first. Unknown names count as gold.
 
-    Raises UserError if the file cannot be read, or holds none.
+    Raises UserError if the file cannot be read.
     """
-    from ravenjax.store.motion import bag_file, table_file
-
     require_readable(path)
-    suffix = path.suffix.lower()
-    if suffix in CAPTURES:
+    if path.suffix.lower() in CAPTURES or _packets(path):
         return ARMS
-    if suffix in bags.SUFFIXES:
-        held = bag_file.arms_in(path)
-    else:
-        table = files.read_table(path)
-        held = ARMS if PACKET in table else table_file.arms_in(table)
-    # Without any arm, the error names gold.
-    return tuple(arm for arm in ARMS if arm in held) or ("gold",)
+    return source.arms_in(path) or ("gold",)
+
+
+def _packets(path: Path) -> bool:
+    """Return whether a Parquet file holds packets."""
+    return path.suffix.lower() == ".parquet" and PACKET in files.read_table(path)
 
 
 def _read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> Track:
-    from ravenjax.store.motion import bag_file, packet_file, table_file
-
-    suffix = path.suffix.lower()
-    table = files.read_table(path) if suffix in files.TABLES else None
-    if suffix in CAPTURES or (table is not None and PACKET in table):
-        homes: dict[ArmName, Home] = {arm: _home(arm) for arm in arms}
-        return packet_file.read_track(path, arms, options.console, homes)
+    if path.suffix.lower() in CAPTURES or _packets(path):
+        return packet_file.read_track(
+            path, arms, options.console, {arm: _home(arm) for arm in arms}
+        )
     if options.console != "auto":
         raise UserError(
             f"{path}: operator.console is of a stream of packets, this file holds tips: remove it"
         )
-    if table is None:
-        return bag_file.read_track(path, arms, options.rate_hz)
-    return table_file.read_track(path, table, arms, options.rate_hz)
+    return source.read_track(path, arms, options)
 
 
 def load(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> HandRecording:
@@ -105,8 +93,12 @@ def load(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> HandR
     """
     require_readable(path)
     track = _read_track(path, arms, options)
-    check_plausible(track)
     time_s = _times(track, options)
+    begin_s = 0.0 if options.window_s is None else options.window_s[0]
+    for arm in arms:
+        first = min(int(np.searchsorted(time_s[arm], begin_s - 1e-9)), len(time_s[arm]) - 1)
+        track.arms[arm] = in_frame0(track.arms[arm], arm, options, first, _home(arm))
+    check_plausible(track)
     jumps = [
         spike
         for arm in arms
@@ -156,8 +148,7 @@ def require_readable(path: Path) -> None:
         raise UserError(
             f"{path}: unknown kind of file {path.suffix.lower()!r}; expected {ANY_KIND}"
         )
-    if path.stat().st_size == 0:
-        raise UserError(f"{path}: the file is empty; expected a recorded operator motion")
+    files.require_content(path)
 
 
 def _times(track: Track, options: ReplayOptions) -> dict[str, np.ndarray]:
@@ -167,7 +158,7 @@ def _times(track: Track, options: ReplayOptions) -> dict[str, np.ndarray]:
         if one.time_s is None:
             times[arm] = np.arange(len(one)) / (options.rate_hz or math.nan)
         else:
-            stamps.require_plausible(track.path, one.time_s, track.clock, options.max_gap_s)
+            stamps.require_plausible(track.path, one.time_s, track.clock, options)
             times[arm] = one.time_s
     begin = max(one[0] for one in times.values())
     return {arm: one - begin for arm, one in times.items()}
@@ -211,11 +202,8 @@ def _gaps(time_s: dict[str, np.ndarray]) -> list[tuple[int, float, float]]:
     """Return (row before it, begin, end) of every gap, in order of time."""
     gaps: dict[tuple[float, float], int] = {}
     for times in time_s.values():
-        steps = np.diff(times)
-        for row in np.flatnonzero(
-            steps > max(USUAL_STEPS * float(np.median(steps)), LEAST_GAP_S)
-        ).tolist():
-            gaps.setdefault((float(times[row]), float(times[row + 1])), row)
+        for row, begin, end in stamps.gaps(times):
+            gaps.setdefault((begin, end), row)
     return sorted(((row, begin, end) for (begin, end), row in gaps.items()), key=lambda gap: gap[1])
 
 

@@ -239,16 +239,19 @@ def _require_inside(
         f"of the recording from {begin * TICK_S:.3f} to {end * TICK_S:.3f} s, which is to be"
         " replayed"
     )
-    if not usable:
-        where = (
-            f"{where}; no row lies inside the joint limits of every arm, nothing can be replayed"
-        )
+    advice = (
+        f"Reachable stretches, longest first: {stretches(usable, 4)}; write one, or a part of one,"
+        " as operator.window_s"
+        if usable
+        else "No row lies inside the joint limits of every arm. If positions are of another frame,"
+        " write operator.frame, operator.rotation and operator.offset_mm, or operator.place ="
+        ' "home"'
+    )
     share = 1.0 - float((inside & ~reachable.leaps)[begin:end].mean())
     raise UserError(
         f"{recording.path}: at {bad * TICK_S:.3f} s an arm cannot reach the pose inside its soft"
         f" joint limits: {reason(recording.poses, bad, bounds)}. That is so for {100 * share:.3g} %"
-        f" {where}. Reachable stretches, longest first: {stretches(usable, 4)}; write one, or"
-        " a part of one, as operator.window_s"
+        f" {where}. {advice}"
     )
 
 

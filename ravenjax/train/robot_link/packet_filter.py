@@ -85,9 +85,12 @@ It has the pedal, and for each arm, in the ITP frame, `delta_um`, `quat` (x, y, 
 `grasp_mrad` (positive closes).
 """
 
+DROPS = ("stranger", "duplicate", "behind", "far_ahead", "skip")
+"""Results for a well-formed packet that is not the next one of the stream."""
 KEPT_MISFITS, MISFIT_SHARE = 32, 0.02
 """After this number of packets that break the profile's rules, the gate names a profile that fits
-them. If none fits, it says so, provided that these packets are at least this share of all.
+them. If none fits, it says so, provided that these packets are at least this share of all. It also
+reports this number of dropped packets, if they are at least this share.
 """
 
 
@@ -114,6 +117,7 @@ class Gate:
         self._open = len(self._choice.readers) > 1  # whether packets have yet to decide the profile
         self._misfits: deque[Sequence] = deque(maxlen=KEPT_MISFITS)
         self._misfit_count, self._advised = 0, False
+        self._warned = False  # whether dropped packets were reported
         self._peer: tuple | None = None
         # Number of the stream's last packet; 0: none yet.
         self._last = 0
@@ -140,6 +144,14 @@ class Gate:
         """Return the increments in a datagram, or None if it is refused. now_ms: monotonic."""
         increments, cause = self._judged(datagram, source, now_ms)
         self.counts[cause] += 1
+        dropped = sum(self.counts[one] for one in DROPS) if cause in DROPS else 0
+        many = dropped >= max(KEPT_MISFITS, MISFIT_SHARE * self.received)
+        if many and not self._warned:
+            self._warned = True
+            self._say(
+                f"console: {dropped} of {self.received} packets were dropped, the last as {cause}."
+                " Either two consoles send, or packets are lost on the way"
+            )
         return increments
 
     def _judged(

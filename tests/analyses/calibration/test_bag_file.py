@@ -67,6 +67,29 @@ def test_joint_states_of_crtk_are_a_table(tmp_path, arm, one, swapped, name) -> 
     assert_same(read(path, arm), of_csv(tmp_path, one), 1e-12)
 
 
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda names, position: (names[::-1], position[::-1].copy()), ""),
+        (
+            lambda names, position: (names[:3], position[:3]),
+            "message 20 of /arm1/setpoint_js lacks",
+        ),
+        (
+            lambda names, position: (names, position * np.nan),
+            "message 20 of /arm1/setpoint_js lacks",
+        ),
+    ],
+)
+def test_each_message_is_read_by_its_own_names(tmp_path, change, says) -> None:
+    path = bags.crtk_bag(tmp_path / "log.bag", GOLD, GREEN, change=change)
+    if says:
+        with pytest.raises(UserError, match=says):
+            read(path)
+    else:
+        assert_same(read(path), of_csv(tmp_path, GOLD), 1e-12)
+
+
 def test_a_session_of_ravenjax_can_be_read(tmp_path) -> None:
     """Its joint states come every 10 ms; a row lasts 1 ms."""
     names = [f"gold/{word}/{j}" for word in ("jpos", "jpos_d") for j in range(7)]

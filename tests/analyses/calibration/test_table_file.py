@@ -15,6 +15,8 @@ from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.geometry import transmission
 
 ARM, TOOL, SOFTWARE = "gold", "r_grasper", "fork2015"
+MOTORS = (68.0, 191.0, 898.0)
+"""Of the first three joints, rad."""
 
 
 def read(path: Path, period_ms: float | None = 2.0):
@@ -22,7 +24,8 @@ def read(path: Path, period_ms: float | None = 2.0):
 
 
 def joints(rows: int = 5) -> np.ndarray:
-    return np.linspace(0.1, 0.4, rows)[:, None] * np.array([1.0, 3.0, 1.0, 0.5, 0.5, 0.2, 0.2])
+    change = np.linspace(0.1, 0.4, rows)[:, None] * np.array([1.0, 3.0, 0.1, 0.5, 0.5, 0.2, 0.2])
+    return np.array([0.0, 0.0, 0.35, 0.0, 0.0, 0.0, 0.0]) + change
 
 
 def write(folder: Path, name: str = "log.csv", **columns) -> Path:
@@ -65,7 +68,7 @@ def test_what_the_robot_was_asked_for_follows_from_its_torque(tmp_path) -> None:
     columns: dict[str, object] = {}
     for j, word in enumerate(JOINTS[:3]):
         torque = float(position_loop.FORK2015.kp[j]) * 0.5
-        columns[f"mpos_{word}"] = np.full(5, 100.0)
+        columns[f"mpos_{word}"] = np.full(5, MOTORS[j])
         columns[f"mvel_{word}"] = np.zeros(5)
         columns[f"dac_{word}"] = -torque * float(transmission.COUNTS_PER_NM[j])
     log = read(write(tmp_path, **columns), period_ms=1.0)
@@ -75,8 +78,11 @@ def test_what_the_robot_was_asked_for_follows_from_its_torque(tmp_path) -> None:
             for q in log.desired
         ]
     )
-    np.testing.assert_allclose(asked[:, :3], 100.5, rtol=1e-9)
+    np.testing.assert_allclose(asked[:, :3], np.tile(np.array(MOTORS) + 0.5, (5, 1)), rtol=1e-9)
     assert np.isnan(log.measured[:, 3:]).all() and log.joints == [0, 1, 2]
+
+
+GOOD = {f"{name}_shoulder": [0.5, 0.6] for name in ("jpos_d", "jpos")}
 
 
 @pytest.mark.parametrize(
@@ -95,7 +101,10 @@ def test_what_the_robot_was_asked_for_follows_from_its_torque(tmp_path) -> None:
             None,
             "row 1",
         ),
-        ("log.csv", {"jpos_shoulder": [0.0]}, 1.0, "1 rows"),
+        ("log.csv", {"jpos_shoulder": [0.0]}, 1.0, "holds 1 rows"),
+        ("log.csv", GOOD | {"jpos_d_elbow": [1.5, None]}, 1.0, "row 1, column jpos_d_elbow"),
+        ("log.csv", GOOD | {"jpos_elbow": [90.0, 91.0]}, 1.0, "degrees, name .* jpos_elbow_deg"),
+        ("log.csv", GOOD | {"jpos_insertion": [400.0] * 2}, 1.0, "0.23 to 0.56 m. If these are mm"),
     ],
 )
 def test_a_log_that_cannot_be_used_is_refused_with_what_to_write(
@@ -108,7 +117,6 @@ def test_a_log_that_cannot_be_used_is_refused_with_what_to_write(
 @pytest.mark.parametrize(
     ("name", "content"),
     [
-        ("empty.csv", b""),
         ("latin.csv", b"time_s,jpos_shoulder\n0,\xbb\n"),
         ("ragged.csv", b"a\n1\n1,2,3\n"),
         ("cut.parquet", b"PAR1"),

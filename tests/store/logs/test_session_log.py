@@ -13,7 +13,8 @@ from ravenjax.robots.raven2.geometry import arrays
 from ravenjax.store.logs import mcap_records
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
-from ravenjax.store.motion import bag_file
+from ravenjax.store.motion import source
+from ravenjax.store.motion.options import ReplayOptions
 from ravenjax.train.protocol.frame import FrameLayout
 
 LAYOUT = FrameLayout.of(("gold", "green"))
@@ -97,7 +98,7 @@ def test_other_tools_find_standard_messages(log, rows, i, arm):
         states = log.topics[f"/arm{i}/{name}"]
         assert (
             states[0].value.name == list(JOINTS)
-            and states[0].value.header.frame_id == f"arm{i}_base"
+            and states[0].value.header.frame_id == f"arm{i}_frame0"
         )
         values = log.column(f"/arm{i}/{name}", "position")
         np.testing.assert_array_equal(values, rows[EVERY, LAYOUT.places[f"{arm}/{channel}"]])
@@ -117,7 +118,7 @@ def test_other_tools_find_standard_messages(log, rows, i, arm):
 
 
 def test_a_recorded_session_is_a_motion_for_campaigns(written, rows):
-    track = bag_file.read_track(written, ("gold", "green"), None)
+    track = source.read_track(written, ("gold", "green"), ReplayOptions())
     gold, green = track.arms["gold"], track.arms["green"]
     every = [*range(0, 60, 10), *range(70, T, 10)]
     np.testing.assert_allclose(gold.time_s, np.array(every) * 1e-3, rtol=0.0, atol=1e-12)

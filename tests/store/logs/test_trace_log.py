@@ -81,10 +81,10 @@ def test_frames_are_one_tree_that_ends_in_the_poses(log, series):
     messages = [message.value.transforms for message in log.topics["/tf"]]
     pairs = [(one.header.frame_id, one.child_frame_id) for one in messages[0]]
     assert pairs == [
-        ("world", "arm1_base"),
-        ("arm1_base", "arm1_tip_measured"),
-        ("arm1_base", "arm1_tip_true"),
-        ("arm1_base", "arm1_tip_model"),
+        ("world", "arm1_frame0"),
+        ("arm1_frame0", "arm1_tip_measured"),
+        ("arm1_frame0", "arm1_tip_true"),
+        ("arm1_frame0", "arm1_tip_model"),
     ]
     known = np.array([message.number for message in log.topics["/tf"]])
     assert known.tolist() == [*range(100), *range(103, TICKS)]
@@ -103,17 +103,19 @@ def test_frames_are_one_tree_that_ends_in_the_poses(log, series):
         quaternion = np.array([[q.x, q.y, q.z, q.w] for _, q in numbers])
         np.testing.assert_allclose(np.linalg.norm(quaternion, axis=1), 1.0, atol=1e-12)
         turned[child] = Rotation.from_quat(quaternion)
-    np.testing.assert_allclose(places["arm1_base"], np.tile(BASES["gold"].origin, (len(known), 1)))
+    np.testing.assert_allclose(
+        places["arm1_frame0"], np.tile(BASES["gold"].origin, (len(known), 1))
+    )
     for child, place, rotation in (
         ("arm1_tip_measured", "position", "rotation"),
         ("arm1_tip_true", "tip", "tip_rotation"),
         ("arm1_tip_model", "model_position", "model_rotation"),
     ):
         base = Rotation.from_quat(BASES["gold"].quaternion)
-        in_world = turned["arm1_base"].apply(places[child]) + places["arm1_base"]
+        in_world = turned["arm1_frame0"].apply(places[child]) + places["arm1_frame0"]
         wanted = base.apply(series[f"gold/{place}"][known]) + BASES["gold"].origin
         np.testing.assert_allclose(in_world, wanted, atol=1e-12)
-        whole = (turned["arm1_base"] * turned[child]).as_matrix()
+        whole = (turned["arm1_frame0"] * turned[child]).as_matrix()
         np.testing.assert_allclose(
             whole, base.as_matrix() @ series[f"gold/{rotation}"].reshape(-1, 3, 3)[known], atol=1e-6
         )

@@ -56,7 +56,8 @@ def test_header_stamps_count_where_there_are_any(tmp_path):
         path, "the stamps come in bursts: log times of /arm1/measured_cp", "operator.rate_hz = "
     )
     assert play(path, rate_hz=200.0).summary.notes == (
-        "log times are not used, operator.rate_hz spaces messages evenly",
+        "log times of /arm1/measured_cp is not used, operator.rate_hz = 200 spaces rows evenly; it"
+        " says 3.000 s in all",
     )
     path = write(
         tmp_path / "c.mcap", {("gold", "measured_cp"): (nanoseconds(TIME_S), empty, place(TIME_S))}

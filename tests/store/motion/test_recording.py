@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 from ravenjax.store.logs.trace import log
-from ravenjax.store.motion import bag_file
 from ravenjax.store.motion import recording as recordings
+from ravenjax.store.motion import source
+from ravenjax.store.motion.options import ReplayOptions
 
 
 @pytest.mark.parametrize("unit", ["um", "mm", "m"])
@@ -102,7 +103,7 @@ def test_a_trace_is_a_recording(tmp_path, parquet):
     assert one.summary.clock == "header stamps of /arm1/setpoint_cp"
     assert one.summary.read == ("/arm1/setpoint_cp", "/arm1/setpoint_js")
     assert one.summary.ignored == ("/arm1/measured_cp", "/arm1/measured_js", "/tf")
-    track = bag_file.read_track(path, ("gold",), None)
+    track = source.read_track(path, ("gold",), ReplayOptions())
     assert track.arms["gold"].opening_mrad[0] == pytest.approx(1500.0)
     refused(path, "no topic /arm2/setpoint_cp or /arm2/measured_cp", arms=("gold", "green"))
 
@@ -117,8 +118,8 @@ def test_missing_empty_and_unknown(tmp_path):
     refused(tmp_path / "empty.csv", "is empty")
     (tmp_path / "header.csv").write_text("gold_x_um,gold_y_um,gold_z_um\n")
     refused(tmp_path / "header.csv", "no rows")
-    (tmp_path / "motion.txt").write_text("x")
-    refused(tmp_path / "motion.txt", "unknown kind of file '.txt'")
+    (tmp_path / "motion.doc").write_text("x")
+    refused(tmp_path / "motion.doc", "unknown kind of file '.doc'")
     (tmp_path / "one.csv").write_text("gold_x_mm,gold_y_mm,gold_z_mm\n-78,-25,13\n")
     refused(tmp_path / "one.csv", "holds 1 rows; expected a motion of at least 2")
 

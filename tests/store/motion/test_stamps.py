@@ -2,12 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from recorded_hands import ROWS, circle, play, recording, refused, table, tip_mm
-
-from ravenjax.errors import UserError
-from ravenjax.store.motion import stamps
 
 SLOW = np.arange(90) / 30.0
 """A camera's 30 rows a second."""
@@ -88,22 +83,3 @@ def test_a_gap_says_where_how_long_and_what_to_write(parquet):
     wanted = circle(np.arange(len(shown)) * 1e-3)
     assert np.abs(shown - wanted)[300:1100].max() < 1e-3
     assert 0.01 < np.abs(shown - wanted)[1200:1950].max() < 2.0
-
-
-@settings(max_examples=30)
-@given(
-    st.lists(st.integers(1, 60), min_size=3, max_size=200), st.sampled_from(["s", "ms", "us", "ns"])
-)
-def test_stamps_that_only_rise_are_the_same_in_every_unit(steps, unit):
-    """Whole milliseconds in any unit, any steps below a gap."""
-    from pathlib import Path
-
-    milliseconds = np.cumsum([0, *steps])
-    per_ms = {"s": 1e-3, "ms": 1, "us": 1000, "ns": 1_000_000}[unit]
-    seconds, clock, notes = stamps.sample_times(
-        Path("m"), f"time_{unit}", milliseconds * per_ms, len(milliseconds), None
-    )
-    np.testing.assert_allclose(seconds, milliseconds * 1e-3, rtol=1e-12)
-    assert clock == f"column time_{unit}" and notes == ()
-    with pytest.raises(UserError, match="goes back"):
-        stamps.require_plausible(Path("m"), seconds[::-1], clock, 0.1)

@@ -21,7 +21,18 @@ from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.motions import MOTIONS
 from ravenjax.robots.raven2.geometry.tools import TOOLS
 from ravenjax.robots.raven2.plant import parameter_sets
-from ravenjax.store.motion.options import MAX_GAP_S, AtEnd, ReplayOptions, Spikes
+from ravenjax.store.motion.options import (
+    MAX_GAP_S,
+    MOST_GAP_S,
+    AtEnd,
+    Columns,
+    Frame,
+    Place,
+    ReplayOptions,
+    Spikes,
+    Triple,
+    Turn,
+)
 from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.parts import OwnSource
 
@@ -207,8 +218,8 @@ class Operator(Section):
     motion: Annotated[str, OneOf("motion", MOTIONS)] | None = None
     """a generated motion"""
     file: Path | None = None
-    """a recorded motion (Parquet, CSV, MCAP, ROS bag), from this file's folder; a Python file (.py)
-    is `hands`"""
+    """a recorded motion (Parquet, CSV, text, MCAP, ROS bag), from this file's folder; a Python file
+    (.py) is `hands`"""
     hands: Path | None = None
     """a Python file with an operator of your own, from this file's folder: what hands make of
     motion or file, which is their plan; its parameters are operator.own.hands..."""
@@ -227,9 +238,26 @@ class Operator(Section):
     rate_hz: float | None = Field(default=None, gt=0.0, le=100_000.0)
     """rows a second of a recorded motion, evenly spaced: where it has no times, or those of
     arrival"""
+    columns: Columns = Field(default=[])
+    """names of a table's columns: all in order where it has no header line; the file's name by
+    ravenjax's, { gold_x_mm = 'X' }; or jigsaws"""
+    topics: dict[ArmName, str] = Field(default={})
+    """topic or namespace of each arm in a bag, { gold = '/PSM2' }"""
+    sensors: dict[Literal["column", "gold", "green"], str | int] = Field(default={})
+    """the column that names each row's sensor, and each arm's sensor, { column = 'tool', gold = 'L'
+    }"""
+    frame: Frame | None = None
+    """frame of recorded tips: frame0, arm_base (CRTK's) or console; without it as headers say, else
+    frame0"""
+    rotation: Turn | dict[ArmName, Turn] | None = None
+    """turns recorded tips: rows of a matrix, or x, y, z, w; or a table with those of each arm"""
+    offset_mm: Triple | dict[ArmName, Triple] | None = None
+    """moves recorded tips after the turn; or a table as of rotation"""
+    place: Place = "recorded"
+    """home: recorded tips are moved and turned so that the replayed part begins as after homing"""
     cutoff_hz: float | None = Field(default=None, gt=0.0, lt=500.0)
     """low-pass of a recorded motion, Hz; without it none: tremor stays"""
-    max_gap_s: float = Field(default=MAX_GAP_S, gt=0.0, le=60.0)
+    max_gap_s: float = Field(default=MAX_GAP_S, gt=0.0, le=MOST_GAP_S)
     """longest gap of a recorded motion that is bridged by interpolation, s"""
     spikes: Spikes = "refuse"
     """a recorded tip that jumps: refuse; remove: interpolate where it comes back; replay: as it
@@ -270,6 +298,21 @@ class Operator(Section):
 
             raise ValueError(f"got {shown(str(file))}, expected the path of a {ANY_KIND} file")
         return file
+
+    @field_validator("rotation")
+    @classmethod
+    def _proper(cls, value: Any) -> Any:
+        import numpy as np
+
+        for turn in value.values() if isinstance(value, dict) else [value] if value else []:
+            rows = np.array(turn)
+            apart = rows @ rows - 1.0 if rows.ndim == 1 else rows @ rows.T - np.eye(3)
+            if np.abs(apart).max() > 0.01 or (rows.ndim == 2 and np.linalg.det(rows) < 0.0):
+                raise ValueError(
+                    f"got {shown(turn)}, expected a rotation: three rows of length 1 at right"
+                    " angles, without a mirror, or x, y, z, w of length 1"
+                )
+        return value
 
     @field_validator("hands")
     @classmethod

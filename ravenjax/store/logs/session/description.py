@@ -87,7 +87,8 @@ def write(folder: Path, header: Mapping[str, Any]) -> None:
 def read(folder: Path) -> dict[str, Any]:
     """Return the session description of a folder.
 
-    Raises StoreError if there is none, it is damaged, or it is newer than this reader.
+    Raises StoreError if the folder holds no description, or one that is damaged or newer than this
+    reader.
     """
     path = Path(folder) / FILE
     try:

@@ -1,15 +1,15 @@
 """A training session's recording, session.mcap: written during the session, and readable even if
 truncated.
 
-The profile is ros2 with CDR. For each arm (arm1 is gold, arm2 green) it holds, `STANDARD_HZ` times
-a second,
+The profile is ros2 with CDR. For each arm (arm1 is gold, arm2 green) it holds the following
+topics, `STANDARD_HZ` times a second.
 
     /armN/measured_js, setpoint_js,    sensor_msgs/JointState
         true_js, model_js              joints measured, desired, true, of the nominal model
     /armN/measured_cp, true_cp,        geometry_msgs/PoseStamped
         model_cp                       the tip, with the orientation at those joints
     /armN/haptic_cf                    geometry_msgs/WrenchStamped: force of the cue
-    /tf                                tf2_msgs/TFMessage: frames as in a trace (`trace.log`)
+    /tf                                tf2_msgs/TFMessage: frames as in a trace (`trace.log`).
 
 Every millisecond there is a flat message on /ravenjax/signals, with every channel of the session as
 float32, unchanged. Events are on /ravenjax/events (std_msgs/String, one JSON object each), and in

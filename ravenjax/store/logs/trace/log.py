@@ -2,18 +2,18 @@
 messages.
 
 The file opens in Foxglove, Lichtblick, PlotJuggler, rerun and `ros2 bag`. Gold is arm1, green arm2,
-as in the CRTK interface of raven2. Poses are in frame 0 of their arm, `armN_base`; /tf carries the
-frames
+as in the CRTK interface of raven2. Poses are in frame 0 of their arm, `armN_frame0`; /tf carries
+the frames.
 
-    world -> armN_base -> armN_tip_measured, armN_tip_true, armN_tip_model
+    world -> armN_frame0 -> armN_tip_measured, armN_tip_true, armN_tip_model
 
-Series are those of `time_series`, each optional. Topics of each arm:
+Series are those of `time_series`, each optional. These are the topics of each arm.
 
     /armN/measured_js, setpoint_js, true_js, model_js    sensor_msgs/JointState
     /armN/measured_cp, setpoint_cp, true_cp, model_cp    geometry_msgs/PoseStamped
     /armN/golden_tip                                     geometry_msgs/PointStamped
                                                          (its orientation is not stored)
-    /armN/haptic_cf                                      geometry_msgs/WrenchStamped, device units
+    /armN/haptic_cf                                      geometry_msgs/WrenchStamped, device units.
 
 A tip without a rotation among the series is a point, `/armN/model_tip`, instead of a pose. Events
 are on /ravenjax/events (std_msgs/String, one JSON object each), and in words on /ravenjax/log

@@ -1,0 +1,444 @@
+"""Reads tables and bags of robots and hands as columns with the names of this package.
+
+The package's docstring lists columns and topics. Replays of operators and the calibration of robots
+read their files here, with the same checks of numbers, units and times.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ravenjax.errors import UserError, suggestion
+from ravenjax.robots.raven2.arms import ARMS, JOINTS, ArmName
+from ravenjax.store import files
+from ravenjax.store.logs import bags
+from ravenjax.store.logs.bags import TopicMessages
+from ravenjax.store.logs.topics import ARM_TOPICS, JOINT_STATE, POSE, frame0
+from ravenjax.store.motion import stamps
+from ravenjax.store.motion.options import Frame, ReplayOptions
+from ravenjax.store.motion.summary import listed
+from ravenjax.store.motion.track import LENGTHS, ArmTrack, Track
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from rosbags.highlevel import AnyReader
+
+ANGLES = {"rad": 1e3, "mrad": 1.0, "deg": 1e3 * math.pi / 180.0}
+"""Factors to mrad."""
+PEDAL = "surgeon_mode"
+SOURCES = ("setpoint", "measured")
+"""Kinds of topics that a motion may come from, in order of preference."""
+MATRIX = tuple(f"r{row}{column}" for row in "123" for column in "123")
+QUAT = tuple(f"q{axis}" for axis in "xyzw")
+JIGSAWS = [
+    f"{arm}_{name}"
+    for arm in ("left_master", "right_master", "gold", "green")
+    for name in (
+        *(f"{axis}_m" for axis in "xyz"),
+        *MATRIX,
+        *(f"v{axis}" for axis in "xyz"),
+        *(f"w{axis}" for axis in "xyz"),
+        "grasp_rad",
+    )
+]
+"""Columns of JIGSAWS' kinematics. The slave on the left is gold."""
+
+
+@dataclasses.dataclass(eq=False)
+class Samples:
+    """Columns of numbers, and when they were sampled."""
+
+    path: Path
+    # Its index numbers the rows of the file, or the messages of the topic.
+    table: pd.DataFrame
+    clock: str = ""  # source of the times
+    time_s: np.ndarray | None = None  # [T]
+    topic: str = ""  # of a bag
+    notes: tuple[str, ...] = ()
+    read: list[str] = dataclasses.field(default_factory=list)  # columns that were used
+
+    def place(self, row: int) -> str:
+        """Return the name of a row in messages."""
+        number = self.table.index[row]
+        return f"message {number} of {self.topic}" if self.topic else f"row {number}"
+
+    def numbers(self, name: str) -> np.ndarray:
+        """Return a column's numbers; integers stay integers.
+
+        Raises UserError that names the first row without a number.
+        """
+        import pandas as pd
+
+        self.read.append(name)
+        values = np.asarray(self.table[name])
+        if values.dtype.kind in "iu":
+            return values
+        numbers = np.full(len(values), np.nan)
+        if values.dtype.kind not in "mM":
+            numbers = np.asarray(pd.to_numeric(self.table[name], errors="coerce"), float)
+        if (bad := np.flatnonzero(~np.isfinite(numbers))).size:
+            raise UserError(
+                f"{self.path}: {self.place(bad[0])}, column {name}: got {values[bad[0]]}, expected"
+                f" a finite number ({bad.size} such rows). Fill or cut them: a missing sample is"
+                " not a position"
+            )
+        return numbers
+
+    def quantity(self, name: str, units: Mapping[str, float]) -> np.ndarray | None:
+        """Return the column `name`_<unit> in the base unit, or None without such a column."""
+        names = [f"{name}_{unit}" for unit in units if f"{name}_{unit}" in self.table]
+        if len(names) > 1:
+            raise UserError(
+                f"{self.path}: columns {' and '.join(names)} say the same; keep one of them"
+            )
+        return self.numbers(names[0]) * units[names[0].rpartition("_")[2]] if names else None
+
+    def group(self, names: Sequence[str], what: str) -> np.ndarray | None:
+        """Return columns that belong together [T, k]; None if none of them is there."""
+        missing = [name for name in names if name not in self.table]
+        if len(missing) == len(names):
+            return None
+        if missing:
+            raise UserError(
+                f"{self.path}: {what} needs {', '.join(names)}; {', '.join(missing)} missing"
+            )
+        return np.stack([*map(self.numbers, names)], axis=1)
+
+
+def read_table(path: Path, options: ReplayOptions, header: str) -> Samples:
+    """Return the columns of a table under the names of this package.
+
+    header: a header line that an error proposes.
+    """
+    given, ours = options.columns, {}
+    if given == "jigsaws":
+        given = JIGSAWS
+    if isinstance(given, dict):
+        ours, given = given, []
+    names = [name.strip(" -") or f"column {i}" for i, name in enumerate(given)]
+    way = f"{header}, or give all: {options.written('columns', header.split(','))}"
+    if "gold" in header:
+        way += f'. The {len(JIGSAWS)} columns of JIGSAWS are operator.columns = "jigsaws"'
+    table = files.read_table(path, names or None, way)
+    for name, theirs in ours.items():
+        if theirs not in table:
+            raise UserError(
+                f"{path}: no column {theirs!r}, which {options.written('columns', '...')} takes for"
+                f" {name}; the file has {listed([*map(str, table)], 12)}"
+                f"{suggestion(theirs, map(str, table))}"
+            )
+    replaced = [name for name in ours if name in table and name not in ours.values()]
+    table = table.drop(columns=replaced).rename(columns={v: k for k, v in ours.items()})
+    if len(table) < 2:
+        held = f"holds {len(table)} rows" if len(table) else "the table has no rows"
+        raise UserError(f"{path}: {held}; expected a motion of at least 2")
+    samples = Samples(path, table)
+    times = stamps.time_columns(table)
+    if len(times) > 1:
+        raise UserError(f"{path}: columns {' and '.join(times)} say the same; keep one of them")
+    for name in times:
+        samples.clock = f"column {name}"
+        values = stamps.seconds_since_first(samples.numbers(name))
+        samples.time_s = values * stamps.UNITS[name.rpartition("_")[2]]
+    return samples
+
+
+def arms_in(path: Path) -> tuple[ArmName, ...]:
+    """Return the arms for which a table or a bag has positions under the usual names."""
+    if path.suffix.lower() in bags.SUFFIXES:
+        with open_bag(path, ReplayOptions()) as bag:
+            return tuple(arm for arm in ARMS if bag.topic(arm, "setpoint_cp", "measured_cp"))
+    try:
+        table = files.read_table(path)
+    # A table without a header line may be read under the names that the options give.
+    except UserError:
+        return ()
+    return tuple(arm for arm in ARMS if any(str(name).startswith(f"{arm}_x_") for name in table))
+
+
+def read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> Track:
+    """Return the recording of `arms`. Raises UserError that names row or message, and problem."""
+    if path.suffix.lower() in bags.SUFFIXES:
+        return _bag_track(path, arms, options)
+    whole = read_table(path, options, "time_s,gold_x_um,gold_y_um,gold_z_um")
+    samples = {arm: _of_sensor(whole, arm, options.sensors) for arm in arms}
+    tracks: dict[str, ArmTrack] = {arm: _arm_track(samples[arm], arm, options) for arm in arms}
+    pedal = None
+    if PEDAL in whole.table:
+        one = samples[arms[0]]
+        pedal = one.numbers(PEDAL)
+        if (bad := np.flatnonzero((pedal != 0.0) & (pedal != 1.0))).size:
+            raise UserError(
+                f"{path}: {one.place(bad[0])}, column {PEDAL}: got {pedal[bad[0]]:g}, expected 1"
+                " (pedal down) or 0"
+            )
+    used = {name for one in (whole, *samples.values()) for name in one.read}
+    if options.rate_hz is not None:
+        used -= set(stamps.time_columns(used))
+    names = list(dict.fromkeys(str(name) for one in samples.values() for name in one.table))
+    first = samples[arms[0]]
+    return Track(
+        path=path,
+        clock=first.clock,
+        arms=tracks,
+        surgeon_mode=pedal,
+        read=tuple(name for name in names if name in used),
+        ignored=tuple(name for name in names if name not in used),
+        notes=first.notes,
+    )
+
+
+def _of_sensor(whole: Samples, arm: str, sensors: Mapping[str, str | int]) -> Samples:
+    """Return the rows of an arm's sensor, in columns with the arm's name; all rows if no column
+    names sensors.
+    """
+    if not sensors:
+        return dataclasses.replace(whole, read=list(whole.read))
+    column, sensor = sensors.get("column", ""), sensors.get(arm)
+    if column not in whole.table or sensor is None:
+        raise UserError(
+            f"{whole.path}: operator.sensors needs `column`, a column of the file, and the sensor"
+            f" of {arm}: operator.sensors = {{ column = 'tool', {arm} = 'left' }}; the file has"
+            f" {listed([*map(str, whole.table)], 12)}"
+        )
+    there = whole.table[column].astype(str).str.strip().str.removesuffix(".0")
+    rows = np.asarray(there == str(sensor))
+    if rows.sum() < 2:
+        raise UserError(
+            f"{whole.path}: column {column} names {sensor!r} in {rows.sum()} rows, it has"
+            f" {listed(sorted(set(there)), 8)}; expected a motion of at least 2"
+        )
+    measures = {f"{axis}_{unit}" for axis in "xyz" for unit in LENGTHS}
+    measures |= {*QUAT, *MATRIX, *(f"grasp_{unit}" for unit in ANGLES)}
+    names = {name: f"{arm}_{name}" for name in measures}
+    table = whole.table.loc[rows].rename(columns=names)
+    time_s = None if whole.time_s is None else whole.time_s[rows]
+    return dataclasses.replace(whole, table=table, time_s=time_s, read=[*whole.read, column])
+
+
+def _arm_track(samples: Samples, arm: ArmName, options: ReplayOptions) -> ArmTrack:
+    """Return an arm's samples. The samples then say which clock counts."""
+    path, table = samples.path, samples.table
+    places = []
+    for name in (f"{arm}_{axis}" for axis in "xyz"):
+        values = samples.quantity(name, LENGTHS)
+        if values is None:
+            columns = list(map(str, table))
+            raise UserError(
+                f"{path}: no column {' or '.join(f'{name}_{unit}' for unit in LENGTHS)}; the file"
+                f" has {listed(columns, 12)}{suggestion(f'{name}_um', columns)}. Name those of the"
+                f" file: operator.columns = {{ {name}_mm = '...' }}; where a column names the"
+                " sensor of each row, write operator.sensors"
+            )
+        places.append(values)
+    quat = samples.group([f"{arm}_{name}" for name in QUAT], "an orientation")
+    matrix = samples.group([f"{arm}_{name}" for name in MATRIX], "a rotation matrix")
+    time_s, samples.clock, notes = stamps.sample_times(
+        path, samples.clock, samples.time_s, len(table), options
+    )
+    samples.notes = (*samples.notes, *notes)
+    return ArmTrack(
+        time_s,
+        np.stack(places, axis=1),
+        _unit_quaternions(samples, arm, quat, matrix),
+        samples.quantity(f"{arm}_grasp", ANGLES),
+    )
+
+
+def _unit_quaternions(
+    samples: Samples, arm: str, quat: np.ndarray | None, matrix: np.ndarray | None
+) -> np.ndarray | None:
+    """Return quaternions [T, 4] of length 1 from such or from rotation matrices [T, 9].
+
+    Returns None without either, or if all quaternions are zero, as a trace without rotations writes
+    them.
+    """
+    from scipy.spatial.transform import Rotation
+
+    if matrix is not None:
+        turns = matrix.reshape(-1, 3, 3)
+        apart = np.abs(turns @ np.swapaxes(turns, 1, 2) - np.eye(3)).max(axis=(1, 2))
+        bad = np.flatnonzero((apart > 0.02) | (np.linalg.det(turns) < 0.0))
+        if bad.size:
+            raise UserError(
+                f"{samples.path}: {samples.place(bad[0])}: {arm}_r11.. is no rotation matrix; its"
+                " rows are r11 r12 r13, r21 ..: they need length 1 and right angles"
+            )
+        return Rotation.from_matrix(turns).as_quat()
+    length = np.zeros(1) if quat is None else np.linalg.norm(quat, axis=1)
+    if quat is None or (length == 0.0).all():
+        return None
+    if (bad := np.flatnonzero(np.abs(length - 1.0) > 1e-2)).size:
+        raise UserError(
+            f"{samples.path}: {samples.place(bad[0])}: quaternion {arm}_qx.. has length"
+            f" {length[bad[0]]:.4g}, expected 1 (x, y, z, w)"
+        )
+    return quat / length[:, None]
+
+
+class Bag:
+    """An open bag: its topics, and which of them are those of an arm of a Raven-II."""
+
+    def __init__(self, path: Path, reader: AnyReader, options: ReplayOptions) -> None:
+        self.path, self._reader, self._options = path, reader, options
+        # Type of each topic that has messages.
+        self.kinds = {one.topic: one.msgtype for one in reader.connections if one.msgcount}
+
+    def read(self, topic: str, stamped: bool = True) -> TopicMessages:
+        """Return the messages of a topic, see `bags.read_topic`."""
+        return bags.read_topic(self.path, self._reader, topic, stamped)
+
+    def topic(self, arm: str, *ends: str) -> str | None:
+        """Return the first of an arm's topics that is there, by its end, such as setpoint_cp.
+
+        Topics are those of the namespace in the options, else of arm1 (gold) and arm2 (green) in
+        any namespace. Raises UserError if several namespaces have them.
+        """
+        if (own := self._options.topics.get(arm)) is not None:
+            if own in self.kinds and own.endswith(ends):
+                return own
+            space = own.rpartition("/")[0] if own in self.kinds else own.rstrip("/")
+            return next((one for end in ends if (one := f"{space}/{end}") in self.kinds), None)
+        names = [f"/{ARM_TOPICS[arm]}/{end}" for end in ends]
+        found = [topic for name in names for topic in self.kinds if f"/{topic}".endswith(name)]
+        if len({topic.rpartition(ARM_TOPICS[arm])[0] for topic in found}) > 1:
+            raise UserError(
+                f"{self.path}: {' and '.join(found)} are of several robots; choose a namespace:"
+                f" {self._choice(arm, found)}"
+            )
+        return found[0] if found else None
+
+    def missing(self, arm: str, *ends: str) -> UserError:
+        """Return the error for a bag without an arm's topics, with the option that takes others."""
+        space = self._options.topics.get(arm, f"/{ARM_TOPICS[arm]}")
+        others = [topic for topic in self.kinds if topic.endswith(ends)]
+        kinds = [f"{topic} ({kind})" for topic, kind in sorted(self.kinds.items())]
+        advice = f". To take other topics write {self._choice(arm, others)}" if others else ""
+        return UserError(
+            f"{self.path}: no topic {' or '.join(f'{space}/{end}' for end in ends)}; the file has"
+            f" {listed(kinds, 12) or 'none'}{advice}"
+        )
+
+    def _choice(self, arm: str, topics: Sequence[str]) -> str:
+        space = topics[0].rpartition("/")[0]
+        return self._options.written(f"topics.{arm}", f'"{space}"')
+
+
+@contextlib.contextmanager
+def open_bag(path: Path, options: ReplayOptions) -> Iterator[Bag]:
+    """Open a bag or MCAP file. Raises UserError for any damage."""
+    with bags.open_bag(path) as reader:
+        yield Bag(path, reader, options)
+
+
+def _bag_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> Track:
+    ends = [f"{source}_cp" for source in SOURCES]
+    tips, jaws, notes = {}, {}, []
+    with open_bag(path, options) as bag:
+        for arm in arms:
+            topic = bag.topic(arm, *ends) or options.topics.get(arm, "")
+            if topic not in bag.kinds:
+                raise bag.missing(arm, *ends)
+            if bag.kinds[topic] != POSE:
+                raise UserError(f"{path}: {topic} has type {bag.kinds[topic]}, expected {POSE}")
+            tips[arm] = bag.read(topic)
+        stamped = all(one.clock.startswith("header") for one in tips.values())
+        for arm in arms:
+            if not stamped:
+                tips[arm] = bag.read(tips[arm].topic, False)
+            # A motion without jaws is a motion.
+            try:
+                jaws[arm] = _jaws(bag, arm, stamped)
+            except UserError as error:
+                notes.append(f"jaws of {arm} are not read: {error}")
+        own = any(topic.startswith("/ravenjax/") for topic in bag.kinds)
+    begin = min(int(one.time_ns[0]) for one in tips.values())
+    tracks, clocks = {}, []
+    used = [tip.topic for tip in tips.values()]
+    for arm, tip in tips.items():
+        samples = _poses(path, arm, tip, begin)
+        frame, words = _frame(path, arm, tip, options, own)
+        if (jaw := jaws.get(arm)) is not None:
+            at, opening, topic = jaw
+            used.append(topic)
+            samples.table[f"{arm}_grasp_rad"] = np.interp(tip.time_ns - begin, at - begin, opening)
+        tracks[arm] = dataclasses.replace(_arm_track(samples, arm, options), frame=frame)
+        clocks.append(samples.clock)
+        notes = [*samples.notes, *words, *notes]
+    ignored = tuple(sorted(bag.kinds.keys() - used))
+    return Track(path, clocks[0], tracks, None, tuple(used), ignored, tuple(notes))
+
+
+def _poses(path: Path, arm: str, tip: TopicMessages, begin_ns: int) -> Samples:
+    import pandas as pd
+
+    names = [f"{arm}_{axis}_m" for axis in "xyz"] + [f"{arm}_{name}" for name in QUAT]
+    poses = [
+        [*(getattr(one.pose.position, axis) for axis in "xyz")]
+        + [*(getattr(one.pose.orientation, axis) for axis in "xyzw")]
+        for one in tip.messages
+    ]
+    table = pd.DataFrame(poses, columns=names, index=tip.number)
+    return Samples(path, table, tip.clock, (tip.time_ns - begin_ns) * 1e-9, tip.topic, tip.notes)
+
+
+def _jaws(bag: Bag, arm: ArmName, stamped: bool) -> tuple[np.ndarray, np.ndarray, str] | None:
+    """Return times (ns), opening (rad) and topic of an arm's jaws: from CRTK's topic of the jaw
+    alone, or from raven2's two jaws. None if they were not recorded.
+    """
+    alone = bag.topic(arm, *(f"jaw/{source}_js" for source in SOURCES))
+    topic = alone or bag.topic(arm, *(f"{source}_js" for source in SOURCES))
+    if topic is None or bag.kinds[topic] != JOINT_STATE:
+        return None
+    jaw = bag.read(topic, stamped)
+    if alone:
+        opening = np.array(
+            [one.position[0] if len(one.position) else np.nan for one in jaw.messages]
+        )
+    else:
+        opening = bags.read_joints(bag.path, jaw)[:, JOINTS.index("grasp1") :].sum(axis=1)
+        if np.isnan(opening).any():
+            return None
+    if np.isnan(opening).any() or (np.diff(jaw.time_ns) < 0).any():
+        raise UserError(
+            f"{topic}: expected times that never go back, and a position in every message"
+        )
+    return jaw.time_ns, opening, topic
+
+
+def _frame(
+    path: Path, arm: ArmName, tip: TopicMessages, options: ReplayOptions, own: bool
+) -> tuple[Frame, list[str]]:
+    """Return the frame that the headers of an arm's tip name, and notes.
+
+    own: the file was written by ravenjax, which once called frame 0 `arm1_base`.
+    """
+    names = [one.header.frame_id for one in tip.messages]
+    for number, name in zip(tip.number, names, strict=True):
+        if name != names[0]:
+            raise UserError(
+                f"{path}: message {number} of {tip.topic} is in frame {name!r}, those before in"
+                f" {names[0]!r}; expected one frame"
+            )
+    name = names[0].rpartition("/")[2]
+    if options.frame is not None or name in ("", frame0(arm)):
+        return "frame0", []
+    if name == f"{ARM_TOPICS[arm]}_base":
+        if own:
+            return "frame0", []
+        return "arm_base", [f"{tip.topic} is in frame {name}; it is turned into frame 0"]
+    if (options.rotation, options.offset_mm, options.place) == (None, None, "recorded"):
+        raise UserError(
+            f"{path}: {tip.topic} is in frame {names[0]!r}, which is not known here; expected"
+            f" frame 0 of {arm}, or {ARM_TOPICS[arm]}_base of CRTK. Write operator.frame ="
+            ' "frame0" if it is frame 0, operator.place = "home" to begin after homing, or'
+            " operator.rotation and operator.offset_mm"
+        )
+    return "frame0", [f"frame {names[0]} has the axes of frame 0 before operator.rotation"]
