@@ -65,12 +65,11 @@ def test_one_self_contained_file(built):
 
 def test_headline_counts_distinct_faults(built):
     evaded = len(EVADING)
-    rate = wilson(evaded, len(FAULTY))
     text = words(Page(built[1]))
     assert f"Of {len(FAULTY):,} distinct faults" in text
     assert f"of this design, {evaded:,} made the live robot move" in text
-    interval = f"95\xa0% interval {100 * rate.low:.1f}–{100 * rate.high:.1f}\u202f%"
-    assert f"({100 * rate.value:.1f}\u202f% of faults drawn so, {interval})" in text
+    # Groups differ, so no interval covers all of them.
+    assert "of faults drawn so" not in text
 
 
 def test_enumerated_faults_have_shares_without_intervals():

@@ -11,17 +11,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.report.data.facts import first_sql
+from ravenjax.outcomes.verdict import HALT_MS
+from ravenjax.report.data import facts as run_facts
+from ravenjax.report.data.facts import FACTS, first_sql
 from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset, cue_leads
 from ravenjax.report.sections import Section, detectors, reaction, robots, tables
 from ravenjax.report.sections.reaction import Difference
+from ravenjax.report.sections.tables import Quantiles
 from ravenjax.stats import latency
 from ravenjax.stats.alarms.false_alarms import AlarmRate
 from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.stats.latency import NONE, Incidence, Lead
+from ravenjax.store.access.query import RESULTS, quoted
 from ravenjax.store.manifest import CueRecord
 
-CLASSES = {"layer": "Layer", "site": "Site", "group": "Group"}
+CLASSES = {"site": "Site", "layer": "Layer", "group": "Group"}
 MOST_CLASSES = 12
 """Rows of the compact table. The detailed tables have the other rows."""
 
@@ -39,6 +43,18 @@ class ClassRow(NamedTuple):
     before: Rate
     # Time from the first effect by which half of these faults could be known.
     half_ms: Estimate
+    excursions: Excursions
+
+
+class Excursions(NamedTuple):
+    """How far some faults moved the true tip off its course. A fault that was run several times
+    counts once.
+    """
+
+    mm: Quantiles  # while the robot was live
+    # Faults whose motion exceeded the limit only while the robot was not live, as after a stop.
+    not_live: int
+    not_live_mm: float  # largest distance while the robot was not live
 
 
 def scale(rows: Sequence[ClassRow]) -> float:
@@ -137,6 +153,29 @@ def _lower(runs: Runs) -> LowerCue | None:
     return LowerCue(cues[nearest], tables.known(runs, latency.lead(lags).before), false)
 
 
+def excursions(runs: Runs, by: str = "''") -> dict[str, Excursions]:
+    """Return how far faults moved the tip, by the values of a column of facts, or of all faults
+    under "".
+    """
+    off = run_facts.beyond_sql("unintended_off_mm", runs.manifest.limit_mm, runs.types)
+    rows = runs.table.rows(
+        f"SELECT {by} AS name, {tables.quantiles_sql('unintended_mm')}, count(*) FILTER ({off} AND"
+        f" NOT unintended), max(unintended_off_mm) FROM {FACTS} JOIN (SELECT row, unintended_mm,"
+        f" unintended_off_mm FROM {RESULTS}) USING (row) WHERE sample AND faulty GROUP BY name"
+    )
+    return {str(name): Excursions(Quantiles(*mm), *rest) for name, mm, *rest in rows}
+
+
+def golden_halts(runs: Runs) -> list[tuple[str, int]]:
+    """Return each group with a golden run that is not live for long although the pedal is down,
+    with the longest time in ms.
+    """
+    return runs.table.rows(
+        'SELECT "group"::VARCHAR AS name, max(golden_halted_ms) AS ms'
+        f" FROM {RESULTS} GROUP BY name HAVING ms > {HALT_MS} ORDER BY name"
+    )
+
+
 def classes(runs: Runs) -> dict[str, list[ClassRow]]:
     """Return rows by each of CLASSES, most evasive first. A kind of class with one value for all
     faults is left out.
@@ -152,8 +191,11 @@ def classes(runs: Runs) -> dict[str, list[ClassRow]]:
                     (detectors.before_motion(runs), "unintended_ms"),
                 )
             )
+            far = excursions(runs, quoted(kind))
             rows = []
             for one in present:
+                if one.name not in far:  # no run of these faults has a valid outcome
+                    continue
                 soon = latency.incidence(delay.get(one.name, NONE)).quantile_interval(0.5)
                 before = latency.lead(lags.get(one.name, NONE)).before
                 if not runs.sampled(groups[one.name]):
@@ -163,7 +205,9 @@ def classes(runs: Runs) -> dict[str, list[ClassRow]]:
                     tables.of_faults(runs, k, one.faults, groups[one.name])
                     for k in (one.evaded, one.unintended, one.loss)
                 )
-                rows.append(ClassRow(one.name, evaded, unintended, loss, before, soon))
+                rows.append(
+                    ClassRow(one.name, evaded, unintended, loss, before, soon, far[one.name])
+                )
             by_kind[kind] = sorted(rows, key=_most_evasive)
     return by_kind
 
@@ -207,6 +251,20 @@ def _most_evasive(row: ClassRow) -> tuple[Any, ...]:
     return *tables.least_last(row.evaded), *tables.least_last(row.unintended), row.name
 
 
+def _changed_groups(runs: Runs) -> dict[str, list[str]]:
+    """Return the groups with parameters of their own, and the paths of these parameters."""
+    present = runs.groups()
+    paths = {
+        group["name"]: [
+            path for table in (group, *group.get("run", ())) for path in table.get("parameters", ())
+        ]
+        for group in runs.manifest.config.get("group", ())
+    }
+    return {
+        name: list(dict.fromkeys(own)) for name, own in paths.items() if own and name in present
+    }
+
+
 def _content(runs: Runs, _: Path) -> dict[str, Any]:
     return {
         "class_words": CLASSES,
@@ -216,6 +274,9 @@ def _content(runs: Runs, _: Path) -> dict[str, Any]:
         "classes": classes(runs),
         "changed": runs.once(changed),
         "your_robot": runs.once(robots.rates),
+        "far": excursions(runs).get(""),
+        "golden_halts": golden_halts(runs),
+        "changed_groups": _changed_groups(runs),
     }
 
 

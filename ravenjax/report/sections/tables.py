@@ -56,6 +56,19 @@ def without_interval(value: _Interval) -> _Interval:
     return value._replace(low=math.nan, high=math.nan)
 
 
+class Quantiles(NamedTuple):
+    """Quantiles over some faults, in one unit."""
+
+    median: float
+    most: float  # 95 % of the faults are at or below this
+    largest: float
+
+
+def quantiles_sql(column: str) -> str:
+    """Return SQL for the values of `Quantiles` of an expression."""
+    return f"quantile_cont(({column})::DOUBLE, [0.5, 0.95, 1.0])"
+
+
 def times(runs: Runs, column: str) -> tuple[Incidence, Lead]:
     """Return an event's delay after the first effect and its lead over the motion, for faults with
     an unintended motion.
