@@ -110,6 +110,6 @@ def roc(runs: Runs) -> Figure | None:
 
 
 def tradeoff(runs: Runs) -> Figure | None:
-    """Return a figure of missed hazards over false cues, by haptic set; None if there are none."""
+    """Return a figure of missed hazards over false cues, by haptic set; None without either."""
     chart = cues.tradeoff(cues.rows(runs))
     return print_figure(chart, WIDTH / 2) if chart else None

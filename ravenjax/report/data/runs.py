@@ -51,7 +51,7 @@ class FaultCounts(NamedTuple):
     unintended: int  # unintended motion, with or without a check
     # loss of motion, with or without a check
     loss: int
-    alarms: int  # a check told a person or stopped the robot
+    alarms: int  # a check raised an alarm or stopped the robot
 
 
 class Runs:

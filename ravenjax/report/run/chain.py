@@ -176,10 +176,13 @@ def table(
 ) -> pd.DataFrame:
     """Return the chains of many runs as a table, with a row for each run and signal that differs.
 
-    Rows are sorted by run, then in the robot's order. Columns: run_id, index, layer, arm ("" if the
-    signal belongs to no arm), seam, differs_ms, differs_in (the number that differed first),
-    leaves_ms, leaves_in (-1 and "" if it never left its range), harm_ms (when the run's hazard
-    began; -1: never) and left_ms (from leaves_ms to harm_ms; NaN if either is missing).
+    Rows are sorted by run, then in the robot's order. Columns:
+
+    - run_id, index, layer, seam; arm is "" if the signal belongs to no arm
+    - differs_ms, differs_in: when it differed, and the number that differed first
+    - leaves_ms, leaves_in: the same for its range; -1 and "" if it never left its range
+    - harm_ms: when the run's hazard began; -1: never
+    - left_ms: from leaves_ms to harm_ms; NaN if either is missing
     """
     harm = np.full(len(results), -1)
     for hazard, column in HARMS.items():

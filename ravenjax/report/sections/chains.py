@@ -182,7 +182,7 @@ def _words(value: Rate | Estimate) -> str:
 
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
-    """Return the runs that `ravenjax explain` stored beside a result; None if there are none of
+    """Return the runs that `ravenjax explain` stored beside a result; None if it stored none of
     this campaign.
     """
     try:

@@ -45,7 +45,7 @@ def questions(runs: Runs) -> dict[str, tuple[str, str]]:
         "evades the checks": ("true", "evaded"),
         "makes an unintended motion": ("true", "unintended"),
         "leads to a loss of motion": ("true", "loss"),
-        "is told of by a check": ("true", "told"),
+        "has an alarm or stop by a check": ("true", "told"),
     }
     if runs.cue_leads:
         early = "warned_ms >= 0 AND warned_ms < unintended_ms"

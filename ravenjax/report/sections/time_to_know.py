@@ -28,8 +28,8 @@ def incidence_curves(runs: Runs, known: Incidence) -> tuple[Chart | None, dict[s
         numbers[key] = {"curve": incidence(delays), "early": early}
     named = (
         ("haptic cue", CUE, numbers["cue"]["curve"]),
-        ("check that tells a person or stops", RESPONSE, numbers["told"]["curve"]),
-        ("anyone, of unintended motions", SAME, known),
+        ("alarm or stop by a check", RESPONSE, numbers["told"]["curve"]),
+        ("first of all, for unintended motions", SAME, known),
     )
     end_ms = runs.manifest.duration_ms
     curves = [
