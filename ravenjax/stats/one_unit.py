@@ -93,15 +93,9 @@ def _beta(mean: np.ndarray, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _quantile(mean: np.ndarray, root: np.ndarray, weight: np.ndarray, wanted: float) -> float:
-    """Return a quantile of the mixture of beta distributions, by bisection."""
+    """Return a quantile of the mixture of beta distributions."""
+    from scipy.optimize import brentq
     from scipy.special import betainc
 
     one, other = _beta(mean, root)
-    low, high = 0.0, 1.0
-    for _ in range(30):
-        half = (low + high) / 2.0
-        if float(weight @ betainc(one, other, half)) < wanted:
-            low = half
-        else:
-            high = half
-    return high
+    return float(brentq(lambda x: weight @ betainc(one, other, x) - wanted, 0.0, 1.0, xtol=1e-9))

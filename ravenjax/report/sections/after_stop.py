@@ -4,8 +4,7 @@ moved.
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data.facts import FACTS
@@ -74,9 +73,11 @@ def _of(runs: Runs, by: str) -> list[StopRow]:
     ]
 
 
-def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
-    stops = rows(runs)
-    return {"stops": stops} if stops else None
-
-
-SECTIONS = (Section("after_stop", "After a stop", 120, _content),)
+SECTIONS = (
+    Section(
+        "after_stop",
+        "After a stop",
+        120,
+        lambda runs, _: {"stops": found} if (found := rows(runs)) else None,
+    ),
+)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import Runs
@@ -65,9 +64,11 @@ def _of(runs: Runs, by: str) -> list[ContactRow]:
     return rows
 
 
-def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
-    contacts = rows(runs)
-    return {"contacts": contacts} if contacts else None
-
-
-SECTIONS = (Section("contact", "Contact", 130, _content),)
+SECTIONS = (
+    Section(
+        "contact",
+        "Contact",
+        130,
+        lambda runs, _: {"contacts": found} if (found := rows(runs)) else None,
+    ),
+)

@@ -12,9 +12,8 @@ of fault-free motion that would decide more.
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,13 +31,10 @@ from ravenjax.stats.alarms.choice import AlarmCounts, front
 from ravenjax.stats.alarms.false_alarms import AlarmRate
 from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.stats.sample_size.planning import hours_to_bound
-from ravenjax.store.access.query import RESULTS
 from ravenjax.store.manifest import CueRecord
 
 FELT = ("peak_force", "ms", "count")
 """Endings of the columns that describe a felt cue."""
-MOST = 500_000
-"""Largest number of runs for the medians of felt cues. Of more runs, about this number is drawn."""
 HARMLESS = "sample AND faulty AND NOT unintended"
 
 
@@ -116,13 +112,11 @@ def rows(runs: Runs) -> list[CueRow]:
     free, cues = runs.motions(), runs.manifest.cues
     felt = runs.counts([f"warned{k}_ms >= 0" for k in range(len(cues))], where=HARMLESS)
     harmless = runs.count(HARMLESS)
-    columns = [f"{RESULTS}.cue{k}_{what}" for k in range(len(cues)) for what in FELT]
-    times = [f"warned{k}_ms" for k in range(len(cues))]
-    sample = runs.drawn(", ".join([f"{FACTS}.active_ms", *times, *columns]), UNINTENDED, MOST)
     result = []
     for k, cue in enumerate(cues):
         delay, lead = tables.times(runs, f"warned{k}_ms")
-        came = sample.loc[sample[f"warned{k}_ms"] >= sample["active_ms"].clip(lower=0)]
+        medians = ", ".join(f"coalesce(median(cue{k}_{what}::DOUBLE), 'nan')" for what in FELT)
+        came = f"{UNINTENDED} AND ({after_onset(f'warned{k}_ms')}) >= 0"
         result.append(
             CueRow(
                 k,
@@ -136,7 +130,7 @@ def rows(runs: Runs) -> list[CueRow]:
                 tables.known(runs, delay.quantile_interval(0.5)),
                 tables.known(runs, lead.before),
                 tables.known(runs, lead.quantile(0.5)),
-                *(float(came[f"cue{k}_{what}"].median()) for what in FELT),
+                *runs.table.row(f"SELECT {medians} FROM {runs.those(came)}"),
             )
         )
     best = front([row.missed.value for row in result], [row.hourly for row in result])
@@ -149,8 +143,7 @@ def rows(runs: Runs) -> list[CueRow]:
 def choices(runs: Runs, rows: Sequence[CueRow]) -> list[Choice]:
     """Return what the data choose for each of WEIGHTS and of FALSE_PER_HOUR.
 
-    Neighbours with the same choice are merged. There are no choices without unintended or
-    fault-free motion. `rows`: as returned by `rows`.
+    There are no choices without unintended or fault-free motion. `rows`: as returned by `rows`.
     """
     able = [row for row in rows if row.missed.n and row.per_hour is not None]
     if not able:
@@ -159,10 +152,15 @@ def choices(runs: Runs, rows: Sequence[CueRow]) -> list[Choice]:
     # With a single threshold there is nothing to weigh.
     several = len({row.cue.threshold_mm for row in able}) > 1
     by_weight = [
-        (f"{weight:,}", _cheapest(able, alarms, weight, hours)) for weight in WEIGHTS if several
+        _cheapest(able, alarms, weight, hours)._replace(rule=_WEIGHT.format(f"{weight:,}"))
+        for weight in WEIGHTS
+        if several
     ]
-    by_limit = [(f"{most:g}", _rare(able, alarms, most)) for most in FALSE_PER_HOUR]
-    return [*_grouped(_WEIGHT, by_weight), *_grouped(_LIMIT, by_limit)]
+    by_limit = [
+        _rare(able, alarms, most)._replace(rule=_LIMIT.format(f"{most:g}"))
+        for most in FALSE_PER_HOUR
+    ]
+    return [*by_weight, *by_limit]
 
 
 def hours_to_offer(of: Sequence[Choice]) -> float:
@@ -258,20 +256,6 @@ def _words(thresholds: Sequence[float]) -> str:
     return f"{', '.join(first)} or {last} mm" if first else f"{last} mm" if last else ""
 
 
-def _grouped(rule: str, by_number: Sequence[tuple[str, Choice]]) -> Iterator[Choice]:
-    """Merge neighbouring choices that agree."""
-
-    def content(one: tuple[str, Choice]) -> tuple[object, ...]:
-        best = one[1]
-        number = best.row.number if best.row else None
-        return number, best.possible, f"{best.hours:.3g} {best.least_mm:g}"
-
-    for _, group in itertools.groupby(by_number, key=content):
-        alike = list(group)
-        numbers = alike[0][0] if len(alike) == 1 else f"{alike[0][0]} to {alike[-1][0]}"
-        yield alike[0][1]._replace(rule=rule.format(numbers))
-
-
 def tradeoff(rows: Sequence[CueRow]) -> Chart | None:
     """Return a chart of missed hazards over false cues per hour, with one mark per set; None
     without either.
@@ -352,7 +336,6 @@ def _content(runs: Runs, folder: Path) -> dict[str, Any]:
         "cues": cues,
         "choices": chosen,
         "tradeoff": tradeoff(cues),
-        "felt_runs": min(MOST, cues[0].missed.n) if cues else 0,
         "free_hours_wanted": hours,
         "free_recorded": bool((runs.manifest.config.get("operator") or {}).get("file")),
         "free_command": fault_free.command(folder, runs.manifest, hours) if hours else None,

@@ -9,7 +9,6 @@ number of faults on each.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from ravenjax.report.data.facts import FACTS
@@ -94,9 +93,11 @@ def _paths(config: Mapping[str, Any]) -> Iterator[str]:
                 yield path
 
 
-def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
-    own = runs.once(rates)
-    return {"your_robot": own} if own else None
-
-
-SECTIONS = (Section("robots", "Robots", 80, _content),)
+SECTIONS = (
+    Section(
+        "robots",
+        "Robots",
+        80,
+        lambda runs, _: {"your_robot": own} if (own := runs.once(rates)) else None,
+    ),
+)
