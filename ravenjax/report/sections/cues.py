@@ -45,7 +45,6 @@ _WEIGHT, _LIMIT = "a missed hazard weighs {} times a false cue", "false cues an 
 """Texts of the two kinds of rules for the choice of a threshold."""
 MOST_LISTED = 3
 """Thresholds that are listed individually. Of more, the least and the greatest are named."""
-_ENDS = ("low", "high")
 
 
 class CueRow(NamedTuple):
@@ -90,19 +89,14 @@ class Choice(NamedTuple):
     """The best set under one rule, as far as the data decide it."""
 
     rule: str
-    row: CueRow | None  # the best set; None: undecided, or no set keeps the rule
-    alike: int  # number of other sets that do exactly as well
-    possible: str  # if undecided: the thresholds that may be best, in words
+    row: CueRow | None = None  # the best set; None: undecided, or no set keeps the rule
+    alike: int = 0  # number of other sets that do exactly as well
+    possible: str = ""  # if undecided: the thresholds that may be best, in words
     # Total hours of fault-free motion that would decide more; NaN if more motion would not.
-    hours: float
-    remainder: str  # thresholds that may be best even then; empty: only one
+    hours: float = math.nan
+    remainder: str = ""  # thresholds that may be best even then; empty: only one
     # If undecided: the lowest threshold that certainly keeps a limit; NaN if none does.
-    least_mm: float
-
-    @property
-    def several(self) -> bool:
-        """Return whether several thresholds may be best."""
-        return " or " in self.possible or " to " in self.possible
+    least_mm: float = math.nan
 
 
 def rows(runs: Runs) -> list[CueRow]:
@@ -151,16 +145,8 @@ def choices(runs: Runs, rows: Sequence[CueRow]) -> list[Choice]:
     alarms, hours = _alarm_counts(runs, able), runs.motions().hours
     # With a single threshold there is nothing to weigh.
     several = len({row.cue.threshold_mm for row in able}) > 1
-    by_weight = [
-        _cheapest(able, alarms, weight, hours)._replace(rule=_WEIGHT.format(f"{weight:,}"))
-        for weight in WEIGHTS
-        if several
-    ]
-    by_limit = [
-        _rare(able, alarms, most)._replace(rule=_LIMIT.format(f"{most:g}"))
-        for most in FALSE_PER_HOUR
-    ]
-    return [*by_weight, *by_limit]
+    by_weight = [_cheapest(able, alarms, weight, hours) for weight in WEIGHTS if several]
+    return [*by_weight, *(_rare(able, alarms, most) for most in FALSE_PER_HOUR)]
 
 
 def hours_to_offer(of: Sequence[Choice]) -> float:
@@ -199,7 +185,8 @@ def _cheapest(rows: Sequence[CueRow], alarms: AlarmCounts, weight: float, hours:
 
     cost = [weight * row.missed.value + row.hourly for row in rows]
     more = hours * choice.hours_to_decide(possible)
-    best = _choice(rows, cost, possible(1.0), possible(1.0), more, possible(math.inf))
+    now, rule = possible(1.0), _WEIGHT.format(f"{weight:,}")
+    best = _choice(rule, rows, cost, now, now, more, possible(math.inf))
     return best._replace(least_mm=math.nan)
 
 
@@ -208,10 +195,12 @@ def _rare(rows: Sequence[CueRow], alarms: AlarmCounts, most: float) -> Choice:
     undecided = alarms.count[possible & ~keeps]
     more = hours_to_bound(most, int(undecided.min())) if len(undecided) else math.nan
     end, _ = choice.rare(alarms, most, math.inf)
-    return _choice(rows, [row.missed.value for row in rows], possible, keeps, more, end)
+    cost, rule = [row.missed.value for row in rows], _LIMIT.format(f"{most:g}")
+    return _choice(rule, rows, cost, possible, keeps, more, end)
 
 
 def _choice(
+    rule: str,
     rows: Sequence[CueRow],
     cost: Sequence[float],
     possible: np.ndarray,
@@ -228,18 +217,16 @@ def _choice(
     thresholds, remainder = (_thresholds(rows, which) for which in (possible, end))
     if len(thresholds) > 1 or not sure:
         return Choice(
-            "",
-            None,
-            0,
-            _words(thresholds),
-            hours if math.isfinite(hours) else math.nan,
-            _words(remainder) if len(remainder) > 1 else "",
-            min((rows[k].cue.threshold_mm for k in sure), default=math.nan),
+            rule,
+            possible=_words(thresholds),
+            hours=hours if math.isfinite(hours) else math.nan,
+            remainder=_words(remainder) if len(remainder) > 1 else "",
+            least_mm=min((rows[k].cue.threshold_mm for k in sure), default=math.nan),
         )
     # Of equal sets, take the one with fewer false cues.
     best = rows[min(sure, key=lambda k: (cost[k], rows[k].hourly))]
     same = [row for row in rows if (row.missed, row.per_hour) == (best.missed, best.per_hour)]
-    return Choice("", best, len(same) - 1, "", math.nan, "", math.nan)
+    return Choice(rule, best, len(same) - 1)
 
 
 def _thresholds(rows: Sequence[CueRow], which: np.ndarray) -> list[float]:
@@ -289,29 +276,19 @@ def tradeoff(rows: Sequence[CueRow]) -> Chart | None:
 
 
 def _marks(pairs: Sequence[tuple[CueRow, AlarmRate]], name: str, colour: str) -> Dots:
-    force = np.array([row.force for row, _ in pairs])
-    largest = force[np.isfinite(force)].max(initial=0.0)
-    scale = np.nan_to_num(force / largest) if largest > 0 else np.zeros(len(pairs))
-    low, high = (np.array([getattr(row.missed, end) for row, _ in pairs]) for end in _ENDS)
-    hourly_low, hourly_high = (np.array([getattr(one, end) for _, one in pairs]) for end in _ENDS)
-    first: dict[float, CueRow] = {}
+    missed = np.array([row.missed[-3:] for row, _ in pairs]).T
+    hourly = np.array([one[-3:] for _, one in pairs]).T
     # Gains that change only the force coincide in one mark, which gets one label.
-    for row, _ in pairs:
-        first.setdefault(row.cue.threshold_mm, row)
-    named = [first[row.cue.threshold_mm] is row for row, _ in pairs]
+    thresholds = [row.cue.threshold_mm for row, _ in pairs]
     return Dots(
         name,
         colour,
-        np.array([one.per_hour for _, one in pairs]),
-        np.array([row.missed.value for row, _ in pairs]),
-        hourly_low,
-        hourly_high,
-        low,
-        high,
-        size=tuple((9 + 5 * scale).round(1).tolist()),
+        hourly[0],
+        missed[0],
+        *hourly[1:],
+        *missed[1:],
         texts=tuple(
-            f"{row.cue.threshold_mm:g} mm" if is_first else ""
-            for (row, _), is_first in zip(pairs, named, strict=True)
+            "" if mm in thresholds[:place] else f"{mm:g} mm" for place, mm in enumerate(thresholds)
         ),
         tips=tuple(_words_of(row) for row, _ in pairs),
     )

@@ -43,14 +43,10 @@ class Stratum(NamedTuple):
     judged: bool = True
 
 
-def _nan_of_null(value: float | None) -> float:
-    return math.nan if value is None else value
-
-
 # A float that is null in JSON if it is NaN. The last digits differ between machines.
 _Number = Annotated[
     float,
-    BeforeValidator(_nan_of_null),
+    BeforeValidator(lambda value: math.nan if value is None else value),
     PlainSerializer(lambda value: None if math.isnan(value) else float(f"{value:.9g}")),
 ]
 
