@@ -152,7 +152,7 @@ def edge(name):
     ("name", "told"),
     [
         ("no fault", "injected no fault"),
-        ("one row", "Of 1 distinct fault,"),
+        ("one row", "Of 1 distinct fault of this design"),
         ("all failed", "No run with a fault gave a valid outcome."),
         ("none evades", "none made the live robot move more than 3 mm off its course"),
         ("nothing happens", "No fault had an effect."),
