@@ -8,7 +8,7 @@ integrated over a grid, so that an interval is wide if chance explains the diffe
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -98,4 +98,5 @@ def _quantile(mean: np.ndarray, root: np.ndarray, weight: np.ndarray, wanted: fl
     from scipy.special import betainc
 
     one, other = _beta(mean, root)
-    return float(brentq(lambda x: weight @ betainc(one, other, x) - wanted, 0.0, 1.0, xtol=1e-9))
+    root: Any = brentq(lambda x: weight @ betainc(one, other, x) - wanted, 0.0, 1.0, xtol=1e-9)
+    return float(root)

@@ -139,8 +139,8 @@ def counts(runs: Runs, by: str = "''") -> dict[str, FaultCounts]:
         " GROUP BY name ORDER BY name"
     )
     return {
-        str(name): FaultCounts(*numbers, Quantiles(*mm), not_live, far)
-        for name, *numbers, mm, not_live, far in rows
+        str(name): FaultCounts(n, evaded, unintended, loss, Quantiles(*mm), not_live, far)
+        for name, n, evaded, unintended, loss, mm, not_live, far in rows
     }
 
 
@@ -170,14 +170,16 @@ def classes(runs: Runs) -> dict[str, list[ClassRow]]:
                 )
             )
             rows = []
-            for name, (faults, *hits, mm, not_live, far) in present.items():
+            for name, one in present.items():
                 soon = latency.incidence(delay.get(name, NONE)).quantile_interval(0.5)
                 before = latency.lead(lags.get(name, NONE)).before
                 if not runs.sampled(groups[name]):
                     soon = tables.without_interval(soon)
                     before = tables.without_interval(before)
-                shares = (tables.of_faults(runs, k, faults, groups[name]) for k in hits)
-                rows.append(ClassRow(name, *shares, before, soon, mm, not_live, far))
+                evaded, unintended, loss = (
+                    tables.of_faults(runs, k, one.faults, groups[name]) for k in one[1:4]
+                )
+                rows.append(ClassRow(name, evaded, unintended, loss, before, soon, *one[4:]))
             by_kind[kind] = sorted(rows, key=_most_evasive)
     return by_kind
 

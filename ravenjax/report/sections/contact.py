@@ -58,9 +58,9 @@ def _of(runs: Runs, by: str) -> list[ContactRow]:
     )
     rows = []
     for name, groups, n, peak, impulse, *numbers in counts:
-        harder, *others = (tables.of_faults(runs, k, n, groups) for k in numbers[::2])
-        pressed = [part for pair in zip(others, numbers[3::2], strict=True) for part in pair]
-        rows.append(ContactRow(name, n, Quantiles(*peak), Quantiles(*impulse), harder, *pressed))
+        harder, vessel, *met = (tables.of_faults(runs, k, n, groups) for k in numbers[::2])
+        row = ContactRow(name, n, Quantiles(*peak), Quantiles(*impulse), harder, vessel, numbers[3])
+        rows.append(row._replace(instruments=met[0], instruments_n=numbers[5]) if met else row)
     return rows
 
 

@@ -144,7 +144,7 @@ def interruptions(runs: pd.DataFrame) -> list[Idle]:
     result = []
     for number, action in _actions(runs):
         free = run_facts.golden_runs(runs, runs["action"].to_numpy() == number)
-        acted = int((free["golden_reaction_ms"] >= 0).sum())
+        acted = int(run_facts.first_came(free, "golden_reaction_ms").sum())
         hours = run_facts.hours(free)
         mine = pairs(runs, number, faulty=False)
         lost = mine.without["pedal_down_ms"].to_numpy() - mine.with_["pedal_down_ms"].to_numpy()

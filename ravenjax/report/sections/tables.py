@@ -157,8 +157,9 @@ def _matrix(cube: pd.DataFrame, sampled: bool) -> list[dict[str, Any]]:
     """Return the verdict matrix of valid runs. `sampled`: their faults were drawn."""
     rate_in = rate_of if sampled else share
     cube = cube.loc[~cube["failed"]]
-    total = int(cube["runs"].sum())
-    counts = cube.groupby(["response", "hazard", "cued"])["runs"].sum()
+    total = _count(cube)
+    counts: Any = cube.groupby(["response", "hazard", "cued"])["runs"]
+    counts = counts.sum()
     rows = []
     for response in verdict.RESPONSES:
         cells = [
@@ -201,6 +202,10 @@ def jump_rows(runs: Runs) -> list[dict[str, Any]]:
     return rows
 
 
+def _count(cube: pd.DataFrame) -> int:
+    return int(cube["runs"].to_numpy().sum())
+
+
 def matrix_cells(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return the cells of a verdict matrix as a list."""
     return [
@@ -227,22 +232,21 @@ def group_rows(runs: Runs) -> list[dict[str, Any]]:
     for name, part in cube.groupby("group"):
         faulty = bool(part["faulty"].any())
         mine = part.loc[~part["failed"] & (part["sample"] | (part["plain"] & (not faulty)))]
-        n, counts = int(mine["runs"].sum()), mine.groupby("outcome")["runs"].sum()
-        evaded = mine.loc[mine["evaded"], "runs"].sum()
+        n, outcomes = _count(mine), mine["outcome"]
         rows.append(
             {
                 "name": name,
-                "runs": int(part["runs"].sum()),
+                "runs": _count(part),
                 "n": n,
                 "faulty": faulty,
                 "outcomes": {
-                    key: of_faults(runs, int(counts.get(key, 0)), n, [str(name)])
+                    key: of_faults(runs, _count(mine.loc[outcomes == key]), n, [str(name)])
                     for key in OUTCOMES
                     if key != "failed"
                 },
-                "evaded": of_faults(runs, int(evaded), n, [str(name)]),
+                "evaded": of_faults(runs, _count(mine.loc[mine["evaded"]]), n, [str(name)]),
                 "matrix": _matrix(mine, runs.sampled([str(name)])),
-                "failed": int(part.loc[part["failed"], "runs"].sum()),
+                "failed": _count(part.loc[part["failed"]]),
             }
         )
     return sorted(rows, key=lambda row: (not row["faulty"], *least_last(row["evaded"])))

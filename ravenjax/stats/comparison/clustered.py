@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ravenjax.stats.comparison import paired
-from ravenjax.stats.intervals import Estimate, bounds_at
+from ravenjax.stats.intervals import Estimate, alpha_of, bounds_at
 
 Clusters = Sequence[np.ndarray]
 
@@ -56,7 +56,7 @@ def correlation(*groups: Clusters) -> Correlation:
     return Correlation(float(icc), float(1 + ((sizes**2).sum() / rows - 1) * icc))
 
 
-def risk_difference(first: Clusters, second: Clusters) -> Estimate:
+def risk_difference(first: Clusters, second: Clusters, confidence: float = 0.95) -> Estimate:
     """Return the rate of `first` minus the rate of `second`, for clusters of bool rows, with each
     cluster in one group.
 
@@ -71,7 +71,7 @@ def risk_difference(first: Clusters, second: Clusters) -> Estimate:
         return _NONE
     inflation = correlation(first, second)
     clusters = len(first) + len(second)
-    alpha = 0.05
+    alpha = alpha_of(confidence)
     if not math.isnan(inflation.icc):
         alpha = 2 * float(norm.sf(t.isf(alpha / 2, max(1, clusters - 2))))
     hits = np.array([sum(float(one.sum()) for one in group) for group in (first, second)])
@@ -84,7 +84,7 @@ def risk_difference(first: Clusters, second: Clusters) -> Estimate:
     return Estimate(value, max(-1.0, value - below), min(1.0, value + above))
 
 
-def paired_risk_difference(first: Clusters, second: Clusters) -> Estimate:
+def paired_risk_difference(first: Clusters, second: Clusters, confidence: float = 0.95) -> Estimate:
     """Return the difference of rates if each cluster was under both conditions: the mean of the
     clusters' differences.
 
@@ -93,8 +93,10 @@ def paired_risk_difference(first: Clusters, second: Clusters) -> Estimate:
     clusters, and has no interval if all differences are equal.
     """
     if all(len(one) == 1 for one in [*first, *second]):
-        return paired.rate_difference([one[0] for one in first], [one[0] for one in second])
-    return mean_difference(first, second, is_paired=True)
+        return paired.rate_difference(
+            [one[0] for one in first], [one[0] for one in second], confidence
+        )
+    return mean_difference(first, second, confidence, is_paired=True)
 
 
 def mean_difference(
