@@ -98,5 +98,5 @@ def _quantile(mean: np.ndarray, root: np.ndarray, weight: np.ndarray, wanted: fl
     from scipy.special import betainc
 
     one, other = _beta(mean, root)
-    root: Any = brentq(lambda x: weight @ betainc(one, other, x) - wanted, 0.0, 1.0, xtol=1e-9)
-    return float(root)
+    found: Any = brentq(lambda x: weight @ betainc(one, other, x) - wanted, 0.0, 1.0, xtol=1e-9)
+    return float(found)
