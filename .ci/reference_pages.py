@@ -498,8 +498,8 @@ def _columns() -> Iterator[str]:
     yield "## Checks"
     yield (
         "Each built-in check has the columns `check_<check>_first_ms`, `_count` and `_margin`."
-        " *stop*: the robot stops; *flag*: a person is told; *limit*: a command is changed or a"
-        " packet is dropped, and nobody is told."
+        " *stop*: the robot stops; *flag*: the check raises an alarm; *limit*: a command"
+        " is changed or a packet is dropped, without an alarm."
     )
     every = ROBOT.checks.values()
     yield markdown_table(

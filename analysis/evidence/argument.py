@@ -17,8 +17,8 @@ from ravenjax.store import manifest as manifests
 from ravenjax.store.folder import PARTS
 
 CLAIM = (
-    "What each declared fault did to the simulated robot, and who was told of it, is known from"
-    " recorded runs."
+    "What each declared fault did to the simulated robot, and whether a check raised an alarm, is"
+    " known from recorded runs."
 )
 DEFINITIONS = (
     "Outcomes as ravenjax defines them (docs/outcomes.md); faults, checks and robot are simulated."
@@ -75,8 +75,8 @@ def say_hazards(source: Source) -> list[str]:
         k, alarms = sum(counts.values()), counts["stopped"] + counts["flagged"]
         if hazard != "none" and k:
             lines.append(
-                f"{hazard.capitalize()}: {wording.count(k)} of {total}; a check told a person or"
-                f" stopped the robot in {wording.count(alarms)}, nobody was told in"
+                f"{hazard.capitalize()}: {wording.count(k)} of {total}; a check raised an"
+                f" alarm or stopped the robot in {wording.count(alarms)}, and none did in"
                 f" {wording.count(k - alarms)}."
             )
     return lines

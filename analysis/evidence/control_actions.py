@@ -7,6 +7,7 @@ model, motor commands at the DAC.
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any, NamedTuple
 
 from evidence.sources import EXAMPLE_RUNS, Source, interval_in_words
@@ -94,7 +95,9 @@ def count_control_actions(source: Source) -> list[ControlAction]:
         f"FROM {RESULTS} r JOIN {FACTS} f ON r.row = f.row WHERE f.sample AND f.faulty GROUP BY ALL"
         " ORDER BY ALL"
     )
-    totals = {faults.name: faults.faults for faults in runs.faults("site")}
+    totals = Counter[str]()
+    for site, _, _, _, k, *_ in counted:
+        totals[site] += k
     groups = runs.groups_by("site")
     actions = [
         _row(source, line, totals[line[0]], groups[line[0]])

@@ -110,8 +110,8 @@ def _detection(response: str, cause: str, cued: bool) -> Iterator[str]:
     only limited, or the haptic cue.
     """
     if response != "silent":
-        did = {"limited": " (limited, told nobody)", "stopped": " (stopped the robot)"}.get(
-            response, " (told a person)"
+        did = {"limited": " (limited, no alarm)", "stopped": " (stopped the robot)"}.get(
+            response, " (raised an alarm)"
         )
         yield f"check {cause or 'not recorded'}{did}"
     if cued:

@@ -169,6 +169,11 @@ def evading(runs: Mapping[str, int], limit_mm: float) -> str:
     ]
     many, of = sum(by_cue), sum(valid.values())
     harm = f"the instrument moves more than {limit_mm:g} mm off its course"
+    if not any(count for (_, hazard, _), count in valid.items() if hazard == verdict.HAZARDS[0]):
+        return (
+            f"None of {of} runs with a fault moves the instrument more than {limit_mm:g} mm off its"
+            " course, so these runs do not test the checks."
+        )
     if not many:
         return (
             f"None of {of} runs with a fault evades the checks: wherever {harm}, a check raises"

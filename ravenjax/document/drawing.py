@@ -96,16 +96,13 @@ def _page_drawing(chart: Chart, kind: str, described_by: str) -> Markup:
     inner = text[text.index(">", text.index("<svg")) + 1 :]
     for pattern, replacement in _REPLACED:
         inner = pattern.sub(replacement, inner)
-    inner = re.sub("#[0-9a-f]{6}", lambda hit: _property(hit[0]), inner)
+    for colour, name in _NAMES.items():
+        inner = inner.replace(colour, f"var(--{name})")
     inner = with_own_ids(inner, f"{described_by}-{kind}")
     return Markup(
         f'<svg class="{kind}" viewBox="0 0 {width} {height}" role="img"'
         f' aria-label="{escape(chart.words())}" aria-describedby="{escape(described_by)}">{inner}'
     )
-
-
-def _property(colour: str) -> str:
-    return f"var(--{_NAMES[colour]})" if colour in _NAMES else colour
 
 
 def with_own_ids(svg: str, prefix: str) -> str:

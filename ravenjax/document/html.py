@@ -39,7 +39,7 @@ def environment(*packages: str) -> jinja2.Environment:
     }
     templates.filters |= {
         "drawings": _drawings,
-        "values": _values,
+        "values": lambda chart: data(chart.values()),
         "data": data,
     }
     return templates
@@ -50,10 +50,6 @@ def _drawings(chart: Chart, described_by: str, *kinds: str) -> Markup:
     from ravenjax.document.drawing import page_drawings
 
     return page_drawings(chart, described_by, kinds)
-
-
-def _values(chart: Chart) -> Markup:
-    return data(chart.values())
 
 
 def data(json: str) -> Markup:

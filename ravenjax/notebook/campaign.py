@@ -50,7 +50,7 @@ class Campaign:
         )
         results = campaign.run()
 
-    Its keys are those of a campaign file. It is checked by the same rules when it is made:
+    The keys are those of a campaign file. It is checked by the same rules when it is made:
     UserError names each key that is wrong, what was found and what to write. Two campaigns with the
     same content are equal, however they were written. A campaign is frozen; `replace` returns a
     changed one. Paths of files are relative to the working directory.

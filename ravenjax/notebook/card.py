@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import jinja2
 from markupsafe import Markup
@@ -21,24 +20,15 @@ MOST_GROUPS = 8
 """Number of groups that a card lists; further ones are only counted."""
 
 
-class GroupLine(NamedTuple):
-    """A group of a campaign in words."""
-
-    name: str
-    faults: str
-    design: str
-    runs: int
-
-
 def of_campaign(config: CampaignConfig) -> str:
     """Return the card of a campaign: its robot, its operation and its groups."""
-    counts, due = design.counts(config), design.due(config)
-    lines = [
-        GroupLine(group.name, _faults(group), group.design, counts[group.name])
-        for group in config.group
-    ]
     return _page(
-        "campaign.html.j2", config=config, facts=dict(config.lines()), groups=lines, runs=due
+        "campaign.html.j2",
+        config=config,
+        facts=dict(config.lines()),
+        faults=_faults,
+        counts=design.counts(config),
+        runs=design.due(config),
     )
 
 
@@ -57,7 +47,7 @@ def of_results(runs: Runs, manifest: Manifest) -> str:
         head=head,
         groups=groups,
         sampled=runs.sampled(),
-        outcomes=_used(paper.OUTCOMES, groups),
+        outcomes=paper.OUTCOMES,
     )
 
 
@@ -67,17 +57,6 @@ def _faults(group: Group) -> str:
         f"{fault.site} {', '.join(dict.fromkeys(fault.effect.listed))}" for fault in group.fault
     )
     return " + ".join(dict.fromkeys(named)) or "none"
-
-
-def _used(
-    outcomes: Mapping[str, tuple[str, str]], groups: list[dict[str, Any]]
-) -> dict[str, tuple[str, str]]:
-    """Return colour and label of the outcomes that occurred."""
-    return {
-        name: entry
-        for name, entry in outcomes.items()
-        if any(row["outcomes"][name].k for row in groups)
-    }
 
 
 def _page(template: str, **content: Any) -> str:

@@ -144,9 +144,10 @@ class CampaignResults:
         """Return how often an event occurred: one row per class of distinct faults, with k, n,
         rate, low and high.
 
-        event: one or several of those for `[stop] rates`. by: one or several of group, site, layer,
-        block (site and effect), response, hazard, outcome; a key of the first fault, such as effect
-        or channel; the path of a varied parameter; any column. () takes all faults together. low
+        event: one or several of those for `[stop] rates`. by: one or several names of classes. They
+        are group, site, layer, block (site and effect), response, hazard, outcome, a key of the
+        first fault, such as effect, the path of a varied parameter, or any column. () takes all
+        faults together. low
         and high are the 95 % Wilson interval if faults were drawn. They are NaN if faults were
         enumerated, because such a share has no sampling error. Raises UserError for an unknown
         name.

@@ -3,12 +3,12 @@
 A run is compared with its *golden run*: the same operator, robot and random numbers without the
 fault.
 
-**Response**: what the robot's own checks did beyond what they do in the golden run (`checks`): a
-check counts if it tripped more often than in the golden run, or first tripped sooner.
+**Response**: what the robot's own checks did beyond what they do in the golden run. A check counts
+if it tripped more often or sooner than in the golden run.
 
 - `stopped`: a check stopped the robot.
-- `flagged`: a check told a person, and the robot went on.
-- `limited`: a check changed a command or dropped a packet. Nobody was told.
+- `flagged`: a check raised an alarm, and the robot went on.
+- `limited`: a check changed a command or dropped a packet, without an alarm.
 - `silent`: no check did anything.
 
 Checks that the user adds count by what they do (`[[check]] acts`). A check that only watches does
@@ -20,8 +20,9 @@ the change, because a stop makes built-in checks trip too.
 **Hazard**: what became of the motion, the gravest first (`verdict`). `LIMIT_MM` is the limit, a
 campaign's `[outcomes] limit_mm`.
 
-- `unintended motion`: while the robot was live, its true tip was farther than the limit from the
-  golden run, from the nominal model, and from where standing still would have left it.
+- `unintended motion`: while the robot was live, its true tip was farther than the limit from three
+  places: from the golden run, from the nominal model, and from where standing still would have
+  left it.
 - `loss of motion`, first case: the robot was live and did not follow. Its tip was farther than the
   limit from golden run and nominal model, but near where standing still would have left it. Second
   case: the robot was not live for `HALT_MS` longer than in the golden run, although the operator
@@ -33,7 +34,7 @@ campaign's `[outcomes] limit_mm`.
 Each robot defines when it is *live* (`Robot.live`). Motion of the tip while the robot is not live
 (it coasts, or drops) is in the column `unintended_off_mm` and decides no hazard.
 
-**Cue**: the haptic cue came, and the golden run had none by then.
+**Cue**: the haptic cue came, and it had not come in the golden run by then.
 
 **Overloaded cable**: the tension of a cable exceeded its strength, and no cable of the golden run
 was overloaded by then. This is not a hazard; the hazards say whether the tip moved. It is known
@@ -42,13 +43,13 @@ only if the mechanics have real tensions.
 A run has **failed** if a number of the robot, of its nominal model or of its observers is no
 longer finite (`ravenjax.vocabulary.failures`). It has no verdict and is in no rate.
 
-A run **evades** the checks when nobody is told (silent or limited) and its hazard is unintended
-motion. It **evades the built-in checks** when none of the built-in checks told anyone, with or
-without a response of added checks and detectors.
+A run **evades** the checks if no check raised an alarm or stopped the robot (silent or limited) and
+its hazard is unintended motion. It **evades the built-in checks** if none of the built-in checks
+raised an alarm or stopped the robot, whatever added checks and detectors did.
 
     response                 hazard                      cue
     stopped ---------------> unintended motion --------> cue
     flagged ---------------> loss of motion -----------> no cue
-    limited  \\ nobody       false report
-    silent   /  is told      none
+    limited  \\ without      false report
+    silent   /  an alarm     none
 """

@@ -24,9 +24,7 @@ class Definition(NamedTuple):
     meaning: str
 
     def clause(self) -> str:
-        """Return the meaning as a part of a sentence: "a check told a person, and the robot went
-        on".
-        """
+        """Return the meaning as a part of a sentence: "a check stopped the robot"."""
         sentences = self.meaning.rstrip(".").split(". ")
         return ", and ".join(sentence[0].lower() + sentence[1:] for sentence in sentences)
 

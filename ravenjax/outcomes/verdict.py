@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ravenjax.vocabulary import checks
-from ravenjax.vocabulary.checks import Check
 from ravenjax.vocabulary.robot import Robot
 
 PUBLISHED_CUE_MM = 3.0
@@ -93,7 +92,7 @@ def built_in_responses(
     own = [
         (f"check_{name}_count", f"check_{name}_first_ms")
         for name in names
-        if _acts(robot.check(name))
+        if robot.check(name).own and robot.check(name).acts
     ]
     own += [
         (f"detector{d}_threshold0_alarms", f"detector{d}_threshold0_first_ms") for d in detectors
@@ -102,10 +101,6 @@ def built_in_responses(
     return _responses(
         outcomes, golden, robot, [name for name in names if not robot.check(name).own], acted
     )
-
-
-def _acts(check: Check) -> bool:
-    return check.own and check.acts
 
 
 def _first_otherwise(

@@ -120,7 +120,8 @@ def compare(first: Path, second: Path, most: int = 10) -> FolderComparison:
         pairs = _pair(table, (first, second))
         for side, record, key in zip(SIDES, records, _keys(table), strict=True):
             _judge(table, side, record, key)
-        faults, sampled = _faults(table), _sampled(table, records)
+        compared = table.frame(f"SELECT a.fault AS fault FROM {_JOINED} ORDER BY pairs.first")
+        faults, sampled = compared["fault"].to_numpy(), _sampled(table, records)
         among = pair_intervals.faults(faults, sampled)
         pairs = pairs._replace(compared=len(faults), faults=len(np.unique(faults)), sampled=sampled)
         return FolderComparison(
@@ -233,13 +234,6 @@ _JOINED = (
     "pairs JOIN judged_first AS a ON a.row = pairs.first JOIN judged_second AS b ON b.row ="
     " pairs.second WHERE a.counts AND b.counts"
 )
-
-
-def _faults(table: ResultTable) -> np.ndarray:
-    """Return the fault number of each compared pair."""
-    return table.frame(f"SELECT a.fault AS fault FROM {_JOINED} ORDER BY pairs.first")[
-        "fault"
-    ].to_numpy()
 
 
 def _sampled(table: ResultTable, records: tuple[Manifest, Manifest]) -> bool:

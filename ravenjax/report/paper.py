@@ -18,7 +18,7 @@ from ravenjax.document.figure_style import STYLE
 from ravenjax.document.palette import PALETTE, RESPONSE
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.drawing import save_figure
-from ravenjax.report.sections import answers, cues, detectors, tables, time_to_know
+from ravenjax.report.sections import cues, detectors, tables, time_to_know
 from ravenjax.store import manifest as manifests
 from ravenjax.store.files import require_writable
 
@@ -99,7 +99,7 @@ def how_soon(runs: Runs) -> Figure | None:
     """Return a figure of cue, built-in response and first possible knowledge after the first
     effect; None if no fault had an effect.
     """
-    curves, _ = time_to_know.incidence_curves(runs, runs.once(answers.knowledge).delay)
+    curves, _ = time_to_know.incidence_curves(runs)
     return print_figure(curves, WIDTH / 2) if curves else None
 
 
@@ -110,6 +110,6 @@ def roc(runs: Runs) -> Figure | None:
 
 
 def tradeoff(runs: Runs) -> Figure | None:
-    """Return a figure of missed hazards over false cues, by haptic set; None if there are none."""
+    """Return a figure of missed hazards over false cues, by haptic set; None without either."""
     chart = cues.tradeoff(cues.rows(runs))
     return print_figure(chart, WIDTH / 2) if chart else None

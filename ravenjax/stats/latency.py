@@ -114,9 +114,7 @@ def lead(lags: Delays, confidence: float = 0.95) -> Lead:
     return Lead(curve, wilson(before, lags.n, confidence), int(lags.count[lags.came].sum()), lags.n)
 
 
-def quantile(
-    delay: ArrayLike, happened: ArrayLike, fraction: float, among: Units, confidence: float = 0.95
-) -> Estimate:
+def quantile(delay: ArrayLike, happened: ArrayLike, fraction: float, among: Units) -> Estimate:
     """Return the time by which `fraction` of the runs had the event, as `Incidence.quantile` does,
     with an interval by resampling units.
 
@@ -126,23 +124,14 @@ def quantile(
     times, came = np.asarray(delay, float), np.asarray(happened).astype(bool)
     if not len(times):
         return Estimate(np.nan, np.nan, np.nan)
-    order = _order(times, came)
+    # At equal times, runs with the event come first.
+    order = np.lexsort((~came, times))
 
     def first(weight: np.ndarray) -> np.ndarray:
         reached = 1 - _staying(weight, came, order) >= fraction - 1e-9
         return np.where(reached.any(axis=1), times[order][reached.argmax(axis=1)], np.nan)
 
-    return units.statistic(first, among, confidence)
-
-
-def median(values: np.ndarray, count: np.ndarray) -> float:
-    """Return the median of values [m], each of which occurs `count` times; NaN without values."""
-    if not count.sum():
-        return float("nan")
-    order = np.argsort(values)
-    last = np.cumsum(count[order])
-    middle = (last[-1] - 1) // 2, last[-1] // 2
-    return float(np.mean(values[order][np.searchsorted(last, middle, side="right")]))
+    return units.statistic(first, among)
 
 
 def _curve(delays: Delays, start: float, confidence: float) -> Incidence:
@@ -177,11 +166,6 @@ def _curve(delays: Delays, start: float, confidence: float) -> Incidence:
         events,
         delays.n,
     )
-
-
-def _order(times: np.ndarray, came: np.ndarray) -> np.ndarray:
-    """Return indices [n] that sort runs by time. At equal times, runs with the event come first."""
-    return np.lexsort((~came, times))
 
 
 def _staying(weight: np.ndarray, came: np.ndarray, order: np.ndarray) -> np.ndarray:

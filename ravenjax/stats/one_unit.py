@@ -8,7 +8,7 @@ integrated over a grid, so that an interval is wide if chance explains the diffe
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -93,15 +93,10 @@ def _beta(mean: np.ndarray, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _quantile(mean: np.ndarray, root: np.ndarray, weight: np.ndarray, wanted: float) -> float:
-    """Return a quantile of the mixture of beta distributions, by bisection."""
+    """Return a quantile of the mixture of beta distributions."""
+    from scipy.optimize import brentq
     from scipy.special import betainc
 
     one, other = _beta(mean, root)
-    low, high = 0.0, 1.0
-    for _ in range(30):
-        half = (low + high) / 2.0
-        if float(weight @ betainc(one, other, half)) < wanted:
-            low = half
-        else:
-            high = half
-    return high
+    found: Any = brentq(lambda x: weight @ betainc(one, other, x) - wanted, 0.0, 1.0, xtol=1e-9)
+    return float(found)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ravenjax.errors import UserError
-from ravenjax.stats.intervals import alpha_of, rates
+from ravenjax.stats.intervals import clopper_pearson
 
 LimitState = Callable[[np.ndarray], np.ndarray]
 
@@ -22,7 +22,7 @@ _MOST_LEVELS = 12
 
 
 class RareEvent(NamedTuple):
-    """Probability of the event with its interval.
+    """Probability of the event with its 95 % interval.
 
     cov: coefficient of variation of the estimate (NaN if the event was never met). runs:
     evaluations of the limit state. levels: margins that subset simulation went through, falling.
@@ -36,9 +36,7 @@ class RareEvent(NamedTuple):
     levels: tuple[float, ...] = ()
 
 
-def monte_carlo(
-    g: LimitState, d: int, n: int, *, seed: int = 0, batch: int = 10_000, confidence: float = 0.95
-) -> RareEvent:
+def monte_carlo(g: LimitState, d: int, n: int, *, seed: int = 0, batch: int = 10_000) -> RareEvent:
     """Estimate by plain Monte Carlo with n points, at most `batch` at a time, with the
     Clopper-Pearson interval.
 
@@ -50,7 +48,7 @@ def monte_carlo(
         int((_margins(g, random.random((min(batch, n - start), d))) <= 0).sum())
         for start in range(0, n, batch)
     )
-    (rate,) = rates(hits, n, confidence, "clopper_pearson")
+    rate = clopper_pearson(hits, n)
     cov = math.sqrt((1 - rate.value) / hits) if hits else math.nan
     return RareEvent(rate.value, rate.low, rate.high, cov, n)
 
@@ -62,7 +60,6 @@ def subset(
     *,
     share: float = 0.1,
     seed: int = 0,
-    confidence: float = 0.95,
 ) -> RareEvent:
     """Estimate by subset simulation (Au, Beck, Prob. Eng. Mech. 16, 2001), with OpenTURNS.
 
@@ -83,7 +80,6 @@ def subset(
     """
     from scipy.stats import lognorm
 
-    alpha = alpha_of(confidence)
     chains = round(per_level * share)
     try:
         import openturns as ot  # slow to import, and an optional dependency
@@ -126,7 +122,7 @@ def subset(
         algorithm.run()
     except Exception:
         if isinstance(failure, _Unreached):
-            (none,) = rates(0, per_level, confidence, "clopper_pearson")
+            none = clopper_pearson(0, per_level)
             return RareEvent(0.0, 0.0, none.high, math.nan, runs)
         if failure is not None:
             raise failure from None
@@ -139,7 +135,7 @@ def subset(
     reached = np.array(algorithm.getProbabilityEstimatePerStep())
     probability = float(reached[-1])
     if len(levels) == 1:
-        (rate,) = rates(round(probability * per_level), per_level, confidence, "clopper_pearson")
+        rate = clopper_pearson(round(probability * per_level), per_level)
         cov = math.sqrt((1 - probability) / (probability * per_level))
         return RareEvent(rate.value, rate.low, rate.high, cov, runs, levels)
     # Au and Beck's sum over all levels. OpenTURNS omits the first level.
@@ -148,9 +144,7 @@ def subset(
         np.array(algorithm.getGammaPerStep())
     )  # NaN if step is 1, which has no variance
     cov = math.sqrt(np.sum((1 + correlation) * (1 - step) / (step * per_level)))
-    low, high = lognorm.ppf(
-        [alpha / 2, 1 - alpha / 2], math.sqrt(math.log1p(cov**2)), scale=probability
-    )
+    low, high = lognorm.interval(0.95, math.sqrt(math.log1p(cov**2)), scale=probability)
     return RareEvent(probability, float(low), min(1.0, float(high)), cov, runs, levels)
 
 

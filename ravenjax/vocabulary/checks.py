@@ -15,15 +15,15 @@ from ravenjax.vocabulary.parts import OwnSource
 Action = Literal["stop", "flag", "limit", "watch"]
 """What a check does when it trips.
 
-It stops the robot; alerts a person; or changes a command or drops a packet. A user's check may also
-do nothing (`watch`).
+It stops the robot, raises an alarm, or changes a command or drops a packet without an alarm. A
+user's check may also only `watch`.
 """
 
 DOES: dict[Action, str] = {
     "stop": "stops the robot",
-    "flag": "tells a person",
-    "limit": "limits, tells nobody",
-    "watch": "watches, does nothing",
+    "flag": "raises an alarm",
+    "limit": "limits without an alarm",
+    "watch": "only watches",
 }
 """Each action in words."""
 
@@ -91,7 +91,7 @@ _RESPONSES: dict[Action, str] = {
 
 def of_own(name: str, at: str, acts: Action) -> Check:
     """Return a user's check as tables need it."""
-    return Check(f"{OWN}{name}", "of its score", f"check of one's own at {at}", acts)
+    return Check(f"{OWN}{name}", "of its score", f"user's check at {at}", acts)
 
 
 def count(own: Iterable[Check]) -> bool:

@@ -21,7 +21,7 @@ MEANINGS: dict[DetectorKind, str] = {
     "derivative_sum": "of link and motor derivatives",
     "tip_error": "distance from the nominal model, mm",
     "overdrive": "command over its clip limit",
-    "own": "as a file says, a detector of one's own",
+    "own": "as the user's file defines it",
 }
 """What the score of each kind of detector measures."""
 

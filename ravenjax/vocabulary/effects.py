@@ -67,7 +67,7 @@ _ALL = (
         "bit",
     ),
     Effect("periodic", "x plus value sin(2 pi n / period), n the ticks in the window", "amount"),
-    Effect("random", "uniform in [-value, value], anew each tick", "amount"),
+    Effect("random", "a number drawn in each tick, uniformly from -value to value", "amount"),
     Effect("toggle", "the value in even ticks of the window, 0 in odd ones", "number"),
     Effect("drop", "network: the packet does not arrive", "", OfNetwork("lost", "overwrite", 1.0)),
     Effect(

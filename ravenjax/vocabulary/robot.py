@@ -44,6 +44,8 @@ class Robot:
     packet_cycles: str = ""
     # the switch that an operator holds down while the robot is to move; "": none
     dead_man: str = ""
+    # what the robot's model was compared with, in sentences
+    validation: str = "Its model has not been compared with measurements."
     tissue: bool = False  # whether there is tissue that a tip can enter
     # phases of an operation, and when each takes place
     phases: Mapping[str, str] = dataclasses.field(default_factory=dict)

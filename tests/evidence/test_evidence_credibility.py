@@ -43,7 +43,7 @@ def test_each_statement_of_the_model_stands_in_its_category_with_files_that_are_
     )
     place = folder / writing.FOLDER
     text = (place / credibility.FILE).read_text(encoding="utf-8")
-    assert NOTICE in text and "part of no submission" in text
+    assert NOTICE in text and "not part of a submission" in text
     parts = re.split(r"^## (.*)$", text, flags=re.M)
     sections = dict(zip((title.lower() for title in parts[1::2]), parts[2::2], strict=True))
     assert [one for one in sections if one in claims.CATEGORIES] == list(claims.CATEGORIES)

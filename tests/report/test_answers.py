@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import naive_facts
 import numpy as np
 import pytest
@@ -77,22 +79,6 @@ def test_what_may_come_before_the_motion_leaves_out_a_cue_at_its_own_distance():
     assert (told == FRAME["told_ms"])[MOVED].all() and (known != told)[MOVED].any()
 
 
-def test_a_lower_cue_is_offered_where_the_cue_of_the_verdicts_is_no_warning():
-    found = answers.knowledge(RUNS)
-    below = [k for k, cue in enumerate(MANIFEST.cues) if cue.threshold_mm < MANIFEST.limit_mm]
-    nearest = max(below, key=lambda k: MANIFEST.cues[k].threshold_mm)
-    assert found.lower is not None and found.lower.cue == MANIFEST.cues[nearest]
-    cue = naive_facts.warned(FRAME, nearest)
-    cue = np.where(cue >= np.maximum(0, FRAME["first_active_ms"]), cue, -1)
-    first = np.where((TOLD >= 0) & (cue >= 0), np.minimum(TOLD, cue), np.maximum(TOLD, cue))
-    assert found.lower.before == wilson(
-        int((MOVED & (first >= 0) & (first < MOTION_MS)).sum()), int(MOVED.sum())
-    )
-    leading = synthetic.manifest(1200, verdict_cue=nearest)
-    runs = Runs.of(synthetic.judged(FRAME, nearest), leading)
-    assert answers.knowledge(runs).lower is None
-
-
 def test_time_to_know_is_of_unintended_motions_and_censored():
     found = answers.knowledge(RUNS)
     known, motion = KNOWN[MOVED], MOTION_MS[MOVED]
@@ -107,9 +93,8 @@ def test_time_to_know_is_of_unintended_motions_and_censored():
         - FRAME.loc[MOVED, "first_active_ms"].to_numpy()
     )
     curve = SurvfuncRight(times, known >= 0)
-    for estimate, share in ((found.half_ms, 0.5), (found.quarter_ms, 0.25)):
-        assert estimate.value == curve.quantile(share)
-        assert estimate.low <= estimate.value and not estimate.high < estimate.value
+    assert found.half_ms.value == curve.quantile(0.5)
+    assert found.half_ms.low <= found.half_ms.value <= found.half_ms.high
 
 
 @pytest.mark.parametrize(("kind", "column"), [("group", "group"), ("site", "fault0_site")])
@@ -124,3 +109,18 @@ def test_classes_against_a_plain_count(kind, column):
         assert row.loss == wilson(int((LOST & mine).sum()), n)
         before = MOVED & mine & (TOLD >= 0) & (TOLD < MOTION_MS)
         assert (row.before.k, row.before.n) == (int(before.sum()), int((MOVED & mine).sum()))
+        far, off = (FRAME.loc[mine, f"unintended_{name}"] for name in ("mm", "off_mm"))
+        quantiles = [np.quantile(far, q) for q in (0.5, 0.95, 1.0)]
+        assert list(row.mm) == pytest.approx(quantiles, rel=1e-5)
+        only_off = (off > MANIFEST.limit_mm) & ~MOVED[mine]
+        assert row.not_live == only_off.sum()
+
+
+def test_a_group_that_changes_the_robot_is_named_with_what_its_golden_runs_do():
+    group = {"name": FRAME["group"].iloc[0], "parameters": {"control.kp": 2.0}}
+    config = {**MANIFEST.config, "group": [group, {"name": "without runs", "parameters": {"x": 1}}]}
+    frame = FRAME.assign(golden_halted_ms=np.where(FRAME["group"] == group["name"], 1400, 4))
+    runs = Runs.of(frame, synthetic.manifest(1200, config=config))
+    content = answers.FIRST_PAGE.content(runs, Path("out"))
+    assert content["changed_groups"] == {group["name"]: ["control.kp"]}
+    assert content["golden_halts"] == [(group["name"], 1400)]

@@ -220,6 +220,6 @@ def test_a_figure_comes_as_svg(opened, name):
     root = ET.fromstring(text)
     words = [part.text for part in root.iter("{http://www.w3.org/2000/svg}text")]
     assert any("share of" in word for word in words) and any(
-        "check that tells" in word or "built-in" in word for word in words
+        "stop by a check" in word or "built-in" in word for word in words
     )  # axis, legend
     assert "var(" not in text and "class=" not in text  # needs no style sheet

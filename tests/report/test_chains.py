@@ -130,7 +130,7 @@ def test_shares_are_of_groups_that_are_explained_whole():
     assert (
         one.partial == ["encoder"] and one.runs == len(rest) and one.evading == len(evading(FRAME))
     )
-    assert "not so encoder" in " ".join(chains.sentences(one))
+    assert "These groups are not: encoder" in " ".join(chains.sentences(one))
 
 
 def without(condition):
@@ -145,7 +145,7 @@ def test_the_sentences_have_the_numbers_of_the_loops(monkeypatch):
     assert f"{n} faults evade the checks." in text
     assert f"In {n - hidden} of {n} (" in text and f"In {hidden} of {n} (" in text
     median = np.quantile(best, 0.5, method="inverted_cdf")
-    assert f"the median of them did so {wording.number(median)} ms (" in text
+    assert f"The median lead was {wording.number(median)} ms (" in text
 
 
 @pytest.mark.slow

@@ -65,12 +65,11 @@ def test_one_self_contained_file(built):
 
 def test_headline_counts_distinct_faults(built):
     evaded = len(EVADING)
-    rate = wilson(evaded, len(FAULTY))
     text = words(Page(built[1]))
     assert f"Of {len(FAULTY):,} distinct faults" in text
     assert f"of this design, {evaded:,} made the live robot move" in text
-    interval = f"95\xa0% interval {100 * rate.low:.1f}–{100 * rate.high:.1f}\u202f%"
-    assert f"({100 * rate.value:.1f}\u202f% of faults drawn so, {interval})" in text
+    # Groups differ, so no interval covers all of them.
+    assert "of faults drawn so" not in text
 
 
 def test_enumerated_faults_have_shares_without_intervals():
@@ -153,7 +152,7 @@ def edge(name):
     ("name", "told"),
     [
         ("no fault", "injected no fault"),
-        ("one row", "Of 1 distinct fault,"),
+        ("one row", "Of 1 distinct fault of this design"),
         ("all failed", "No run with a fault gave a valid outcome."),
         ("none evades", "none made the live robot move more than 3 mm off its course"),
         ("nothing happens", "No fault had an effect."),

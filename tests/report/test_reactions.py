@@ -22,8 +22,7 @@ def drawn(frame):
 
 
 def differences(frame, sampled=True):
-    part = drawn(frame)
-    return reaction.compare_pairs(part.frame, part.facts, lambda groups: sampled)
+    return reaction.compare_pairs(drawn(frame), lambda groups: sampled)
 
 
 ROWS = differences(FRAME)
@@ -89,8 +88,7 @@ def test_interruptions_of_fault_free_motion():
     frame = FRAME.assign(golden_tip_path_mm=np.arange(len(FRAME)) % 20 + 0.5)
     acting = frame["param:reaction.action"] == 1
     frame["golden_reaction_ms"] = np.where(acting & (frame["golden_tip_path_mm"] == 0.5), 900, -1)
-    part = drawn(frame)
-    found = {one.action: one for one in reaction.interruptions(part.frame, part.facts)}
+    found = {one.action: one for one in reaction.interruptions(drawn(frame))}
     motions = (
         frame[acting]
         .groupby(["operator", "golden_tip_path_mm"], observed=True)["golden_reaction_ms"]

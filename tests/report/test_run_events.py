@@ -118,9 +118,9 @@ def test_a_run_is_told_in_the_order_of_the_loop():
     texts = "\n".join(event.text for event in found)
     for part in (
         "usb_out gold shoulder, overwrite 12,000 counts, 16 ms from 1,200 ms",
-        "9 ms, 4 of them in the golden run, too; it limits, tells nobody",
-        "standing still (up to 12.3 mm)",
-        "on for 170 ms, 0.0312 device units at most: the reported gold tip is 3.69 mm off",
+        "9 ms, 4 of them also in the golden run; it limits without an alarm",
+        "would have left it (up to 12.3 mm)",
+        "on for 170 ms, at most 0.0312 device units: the reported gold tip is 3.69 mm from",
     ):
         assert part in texts
     assert [event.level for event in found if event.kind in ("check", "hazard")] == [

@@ -55,8 +55,10 @@ def test_which_came_first(text):
 def test_a_cue_at_the_limit_or_beyond_is_no_warning(cue, threshold, limit):
     manifest = synthetic.manifest(RUNS, verdict_cue=cue, limit_mm=limit)
     text = text_of(synthetic.judged(FRAME, cue), manifest)
-    assert f"A cue at {threshold} mm is no warning of a motion of {limit:g} mm" in text
-    assert f"the {threshold} mm cue, at no smaller a distance, is no warning of it." in text
+    assert f"A cue at {threshold} mm cannot warn of a motion of {limit:g} mm" in text
+    assert (
+        f"the {threshold} mm cue cannot warn of it, because its threshold is not smaller." in text
+    )
     assert f"The {threshold} mm cue comes before the motion" not in text
 
 
@@ -81,3 +83,5 @@ def test_the_terminal_counts_runs_with_a_fault():
     assert sentence.startswith(f"{len(evading)} of {len(VALID)} runs")
     cues = (evading["cue0_first_ms"] >= 0).sum()
     assert sentence.endswith(f"The cue comes in {cues} of these.")
+    assert terminal.evading({"silent/none/no cue": 160}, 3.0).startswith("None of 160 runs with a")
+    assert "do not test the checks" in terminal.evading({"silent/none/no cue": 160}, 3.0)

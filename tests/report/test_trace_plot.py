@@ -46,7 +46,6 @@ def series(arms=("gold",)):
 
 
 EVENTS = {"cue": 1275, "stopped: overdrive": 1700, "never": -1}
-LIMITS = {"shoulder": 18000, "elbow": 18000, "insertion": 10000}
 
 
 @pytest.fixture
@@ -74,7 +73,7 @@ def lines(axes):
 @pytest.mark.parametrize(("suffix", "begins"), [(".png", b"\x89PNG"), (".pdf", b"%PDF")])
 def test_values_events_and_windows_stand_where_they_belong(tmp_path, figures, suffix, begins):
     given = series()
-    path = trace_plot(given, tmp_path / f"run{suffix}", dac_limits=LIMITS, events=EVENTS)
+    path = trace_plot(given, tmp_path / f"run{suffix}", events=EVENTS)
     assert path.read_bytes().startswith(begins)
     (figure,) = figures
     error, force, dac, state = figure.axes

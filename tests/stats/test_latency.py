@@ -97,13 +97,6 @@ def test_counted_delays_give_the_curve_of_scipy(runs):
     assert (curve.low <= curve.fraction).all() and (curve.fraction <= curve.high).all()
 
 
-@given(st.lists(st.integers(-5, 5), min_size=1))
-def test_median_of_counted_values(values):
-    different, count = np.unique(values, return_counts=True)
-    assert latency.median(different[::-1], count[::-1]) == np.median(values)
-
-
 def test_without_runs():
     assert latency.incidence(latency.NONE).n == 0 and latency.lead(latency.NONE).n == 0
-    assert np.isnan(latency.median(latency.NONE.time, latency.NONE.count))
     assert np.isnan(latency.incidence(latency.NONE).quantile(0.5))

@@ -24,12 +24,12 @@ from ravenjax.vocabulary.robot import OTHER_LAYER, Robot
 
 OUTCOMES = {
     "stopped": "a check stopped the robot",
-    "flagged": "a check told a person, the robot went on",
-    "felt": "nobody was told by a check; unintended motion, the cue came",
-    "unseen": "nobody was told by a check; unintended motion, no cue",
-    "lost": "nobody was told by a check; loss of motion",
-    "misreported": "nobody was told by a check; only the robot's report went astray",
-    "phantom": "nobody was told by a check; no hazard, the cue came all the same",
+    "flagged": "a check raised an alarm, the robot went on",
+    "felt": "no alarm by a check; unintended motion, cue",
+    "unseen": "no alarm by a check; unintended motion, no cue",
+    "lost": "no alarm by a check; loss of motion",
+    "misreported": "no alarm by a check; false report",
+    "phantom": "no alarm by a check; no hazard, cue",
     "limited": "a check limited a command or dropped a packet; no hazard, no cue",
     "quiet": "no check, no hazard, no cue",
     "failed": "the run gave no valid outcome",
@@ -136,11 +136,16 @@ def needed(names: Sequence[str], chosen: Choices) -> list[str]:
 def define(table: ResultTable, chosen: Choices, more: Mapping[str, str] | None = None) -> bool:
     """Create the table `facts` on a connection whose table `results` has a unique column `row`.
 
-    Columns that identify and classify a run: row, group, faulty, activated, failed, response and
-    hazard (as in the result table; "" for failed runs), told and evaded (events of
-    `ravenjax.outcomes`), unintended, loss, misreport (True if it is the run's hazard), halted (a
-    loss of motion because the robot was not live), cued (a cue that the golden run did not have),
-    jump (of the reported tip), outcome (one of OUTCOMES).
+    Columns that identify and classify a run:
+
+    - row, group, faulty, activated, failed
+    - response, hazard: as in the result table; "" for failed runs
+    - told, evaded: events of `ravenjax.outcomes`
+    - unintended, loss, misreport: True if it is the run's hazard
+    - halted: a loss of motion because the robot was not live
+    - cued: a cue that the golden run did not have
+    - jump: of the reported tip
+    - outcome: one of OUTCOMES
 
     Columns for counting: distinct (equal for runs that differ only in seed or crossed parameters),
     action (index into ACTIONS), plain, sample. `plain` marks runs in which nobody reacts, or all
@@ -151,9 +156,9 @@ def define(table: ResultTable, chosen: Choices, more: Mapping[str, str] | None =
     Columns of the first fault: site, layer, block (site and effect), onset_ms, length_ms,
     magnitude.
 
-    Columns of times in ms, -1 if the event never came: active_ms, response_ms, told_ms, cue_ms (the
-    first cue, whether or not the golden run has it), warned_ms (a cue that the golden run did not
-    have), unintended_ms, loss_ms, misreport_ms (for the run's hazard).
+    Columns of times in ms, -1 if the event never came: active_ms, response_ms, told_ms, cue_ms and
+    warned_ms, and of the run's hazard unintended_ms, loss_ms and misreport_ms. cue_ms is the first
+    cue; warned_ms is -1 if the golden run had that cue too.
 
     `more`: further columns, as expressions over columns of `results`. Return True if all inputs are
     distinct; `distinct` then equals `row`.

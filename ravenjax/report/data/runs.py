@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import pandas as pd
 
@@ -36,22 +36,6 @@ mm.
 """
 
 _Answer = TypeVar("_Answer")
-
-
-class FaultCounts(NamedTuple):
-    """Counts of distinct faults of one class, by the first valid run of each fault in which nobody
-    reacts.
-    """
-
-    name: str
-    # runs with these faults, including repeats, reactions and failures
-    runs: int
-    faults: int
-    evaded: int
-    unintended: int  # unintended motion, with or without a check
-    # loss of motion, with or without a check
-    loss: int
-    alarms: int  # a check told a person or stopped the robot
 
 
 class Runs:
@@ -139,14 +123,12 @@ class Runs:
             groups = set(cube.loc[cube["faulty"], "group"])
         return set(groups) <= self._drawn_groups
 
-    def groups_by(self, kind: str, where: str = "faulty") -> dict[str, set[str]]:
+    def groups_by(self, kind: str) -> dict[str, set[str]]:
         """Return the groups that have faults of each class. `kind`: the column of facts whose
         values are the classes.
-
-        `where` limits the runs; by default all runs with a fault count.
         """
         rows = self.table.rows(
-            f'SELECT DISTINCT {quoted(kind)}, "group"::VARCHAR FROM {FACTS} WHERE {where}'
+            f'SELECT DISTINCT {quoted(kind)}, "group"::VARCHAR FROM {FACTS} WHERE faulty'
         )
         classes: dict[str, set[str]] = {}
         for name, group in rows:
@@ -169,20 +151,6 @@ class Runs:
     def groups(self) -> list[str]:
         """Return the names of the groups that have runs."""
         return sorted(self.cube()["group"].unique().tolist())
-
-    def faults(self, by: str | None = None) -> list[FaultCounts]:
-        """Return counts of distinct faults, for all together or for each value of a column."""
-        name = quoted(by) if by else "''"
-        counts = ", ".join(
-            f"count(*) FILTER (sample{also})"
-            for also in ("", *(f" AND {n}" for n in ("evaded", "unintended", "loss", "told")))
-        )
-        rows = self.table.rows(
-            f"SELECT {name} AS name, count(*), {counts} FROM {FACTS} WHERE faulty GROUP BY name"
-        )
-        if by is None and not rows:
-            return [FaultCounts("", 0, 0, 0, 0, 0, 0)]
-        return sorted(FaultCounts(str(name), *numbers) for name, *numbers in rows)
 
     def delays(
         self, event: str, start: str, end: str, where: str, by: str | None = None

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from ravenjax.outcomes import verdict
 from ravenjax.report import wording
 from ravenjax.vocabulary.robot import Robot
 from ravenjax.vocabulary.seams import Crossing, crossings
@@ -107,12 +108,6 @@ class Chain(NamedTuple):
         visible = [link for link in self.links if link.leaves_ms >= 0]
         return min(visible, key=lambda link: link.leaves_ms, default=None)
 
-    @property
-    def in_time(self) -> ChainLink | None:
-        """Return the first visible signal if it was visible before harm, else None."""
-        first = self.first
-        return first if first is not None and (first.left_ms or 0) > 0 else None
-
 
 def signals(ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str]) -> list[SignalTicks]:
     """Return every signal in the robot's order. `ticks`: columns of explained runs, arrays [runs]
@@ -151,7 +146,7 @@ def chain(
     `row`: from the result table. `ticks`: columns of the explained runs. `cue`: number of the
     haptic set of the verdict.
     """
-    hazard = str(row["hazard"])
+    hazard, name = str(row["hazard"]), f"cue{cue}_first_ms"
     harm = int(row[HARMS[hazard]]) if hazard in HARMS else -1
     return Chain(
         run_id=str(row["run_id"]),
@@ -161,7 +156,7 @@ def chain(
         verdict=str(row["verdict"] or row["failed"]),
         hazard=hazard,
         fault_ms=int(row["first_active_ms"]),
-        cue_ms=_beyond(row, f"cue{cue}_first_ms"),
+        cue_ms=int(verdict.beyond_golden(row[name], row[f"golden_{name}"])),
         told_ms=int(row["told_ms"]),
         harm_ms=harm,
         links=[
@@ -176,10 +171,13 @@ def table(
 ) -> pd.DataFrame:
     """Return the chains of many runs as a table, with a row for each run and signal that differs.
 
-    Rows are sorted by run, then in the robot's order. Columns: run_id, index, layer, arm ("" if the
-    signal belongs to no arm), seam, differs_ms, differs_in (the number that differed first),
-    leaves_ms, leaves_in (-1 and "" if it never left its range), harm_ms (when the run's hazard
-    began; -1: never) and left_ms (from leaves_ms to harm_ms; NaN if either is missing).
+    Rows are sorted by run, then in the robot's order. Columns:
+
+    - run_id, index, layer, seam; arm is "" if the signal belongs to no arm
+    - differs_ms, differs_in: when it differed, and the number that differed first
+    - leaves_ms, leaves_in: the same for its range; -1 and "" if it never left its range
+    - harm_ms: when the run's hazard began; -1: never
+    - left_ms: from leaves_ms to harm_ms; NaN if either is missing
     """
     harm = np.full(len(results), -1)
     for hazard, column in HARMS.items():
@@ -236,12 +234,6 @@ def _checks(row: Mapping[str, Any], ticks: Mapping[str, Any], robot: Robot) -> l
             ms = int(ticks[f"{NEAR_MS}{name}"])
             out.append(NearCheck(name, check.unit, margin, golden, ms, tripped, check.does))
     return out
-
-
-def _beyond(row: Mapping[str, Any], name: str) -> int:
-    """Return the time of a cue that the golden run did not have by then."""
-    own, golden = int(row[name]), int(row[f"golden_{name}"])
-    return own if own >= 0 and not 0 <= golden <= own else -1
 
 
 def _stacked(ticks: Mapping[str, Any], names: Sequence[str], runs: int) -> np.ndarray:

@@ -17,7 +17,7 @@ from ravenjax.document.figure_style import STYLE
 from ravenjax.document.palette import CUE, RESPONSE, SAME
 from ravenjax.report import wording
 from ravenjax.report.drawing import save_figure
-from ravenjax.report.run.chain import Chain, ChainLink
+from ravenjax.report.run.chain import Chain
 
 ROW = 15  # px per signal
 LETTERS = 92  # characters per line above the drawing
@@ -53,13 +53,14 @@ def link_rows(one: Chain) -> list[tuple[str, ...]]:
     """Return the chain as a table with columns LINKS. A layer is named only in its first row."""
     rows, layer = [], ""
     for link in one.links:
+        left = link.left_ms
         rows.append(
             (
                 link.signal,
                 link.layer if link.layer != layer else "",
                 f"{_ms(link.differs_ms)}, {link.differs_in}",
                 f"{_ms(link.leaves_ms)}, {link.leaves_in}" if link.leaves_ms >= 0 else "",
-                _left(link),
+                ("" if left is None else _ms(left) if left > 0 else "after it"),
             )
         )
         layer = link.layer
@@ -196,12 +197,6 @@ def _names(one: Chain) -> Iterator[str]:
     for link in one.links:
         yield link.signal if link.layer == layer else f"{link.layer} · {link.signal}"
         layer = link.layer
-
-
-def _left(link: ChainLink) -> str:
-    if link.left_ms is None:
-        return ""
-    return _ms(link.left_ms) if link.left_ms > 0 else "after it"
 
 
 def _ms(value: int) -> str:

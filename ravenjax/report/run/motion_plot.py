@@ -52,10 +52,9 @@ def motion_plot(courses: Sequence[TipCourse], out: Path, name: str, title: str) 
             list(handles.values()), list(handles), loc="outside lower center", ncols=5, fontsize=8
         )
         figure.suptitle(title, fontsize=10, x=0.01, ha="left")
-        paths = []
-        for kind in ("svg", "png"):
-            paths.append(out / f"{name}.{kind}")
-            save_figure(figure, paths[-1], DPI)
+        paths = [out / f"{name}.{kind}" for kind in ("svg", "png")]
+        for path in paths:
+            save_figure(figure, path, DPI)
     return paths
 
 
@@ -71,9 +70,7 @@ def _draw(grid: np.ndarray, course: TipCourse) -> None:
         )
         * 1e3
     )
-    spans = [(course.recorded_s[0], course.recorded_s[-1])] + [
-        (s[0], s[-1]) for s in [after_s] if len(s)
-    ]
+    spans = [(times[0], times[-1]) for times in (course.recorded_s, after_s) if len(times)]
     for row, columns in enumerate(grid):
         columns[0].set_ylabel(f"{course.arm} {ROWS[row]}" if row == 0 else ROWS[row])
         for axes, (begin, end) in zip(columns, spans, strict=True):

@@ -26,7 +26,7 @@ JOINT_COLOURS = ("#0072b2", "#d9571b", "#8b2a6b", "#56b4e9", "#009e73", "#7a6a00
 MARKERS = ("#c2410c", "#0072b2", "#5b6470", "#8b2a6b")
 FAULT = "#d9571b"
 SHOWN_JOINTS = 3
-"""Number of joints in the DAC panel: the requested ones, or those with the largest peaks."""
+"""Number of joints in the DAC panel, those with the largest peaks."""
 SUBTITLE_LETTERS = 105
 """Characters per line of the subtitle."""
 
@@ -40,8 +40,6 @@ def trace_plot(
     title: str = "",
     subtitle: str = "",
     threshold_mm: float = 3.0,
-    joints: Sequence[str] = (),
-    dac_limits: Mapping[str, float] | None = None,
     events: Mapping[str, float] | None = None,
     robot: Robot = robots.USUAL,
 ) -> Path:
@@ -51,9 +49,6 @@ def trace_plot(
       of `tip` (true) and `position` (reported) from `model_position`, and `haptic_force` and
       `current_cmd`, where present. It also shows `runlevel`, `pedal` and `fault_active` [T].
     - threshold_mm: threshold of the cue whose force is drawn.
-    - joints: names of the joints whose DACs are drawn; by default the SHOWN_JOINTS with the largest
-      peaks.
-    - dac_limits: largest allowed |DAC|, counts, by joint name.
     - events: {label: time in ms} of vertical markers (cue, response). Negative times are left out.
     """
     arrays = {name: np.asarray(values) for name, values in series.items()}
@@ -74,12 +69,12 @@ def trace_plot(
         _draw_tips(error, time_s, arrays, arms, threshold_mm)
         _draw_force(force, time_s, arrays, arms)
         for axes, (arm, command) in zip(dacs, commands.items(), strict=True):
-            _draw_dac(axes, time_s, command, robot.joints, joints, dac_limits or {})
+            _draw_dac(axes, time_s, command, robot.joints)
             axes.set_ylabel(f"{arm} {axes.get_ylabel()}")
-        for name, colour, style in (("runlevel", "#1b1f24", "-"), ("pedal", "#56b4e9", "-")):
+        for name, colour in (("runlevel", "#1b1f24"), ("pedal", "#56b4e9")):
             if name in arrays:
-                value, look = arrays[name].astype(float), {"drawstyle": "steps-post"}
-                state.plot(time_s, value, color=colour, ls=style, lw=1.2, label=name, **look)
+                value = arrays[name].astype(float)
+                state.step(time_s, value, color=colour, where="post", lw=1.2, label=name)
         state.set_ylabel("state")
         state.set_ylim(-0.3, len(robot.run_levels) - 0.5)
         state.set_yticks(range(len(robot.run_levels)))
@@ -119,7 +114,7 @@ def _draw_tips(
                 distance, label = 1000.0 * np.linalg.norm(off, axis=1), f"{arm}, {kind}"
                 axes.plot(time_s, distance, color=colour, lw=width, ls=style, label=label)
     axes.axhline(threshold_mm, color=INK, lw=0.9, ls=(0, (4, 2)))
-    words, place = f"cue at {threshold_mm:g} mm", ("axes fraction", "data")
+    place, words = ("axes fraction", "data"), f"cue at {threshold_mm:g} mm"
     _note(axes, words, (1, threshold_mm), (-2, 2), INK, xycoords=place, ha="right")
     axes.set_ylabel("tip off the\nnominal model, mm")
     axes.set_ylim(0.0, max(1.15 * _peak(axes), 1.3 * threshold_mm))
@@ -139,27 +134,17 @@ def _draw_force(axes: Axes, time_s: np.ndarray, arrays: Series, arms: Mapping[st
     else:
         axes.set_ylim(0.0, 1.0)
         axes.set_yticks([0.0])
-        place: dict[str, Any] = {"xycoords": "axes fraction", "va": "center"}
-        axes.annotate("none", (0.01, 0.5), fontsize=8, color="#5b6470", **place)
+        axes.text(
+            0.01, 0.5, "none", fontsize=8, color="#5b6470", va="center", transform=axes.transAxes
+        )
 
 
-def _draw_dac(
-    axes: Axes,
-    time_s: np.ndarray,
-    command: np.ndarray,
-    names: Sequence[str],
-    joints: Sequence[str],
-    limits: Mapping[str, float],
-) -> None:
+def _draw_dac(axes: Axes, time_s: np.ndarray, command: np.ndarray, names: Sequence[str]) -> None:
     peaks = np.abs(command.astype(float)).max(axis=0)
-    largest = sorted(np.argsort(-peaks, kind="stable")[:SHOWN_JOINTS])
-    for joint in [names.index(name) for name in joints] or largest:
+    for joint in sorted(np.argsort(-peaks, kind="stable")[:SHOWN_JOINTS]):
         name, colour = names[joint], JOINT_COLOURS[joint % len(JOINT_COLOURS)]
-        look: dict[str, Any] = {"color": colour, "drawstyle": "steps-post"}
-        axes.plot(time_s, command[:, joint], lw=1.0, label=name, **look)
-        for limit in (-limits[name], limits[name]) if name in limits else ():
-            axes.axhline(limit, color=colour, lw=0.8, ls=(0, (1, 2)))
-    axes.set_ylabel("DAC, counts" + ("\n(dotted: limit)" if limits else ""))
+        axes.step(time_s, command[:, joint], color=colour, where="post", lw=1.0, label=name)
+    axes.set_ylabel("DAC, counts")
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:,.0f}".replace("-", "−"))
     _add_legend(axes)
 
@@ -172,8 +157,7 @@ def _peak(axes: Axes) -> float:
 def _add_legend(axes: Axes) -> None:
     """Add a legend to the right of the axes if they have any named curve."""
     if axes.get_legend_handles_labels()[0]:
-        place = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.03)}
-        axes.legend(fontsize=8, handlelength=1.4, **place)
+        axes.legend(fontsize=8, handlelength=1.4, loc="upper left", bbox_to_anchor=(1.0, 1.03))
 
 
 def _note(

@@ -36,7 +36,7 @@ class RunSummary(NamedTuple):
             self.title,
             f"  fault    {self.fault}",
             f"  verdict  {self.verdict}",
-            *(course or ["  nothing happened that did not happen in the golden run"]),
+            *(course or ["  nothing happened that did not also happen in the golden run"]),
             *(f"  largest  {peak}" for peak in self.peaks),
         ]
 
@@ -102,7 +102,7 @@ def _peaks(row: Mapping[str, Any], rules: Rules, series: Series | None, robot: R
     )
     if series is None:
         far = wording.number(float(row["peak_model_deviation_mm"]))
-        peaks.append(f"true tip {far} mm off the nominal model")
+        peaks.append(f"true tip {far} mm from the nominal model")
     for name, text in _DISTANCES.items():
         if (far := float(row[name])) > rules.limit_mm:
             peaks.append(text.format(wording.number(far)))
@@ -114,16 +114,16 @@ def _peaks(row: Mapping[str, Any], rules: Rules, series: Series | None, robot: R
     force, length = float(row[f"cue{rules.cue}_peak_force"]), int(row[f"cue{rules.cue}_ms"])
     if length > 0:
         peaks.append(
-            f"cue of {wording.number(force)} device units, on for {wording.count(length)} ms in all"
+            f"cue of {wording.number(force)} device units, for {wording.count(length)} ms in total"
         )
     return peaks
 
 
 _DISTANCES = {
     "unintended_off_mm": (
-        "true tip {} mm off golden run and standing still while the robot was not live"
+        "true tip {} mm from the golden run and from standing still while the robot was not live"
     ),
-    "false_report_mm": "reported tip {} mm off the true one, beyond the golden run",
+    "false_report_mm": "reported tip {} mm from the true tip, more than in the golden run",
 }
 """Descriptions of distances, printed if beyond the limit. The sizes of other hazards are printed
 with their beginning.
@@ -143,7 +143,7 @@ def _distances(arm: str, series: Series) -> list[str]:
             if np.isfinite(distance).any():
                 ms = int(np.nanargmax(distance))
                 far = wording.number(float(distance[ms]))
-                lines.append(f"true {arm} tip {far} mm off the {name}, at {wording.count(ms)} ms")
+                lines.append(f"true {arm} tip {far} mm from the {name}, at {wording.count(ms)} ms")
     return lines
 
 
@@ -224,7 +224,7 @@ def _faults(robot: Robot, row: Mapping[str, Any], series: Series | None) -> Iter
             yield RunEvent(first, "fault", f"the fault first changes a value: {words}", "warn")
         if last >= 0:
             ticks = wording.count(row[f"applied{slot}_ticks"])
-            text = f"the fault last changes a value: {where}, {ticks} ms in all"
+            text = f"the fault last changes a value: {where}, {ticks} ms in total"
             yield RunEvent(last, "fault", text)
 
 
@@ -253,7 +253,7 @@ def _checks(
         if trips <= usual:
             yield RunEvent(first, "check", f"{text}, as in the golden run", "debug")
             continue
-        beside = f", {wording.count(usual)} of them in the golden run, too" if usual else ""
+        beside = f", {wording.count(usual)} of them also in the golden run" if usual else ""
         yield RunEvent(first, "check", f"{text}{beside}; it {check.does}", _LEVELS[check.action])
 
 
@@ -272,7 +272,7 @@ def _alarms(
         )
         too = ", as in the golden run" if usual == first else ""
         often = "" if alarms == 1 else f", for the first of {wording.count(alarms)} times"
-        text = f"detector {name} alarms{often}{too}; it presses the E-stop"
+        text = f"detector {name} raises an alarm{often}{too}; it presses the E-stop"
         yield RunEvent(first, "detector", text, "error")
 
 
@@ -290,7 +290,7 @@ def _cues(row: Mapping[str, Any], rules: Rules, series: Series | None) -> Iterat
             yield RunEvent(
                 first,
                 "cue",
-                f"{name} on: the reported tip is that far off the nominal model{too}",
+                f"{name} on: the reported tip is that far from the nominal model{too}",
                 level,
             )
         return
@@ -303,8 +303,8 @@ def _cues(row: Mapping[str, Any], rules: Rules, series: Series | None) -> Iterat
             far = wording.number(float(distance[start]))
             peak = wording.number(float(force[start:end].max()))
             text = (
-                f"{name} on for {wording.count(end - start)} ms, {peak} device units at most: the"
-                f" reported {arm} tip is {far} mm off the nominal model{too}"
+                f"{name} on for {wording.count(end - start)} ms, at most {peak} device units: the"
+                f" reported {arm} tip is {far} mm from the nominal model{too}"
             )
             pulses.append(RunEvent(start, "cue", text, level))
         yield from _first_few(pulses, MOST_WINDOWS, f"{name}: {{}} more pulses")
@@ -314,12 +314,12 @@ def _hazards(row: Mapping[str, Any], rules: Rules) -> Iterator[RunEvent]:
     limit = f"more than {rules.limit_mm:g} mm from"
     texts = {
         "unintended": (
-            f"unintended motion: the true tip is {limit} golden run, nominal model and standing"
-            " still"
+            f"unintended motion: the true tip is {limit} the golden run, the nominal model and"
+            " where standing still would have left it"
         ),
         "loss": (
-            f"loss of motion: the true tip is {limit} golden run and nominal model and does not"
-            " follow"
+            f"loss of motion: the true tip is {limit} the golden run and the nominal model, and"
+            " does not follow"
         ),
         "false_report": f"false report: the reported tip is {limit} the true one",
     }

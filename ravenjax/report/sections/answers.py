@@ -11,17 +11,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.report.data.facts import first_sql
+from ravenjax.outcomes.verdict import HALT_MS
+from ravenjax.report.data import facts as run_facts
+from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset, cue_leads
 from ravenjax.report.sections import Section, detectors, reaction, robots, tables
 from ravenjax.report.sections.reaction import Difference
+from ravenjax.report.sections.tables import Quantiles
 from ravenjax.stats import latency
 from ravenjax.stats.alarms.false_alarms import AlarmRate
 from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.stats.latency import NONE, Incidence, Lead
+from ravenjax.store.access.query import RESULTS, quoted
 from ravenjax.store.manifest import CueRecord
 
-CLASSES = {"layer": "Layer", "site": "Site", "group": "Group"}
+CLASSES = {"site": "Site", "layer": "Layer", "group": "Group"}
 MOST_CLASSES = 12
 """Rows of the compact table. The detailed tables have the other rows."""
 
@@ -39,6 +43,22 @@ class ClassRow(NamedTuple):
     before: Rate
     # Time from the first effect by which half of these faults could be known.
     half_ms: Estimate
+    mm: Quantiles  # excursion of the true tip while the robot was live
+    # Faults whose motion exceeded the limit only while the robot was not live, as after a stop.
+    not_live: int
+    not_live_mm: float  # largest distance while the robot was not live
+
+
+class FaultCounts(NamedTuple):
+    """Counts of distinct faults; the other fields are those of ClassRow."""
+
+    faults: int
+    evaded: int
+    unintended: int
+    loss: int
+    mm: Quantiles
+    not_live: int
+    not_live_mm: float
 
 
 def scale(rows: Sequence[ClassRow]) -> float:
@@ -51,16 +71,6 @@ def scale(rows: Sequence[ClassRow]) -> float:
     return min(1.0, math.ceil(20 * max([0.05, *ends])) / 20)
 
 
-class LowerCue(NamedTuple):
-    """What a cue with a threshold below the motion's limit would announce before the motion, in
-    addition to checks and detectors.
-    """
-
-    cue: CueRecord
-    before: Rate
-    false: tuple[int, int]  # fault-free motions with this cue, and all of them
-
-
 class Knowledge(NamedTuple):
     """Time from the first effect to the first possible knowledge, over faults with an unintended
     motion.
@@ -68,12 +78,9 @@ class Knowledge(NamedTuple):
 
     delay: Incidence
     half_ms: Estimate
-    quarter_ms: Estimate
     # Lead over the motion. It excludes cues at the motion's own limit or beyond, which cannot come
     # before it.
     lead: Lead
-    # If the cue of the verdicts is such a cue: the nearest cue below the limit, or None.
-    lower: LowerCue | None
     never: Rate  # not known by the end of the run
     # True if the campaign has detectors. They count at their lowest threshold without a false
     # alarm.
@@ -115,26 +122,36 @@ def knowledge(runs: Runs) -> Knowledge:
     return Knowledge(
         delays,
         tables.known(runs, delays.quantile_interval(0.5)),
-        tables.known(runs, delays.quantile_interval(0.25)),
         lead._replace(before=tables.known(runs, lead.before)),
-        _lower(runs),
         tables.of_faults(runs, never, delays.n),
         bool(runs.manifest.detectors),
     )
 
 
-def _lower(runs: Runs) -> LowerCue | None:
-    cues = runs.manifest.cues
-    able = [k for k in range(len(cues)) if cue_leads(runs.manifest, k)]
-    if runs.cue_leads or not able:
-        return None
-    nearest = max(able, key=lambda k: cues[k].threshold_mm)
-    early = detectors.before_motion(runs)
-    event = first_sql(early, f"({after_onset(f'warned{nearest}_ms')})")
-    lags = runs.delays(event, "unintended_ms", runs.end, UNINTENDED)[""]
-    free = runs.motions()
-    false = free.came(f"golden_cue{nearest}_first_ms"), free.count
-    return LowerCue(cues[nearest], tables.known(runs, latency.lead(lags).before), false)
+def counts(runs: Runs, by: str = "''") -> dict[str, FaultCounts]:
+    """Return counts by the values of a column of facts, or of all faults under ""."""
+    off = run_facts.beyond_sql("unintended_off_mm", runs.manifest.limit_mm, runs.types)
+    rows = runs.table.rows(
+        f"SELECT {by} AS name, count(*), count(*) FILTER (evaded), count(*) FILTER (unintended),"
+        f" count(*) FILTER (loss), {tables.quantiles_sql('unintended_mm')}, count(*) FILTER ({off}"
+        f" AND NOT unintended), max(unintended_off_mm) FROM {FACTS} JOIN (SELECT row,"
+        f" unintended_mm, unintended_off_mm FROM {RESULTS}) USING (row) WHERE sample AND faulty"
+        " GROUP BY name ORDER BY name"
+    )
+    return {
+        str(name): FaultCounts(n, evaded, unintended, loss, Quantiles(*mm), not_live, far)
+        for name, n, evaded, unintended, loss, mm, not_live, far in rows
+    }
+
+
+def golden_halts(runs: Runs) -> list[tuple[str, int]]:
+    """Return each group with a golden run that is not live for long although the pedal is down,
+    with the longest time in ms.
+    """
+    return runs.table.rows(
+        'SELECT "group"::VARCHAR AS name, max(golden_halted_ms) AS ms'
+        f" FROM {RESULTS} GROUP BY name HAVING ms > {HALT_MS} ORDER BY name"
+    )
 
 
 def classes(runs: Runs) -> dict[str, list[ClassRow]]:
@@ -143,7 +160,7 @@ def classes(runs: Runs) -> dict[str, list[ClassRow]]:
     """
     by_kind = {}
     for kind in CLASSES:
-        present, groups = runs.faults(kind), runs.groups_by(kind)
+        present, groups = counts(runs, quoted(kind)), runs.groups_by(kind)
         if len(present) > 1 or (kind == "group" and present):
             delay, lags = (
                 runs.delays(event, start, runs.end, UNINTENDED, kind)
@@ -153,17 +170,16 @@ def classes(runs: Runs) -> dict[str, list[ClassRow]]:
                 )
             )
             rows = []
-            for one in present:
-                soon = latency.incidence(delay.get(one.name, NONE)).quantile_interval(0.5)
-                before = latency.lead(lags.get(one.name, NONE)).before
-                if not runs.sampled(groups[one.name]):
+            for name, one in present.items():
+                soon = latency.incidence(delay.get(name, NONE)).quantile_interval(0.5)
+                before = latency.lead(lags.get(name, NONE)).before
+                if not runs.sampled(groups[name]):
                     soon = tables.without_interval(soon)
                     before = tables.without_interval(before)
                 evaded, unintended, loss = (
-                    tables.of_faults(runs, k, one.faults, groups[one.name])
-                    for k in (one.evaded, one.unintended, one.loss)
+                    tables.of_faults(runs, k, one.faults, groups[name]) for k in one[1:4]
                 )
-                rows.append(ClassRow(one.name, evaded, unintended, loss, before, soon))
+                rows.append(ClassRow(name, evaded, unintended, loss, before, soon, *one[4:]))
             by_kind[kind] = sorted(rows, key=_most_evasive)
     return by_kind
 
@@ -207,6 +223,20 @@ def _most_evasive(row: ClassRow) -> tuple[Any, ...]:
     return *tables.least_last(row.evaded), *tables.least_last(row.unintended), row.name
 
 
+def _changed_groups(runs: Runs) -> dict[str, list[str]]:
+    """Return the groups with parameters of their own, and the paths of these parameters."""
+    present = runs.groups()
+    paths = {
+        group["name"]: [
+            path for table in (group, *group.get("run", ())) for path in table.get("parameters", ())
+        ]
+        for group in runs.manifest.config.get("group", ())
+    }
+    return {
+        name: list(dict.fromkeys(own)) for name, own in paths.items() if own and name in present
+    }
+
+
 def _content(runs: Runs, _: Path) -> dict[str, Any]:
     return {
         "class_words": CLASSES,
@@ -216,6 +246,9 @@ def _content(runs: Runs, _: Path) -> dict[str, Any]:
         "classes": classes(runs),
         "changed": runs.once(changed),
         "your_robot": runs.once(robots.rates),
+        "far": counts(runs).get(""),
+        "golden_halts": golden_halts(runs),
+        "changed_groups": _changed_groups(runs),
     }
 
 

@@ -182,7 +182,7 @@ def _words(value: Rate | Estimate) -> str:
 
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
-    """Return the runs that `ravenjax explain` stored beside a result; None if there are none of
+    """Return the runs that `ravenjax explain` stored beside a result; None if it stored none of
     this campaign.
     """
     try:
@@ -308,7 +308,7 @@ def propagation(runs: Runs, ticks: pd.DataFrame) -> Propagation:
             one.layer,
             one.meaning,
             one.ranged,
-            rate(_by(one.differs, harm)),
+            rate((one.differs >= 0) & (one.differs <= harm)),
             rate(leads[place] > 0),
             median(leads[place]),
             rate((firsts == place) & (best > 0)),
@@ -341,11 +341,6 @@ def _seams(rows: pd.DataFrame, manifest: Manifest) -> list[chain.SignalTicks]:
         )
         for name, arms in by_seam.items()
     ]
-
-
-def _by(ticks: np.ndarray, harm: np.ndarray) -> np.ndarray:
-    """Return whether an event came until harm, bool [runs]."""
-    return (ticks >= 0) & (ticks <= harm)
 
 
 def _leads(seams: Sequence[chain.SignalTicks], harm: np.ndarray) -> np.ndarray:

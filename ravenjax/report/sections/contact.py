@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import Section, tables
+from ravenjax.report.sections.tables import Quantiles
 from ravenjax.stats.intervals import Rate
 from ravenjax.store.access.query import RESULTS
 
 ALL = "every fault"
-QUANTILES = (0.5, 0.95, 1.0)
-
-
-class ContactQuantiles(NamedTuple):
-    """Quantiles over some faults, in one unit."""
-
-    median: float
-    most: float  # 95 % of the faults are at or below this
-    largest: float
 
 
 class ContactRow(NamedTuple):
@@ -28,63 +19,56 @@ class ContactRow(NamedTuple):
 
     group: str
     n: int
-    harder: Rate  # faults that pressed tissue or vessel harder than their golden run
-    peak_n: ContactQuantiles  # N, largest force of tissue and vessel on an instrument
+    # N, largest force of tissue and vessel on an instrument
+    peak_n: Quantiles
     # N s, that force integrated over the run, summed over instruments.
-    impulse_n_s: ContactQuantiles
+    impulse_n_s: Quantiles
+    harder: Rate  # faults that pressed tissue or vessel harder than their golden run
     vessel: Rate  # faults that pressed the vessel harder than their golden run
     vessel_n: float  # N, the largest force of the vessel
     # Faults that pressed the instruments on each other harder; None for a single arm.
-    instruments: Rate | None
-    instruments_n: float | None  # N, the largest force between instruments
+    instruments: Rate | None = None
+    instruments_n: float | None = None  # N, the largest force between instruments
 
 
 def rows(runs: Runs) -> list[ContactRow]:
     """Return a row for all faults, then one for each group in the order of their names; no rows
     without contact or without a fault.
     """
-    manifest = runs.manifest
-    if not manifest.shape.contact:
+    if not runs.manifest.shape.contact:
         return []
-    both = len(manifest.shape.arms) > 1
-    groups = _of(runs, 'CAST("group" AS VARCHAR)', both)
+    groups = _of(runs, '"group"')
     if len(groups) == 1:
         return groups
-    return [*(row._replace(group=ALL) for row in _of(runs, "''", both)), *groups]
+    return [*(row._replace(group=ALL) for row in _of(runs, "''")), *groups]
 
 
-def _of(runs: Runs, by: str, both: bool) -> list[ContactRow]:
-    listed = ", ".join(map(str, QUANTILES))
-    names = [
-        "contact_peak_n",
-        "contact_vessel_peak_n",
-        *(["contact_instruments_peak_n"] if both else []),
-    ]
-    more = ", ".join(
+def _of(runs: Runs, by: str) -> list[ContactRow]:
+    parts = ("", "vessel_", "instruments_")[: 1 + len(runs.manifest.shape.arms)]
+    names = [f"contact_{part}peak_n" for part in parts]
+    listed = ", ".join(
         f"count(*) FILTER ({name} > golden_{name}), max({name})::DOUBLE" for name in names
     )
-    columns = ", ".join(f"{name}, golden_{name}" for name in names)
     counts = runs.table.rows(
-        f"SELECT {by} AS name, count(*), quantile_cont(contact_peak_n::DOUBLE, [{listed}]), "
-        f'quantile_cont(contact_impulse_n_s::DOUBLE, [{listed}]), list(DISTINCT "group"), {more} '
-        f"FROM (SELECT row, contact_impulse_n_s, {columns} FROM {RESULTS}) "
-        f'JOIN (SELECT row, "group"::VARCHAR AS "group" FROM {FACTS} WHERE sample AND faulty) USING'
-        " (row) "
-        "GROUP BY name ORDER BY name"
+        f'SELECT {by} AS name, list(DISTINCT "group"), count(*),'
+        f" {tables.quantiles_sql(names[0])}, {tables.quantiles_sql('contact_impulse_n_s')},"
+        f' {listed} FROM (SELECT * EXCLUDE "group" FROM {RESULTS}) JOIN (SELECT row,'
+        f' "group"::VARCHAR AS "group" FROM {FACTS} WHERE sample AND faulty) USING (row) GROUP BY'
+        " name ORDER BY name"
     )
-    out = []
-    for name, n, peak, impulse, groups, harder, _, vessel, vessel_n, *instruments in counts:
-        met = tables.of_faults(runs, instruments[0], n, groups) if both else None
-        pressed, of_vessel = (tables.of_faults(runs, k, n, groups) for k in (harder, vessel))
-        strongest = instruments[1] if both else None
-        quantiles = ContactQuantiles(*peak), ContactQuantiles(*impulse)
-        out.append(ContactRow(name, n, pressed, *quantiles, of_vessel, vessel_n, met, strongest))
-    return out
+    rows = []
+    for name, groups, n, peak, impulse, *numbers in counts:
+        harder, vessel, *met = (tables.of_faults(runs, k, n, groups) for k in numbers[::2])
+        row = ContactRow(name, n, Quantiles(*peak), Quantiles(*impulse), harder, vessel, numbers[3])
+        rows.append(row._replace(instruments=met[0], instruments_n=numbers[5]) if met else row)
+    return rows
 
 
-def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
-    contacts = rows(runs)
-    return {"contacts": contacts} if contacts else None
-
-
-SECTIONS = (Section("contact", "Contact", 130, _content),)
+SECTIONS = (
+    Section(
+        "contact",
+        "Contact",
+        130,
+        lambda runs, _: {"contacts": found} if (found := rows(runs)) else None,
+    ),
+)

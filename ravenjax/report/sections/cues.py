@@ -12,9 +12,8 @@ of fault-free motion that would decide more.
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,13 +31,10 @@ from ravenjax.stats.alarms.choice import AlarmCounts, front
 from ravenjax.stats.alarms.false_alarms import AlarmRate
 from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.stats.sample_size.planning import hours_to_bound
-from ravenjax.store.access.query import RESULTS
 from ravenjax.store.manifest import CueRecord
 
 FELT = ("peak_force", "ms", "count")
 """Endings of the columns that describe a felt cue."""
-MOST = 500_000
-"""Largest number of runs for the medians of felt cues. Of more runs, about this number is drawn."""
 HARMLESS = "sample AND faulty AND NOT unintended"
 
 
@@ -49,7 +45,6 @@ _WEIGHT, _LIMIT = "a missed hazard weighs {} times a false cue", "false cues an 
 """Texts of the two kinds of rules for the choice of a threshold."""
 MOST_LISTED = 3
 """Thresholds that are listed individually. Of more, the least and the greatest are named."""
-_ENDS = ("low", "high")
 
 
 class CueRow(NamedTuple):
@@ -94,19 +89,14 @@ class Choice(NamedTuple):
     """The best set under one rule, as far as the data decide it."""
 
     rule: str
-    row: CueRow | None  # the best set; None: undecided, or no set keeps the rule
-    alike: int  # number of other sets that do exactly as well
-    possible: str  # if undecided: the thresholds that may be best, in words
+    row: CueRow | None = None  # the best set; None: undecided, or no set keeps the rule
+    alike: int = 0  # number of other sets that do exactly as well
+    possible: str = ""  # if undecided: the thresholds that may be best, in words
     # Total hours of fault-free motion that would decide more; NaN if more motion would not.
-    hours: float
-    remainder: str  # thresholds that may be best even then; empty: only one
+    hours: float = math.nan
+    remainder: str = ""  # thresholds that may be best even then; empty: only one
     # If undecided: the lowest threshold that certainly keeps a limit; NaN if none does.
-    least_mm: float
-
-    @property
-    def several(self) -> bool:
-        """Return whether several thresholds may be best."""
-        return " or " in self.possible or " to " in self.possible
+    least_mm: float = math.nan
 
 
 def rows(runs: Runs) -> list[CueRow]:
@@ -116,13 +106,11 @@ def rows(runs: Runs) -> list[CueRow]:
     free, cues = runs.motions(), runs.manifest.cues
     felt = runs.counts([f"warned{k}_ms >= 0" for k in range(len(cues))], where=HARMLESS)
     harmless = runs.count(HARMLESS)
-    columns = [f"{RESULTS}.cue{k}_{what}" for k in range(len(cues)) for what in FELT]
-    times = [f"warned{k}_ms" for k in range(len(cues))]
-    sample = runs.drawn(", ".join([f"{FACTS}.active_ms", *times, *columns]), UNINTENDED, MOST)
     result = []
     for k, cue in enumerate(cues):
         delay, lead = tables.times(runs, f"warned{k}_ms")
-        came = sample.loc[sample[f"warned{k}_ms"] >= sample["active_ms"].clip(lower=0)]
+        medians = ", ".join(f"coalesce(median(cue{k}_{what}::DOUBLE), 'nan')" for what in FELT)
+        came = f"{UNINTENDED} AND ({after_onset(f'warned{k}_ms')}) >= 0"
         result.append(
             CueRow(
                 k,
@@ -136,7 +124,7 @@ def rows(runs: Runs) -> list[CueRow]:
                 tables.known(runs, delay.quantile_interval(0.5)),
                 tables.known(runs, lead.before),
                 tables.known(runs, lead.quantile(0.5)),
-                *(float(came[f"cue{k}_{what}"].median()) for what in FELT),
+                *runs.table.row(f"SELECT {medians} FROM {runs.those(came)}"),
             )
         )
     best = front([row.missed.value for row in result], [row.hourly for row in result])
@@ -149,8 +137,7 @@ def rows(runs: Runs) -> list[CueRow]:
 def choices(runs: Runs, rows: Sequence[CueRow]) -> list[Choice]:
     """Return what the data choose for each of WEIGHTS and of FALSE_PER_HOUR.
 
-    Neighbours with the same choice are merged. There are no choices without unintended or
-    fault-free motion. `rows`: as returned by `rows`.
+    There are no choices without unintended or fault-free motion. `rows`: as returned by `rows`.
     """
     able = [row for row in rows if row.missed.n and row.per_hour is not None]
     if not able:
@@ -158,11 +145,8 @@ def choices(runs: Runs, rows: Sequence[CueRow]) -> list[Choice]:
     alarms, hours = _alarm_counts(runs, able), runs.motions().hours
     # With a single threshold there is nothing to weigh.
     several = len({row.cue.threshold_mm for row in able}) > 1
-    by_weight = [
-        (f"{weight:,}", _cheapest(able, alarms, weight, hours)) for weight in WEIGHTS if several
-    ]
-    by_limit = [(f"{most:g}", _rare(able, alarms, most)) for most in FALSE_PER_HOUR]
-    return [*_grouped(_WEIGHT, by_weight), *_grouped(_LIMIT, by_limit)]
+    by_weight = [_cheapest(able, alarms, weight, hours) for weight in WEIGHTS if several]
+    return [*by_weight, *(_rare(able, alarms, most) for most in FALSE_PER_HOUR)]
 
 
 def hours_to_offer(of: Sequence[Choice]) -> float:
@@ -201,7 +185,8 @@ def _cheapest(rows: Sequence[CueRow], alarms: AlarmCounts, weight: float, hours:
 
     cost = [weight * row.missed.value + row.hourly for row in rows]
     more = hours * choice.hours_to_decide(possible)
-    best = _choice(rows, cost, possible(1.0), possible(1.0), more, possible(math.inf))
+    now, rule = possible(1.0), _WEIGHT.format(f"{weight:,}")
+    best = _choice(rule, rows, cost, now, now, more, possible(math.inf))
     return best._replace(least_mm=math.nan)
 
 
@@ -210,10 +195,12 @@ def _rare(rows: Sequence[CueRow], alarms: AlarmCounts, most: float) -> Choice:
     undecided = alarms.count[possible & ~keeps]
     more = hours_to_bound(most, int(undecided.min())) if len(undecided) else math.nan
     end, _ = choice.rare(alarms, most, math.inf)
-    return _choice(rows, [row.missed.value for row in rows], possible, keeps, more, end)
+    cost, rule = [row.missed.value for row in rows], _LIMIT.format(f"{most:g}")
+    return _choice(rule, rows, cost, possible, keeps, more, end)
 
 
 def _choice(
+    rule: str,
     rows: Sequence[CueRow],
     cost: Sequence[float],
     possible: np.ndarray,
@@ -230,18 +217,16 @@ def _choice(
     thresholds, remainder = (_thresholds(rows, which) for which in (possible, end))
     if len(thresholds) > 1 or not sure:
         return Choice(
-            "",
-            None,
-            0,
-            _words(thresholds),
-            hours if math.isfinite(hours) else math.nan,
-            _words(remainder) if len(remainder) > 1 else "",
-            min((rows[k].cue.threshold_mm for k in sure), default=math.nan),
+            rule,
+            possible=_words(thresholds),
+            hours=hours if math.isfinite(hours) else math.nan,
+            remainder=_words(remainder) if len(remainder) > 1 else "",
+            least_mm=min((rows[k].cue.threshold_mm for k in sure), default=math.nan),
         )
     # Of equal sets, take the one with fewer false cues.
     best = rows[min(sure, key=lambda k: (cost[k], rows[k].hourly))]
     same = [row for row in rows if (row.missed, row.per_hour) == (best.missed, best.per_hour)]
-    return Choice("", best, len(same) - 1, "", math.nan, "", math.nan)
+    return Choice(rule, best, len(same) - 1)
 
 
 def _thresholds(rows: Sequence[CueRow], which: np.ndarray) -> list[float]:
@@ -250,28 +235,12 @@ def _thresholds(rows: Sequence[CueRow], which: np.ndarray) -> list[float]:
 
 
 def _words(thresholds: Sequence[float]) -> str:
-    """Return thresholds in words: 2, 3 or 5 mm; 2 to 8 mm if there are many; "" if there
-    are none.
-    """
+    """Return thresholds in words: 2, 3 or 5 mm; 2 to 8 mm if there are many; "" without any."""
     numbers = [f"{value:g}" for value in thresholds]
     if len(numbers) > MOST_LISTED:
         return f"{numbers[0]} to {numbers[-1]} mm"
     *first, last = numbers or [""]
     return f"{', '.join(first)} or {last} mm" if first else f"{last} mm" if last else ""
-
-
-def _grouped(rule: str, by_number: Sequence[tuple[str, Choice]]) -> Iterator[Choice]:
-    """Merge neighbouring choices that agree."""
-
-    def content(one: tuple[str, Choice]) -> tuple[object, ...]:
-        best = one[1]
-        number = best.row.number if best.row else None
-        return number, best.possible, f"{best.hours:.3g} {best.least_mm:g}"
-
-    for _, group in itertools.groupby(by_number, key=content):
-        alike = list(group)
-        numbers = alike[0][0] if len(alike) == 1 else f"{alike[0][0]} to {alike[-1][0]}"
-        yield alike[0][1]._replace(rule=rule.format(numbers))
 
 
 def tradeoff(rows: Sequence[CueRow]) -> Chart | None:
@@ -307,29 +276,19 @@ def tradeoff(rows: Sequence[CueRow]) -> Chart | None:
 
 
 def _marks(pairs: Sequence[tuple[CueRow, AlarmRate]], name: str, colour: str) -> Dots:
-    force = np.array([row.force for row, _ in pairs])
-    largest = force[np.isfinite(force)].max(initial=0.0)
-    scale = np.nan_to_num(force / largest) if largest > 0 else np.zeros(len(pairs))
-    low, high = (np.array([getattr(row.missed, end) for row, _ in pairs]) for end in _ENDS)
-    hourly_low, hourly_high = (np.array([getattr(one, end) for _, one in pairs]) for end in _ENDS)
-    first: dict[float, CueRow] = {}
+    missed = np.array([row.missed[-3:] for row, _ in pairs]).T
+    hourly = np.array([one[-3:] for _, one in pairs]).T
     # Gains that change only the force coincide in one mark, which gets one label.
-    for row, _ in pairs:
-        first.setdefault(row.cue.threshold_mm, row)
-    named = [first[row.cue.threshold_mm] is row for row, _ in pairs]
+    thresholds = [row.cue.threshold_mm for row, _ in pairs]
     return Dots(
         name,
         colour,
-        np.array([one.per_hour for _, one in pairs]),
-        np.array([row.missed.value for row, _ in pairs]),
-        hourly_low,
-        hourly_high,
-        low,
-        high,
-        size=tuple((9 + 5 * scale).round(1).tolist()),
+        hourly[0],
+        missed[0],
+        *hourly[1:],
+        *missed[1:],
         texts=tuple(
-            f"{row.cue.threshold_mm:g} mm" if is_first else ""
-            for (row, _), is_first in zip(pairs, named, strict=True)
+            "" if mm in thresholds[:place] else f"{mm:g} mm" for place, mm in enumerate(thresholds)
         ),
         tips=tuple(_words_of(row) for row, _ in pairs),
     )
@@ -354,7 +313,6 @@ def _content(runs: Runs, folder: Path) -> dict[str, Any]:
         "cues": cues,
         "choices": chosen,
         "tradeoff": tradeoff(cues),
-        "felt_runs": min(MOST, cues[0].missed.n) if cues else 0,
         "free_hours_wanted": hours,
         "free_recorded": bool((runs.manifest.config.get("operator") or {}).get("file")),
         "free_command": fault_free.command(folder, runs.manifest, hours) if hours else None,

@@ -270,10 +270,6 @@ def precision_recall_chart(rows: Sequence[DetectorRow]) -> Chart | None:
     return _chart("Precision and recall", rows, "recall", CAUGHT, TELLING)
 
 
-def _label(name: str, threshold: float) -> str:
-    return name if np.isnan(threshold) else f"{name} at {threshold:g}"
-
-
 def _share(title: str) -> ChartAxis:
     return ChartAxis(title, 0.0, 1.0, share=True)
 
@@ -314,7 +310,10 @@ def _chart(
         if places:
             own, x, y = zip(*places, strict=True)
             size = tuple(11.0 if one.quiet or band is None else 7.0 for one in own)
-            tips = tuple(_label(row.name, one.threshold) for one in own)
+            tips = tuple(
+                row.name if np.isnan(one.threshold) else f"{row.name} at {one.threshold:g}"
+                for one in own
+            )
             dots = Dots(name, colour, np.array(x), np.array(y), size=size, tips=tips)
             marks.append(dataclasses.replace(dots, diamond=band is None, visible=visible))
     return Chart(title, _share(across), _share(up), tuple(marks), HEIGHT)

@@ -71,8 +71,8 @@ class MapMeasure(NamedTuple):
 
 
 MEASURES = (
-    MapMeasure("unintended", "unintended", "Unintended motion", "moved unintendedly"),
-    MapMeasure("told", "told", "A check told of it", "were told of"),
+    MapMeasure("unintended", "unintended", "Unintended motion", "had an unintended motion"),
+    MapMeasure("told", "told", "A check raised an alarm", "had an alarm by a check"),
     MapMeasure("cue", "cued", "The cue came", "had the cue"),
     MapMeasure("evaded", "evaded", "Evaded the checks", "evaded"),
 )

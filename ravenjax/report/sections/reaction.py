@@ -39,20 +39,15 @@ MOST_VALUES = 12
 """Largest number of values of a crossed parameter that get their own rows."""
 MOST = 400_000
 """Largest number of runs that are compared pair by pair. Of more runs, pairs are drawn."""
-OF_FACTS = ("failed", "faulty", "action", "distinct", "unintended")
 Sampled = Callable[[Collection[str]], bool]
 """Returns whether the faults of some groups were drawn, as `Runs.sampled` does."""
 
 
 class Pairs(NamedTuple):
-    """Pairs of one kind of reaction. Frames and facts of both sides match row by row, without
-    failed runs.
-    """
+    """Pairs of one kind of reaction. Both sides match row by row, without failed runs."""
 
-    with_facts: pd.DataFrame
-    without_facts: pd.DataFrame
-    with_frame: pd.DataFrame
-    without_frame: pd.DataFrame
+    with_: pd.DataFrame
+    without: pd.DataFrame
 
     def where(self, chosen: np.ndarray) -> Pairs:
         """Return the pairs that `chosen` marks (bool [pairs])."""
@@ -92,105 +87,81 @@ class Idle(NamedTuple):
     lost_ms: float  # mean pedal-down time lost in these motions, ms; NaN: none
 
 
-class PairSample(NamedTuple):
-    """Runs that are compared pair by pair: all runs, or a drawn subset that contains only complete
-    pairs.
+def drawn(runs: Runs) -> pd.DataFrame:
+    """Return about MOST runs of a table, with some columns of results and facts. Runs of one pair
+    are drawn together.
     """
-
-    frame: pd.DataFrame
-    facts: pd.DataFrame
-
-    @property
-    def crossed(self) -> bool:
-        """Return whether there are pairs."""
-        return crossed(self.frame, self.facts)
-
-
-def drawn(runs: Runs) -> PairSample:
-    """Return about MOST runs of a table. Runs of one pair are drawn together."""
     plain = ("pair", "operator", "reaction_ms", "pedal_down_ms", "tissue_depth_mm")
     names = [name for name in runs.names if name in plain or name.startswith(("param:", "golden_"))]
-    raw = ", ".join(
-        [*(f"{RESULTS}.{quoted(name)}" for name in names), f"{_EXCURSION} AS {EXCURSION}"]
-    )
-    own = ", ".join(f'{FACTS}.{name} AS "fact {name}"' for name in OF_FACTS)
-    words = f'{FACTS}.layer::VARCHAR AS layer, {FACTS}."group"::VARCHAR AS "fact group"'
-    both = runs.drawn(f"{raw}, {own}, {words}", "true", MOST, by="pair")
-    facts = pd.DataFrame(
-        {name: both[f"fact {name}"] for name in (*OF_FACTS, "group")} | {"layer": both["layer"]}
-    )
-    return PairSample(both.loc[:, [*names, EXCURSION]], facts)
+    columns = [
+        *(f"{RESULTS}.{quoted(name)}" for name in names),
+        f"{_EXCURSION} AS {EXCURSION}",
+        *(f"{FACTS}.{name}" for name in ("failed", "faulty", "action", "unintended")),
+        *(f"{FACTS}.{quoted(name)}::VARCHAR AS {quoted(name)}" for name in ("group", "layer")),
+        f'{FACTS}."distinct"',
+    ]
+    return runs.drawn(", ".join(columns), "true", MOST, by="pair")
 
 
-def crossed(frame: pd.DataFrame, facts: pd.DataFrame) -> bool:
+def crossed(runs: pd.DataFrame) -> bool:
     """Return whether there are pairs: runs in which nobody reacts, and runs in which
     somebody does.
     """
-    actions = facts["action"].unique().tolist()
-    return run_facts.ACTION in frame and len(actions) > 1 and 0 in actions
+    actions = runs["action"].unique().tolist()
+    return run_facts.ACTION in runs and len(actions) > 1 and 0 in actions
 
 
-def pairs(frame: pd.DataFrame, facts: pd.DataFrame, action: int, faulty: bool = True) -> Pairs:
+def pairs(runs: pd.DataFrame, action: int, faulty: bool = True) -> Pairs:
     """Return every run with this action and its partner in which nobody reacts.
 
     Other crossed parameters, except those of the reaction, are equal within a pair.
     """
-    others = _crossed_names(frame)
+    others = _crossed_names(runs)
     same = ["pair", *(name for name in others if not name.startswith("param:reaction."))]
-    valid = ~facts["failed"] & (facts["faulty"] == faulty)
-    runs = frame.loc[valid, same].assign(
-        row=frame.loc[valid].index, action=facts.loc[valid, "action"]
-    )
-    idle = runs.loc[runs["action"] == 0].drop_duplicates(same)
-    both = runs.loc[runs["action"] == action].merge(idle, on=same, suffixes=("", "_idle"))
-    alike = pd.DataFrame(
-        {name: frame.loc[both["row"], name].to_numpy() for name in others}, index=both.index
-    )
-    first = ~alike.assign(distinct=facts.loc[both["row"], "distinct"].to_numpy()).duplicated()
-    mine, other = both.loc[first, "row"], both.loc[first, "row_idle"]
-    return Pairs(facts.loc[mine], facts.loc[other], frame.loc[mine], frame.loc[other])
+    valid = runs.loc[~runs["failed"] & (runs["faulty"] == faulty)].rename_axis("row").reset_index()
+    idle = valid.loc[valid["action"] == 0, [*same, "row"]].drop_duplicates(same)
+    both = valid.loc[valid["action"] == action].merge(idle, on=same, suffixes=("", "_idle"))
+    first = ~both[[*others, "distinct"]].duplicated()
+    return Pairs(*(runs.loc[both.loc[first, row]] for row in ("row", "row_idle")))
 
 
-def compare_pairs(frame: pd.DataFrame, facts: pd.DataFrame, sampled: Sampled) -> list[Difference]:
+def compare_pairs(runs: pd.DataFrame, sampled: Sampled) -> list[Difference]:
     """Return comparisons for each action: over all pairs, then by layer, then by each value of
     other crossed parameters.
     """
     return [
-        _difference(action, among, part, sampled(part.with_facts["group"].unique().tolist()))
-        for number, action in _actions(facts)
-        for among, part in _parts(pairs(frame, facts, number))
-        if len(part.with_facts)
+        _difference(action, among, part, sampled(part.with_["group"].unique().tolist()))
+        for number, action in _actions(runs)
+        for among, part in _parts(pairs(runs, number))
+        if len(part.with_)
     ]
 
 
-def interruptions(frame: pd.DataFrame, facts: pd.DataFrame) -> list[Idle]:
+def interruptions(runs: pd.DataFrame) -> list[Idle]:
     """Return what each action does to fault-free motion: to the golden runs of all runs with this
     action.
     """
     result = []
-    for number, action in _actions(facts):
-        free = run_facts.golden_runs(frame, facts["action"].to_numpy() == number)
-        acted = run_facts.first_came(free, "golden_reaction_ms")
+    for number, action in _actions(runs):
+        free = run_facts.golden_runs(runs, runs["action"].to_numpy() == number)
+        acted = int(run_facts.first_came(free, "golden_reaction_ms").sum())
         hours = run_facts.hours(free)
-        mine = pairs(frame, facts, number, faulty=False)
-        lost = (
-            mine.without_frame["pedal_down_ms"].to_numpy()
-            - mine.with_frame["pedal_down_ms"].to_numpy()
-        )
-        lost = lost[run_facts.first_came(mine.with_frame, "reaction_ms")]
+        mine = pairs(runs, number, faulty=False)
+        lost = mine.without["pedal_down_ms"].to_numpy() - mine.with_["pedal_down_ms"].to_numpy()
+        lost = lost[run_facts.first_came(mine.with_, "reaction_ms")]
         result.append(
             Idle(
                 MEANINGS[action],
-                tables.rate_of(int(acted.sum()), len(acted)),
-                alarm_rate(int(acted.sum()), hours) if hours else None,
+                tables.rate_of(acted, len(free)),
+                alarm_rate(acted, hours) if hours else None,
                 float(lost.mean()) if len(lost) else math.nan,
             )
         )
     return result
 
 
-def _actions(facts: pd.DataFrame) -> list[tuple[int, str]]:
-    present = facts["action"].unique().tolist()
+def _actions(runs: pd.DataFrame) -> list[tuple[int, str]]:
+    present = runs["action"].unique().tolist()
     return [(n, name) for n, name in enumerate(ACTIONS) if n and n in present]
 
 
@@ -209,13 +180,13 @@ def _crossed_names(frame: pd.DataFrame) -> list[str]:
 
 def _parts(mine: Pairs) -> Iterator[tuple[str, Pairs]]:
     yield "all faults", mine
-    layers = mine.with_facts["layer"].to_numpy()
+    layers = mine.with_["layer"].to_numpy()
     present = pd.unique(layers)
     if len(present) > 1:
         for layer in present:
             yield str(layer), mine.where(layers == layer)
-    for name in _crossed_names(pd.concat([mine.with_frame, mine.without_frame])):
-        values = mine.with_frame[name].to_numpy(float)
+    for name in _crossed_names(pd.concat(mine)):
+        values = mine.with_[name].to_numpy(float)
         different = np.unique(values[~np.isnan(values)])
         if 1 < len(different) <= MOST_VALUES:
             for value in different:
@@ -224,12 +195,9 @@ def _parts(mine: Pairs) -> Iterator[tuple[str, Pairs]]:
 
 def _difference(action: str, among: str, mine: Pairs, sampled: bool) -> Difference:
     """Compare one set of pairs. `action`: index into ACTIONS; `sampled`: the faults were drawn."""
-    after, before = (
-        mine.with_facts["unintended"].to_numpy(),
-        mine.without_facts["unintended"].to_numpy(),
-    )
-    acted = run_facts.first_came(mine.with_frame, "reaction_ms")
-    faults = intervals.faults(mine.with_facts["distinct"].to_numpy(), sampled)
+    after, before = (part["unintended"].to_numpy() for part in mine)
+    acted = run_facts.first_came(mine.with_, "reaction_ms")
+    faults = intervals.faults(mine.with_["distinct"].to_numpy(), sampled)
     return Difference(
         MEANINGS[action],
         among,
@@ -248,7 +216,7 @@ def _difference(action: str, among: str, mine: Pairs, sampled: bool) -> Differen
 
 
 def _mean(mine: Pairs, column: str, faults: Units | None) -> Estimate:
-    after, before = (part[column].to_numpy(float) for part in (mine.with_frame, mine.without_frame))
+    after, before = (part[column].to_numpy(float) for part in mine)
     return intervals.mean_difference(after, before, faults)
 
 
@@ -257,7 +225,7 @@ def differences(runs: Runs) -> list[Difference]:
     if not runs.manifest.shape.reacts:
         return []
     both = runs.once(drawn)
-    return compare_pairs(both.frame, both.facts, runs.sampled) if both.crossed else []
+    return compare_pairs(both, runs.sampled) if crossed(both) else []
 
 
 def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
@@ -268,8 +236,8 @@ def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
         "differences": found,
         "whole": [row for row in found if row.among == "all faults"],
         "leads": runs.cue_leads,
-        "interruptions": interruptions(both.frame, both.facts),
-        "reaction_runs": (len(both.frame), runs.rows),
+        "interruptions": interruptions(both),
+        "reaction_runs": (len(both), runs.rows),
     }
 
 

@@ -9,7 +9,6 @@ number of faults on each.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from ravenjax.report.data.facts import FACTS
@@ -45,7 +44,7 @@ def questions(runs: Runs) -> dict[str, tuple[str, str]]:
         "evades the checks": ("true", "evaded"),
         "makes an unintended motion": ("true", "unintended"),
         "leads to a loss of motion": ("true", "loss"),
-        "is told of by a check": ("true", "told"),
+        "has an alarm or stop by a check": ("true", "told"),
     }
     if runs.cue_leads:
         early = "warned_ms >= 0 AND warned_ms < unintended_ms"
@@ -94,9 +93,11 @@ def _paths(config: Mapping[str, Any]) -> Iterator[str]:
                 yield path
 
 
-def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
-    own = runs.once(rates)
-    return {"your_robot": own} if own else None
-
-
-SECTIONS = (Section("robots", "Robots", 80, _content),)
+SECTIONS = (
+    Section(
+        "robots",
+        "Robots",
+        80,
+        lambda runs, _: {"your_robot": own} if (own := runs.once(rates)) else None,
+    ),
+)

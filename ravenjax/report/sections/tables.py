@@ -56,6 +56,19 @@ def without_interval(value: _Interval) -> _Interval:
     return value._replace(low=math.nan, high=math.nan)
 
 
+class Quantiles(NamedTuple):
+    """Quantiles over some faults, in one unit."""
+
+    median: float
+    most: float  # 95 % of the faults are at or below this
+    largest: float
+
+
+def quantiles_sql(column: str) -> str:
+    """Return SQL for the values of `Quantiles` of an expression."""
+    return f"quantile_cont(({column})::DOUBLE, [0.5, 0.95, 1.0])"
+
+
 def times(runs: Runs, column: str) -> tuple[Incidence, Lead]:
     """Return an event's delay after the first effect and its lead over the motion, for faults with
     an unintended motion.
@@ -85,10 +98,11 @@ def headline(runs: Runs, manifest: Manifest) -> dict[str, Any]:
     - faulty, failed: runs with a fault, and runs without a valid outcome, of all runs.
     - false_cue: of fault-free motions.
     """
-    (faults,) = runs.faults()
     both = "warned_ms >= 0 AND told_ms >= 0"
     conditions = {
         "total": "true",
+        "evaded": "evaded",
+        "unintended": "unintended",
         "evaded_limited": "evaded AND response = 'limited'",
         "loss": "NOT told AND loss",
         "halted": "NOT told AND halted",
@@ -108,16 +122,17 @@ def headline(runs: Runs, manifest: Manifest) -> dict[str, Any]:
         [f"{valid} activated", f"{valid} NOT activated", "faulty", "failed", "NOT plain"]
     )
     free = runs.motions()
-    leads = runs.table.frame(
-        f"SELECT told_ms - warned_ms AS ms, count(*) AS n FROM {FACTS} WHERE sample AND faulty AND"
-        f" {both} GROUP BY ms"
+    (lead_ms,) = runs.table.row(
+        f"SELECT coalesce(median(told_ms - warned_ms), 'nan') FROM {FACTS} WHERE sample AND faulty"
+        f" AND {both}"
     )
     plain = ("unintended_told", "felt", "unseen", "phantom", "evaded_limited", "halted", "late")
     return {
         **{name: n[name] for name in (*plain, "same_ms")},
-        **{name: of_faults(runs, n[name], total) for name in ("loss", "misreport")},
-        "evaded": of_faults(runs, faults.evaded, total),
-        "unintended": of_faults(runs, faults.unintended, total),
+        **{
+            name: of_faults(runs, n[name], total)
+            for name in ("evaded", "unintended", "loss", "misreport")
+        },
         "inactive": inactive,
         "repeats": active - total,
         "reacting": reacting,
@@ -127,7 +142,7 @@ def headline(runs: Runs, manifest: Manifest) -> dict[str, Any]:
             name: of_faults(runs, n[name], total) for name in OUTCOMES if name != "failed"
         },
         "cue_first": of_faults(runs, n["cue_first"], n["both"]),
-        "lead_ms": latency.median(leads["ms"].to_numpy(), leads["n"].to_numpy()),
+        "lead_ms": lead_ms,
         "false_cue": rate_of(free.came(f"golden_cue{manifest.verdict_cue}_first_ms"), free.count),
     }
 
@@ -142,15 +157,16 @@ def _matrix(cube: pd.DataFrame, sampled: bool) -> list[dict[str, Any]]:
     """Return the verdict matrix of valid runs. `sampled`: their faults were drawn."""
     rate_in = rate_of if sampled else share
     cube = cube.loc[~cube["failed"]]
-    total = int(cube["runs"].to_numpy().sum())
-    counts = _by(cube, ["response", "hazard", "cued"])
+    total = _count(cube)
+    counts: Any = cube.groupby(["response", "hazard", "cued"])["runs"]
+    counts = counts.sum()
     rows = []
     for response in verdict.RESPONSES:
         cells = [
             {
                 "hazard": hazard,
                 "cue": cued,
-                "rate": rate_in(counts.get((response, hazard, cued), 0), total),
+                "rate": rate_in(int(counts.get((response, hazard, cued), 0)), total),
                 "evades": response in verdict.UNTOLD and hazard == "unintended motion",
             }
             for hazard, cued in itertools.product(verdict.HAZARDS, (True, False))
@@ -186,12 +202,8 @@ def jump_rows(runs: Runs) -> list[dict[str, Any]]:
     return rows
 
 
-def _by(counted: pd.DataFrame, names: list[str]) -> dict[tuple[Any, ...], int]:
-    """Return the number of runs for each combination of values in these columns."""
-    result: dict[tuple[Any, ...], int] = {}
-    for *key, runs in zip(*(counted[name].tolist() for name in (*names, "runs")), strict=True):
-        result[tuple(key)] = result.get(tuple(key), 0) + runs
-    return result
+def _count(cube: pd.DataFrame) -> int:
+    return int(cube["runs"].to_numpy().sum())
 
 
 def matrix_cells(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -220,22 +232,21 @@ def group_rows(runs: Runs) -> list[dict[str, Any]]:
     for name, part in cube.groupby("group"):
         faulty = bool(part["faulty"].any())
         mine = part.loc[~part["failed"] & (part["sample"] | (part["plain"] & (not faulty)))]
-        n = int(mine["runs"].to_numpy().sum())
-        counts = _by(mine, ["outcome"])
+        n, outcomes = _count(mine), mine["outcome"]
         rows.append(
             {
                 "name": name,
-                "runs": int(part["runs"].to_numpy().sum()),
+                "runs": _count(part),
                 "n": n,
                 "faulty": faulty,
                 "outcomes": {
-                    key: of_faults(runs, counts.get((key,), 0), n, [str(name)])
+                    key: of_faults(runs, _count(mine.loc[outcomes == key]), n, [str(name)])
                     for key in OUTCOMES
                     if key != "failed"
                 },
-                "evaded": of_faults(runs, _by(mine, ["evaded"]).get((True,), 0), n, [str(name)]),
+                "evaded": of_faults(runs, _count(mine.loc[mine["evaded"]]), n, [str(name)]),
                 "matrix": _matrix(mine, runs.sampled([str(name)])),
-                "failed": _by(part, ["failed"]).get((True,), 0),
+                "failed": _count(part.loc[part["failed"]]),
             }
         )
     return sorted(rows, key=lambda row: (not row["faulty"], *least_last(row["evaded"])))

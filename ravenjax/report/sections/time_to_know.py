@@ -7,50 +7,50 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ravenjax.document.chart import Chart
+from ravenjax.document.chart import Chart, ChartAxis, Curve
 from ravenjax.document.palette import CUE, RESPONSE, SAME
 from ravenjax.report.data.runs import Runs
-from ravenjax.report.drawing import incidence_curve, log_time, share_axis
 from ravenjax.report.sections import Section, answers, tables
-from ravenjax.stats.latency import Incidence, incidence
+from ravenjax.stats.latency import incidence
+
+FIRST_MS = 1.0
+"""Start of the logarithmic time axis, in ms. Times are whole milliseconds."""
 
 
-def incidence_curves(runs: Runs, known: Incidence) -> tuple[Chart | None, dict[str, Any]]:
-    """Return a chart of how soon the cue comes and a check reports after the first effect, and its
-    numbers.
+def incidence_curves(runs: Runs) -> tuple[Chart | None, dict[str, int]]:
+    """Return a chart of how soon the cue comes and a check reports after the first effect.
 
-    One run of each fault counts. Return None if no fault had an effect. `known`: the delay until
-    anyone could know of an unintended motion.
+    One run of each fault counts. The chart is None if no fault had an effect. Also return how many
+    faults each curve leaves out because the event came before the first effect.
     """
-    numbers: dict[str, Any] = {}
-    for key, column in (("cue", "warned_ms"), ("told", "told_ms")):
-        delays, early = tables.delays(runs, column)
-        numbers[key] = {"curve": incidence(delays), "early": early}
-    named = (
-        ("haptic cue", CUE, numbers["cue"]["curve"]),
-        ("check that tells a person or stops", RESPONSE, numbers["told"]["curve"]),
-        ("anyone, of unintended motions", SAME, known),
+    cue, early_cue = tables.delays(runs, "warned_ms")
+    told, early_told = tables.delays(runs, "told_ms")
+    end_ms = float(runs.manifest.duration_ms)
+    curves = []
+    for name, colour, one in (
+        ("haptic cue", CUE, incidence(cue)),
+        ("alarm or stop by a check", RESPONSE, incidence(told)),
+        ("first of all, for unintended motions", SAME, runs.once(answers.knowledge).delay),
+    ):
+        if one.n:
+            # Enumerated faults have no confidence band.
+            edges = (one.low, one.high) if runs.sampled() else ()
+            label, curve = f"{name} ({one.events:,} of {one.n:,})", (one.time, one.fraction)
+            curves.append(Curve.steps(label, colour, *curve, *edges, start=FIRST_MS, end=end_ms))
+    most = max((float(curve.y.max()) for curve in curves), default=0.0)
+    ends = FIRST_MS, max(end_ms, 10 * FIRST_MS)
+    chart = Chart(
+        "How soon",
+        ChartAxis("time after the fault's first effect, ms", *ends, log=True, unit="ms"),
+        ChartAxis("share of faults", 0.0, min(1.0, 1.1 * most) if most else 1.0, share=True),
+        tuple(curves),
     )
-    end_ms = runs.manifest.duration_ms
-    curves = [
-        incidence_curve(
-            one, f"{name} ({one.events:,} of {one.n:,})", colour, end_ms, runs.sampled()
-        )
-        for name, colour, one in named
-        if one.n
-    ]
-    if not curves:
-        return None, numbers
-    share = share_axis("share of faults", curves)
-    return Chart("How soon", log_time(end_ms), share, tuple(curves)), numbers
+    return chart if curves else None, {"cue": early_cue, "check": early_told}
 
 
 def _content(runs: Runs, _: Path) -> dict[str, Any]:
-    curves, timing = incidence_curves(runs, runs.once(answers.knowledge).delay)
-    return {
-        "curves": curves,
-        "timing": timing,
-    }
+    curves, early = incidence_curves(runs)
+    return {"curves": curves, "early": early}
 
 
 SECTIONS = (Section("time", "Time to know", 40, _content),)

@@ -32,24 +32,34 @@ class WorstKind(NamedTuple):
 
 KINDS = (
     WorstKind(
-        "evaded", "Unintended motion without an alarm", "evaded", "unintended_mm", "off course"
+        "evaded",
+        "Unintended motion without an alarm",
+        "evaded",
+        "unintended_mm",
+        "distance off course",
     ),
     WorstKind(
         "told",
-        "Unintended motion, a check told",
+        "Unintended motion with an alarm",
         "unintended AND told",
         "unintended_mm",
-        "off course",
+        "distance off course",
     ),
-    WorstKind("loss", "Loss of motion while live", "loss AND NOT halted", "loss_mm", "behind"),
-    WorstKind("halted", "Loss of motion: not live", "halted", "halted_ms", "not live for", "ms", 0),
-    WorstKind("misreport", "False report", "misreport", "false_report_mm", "off the true tip"),
+    WorstKind(
+        "loss", "Loss of motion while live", "loss AND NOT halted", "loss_mm", "distance behind"
+    ),
+    WorstKind(
+        "halted", "Loss of motion: not live", "halted", "halted_ms", "time not live", "ms", 0
+    ),
+    WorstKind(
+        "misreport", "False report", "misreport", "false_report_mm", "distance from the true tip"
+    ),
     WorstKind(
         "phantom",
         "Cue without a hazard",
         "cued AND hazard = 'none'",
         "cue{cue}_ms",
-        "cue lasted",
+        "time with the cue",
         "ms",
         0,
     ),

@@ -36,17 +36,17 @@ class AlarmCounts(NamedTuple):
     sampled: bool = True
 
 
-def missed_difference(alarms: AlarmCounts, confidence: float = 0.95) -> Estimate:
+def missed_difference(alarms: AlarmCounts) -> Estimate:
     """Return the share of hazards missed by the first alarm minus that by the second, arrays
     [alarms, alarms], over the same hazards.
     """
     if not alarms.sampled:
         value = (alarms.only - alarms.only.T) / alarms.hazards
         return Estimate(value, value, value)
-    return difference_of_counts(alarms.only, alarms.only.T, alarms.hazards, confidence)
+    return difference_of_counts(alarms.only, alarms.only.T, alarms.hazards)
 
 
-def false_rates(alarms: AlarmCounts, times: float = 1.0, confidence: float = 0.95) -> Estimate:
+def false_rates(alarms: AlarmCounts, times: float = 1.0) -> Estimate:
     """Return false alarms per hour with exact Poisson intervals, arrays [alarms].
 
     `times`: factor on the hours, at the same rates. Infinite `times` gives rates without an
@@ -56,7 +56,7 @@ def false_rates(alarms: AlarmCounts, times: float = 1.0, confidence: float = 0.9
         value = alarms.count / alarms.hours
         return Estimate(value, value, value)
     count, hours = np.round(alarms.count * times), alarms.hours * times
-    return Estimate(count / hours, *rate_bounds(count, hours, confidence))
+    return Estimate(count / hours, *rate_bounds(count, hours))
 
 
 def cheapest(alarms: AlarmCounts, weight: float, times: float = 1.0) -> np.ndarray:

@@ -38,7 +38,7 @@ def alarm_rate(count: int, hours: float, confidence: float = 0.95) -> AlarmRate:
     return AlarmRate(int(count), float(hours), count / hours, float(low), float(high))
 
 
-def ending_rate(alarm: np.ndarray, hours: np.ndarray, confidence: float = 0.95) -> AlarmRate:
+def ending_rate(alarm: np.ndarray, hours: np.ndarray) -> AlarmRate:
     """Return alarms per hour if an alarm ends its operation: the rate that `FalseAlarmTarget`
     promises.
 
@@ -50,7 +50,7 @@ def ending_rate(alarm: np.ndarray, hours: np.ndarray, confidence: float = 0.95) 
     count, quiet = int(alarm.sum()), hours[~alarm]
     if not hours.sum() > 0:
         return AlarmRate(count, 0.0, math.nan, math.nan, math.nan)
-    share = clopper_pearson(count, len(alarm), confidence)
+    share = clopper_pearson(count, len(alarm))
     mean = float(quiet.mean() if quiet.any() else hours.max())
     low, high = (
         end / (1.0 - end) / mean if end < 1.0 else math.inf for end in (share.low, share.high)

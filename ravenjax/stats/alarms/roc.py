@@ -32,13 +32,12 @@ def roc_band(
     score: ArrayLike,
     positive: ArrayLike,
     cluster: ArrayLike,
-    confidence: float = 0.95,
     *,
     grid: np.ndarray = GRID,
     resamples: int = 1000,
     seed: int = 0,
 ) -> CurveBand:
-    """Return tpr at each fpr of `grid`, and AUC, with bands that resample clusters.
+    """Return tpr at each fpr of `grid`, and AUC, with 95 % bands that resample clusters.
 
     `cluster`: label [n]; np.arange(n) if runs are independent. The bands are pointwise. Raises
     ValueError if a score is NaN or a label is missing.
@@ -48,18 +47,16 @@ def roc_band(
         tpr, fpr = (np.insert(part, 0, 0.0) / part[-1] for part in (hits, misses))
         return np.append(np.interp(grid, fpr, tpr), np.trapezoid(tpr, fpr))
 
-    return _band(score, positive, cluster, curve, grid, confidence, resamples, seed)
+    return _band(score, positive, cluster, curve, grid, resamples, seed)
 
 
 def precision_recall_band(
     score: ArrayLike,
     positive: ArrayLike,
     cluster: ArrayLike,
-    confidence: float = 0.95,
     *,
     grid: np.ndarray = GRID[1:],
     resamples: int = 1000,
-    seed: int = 0,
 ) -> CurveBand:
     """Return the precision at the highest threshold whose recall reaches each value of `grid`
     (above 0), and average precision.
@@ -73,7 +70,7 @@ def precision_recall_band(
         gained = np.diff(recall, prepend=0.0)
         return np.append(precision[reached], gained[gained > 0] @ precision[gained > 0])
 
-    return _band(score, positive, cluster, curve, grid, confidence, resamples, seed)
+    return _band(score, positive, cluster, curve, grid, resamples)
 
 
 def _band(
@@ -82,9 +79,8 @@ def _band(
     cluster: ArrayLike,
     curve: Callable[[np.ndarray, np.ndarray], np.ndarray],
     grid: np.ndarray,
-    confidence: float,
     resamples: int,
-    seed: int,
+    seed: int = 0,
 ) -> CurveBand:
     """Return the band of curve(hits, misses): positives and negatives [thresholds] at or above each
     distinct score, in falling order.
@@ -109,7 +105,7 @@ def _band(
             return np.stack([curve(*pair) for pair in zip(hits, misses, strict=True)])
 
     (value,) = statistic(np.ones((1, len(values))))
-    low, high = quantiles(units(cluster).resampled(statistic, resamples, seed), confidence)
+    low, high = quantiles(units(cluster).resampled(statistic, resamples, seed))
     return CurveBand(
         grid,
         Estimate(value[:-1], low[:-1], high[:-1]),

@@ -39,7 +39,7 @@ def bootstrap(
     return Estimate(value, low, high)
 
 
-def quantiles(samples: np.ndarray, confidence: float) -> np.ndarray:
+def quantiles(samples: np.ndarray, confidence: float = 0.95) -> np.ndarray:
     """Return both ends [2, ...] of the central share of samples [b, ...]; NaN if all samples are
     NaN.
     """

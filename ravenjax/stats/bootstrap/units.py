@@ -4,12 +4,12 @@ A *unit* is what was chosen independently of the others, such as a kind of fault
 recording. Its rows resemble each other. The unit is the highest level that was sampled. A *stratum*
 is a part of the units that the design fixes, so that no resample mixes two of them.
 
-The bootstrap is that of Rao and Wu (J. Am. Stat. Assoc. 83, 1988) with m = n - 1. Of the n units of
-a stratum, n - 1 are drawn with replacement, each with weight n / (n - 1). The variance of a mean is
-then that of the sample with divisor n - 1. The plain bootstrap's variance is smaller by (n - 1) /
-n, which matters for few units. A stratum of one unit contains no information on the variance
-between units, so it is joined to others (collapsed strata: Wolter, Introduction to Variance
-Estimation, 2007, 2.5).
+The bootstrap is that of Rao and Wu (J. Am. Stat. Assoc. 83, 1988) with m = n - 1. It draws
+n - 1 of the n units of a stratum with replacement, each with weight n / (n - 1). The variance of a
+mean is then that of the sample with divisor n - 1. The plain bootstrap's variance is smaller by
+(n - 1) / n, which matters for few units. A stratum of one unit contains no information on the
+variance between units, so it is joined to others (collapsed strata: Wolter, Introduction to
+Variance Estimation, 2007, 2.5).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ravenjax.stats.bootstrap.resample import quantiles
-from ravenjax.stats.intervals import Estimate, Rate, alpha_of, bounds
+from ravenjax.stats.intervals import Estimate, Rate, bounds
 
 FEWEST = 5
 """Number of units below which there is no interval, because they are too few to resample."""
@@ -162,13 +162,11 @@ def rate(
 def statistic(
     value: Callable[[np.ndarray], np.ndarray],
     among: Units,
-    confidence: float = 0.95,
     *,
-    resamples: int = RESAMPLES,
     seed: int = 0,
 ) -> Estimate:
-    """Return any statistic of weighted rows with its percentile band. `value`: maps weights [b, n]
-    to [b].
+    """Return any statistic of weighted rows with its 95 % percentile band. `value`: maps weights
+    [b, n] to [b].
 
     The value itself uses equal weights. A bound is NaN if it falls among resamples without a value,
     or for fewer than FEWEST units.
@@ -177,13 +175,8 @@ def statistic(
     if among.count < FEWEST:
         return Estimate(whole, np.nan, np.nan)
     # Resamples without a value sort last, like an event that never comes.
-    values = np.sort(among.resampled(value, resamples, seed))
-    alpha = alpha_of(confidence)
-    low, high = (
-        float(values[int(np.clip(round(q * resamples), 0, resamples - 1))])
-        for q in (alpha / 2, 1 - alpha / 2)
-    )
-    return Estimate(whole, low, high)
+    values = np.sort(among.resampled(value, RESAMPLES, seed))
+    return Estimate(whole, *(float(values[round(q * RESAMPLES)]) for q in (0.025, 0.975)))
 
 
 def _collapsed(stratum: np.ndarray) -> list[np.ndarray]:

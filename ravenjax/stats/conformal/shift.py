@@ -5,12 +5,11 @@ of their scores is equally likely. A fresh score then has a conformal p-value th
 Gammerman, Shafer, Algorithmic learning in a random world, 2005). Two tests hold for any
 distribution:
 
-- Kolmogorov-Smirnov between fresh and calibration scores, exact: detects any change of their
-  distribution;
-- a martingale that bets against uniform p-values as they come (the simple jumper; Vovk, Petej,
-  Nouretdinov, Ahlberg, Carlsson, Gammerman, Conformal and probabilistic prediction, PMLR 152,
-  2021). By Ville's inequality its largest value exceeds 1/level with a probability of at most the
-  level, however long one looks.
+- Kolmogorov-Smirnov between fresh and calibration scores, exact: it detects any change of their
+  distribution.
+- A martingale that bets against uniform p-values as they come: the simple jumper (Vovk et al.,
+  Conformal and probabilistic prediction, PMLR 152, 2021). By Ville's inequality
+  its largest value exceeds 1/level with a probability of at most the level, however long one looks.
 
 The tests are combined by Bonferroni. Each unit contributes one operation, because operations that
 share an operator or a robot are not independent. A single robot with many operations is one draw of

@@ -7,9 +7,8 @@ mean over its operations (`target`), in 0..1, and losses of units are independen
 
 A threshold is rejected unless the hypothesis that its risk is above the target is refuted at 1 -
 confidence. Risk falls with the threshold. So the least threshold for which it and all higher ones
-are accepted keeps the target with that confidence, over the draw of the units and for any
-distribution of the scores (Bates, Angelopoulos, Lei, Malik, Jordan, Distribution-free,
-risk-controlling prediction sets, J. ACM 68, 2021, theorem 1).
+are accepted keeps the target with that confidence. This holds over the draw of the units and for
+any distribution of the scores (Bates et al., J. ACM 68, 2021, theorem 1).
 
 The hypothesis is refuted by betting (`excess_p`), which holds for losses of any distribution and
 needs fewer units the less they differ. With one operation per unit, each counted whole, the test is
@@ -64,8 +63,8 @@ class FalseAlarmTarget(NamedTuple):
 
         E[A] <= r E[(1 - A) H]
 
-    which leaves out the hours before an alarm. This is linear, and equivalent to E[L] <= a for a
-    loss L in 0..1 of each single operation:
+    This leaves out the hours before an alarm. It is linear. It is equivalent to E[L] <= a for a
+    loss L in 0..1 of each single operation.
 
         L = A + (1 - A) r (T - H) / (1 + r T),        a = r T / (1 + r T)
 
@@ -155,8 +154,8 @@ class TooFewUnits(ValueError):
 
 
 def least(operations: OperationScores, target: FalseAlarmTarget) -> Threshold:
-    """Return the least score that keeps the target as a threshold. Raises TooFewUnits if there is
-    none.
+    """Return the least score that keeps the target as a threshold. Raises TooFewUnits without
+    one.
     """
     if not len(operations.unit):
         raise TooFewUnits(0, target.fewest_units)

@@ -57,11 +57,6 @@ def _wilson_runs(rate: float, half_width: float, confidence: float) -> int:
 
     z, square = float(ndtri(1 - alpha_of(confidence) / 2)), half_width**2
     excess = rate * (1 - rate) - 2 * square
-    return max(
-        1, _up(z**2 * (excess + math.sqrt(excess**2 + square * (1 - 4 * square))) / (2 * square))
-    )
-
-
-def _up(count: float) -> int:
-    """Round up, ignoring an excess that is only floating-point rounding."""
-    return math.ceil(count * (1 - 1e-9))
+    root = z**2 * (excess + math.sqrt(excess**2 + square * (1 - 4 * square))) / (2 * square)
+    # An excess that is only floating-point rounding does not add a run.
+    return max(1, math.ceil(root * (1 - 1e-9)))

@@ -43,14 +43,10 @@ class Stratum(NamedTuple):
     judged: bool = True
 
 
-def _nan_of_null(value: float | None) -> float:
-    return math.nan if value is None else value
-
-
 # A float that is null in JSON if it is NaN. The last digits differ between machines.
 _Number = Annotated[
     float,
-    BeforeValidator(_nan_of_null),
+    BeforeValidator(lambda value: math.nan if value is None else value),
     PlainSerializer(lambda value: None if math.isnan(value) else float(f"{value:.9g}")),
 ]
 
@@ -110,6 +106,11 @@ class Sequential:
     allocation: Allocation = "proportional"
 
     @property
+    def size(self) -> np.ndarray:
+        """Return the number of draws that each stratum holds, int64 [strata]."""
+        return np.array([stratum.size for stratum in self.strata], np.int64)
+
+    @property
     def judged(self) -> np.ndarray:
         """Return which strata are judged, bool [strata]."""
         return np.array([stratum.judged and stratum.size > 0 for stratum in self.strata])
@@ -124,9 +125,8 @@ class Sequential:
         """Return the draws of each stratum that may ever be taken, int64 [looks, strata]; at least
         one.
         """
-        size = np.array([stratum.size for stratum in self.strata], np.int64)
-        part = np.ceil(np.outer(self.shares, size) - 1e-9).astype(np.int64)
-        return np.where(self.judged, np.clip(part, np.minimum(1, size), size), size)
+        part = np.ceil(np.outer(self.shares, self.size) - 1e-9).astype(np.int64)
+        return np.where(self.judged, np.clip(part, np.minimum(1, self.size), self.size), self.size)
 
     def first(self) -> np.ndarray:
         """Return the draws of each stratum before the first look, int64 [strata]."""
@@ -182,13 +182,9 @@ class Sequential:
             [{stratum.name, ""} & set(look.waiting) != set() for stratum in self.strata]
         )
         # A stratum without an event so far may still have some (Agresti, Coull).
-        guess = ((k + 2) / (n + 4)).clip(
-            0,
-            1,
-        )
+        guess = ((k + 2) / (n + 4)).clip(0, 1)
         spread = np.sqrt(guess * (1 - guess)).max(axis=0)
-        size = np.array([stratum.size for stratum in self.strata], float)
-        spread = spread**2 if self.of == "groups" else spread * size
+        spread = spread**2 if self.of == "groups" else spread * self.size
         most = np.where(waits, np.minimum(sizes[-1], counts + self._more(k, n)), counts)
         wanted = allocate(int(sizes[look.number].sum()), np.where(waits, spread, 0.0), counts, most)
         return np.where(sizes >= wanted, sizes, sizes[-1]).min(axis=0)
@@ -198,7 +194,7 @@ class Sequential:
         [strata].
         """
         if self.of == "whole":
-            return np.array([stratum.size for stratum in self.strata])
+            return self.size
         return np.array(
             [
                 (
@@ -221,8 +217,7 @@ class Sequential:
         of_it = self.judged & np.array(
             [one.stratum in ("", stratum.name) for stratum in self.strata]
         )
-        size = np.array([stratum.size for stratum in self.strata])
-        return bool((taken >= size)[of_it].all())
+        return bool((taken >= self.size)[of_it].all())
 
     def _groups(self, k: np.ndarray, n: np.ndarray) -> list[Interval]:
         there = np.flatnonzero(self.judged)
@@ -237,7 +232,6 @@ class Sequential:
 
     def _whole(self, k: np.ndarray, n: np.ndarray) -> list[Interval]:
         there = np.flatnonzero(self.judged)
-        weight = np.array([self.strata[s].size for s in there], float)
         # A stratum without any valid draw leaves the rate of the whole table unknown.
         known = bool((n[there] > 0).all())
         rows = []
@@ -245,7 +239,7 @@ class Sequential:
             found = Rate(0, 0, math.nan, math.nan, math.nan)
             if known:
                 hits, runs = k[r, there], n[there]
-                estimate = stratified(hits, runs, weight, self.each)
+                estimate = stratified(hits, runs, self.size[there], self.each)
                 found = Rate(int(hits.sum()), int(runs.sum()), *estimate)
             rows.append(Interval(rate=rate, stratum="", **found._asdict()))
         return rows
