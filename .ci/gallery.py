@@ -11,4 +11,4 @@ from ravenjax.analyses.explorer import gallery
 def on_post_build(config: Any, **_: Any) -> None:
     """Write the gallery of the campaigns that the configuration names into the site."""
     folder = Path(config["site_dir"]) / "gallery"
-    gallery.build(folder, config["extra"]["gallery"])
+    gallery.build_gallery(folder, config["extra"]["gallery"])

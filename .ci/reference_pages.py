@@ -20,7 +20,7 @@ from ravenjax.campaign.file.axis import DISTRIBUTIONS, END, FORMS, LIST, PHASE_F
 from ravenjax.campaign.file.config import config_class_of
 from ravenjax.campaign.file.group import DESIGNS
 from ravenjax.campaign.file.sections import CampaignSection
-from ravenjax.campaign.loading import header, tables_of
+from ravenjax.campaign.loading import table_header, tables_of
 from ravenjax.document.tables import markdown_table
 from ravenjax.hazards import library
 from ravenjax.hazards.expansion import KEYS
@@ -122,7 +122,7 @@ def _campaign_parts(robot: Robot) -> Iterator[str]:
     )
     for path, model in tables_of(config):
         if path:
-            yield f"## {header(path)}"
+            yield f"## {table_header(path)}"
             yield sentence(model)
             yield markdown_table(COLUMNS, key_rows(model))
         if path == ("group", "run"):
@@ -147,7 +147,7 @@ def _campaign_parts(robot: Robot) -> Iterator[str]:
     )
     yield markdown_table(("path", "range", "meaning"), _parameter_rows(robot))
     yield "## Layers and sites"
-    yield markdown_table(("layer", "what it is"), library.layers().items())
+    yield markdown_table(("layer", "what it is"), library.library_layers().items())
     rows = (
         (
             f"`{site.name}`",
@@ -299,8 +299,8 @@ def _default(field: Any) -> str:
 
 
 def _parameter_rows(robot: Robot) -> Iterator[tuple[str, ...]]:
-    for path, row in bounds.rows(robot):
-        if not bounds.reserved(robot, path):
+    for path, row in bounds.parameter_bounds(robot):
+        if not bounds.reserved_reason(robot, path):
             of = f" ({', '.join(row.joints)})" if row.joints else ""
             yield f"`{path}`{of}", row.range, row.meaning
 
@@ -453,7 +453,9 @@ def _parameters() -> Iterator[str]:
     from ravenjax.cli.catalogue import PARAMETER_COLUMNS, parameter_rows
 
     config = loading.from_dict({"campaign": {"name": "plain"}, "group": [{"name": "plain"}]})
-    rows = [row for row in parameter_rows(config) if not bounds.reserved(config.robot, row[0])]
+    rows = [
+        row for row in parameter_rows(config) if not bounds.reserved_reason(config.robot, row[0])
+    ]
     yield "# Parameters"
     yield _WRITTEN
     yield (
@@ -491,7 +493,9 @@ def _columns() -> Iterator[str]:
         " never. `golden_` marks what is kept of the run's [golden run](../glossary.md)."
         " `results/README.md` describes the folder around the table."
     )
-    numbered = ((_numbered(c.name), c.dtype, c.unit, c.meaning) for c in schema.columns(shape))
+    numbered = (
+        (_numbered(c.name), c.dtype, c.unit, c.meaning) for c in schema.table_columns(shape)
+    )
     yield markdown_table(
         ("column", "type", "unit", "meaning"), ((f"`{name}`", *rest) for name, *rest in numbered)
     )
@@ -514,7 +518,7 @@ def _columns() -> Iterator[str]:
     rules = events.Rules()
     yield markdown_table(
         ("event", "a run in which ..."),
-        ((f"`{name}`", events.meaning(name, rules)) for name in events.EVENTS),
+        ((f"`{name}`", events.event_meaning(name, rules)) for name in events.EVENTS),
     )
 
 
@@ -527,7 +531,7 @@ def _numbered(column: str) -> str:
 def _hazards() -> Iterator[str]:
     from ravenjax.hazards import listing
 
-    rows = listing.table()
+    rows = listing.hazard_table()
     runs = sum(1 for row in rows if row[-1] == "yes")
     yield "# Hazard library"
     yield _WRITTEN
@@ -536,7 +540,7 @@ def _hazards() -> Iterator[str]:
         " prints all that is known of one: values, trigger, expected outcome, source. A group runs"
         ' them by `hazards = ["C09", "L7"]`.'
     )
-    yield markdown_table(listing.LAYER_COLUMNS, listing.layers())
+    yield markdown_table(listing.LAYER_COLUMNS, listing.layer_table())
     yield markdown_table(listing.COLUMNS, rows)
 
 

@@ -15,7 +15,7 @@ import pandas as pd
 from ravenjax.analyses.monitors.counterfactual import finding, output
 from ravenjax.analyses.monitors.counterfactual.candidates import Question
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.campaign.inspection.replay import replay
+from ravenjax.campaign.inspection.replay import replay_run
 from ravenjax.campaign.loading import load_campaign, load_source, result_folder
 from ravenjax.campaign.progress import OnProgress
 from ravenjax.notebook import explaining, running
@@ -72,18 +72,18 @@ def simulate(
     outcomes. run: index, run id, or the beginning of a run id. Raises UserError.
     """
     config = _config(campaign)
-    again = replay(config, run, engine)
+    again = replay_run(config, run, engine)
     row: dict[str, Any] = {str(name): value for name, value in again.row.items()}
     plain = ("run_id", "group", "operator", "verdict", "response", "response_cause", "hazard")
     attributes = {name: str(row[name]) for name in plain} | {
         "index": int(row["index"]),
         "seed": int(row["seed"]),
-        "fault": wording.fault(row, config.robot),
+        "fault": wording.describe_fault(row, config.robot),
         "campaign": config.campaign.name,
         "engine": again.engine,
         "version": manifest.package_versions()["ravenjax"],
     }
-    return time_series.dataset(
+    return time_series.series_dataset(
         again.series,
         attributes,
         [cue.threshold_m * 1e3 for cue in config.haptics.cues()],
@@ -109,7 +109,7 @@ def explain(
     cannot be read.
     """
     folder = _folder(campaign)
-    return explaining.table(folder or _config(campaign), runs, engine)
+    return explaining.explain_table(folder or _config(campaign), runs, engine)
 
 
 def counterfactual(
@@ -135,12 +135,16 @@ def counterfactual(
     question = Question(false_alarms_per_hour, lead_ms, hours, most, tuple(groups), seed)
     folder = _folder(campaign)
     config = load_source(folder) if folder else _config(campaign)
-    one = finding.find(config, question, engine)
-    files = [] if out is None else output.write(one, Path(out))
+    one = finding.find_checks(config, question, engine)
+    files = [] if out is None else output.write_files(one, Path(out))
     table = pd.read_csv(
-        io.StringIO(downloads.text(output.table(one))), keep_default_na=False, na_values=[""]
+        io.StringIO(downloads.format_csv(output.candidate_table(one))),
+        keep_default_na=False,
+        na_values=[""],
     )
-    table.attrs.update({"sentences": output.sentences(one), "files": [str(path) for path in files]})
+    table.attrs.update(
+        {"sentences": output.finding_sentences(one), "files": [str(path) for path in files]}
+    )
     return table
 
 
@@ -178,8 +182,8 @@ def calibrate_monitor(
         motions,
         seed,
     )
-    calibrate.calibrate(request, Path(out), hours, engine)
-    return writing.read(Path(out))[1]
+    calibrate.calibrate_monitor(request, Path(out), hours, engine)
+    return writing.read_monitor(Path(out))[1]
 
 
 def check_monitor(
@@ -198,7 +202,9 @@ def check_monitor(
     from ravenjax.analyses.monitors import checking
 
     several = [sources] if isinstance(sources, str | Path) else sources
-    return checking.check(Path(folder), [Path(source) for source in several], level, seed)
+    return checking.check_exchangeability(
+        Path(folder), [Path(source) for source in several], level, seed
+    )
 
 
 def _folder(campaign: Any) -> Path | None:

@@ -40,7 +40,7 @@ def given_for(*folders: Path) -> Iterator[None]:
         _FOLDERS.reset(before)
 
 
-def require(path: Path, content: bytes, is_robot: bool = False) -> None:
+def require_consent(path: Path, content: bytes, is_robot: bool = False) -> None:
     """Raise UserError unless the user agrees that the code in this file runs."""
     memory = user_folder("XDG_STATE_HOME", ".local/state")
     mark = memory and memory / "trusted" / hashlib.sha256(content).hexdigest()

@@ -25,7 +25,7 @@ _SHORT = reprlib.Repr()
 _SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother, _SHORT.maxlong = 3, 80, 80, 40
 
 
-def shown(value: object) -> str:
+def format_value(value: object) -> str:
     """Return the repr of a value for an error message, shortened if it is long."""
     try:
         return _SHORT.repr(value)
@@ -34,13 +34,13 @@ def shown(value: object) -> str:
         return f"<{type(value).__name__}>"
 
 
-def listed(lines: Sequence[str], most: int = 8) -> str:
+def list_lines(lines: Sequence[str], most: int = 8) -> str:
     """Return the first `most` lines, indented, one below the other, and how many more there are."""
     more = [f"and {len(lines) - most} more"] if len(lines) > most else []
     return "\n".join(f"  {line}" for line in [*lines[:most], *more])
 
 
-def suggestion(word: object, names: Iterable[str]) -> str:
+def suggest_name(word: object, names: Iterable[str]) -> str:
     """Return `. Did you mean 'x'?` with the known name nearest to `word`.
 
     Returns "" if no name is near, or if `word` is not a string.
@@ -53,7 +53,7 @@ def suggestion(word: object, names: Iterable[str]) -> str:
     return f". Did you mean {near[0]!r}?" if near else ""
 
 
-def unknown(what: str, word: str, names: Iterable[str]) -> str:
+def describe_unknown_name(what: str, word: str, names: Iterable[str]) -> str:
     """Return the error message for a word that is not among the known names."""
     names = list(names)
-    return f"unknown {what} {word!r}, expected one of {', '.join(names)}{suggestion(word, names)}"
+    return f"unknown {what} {word!r}, expected one of {', '.join(names)}{suggest_name(word, names)}"

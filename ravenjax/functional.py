@@ -141,7 +141,7 @@ def load(
     plan = make_plan(config, precision)
     varied, faults = plan.lanes(range(plan.runs), plan.runs)
     for path in vary:
-        found = paths.named(plan.program.params, plan.program.setup, path)
+        found = paths.named_numbers(plan.program.params, plan.program.setup, path)
         varied |= {name: np.full(plan.runs, value) for name, value in found.items()}
     params, faults = jax.tree.map(jnp.asarray, (varied, faults))
     return Model(plan.program, tuple(map(jnp.asarray, plan.columns)), params, faults)

@@ -37,7 +37,8 @@ _held: list[Callable[[], object]] = []
 
 @contextlib.contextmanager
 def held_back() -> Iterator[None]:
-    """Hold back signals with a Python handler until `point`, `result` or the end of the block.
+    """Hold back signals with a Python handler until `check_interruption`, `wait_for_result` or the
+    end of the block.
 
     Does nothing outside the main thread, because Python raises no signals there.
     """
@@ -55,25 +56,25 @@ def held_back() -> Iterator[None]:
         with _handled_by(hold, before):
             yield
     finally:
-        point()
+        check_interruption()
 
 
-def point() -> None:
+def check_interruption() -> None:
     """Raise a signal that was held back. No lock may be held that another thread needs."""
     while _held and threading.current_thread() is threading.main_thread():
         _held.pop(0)()
 
 
-def result(future: Future[T]) -> T:
+def wait_for_result(future: Future[T]) -> T:
     """Return `future.result()`; while waiting, raise a signal that was held back."""
     while not future.done():
-        point()
+        check_interruption()
         concurrent.futures.wait((future,), EVERY_S)
     return future.result()
 
 
 @contextlib.contextmanager
-def exits(*numbers: signal.Signals) -> Iterator[None]:
+def exit_on_signals(*numbers: signal.Signals) -> Iterator[None]:
     """Let these signals raise SystemExit with 128 + their number, unless they are ignored (as under
     nohup).
 

@@ -13,7 +13,9 @@ S = TypeVar("S")
 T = TypeVar("T")
 
 
-def mapped(function: Callable[[S], T], given: Iterable[S], most: int | None = None) -> list[T]:
+def map_in_threads(
+    function: Callable[[S], T], given: Iterable[S], most: int | None = None
+) -> list[T]:
     """Return `function` of each item, in order, computed in threads.
 
     most: largest number of threads; None: the cores of this process. The first error, or a signal,
@@ -26,7 +28,7 @@ def mapped(function: Callable[[S], T], given: Iterable[S], most: int | None = No
     with interruption.held_back(), ThreadPoolExecutor(number) as pool:
         try:
             return [
-                interruption.result(future)
+                interruption.wait_for_result(future)
                 for future in [pool.submit(function, one) for one in things]
             ]
         except BaseException:

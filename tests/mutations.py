@@ -94,7 +94,7 @@ def mutant(number: int) -> Mutant:
     """The mutant of that number, the same ever again."""
     draw = random.Random(number)
     kind = draw.choice(list(KINDS))
-    file = draw.choice(resources.bundled(KINDS[kind][0], "*.toml"))
+    file = draw.choice(resources.list_resources(KINDS[kind][0], "*.toml"))
     content = file.read_bytes()
     overrides: list[str] = []
     tree = tomllib.loads(content.decode())

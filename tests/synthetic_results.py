@@ -194,7 +194,7 @@ def frame(runs: int = 2000, seed: int = 0, form: schema.Shape | None = None) -> 
         "halted_ms": 4,
         "peak_live": 1.0,
     }
-    for column in schema.columns(form):
+    for column in schema.table_columns(form):
         if column.name.startswith(schema.GOLDEN):
             plain = column.name.removeprefix(schema.GOLDEN)
             value = next((v for name, v in quiet.items() if plain.startswith(name)), 0)
@@ -263,4 +263,4 @@ def folder(place: Path, rows: pd.DataFrame, record: Manifest, chunk: int = 500) 
 
 def write_part(folder: Path, columns, shape: schema.Shape, config_hash: str) -> parts.Part:
     """Rows as one part in a folder that need not have a manifest."""
-    return parts.put(folder, parts.encode(columns, shape, config_hash))
+    return parts.put_part(folder, parts.encode_part(columns, shape, config_hash))

@@ -55,11 +55,11 @@ def test_a_computed_campaign_runs_the_code_in_its_folder_and_later_files_what_ra
     config = loading.load(campaign)
     assert (place / "ran").read_text() == "part beside "
     own_part._KNOWN.clear()
-    assert loading.validated(config.model_dump(mode="json")).detectors
+    assert loading.validate_tables(config.model_dump(mode="json")).detectors
     (place / "campaign" / "beside.py").write_text("raise RuntimeError")
     own_part._KNOWN.clear()
     with pytest.raises(UserError, match=r"beside.py: is Python code"):
-        loading.validated(config.model_dump(mode="json")).detectors  # noqa: B018
+        loading.validate_tables(config.model_dump(mode="json")).detectors  # noqa: B018
 
 
 def test_trust_lets_any_code_run(place, monkeypatch):
@@ -81,7 +81,7 @@ def test_a_result_imports_no_module_as_its_robot(tmp_path, monkeypatch):
         (tmp_path / "lab" / f"{name}.py").write_text(ran)
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(UserError, match=r"strange.py: is Python code"):
-        robots.find("lab.strange")
+        robots.find_robot("lab.strange")
     assert not (tmp_path / "ran").exists() and "lab" not in sys.modules
 
 
@@ -93,15 +93,15 @@ def test_a_user_without_a_home_has_no_cache(monkeypatch, tmp_path):
     monkeypatch.setattr(consent.Path, "home", no_home)
     for given in ("", "relative"):
         monkeypatch.setenv("XDG_CACHE_HOME", given)
-        assert compile_cache.objects() is None
+        assert compile_cache.object_cache() is None
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert compile_cache.objects() is not None
+    assert compile_cache.object_cache() is not None
     assert (tmp_path / "ravenjax").stat().st_mode & 0o777 == 0o700
 
 
 def test_a_cache_that_others_may_change_is_refused(monkeypatch, tmp_path):
     monkeypatch.setenv(compile_cache.VARIABLE, str(tmp_path))
-    kept = compile_cache.objects()
+    kept = compile_cache.object_cache()
     assert kept is not None
     kept["one"] = b"content"
     monkeypatch.setattr(consent, "OWNERS", (os.geteuid() + 1,))
@@ -110,13 +110,13 @@ def test_a_cache_that_others_may_change_is_refused(monkeypatch, tmp_path):
     monkeypatch.setenv(compile_cache.VARIABLE, str(tmp_path))
     tmp_path.chmod(0o770)
     with pytest.raises(UserError, match=r"others may write into this cache.*chmod go-w"):
-        compile_cache.objects()
+        compile_cache.object_cache()
 
 
 def test_a_process_imports_nothing_from_the_current_folder(monkeypatch, tmp_path):
     (tmp_path / "pickle.py").write_text("open('ran', 'w')")
     monkeypatch.chdir(tmp_path)
     with contextlib.ExitStack() as stack:
-        process = processes.spawn(stack, time.sleep, 0)
+        process = processes.spawn_process(stack, time.sleep, 0)
         process.join()
     assert process.exitcode == 0 and not (tmp_path / "ran").exists()

@@ -102,13 +102,13 @@ def test_files_are_valid(page, snippet, tmp_path, monkeypatch):
             (tmp_path / one.title).write_text(one.text, encoding="utf-8")
     raw = tomllib.loads(snippet.text)
     if "source" in raw:
-        consoles.load(snippet.title)
+        consoles.load_profile(snippet.title)
         return
     if "search" in raw:
         schema, load = searches.json_schema_of(ROBOT), search_loading.from_dict
     else:
         schema, load = (
-            (campaigns.schema(ROBOT), loading.from_dict)
+            (campaigns.campaign_schema(ROBOT), loading.from_dict)
             if "campaign" in raw
             else (scenarios.json_schema(), scenario.from_dict)
         )

@@ -59,17 +59,17 @@ def is_free(future: Future) -> bool:
 def test_a_signal_that_was_held_back_leaves_no_lock(raised_with_the_lock_held):
     future: Future[int] = Future()
     with pytest.raises(Asked), interruption.held_back():
-        interruption.result(future)
+        interruption.wait_for_result(future)
     assert is_free(future)
 
 
 def test_results_and_errors_come_through():
     with interruption.held_back(), ThreadPoolExecutor(2) as pool:
         slow = pool.submit(lambda: time.sleep(3 * interruption.EVERY_S) or 7)
-        assert interruption.result(slow) == 7
+        assert interruption.wait_for_result(slow) == 7
         broken = pool.submit(lambda: 1 // 0)
         with pytest.raises(ZeroDivisionError):
-            interruption.result(broken)
+            interruption.wait_for_result(broken)
 
 
 def test_what_came_is_raised_at_the_end_and_the_handlers_are_back(handlers):
@@ -80,13 +80,13 @@ def test_what_came_is_raised_at_the_end_and_the_handlers_are_back(handlers):
     assert reached and signal.getsignal(signal.SIGINT) is handlers is signal.getsignal(
         signal.SIGTERM
     )
-    interruption.point()  # and it is raised once
+    interruption.check_interruption()  # and it is raised once
 
 
 def test_a_signal_leaves_with_its_number_unless_it_is_ignored(handlers):
     hangup = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        with interruption.exits(signal.SIGHUP, signal.SIGTERM):
+        with interruption.exit_on_signals(signal.SIGHUP, signal.SIGTERM):
             signal.raise_signal(signal.SIGHUP)
             with pytest.raises(SystemExit, match=str(128 + signal.SIGTERM)):
                 signal.raise_signal(signal.SIGTERM)

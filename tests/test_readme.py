@@ -61,11 +61,13 @@ def test_campaign_snippets_are_campaigns():
     from ravenjax.campaign.faults import design
 
     first, *more = blocks("toml")
-    assert design.count(loading.from_dict(tomllib.loads(first), text=first)) == 4096
+    assert design.count_rows(loading.from_dict(tomllib.loads(first), text=first)) == 4096
     for block in more:
         sections = tomllib.loads(block)
         crossed = 2 if "cross" in sections else 1
-        assert design.count(loading.from_dict(tomllib.loads(first) | sections)) == crossed * 4096
+        assert (
+            design.count_rows(loading.from_dict(tomllib.loads(first) | sections)) == crossed * 4096
+        )
 
 
 def test_python_snippets_use_names_that_exist():

@@ -23,7 +23,7 @@ def test_no_more_run_at_a_time_than_asked_for(most):
         with lock:
             now -= 1
 
-    threads.mapped(one, range(20), most)
+    threads.map_in_threads(one, range(20), most)
     assert peak == most
 
 
@@ -37,5 +37,5 @@ def test_the_first_error_is_raised_and_what_has_not_begun_is_left():
             raise ValueError(f"of {number}")
 
     with pytest.raises(ValueError, match="of 2"):
-        threads.mapped(one, range(1000), 2)
+        threads.map_in_threads(one, range(1000), 2)
     assert len(begun) < 100

@@ -39,7 +39,7 @@ from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.campaign import hands
 from ravenjax.robots.raven2.software.control_software import ControlSoftware
 from ravenjax.robots.raven2.stages import plc
-from ravenjax.stats.intervals import wilson
+from ravenjax.stats.intervals import wilson_interval
 
 EVERY_LAYER = Path(__file__).parent / "every_layer.toml"
 QUICK = "quick.toml"
@@ -184,7 +184,7 @@ def _verdicts(config: CampaignConfig, *engines: str) -> Iterator[str]:
     yield ""
     a, b = frames.values()
     same = (a["verdict"].astype(str) == b["verdict"].astype(str)).to_numpy()
-    rate = wilson(int(same.sum()), len(same))
+    rate = wilson_interval(int(same.sum()), len(same))
     yield f"Same verdict: {rate.k} of {rate.n}, {_share(rate)}."
     counts = [frame["verdict"].value_counts() for frame in (a, b)]
     rows = [
@@ -270,7 +270,7 @@ def substeps() -> Iterator[str]:
     total = len(labels[0])
     rows = []
     for verdict in sorted(set().union(*labels), key=lambda v: -(labels[0] == v).sum()):
-        shares = [_share(wilson(int((label == verdict).sum()), total)) for label in labels]
+        shares = [_share(wilson_interval(int((label == verdict).sum()), total)) for label in labels]
         into = [f"+{((b == verdict) & (labels[0] != verdict)).sum()}" for b in labels[1:]]
         out = [f"-{((b != verdict) & (labels[0] == verdict)).sum()}" for b in labels[1:]]
         changes = [f"{i} {o}" for i, o in zip(into, out, strict=True)]
@@ -283,7 +283,7 @@ def substeps() -> Iterator[str]:
     )
     yield ""
     for n, label in zip(SUBSTEPS[1:], labels[1:], strict=True):
-        same = wilson(int((label == labels[0]).sum()), total)
+        same = wilson_interval(int((label == labels[0]).sum()), total)
         yield (
             f"Same verdict with {n} steps as with 1, run by run: {same.k} of {total},"
             f" {_share(same)}."
@@ -452,7 +452,7 @@ def main(names: Sequence[str]) -> None:
     """Print the requested parts."""
     if unknown := [name for name in names if name not in PARTS]:
         sys.exit(f"unknown part {unknown[0]!r}, expected some of {', '.join(PARTS)}")
-    compile_cache.enable()
+    compile_cache.enable_cache()
     print(f"{machine()}\n")
     for name in names or PARTS:
         print(f"## {name}\n")

@@ -29,7 +29,7 @@ def measure_sizes(seconds: float) -> list[dict[str, Any]]:
     """Time campaigns of each size. The first run traces and compiles, and is shown beside its
     repeats.
     """
-    name = selection.fastest(CAMPAIGN)[0]
+    name = selection.fastest_engine(CAMPAIGN)[0]
     rows = []
     for runs in SIZES[name]:
         config = workload.campaign(runs, TICKS[name])
@@ -56,7 +56,7 @@ def measure_fault_times(seconds: float, runs: int = 0) -> list[dict[str, Any]]:
     """Time campaigns by the start of their faults. `runs`: of each campaign; 0: as many as an
     engine computes in about a second.
     """
-    name = selection.fastest(CAMPAIGN)[0]
+    name = selection.fastest_engine(CAMPAIGN)[0]
     runs = runs or (2**17 if name == "cuda" else 1024 * machine.count_usable_cpus())
     ways = [(start, observe) for observe in (None, OBSERVE_MS) for start in STARTS_MS]
     rows: list[dict[str, Any]] = []

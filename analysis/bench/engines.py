@@ -29,7 +29,7 @@ def measure(seconds: float, name: str) -> list[dict[str, Any]]:
     """Measure the engine with a name for about `seconds` after its start. Raises UserError if it
     does not exist.
     """
-    engine = selection.select(name, CAMPAIGN)
+    engine = selection.select_engine(name, CAMPAIGN)
     sizes = SIZES.get(name) or XLA_SIZES.get(jax.default_backend(), XLA_SIZES["gpu"])
     return measure_batches(engine, Workload(TICKS[name]), sizes, seconds)
 
@@ -72,7 +72,7 @@ def _time_start(engine: Engine, kernel: Kernel, work: Workload, runs: int) -> di
     if engine.name in PRINTING:
         # Kernels of code-generating engines name the program that they compile.
         again: Any = engine.compile(work.program, runs)
-        traced.forget()
-        traced.forms(again.program, block, work.motion)
+        traced.forget_traces()
+        traced.traced_forms(again.program, block, work.motion)
         start["ready_s"] = workload.measure_once(lambda: again.prepare(block, work.motion))
     return start

@@ -32,11 +32,13 @@ def describe() -> dict[str, Any]:
     from ravenjax.robots.raven2 import ROBOT
     from ravenjax.store import manifest
 
-    host, order = jit.host(), order_cpus(os.sched_getaffinity(0))
+    host, order = jit.host_target(), order_cpus(os.sched_getaffinity(0))
     no_gpu, gpus = "", []
     try:
-        cuda_device.require()
-        gpus = [f"{g.name}, {g.multiprocessors} multiprocessors" for g in cuda_device.devices()]
+        cuda_device.require_gpu()
+        gpus = [
+            f"{g.name}, {g.multiprocessors} multiprocessors" for g in cuda_device.visible_gpus()
+        ]
     except UserError as error:
         no_gpu = str(error)
     return {

@@ -51,7 +51,7 @@ def measure_cores(seconds: float, work: Work | None = None) -> list[dict[str, An
     order = machine.order_cpus(os.sched_getaffinity(0))
     real = sum(not shared for _, shared in order)
     numbers = count_cores(real, len(order), machine.count_usable_cpus())
-    engine = selection.select("simd", CAMPAIGN, compile_cache.objects())
+    engine = selection.select_engine("simd", CAMPAIGN, compile_cache.object_cache())
     rows = []
     for number in numbers:
         os.sched_setaffinity(0, {cpu for cpu, _ in order[:number]})
@@ -64,7 +64,7 @@ def measure_gpus(
     seconds: float, number: int, engine: str = "cuda", work: Work = GPU_WORK
 ) -> list[dict[str, Any]]:
     """Measure all GPUs that this process sees, `number` of them."""
-    selected = selection.select(engine, CAMPAIGN, compile_cache.objects())
+    selected = selection.select_engine(engine, CAMPAIGN, compile_cache.object_cache())
     # While one block runs, the next one is packed.
     return [{"gpus": number} | _measure(selected, number, 2 * number, work, seconds)]
 

@@ -232,6 +232,6 @@ def bench(
         console.emit_json(found)
     else:
         for title, columns, rows in every:
-            console.table(title, columns, rows)
+            console.print_table(title, columns, rows)
             console.out.print()
     return int(not found.keys() & {part.table for part in list_parts(1)})

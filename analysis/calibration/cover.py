@@ -24,9 +24,9 @@ from ravenjax.robots.raven2.plant import robot
 
 def main(logs: int = 20, seconds: float = 14.0) -> None:
     """Calibrate `logs` logs and count."""
-    wanted = parameters.unknowns(range(7))
+    wanted = parameters.select_unknowns(range(7))
     plant = robot.params(virtual_log.SETUP, "gold")
-    base = parameters.believed(plant, wanted)
+    base = parameters.prior_robot(plant, wanted)
     desired = virtual_log.swept(round(seconds * 1e3))
     inside: dict[str, list[bool]] = collections.defaultdict(list)
     left: dict[str, list[float]] = collections.defaultdict(list)

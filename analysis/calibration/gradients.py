@@ -122,21 +122,21 @@ def derivatives(
     setup: ReplaySetup, base: LoopParams, wanted: list[Unknown], steps: np.ndarray, log: JointLog
 ) -> Callable[[], np.ndarray]:
     """Return jax.jvp of the tick on engine `simd`: [k, T, 7]."""
-    here, there = (parameters.values(base, wanted, (steps + d)[None]) for d in (0.0, 1e-4))
+    here, there = (parameters.values_by_path(base, wanted, (steps + d)[None]) for d in (0.0, 1e-4))
     replay = ReplayParams(base, Vec(np.float32(x) for x in log.start))
     still = jax.tree.map(lambda x: 0.0 if isinstance(x, float) else x * 0, replay)
     varied = {
         f"replay.{FULL}{path}": np.full(len(wanted), value[0]) for path, value in here.items()
     }
     for k, one in enumerate(wanted):
-        for path in parameters.values(base, [one], np.zeros((1, 1))):
+        for path in parameters.values_by_path(base, [one], np.zeros((1, 1))):
             rate = np.zeros(len(wanted))
             rate[k] = (there[path][0] - here[path][0]) / 1e-4
             varied[f"along.{FULL}{path}"] = rate
     program = TickProgram(
         "__main__", setup, TangentParams(replay, still), tuple(varied), len(log.desired)
     )
-    kernel = selection.select("simd", setup.precision).compile(program, 2 * len(wanted))
+    kernel = selection.select_engine("simd", setup.precision).compile(program, 2 * len(wanted))
     motion = tuple(np.ascontiguousarray(column, np.float32) for column in log.desired.T)
     lanes = np.minimum(np.arange(kernel.size(len(wanted))), len(wanted) - 1)
     block = Block(
@@ -155,7 +155,7 @@ def by_scan(
 
     def joints(steps: Any) -> Any:
         params = ReplayParams(
-            parameters.apply(base, wanted, steps), Vec(jnp.float32(x) for x in log.start)
+            parameters.apply_steps(base, wanted, steps), Vec(jnp.float32(x) for x in log.start)
         )
         reals, back = _reals(replays.init(setup, params))
 
@@ -191,9 +191,9 @@ def agreement(slopes: np.ndarray, other: np.ndarray) -> str:
 
 def main(seconds: float = 7.0, xla: bool = False) -> None:
     """Time the three ways and compare."""
-    wanted = list(parameters.unknowns(range(7)))
+    wanted = list(parameters.select_unknowns(range(7)))
     count = len(wanted)
-    base = parameters.believed(robot.params(virtual_log.SETUP, "gold"), wanted)
+    base = parameters.prior_robot(robot.params(virtual_log.SETUP, "gold"), wanted)
     hidden = np.random.default_rng(0).standard_normal(count)
     logged = virtual_log.recorded(base, wanted, hidden, virtual_log.swept(round(seconds * 1e3)))
     log = logged.log._replace(cycles=np.arange(len(logged.log.desired)))
@@ -202,7 +202,7 @@ def main(seconds: float = 7.0, xla: bool = False) -> None:
     probes = np.vstack([np.eye(count), -np.eye(count)])
 
     def differences(setup: ReplaySetup, size: float) -> Callable[[], np.ndarray]:
-        predict = replays.predictor(setup, base, wanted, log)
+        predict = replays.make_predictor(setup, base, wanted, log)
 
         def run() -> np.ndarray:
             joints = predict(hidden + size * probes)

@@ -36,5 +36,5 @@ def recorded(
         desired[0], desired, np.full((len(cycles), position_loop.JOINTS), np.nan), cycles
     )
     setup = replays.setup_of(SETUP, "gold", position_loop.RAVEN2, wanted)
-    joints = replays.robots(setup, [parameters.apply(base, wanted, steps)], empty)[0]
+    joints = replays.replay_robots(setup, [parameters.apply_steps(base, wanted, steps)], empty)[0]
     return LoggedRobot(empty._replace(measured=joints), SETUP, "gold", position_loop.RAVEN2)

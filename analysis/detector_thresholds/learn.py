@@ -39,7 +39,7 @@ def steps(motion: str) -> np.ndarray:
         }
     )
     ready = plan.make_plan(config)
-    tracer = selection.select("auto", ready.program.setup.precision).tracer(
+    tracer = selection.select_engine("auto", ready.program.setup.precision).tracer(
         ready.program, replay.LANES
     )
     varied, faults = ready.lanes(range(ready.runs), replay.LANES, harmless=True)

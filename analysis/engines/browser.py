@@ -57,7 +57,7 @@ class Unfused(SimdEngine):
 
     def compile(self, program: TickProgram, runs: int) -> SimdKernel:
         kernel = super().compile(program, runs)
-        host = jit.host()
+        host = jit.host_target()
         kernel._host = dataclasses.replace(host, features=host.features - {"fma"})
         return kernel
 
@@ -69,7 +69,7 @@ class Narrow(SimdEngine):
 
     def compile(self, program: TickProgram, runs: int) -> SimdKernel:
         kernel = super().compile(program, runs)
-        host = jit.host()
+        host = jit.host_target()
         features = {name for name in host.features if not name.startswith("avx")} - {
             "fma",
             "fma4",
@@ -176,15 +176,18 @@ def speed(ready: Plan, description: dict[str, Any]) -> None:
     seconds, compiling, version = in_browser(description, faults_of(ready, runs))
     engines = {
         "simd, 128-bit vectors, no fusion": Narrow(),
-        f"simd, {jit.host().vectors}, no fusion": Unfused(),
-        f"simd, {jit.host().vectors}": SimdEngine(),
+        f"simd, {jit.host_target().vectors}, no fusion": Unfused(),
+        f"simd, {jit.host_target().vectors}": SimdEngine(),
     }
     rows = {f"wasm, {version}": seconds}
     rows |= {
         name: {count: native(part, engine, count) for count in COUNTS}
         for name, engine in engines.items()
     }
-    print(f"{RUNS} runs of {ready.program.ticks} ms on {jit.host().cpu}, {os.cpu_count()} cores.\n")
+    print(
+        f"{RUNS} runs of {ready.program.ticks} ms on {jit.host_target().cpu}, {os.cpu_count()}"
+        " cores.\n"
+    )
     heads = [
         f"{count} thread{'s' * (count > 1)}, {of}"
         for of in ("processor", "clock")
@@ -210,7 +213,7 @@ def table(config: Any, ready: Plan, engine: Engine) -> pd.DataFrame:
         {name: np.concatenate([part[k][name] for part in parts]) for name in parts[0][k]}
         for k in range(2)
     )
-    return outcomes.frame(config, ready.rows, own, golden)
+    return outcomes.result_frame(config, ready.rows, own, golden)
 
 
 def agreement(config: Any, ready: Plan) -> None:
@@ -249,7 +252,7 @@ def main() -> None:
     """Print everything."""
     config = rj.load_campaign("quick")
     ready = program.question_plan(config)
-    speed(ready, program.description(config))
+    speed(ready, program.describe_program(config))
     agreement(config, ready)
 
 

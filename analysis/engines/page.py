@@ -66,7 +66,7 @@ def used(shown: Page) -> dict[str, str]:
 
 def main(campaign: str = "quick", rounds: str = "5") -> None:
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
-        place = page.build(campaign, Path(folder) / "page.html")
+        place = page.build_page(campaign, Path(folder) / "page.html")
         times: list[list[float]] = []
         found: dict[str, str] = {}
         for number in range(int(rounds)):

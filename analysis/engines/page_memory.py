@@ -71,7 +71,7 @@ def _pss_mb(process: int) -> float:
 
 def main(campaign: str = "quick", minutes: str = "10") -> None:
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
-        place = page.build(campaign, Path(folder) / "page.html")
+        place = page.build_page(campaign, Path(folder) / "page.html")
         browser = playwright.chromium.launch(
             executable_path=shutil.which("chromium"), args=ARGUMENTS
         )

@@ -49,8 +49,10 @@ extern "C" __global__ void peak(float* room, int rounds) {{
 
 def measure_cpu(seconds: float, rounds: int = 1_000_000) -> float:
     """Return operations per second of all cores that this process may use."""
-    threads, width = machine.count_usable_cpus(), jit.host().width
-    peak = jit.compile(_llvm(width), ["peak"]).function("peak", [ctypes.c_void_p, ctypes.c_int64])
+    threads, width = machine.count_usable_cpus(), jit.host_target().width
+    peak = jit.compile_functions(_llvm(width), ["peak"]).function(
+        "peak", [ctypes.c_void_p, ctypes.c_int64]
+    )
     rooms = [np.array([0.5, 1.0, 0.0], np.float32) for _ in range(threads)]
     with ThreadPoolExecutor(threads) as pool:
 
@@ -66,14 +68,14 @@ def measure_gpus(seconds: float) -> float:
     """Return operations per second of all visible GPUs. Raises UserError if there is none."""
     from ravenjax.engines.gpu import device as cuda_device
 
-    return sum(measure_gpu(seconds, device) for device in cuda_device.devices())
+    return sum(measure_gpu(seconds, device) for device in cuda_device.visible_gpus())
 
 
 def measure_gpu(seconds: float, device: Any) -> float:
     """Return operations per second of one GPU."""
     from ravenjax.engines.gpu import device as cuda_device
 
-    code = cuda_device.compile(_CUDA, device.architecture, ())
+    code = cuda_device.compile_cubin(_CUDA, device.architecture, ())
     function = cuda_device.DeviceModule(device, code).function("peak")
     blocks = device.multiprocessors * _GPU_BLOCKS
     with cuda_device.DeviceSession(device) as session:
@@ -93,7 +95,7 @@ def _llvm(width: int) -> str:
     """Return the LLVM IR of void peak(float room[3], long rounds)."""
     wide, chains = f"<{width} x float>", range(CHAINS)
     step = f"call {wide} @llvm.fma.v{width}f32({wide} %x{{k}}, {wide} %a, {wide} %b)"
-    if "fma" not in jit.host().features and width != 4:
+    if "fma" not in jit.host_target().features and width != 4:
         step = f"fadd {wide} %x{{k}}, %b"
     first = "\n".join(
         f"  %x{k} = phi {wide} [splat (float {k}.0), %entry], [%y{k}, %loop]" for k in chains

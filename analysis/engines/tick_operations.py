@@ -19,8 +19,8 @@ sys.path.append(str(Path(__file__).resolve().parents[1]))
 
 from bench.workload import Workload
 from ravenjax.engines import traced
-from ravenjax.ir.regions import Region, arrange
-from ravenjax.ir.time_loop import Split, split
+from ravenjax.ir.regions import Region, arrange_regions
+from ravenjax.ir.time_loop import Split, split_loop
 
 _FREE = ("neg", "bitcast", "constant", "input")
 """Operations without a cost: they become part of others, or disappear."""
@@ -46,9 +46,9 @@ class Operations:
 def count(workload: Workload) -> Operations:
     """Count the operations of the workload's tick."""
     program = workload.program
-    trace = traced.trace(program, workload.golden_runs(1), workload.motion, stage)
+    trace = traced.trace_tick(program, workload.golden_runs(1), workload.motion, stage)
     parts = by_stage(
-        split(trace.without_signals(), range(len(program.varied)), range(1 + trace.series))
+        split_loop(trace.without_signals(), range(len(program.varied)), range(1 + trace.series))
     )
     return Operations(
         *(
@@ -80,8 +80,8 @@ def by_stage(parted: Split) -> Mapping[str, Counter[str]]:
     step, loop = parted.loop.step, parted.loop
     leaving = [*(step.outputs[k] for k in parted.lane_state), *step.outputs[loop.states :]]
     of_groups = [*parted.row, *(step.outputs[k] for k in parted.shared_state)]
-    lane = arrange(step.operations, parted.lane, leaving)
-    shared = arrange(step.operations, parted.shared, of_groups)
+    lane = arrange_regions(step.operations, parted.lane, leaving)
+    shared = arrange_regions(step.operations, parted.shared, of_groups)
     parts = {
         "lane": [i for i in lane if not isinstance(i, Region)],
         "shared": [i for i in shared if not isinstance(i, Region)],

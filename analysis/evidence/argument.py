@@ -34,17 +34,18 @@ SHAPES = {"goal": "rect", "strategy": "lean-r", "solution": "circle", "context":
 
 def say_evading(source: Source) -> str:
     """Say how many of the faults evade the checks, in the words of the report's first sentence."""
-    head = tables.headline(source.runs, source.record)
+    head = tables.headline_counts(source.runs, source.record)
     evaded = head["evaded"]
     if not evaded.n:
         return "No fault has a valid outcome." if head["faulty"] else "No run has a fault."
     bounds = ""
-    if interval := wording.interval(evaded):
-        share = wording.percent(evaded.value)
+    if interval := wording.format_interval(evaded):
+        share = wording.format_percent(evaded.value)
         bounds = f" ({share} of faults drawn so, 95 % interval {interval})"
-    some = wording.count(evaded.k) if evaded.k else "none"
+    some = wording.format_count(evaded.k) if evaded.k else "none"
     return (
-        f"Of {wording.many(evaded.n, 'distinct fault')} of this design, {some} made the live robot"
+        f"Of {wording.count_noun(evaded.n, 'distinct fault')} of this design, {some} made the"
+        " live robot"
         f" move more than {source.record.limit_mm:g} mm off its course without any check telling"
         f" anyone{bounds}."
     )
@@ -55,9 +56,9 @@ def say_complete(source: Source) -> str:
     record, failed = source.record, source.runs.count("failed")
     without = "each with a valid outcome"
     if failed:
-        without = f"{wording.count(failed)} of them without a valid outcome"
-    due = wording.many(record.due, "declared run")
-    return f"{wording.count(record.done)} of the {due} are there, {without}."
+        without = f"{wording.format_count(failed)} of them without a valid outcome"
+    due = wording.count_noun(record.due, "declared run")
+    return f"{wording.format_count(record.done)} of the {due} are there, {without}."
 
 
 def say_hazards(source: Source) -> list[str]:
@@ -66,7 +67,7 @@ def say_hazards(source: Source) -> list[str]:
     """
     lines = []
     rows = tables.verdict_matrix(source.runs)
-    total = wording.many(rows[0]["total"].n, "distinct fault")
+    total = wording.count_noun(rows[0]["total"].n, "distinct fault")
     for hazard in dict.fromkeys(cell["hazard"] for cell in rows[0]["cells"]):
         counts = {
             row["name"]: sum(c["rate"].k for c in row["cells"] if c["hazard"] == hazard)
@@ -75,9 +76,9 @@ def say_hazards(source: Source) -> list[str]:
         k, alarms = sum(counts.values()), counts["stopped"] + counts["flagged"]
         if hazard != "none" and k:
             lines.append(
-                f"{hazard.capitalize()}: {wording.count(k)} of {total}; a check raised an"
-                f" alarm or stopped the robot in {wording.count(alarms)}, and none did in"
-                f" {wording.count(k - alarms)}."
+                f"{hazard.capitalize()}: {wording.format_count(k)} of {total}; a check raised an"
+                f" alarm or stopped the robot in {wording.format_count(alarms)}, and none did in"
+                f" {wording.format_count(k - alarms)}."
             )
     return lines
 

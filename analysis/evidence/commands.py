@@ -8,7 +8,7 @@ from typing import Any
 from evidence import writing
 from ravenjax.cli import console
 from ravenjax.errors import UserError
-from ravenjax.store.files import sha256
+from ravenjax.store.files import hash_file
 
 
 def evidence(
@@ -51,16 +51,16 @@ def evidence(
 
 def _tell_files(paths: list[Path], result: Any, as_json: bool) -> None:
     """Print what the results say, and which files hold the details."""
-    digest = sha256(paths[-1])
+    digest = hash_file(paths[-1])
     if as_json:
         plain = _plain(result) | {"files": [str(path) for path in paths], "record_sha256": digest}
         return console.emit_json(plain)
     for sentence in (*result.sentences, result.notice):
-        console.say(sentence)
+        console.print_text(sentence)
     for node in result.of_status("open"):
-        console.note(f"{node.name} is open: {node.reason}")
-    console.say("\n".join(f"  wrote    {path}" for path in paths))
-    return console.say(f"  sha256 of {paths[-1].name}: {digest}")
+        console.print_note(f"{node.name} is open: {node.reason}")
+    console.print_text("\n".join(f"  wrote    {path}" for path in paths))
+    return console.print_text(f"  sha256 of {paths[-1].name}: {digest}")
 
 
 def _tell_check(place: Path, result: Any, as_json: bool) -> None:
@@ -70,15 +70,15 @@ def _tell_check(place: Path, result: Any, as_json: bool) -> None:
     items = [node for node in result.nodes if node.item is not None]
     complaints = [node for node in items if node.status == "broken"]
     files = f"{len(items)} file" + ("s" if len(items) != 1 else "")
-    console.say(
+    console.print_text(
         f"{place}: {files} looked at, "
         + (f"{len(complaints)} broken" if complaints else "every checksum holds")
     )
     for node in complaints:
-        console.complain(f"{node.name}: {node.reason}")
+        console.print_error(f"{node.name}: {node.reason}")
     others = [node.name for node in result.of_status("broken") if node.item is None]
     if others:
-        console.say(f"what rests on them is red, too: {', '.join(others)}")
+        console.print_text(f"what rests on them is red, too: {', '.join(others)}")
     return None
 
 

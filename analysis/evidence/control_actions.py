@@ -14,7 +14,7 @@ from evidence.sources import EXAMPLE_RUNS, Source, interval_in_words
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.sections import tables
 from ravenjax.stats.intervals import Rate
-from ravenjax.store.access.query import RESULTS, text
+from ravenjax.store.access.query import RESULTS, quote_text
 from ravenjax.vocabulary.effects import NETWORK_EFFECTS
 
 
@@ -26,7 +26,7 @@ class Kind(NamedTuple):
     sql: str  # over facts `f` and results `r`
 
 
-_LATE = ", ".join(text(NETWORK_EFFECTS[name].channel) for name in ("duplicate", "delay"))
+_LATE = ", ".join(quote_text(NETWORK_EFFECTS[name].channel) for name in ("duplicate", "delay"))
 KINDS = (
     Kind("none", "no hazard", "f.hazard = 'none'"),
     Kind(
@@ -86,7 +86,7 @@ def count_control_actions(source: Source) -> list[ControlAction]:
     runs = source.runs
     if "fault0_site" not in runs.names:
         return []
-    cases = " ".join(f"WHEN {kind.sql} THEN {text(kind.name)}" for kind in KINDS)
+    cases = " ".join(f"WHEN {kind.sql} THEN {quote_text(kind.name)}" for kind in KINDS)
     counted = runs.table.rows(
         f"SELECT f.site::VARCHAR, f.layer::VARCHAR, CASE {cases} ELSE 'none' END AS kind,"
         " f.hazard::VARCHAR, count(*), "

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from evidence.record import Item, fill_template
 from evidence.sources import Source
-from ravenjax.store.files import sha256
+from ravenjax.store.files import hash_file
 
 FILE = "credibility.md"
 GOAL = (
@@ -45,7 +45,7 @@ def link_files(model: ModelCredibility, place: Path) -> tuple[Item, ...]:
     """Return each existing file once, relative to the folder of the evidence, with its checksum."""
     files = dict.fromkeys(file for one in model.statements for file in one.files if file.is_file())
     return tuple(
-        Item(file=Path(os.path.relpath(file, place)).as_posix(), sha256=sha256(file))
+        Item(file=Path(os.path.relpath(file, place)).as_posix(), sha256=hash_file(file))
         for file in files
     )
 
@@ -63,5 +63,5 @@ def write_report(model: ModelCredibility, sources: Sequence[Source], place: Path
         sources=sources,
         name_file=name_file,
         link=lambda file: Path(os.path.relpath(file, place)).as_posix(),
-        sha256=sha256,
+        sha256=hash_file,
     )

@@ -18,7 +18,7 @@ from evidence.sources import identify
 from ravenjax import threads
 from ravenjax.errors import StoreError
 from ravenjax.store import manifest as manifests
-from ravenjax.store.files import parsed, sha256, write_aside
+from ravenjax.store.files import hash_file, parse_json, write_aside
 from ravenjax.store.folder import READERS
 
 NOTICE = (
@@ -95,7 +95,7 @@ def read_record(folder: Path) -> EvidenceRecord:
     path = folder / FILE
     again = "Write it again with `ravenjax evidence DIR... --out FOLDER`."
     try:
-        data = parsed(path.read_text(encoding="utf-8"))
+        data = parse_json(path.read_text(encoding="utf-8"))
         if isinstance(data, dict) and data.get("version", VERSION) != VERSION:
             raise StoreError(
                 f"{path}: is of version {data['version']}, expected {VERSION}. {again}"
@@ -132,9 +132,11 @@ def write_record(folder: Path, evidence: EvidenceRecord) -> None:
 def check_record(folder: Path, evidence: EvidenceRecord) -> EvidenceRecord:
     """Return the evidence with the present status of each node. `folder`: of the evidence."""
     items = {node.name: node.item for node in evidence.nodes if node.item is not None}
-    problems = threads.mapped(lambda item: _find_problem(folder, item), items.values(), READERS)
+    problems = threads.map_in_threads(
+        lambda item: _find_problem(folder, item), items.values(), READERS
+    )
     nodes = judge(evidence.nodes, dict(zip(items, problems, strict=True)))
-    return evidence.model_copy(update={"checked": manifests.now(), "nodes": nodes})
+    return evidence.model_copy(update={"checked": manifests.utc_now(), "nodes": nodes})
 
 
 def _find_problem(folder: Path, item: Item) -> str:
@@ -143,7 +145,9 @@ def _find_problem(folder: Path, item: Item) -> str:
     """
     path = Path(os.path.normpath(folder / item.file))
     try:
-        digest = sha256(path) if item.of == "file" else identify(manifests.read(path.parent))
+        digest = (
+            hash_file(path) if item.of == "file" else identify(manifests.read_manifest(path.parent))
+        )
     except FileNotFoundError:
         return f"{path}: is missing"
     except OSError as error:

@@ -65,7 +65,7 @@ def opened(folders: Sequence[Path]) -> Iterator[list[Source]]:
     with contextlib.ExitStack() as stack:
         sources = []
         for number, folder in enumerate(folders, start=1):
-            record = manifests.read(folder)
+            record = manifests.read_manifest(folder)
             runs = stack.enter_context(contextlib.closing(Runs.open(folder, record)))
             sources.append(Source(f"R{number}", folder, record, runs))
         yield sources

@@ -12,7 +12,7 @@ from evidence.sources import Source
 from ravenjax.outcomes import verdict
 from ravenjax.report import wording
 from ravenjax.report.data.facts import FACTS
-from ravenjax.store.access.query import RESULTS, quoted
+from ravenjax.store.access.query import RESULTS, quote_name
 
 COLUMNS = (
     "result",
@@ -78,7 +78,7 @@ def _lines(source: Source, hazard: str) -> Iterator[list[Any]]:
         'SELECT f.row, r.run_id, f."group"::VARCHAR AS "group", f.response::VARCHAR AS response, '
         "r.response_cause::VARCHAR AS cause, f.cued, f.evaded, f.sample, f.told_ms, "
         "greatest(f.unintended_ms, f.loss_ms, f.misreport_ms) AS hazard_ms, "
-        f"{', '.join(f'r.{quoted(name)}' for name in slots)} FROM {RESULTS} r JOIN {FACTS} f ON"
+        f"{', '.join(f'r.{quote_name(name)}' for name in slots)} FROM {RESULTS} r JOIN {FACTS} f ON"
         " r.row = f.row "
         f"WHERE f.faulty AND NOT f.failed AND f.hazard = '{hazard}' ORDER BY f.row"
     )
@@ -94,7 +94,7 @@ def _lines(source: Source, hazard: str) -> Iterator[list[Any]]:
                 row["group"],
                 row["run_id"],
                 row["row"],
-                wording.fault(row, record.robot),
+                wording.describe_fault(row, record.robot),
                 row["response"],
                 row["cause"],
                 _yes(row["cued"]),

@@ -12,7 +12,7 @@ from evidence.record import EvidenceRecord, fill_template
 from evidence.sources import opened
 from ravenjax.report import downloads
 from ravenjax.store import manifest as manifests
-from ravenjax.store.files import require_writable, sha256, write_aside
+from ravenjax.store.files import hash_file, require_writable, write_aside
 
 FOLDER = "evidence"
 """Default subfolder of a result folder."""
@@ -56,7 +56,7 @@ def write(
 
         def add_file(name: str, goal: str, write_file: Callable[[Path], object]) -> None:
             write_aside(place / name, write_file)
-            goals[name] = goal, sha256(place / name)
+            goals[name] = goal, hash_file(place / name)
 
         modes = [m for source in sources for m in failure_modes.count_failure_modes(source)]
         actions = [a for source in sources for a in control_actions.count_control_actions(source)]
@@ -67,7 +67,7 @@ def write(
         }
         for name, goal in GOALS.items():
             if name in rows:
-                text = downloads.text(rows[name]) or NO_ROWS
+                text = downloads.format_csv(rows[name]) or NO_ROWS
                 add_file(name, goal, _writer_of(text))
             else:
                 add_file(name, goal, lambda target: trace.write_trace(target, sources))
@@ -84,7 +84,7 @@ def write(
             add_file(credibility.FILE, credibility.GOAL, _writer_of(report))
             links[credibility.FILE] = credibility.link_files(model, place)
         evidence = EvidenceRecord(
-            written=manifests.now(),
+            written=manifests.utc_now(),
             sentences=tuple(line for source in sources for line in argument.say_all(source)),
             nodes=tuple(argument.build_argument(sources, place, goals, links)),
         )

@@ -176,7 +176,7 @@ MOST_PARAMETERS = 12
 def _parameters() -> list[tuple[str, Quantity]]:
     """Return all parameters of the robot."""
     return [
-        row for row in bounds.rows(ROBOT) if not row[0].startswith("contact.")
+        row for row in bounds.parameter_bounds(ROBOT) if not row[0].startswith("contact.")
     ]  # these campaigns have no contact
 
 
@@ -260,7 +260,7 @@ def _fault(draw: random.Random, arms: Sequence[str], sites: Sequence[Site]) -> d
 
 def _values(draw: random.Random, channel: Channel, effect: str) -> list[float]:
     """Return the ends of the legal range, and some values between them."""
-    low, high, whole, _ = legal.legal(channel, effect)
+    low, high, whole, _ = legal.legal_values(channel, effect)
     values = [
         x
         for x in (low, high, *LARGE, *(draw.gauss(0.0, 100.0) for _ in range(3)))
@@ -268,7 +268,7 @@ def _values(draw: random.Random, channel: Channel, effect: str) -> list[float]:
     ]
     values = [float(np.float32(x)) if abs(x) < 1e38 else x for x in values if np.isfinite(x)]
     fit = [float(int(x)) if whole else x for x in values]
-    return [x for x in fit if legal.rounding(channel, effect, x) is None and low <= x <= high]
+    return [x for x in fit if legal.find_rounding(channel, effect, x) is None and low <= x <= high]
 
 
 class EngineDifference(NamedTuple):
@@ -355,7 +355,7 @@ def nudged(config: CampaignConfig, engine: str) -> Iterator[pd.DataFrame]:
     for bits in NUDGES:
         varied = dict(ready.varied)
         for path in NUDGED:
-            for place, own in paths.named(program.params, program.setup, path).items():
+            for place, own in paths.named_numbers(program.params, program.setup, path).items():
                 values = varied.get(
                     place, varied.get(path, np.full(ready.runs, own, program.setup.precision.real))
                 )
@@ -375,7 +375,7 @@ def _moved(values: np.ndarray, bits: int) -> np.ndarray:
 def _table(ready: plan.Plan, engine: str) -> pd.DataFrame:
     """Return what `ravenjax.run` would return."""
     backend, shape, tables = (
-        selection.select(engine, ready.program.setup.precision),
+        selection.select_engine(engine, ready.program.setup.precision),
         runner.shape_of(ready),
         {},
     )
@@ -384,6 +384,6 @@ def _table(ready: plan.Plan, engine: str) -> pd.DataFrame:
         tables[done.rows.start] = done.packed
 
     progress = Progress(engine, ready.runs, ready.runs, ready.program.ticks, None)
-    pack = functools.partial(schema.conform, shape=shape)
+    pack = functools.partial(schema.conform_table, shape=shape)
     Local().run(Work(ready, backend, pack, deliver, progress), [range(ready.runs)])
-    return parts.concatenate([tables[first] for first in sorted(tables)])
+    return parts.concatenate_parts([tables[first] for first in sorted(tables)])

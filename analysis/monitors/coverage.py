@@ -25,7 +25,7 @@ from ravenjax.analyses.monitors.score_folder import Peaks
 from ravenjax.stats.alarms.false_alarms import alarm_rate
 from ravenjax.stats.conformal import shift, threshold
 from ravenjax.stats.conformal.threshold import FalseAlarmTarget, OperationScores
-from ravenjax.stats.multiplicity import holm
+from ravenjax.stats.multiplicity import holm_test
 
 CALIBRATIONS, UNITS, LEVEL = 200, 150, 0.05
 TARGET = FalseAlarmTarget(2.0, 0.95, 1 / 60)
@@ -59,8 +59,8 @@ def scores(peaks: Peaks) -> OperationScores:
     """
     learns = peaks.unit % 8 == 0
     some = peaks.peak[learns]
-    scale = threshold.scales(some[np.isfinite(some).all(axis=1)][:, :, None])
-    score = threshold.joint(peaks.peak[~learns][:, :, None], scale)
+    scale = threshold.signal_scales(some[np.isfinite(some).all(axis=1)][:, :, None])
+    score = threshold.joint_scores(peaks.peak[~learns][:, :, None], scale)
     return OperationScores(
         peaks.unit[~learns], np.where(np.isnan(score), np.inf, score), peaks.hours[~learns]
     )
@@ -105,7 +105,7 @@ def coverage(whole: OperationScores, one_each: bool, seed: int) -> Coverage:
     rng, rows = np.random.default_rng(seed), []
     for _ in range(CALIBRATIONS):
         some = drawn(population, rng)
-        limit, plain = threshold.least(some, TARGET).value, naive_threshold(some)
+        limit, plain = threshold.least_threshold(some, TARGET).value, naive_threshold(some)
         rows.append(
             (
                 rate(population, limit),
@@ -124,7 +124,7 @@ def columns(peaks: Peaks, scale: np.ndarray) -> np.ndarray:
     """
     _, first = np.unique(peaks.unit, return_index=True)
     peak = np.nan_to_num(peaks.peak[first], nan=np.inf)
-    return np.column_stack([threshold.joint(peak[:, :, None], scale), peak])
+    return np.column_stack([threshold.joint_scores(peak[:, :, None], scale), peak])
 
 
 def shifts(same: np.ndarray, other: np.ndarray | None, seed: int) -> int:
@@ -137,8 +137,11 @@ def shifts(same: np.ndarray, other: np.ndarray | None, seed: int) -> int:
         calibration, fresh = same[order[:UNITS]], same[order[UNITS : UNITS + FRESH_UNITS]]
         if other is not None:
             fresh = other[rng.permutation(len(other))[:FRESH_UNITS]]
-        p = {str(c): shift.shift(calibration[:, c], fresh[:, c], k).p for c in range(same.shape[1])}
-        calls += any(one.rejected for one in holm(p, 1 - LEVEL).values())
+        p = {
+            str(c): shift.test_shift(calibration[:, c], fresh[:, c], k).p
+            for c in range(same.shape[1])
+        }
+        calls += any(one.rejected for one in holm_test(p, 1 - LEVEL).values())
     return calls
 
 
@@ -148,7 +151,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     folder = parser.parse_args().folder
     pools = {
-        name: score_folder.read(folder / name / score_folder.FOLDER)
+        name: score_folder.read_scores(folder / name / score_folder.FOLDER)
         for name in ("drawn", "one", "shifted")
     }
     most = int(binom.ppf(0.95, CALIBRATIONS, 1 - TARGET.confidence))
@@ -177,9 +180,9 @@ def main() -> None:
         )
     whole, moved = scores(pools["drawn"]), pools["shifted"]
     learns = pools["drawn"].unit % 8 == 0
-    scale = threshold.scales(pools["drawn"].peak[learns][:, :, None])
+    scale = threshold.signal_scales(pools["drawn"].peak[learns][:, :, None])
     same, other = columns(pools["drawn"].taken_from(~learns), scale), columns(moved, scale)
-    limit = threshold.least(halves(whole)[0], TARGET).value
+    limit = threshold.least_threshold(halves(whole)[0], TARGET).value
     _, first = np.unique(moved.unit, return_index=True)
     broken_rate = alarm_rate(int((other[:, 0] > limit).sum()), float(moved.hours[first].sum()))
     false, true = shifts(same, None, 1), shifts(same, other, 2)

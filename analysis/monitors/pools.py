@@ -44,10 +44,10 @@ def main() -> None:
     options = parser.parse_args()
     for seed, (name, share) in enumerate({"drawn": 1.0, "one": 1.0, "shifted": 0.1}.items()):
         began, config = time.perf_counter(), campaign(name)
-        design = OperationDesign(calibrate.motions(config), ROBOTS, LENGTH_S, seed)
-        wanted = split_scores(calibrate.chosen(config.robot, calibrate.SIGNALS))
+        design = OperationDesign(calibrate.varying_motions(config), ROBOTS, LENGTH_S, seed)
+        wanted = split_scores(calibrate.choose_candidates(config.robot, calibrate.SIGNALS))
         count, place = max(1, round(share * options.operators)), options.folder / name
-        peaks = calibrate.operate(
+        peaks = calibrate.operate_units(
             config, design, wanted, WHOLE, place, count, options.engine, lambda *_: None
         )
         hours = len(peaks.unit) * LENGTH_S / 3600

@@ -22,7 +22,7 @@ from ravenjax.campaign import loading, plan
 from ravenjax.campaign.inspection import replay
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block
-from ravenjax.faults.injection import read
+from ravenjax.faults.injection import read_channel
 from ravenjax.hazards import ranges
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS
@@ -95,7 +95,7 @@ def runs() -> Iterator[tuple[Any, float]]:
         group = {"name": "fault_free", "parameters": {"operator.scale": list(SCALES)}}
         raw = {"campaign": campaign, "operator": {"motion": motion}, "group": [group]}
         ready = plan.make_plan(loading.from_dict(raw))
-        tracer = selection.select("simd", ready.program.setup.precision).tracer(
+        tracer = selection.select_engine("simd", ready.program.setup.precision).tracer(
             ready.program, replay.LANES
         )
         for row, scale in enumerate(SCALES):
@@ -135,7 +135,7 @@ def main() -> None:
             values = (
                 np.full(ticks, NEUTRAL[site])
                 if site in NEUTRAL
-                else np.asarray(read(found[site], path))
+                else np.asarray(read_channel(found[site], path))
             )
             seen.setdefault((site, arm, channel.name), []).append(values.astype(float))
     with open(TARGET, "w", encoding="utf-8", newline="") as file:

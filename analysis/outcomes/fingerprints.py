@@ -106,9 +106,9 @@ def main() -> int:
     kept = (
         json.loads(FILE.read_text())
         if FILE.is_file()
-        else {"width": jit.host().width, "campaigns": {}}
+        else {"width": jit.host_target().width, "campaigns": {}}
     )
-    compared = ["table", "cuda", *(["llvm"] if kept["width"] == jit.host().width else [])]
+    compared = ["table", "cuda", *(["llvm"] if kept["width"] == jit.host_target().width else [])]
     different = 0
     for name in names:
         begin = time.perf_counter()

@@ -77,12 +77,14 @@ def bytes_of(ready: Plan) -> int:
 
 def main(folder: Path) -> dict[str, Any]:
     """Return all costs: in s, and in B if the name says bytes."""
-    compile_cache.enable()
+    compile_cache.enable_cache()
     plan_s = least(lambda: campaign(PLANNED), repeats=2)
     ready = campaign(CHUNKS[-1])
-    engine = selection.select("simd", ready.program.setup.precision, compile_cache.objects())
+    engine = selection.select_engine(
+        "simd", ready.program.setup.precision, compile_cache.object_cache()
+    )
     record = runner._manifest(ready, engine)
-    pack = partial(parts.encode, shape=record.shape, config_hash=record.config_hash)
+    pack = partial(parts.encode_part, shape=record.shape, config_hash=record.config_hash)
     work = Work(ready, engine, pack, lambda finished: None, Progress("", 0, 0, 1, None))
     head = ray_cluster.make_head(work, [range(CHUNKS[-1])], 1)
     start = time.perf_counter()
@@ -153,13 +155,15 @@ def chunk_costs(
         "receive_s": least(lambda: pickle.loads(back), repeats=repeats),
         "part_bytes": part.size,
         "put_s": least(
-            lambda: parts.put(folder / "parts", finished.packed), time.perf_counter, 3 * repeats
+            lambda: parts.put_part(folder / "parts", finished.packed),
+            time.perf_counter,
+            3 * repeats,
         ),
         "put_cpu_s": least(
-            lambda: parts.put(folder / "parts", finished.packed), repeats=3 * repeats
+            lambda: parts.put_part(folder / "parts", finished.packed), repeats=3 * repeats
         ),
         "record_s": least(
-            lambda: manifest.record(store.path, part), time.perf_counter, 3 * repeats
+            lambda: manifest.record_part(store.path, part), time.perf_counter, 3 * repeats
         ),
     }
 
@@ -172,8 +176,8 @@ def folder_costs(folder: Path, record: manifest.Manifest, count: int = 2000) -> 
         for i in range(count)
     ]
     whole = record.model_copy(update={"parts": tuple(listed), "runs": count})
-    write = least(lambda: manifest.write(folder, whole), time.perf_counter)
-    read = least(lambda: manifest.read(folder))
+    write = least(lambda: manifest.write_manifest(folder, whole), time.perf_counter)
+    read = least(lambda: manifest.read_manifest(folder))
     return {"parts": count, "write_s_per_part": write / count, "read_s_per_part": read / count}
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING
 
-from ravenjax.errors import UserError, suggestion
+from ravenjax.errors import UserError, suggest_name
 
 if TYPE_CHECKING:
     from studies.study import Study
@@ -38,6 +38,6 @@ def find(name: str) -> Study:
     """Return the study with a name. Raises UserError."""
     if name not in NAMES:
         raise UserError(
-            f"unknown study {name!r}, expected one of {', '.join(NAMES)}{suggestion(name, NAMES)}"
+            f"unknown study {name!r}, expected one of {', '.join(NAMES)}{suggest_name(name, NAMES)}"
         )
     return importlib.import_module(f"studies.{NAMES[name]}").STUDY

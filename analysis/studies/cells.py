@@ -10,7 +10,7 @@ from ravenjax.report import wording
 
 def number(value: float | None) -> str:
     """Write three significant digits; a dash for NaN or infinity."""
-    return wording.DASH if value is None else wording.number(value)
+    return wording.DASH if value is None else wording.format_number(value)
 
 
 def span(low: float | None, high: float | None) -> str:
@@ -33,7 +33,7 @@ def with_interval(estimate: Mapping[str, Any], unit: str = "") -> str:
 def counted_over(estimate: Mapping[str, Any]) -> str:
     """Write what an estimate was counted over or read from: `36 segments`; "" if unknown."""
     return (
-        f"{wording.count(estimate['n'])} {estimate['of']}".rstrip()
+        f"{wording.format_count(estimate['n'])} {estimate['of']}".rstrip()
         if estimate["n"]
         else estimate["of"]
     )

@@ -39,7 +39,7 @@ def reproduce(name: str | None, out: Path, engine: str, keep: Path | None, as_js
                 [tuple(target) for target in targets().values()],
             ),
         ]
-        console.emit(listings, as_json)
+        console.print_tables(listings, as_json)
         return
     chosen = [studies.find(one) for one in (studies.NAMES if name == "all" else (name,))]
     for study in chosen:
@@ -49,19 +49,19 @@ def reproduce(name: str | None, out: Path, engine: str, keep: Path | None, as_js
         if not as_json:
             if found.lines:
                 rows = findings_files.line_rows(found)
-                console.table(study.title, findings_files.BRIEF_COLUMNS, rows)
+                console.print_table(study.title, findings_files.BRIEF_COLUMNS, rows)
             for state in standings(plain(found)["lines"]):
-                console.say(f"{state.sentence}. {targets()[state.id].definition}")
+                console.print_text(f"{state.sentence}. {targets()[state.id].definition}")
             for answer in claims.answers(findings_files.read(folder)):
-                console.say(f"- {answer}")
-            console.say(f"findings: {folder / findings_files.PAGE}")
-            console.say(f"page: {folder / findings_files.HTML}")
+                console.print_text(f"- {answer}")
+            console.print_text(f"findings: {folder / findings_files.PAGE}")
+            console.print_text(f"page: {folder / findings_files.HTML}")
         if keep is not None:
             findings_files.keep(folder, keep / study.name)
     for folder in filter(None, (out, keep)):
         page = findings_files.write_credibility(folder, studies.NAMES)
         if not as_json:
-            console.say(f"credibility: {page}")
+            console.print_text(f"credibility: {page}")
     if as_json:
         console.emit_json(
             [

@@ -26,7 +26,7 @@ from ravenjax.robots.raven2.declaration import LAYERS
 from ravenjax.stats import latency
 from ravenjax.stats.alarms.false_alarms import alarm_rate
 from ravenjax.stats.bootstrap import units
-from ravenjax.stats.bootstrap.units import Units, codes
+from ravenjax.stats.bootstrap.units import Units, label_codes
 from ravenjax.stats.intervals import alpha_of
 from ravenjax.store import folder, manifest
 from ravenjax.store.manifest import DetectorRecord, Manifest
@@ -84,7 +84,7 @@ class FaultyScores(NamedTuple):
     @property
     def faults(self) -> Units:
         """Return the kinds of faults of the runs, which are the units of intervals."""
-        return units.units(self.kind, self.family)
+        return units.group_units(self.kind, self.family)
 
     def spoke_ms(self, name: str, threshold: float) -> np.ndarray:
         """Return when a detector, or one of OTHERS (at any threshold), first gave an alarm because
@@ -173,7 +173,7 @@ def per_hour(
     exact = alarm_rate(total, all_hours)
     low, high = exact.low, exact.high
     if total:
-        band = units.ratio(counts, hours, units.units(recording))
+        band = units.ratio_band(counts, hours, units.group_units(recording))
         low, high = float(band.low), float(band.high)
     return StudyEstimate(exact.per_hour, low, high, total, f"{of} in {all_hours:.1f} h")
 
@@ -190,7 +190,7 @@ def read_faulty(folders: Sequence[Path]) -> FaultyScores:
     """Read activated faulty runs of campaigns that differ only in their motion. Raises ValueError
     if their faults differ.
     """
-    read = [(folder.read_all(path), manifest.read(path)) for path in folders]
+    read = [(folder.read_all(path), manifest.read_manifest(path)) for path in folders]
     return pooled([frame for frame, _ in read], read[0][1])
 
 
@@ -263,7 +263,9 @@ def read_free(folders: Sequence[tuple[str, Path]]) -> FreeScores:
     """Read fault-free runs of campaigns, each with the name of its recording. With noise, the robot
     as modelled gets another name.
     """
-    parts = [alone(folder.read_all(path), manifest.read(path), name) for name, path in folders]
+    parts = [
+        alone(folder.read_all(path), manifest.read_manifest(path), name) for name, path in folders
+    ]
     return parts[0]._replace(
         **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _FREE_BY_RUN},
         alarms=tuple(
@@ -320,7 +322,9 @@ def _tripped(frame: pd.DataFrame, *actions: checks.Action) -> np.ndarray:
     A run without a fault is its own golden run, so its column `response` is always silent.
     """
     columns = [
-        f"check_{name}_count" for name in checks.names(frame) if ROBOT.check(name).action in actions
+        f"check_{name}_count"
+        for name in checks.check_names(frame)
+        if ROBOT.check(name).action in actions
     ]
     return (frame[columns].to_numpy() > 0).any(axis=1).astype(int)
 
@@ -395,7 +399,7 @@ def areas(score: np.ndarray, positive: np.ndarray, kind: np.ndarray) -> Areas:
     beats[positive] = (rank[positive] - rankdata(score[positive], axis=0)) / n
     beats[~positive] = 1.0 - (rank[~positive] - rankdata(score[~positive], axis=0)) / m
     value = beats[positive].mean(axis=0)
-    code, clusters = codes(kind)
+    code, clusters = label_codes(kind)
     both = np.zeros((detectors, detectors))
     scaled = []
     for members, count in ((positive, m), (~positive, n)):
@@ -520,19 +524,19 @@ def median_times(
     """
     came = first_ms >= 0
     spoke = np.where(came, first_ms, end_ms)
-    delay = latency.quantile(spoke - active_ms, came, 0.5, faults)
-    value, low, high = latency.quantile(spoke - unintended_ms, came, 0.5, faults)
+    delay = latency.delay_quantile(spoke - active_ms, came, 0.5, faults)
+    value, low, high = latency.delay_quantile(spoke - unintended_ms, came, 0.5, faults)
     return _told(delay, len(came)), _told((-value, -high, -low), len(came))
 
 
 def share(hit: np.ndarray, among: np.ndarray, faults: Units, of: str) -> StudyEstimate:
     """Return the rate of `hit` among `among` (bool [runs]), with its interval over kinds of faults
-    (`units.rate`).
+    (`units.rate_band`).
 
     `faults`: kinds of the runs. The rate is NaN if no run is among them.
     """
     mine = faults.where(among)
-    rate = units.rate(hit[among], mine, resamples=RESAMPLES)
+    rate = units.rate_band(hit[among], mine, resamples=RESAMPLES)
     return StudyEstimate(
         rate.value, rate.low, rate.high, rate.n, f"{of}, {kinds.count(mine)}" if rate.n else of
     )
@@ -569,14 +573,14 @@ def percent(value: StudyEstimate) -> str:
     if not value.n:
         return "no runs"
     ends = (
-        f" ({wording.percent(value.low)} to {wording.percent(value.high)})"
+        f" ({wording.format_percent(value.low)} to {wording.format_percent(value.high)})"
         if np.isfinite(value.low)
         else ""
     )
-    return f"{wording.percent(value.value)}{ends} of {wording.count(value.n)}"
+    return f"{wording.format_percent(value.value)}{ends} of {wording.format_count(value.n)}"
 
 
-def plain(value: StudyEstimate, show: Callable[[float], str] = wording.number) -> str:
+def plain(value: StudyEstimate, show: Callable[[float], str] = wording.format_number) -> str:
     """Write 12 (10 to 15); a dash if unknown."""
     if not np.isfinite(value.value):
         return wording.DASH
@@ -590,7 +594,7 @@ def plain(value: StudyEstimate, show: Callable[[float], str] = wording.number) -
 
 def rate(value: StudyEstimate) -> str:
     """Write 0.8 (0 to 2.1); 3 alarms in 4.0 h."""
-    return f"{plain(value)}; {wording.count(value.n)} in {value.of.rpartition(' in ')[2]}"
+    return f"{plain(value)}; {wording.format_count(value.n)} in {value.of.rpartition(' in ')[2]}"
 
 
 def _told(value: tuple[float, float, float], n: int) -> StudyEstimate:
@@ -738,7 +742,8 @@ def hazard_table(faulty: FaultyScores, main: Sequence[str]) -> Table:
         "AUC by kind of hazard",
         ("what a detector is to tell", "runs", *main),
         tuple(rows),
-        f"Against {wording.count(int(calm.sum()))} faulty runs without hazard and jump each time. A"
+        f"Against {wording.format_count(int(calm.sum()))} faulty runs without hazard and jump"
+        " each time. A"
         " run's hazard is the gravest that it has. Jumps are those of the published code's rule:"
         " with faults of encoders and estimates the reported tip jumps and the robot need not."
         " tip_error and the cue measure the distance of the reported tip from the model, of which"
@@ -895,7 +900,7 @@ def _notes(faulty: FaultyScores, modelled: FreeScores) -> tuple[str, ...]:
     hours, recordings = float(modelled.hours.sum()), len(np.unique(modelled.recording))
     return read_notes(
         "detectors",
-        motion=events.meaning("unintended_motion", faulty.rules),
+        motion=events.event_meaning("unintended_motion", faulty.rules),
         hours=hours,
         recordings=recordings,
         unseen=alarm_rate(0, hours).high,

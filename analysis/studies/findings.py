@@ -20,7 +20,7 @@ from ravenjax.document import html
 from ravenjax.errors import StoreError
 from ravenjax.report import wording
 from ravenjax.store import manifest
-from ravenjax.store.files import parsed, require_writable, write_aside
+from ravenjax.store.files import parse_json, require_writable, write_aside
 from studies import cells, claims
 from studies.study import Context, Findings, Study, Variant, plain, standings, targets
 
@@ -47,7 +47,7 @@ def reproduce(
     }
     if len(configs) < len(study.variants):
         raise ValueError(f"study {study.name}: two variants share a name, and so a folder")
-    runs = [design.due(config) for config in configs.values()]
+    runs = [design.count_due_rows(config) for config in configs.values()]
     latest: dict[int, Status] = {}
 
     def tell(phase: str) -> None:
@@ -85,7 +85,7 @@ def reproduce(
 
 def _provenance(study: Study, folders: Mapping[str, Path]) -> dict[str, Any]:
     """Return everything that decides a study's findings."""
-    records = {name: manifest.read(folder) for name, folder in folders.items()}
+    records = {name: manifest.read_manifest(folder) for name, folder in folders.items()}
     first = next(iter(records.values()), None)
 
     def campaign(variant: Variant) -> dict[str, Any]:
@@ -150,7 +150,7 @@ def keep(source: Path, target: Path) -> None:
 def read(folder: Path) -> dict[str, Any]:
     """Return the record of findings in a folder. Raises StoreError."""
     try:
-        return parsed((folder / JSON).read_text(encoding="utf-8"))
+        return parse_json((folder / JSON).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise StoreError(
             f"{folder / JSON}: no findings there ({error}); run `ravenjax reproduce` first"
@@ -253,8 +253,8 @@ def _made_by(name: str, made: Record) -> Iterator[str]:
     rows = [
         (
             c["variant"],
-            wording.count(c["runs"]),
-            wording.number(c["seconds"]),
+            wording.format_count(c["runs"]),
+            wording.format_number(c["seconds"]),
             c["question"],
             f"`{c['command']}`",
         )

@@ -14,7 +14,7 @@ import pandas as pd
 
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.sections.reaction import Pairs
-from ravenjax.stages.hand import HandParams, impedance
+from ravenjax.stages.hand import HandParams, hand_impedance
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.bootstrap.units import Units
 from ravenjax.stats.intervals import Estimate
@@ -162,8 +162,8 @@ class HandEffect(NamedTuple):
 
 def read(path: Path) -> HandRuns:
     """Read the runs of a result folder. Raises StoreError."""
-    frame, header = folder.read_all(path), manifest.read(path)
-    return HandRuns(frame, run_facts.of(frame, header))
+    frame, header = folder.read_all(path), manifest.read_manifest(path)
+    return HandRuns(frame, run_facts.derive_from_manifest(frame, header))
 
 
 def paired(runs: HandRuns, newtons: float, grip: float) -> HandPairs:
@@ -216,7 +216,7 @@ def effect(pairs: HandPairs, scale: float) -> HandEffect:
 
 
 def _ratio(above: np.ndarray, below: np.ndarray | float, among: Units) -> Estimate:
-    band = units.ratio(above, below, among)
+    band = units.ratio_band(above, below, among)
     return Estimate(band.value, band.low, band.high)
 
 
@@ -376,7 +376,9 @@ def _loop() -> Table:
     rows = []
     for newtons, words in FORCES.items():
         for grip in (ENDS[0], MIDDLE, ENDS[1]) if newtons > 0 else ():
-            stiffness = float(impedance(HandParams(grip, newtons, 0.554, 6.45, 135.0, 5.0, 0.0))[0])
+            stiffness = float(
+                hand_impedance(HandParams(grip, newtons, 0.554, 6.45, 135.0, 5.0, 0.0))[0]
+            )
             farthest = CAP * newtons / stiffness * 1e3
             gain = KP * newtons / stiffness
             rows.append(

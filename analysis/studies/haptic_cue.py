@@ -24,7 +24,7 @@ from ravenjax.report import wording
 from ravenjax.report.data import facts as run_facts
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.bootstrap.units import Units
-from ravenjax.stats.bootstrap.units import units as units_of
+from ravenjax.stats.bootstrap.units import group_units as units_of
 from ravenjax.store import folder, manifest
 from ravenjax.store.manifest import CueRecord, Manifest
 from studies import kinds, motions_alike
@@ -251,7 +251,7 @@ def read_faulty(folders: Sequence[Path]) -> FaultyCues:
     """Read activated faulty runs of campaigns that differ only in their motion. Raises ValueError
     if their faults differ.
     """
-    read = [(folder.read_all(path), manifest.read(path)) for path in folders]
+    read = [(folder.read_all(path), manifest.read_manifest(path)) for path in folders]
     return pooled([frame for frame, _ in read], read[0][1])
 
 
@@ -272,7 +272,7 @@ def _faulty(runs: Activated, made: Manifest) -> FaultyCues:
     def columns(name: str) -> np.ndarray:
         return np.stack([frame[name.format(k)].to_numpy() for k in every], axis=1)
 
-    own = np.stack([run_facts.warned(frame, k) for k in every], axis=1)
+    own = np.stack([run_facts.warning_times(frame, k) for k in every], axis=1)
     return FaultyCues(
         cues=made.cues,
         published=made.verdict_cue,
@@ -300,7 +300,9 @@ def _faulty(runs: Activated, made: Manifest) -> FaultyCues:
 
 def read_free(folders: Sequence[tuple[str, Path]]) -> FreeCues:
     """Read fault-free runs of campaigns, each with the name of its recording."""
-    parts = [alone(folder.read_all(path), manifest.read(path), name) for name, path in folders]
+    parts = [
+        alone(folder.read_all(path), manifest.read_manifest(path), name) for name, path in folders
+    ]
     return parts[0]._replace(
         **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _FREE_BY_RUN}
     )
@@ -424,11 +426,12 @@ def false_time(free: FreeCues, k: int, robot: str) -> str:
     mine = free.where(free.robot == robot)
     hours = float(mine.hours.sum())
     value = float(mine.felt_hours[:, k].sum()) / hours
-    band = units.ratio(mine.felt_hours[:, k], mine.hours, units_of(mine.recording))
+    band = units.ratio_band(mine.felt_hours[:, k], mine.hours, units_of(mine.recording))
     if not value or np.isnan(band.low):
-        return f"{wording.percent(value)} of {hours:.1f} h"
+        return f"{wording.format_percent(value)} of {hours:.1f} h"
     return (
-        f"{wording.percent(value)} ({wording.percent(band.low)} to {wording.percent(band.high)}) of"
+        f"{wording.format_percent(value)} ({wording.format_percent(band.low)} to"
+        f" {wording.format_percent(band.high)}) of"
         f" {hours:.1f} h"
     )
 
@@ -619,7 +622,7 @@ def motion_table(free: FreeCues, sets: Sequence[int]) -> Table:
 
 def _with_count(value: StudyEstimate) -> str:
     """Write 12 (10 to 15); 8 of them."""
-    return f"{plain(value)}; {wording.count(value.n)}"
+    return f"{plain(value)}; {wording.format_count(value.n)}"
 
 
 def damper(cue: CueRecord) -> str:
@@ -631,7 +634,9 @@ def _quartiles(values: np.ndarray) -> str:
     """Write the median (first to third quartile)."""
     if not len(values):
         return wording.DASH
-    low, middle, high = (wording.number(float(one)) for one in np.percentile(values, [25, 50, 75]))
+    low, middle, high = (
+        wording.format_number(float(one)) for one in np.percentile(values, [25, 50, 75])
+    )
     return f"{middle} ({low} to {high})"
 
 
@@ -757,7 +762,7 @@ def _range(values: Sequence[float], wins: np.ndarray) -> tuple[float, float]:
 def _notes(faulty: FaultyCues, modelled: FreeCues) -> tuple[str, ...]:
     return read_notes(
         "haptic_cue",
-        motion=events.meaning("unintended_motion", faulty.rules),
+        motion=events.event_meaning("unintended_motion", faulty.rules),
         hours=modelled.hours.sum(),
         recordings=len(np.unique(modelled.recording)),
         kinds=kinds.NOTE,

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from ravenjax.hazards.naming import hazards_of, kind_of
 from ravenjax.report import wording
-from ravenjax.stats.bootstrap.units import FEW, FEWEST, Units, ratio, units
+from ravenjax.stats.bootstrap.units import FEW, FEWEST, Units, group_units, ratio_band
 from ravenjax.stats.comparison.paired import difference_of_counts
 from ravenjax.stats.intervals import Estimate
 
@@ -48,7 +48,7 @@ def families(group: ArrayLike) -> np.ndarray:
 
 def of(group: ArrayLike) -> Units:
     """Return kinds and families of faults as units and strata."""
-    return units(names(group), families(group))
+    return group_units(names(group), families(group))
 
 
 def difference(first: np.ndarray, second: np.ndarray, among: Units) -> Estimate:
@@ -62,13 +62,13 @@ def difference(first: np.ndarray, second: np.ndarray, among: Units) -> Estimate:
         return Estimate(math.nan, math.nan, math.nan)
     if among.count >= FEWEST and (first == second).all():
         return difference_of_counts(0, 0, among.count)
-    band = ratio(first.astype(float) - second, 1.0, among)
+    band = ratio_band(first.astype(float) - second, 1.0, among)
     return Estimate(band.value, band.low, band.high)
 
 
 def count(among: Units) -> str:
     """Write 52 kinds; 7 kinds, few."""
-    words = f"{wording.count(among.count)} kind{'s' if among.count != 1 else ''}"
+    words = f"{wording.format_count(among.count)} kind{'s' if among.count != 1 else ''}"
     return f"{words}, few" if among.count < FEW else words
 
 

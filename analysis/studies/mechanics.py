@@ -15,7 +15,7 @@ import numpy as np
 
 from ravenjax.analyses.calibration import joint_log, position_loop, tables
 from ravenjax.analyses.calibration.calibrate import Calibration, FollowingError, LoggedRobot
-from ravenjax.analyses.calibration.parameters import unknowns
+from ravenjax.analyses.calibration.parameters import select_unknowns
 from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.numbers.setup import REFERENCE
 from ravenjax.numbers.vec import Vec, replace
@@ -24,7 +24,7 @@ from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.plant import nominal, parameter_sets, robot
-from ravenjax.robots.raven2.plant.coupling import N, coupling
+from ravenjax.robots.raven2.plant.coupling import N, arm_coupling
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stats.bootstrap.resample import bootstrap
 from studies.dsn16 import authors, recording
@@ -192,7 +192,7 @@ def _load(angle: Any, speed: Any, acceleration: Any) -> jax.Array:
     force = Vec(
         sum(mass[max(i, j)][min(i, j)] * jacc[j] for j in range(N)) + bias[i] for i in range(N)
     )
-    return jnp.stack(coupling(ARM, TOOL, recording.SETUP.software).carried(force)[:3])
+    return jnp.stack(arm_coupling(ARM, TOOL, recording.SETUP.software).carried(force)[:3])
 
 
 def _fit(columns: np.ndarray, torque: np.ndarray, stretch: np.ndarray) -> LoadShare:
@@ -277,11 +277,11 @@ def _run(
     drive = transmission.tau_signs("gold", "r_grasper", "raven2")
     state = robot.init(STATICS_SETUP, "gold", params, Vec(HOME_JPOS))
     state = replace(state, brakes=replace(state.brakes, engaged=jnp.int32(0)))
-    start = robot.observe(STATICS_SETUP, "gold", params, state).mpos
+    start = robot.observe_robot(STATICS_SETUP, "gold", params, state).mpos
     push = Vec.full(7, 0.0).replace(0, load)
 
     def tick(state, _):
-        angles = robot.observe(STATICS_SETUP, "gold", params, state)
+        angles = robot.observe_robot(STATICS_SETUP, "gold", params, state)
         torques = [
             kp * (a - b) - 0.027 * kp * v
             for a, b, v in zip(start, angles.mpos, angles.mvel, strict=True)
@@ -342,7 +342,10 @@ def compare(context: Context) -> Findings:
         printed.append(_table(_tabulate_following(title, judged, logged.log.joints), _FOLLOWING))
         fitted = _fitted(logged, name)
         printed.append(
-            _table(tables.parameters(f"Fitted to the first half of {name}", fitted), _PARAMETERS)
+            _table(
+                tables.tabulate_parameters(f"Fitted to the first half of {name}", fitted),
+                _PARAMETERS,
+            )
         )
     missing = [name for name in FITTED if name not in paths]
     absent = (f"Not at hand: {', '.join(missing)}. Set {DATA} to their folder.",) if missing else ()
@@ -356,7 +359,7 @@ def compare(context: Context) -> Findings:
 def _fitted(logged: LoggedRobot, name: str) -> Calibration:
     """Return the set with its friction and offsets fitted again, starting from the set."""
     return logged.calibrated(
-        robot.params(logged.setup, "gold", OURS), unknowns(FITTED[name], FITTED_KINDS)
+        robot.params(logged.setup, "gold", OURS), select_unknowns(FITTED[name], FITTED_KINDS)
     )
 
 

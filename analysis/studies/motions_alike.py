@@ -40,7 +40,7 @@ def activated(frames: Sequence[pd.DataFrame], made: Manifest) -> Iterator[Activa
     """Return the activated runs of each motion. `made`: manifest of the first. Raises ValueError if
     the faults of two motions differ.
     """
-    distinct = run_facts.of(frames[0], made)["distinct"].to_numpy()
+    distinct = run_facts.derive_from_manifest(frames[0], made)["distinct"].to_numpy()
     faults = kinds.of(frames[0]["group"])
     family = faults.stratum[faults.unit]
     for motion, frame in enumerate(frames):
@@ -48,7 +48,7 @@ def activated(frames: Sequence[pd.DataFrame], made: Manifest) -> Iterator[Activa
             raise ValueError(
                 f"campaign {motion} of a comparison of motions has other groups than the first"
             )
-        facts = run_facts.of(frame, made)
+        facts = run_facts.derive_from_manifest(frame, made)
         mask = (facts["faulty"] & facts["activated"] & ~facts["failed"]).to_numpy()
         yield Activated(
             frame.loc[mask],

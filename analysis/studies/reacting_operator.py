@@ -28,10 +28,10 @@ from ravenjax.stats.alarms.false_alarms import AlarmRate, alarm_rate
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.bootstrap.units import Units
 from ravenjax.stats.comparison.clustered import exchange_p
-from ravenjax.stats.comparison.paired import mcnemar
-from ravenjax.stats.intervals import Estimate, Rate, wilson
+from ravenjax.stats.comparison.paired import mcnemar_test
+from ravenjax.stats.intervals import Estimate, Rate, wilson_interval
 from ravenjax.stats.latency import Delays, Lead
-from ravenjax.stats.multiplicity import holm
+from ravenjax.stats.multiplicity import holm_test
 from ravenjax.store import folder, manifest
 from ravenjax.vocabulary.reactions import ACTIONS, CORRECT, MEANINGS, RELEASE, SLOW
 from studies import kinds
@@ -131,14 +131,16 @@ class Contrast(NamedTuple):
 
 def read(path: Path) -> ReactionRuns:
     """Read the runs of a result folder. Raises StoreError."""
-    frame, header = folder.read_all(path), manifest.read(path)
+    frame, header = folder.read_all(path), manifest.read_manifest(path)
     frame[EXCURSION] = frame[["unintended_mm", "unintended_off_mm"]].max(axis=1)
-    return ReactionRuns(frame, run_facts.of(frame, header), header.duration_ms, header.limit_mm)
+    return ReactionRuns(
+        frame, run_facts.derive_from_manifest(frame, header), header.duration_ms, header.limit_mm
+    )
 
 
 def paired(runs: ReactionRuns, action: int) -> Pairs:
     """Return every fault that changed a bit if nobody reacts, with this action and without one."""
-    every = reactions.pairs(runs.frame, runs.facts, action)
+    every = reactions.paired_runs(runs.frame, runs.facts, action)
     return every.where(every.without_facts["activated"].to_numpy())
 
 
@@ -160,9 +162,9 @@ def contrast_of(pairs: Pairs, measure: Measure) -> Contrast:
         int(without.sum()),
         int(with_.sum()),
         difference(with_, without, among),
-        units.rate(~with_[without], affected),
+        units.rate_band(~with_[without], affected),
         affected,
-        mcnemar(with_, without).first_only,
+        mcnemar_test(with_, without).first_only,
         exchange_p(with_, without, among.unit),
         int(acted.sum()),
         among.where(acted),
@@ -191,7 +193,7 @@ def adjusted(contrasts: Sequence[Contrast]) -> list[float]:
     """Return Holm's p of each contrast, adjusted over all; NaN if no pair differs."""
     return [
         finding.adjusted
-        for finding in holm({str(k): one.p for k, one in enumerate(contrasts)}).values()
+        for finding in holm_test({str(k): one.p for k, one in enumerate(contrasts)}).values()
     ]
 
 
@@ -255,7 +257,7 @@ def leads_ms(runs: ReactionRuns, cue: int, jump: bool = False) -> np.ndarray:
     """Return the time from cue to motion of every run. Negative: the cue came after; NaN: no
     motion; -inf: no cue.
     """
-    cued, began = run_facts.warned(runs.frame, cue), began_ms(runs, jump)
+    cued, began = run_facts.warning_times(runs.frame, cue), began_ms(runs, jump)
     return np.where(np.isnan(began), np.nan, np.where(cued >= 0, began - cued, -np.inf))
 
 
@@ -269,10 +271,10 @@ def advance(runs: ReactionRuns, cue: int, threshold_mm: float, jump: bool = Fals
     came, among = lead[moved], kinds.of(runs.facts["group"].to_numpy()[moved])
     cue_came = np.isfinite(came)
     lag = np.where(cue_came, -came, runs.end_ms - began[moved])
-    lead_curve = latency.lead(Delays(lag, cue_came, np.ones(len(lag), int)))
+    lead_curve = latency.lead_time(Delays(lag, cue_came, np.ones(len(lag), int)))
 
     def exceeded(fraction: float) -> Estimate:
-        value, low, high = latency.quantile(lag, cue_came, fraction, among)
+        value, low, high = latency.delay_quantile(lag, cue_came, fraction, among)
         return Estimate(-value, -high, -low)
 
     return Advance(
@@ -280,10 +282,10 @@ def advance(runs: ReactionRuns, cue: int, threshold_mm: float, jump: bool = Fals
         None if jump else runs.limit_mm,
         among,
         lead_curve,
-        units.rate(came > 0, among),
+        units.rate_band(came > 0, among),
         exceeded(0.5),
         exceeded(0.25),
-        {delay: units.rate(came < delay, among) for delay in DELAYS_MS},
+        {delay: units.rate_band(came < delay, among) for delay in DELAYS_MS},
     )
 
 
@@ -359,7 +361,7 @@ def contrast_rows(
             one.with_,
             avoided(one),
             one.caused,
-            wording.number(holm, 2),
+            wording.format_number(holm, 2),
             one.acted,
             number(one.needed),
         )
@@ -413,7 +415,7 @@ def unmoved_rate(pairs: Pairs) -> Rate:
 
 def _of_reactions(pairs: Pairs, holds: np.ndarray) -> Rate:
     acted = (pairs.with_frame["reaction_ms"] >= 0).to_numpy()
-    return units.rate(holds[acted], kinds_of(pairs).where(acted))
+    return units.rate_band(holds[acted], kinds_of(pairs).where(acted))
 
 
 def advance_table(found: Sequence[Advance]) -> Table:
@@ -473,7 +475,11 @@ def sites(pairs: Pairs, by: Measure, drawn_groups: Collection[str]) -> Table:
         if not one.without and not one.caused:
             continue
         is_drawn = bool(sampled[mine].all())
-        spared = wilson(one.avoided.k, one.avoided.n) if is_drawn and one.avoided.n else one.avoided
+        spared = (
+            wilson_interval(one.avoided.k, one.avoided.n)
+            if is_drawn and one.avoided.n
+            else one.avoided
+        )
         cells = f"{one.n} {'faults drawn' if is_drawn else 'cells of the design'}"
         rows.append(
             {
@@ -516,8 +522,8 @@ def rate(found: Rate) -> str:
     """Write 52 of 230, 22.6 % (7.1–45.7 %). It is a dash without runs."""
     if not found.n:
         return wording.DASH
-    share = f"{found.k} of {found.n}, {wording.percent(found.value)}"
-    return share if math.isnan(found.low) else f"{share} ({wording.interval(found)})"
+    share = f"{found.k} of {found.n}, {wording.format_percent(found.value)}"
+    return share if math.isnan(found.low) else f"{share} ({wording.format_interval(found)})"
 
 
 def number(found: Estimate) -> str:
@@ -534,7 +540,9 @@ def number(found: Estimate) -> str:
 
 def _number(value: float) -> str:
     return (
-        "∞" if math.isinf(value) else wording.number(value + 0.0, 2 if abs(value) < 10 else 3)
+        "∞"
+        if math.isinf(value)
+        else wording.format_number(value + 0.0, 2 if abs(value) < 10 else 3)
     )  # avoids -0
 
 
@@ -592,7 +600,9 @@ def compare(context: Context) -> Findings:
     others = [(block, words, part) for block, words, part in _variants(context, pairs[RELEASE])]
     timed = [runs, *(read(context.folders[_timed(size)]) for size in SIZES_MM[1:])]
     advances = _advances(timed)
-    drawn_groups = draws.groups(manifest.read(context.folders[BASELINE]).config) or ()
+    drawn_groups = (
+        draws.drawn_groups(manifest.read_manifest(context.folders[BASELINE]).config) or ()
+    )
     free = [
         one
         for motion in MOTIONS

@@ -18,7 +18,7 @@ import pandas as pd
 
 from ravenjax import threads
 from ravenjax.campaign import compile_cache, plan
-from ravenjax.campaign.file.config import validated
+from ravenjax.campaign.file.config import validate_tables
 from ravenjax.campaign.plan import Plan
 from ravenjax.engines import traced
 from ravenjax.engines.cpu import jit
@@ -71,7 +71,7 @@ class Recorder:
         `chosen`: indices of the wanted runs in the result table; None takes all. Raises StoreError
         as `read_all` does.
         """
-        config = validated(manifest.read(path).config)
+        config = validate_tables(manifest.read_manifest(path).config)
         table = results.read_all(path).set_index("index", drop=False)
         ready = plan.make_plan(config)
         code = self._code(ready)
@@ -82,13 +82,13 @@ class Recorder:
             pairs = zip(table.loc[rows].to_dict("records"), code.run(ready, rows), strict=True)
             return [measured({str(k): v for k, v in row.items()}, series) for row, series in pairs]
 
-        return [one for of_block in threads.mapped(block, blocks) for one in of_block]
+        return [one for of_block in threads.map_in_threads(block, blocks) for one in of_block]
 
     def _code(self, ready: Plan) -> _Code:
         program = ready.program
         key = (program.setup, program.varied, program.ticks, _numbers(program.params))
         if key not in self._codes:
-            compile_cache.enable()
+            compile_cache.enable_cache()
             self._codes[key] = _Code(ready)
         return self._codes[key]
 
@@ -99,9 +99,9 @@ class _Code:
     def __init__(self, ready: Plan) -> None:
         from ravenjax.numbers.lazy import jax
 
-        self.program = traced.printable(ready.program)
-        self.width = jit.host().width
-        trace = traced.trace(self.program, self._block(ready, [0]), ready.columns)
+        self.program = traced.printable_program(ready.program)
+        self.width = jit.host_target().width
+        trace = traced.trace_tick(self.program, self._block(ready, [0]), ready.columns)
         leaves, structure = jax.tree.flatten(trace.signals)
         numbered = jax.tree.unflatten(structure, list(range(len(leaves))))
         loop = trace.loop
@@ -114,7 +114,7 @@ class _Code:
         step = dataclasses.replace(loop.step, outputs=(*loop.step.outputs[: loop.states], *picked))
         shared = len(self.program.varied)
         self._series = trace.series
-        objects = compile_cache.objects()
+        objects = compile_cache.object_cache()
         self._code = VectorCode(
             dataclasses.replace(loop, step=step), shared, not shared, self.width, objects
         )
@@ -125,7 +125,7 @@ class _Code:
     def run(self, ready: Plan, rows: Sequence[int]) -> Iterator[dict[str, np.ndarray]]:
         """Return the series of these rows, at most `width` of them, one after another."""
         ticks, real = self.program.ticks, np.dtype(self.program.setup.precision.real)
-        inputs = traced.inputs(self.program, self._block(ready, rows))
+        inputs = traced.lane_inputs(self.program, self._block(ready, rows))
         # Only outcomes, which are unused here, read a golden run.
         golden = np.zeros(
             (1, self._series) if self._code.grouped else (1, self._series, self.width), real

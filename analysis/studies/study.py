@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.errors import suggestion
+from ravenjax.errors import suggest_name
 
 HERE = Path(__file__).parent
 Cell = str | int | float
@@ -192,7 +192,7 @@ class Published:
 
 def _at(rows: Mapping[str, Mapping[str, Any]], key: str) -> Mapping[str, Any]:
     if key not in rows:
-        raise KeyError(f"no published number or band is named {key!r}{suggestion(key, rows)}")
+        raise KeyError(f"no published number or band is named {key!r}{suggest_name(key, rows)}")
     return rows[key]
 
 

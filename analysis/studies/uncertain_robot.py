@@ -31,8 +31,14 @@ from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.bootstrap.units import Units
 from ravenjax.stats.comparison.clustered import exchange_p
-from ravenjax.stats.intervals import Estimate, Rate, rate_difference, rates, share
-from ravenjax.stats.multiplicity import Finding, holm
+from ravenjax.stats.intervals import (
+    Estimate,
+    Rate,
+    rate_difference,
+    rates_with_intervals,
+    share_of_cells,
+)
+from ravenjax.stats.multiplicity import Finding, holm_test
 from ravenjax.store import folder, manifest
 from studies import kinds
 from studies.kinds import difference
@@ -65,7 +71,7 @@ class Uncertain(NamedTuple):
     @property
     def unit(self) -> str:
         """Return the unit from the robot's record."""
-        return bounds.of(ROBOT, self.path)[0].unit
+        return bounds.allowed_values(ROBOT, self.path)[0].unit
 
     @property
     def column(self) -> str:
@@ -239,11 +245,11 @@ class RobotRates(NamedTuple):
     @property
     def faults(self) -> Units:
         """Return the kinds of the faults."""
-        return units.units(self.events["kind"].to_numpy())
+        return units.group_units(self.events["kind"].to_numpy())
 
     def rate(self, event: str) -> Rate:
         """Return the share of faults with that event, with its interval over kinds of faults."""
-        return units.rate(self.events[event].to_numpy(), self.faults)
+        return units.rate_band(self.events[event].to_numpy(), self.faults)
 
     def where(self, layer: str) -> RobotRates:
         """Return the faults of one layer."""
@@ -269,9 +275,9 @@ def read(path: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
     The table has an additional column `fault`: the number of the campaign's fault, equal in every
     variant.
     """
-    frame, header = folder.read_all(path), manifest.read(path)
+    frame, header = folder.read_all(path), manifest.read_manifest(path)
     frame[FAULT_NUMBER] = numbered(frame["pair"].to_numpy())
-    facts = run_facts.of(frame, header)
+    facts = run_facts.derive_from_manifest(frame, header)
     mask = facts["activated"] & facts["faulty"] & ~facts["failed"]
     return frame.loc[mask], events(frame.loc[mask], facts.loc[mask])
 
@@ -345,7 +351,7 @@ def parameter_effects(
 
 def holm_findings(p: Sequence[float]) -> list[Finding]:
     """Apply Holm's adjustment over all of them."""
-    return list(holm({str(k): one for k, one in enumerate(p)}).values())
+    return list(holm_test({str(k): one for k, one in enumerate(p)}).values())
 
 
 class InputLevel(NamedTuple):
@@ -376,7 +382,7 @@ class Dependence(NamedTuple):
 
 def judge(measured: Sequence[Dependence], confidence: float) -> list[Dependence]:
     """Return the dependences with p adjusted for all of them, clearest first."""
-    findings = holm({one.name: one.p for one in measured}, confidence)
+    findings = holm_test({one.name: one.p for one in measured}, confidence)
     results = [
         one._replace(adjusted=findings[one.name].adjusted, depends=findings[one.name].rejected)
         for one in measured
@@ -444,7 +450,9 @@ def _measured(
     hit, values = hit[present], values[present]
     code, names = thirds(values)
     n = np.bincount(code, minlength=len(names))
-    rate_of = rates(np.bincount(code, hit, minlength=len(names)).astype(int), n, confidence)
+    rate_of = rates_with_intervals(
+        np.bincount(code, hit, minlength=len(names)).astype(int), n, confidence
+    )
     levels = [
         InputLevel(label, values[code == i].min(), values[code == i].max(), rate)
         for i, (label, rate) in enumerate(zip(names, rate_of, strict=True))
@@ -574,7 +582,7 @@ def find(out: Path, engine: str) -> list[Index]:
     """
     records: dict[str, dict[str, Any]] = {}
     for name, search in SEARCHES.items():
-        found = runner.run(loading.from_dict(_template(search)), out / name, engine).record[
+        found = runner.run_search(loading.from_dict(_template(search)), out / name, engine).record[
             "result"
         ]
         records[name] = {
@@ -724,7 +732,7 @@ def ends_table(found: Sequence[ParameterEffect]) -> Table:
                 "at the low end": rate(one.low),
                 "at the high end": rate(one.high),
                 "difference, points": points(one.difference),
-                "p (Holm)": wording.number(finding.adjusted, 2),
+                "p (Holm)": wording.format_number(finding.adjusted, 2),
             }
             for one, finding in zip(found, judged, strict=True)
         ],
@@ -738,7 +746,9 @@ def thirds_table(drawn: Sequence[tuple[str, Dependence]], words: Mapping[str, st
     """Return rates by thirds of each parameter."""
     rows = []
     for event, one in drawn:
-        by_level = {level.name: rate(share(level.rate.k, level.rate.n)) for level in one.levels}
+        by_level = {
+            level.name: rate(share_of_cells(level.rate.k, level.rate.n)) for level in one.levels
+        }
         cells = [
             by_level.get(name, wording.DASH)
             for name in ("lowest third", "middle third", "highest third")
@@ -749,7 +759,7 @@ def thirds_table(drawn: Sequence[tuple[str, Dependence]], words: Mapping[str, st
                 words[one.name],
                 *cells,
                 points(one.difference),
-                wording.number(one.adjusted, 2),
+                wording.format_number(one.adjusted, 2),
             )
         )
     return Table(
@@ -804,13 +814,14 @@ def sensitivity_table(found: Sequence[Index], outcome: str) -> Table:
             {
                 "joint": one.case,
                 "mean ± deviation over robots, mm": (
-                    f"{wording.number(one.mean_mm)} ± {wording.number(one.deviation_mm, 2)}"
+                    f"{wording.format_number(one.mean_mm)} ±"
+                    f" {wording.format_number(one.deviation_mm, 2)}"
                 ),
                 "parameter": one.parameter.words,
                 "Sobol, total": number(Estimate(*one.total)),
                 "Sobol, first order": number(Estimate(*one.first)),
                 "Morris, mean |effect|, mm": number(Estimate(*one.effect)),
-                "Morris, deviation, mm": wording.number(one.spread, 2),
+                "Morris, deviation, mm": wording.format_number(one.spread, 2),
                 "runs": one.runs,
             }
             for one in found
@@ -829,7 +840,7 @@ def sensitivity_table(found: Sequence[Index], outcome: str) -> Table:
 
 def percent(found: Rate) -> str:
     """Write 12.3 %."""
-    return wording.percent(found.value)
+    return wording.format_percent(found.value)
 
 
 def points(difference: Estimate) -> str:
@@ -839,7 +850,7 @@ def points(difference: Estimate) -> str:
 
 def signed(difference: float) -> str:
     """Write a signed number: +1.2, in points."""
-    text = wording.number(100.0 * difference, 2)
+    text = wording.format_number(100.0 * difference, 2)
     return f"+{text}" if difference > 0 else text
 
 
@@ -847,7 +858,7 @@ def number(found: Estimate) -> str:
     """Write a number with its interval."""
     if math.isnan(found.value):
         return wording.DASH
-    value, low, high = (wording.number(end + 0.0, 2) for end in found)
+    value, low, high = (wording.format_number(end + 0.0, 2) for end in found)
     return value if math.isnan(found.low) else f"{value} ({low} to {high})"
 
 

@@ -28,7 +28,7 @@ CONSOLE_BEGINS_MS = 200.0
 
 
 def line(what: str, lengths: np.ndarray) -> None:
-    percent = 100.0 * arrivals.shares(lengths)[:12]
+    percent = 100.0 * arrivals.length_shares(lengths)[:12]
     print(
         f"{what:32s} {len(lengths):6d} packets, mean {lengths.mean():5.3f} cycles; % of 1, 2, ..:",
         end=" ",
@@ -56,7 +56,7 @@ def main() -> None:
     )  # times are in ns
     ms = ms[ms > CONSOLE_BEGINS_MS]
     for phase in (0.0, 0.25, 0.5, 0.75):
-        line(f"console, cycle begins at {phase:g} ms", arrivals.lengths(ms - phase))
+        line(f"console, cycle begins at {phase:g} ms", arrivals.packet_lengths(ms - phase))
     burst = np.bincount(np.unique(np.floor(ms), return_counts=True)[1])[1:]
     print(
         "console, % of cycles with 1, 2, .. datagrams:",

@@ -10,7 +10,7 @@ _BUNDLED = Path(__file__).resolve().parent
 _CHECKOUT = _BUNDLED.parents[1]
 
 
-def find(kind: str, name: str | Path) -> Path:
+def find_resource(kind: str, name: str | Path) -> Path:
     """Return the path of data file `name` of folder `kind` ("campaigns" or "models").
 
     Searches the path as given, ./<kind>, the folder beside the package (a checkout) and the folder
@@ -29,12 +29,12 @@ def find(kind: str, name: str | Path) -> Path:
     raise FileNotFoundError(f"{name}: no such file in {kind}. Looked at:\n{tried}")
 
 
-def model(name: str | Path) -> Path:
+def find_model(name: str | Path) -> Path:
     """Return the path of a file of models/."""
-    return find("models", name)
+    return find_resource("models", name)
 
 
-def bundled(kind: str, pattern: str) -> list[Path]:
+def list_resources(kind: str, pattern: str) -> list[Path]:
     """Return every file of the bundled folder `kind` that matches the glob `pattern`, sorted by
     name.
     """

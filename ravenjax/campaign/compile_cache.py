@@ -36,7 +36,7 @@ default.
 _HASH = 32
 
 
-def folder(kind: str) -> Path | None:
+def cache_folder(kind: str) -> Path | None:
     """Return the cache folder of a kind of code, and create it if needed; None if the cache is off
     or cannot be created.
 
@@ -66,14 +66,14 @@ def folder(kind: str) -> Path | None:
     return base / kind
 
 
-def enable() -> None:
+def enable_cache() -> None:
     """Turn on JAX's persistent cache of compiled programs as soon as JAX is used, unless one is
     configured.
 
     Code for one CPU may not run on another one that shares the home folder. Therefore each kind of
     CPU has a separate folder.
     """
-    if (place := folder(f"xla-{_machine()}")) is not None:
+    if (place := cache_folder(f"xla-{_machine()}")) is not None:
         lazy.when_loaded(lambda jax: _use(jax, place))
 
 
@@ -82,12 +82,12 @@ def _use(jax: Any, place: Path) -> None:
         jax.config.update("jax_compilation_cache_dir", str(place))
 
 
-def objects() -> MutableMapping[str, bytes] | None:
+def object_cache() -> MutableMapping[str, bytes] | None:
     """Return the disk cache of the engines that generate code: traces and compiled objects by key.
 
     Returns None if the cache is off. Raises UserError if the configured size is not a number.
     """
-    place = folder("objects")
+    place = cache_folder("objects")
     return None if place is None else Objects(place, _size_mb() * 1_000_000)
 
 
@@ -107,8 +107,8 @@ def cached_engine(name: str, precision: Precision) -> Engine:
     """Return the engine of that name, using this cache for traces and compiled code. Raises
     UserError.
     """
-    enable()
-    return selection.select(name, precision, objects())
+    enable_cache()
+    return selection.select_engine(name, precision, object_cache())
 
 
 class Objects(MutableMapping[str, bytes]):

@@ -91,7 +91,7 @@ class Computation:
         start = time.perf_counter()
         rows = np.arange(min(self.plan.runs, self.kernel.lanes))
         self.kernel.prepare(self._block(rows, None), self.plan.columns)
-        interruption.point()
+        interruption.check_interruption()
         self.progress.began(time.perf_counter() - start)
 
     def of(self, plan: Plan) -> Computation:
@@ -114,7 +114,7 @@ class Computation:
 
         def finish_window() -> Pair:
             window, blocks = under_way.popleft()
-            return join_blocks(window, [interruption.result(block) for block in blocks])
+            return join_blocks(window, [interruption.wait_for_result(block) for block in blocks])
 
         with ThreadPoolExecutor(self.threads) as pool:
             try:

@@ -17,9 +17,9 @@ from ravenjax import consent
 from ravenjax.campaign import population
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import location, overriding, semantics
-from ravenjax.campaign.file.config import CampaignConfig, config_class_of, robot_of, validated
+from ravenjax.campaign.file.config import CampaignConfig, config_class_of, robot_of, validate_tables
 from ravenjax.campaign.file.section import model_at, models_in
-from ravenjax.errors import UserError, shown, suggestion
+from ravenjax.errors import UserError, format_value, suggest_name
 from ravenjax.hazards import expansion
 from ravenjax.store import manifest
 
@@ -37,8 +37,8 @@ def load_campaign(
     """
     if isinstance(campaign, dict):
         return from_dict(campaign, overrides=overrides)
-    file = location.find(campaign, "campaigns", "campaign", "ravenjax campaigns")
-    raw, text = location.read(file)
+    file = location.find_campaign_file(campaign, "campaigns", "campaign", "ravenjax campaigns")
+    raw, text = location.read_toml(file)
     with consent.given_for(*[file.parent] * runs):
         return _from_dict(raw, file, text, overrides)
 
@@ -57,7 +57,7 @@ def load_source(source: str | Path, overrides: Sequence[str] = ()) -> CampaignCo
         raise UserError(
             f"--set changes a campaign file, and {source} is a result folder: name the file"
         )
-    return validated(manifest.read(Path(source)).config)
+    return validate_tables(manifest.read_manifest(Path(source)).config)
 
 
 def result_folder(source: Any) -> bool:
@@ -84,13 +84,13 @@ def _from_dict(
     raw: dict[str, Any], source: Path | None, text: str, overrides: Sequence[str]
 ) -> CampaignConfig:
     raw, replaced = overriding.all_applied(raw, overrides)
-    where = location.Where(source, location.lines(text), replaced)
+    where = location.Where(source, location.key_lines(text), replaced)
     raw = population.with_population(raw, where, source)
     try:
         # Anything else is refused below.
         if isinstance(raw, dict):
             groups = raw.get("group")
-            raw, where.written = expansion.plain(raw)
+            raw, where.written = expansion.expand_tables(raw)
             if where.written and isinstance(groups, list):
                 where.groups, where.names = (
                     groups,
@@ -121,10 +121,10 @@ def _from_dict(
         for name in dict.fromkeys(names)
         if names.count(name) > 1
     )
-    errors = list(semantics.complaints(config))
-    if not errors and (runs := design.count(config)) > design.MOST_RUNS:
+    errors = list(semantics.find_errors(config))
+    if not errors and (runs := design.count_rows(config)) > design.MOST_RUNS:
         expected = f"expected at most {design.MOST_RUNS}"
-        errors = [(("group",), f"the groups make {shown(runs)} runs, {expected}")]
+        errors = [(("group",), f"the groups make {format_value(runs)} runs, {expected}")]
     if errors:
         raise where.error(errors)
     return config
@@ -136,14 +136,14 @@ def _is_misspelt(missing: Any, errors: Sequence[Any]) -> bool:
     """
     *table, key = missing["loc"] or ("",)
     return missing["type"] == "missing" and any(
-        suggestion(other["loc"][-1], (key,))
+        suggest_name(other["loc"][-1], (key,))
         for other in errors
         if other["type"] == "extra_forbidden" and list(other["loc"][:-1]) == table
     )
 
 
 def _text(name: object) -> str:
-    return name if isinstance(name, str) else shown(name)
+    return name if isinstance(name, str) else format_value(name)
 
 
 def check_parameters(config: CampaignConfig, known: Iterable[str] | None = None) -> None:
@@ -154,10 +154,14 @@ def check_parameters(config: CampaignConfig, known: Iterable[str] | None = None)
     # Imported late because it needs the robot's tick.
     from ravenjax.campaign.file import bounds
 
-    if errors := list(bounds.complaints(config) if known is None else bounds.unfit(config, known)):
+    if errors := list(
+        bounds.find_invalid_values(config)
+        if known is None
+        else bounds.find_invalid_paths(config, known)
+    ):
         source = config.source
         text = source.read_text(encoding="utf-8") if source is not None and source.is_file() else ""
-        raise location.Where(source, location.lines(text), []).error(errors)
+        raise location.Where(source, location.key_lines(text), []).error(errors)
 
 
 def _complaint(model: type[CampaignConfig], error: Any, raw: Any) -> location.Complaint:
@@ -199,15 +203,17 @@ def _message(model: type[CampaignConfig], error: Any) -> str:
                 f"got one table, expected several: open each with [[{'.'.join(path)}]], in double"
                 " brackets"
             )
-        return f"got {shown(error['input'])}, expected a list"
+        return f"got {format_value(error['input'])}, expected a list"
     table = model_at(model, error["loc"][:-1])
     hint = ""
-    if error["type"] == "extra_forbidden" and not suggestion(error["loc"][-1], table.model_fields):
+    if error["type"] == "extra_forbidden" and not suggest_name(
+        error["loc"][-1], table.model_fields
+    ):
         homes = [
             path for path, t in tables_of(model) if path and error["loc"][-1] in t.model_fields
         ]
-        hint = f". It is a key of {' and '.join(map(header, homes))}" if homes else ""
-    return location.message(error, table, hint)
+        hint = f". It is a key of {' and '.join(map(table_header, homes))}" if homes else ""
+    return location.format_error(error, table, hint)
 
 
 def tables_of(
@@ -229,7 +235,7 @@ def tables_of(
             yield from tables_of(inner, (*path, name))
 
 
-def header(path: tuple[str, ...]) -> str:
+def table_header(path: tuple[str, ...]) -> str:
     """Return how a file opens the table at `path`: `[campaign]`, `[[group.fault]]`."""
     name = ".".join(path)
     return f"[[{name}]]" if path[0] in ARRAYS else f"[{name}]"

@@ -29,7 +29,7 @@ NAMED = 4
 
 def of_plan(plan: Plan) -> tuple[str, ...]:
     """Return every notice of a campaign in words, in the order of the file."""
-    declared = [f"{location.dotted(key)}: {message}" for key, message in of_config(plan.config)]
+    declared = [f"{location.format_key(key)}: {message}" for key, message in of_config(plan.config)]
     return (*declared, *_of_parameters(plan), *_of_faults(plan), *_of_copies(plan))
 
 
@@ -67,12 +67,12 @@ def of_config(config: CampaignConfig) -> Iterator[Complaint]:
                 ("haptics",),
                 f"set {number} has cap 0, or no spring and damper: its force is always 0",
             )
-    if (limit := config.campaign.limit) is not None and limit >= design.count(config):
+    if (limit := config.campaign.limit) is not None and limit >= design.count_rows(config):
         yield ("campaign", "limit"), f"{limit} is no limit: the campaign has no more runs"
     robot = config.robot
     for key, axes in config.parameter_tables():
         for path, axis in axes.items() if not config.campaign.noise else ():
-            if bounds.plain(robot, path) in robot.noise and axis.values != (0,):
+            if bounds.shorten_path(robot, path) in robot.noise and axis.values != (0,):
                 yield (
                     (*key, path),
                     "nothing reads it while campaign.noise is off; set campaign.noise = true",
@@ -83,8 +83,8 @@ def _of_parameters(plan: Plan) -> Iterator[str]:
     """Yield the parameters whose values are those that the robot has anyway."""
     program = plan.program
     free = ~(plan.faults["code"] > 0).any(axis=1)
-    for path, values in table.parameters(plan.rows).items():
-        own = list(paths.named(program.params, program.setup, path).values())
+    for path, values in table.varied_parameters(plan.rows).items():
+        own = list(paths.named_numbers(program.params, program.setup, path).values())
         same = np.isnan(values) | np.all([np.float32(values) == np.float32(n) for n in own], axis=0)
         if same.all():
             yield f"parameters.{path}: {float(own[0]):g} is what the robot has without it"
@@ -106,12 +106,12 @@ def _of_faults(plan: Plan) -> Iterator[str]:
         faults[name].astype(np.int64) for name in ("start", "duration", "every")
     )
     clocks, there = _clocks(plan), faults["code"] > 0
-    closes = span.closes(faults, ticks, clocks)
+    closes = span.last_window_ends(faults, ticks, clocks)
     opens = there & (closes > 0)
     lasts = opens & (every == 0) & (length < table.FOREVER_TICKS)
     beyond = np.where(lasts, np.clip(start + length - ticks, 0, length), 0)
     worst = np.unravel_index(np.argmax(beyond / np.maximum(length, 1)), beyond.shape)
-    targets = table.targets(plan.program.setup.injection)
+    targets = table.injection_targets(plan.program.setup.injection)
     unread = np.array([False, *(plan.config.robot.sites[site].unread for site, *_ in targets)])
     columns = [values for name, values in faults.items() if name != "key"]
     twice = np.zeros_like(there)
@@ -165,7 +165,7 @@ def _idle(plan: Plan) -> np.ndarray:
     faults, robot = plan.faults, plan.config.robot
     channels = [
         robot.sites[site].channel(name)
-        for site, _, name in table.targets(plan.program.setup.injection)
+        for site, _, name in table.injection_targets(plan.program.setup.injection)
     ]
     code, value = faults["code"], faults["value"].astype(np.float64)
     own = [np.nan if channel.usual is None else channel.usual for channel in channels]
@@ -203,7 +203,7 @@ def _grouped(plan: Plan, key: str, which: np.ndarray, words: str) -> Iterator[st
         yield f"fault[{slot}].{key}: {words}: {', '.join(named + more)}"
 
 
-def copies(plan: Plan) -> np.ndarray:
+def find_copies(plan: Plan) -> np.ndarray:
     """Return which runs have the outcome of an earlier one, bool [runs].
 
     Their inputs are equal and nothing in them is random. A window beyond the run's end is as long
@@ -232,7 +232,7 @@ def copies(plan: Plan) -> np.ndarray:
 
 
 def _of_copies(plan: Plan) -> Iterator[str]:
-    if plan.runs <= MOST_COMPARED and (count := int(copies(plan).sum())):
+    if plan.runs <= MOST_COMPARED and (count := int(find_copies(plan).sum())):
         yield (
             f"group: {count} of {plan.runs} runs have the inputs of an earlier run and come out the"
             " same; they count once"

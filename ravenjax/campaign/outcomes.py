@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.campaign.faults import run_id
-from ravenjax.campaign.faults.table import SHARED, slots
+from ravenjax.campaign.faults.table import SHARED, count_slots
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.outcomes import verdict
 from ravenjax.store import schema, words
@@ -36,7 +36,7 @@ def of_golden(names: Iterable[str]) -> tuple[str, ...]:
     )
 
 
-def columns(
+def result_columns(
     config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, golden_runs: Columns
 ) -> dict[str, Any]:
     """Return the columns of the result table, arrays [rows].
@@ -56,13 +56,13 @@ def columns(
             for name, values in runs.items()
             if name != SHARED
         },
-        "run_id": run_id.text(runs["run_id"].to_numpy()),
+        "run_id": run_id.format_run_ids(runs["run_id"].to_numpy()),
         **measures,
         "activated": measures["active_ticks"] > 0,
         "diverged": _faulty(runs) & (diverged >= 0),
         **{f"jump_{rule}": first >= 0 for rule, first in jumps.items()},
         **{f"jump_{rule}_first_ms": first for rule, first in jumps.items()},
-        "failed": words.column(failed.signal + 1, failures.CAUSES),
+        "failed": words.word_column(failed.signal + 1, failures.CAUSES),
         "failed_first_ms": failed.first,
         "tissue_depth_mm": np.maximum(depth, depth.dtype.type(0)),
         "tip_distance_mm": np.where(np.isfinite(distance), distance, distance.dtype.type(np.nan)),
@@ -73,14 +73,14 @@ def columns(
         },
     }
     out["golden_tissue_depth_mm"] = np.maximum(out["golden_tissue_depth_mm"], depth.dtype.type(0))
-    if checks.apart(config.own_checks, config.stops):
+    if checks.needs_own_columns(config.own_checks, config.stops):
         detectors = [number for number, (_, use, _) in enumerate(config.detectors) if use.stops]
         alone = verdict.built_in_responses(measures, golden_runs, config.robot, detectors)
-        out[checks.BUILT_IN] = words.column(alone.response, verdict.RESPONSES)
+        out[checks.BUILT_IN] = words.word_column(alone.response, verdict.RESPONSES)
         out["built_in_told_ms"] = alone.told_ms
-    return out | judged(
+    return out | judge_runs(
         out,
-        verdict.responses(measures, golden_runs, config.robot),
+        verdict.classify_responses(measures, golden_runs, config.robot),
         failed.first < 0,
         config.outcomes.cue,
     )
@@ -116,7 +116,7 @@ def _failed(config: CampaignConfig, measures: dict[str, Any]) -> _Failed:
 
 def _cables(config: CampaignConfig, places: np.ndarray) -> pd.Categorical:
     """Convert indices of cables, among all cables of the robot, to words; "" for -1."""
-    return words.column(places.astype(np.int32) + 1, cable_names(config))
+    return words.word_column(places.astype(np.int32) + 1, cable_names(config))
 
 
 def cable_names(config: CampaignConfig) -> tuple[str, ...]:
@@ -129,22 +129,22 @@ def cable_names(config: CampaignConfig) -> tuple[str, ...]:
     )
 
 
-def frame(
+def result_frame(
     config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, golden_runs: Columns
 ) -> pd.DataFrame:
-    """Return `columns` as a DataFrame."""
-    return pd.DataFrame(columns(config, runs, outcomes, golden_runs))
+    """Return `result_columns` as a DataFrame."""
+    return pd.DataFrame(result_columns(config, runs, outcomes, golden_runs))
 
 
 def _faulty(runs: pd.DataFrame) -> np.ndarray:
     """Return which rows have a fault, bool [rows]."""
     faulty = np.zeros(len(runs), bool)
-    for slot in range(slots(runs)):
+    for slot in range(count_slots(runs)):
         faulty |= runs[f"fault{slot}_site"].array != ""
     return faulty
 
 
-def judged(
+def judge_runs(
     columns: schema.Columns, response: verdict.Response, valid: np.ndarray, cue: int
 ) -> dict[str, Any]:
     """Return columns response, response_cause, response_ms, told_ms, hazard and verdict.
@@ -152,17 +152,19 @@ def judged(
     columns: those of the result table with hazards and cues. valid: bool [rows]. cue: number of the
     haptic set that the verdict uses.
     """
-    hazard = verdict.hazards(columns, response.response == verdict.RESPONSES.index("stopped"))
+    hazard = verdict.classify_hazards(
+        columns, response.response == verdict.RESPONSES.index("stopped")
+    )
     came = (
         verdict.beyond_golden(columns[f"cue{cue}_first_ms"], columns[f"golden_cue{cue}_first_ms"])
         >= 0
     )
-    place = verdict.verdicts(response.response, hazard, came, valid)
+    place = verdict.classify_verdicts(response.response, hazard, came, valid)
     return {
-        "response": words.column(response.response, verdict.RESPONSES),
-        "response_cause": words.column(response.cause, response.causes),
+        "response": words.word_column(response.response, verdict.RESPONSES),
+        "response_cause": words.word_column(response.cause, response.causes),
         "response_ms": response.ms,
         "told_ms": response.told_ms,
-        "hazard": words.column(hazard, verdict.HAZARDS),
-        "verdict": words.column(place, (*verdict.VERDICTS, "")),
+        "hazard": words.word_column(hazard, verdict.HAZARDS),
+        "verdict": words.word_column(place, (*verdict.VERDICTS, "")),
     }

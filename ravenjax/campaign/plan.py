@@ -65,12 +65,12 @@ class Plan:
     @cached_property
     def acts(self) -> np.ndarray:
         """The first tick in which a fault of each run may act, see `span`; int32 [runs]."""
-        return span.acts(self.faults, self.program.ticks)
+        return span.first_active_ticks(self.faults, self.program.ticks)
 
     @cached_property
     def ends(self) -> np.ndarray:
         """The first tick in which each run is not observed, see `span`; int32 [runs]."""
-        return span.ends(
+        return span.last_observed_ticks(
             self.faults, self.program.ticks, self.config.campaign.observe_ms, self.clocks
         )
 
@@ -112,14 +112,14 @@ class Plan:
 def make_plan(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
     """Plan a campaign. Raises UserError for what cannot be run."""
     loading.check_parameters(config)
-    rows = design.rows(config)
-    varied = table.parameters(rows)
-    injection = table.injection(rows, config.robot)
+    rows = design.table_columns(config)
+    varied = table.varied_parameters(rows)
+    injection = table.table_injection(rows, config.robot)
     robot: Prepared = config.robot.part("campaign").prepare(config, varied, injection, precision)
     loading.check_parameters(config, known_parameters(robot.params, robot.setup))
     values = _filled(varied, robot.params, robot.setup)
     for path, purpose in robot.keys.items():
-        values[path] = run_id.stream(table.shared_ids(rows), purpose)
+        values[path] = run_id.stream_keys(table.shared_ids(rows), purpose)
     return Plan(
         config=config,
         rows=rows,
@@ -135,7 +135,7 @@ def make_plan(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
         operator=robot.operator,
         columns=tuple(np.ascontiguousarray(column) for column in robot.columns),
         keys=robot.keys,
-        faults=table.arrays(rows, injection),
+        faults=table.fault_arrays(rows, injection),
         varied=values,
         golden=_golden_runs(values, len(rows)),
     )
@@ -146,14 +146,14 @@ def known_parameters(params: Any, setup: Setup) -> list[str]:
     whole vectors.
     """
     names: dict[str, None] = {}
-    for full, _ in paths.leaves(params, setup):
+    for full, _ in paths.path_leaves(params, setup):
         if full.startswith("start."):
             # The motion decides where a run begins.
             continue
-        for path in (full, paths.shorten(full, setup.arms)):
+        for path in (full, paths.without_arm(full, setup.arms)):
             names[path] = None
             head, _, last = path.rpartition(".")
-            if last in paths.components(setup.joints):
+            if last in paths.path_words(setup.joints):
                 names[head] = None
     return list(names)
 
@@ -166,7 +166,7 @@ def _filled(varied: dict[str, np.ndarray], params: Any, setup: Setup) -> dict[st
     """
     filled = {}
     for path, values in varied.items():
-        alone, own = np.isnan(values), paths.named(params, setup, path)
+        alone, own = np.isnan(values), paths.named_numbers(params, setup, path)
         alike = len({float(value) for value in own.values()}) == 1
         for place, value in (
             {path: next(iter(own.values()))}.items() if alike or not alone.any() else own.items()

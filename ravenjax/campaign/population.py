@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 from ravenjax.campaign.file.group import flatten_parameters
 from ravenjax.campaign.file.location import Where
-from ravenjax.errors import shown
+from ravenjax.errors import format_value
 
 KEY = "from"
 TABLES = ("campaign", "parameters")
@@ -32,7 +32,8 @@ def with_population(raw: dict[str, Any], where: Where, source: Path | None) -> d
 
     if not isinstance(own[KEY], str):
         refuse(
-            f"got {shown(own[KEY])}, expected the path of a file that `ravenjax calibrate` wrote"
+            f"got {format_value(own[KEY])}, expected the path of a file that `ravenjax calibrate`"
+            " wrote"
         )
     path = Path(own[KEY]) if source is None else source.parent / own[KEY]
     if not path.is_file():
@@ -47,7 +48,8 @@ def with_population(raw: dict[str, Any], where: Where, source: Path | None) -> d
     for name, value in content.get("campaign", {}).items():
         if campaign.get(name, value) != value:
             refuse(
-                f"got {shown(campaign[name])}, but the numbers of {path} hold for {shown(value)}:"
+                f"got {format_value(campaign[name])}, but the numbers of {path} hold for"
+                f" {format_value(value)}:"
                 " remove one of the two",
                 "campaign",
                 name,

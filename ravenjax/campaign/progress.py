@@ -147,7 +147,7 @@ class ProgressFile:
 
     def __init__(self, folder: Path, then: OnProgress | None = None) -> None:
         self._then = then
-        self._path, self._started = folder / FILE, manifest.now()
+        self._path, self._started = folder / FILE, manifest.utc_now()
         self._phase, self._written = "", -EVERY_S
 
     def __call__(self, status: Status) -> None:
@@ -160,12 +160,12 @@ class ProgressFile:
                 "eta_s": 0.0 if status.phase == "done" else status.left_s,
                 "failed": status.failures,
                 "started": self._started,
-                "updated": manifest.now(),
+                "updated": manifest.utc_now(),
                 "pid": os.getpid(),
                 "host": socket.gethostname(),
             }
             # A full disk must not end the campaign.
             with contextlib.suppress(OSError):
-                files.replace(self._path, json.dumps(content, indent=1) + "\n")
+                files.replace_file(self._path, json.dumps(content, indent=1) + "\n")
         if self._then is not None:
             self._then(status)

@@ -69,7 +69,7 @@ def run_campaign(
             )
         )
     plan = make_plan(config)
-    interruption.point()
+    interruption.check_interruption()
     backend = compile_cache.cached_engine(engine, plan.program.setup.precision)
     executor = executor or Local()
     chunk = config.campaign.chunk or min(
@@ -93,7 +93,7 @@ def run_campaign(
         }
     )
     files.require_writable(out)
-    with lock.held(out):
+    with lock.hold_lock(out):
         folder = ResultFolder.open(out, record)
         missing = list(folder.missing(chunk))
         progress = Progress(
@@ -111,7 +111,7 @@ def run_campaign(
             progress.count_part(len(done.rows), done.failures)
 
         config_hash = folder.manifest.config_hash
-        pack = functools.partial(parts.encode, shape=record.shape, config_hash=config_hash)
+        pack = functools.partial(parts.encode_part, shape=record.shape, config_hash=config_hash)
         phase = "stopped"
         try:
             if missing:
@@ -151,7 +151,7 @@ def _pairs(rows: Sequence[range], runs: int) -> tuple[tuple[int, int], ...]:
                 f"rows {some}: expected ranges of step 1 within 0 to {runs}, the runs of the"
                 " campaign"
             )
-    return manifest.joined(tuple((some.start, some.stop - 1) for some in rows if some)) or ()
+    return manifest.join_ranges(tuple((some.start, some.stop - 1) for some in rows if some)) or ()
 
 
 def _manifest(plan: Plan, engine: Engine) -> manifest.Manifest:
@@ -165,7 +165,7 @@ def _manifest(plan: Plan, engine: Engine) -> manifest.Manifest:
         campaign=config.campaign.name,
         config=content,
         config_hash=manifest.campaign_hash(
-            content, plan.operator, run_id.digest(plan.rows["run_id"].to_numpy())
+            content, plan.operator, run_id.hash_run_ids(plan.rows["run_id"].to_numpy())
         ),
         seed=config.campaign.seed,
         runs=plan.runs,
@@ -206,7 +206,7 @@ def shape_of(plan: Plan) -> schema.Shape:
         slots=setup.injection.slots,
         cues=setup.cues,
         checks=tuple(plan.config.robot.checks),
-        parameters=tuple(table.parameters(plan.rows)),
+        parameters=tuple(table.varied_parameters(plan.rows)),
         reacts=setup.reacts,
         hand_yields=setup.hand_yields,
         cables=plan.config.watches_cables,

@@ -12,7 +12,7 @@ _ARRAYS = {*ARRAYS, "check", "fault", "run"}
 """Keys that hold arrays of tables, each table with its own header."""
 
 
-def text(content: Mapping[str, Any]) -> str:
+def format_toml(content: Mapping[str, Any]) -> str:
     """Return the text of a file that holds these tables. Keys that are None are left out.
 
     Raises ValueError or TypeError for what TOML cannot hold.

@@ -117,7 +117,7 @@ def main(tokens: list[str] | None = None) -> int:
         # The parser has already printed what is wrong with the command line.
         return USER_ERROR
     except (UserError, StoreError) as error:
-        console.complain(f"error: {error}")
+        console.print_error(f"error: {error}")
         return USER_ERROR
     return code if isinstance(code, int) else 0
 

@@ -98,23 +98,29 @@ def calibrate(
         controller,
     )
     for note in logged.log.notes:
-        console.say(note)
-    wanted = parameters.unknowns(logged.log.joints, [word.strip() for word in ask.split(",")])
+        console.print_text(note)
+    wanted = parameters.select_unknowns(
+        logged.log.joints, [word.strip() for word in ask.split(",")]
+    )
     calibrated = logged.calibrated(robot.params(setup, arm, SET), wanted)
     _show(logged, calibrated, {"before": calibrated.base, "calibrated": calibrated.robot})
-    values = parameters.values(calibrated.base, calibrated.unknowns, calibrated.draws(draws))
+    values = parameters.values_by_path(
+        calibrated.base, calibrated.unknowns, calibrated.draws(draws)
+    )
     out.parent.mkdir(parents=True, exist_ok=True)
     write_aside(
         out,
-        lambda target: target.write_text(robot_file.text(values, arm, SET, log), encoding="utf-8"),
+        lambda target: target.write_text(
+            robot_file.format_robot_file(values, arm, SET, log), encoding="utf-8"
+        ),
     )
     pictures = out.with_suffix(".svg"), out.with_name(f"{out.stem}_parameters.svg")
     whole = logged.log.compared(0, len(logged.log.desired))
     replayed = logged.replayed(whole, [calibrated.robot])[0]
-    drawing.errors(pictures[0], whole, replayed, len(logged.log.desired) // 2)
-    drawing.intervals(pictures[1], calibrated)
-    console.say(f'robots: {out}; in a campaign: [parameters] from = "{out.name}"')
-    console.say(f"pictures: {pictures[0]}, {pictures[1]}")
+    drawing.draw_errors(pictures[0], whole, replayed, len(logged.log.desired) // 2)
+    drawing.draw_intervals(pictures[1], calibrated)
+    console.print_text(f'robots: {out}; in a campaign: [parameters] from = "{out.name}"')
+    console.print_text(f"pictures: {pictures[0]}, {pictures[1]}")
 
 
 def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, LoopParams]) -> None:
@@ -128,12 +134,12 @@ def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, Loo
         tables.by_joint(title, logged.judged(part, robots), joints)
         for title, part in zip(titles, logged.halves, strict=True)
     ]
-    for rows in (*judged, tables.parameters("What the log determines", calibrated)):
-        console.table(rows.title, rows.columns, rows.cells)
+    for rows in (*judged, tables.tabulate_parameters("What the log determines", calibrated)):
+        console.print_table(rows.title, rows.columns, rows.cells)
     for one, other, correlation in calibrated.confounded:
-        console.say(f"told together: {one} and {other}, correlation {correlation:.2f}")
+        console.print_text(f"told together: {one} and {other}, correlation {correlation:.2f}")
     for one, steps in calibrated.unlikely:
-        console.say(
+        console.print_text(
             f"unlikely before the log, by {abs(steps):.1f} standard deviations: {one}; what else is"
             " different?"
         )

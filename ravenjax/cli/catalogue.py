@@ -22,19 +22,24 @@ def campaigns(*, as_json: AsJson = False) -> None:
     from ravenjax.campaign.faults import design
     from ravenjax.train import scenario
 
-    files = [(path.name, loading.load(path)) for path in resources.bundled("campaigns", "*.toml")]
-    templates = [
-        (path.name, searches.load(path))
-        for path in resources.bundled("campaigns/searches", "*.toml")
+    files = [
+        (path.name, loading.load(path)) for path in resources.list_resources("campaigns", "*.toml")
     ]
-    scenarios = [(path.name, scenario.load(path)) for path in scenario.bundled()]
-    console.emit(
+    templates = [
+        (path.name, searches.load_search(path))
+        for path in resources.list_resources("campaigns/searches", "*.toml")
+    ]
+    scenarios = [(path.name, scenario.load_scenario(path)) for path in scenario.bundled_scenarios()]
+    console.print_tables(
         [
             Listing(
                 "campaigns",
                 "Campaigns: ravenjax run FILE",
                 ("file", "runs", "what it asks"),
-                [(name, str(design.count(one)), one.campaign.description) for name, one in files],
+                [
+                    (name, str(design.count_rows(one)), one.campaign.description)
+                    for name, one in files
+                ],
             ),
             Listing(
                 "searches",
@@ -66,18 +71,20 @@ def faults(word: str | None = None, *, as_json: AsJson = False) -> None:
         one of layers, sites, effects, triggers, phases (of an operation), classes (of
         outcomes), hazards.
     """
-    console.emit(list(_faults(word)), as_json)
+    console.print_tables(list(_faults(word)), as_json)
 
 
 def _faults(word: str | None) -> Iterator[Listing]:
-    from ravenjax.errors import UserError, suggestion
+    from ravenjax.errors import UserError, suggest_name
     from ravenjax.hazards import library, listing
     from ravenjax.robots.raven2 import ROBOT
     from ravenjax.vocabulary.effects import EFFECTS, TRIGGERS
 
     meaning = ("effect", "meaning")
     every = {
-        "layers": Listing("layers", "Layers of the loop", listing.LAYER_COLUMNS, listing.layers()),
+        "layers": Listing(
+            "layers", "Layers of the loop", listing.LAYER_COLUMNS, listing.layer_table()
+        ),
         "sites": _sites(
             "Sites, in the robot's order; `ravenjax faults SITE` shows one", ROBOT.sites.values()
         ),
@@ -92,37 +99,37 @@ def _faults(word: str | None) -> Iterator[Listing]:
             "classes",
             "Outcome classes of hazards",
             ("class", "meaning"),
-            list(library.terms()["classes"].items()),
+            list(library.library_terms()["classes"].items()),
         ),
         "hazards": Listing(
             "hazards",
             "Hazards; `ravenjax faults ID` shows one, `hazards = [ID, ..]` in a [[group]] runs it",
             listing.COLUMNS,
-            listing.table(),
+            listing.hazard_table(),
         ),
     }
     if word is None:
         yield from every.values()
     elif word in every:
         yield every[word]
-    elif word in (layers := library.layers()):
+    elif word in (layers := library.library_layers()):
         sites = [site for site in ROBOT.sites.values() if site.layer == word]
         yield _sites(f"{word}, {layers[word]}: sites", sites)
-        rows = listing.table(listing.of_layer(word))
+        rows = listing.hazard_table(listing.of_layer(word))
         yield Listing("hazards", f"{word}: hazards", listing.COLUMNS, rows)
     elif word in ROBOT.sites:
         yield from _site(ROBOT.sites[word])
     elif word in EFFECTS:
         yield Listing("effect", f"Effect {word}", meaning, [EFFECTS[word][:2]])
     else:
-        ids = [row.id for row in library.rows()]
+        ids = [row.id for row in library.all_hazards()]
         if word not in ids:
             words = [*every, *layers, *ROBOT.sites, *EFFECTS, *ids]
             raise UserError(
                 f"unknown word {word!r}, expected a layer (L1 to L10), a site, an effect, the id of"
-                f" a hazard, or one of {', '.join(every)}{suggestion(word, words)}"
+                f" a hazard, or one of {', '.join(every)}{suggest_name(word, words)}"
             )
-        yield Listing("hazard", f"Hazard {word}", ("what", "is"), listing.description(word))
+        yield Listing("hazard", f"Hazard {word}", ("what", "is"), listing.describe_hazard(word))
 
 
 def _sites(title: str, sites: Iterable[Site]) -> Listing:
@@ -142,7 +149,7 @@ def _site(site: Site) -> Iterator[Listing]:
     from ravenjax.vocabulary.effects import EFFECTS
 
     about = [
-        ("layer", f"{site.layer}: {library.layers()[site.layer]}"),
+        ("layer", f"{site.layer}: {library.library_layers()[site.layer]}"),
         ("where", site.where),
         ("arm", "on each arm: with both, write arm" if site.per_arm else "of no arm"),
     ]
@@ -151,7 +158,7 @@ def _site(site: Site) -> Iterator[Listing]:
     for channel in site.channels:
         spans = {
             arm: f"{span.low:.4g}..{span.high:.4g}"
-            for (of, arm, name), span in ranges.measured().items()
+            for (of, arm, name), span in ranges.measured_ranges().items()
             if (of, name) == (site.name, channel.name)
         }
         alike = len(set(spans.values())) == 1
@@ -167,7 +174,7 @@ def _site(site: Site) -> Iterator[Listing]:
         if effect.network is None or site.name == "network"
     ]
     yield Listing("effects", "Effects that it takes", ("effect", "meaning"), effects)
-    hazards = listing.table(listing.of_site(site.name))
+    hazards = listing.hazard_table(listing.of_site(site.name))
     yield Listing("hazards", "Hazards that act there", listing.COLUMNS, hazards)
 
 
@@ -193,7 +200,7 @@ def parameters(
     """
     from ravenjax.campaign import loading
     from ravenjax.campaign.file import bounds
-    from ravenjax.errors import UserError, suggestion
+    from ravenjax.errors import UserError, suggest_name
 
     plain = {"campaign": {"name": "plain"}, "group": [{"name": "plain"}]}
     config = (
@@ -203,13 +210,15 @@ def parameters(
     )
     loading.check_parameters(config)
     every = parameter_rows(config)
-    rows = [row for row in every if path in row[0] and not bounds.reserved(config.robot, row[0])]
+    rows = [
+        row for row in every if path in row[0] and not bounds.reserved_reason(config.robot, row[0])
+    ]
     if not rows:
         raise UserError(
             f"--path {path}: no parameter's path holds"
-            f" it{suggestion(path, [row[0] for row in every])}"
+            f" it{suggest_name(path, [row[0] for row in every])}"
         )
-    console.emit([Listing("parameters", "Parameters", PARAMETER_COLUMNS, rows)], as_json)
+    console.print_tables([Listing("parameters", "Parameters", PARAMETER_COLUMNS, rows)], as_json)
 
 
 PARAMETER_COLUMNS = ("path", "value", "may be", "meaning")
@@ -224,15 +233,15 @@ def parameter_rows(config: CampaignConfig) -> list[tuple[str, ...]]:
 
     program = plan.make_plan(config.model_copy(update={"parameters": {}})).program
     values: dict[str, list[str]] = {}
-    for full, value in paths.leaves(program.params, program.setup):
+    for full, value in paths.path_leaves(program.params, program.setup):
         head, _, last = full.rpartition(".")
-        if last in paths.components(JOINTS):
+        if last in paths.path_words(JOINTS):
             values.setdefault(head, []).append(f"{last} {float(value):g}")
         else:
             values.setdefault(full, []).append(f"{float(value):g}")
     more = config.own_ranges
     # A campaign cannot vary a parameter without rules.
-    rules = {full: bounds.of(config.robot, full, more) for full in values}
+    rules = {full: bounds.allowed_values(config.robot, full, more) for full in values}
     return [
         (
             full,

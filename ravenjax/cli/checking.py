@@ -37,19 +37,19 @@ def check(
         as for run: only the first runs
     """
     from ravenjax.campaign import loading
-    from ravenjax.campaign.inspection.estimate import duration
-    from ravenjax.campaign.inspection.preview import preview
+    from ravenjax.campaign.inspection.estimate import format_estimate
+    from ravenjax.campaign.inspection.preview import preview_campaign
     from ravenjax.report import wording
 
     sizes = [] if limit is None else [f"campaign.limit={limit}"]
     config = loading.load(file, [*(overrides or ()), *sizes], runs=False)
-    view, sample = preview(config, out or Path("results") / config.campaign.name, engine)
+    view, sample = preview_campaign(config, out or Path("results") / config.campaign.name, engine)
     view["sample"] = [
         {
             "index": int(row["index"]),
             "run_id": row["run_id"],
             "group": str(row["group"]),
-            "fault": wording.fault(row, config.robot),
+            "fault": wording.describe_fault(row, config.robot),
         }
         for row in sample.to_dict("records")
     ]
@@ -58,7 +58,7 @@ def check(
         return
     groups = view["groups"]
     more = f", the first {MOST_ROWS} of {len(groups)}" if len(groups) > MOST_ROWS else ""
-    summary = console.render("check.j2", config=config, duration=duration, **view)
+    summary = console.render_template("check.j2", config=config, duration=format_estimate, **view)
     tables = [
         Listing(
             "",
@@ -70,9 +70,9 @@ def check(
         _listing("Faults by site and effect", view["faults"], "site", "layer", "effect", "runs"),
         _listing("Some of the runs", view["sample"], "index", "group", "fault"),
     ]
-    console.emit([table for table in tables if table.rows], False)
+    console.print_tables([table for table in tables if table.rows], False)
     for notice in view["notices"]:
-        console.say(f"note: {notice}")
+        console.print_text(f"note: {notice}")
 
 
 def _listing(title: str, rows: list[dict[str, Any]], *keys: str) -> Listing:

@@ -49,7 +49,7 @@ class Listing(NamedTuple):
     rows: Sequence[tuple[str, ...]]
 
 
-def emit(listings: Sequence[Listing], as_json: bool) -> None:
+def print_tables(listings: Sequence[Listing], as_json: bool) -> None:
     """Print tables one below the other, or as one JSON object {name: [{column: cell}]}."""
     if as_json:
         emit_json({listing.name: _objects(listing) for listing in listings})
@@ -57,14 +57,14 @@ def emit(listings: Sequence[Listing], as_json: bool) -> None:
     for number, listing in enumerate(listings):
         if number:
             out.print()
-        table(listing.title, listing.columns, listing.rows)
+        print_table(listing.title, listing.columns, listing.rows)
 
 
-def table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
+def print_table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
     """Print a table."""
     from ravenjax.cli import terminal
 
-    out.print(terminal.table(title, columns, rows))
+    out.print(terminal.make_table(title, columns, rows))
 
 
 def emit_json(value: Any) -> None:
@@ -76,12 +76,12 @@ def emit_json(value: Any) -> None:
     print(json.dumps(_plain(value), indent=1, ensure_ascii=False), file=out.file)
 
 
-def say(text: str) -> None:
+def print_text(text: str) -> None:
     """Print text without markup."""
     out.print(text, markup=False, highlight=False, soft_wrap=True)
 
 
-def render(template: str, **content: Any) -> str:
+def render_template(template: str, **content: Any) -> str:
     """Return the text of a template of this package."""
     import jinja2
 
@@ -94,12 +94,12 @@ def render(template: str, **content: Any) -> str:
     return templates.get_template(template).render(content)
 
 
-def complain(text: str) -> None:
+def print_error(text: str) -> None:
     """Print an error message."""
     err.print(text, style="red", markup=False, highlight=False, soft_wrap=True)
 
 
-def note(text: str) -> None:
+def print_note(text: str) -> None:
     """Print a note on standard error."""
     err.print(f"note: {text}", markup=False, highlight=False, soft_wrap=True)
 
@@ -120,7 +120,7 @@ def load_module(name: str) -> Any:
     return importlib.import_module(name)
 
 
-def worst(folder: Path, most: int | None, by: str) -> list[WorstRun]:
+def worst_runs(folder: Path, most: int | None, by: str) -> list[WorstRun]:
     """Return the `most` worst runs of a result folder; none if `most` is None.
 
     Prints a note if there are fewer.
@@ -129,10 +129,10 @@ def worst(folder: Path, most: int | None, by: str) -> list[WorstRun]:
 
     if most is None:
         return []
-    ranked = ranking.worst(folder, most, by)
+    ranked = ranking.worst_runs(folder, most, by)
     if len(ranked) < most:
         have, rank = "run has" if len(ranked) == 1 else "runs have", ranking.RANKINGS[by]
-        note(f"{folder}: only {len(ranked)} {have} more than 0 {rank.unit}: {rank.meaning}")
+        print_note(f"{folder}: only {len(ranked)} {have} more than 0 {rank.unit}: {rank.meaning}")
     return ranked
 
 

@@ -69,23 +69,23 @@ def counterfactual(
 
     def stage(text: str) -> None:
         if not as_json:
-            console.say(f"- {text}")
+            console.print_text(f"- {text}")
 
     with terminal.Watch(console.err) as watch:
-        one = finding.find(config, question, engine, stage, watch)
-        paths = output.write(one, place)
+        one = finding.find_checks(config, question, engine, stage, watch)
+        paths = output.write_files(one, place)
         sure = (
-            finding.confirm(one, paths[-1], config.campaign.seed + 1, engine, watch)
+            finding.confirm_checks(one, paths[-1], config.campaign.seed + 1, engine, watch)
             if confirm
             else None
         )
-    sentences = [*output.sentences(one), *([sure.sentence] if sure else [])]
+    sentences = [*output.finding_sentences(one), *([sure.sentence] if sure else [])]
     if as_json:
         plain = {
             "sentences": sentences,
-            "checks": [row for row in output.table(one) if row["chosen"]],
+            "checks": [row for row in output.candidate_table(one) if row["chosen"]],
         }
         return console.emit_json(plain | {"files": [str(path) for path in paths]})
-    console.table("", output.COLUMNS, output.rows(one))
-    console.say("\n".join([*(f"  {line}" for line in output.checks(one)), *sentences]))
-    return console.say("\n".join(f"  wrote    {path}" for path in paths))
+    console.print_table("", output.COLUMNS, output.set_rows(one))
+    console.print_text("\n".join([*(f"  {line}" for line in output.check_lines(one)), *sentences]))
+    return console.print_text("\n".join(f"  wrote    {path}" for path in paths))

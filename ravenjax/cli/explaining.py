@@ -59,17 +59,17 @@ def explain(
         raise UserError(
             "which runs? Give run ids or indices, or --worst N, or --group NAME, one of them"
         )
-    record = manifest.read(folder)
-    ranked = console.worst(folder, worst, by)
+    record = manifest.read_manifest(folder)
+    ranked = console.worst_runs(folder, worst, by)
     if worst is not None and not ranked:
         return console.emit_json([]) if as_json else None
-    together = None if run_ids or ranked else ranking.faulty(folder, group)
+    together = None if run_ids or ranked else ranking.faulty_rows(folder, group)
     if together == []:
         words = "No fault evades the checks: there is no silent harm to explain."
         return (
             console.emit_json({"evading": 0, "sentences": [words]})
             if as_json
-            else console.say(words)
+            else console.print_text(words)
         )
     place = out or folder / explained.FOLDER
     files.require_writable(place)
@@ -80,10 +80,10 @@ def explain(
         or together
     )
     explanation = _compute(explainer, rows, quiet=as_json)
-    explained.add(place, explanation.ticks, record)
-    if others := ranking.changed(folder, explanation.results):
+    explained.add_explained(place, explanation.ticks, record)
+    if others := ranking.count_changed(folder, explanation.results):
         code = "this" if record.code_hash == manifest.code_hash(record.robot) else "another"
-        console.note(
+        console.print_note(
             f"{folder}: {others} of {len(explanation.ticks)} runs came out otherwise than they are"
             f" stored, by engine {record.engine} and {code} version of the code"
         )
@@ -116,11 +116,11 @@ def _one_by_one(place: Path, record: Manifest, explanation: Explained, as_json: 
     for row, ticks in zip(
         explanation.results.to_dict("records"), explanation.ticks.to_dict("records"), strict=True
     ):
-        one = chain.chain(row, ticks, record.robot, record.shape.arms, record.rules.cue)  # type: ignore[arg-type]
+        one = chain.trace_chain(row, ticks, record.robot, record.shape.arms, record.rules.cue)  # type: ignore[arg-type]
         table, plot = (place / f"{one.run_id}.{kind}" for kind in ("csv", "svg"))
-        text = downloads.text(one.links) or "layer,signal\n"
+        text = downloads.format_csv(one.links) or "layer,signal\n"
         write_aside(table, lambda target, text=text: target.write_text(text, encoding="utf-8"))
-        paths = [table] if chain_words.draw(one, plot) is None else [table, plot]
+        paths = [table] if chain_words.draw_timeline(one, plot) is None else [table, plot]
         records.append(chain_words.as_dict(one) | {"files": [str(path) for path in paths]})
         if not as_json:
             _print(one, paths)
@@ -132,15 +132,17 @@ def _print(one: Chain, paths: list[Path]) -> None:
     """Print the tables and sentences of one run."""
     from ravenjax.report.run import chain_words
 
-    console.say("\n  ".join([chain_words.title(one), *chain_words.sentences(one)]))
+    console.print_text(
+        "\n  ".join([chain_words.chain_title(one), *chain_words.chain_sentences(one)])
+    )
     tables = (
         (chain_words.LINKS, chain_words.link_rows(one)),
         (chain_words.CHECKS, chain_words.check_rows(one)),
     )
     for columns, rows in tables:
         if rows:
-            console.table("", columns, rows)
-    console.say("\n".join([*(f"  wrote    {path}" for path in paths), ""]))
+            console.print_table("", columns, rows)
+    console.print_text("\n".join([*(f"  wrote    {path}" for path in paths), ""]))
 
 
 def _together(folder: Path, place: Path, record: Manifest, as_json: bool) -> None:
@@ -153,19 +155,19 @@ def _together(folder: Path, place: Path, record: Manifest, as_json: bool) -> Non
     from ravenjax.store.access import explained
     from ravenjax.store.files import write_aside
 
-    ticks = explained.read(place, record)
+    ticks = explained.read_explained(place, record)
     assert ticks is not None
     with contextlib.closing(Runs.open(folder, record)) as runs:
-        one = chains.propagation(runs, ticks)
+        one = chains.summarize_chains(runs, ticks)
     paths = [place / explained.FILE]
-    if text := downloads.text(one.carriers):
+    if text := downloads.format_csv(one.carriers):
         paths.append(place / "signals.csv")
         write_aside(paths[-1], lambda target: target.write_text(text, encoding="utf-8"))
-    if chains.draw(one, place / "signals.svg") is not None:
+    if chains.draw_charts(one, place / "signals.svg") is not None:
         paths.append(place / "signals.svg")
     if as_json:
         return console.emit_json(chains.as_dict(one) | {"files": [str(path) for path in paths]})
-    console.say("\n".join(chains.sentences(one)))
+    console.print_text("\n".join(chains.chain_sentences(one)))
     if one.carriers:
-        console.table("", chains.COLUMNS, chains.table(one))
-    return console.say("\n".join(f"  wrote    {path}" for path in paths))
+        console.print_table("", chains.COLUMNS, chains.chain_table(one))
+    return console.print_text("\n".join(f"  wrote    {path}" for path in paths))

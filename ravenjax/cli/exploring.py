@@ -43,11 +43,11 @@ def explore(
         )
     from ravenjax.analyses.explorer import page
 
-    path = page.build(sources[0], out)
+    path = page.build_page(sources[0], out)
     if as_json:
         console.emit_json({"page": path, "bytes": path.stat().st_size})
         return
-    console.say(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
+    console.print_text(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
 
 
 def _gallery(folder: Path, sources: tuple[str, ...], out: Path | None, as_json: bool) -> None:
@@ -58,7 +58,7 @@ def _gallery(folder: Path, sources: tuple[str, ...], out: Path | None, as_json: 
         )
     from ravenjax.analyses.explorer import gallery
 
-    cards = gallery.build(folder, sources)
+    cards = gallery.build_gallery(folder, sources)
     if as_json:
         console.emit_json(
             {
@@ -68,5 +68,5 @@ def _gallery(folder: Path, sources: tuple[str, ...], out: Path | None, as_json: 
         )
         return
     for card in cards:
-        console.say(f"{card.campaign}: {card.file or 'no page, ' + card.reason}")
-    console.say(str(folder / gallery.INDEX))
+        console.print_text(f"{card.campaign}: {card.file or 'no page, ' + card.reason}")
+    console.print_text(str(folder / gallery.INDEX))

@@ -57,14 +57,14 @@ def export(
         level=level,  # type: ignore[arg-type]
     )
     robot = VirtualRobot(software.setup.arms, software.setup.tools, parameter_set)
-    written = c_folder.write(folder, software, robot, cpu)
+    written = c_folder.write_library(folder, software, robot, cpu)
     if as_json:
         return console.emit_json(written)
     for path in written:
         if path is not None:
-            console.say(str(path))
+            console.print_text(str(path))
     if written.shared is None:
-        console.note(
+        console.print_note(
             f"no C compiler ({', '.join(c_folder.COMPILERS)}) to link a shared library with: link"
             f" {written.object} and the C library's mathematics (-lm) into your program"
         )

@@ -58,9 +58,9 @@ def doctor(*, realtime: Switch = False, seconds: float = 60.0, as_json: AsJson =
 
     if realtime:
         return _keeps_time(seconds, as_json)
-    about = Listing("machine", "This machine", ("what", "is"), list(terminal.machine()))
+    about = Listing("machine", "This machine", ("what", "is"), list(terminal.describe_machine()))
     if not as_json:
-        console.emit([about], as_json)
+        console.print_tables([about], as_json)
         console.out.print()
     tests: dict[str, Callable[[], str]] = {
         "jax computes": _jax_computes,
@@ -71,25 +71,27 @@ def doctor(*, realtime: Switch = False, seconds: float = 60.0, as_json: AsJson =
         "console port": _port_opens,
     }
     works = Listing(
-        "works", "What works", ("what", "state", "detail"), list(terminal.checks(tests))
+        "works", "What works", ("what", "state", "detail"), list(terminal.run_checks(tests))
     )
-    console.emit([about, works] if as_json else [works], as_json)
+    console.print_tables([about, works] if as_json else [works], as_json)
     return int(any(state != "ok" for _, state, _ in works.rows))
 
 
 def _keeps_time(seconds: float, as_json: bool) -> int:
     from ravenjax.train import timing
 
-    measured = timing.measure(seconds, lambda what: console.err.print(what, highlight=False))
-    rows = [timing.row(*loop) for loop in measured.items()]
+    measured = timing.measure_timing(seconds, lambda what: console.err.print(what, highlight=False))
+    rows = [timing.timing_row(*loop) for loop in measured.items()]
     loops = Listing("loops", "One tick a millisecond", timing.COLUMNS, rows)
-    states = timing.verdict(measured)
+    states = timing.timing_verdict(measured)
     if as_json:
-        console.emit([loops, Listing("verdict", "", ("state", "sentence"), list(states))], as_json)
+        console.print_tables(
+            [loops, Listing("verdict", "", ("state", "sentence"), list(states))], as_json
+        )
     else:
-        console.emit([loops], as_json)
+        console.print_tables([loops], as_json)
         for state, sentence in states:
-            console.say(f"{state}: {sentence}")
+            console.print_text(f"{state}: {sentence}")
     return int(any(state != "ok" for state, _ in states))
 
 
@@ -109,8 +111,10 @@ def _engine_chosen() -> str:
     from ravenjax.engines import selection
     from ravenjax.numbers.setup import CAMPAIGN
 
-    name, why = selection.fastest(CAMPAIGN)
-    return f"{name} on {selection.select(name, CAMPAIGN).device}" + (f"; {why}" if why else "")
+    name, why = selection.fastest_engine(CAMPAIGN)
+    return f"{name} on {selection.select_engine(name, CAMPAIGN).device}" + (
+        f"; {why}" if why else ""
+    )
 
 
 def _model_loads() -> str:
@@ -118,7 +122,7 @@ def _model_loads() -> str:
 
     from ravenjax.bundled import resources
 
-    path = resources.model("raven2/raven2.xml")
+    path = resources.find_model("raven2/raven2.xml")
     model = mujoco.MjModel.from_xml_path(str(path))  # pyright: ignore[reportAttributeAccessIssue]
     return f"{path}, {model.njnt} joints"
 
@@ -127,7 +131,7 @@ def _campaigns_load() -> str:
     from ravenjax.bundled import resources
     from ravenjax.campaign import loading
 
-    files = resources.bundled("campaigns", "*.toml")
+    files = resources.list_resources("campaigns", "*.toml")
     for path in files:
         loading.load(path)
     return f"{len(files)} bundled campaigns are valid"

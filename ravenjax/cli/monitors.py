@@ -90,7 +90,7 @@ def calibrate(
     )
     place = out or Path("results/monitors") / config.campaign.name
     with _progress(as_json) as progress:
-        result = calibration.calibrate(request, place, hours, engine, progress)
+        result = calibration.calibrate_monitor(request, place, hours, engine, progress)
     _tell(place, result, as_json)
 
 
@@ -127,7 +127,7 @@ def operate(
         return console.emit_json(
             {"folder": out, "operations": len(peaks.unit), "hours": float(peaks.hours.sum())}
         )
-    return console.say(f"{len(peaks.unit)} operations: {out}")
+    return console.print_text(f"{len(peaks.unit)} operations: {out}")
 
 
 @monitor.command
@@ -157,7 +157,7 @@ def check(
     """
     from ravenjax.analyses.monitors import checking
 
-    result = checking.check(folder, sources, level, seed)
+    result = checking.check_exchangeability(folder, sources, level, seed)
     shifted, about = bool(result["shifted"].any()), result.attrs
     if as_json:
         console.emit_json({"signals": result.to_dict("records"), **about, "shifted": shifted})
@@ -174,14 +174,14 @@ def check(
         for row in result.to_dict("records")
     ]
     columns = ("score", "median place", "p", "p of all", "martingale", "")
-    console.emit(
+    console.print_tables(
         [Listing("signals", "Fresh operations among the calibration's", columns, rows)], False
     )
-    console.say(
+    console.print_text(
         f"{about['units']} units, {about['operations']} operations, {about['hours']:.3g} h,"
         f" {about['alarms']} with an alarm"
     )
-    console.say(
+    console.print_text(
         f"SHIFT at level {level:g}: fresh operations are not drawn as the calibration's were, and"
         " its promise does not hold for them. Calibrate on what they are like"
         if shifted
@@ -204,17 +204,19 @@ def signals(
         campaign whose robot it is; default the Raven-II's
     """
     from ravenjax import robots
-    from ravenjax.analyses.monitors.scores import catalogue
+    from ravenjax.analyses.monitors.scores import list_candidates
     from ravenjax.campaign import loading
 
     robot = (
-        loading.load(file, runs=False).robot if file is not None else robots.find(robots.DEFAULT)
+        loading.load(file, runs=False).robot
+        if file is not None
+        else robots.find_robot(robots.DEFAULT)
     )
     rows = [
         (one.name, one.words, ", ".join(dict.fromkeys(one.units)), one.layer)
-        for one in catalogue(robot)
+        for one in list_candidates(robot)
     ]
-    console.emit(
+    console.print_tables(
         [Listing("signals", robot.title, ("name", "what", "unit", "layer"), rows)], as_json
     )
 
@@ -222,17 +224,17 @@ def signals(
 def _tell(place: Path, result: Calibrated, as_json: bool) -> None:
     from ravenjax.analyses.monitors import writing
 
-    _, record = writing.read(place)
+    _, record = writing.read_monitor(place)
     if as_json:
         return console.emit_json({"folder": place, **record})
     rows = [
         (term.name, ", ".join(f"{limit:.4g}" for limit in limits), term.units[0])
         for term, limits in zip(result.monitor.terms, result.monitor.limits.tolist(), strict=True)
     ]
-    console.emit([Listing("terms", "Alarm above", ("term", "limit", "unit"), rows)], False)
+    console.print_tables([Listing("terms", "Alarm above", ("term", "limit", "unit"), rows)], False)
     words = record["promise"]["words"]
-    return console.say(
-        console.render(
+    return console.print_text(
+        console.render_template(
             "monitor.j2", words=words, own=result.threshold, tested=result.test, place=place
         )
     )

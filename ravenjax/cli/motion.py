@@ -50,16 +50,16 @@ def motion(
     ticks, bounds = None if whole else config.campaign.ticks, hands.operator_bounds(config)
     options, scale = config.operator.options, config.operator.scale
     try:
-        one = replay.replay(file, config.campaign.arms, options, ticks, scale, bounds=bounds)
+        one = replay.replay_motion(file, config.campaign.arms, options, ticks, scale, bounds=bounds)
     except UserError:
         # If the file cannot even be read, this raises that error.
-        raw = recording.load(file, config.campaign.arms, options)
-        courses = replay.courses(raw, reach.reach(raw.poses, bounds).inside, None)
+        raw = recording.load_recording(file, config.campaign.arms, options)
+        courses = replay.motion_courses(raw, reach.reach_poses(raw.poses, bounds).inside, None)
         _draw(file, out, courses, "cannot be replayed as it is")
         raise
     _table(one.summary, console.out)
     begin, end = one.summary.window_s
-    courses = replay.courses(one.recording, one.reach.inside, one)
+    courses = replay.motion_courses(one.recording, one.reach.inside, one)
     _draw(file, out, courses, f"{begin:.3f} to {end:.3f} s are replayed")
 
 
@@ -109,7 +109,7 @@ def _table(summary: MotionSummary, to: Console) -> None:
     from ravenjax.cli import terminal
     from ravenjax.store.motion.summary import table_rows
 
-    to.print(terminal.table("Recorded operator", ("what", "how it is"), table_rows(summary)))
+    to.print(terminal.make_table("Recorded operator", ("what", "how it is"), table_rows(summary)))
 
 
 def _draw(file: Path, out: Path, courses: Any, title: str) -> None:

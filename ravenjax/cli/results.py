@@ -33,8 +33,8 @@ def report(
     if figures is not None:
         from ravenjax.report import paper
 
-        for path in paper.write(folder, figures):
-            console.say(f"wrote {path}")
+        for path in paper.write_figures(folder, figures):
+            console.print_text(f"wrote {path}")
 
 
 def verify(
@@ -63,7 +63,7 @@ def verify(
     """
     from ravenjax.campaign.inspection import verification
 
-    verified = verification.verify(folder, sample, engine, seed)
+    verified = verification.verify_folder(folder, sample, engine, seed)
     if as_json:
         again = verified.rerun
         rerun = again and {
@@ -88,10 +88,10 @@ def verify(
     rows = [
         (check.name, "ok" if check.fine else "WRONG", check.looked_at) for check in verified.checks
     ]
-    console.table(f"Verified: {folder}", ("what", "", "looked at"), rows)
+    console.print_table(f"Verified: {folder}", ("what", "", "looked at"), rows)
     for check in verified.checks:
         for problem in check.problems:
-            console.complain(f"{check.name}: {problem}")
+            console.print_error(f"{check.name}: {problem}")
     if verified.rerun is not None and verified.rerun.differing:
         n = len(verified.rerun.rows)
         apart = [
@@ -99,7 +99,7 @@ def verify(
             for one in verified.rerun.differing
         ]
         columns = ("column", "rows that differ", "largest difference")
-        console.table("Not equal to the bit", columns, apart)
+        console.print_table("Not equal to the bit", columns, apart)
     return 0 if verified.fine else 1
 
 
@@ -125,23 +125,23 @@ def merge(
     """
     from ravenjax.store.access import merging, query
 
-    done = merging.merge(out, shards, partial)
+    done = merging.merge_shards(out, shards, partial)
     record = done.manifest
     parts = len(record.parts)
     count = f"{record.done} of {record.runs} runs in {parts} part{'s' if parts != 1 else ''}"
     ways = f"{done.linked} linked, {done.copied} copied, {done.present} there before"
-    console.say(f"merged: {out}: {count} ({ways})")
+    console.print_text(f"merged: {out}: {count} ({ways})")
     if done.missing:
-        console.say(f"missing: rows {query.in_words(done.missing)}")
+        console.print_text(f"missing: rows {query.in_words(done.missing)}")
 
 
 def write_report(folder: Path, prints: bool = True) -> Path:
     """Write the report and return its path. prints: also print the path."""
     from ravenjax.report import page
 
-    path = page.build(folder)
+    path = page.build_report(folder)
     if prints:
-        console.say(f"report: {path}")
+        console.print_text(f"report: {path}")
     return path
 
 
@@ -171,16 +171,18 @@ def compare(
     from ravenjax.report import comparison
 
     if first.resolve() == second.resolve():
-        console.note(f"{first} and {second} are the same folder, so that nothing can differ")
-    result = comparison.compare(first, second, most)
+        console.print_note(f"{first} and {second} are the same folder, so that nothing can differ")
+    result = comparison.compare_folders(first, second, most)
     if as_json:
         content = result._asdict()
         content["made"] = content.pop("environment")
         console.emit_json(content)
         return
     for sentence in result.sentences():
-        console.say(sentence)
-    console.emit([listing for listing in _comparison_tables(result) if listing.rows], as_json)
+        console.print_text(sentence)
+    console.print_tables(
+        [listing for listing in _comparison_tables(result) if listing.rows], as_json
+    )
 
 
 def _comparison_tables(found: FolderComparison) -> Iterator[Listing]:
@@ -199,9 +201,9 @@ def _comparison_tables(found: FolderComparison) -> Iterator[Listing]:
     rates = [
         (
             rate.name.replace("_", " "),
-            wording.percent(rate.first.value),
-            wording.percent(rate.second.value),
-            wording.points(rate.difference),
+            wording.format_percent(rate.first.value),
+            wording.format_percent(rate.second.value),
+            wording.format_points(rate.difference),
             f"{rate.first_only}, {rate.second_only}",
         )
         for rate in found.rates
@@ -214,10 +216,10 @@ def _comparison_tables(found: FolderComparison) -> Iterator[Listing]:
         "only in first, second",
     )
     yield Listing(
-        "rates", f"Rates among {wording.count(found.pairs.compared)} pairs", columns, rates
+        "rates", f"Rates among {wording.format_count(found.pairs.compared)} pairs", columns, rates
     )
     for word, transitions in found.transitions.items():
-        rows = [(one.first, one.second, wording.count(one.runs)) for one in transitions]
+        rows = [(one.first, one.second, wording.format_count(one.runs)) for one in transitions]
         yield Listing(
             word, f"{word.capitalize()}: from first to second", ("first", "second", "runs"), rows
         )
@@ -226,7 +228,7 @@ def _comparison_tables(found: FolderComparison) -> Iterator[Listing]:
             one.run_ids[0],
             one.fault,
             *one.verdicts,
-            *(wording.number(mm) for mm in one.unintended_mm),
+            *(wording.format_number(mm) for mm in one.unintended_mm),
         )
         for one in found.changed
     ]

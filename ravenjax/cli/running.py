@@ -75,7 +75,7 @@ def run(
         *(overrides or ()),
         *(f"campaign.{key}={value}" for key, value in sizes.items() if value is not None),
     ]
-    share = shards.parse(shard) if shard is not None else None
+    share = shards.parse_shard(shard) if shard is not None else None
     who = choose_executor(executor, workers, ray_address)
     config = loading.load(file, changes)
     folder = out or Path("results") / config.campaign.name / (
@@ -87,7 +87,7 @@ def run(
     screen = console.err if as_json else console.out
     show_operator(config, screen)
     with _ended_by_signals(), terminal.Watch(screen) as watch:
-        results = adaptive.run(
+        results = adaptive.run_adaptively(
             config, folder, engine, on_progress=watch, executor=who, shard=share, command=sys.argv
         )
     if as_json:
@@ -102,7 +102,7 @@ def run(
         return
     _summary(folder, results)
     if share is not None:
-        console.say(f"one of {share.of} shards; `ravenjax merge OUT SHARD...` joins them")
+        console.print_text(f"one of {share.of} shards; `ravenjax merge OUT SHARD...` joins them")
     elif report:
         write_report(folder)
 
@@ -114,7 +114,7 @@ def _outcome(folder: Path, results: Results) -> dict[str, Any]:
     from ravenjax.campaign.stop import decisions
     from ravenjax.store import manifest
 
-    record = manifest.read(folder)
+    record = manifest.read_manifest(folder)
     return {
         "folder": folder,
         "campaign": record.campaign,
@@ -126,7 +126,7 @@ def _outcome(folder: Path, results: Results) -> dict[str, Any]:
         "verdicts_of_faults_that_changed_no_bit": (
             results.verdicts(acted=False) if record.done else {}
         ),
-        "stop_rule": decisions.sentence(folder) or None,
+        "stop_rule": decisions.describe_stop(folder) or None,
         "engine": record.engine,
         "device": record.device,
         "code_hash": record.code_hash,
@@ -173,14 +173,14 @@ def fault_free(
         screen.print(text, markup=False, highlight=False, soft_wrap=True)
 
     def began(there: float, path: Path) -> None:
-        say(f"{wording.hours(there)} of {wording.hours(hours)}; next: {path}")
+        say(f"{wording.format_hours(there)} of {wording.format_hours(hours)}; next: {path}")
 
     with _ended_by_signals(), terminal.Watch(screen) as watch:
-        there = more_motion.extend(
+        there = more_motion.extend_fault_free(
             folder, hours, engine, on_motion=began, on_progress=watch, command=sys.argv
         )
     if not as_json:
-        say(f"fault-free motion: {wording.hours(there)} in {place}")
+        say(f"fault-free motion: {wording.format_hours(there)} in {place}")
     page = write_report(folder, prints=not as_json) if report else None
     if as_json:
         console.emit_json({"folder": place, "hours": there, "report": page})
@@ -192,24 +192,24 @@ def _summary(folder: Path, results: Results) -> None:
     from ravenjax.cli import terminal
     from ravenjax.store import manifest
 
-    record = manifest.read(folder)
+    record = manifest.read_manifest(folder)
     counted = results.verdicts() if record.done else {}
     valid = sum(count for verdict, count in counted.items() if verdict)
     if rows := terminal.share_rows(counted, valid):
         columns = ("response / hazard / cue", "runs", "share")
-        console.table("Runs with a fault", columns, rows)
-        evading = terminal.evading(counted, record.limit_mm)
-        console.say(evading)
+        console.print_table("Runs with a fault", columns, rows)
+        evading = terminal.count_evading(counted, record.limit_mm)
+        console.print_text(evading)
     if record.done and (idle := sum(results.verdicts(acted=False).values())):
-        console.say(f"Runs whose fault never changed a bit, not counted above: {idle}.")
+        console.print_text(f"Runs whose fault never changed a bit, not counted above: {idle}.")
     if rows := terminal.share_rows(record.failures, record.done):
-        console.table("Runs without a valid outcome", ("cause", "runs", "share"), rows)
-    if why := decisions.sentence(folder):
-        console.say(why)
+        console.print_table("Runs without a valid outcome", ("cause", "runs", "share"), rows)
+    if why := decisions.describe_stop(folder):
+        console.print_text(why)
     if record.shard is None and not why and record.due < record.runs:
         rest = "the same command without --limit, or with more, goes on from here"
-        console.say(f"{record.due} of the {record.runs} runs of the campaign; {rest}")
-    console.say(f"results: {folder}")
+        console.print_text(f"{record.due} of the {record.runs} runs of the campaign; {rest}")
+    console.print_text(f"results: {folder}")
 
 
 @contextlib.contextmanager
@@ -217,7 +217,7 @@ def _ended_by_signals() -> Iterator[None]:
     """End the work on SIGTERM and SIGHUP as on Ctrl-C, promptly and with exit code 128 + the
     signal's number.
     """
-    with interruption.exits(signal.SIGTERM, signal.SIGHUP):
+    with interruption.exit_on_signals(signal.SIGTERM, signal.SIGHUP):
         try:
             with interruption.ended_in_time(ENDED), interruption.held_back():
                 yield
@@ -253,14 +253,14 @@ def search(
     from ravenjax.cli import terminal
 
     screen = console.err if as_json else console.out
-    show_operator(loading.load(file, overrides or ()).campaign, screen)
+    show_operator(loading.load_search(file, overrides or ()).campaign, screen)
     with _ended_by_signals(), terminal.Watch(screen) as watch:
-        result = runner.run(file, out, engine, overrides or (), watch)
+        result = runner.run_search(file, out, engine, overrides or (), watch)
     if as_json:
         numbers = json.loads((result.out / output.NUMBERS).read_text(encoding="utf-8"))
         console.emit_json({"folder": result.out} | numbers)
         return
     for sentence in result.sentences:
-        console.say(f"- {sentence}")
-    console.say(f"search: {result.out}")
-    console.say(f"page: {result.out / output.PAGE}")
+        console.print_text(f"- {sentence}")
+    console.print_text(f"search: {result.out}")
+    console.print_text(f"page: {result.out / output.PAGE}")

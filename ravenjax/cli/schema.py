@@ -39,10 +39,10 @@ def schema(kind: Kind = "campaign", *, out: Path | None = None) -> None:
     else:
         from ravenjax.campaign.inspection import json_schema
 
-        content = json_schema.schema(ROBOT)
+        content = json_schema.campaign_schema(ROBOT)
     text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
     if out is None:
         print(text, end="", file=console.out.file)
         return
     files.write_aside(out, lambda target: target.write_text(text, encoding="utf-8"))
-    console.say(f"wrote {out}")
+    console.print_text(f"wrote {out}")

@@ -62,7 +62,7 @@ class Watch:
         for note in status.notes[self._notes :]:
             self._console.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
         self._notes = len(status.notes)
-        text = words(status)
+        text = describe_progress(status)
         if self._console.is_terminal:
             self._bar.update(
                 self._task, completed=status.progress, description=status.phase, text=text
@@ -74,7 +74,7 @@ class Watch:
             self._console.print(f"{status.phase}: {text}", highlight=False)
 
 
-def words(status: Status) -> str:
+def describe_progress(status: Status) -> str:
     """Return the progress of a campaign as one line."""
     parts = [f"{status.done} of {status.total} runs"]
     if status.phase == "run":
@@ -82,7 +82,7 @@ def words(status: Status) -> str:
     if status.runs_per_s is not None:
         parts.append(f"{status.runs_per_s:.0f} runs/s")
     if status.phase == "run" and status.left_s is not None:
-        parts.append(f"{duration(status.left_s)} left")
+        parts.append(f"{format_duration(status.left_s)} left")
     if status.parts:
         parts.append(f"{status.parts} parts" if status.parts > 1 else "1 part")
     if status.workers > 1:
@@ -95,7 +95,7 @@ def words(status: Status) -> str:
     return ", ".join(parts)
 
 
-def duration(seconds: float) -> str:
+def format_duration(seconds: float) -> str:
     """Return a time in units that suit its length."""
     if seconds < 120.0:
         return f"{seconds:.0f} s"
@@ -103,7 +103,7 @@ def duration(seconds: float) -> str:
     return f"{minutes} min" if minutes < 120 else f"{minutes // 60} h {minutes % 60:02d} min"
 
 
-def table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Table:
+def make_table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Table:
     """Return a table of text; square brackets are not markup.
 
     Names in the first column are not wrapped, so that they can be copied.
@@ -117,7 +117,7 @@ def table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, ...]])
     return grid
 
 
-def machine() -> Iterator[tuple[str, str]]:
+def describe_machine() -> Iterator[tuple[str, str]]:
     """Yield (name, description) of this machine and its software."""
     from ravenjax.engines import selection
     from ravenjax.numbers.setup import CAMPAIGN
@@ -127,14 +127,14 @@ def machine() -> Iterator[tuple[str, str]]:
     for package, version in manifest.package_versions().items():
         if package != "python":
             yield package, version
-    yield "cpu", f"{os.cpu_count()} threads, {selection.select('simd', CAMPAIGN).device}"
+    yield "cpu", f"{os.cpu_count()} threads, {selection.select_engine('simd', CAMPAIGN).device}"
     page = os.sysconf("SC_PAGE_SIZE") / 2**30
     total, free = (page * os.sysconf(name) for name in ("SC_PHYS_PAGES", "SC_AVPHYS_PAGES"))
     yield "memory", f"{total:.1f} GiB, {free:.1f} GiB free"
     yield "output", "terminal" if sys.stdout.isatty() else "no terminal"
 
 
-def checks(tests: dict[str, Callable[[], str]]) -> Iterator[tuple[str, str, str]]:
+def run_checks(tests: dict[str, Callable[[], str]]) -> Iterator[tuple[str, str, str]]:
     """Yield (name, "ok" or "FAILED", detail) of each test. A test returns its detail or raises."""
     for name, test in tests.items():
         try:
@@ -158,7 +158,7 @@ def share_rows(counts: Mapping[str, int], total: int) -> list[tuple[str, ...]]:
     return [(name, str(n), share(n)) for name, n in ordered if name]
 
 
-def evading(runs: Mapping[str, int], limit_mm: float) -> str:
+def count_evading(runs: Mapping[str, int], limit_mm: float) -> str:
     """Return how many runs evade, and in how many of them the cue came. runs: by verdict, at least
     one valid.
     """

@@ -49,12 +49,12 @@ def trace(
         raise UserError(
             "which runs? Give run ids or indices, as `ravenjax trace DIR 17`, or --worst N"
         )
-    record = manifest.read(folder)
-    ranked = console.worst(folder, worst, by)
+    record = manifest.read_manifest(folder)
+    ranked = console.worst_runs(folder, worst, by)
     place = out or folder / "traces"
     files.require_writable(place)
     if record.code_hash != manifest.code_hash(record.robot):
-        console.note(
+        console.print_note(
             f"{folder} was computed by another version of the code; a run may come out otherwise"
         )
     runs = run_ids or tuple(run.run_id for run in ranked)
@@ -64,13 +64,15 @@ def trace(
         assert replayer is not None
         again = replayer.replay(run)
         row = again.row.to_dict()
-        summary = run_summary.summary(row, record.rules, again.series, again.golden, record.robot)
+        summary = run_summary.summarize_run(
+            row, record.rules, again.series, again.golden, record.robot
+        )
         paths = _write(place, record, again, [event.as_dict() for event in summary.events])
         records.append(
             {"run_id": row["run_id"], **summary.as_dict(), "files": [str(path) for path in paths]}
         )
         if not as_json:
-            console.say(
+            console.print_text(
                 "\n".join([*summary.lines(), *(f"  wrote    {path}" for path in paths), ""])
             )
     if as_json:
@@ -88,7 +90,7 @@ def _write(
 
     row, series, rules = again.row.to_dict(), again.series, record.rules
     log, table, plot = (place / f"{row['run_id']}.{kind}" for kind in ("mcap", "csv", "svg"))
-    trace_log.write(
+    trace_log.write_trace(
         log, series, _metadata(record, again), bases=again.bases, events=events, robot=record.robot
     )
     time_series.write_csv(table, series, record.robot)
@@ -102,7 +104,7 @@ def _write(
         _plotted(series, rules.cue),
         plot,
         title=f"run {row['run_id']} · {row['verdict'] or row['failed']}",
-        subtitle=f"{row['group']}: {wording.fault(row, record.robot)}",
+        subtitle=f"{row['group']}: {wording.describe_fault(row, record.robot)}",
         threshold_mm=rules.threshold_mm,
         robot=record.robot,
         events={name: float(row[column]) for name, column in named.items()},
@@ -123,7 +125,7 @@ def _metadata(record: Manifest, again: Replay) -> dict[str, str]:
         or name in ("index", "seed")
         or (name.startswith(("fault", "param:")) and value == value)
     } | {
-        "fault": wording.fault(row, record.robot),
+        "fault": wording.describe_fault(row, record.robot),
         "campaign": record.campaign,
         "config_hash": record.config_hash,
         "duration_ms": record.duration_ms,

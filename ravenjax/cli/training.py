@@ -101,7 +101,7 @@ def train(
 
     if not (page or headless or script or crtk) and itp_port is None:
         raise UserError("nobody drives: without the page give --script, --itp-port or --crtk")
-    console.say(f"{scenario}: the session is being prepared; the first time takes longest")
+    console.print_text(f"{scenario}: the session is being prepared; the first time takes longest")
     with _words_of_a_stop(), interruption.held_back(), contextlib.ExitStack() as stack:
         helpers = None
         if not headless:
@@ -112,8 +112,8 @@ def train(
         from ravenjax.train import launch
         from ravenjax.train import scenario as scenarios
 
-        interruption.point()
-        setting = scenarios.load(scenario, overrides or ())
+        interruption.check_interruption()
+        setting = scenarios.load_scenario(scenario, overrides or ())
         drawn_by = setting.seed if seed is None else seed
         options = launch.with_tokens(
             launch.SessionOptions(
@@ -137,25 +137,27 @@ def train(
             )
         )
         if headless:
-            result = launch.headless(options, console.say)
+            result = launch.run_headless(options, console.print_text)
         else:
-            result = launch.realtime(
-                options, with_page=page, linger_s=linger, say=console.say, helpers=helpers
+            result = launch.run_realtime(
+                options, with_page=page, linger_s=linger, say=console.print_text, helpers=helpers
             )
     # The same address, so that browser windows reconnect.
     while result.wish is not None:
-        console.say(f"session: {result.folder} ({result.ended})")
-        options = launch.following(options, result)
-        console.say(f"{options.scenario.name}: the next session is being prepared")
+        console.print_text(f"session: {result.folder} ({result.ended})")
+        options = launch.next_options(options, result)
+        console.print_text(f"{options.scenario.name}: the next session is being prepared")
         with _words_of_a_stop(), interruption.held_back():
-            result = launch.realtime(options, with_page=page, linger_s=linger, say=console.say)
-    console.say(f"session: {result.folder} ({result.ended})")
+            result = launch.run_realtime(
+                options, with_page=page, linger_s=linger, say=console.print_text
+            )
+    console.print_text(f"session: {result.folder} ({result.ended})")
 
 
 @contextlib.contextmanager
 def _words_of_a_stop() -> Iterator[None]:
     """On Ctrl-C or SIGTERM before a session, or a third Ctrl-C in it, print a message and exit."""
-    with interruption.exits(signal.SIGTERM):
+    with interruption.exit_on_signals(signal.SIGTERM):
         try:
             yield
         except (KeyboardInterrupt, SystemExit) as stop:
@@ -213,8 +215,8 @@ def robot(
     from ravenjax.train import scenario as scenarios
     from ravenjax.train.robot_link import process
 
-    process.run(
-        scenarios.load(scenario, overrides or ()),
+    process.run_robot(
+        scenarios.load_scenario(scenario, overrides or ()),
         seed,
         host=host,
         itp_port=itp_port,
@@ -222,10 +224,10 @@ def robot(
         hazards=[process.Strike.parse(text) for text in hazard or ()],
         token=token,
         console_host=console_host,
-        profiles=profiles.choice(console_profile),
+        profiles=profiles.profile_choices(console_profile),
         seconds=seconds,
         crtk=crtk,
-        say=console.say,
+        say=console.print_text,
     )
 
 
@@ -249,12 +251,14 @@ def play(
     from ravenjax.store.motion import packet_file
     from ravenjax.train.robot_link import player
 
-    address = player.parse(to)
+    address = player.parse_host_port(to)
     raw = packet_file.read_packets(packets)
     arrivals = packet_file.read_arrivals(packets, raw, console_profile)
     for note in arrivals.notes:
-        console.say(note)
-    console.say(str(player.play(raw.datagrams, arrivals.seconds, address, console.say)))
+        console.print_text(note)
+    console.print_text(
+        str(player.play_packets(raw.datagrams, arrivals.seconds, address, console.print_text))
+    )
 
 
 @study.default
@@ -283,9 +287,9 @@ def compare(
     """
     from ravenjax.train.study import page
 
-    result = page.run(folders, out, by, unblind=unblind, mixed=mixed)
-    console.say(result.text.rstrip())
-    console.say(f"study: {result.page}")
+    result = page.write_study(folders, out, by, unblind=unblind, mixed=mixed)
+    console.print_text(result.text.rstrip())
+    console.print_text(f"study: {result.page}")
 
 
 @study.command
@@ -310,9 +314,9 @@ def assign(
     from ravenjax.train.recording.hazards import as_csv
     from ravenjax.train.study import design
 
-    drawn = design.assign(participants, groups, seed, block)
+    drawn = design.assign_groups(participants, groups, seed, block)
     rows = (assignment._asdict() for assignment in drawn)
-    console.say(as_csv(design.Assignment._fields, rows).rstrip())
+    console.print_text(as_csv(design.Assignment._fields, rows).rstrip())
 
 
 @study.command
@@ -344,10 +348,10 @@ def plan(
     """
     from ravenjax.train.study import design
 
-    sizes = design.plan(
+    sizes = design.plan_study(
         participants, paired=paired, groups=groups, outcomes=outcomes, effect=effect, power=power
     )
-    console.say(design.describe_plan(sizes))
+    console.print_text(design.describe_plan(sizes))
 
 
 @log.command
@@ -369,7 +373,7 @@ def recover(file: Path, *, out: Path | None = None) -> None:
             f"--out {out}: is the recording itself, expected another file: what is damaged may be"
             " needed again"
         )
-    console.say(str(store.recover(file, out)))
+    console.print_text(str(store.recover_records(file, out)))
 
 
 @log.command
@@ -387,7 +391,7 @@ def bag(recording: Path, *, ros: Literal[1, 2] = 1, out: Path | None = None) -> 
     """
     from ravenjax.store.logs import bags
 
-    console.say(str(bags.write_bag(recording, ros, out)))
+    console.print_text(str(bags.write_bag(recording, ros, out)))
 
 
 @log.command
@@ -401,4 +405,4 @@ def debrief(folder: Path) -> None:
     """
     from ravenjax.train.debrief import page
 
-    console.say(f"debrief: {page.write(folder)}")
+    console.print_text(f"debrief: {page.write_debrief(folder)}")

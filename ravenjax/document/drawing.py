@@ -87,7 +87,7 @@ def _page_drawing(chart: Chart, kind: str, described_by: str) -> Markup:
     width, height = WIDTHS[kind], chart.height + ABOUT
     figure = Figure(figsize=(width / 72, height / 72), layout="constrained", frameon=False)
     axes = figure.subplots()
-    draw(chart, axes, page=True, longest=int(LONGEST * width))
+    draw_chart(chart, axes, page=True, longest=int(LONGEST * width))
     axes.set_xlabel(chart.x.title, loc="right")
     figure.suptitle(chart.y.title, x=0, ha="left", fontsize=12)
     file = io.StringIO()
@@ -118,7 +118,7 @@ def print_figure(chart: Chart, width: float) -> Figure:
     size = (width, 1.2 + chart.height / 150 + 0.13 * len(names))
     figure = Figure(figsize=size, layout="constrained")
     axes = figure.subplots()
-    draw(chart, axes)
+    draw_chart(chart, axes)
     axes.set(xlabel=chart.x.title, ylabel="" if chart.y.names else chart.y.title)
     handles, labels = axes.get_legend_handles_labels()
     # Of marks with the same name, keep the first.
@@ -131,7 +131,7 @@ def print_figure(chart: Chart, width: float) -> Figure:
     return figure
 
 
-def draw(chart: Chart, axes: Axes, *, page: bool = False, longest: int = 1000) -> None:
+def draw_chart(chart: Chart, axes: Axes, *, page: bool = False, longest: int = 1000) -> None:
     """Draw on empty axes. The caller adds legend and titles.
 
     `page`: add what the page's script needs, and draw curves that are hidden at first.

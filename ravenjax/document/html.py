@@ -18,7 +18,7 @@ from ravenjax.document.tables import with_scopes
 _TEMPLATES = resources.files("ravenjax.document") / "templates"
 
 
-def environment(*packages: str) -> jinja2.Environment:
+def template_environment(*packages: str) -> jinja2.Environment:
     """Return a template environment for these packages (their folders `templates`) and this one,
     with what every page needs.
     """
@@ -33,14 +33,14 @@ def environment(*packages: str) -> jinja2.Environment:
     )
     templates.globals |= {
         "document_style": Markup(
-            palette.css() + (_TEMPLATES / "document.css").read_text(encoding="utf-8")
+            palette.palette_css() + (_TEMPLATES / "document.css").read_text(encoding="utf-8")
         ),
         "document_script": Markup((_TEMPLATES / "document.js").read_text(encoding="utf-8")),
     }
     templates.filters |= {
         "drawings": _drawings,
-        "values": lambda chart: data(chart.values()),
-        "data": data,
+        "values": lambda chart: escape_json(chart.values()),
+        "data": escape_json,
     }
     return templates
 
@@ -52,7 +52,7 @@ def _drawings(chart: Chart, described_by: str, *kinds: str) -> Markup:
     return page_drawings(chart, described_by, kinds)
 
 
-def data(json: str) -> Markup:
+def escape_json(json: str) -> Markup:
     """Escape JSON text for a <script>, so that nothing in it ends the element."""
     return Markup(json.replace("<", "\\u003c"))
 
@@ -78,7 +78,7 @@ def from_markdown(text: str, drawings: Mapping[str, str] | None = None) -> str:
         r"(<tr>\s*)<td([^>]*)>(.*?)</td>", r"\1<th\2>\3</th>", body, flags=re.DOTALL
     )  # the first cell of a row is its heading
     title, body, sections = _with_headings(body)
-    page = environment().get_template("markdown.html.j2")
+    page = template_environment().get_template("markdown.html.j2")
     return with_scopes(page.render(title=title, body=Markup(body), sections=sections))
 
 
@@ -88,11 +88,11 @@ def _picture(image: re.Match[str], drawings: Mapping[str, str]) -> str:
         return f"<p>{words}</p>"
     return (
         '<figure class="drawing" role="img"'
-        f' aria-label="{words}">{inline(drawings[name], name)}</figure>'
+        f' aria-label="{words}">{inline_svg(drawings[name], name)}</figure>'
     )
 
 
-def inline(text: str, name: str) -> str:
+def inline_svg(text: str, name: str) -> str:
     """Return an SVG file's text as an element of a page: without the prologue, and without ids that
     collide with other drawings.
     """

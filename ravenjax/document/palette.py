@@ -34,14 +34,14 @@ SERIES = tuple(name for name in PALETTE if name.startswith("series"))
 """Names of the colours for several curves in one chart."""
 
 
-def series(number: int) -> str:
+def series_colour(number: int) -> str:
     """Return the name of the colour of a curve by its number. The names repeat after the
     last one.
     """
     return SERIES[number % len(SERIES)]
 
 
-def css() -> str:
+def palette_css() -> str:
     """Return the custom properties --NAME of a style sheet, for both schemes."""
     light, dark = (
         " ".join(f"--{name}: {getattr(colour, scheme)};" for name, colour in PALETTE.items())

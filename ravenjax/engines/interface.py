@@ -81,7 +81,7 @@ class TickProgram:
         """Return the parameters of a run in which those that vary have these values."""
         record = self.params
         for path, value in zip(self.varied, varied, strict=True):
-            record = paths.assign(record, self.setup, path, value)
+            record = paths.assign_numbers(record, self.setup, path, value)
         return record
 
     def begin(self, varied: Sequence[Any]) -> Any:
@@ -141,7 +141,7 @@ class Block:
     @property
     def lanes(self) -> int:
         """Number of lanes; 0 if nothing differs between them."""
-        arrays = [*self.varied.values(), *tree.leaves(self.faults), self.golden, self.acts]
+        arrays = [*self.varied.values(), *tree.tree_leaves(self.faults), self.golden, self.acts]
         return next((len(array) for array in arrays if array is not None), 0)
 
     def picked(self, lanes: np.ndarray) -> Block:
@@ -153,7 +153,7 @@ class Block:
         return dataclasses.replace(
             self,
             varied={path: pick(values) for path, values in self.varied.items()},
-            faults=tree.mapped(pick, self.faults),
+            faults=tree.map_leaves(pick, self.faults),
             golden=self._golden_of(lanes),
             acts=pick(self.acts),
             ends=pick(self.ends),

@@ -60,7 +60,7 @@ def snapshot_bytes(ticks: int) -> int:
     return min(SNAPSHOT_BYTES, (ticks // EVERY + 1) * STATE_BYTES)
 
 
-def spacing(last: int, words: int) -> int:
+def snapshot_spacing(last: int, words: int) -> int:
     """Return the ticks between snapshots of `words` words up to tick `last`."""
     most = max(1, SNAPSHOT_BYTES // max(4 * words, 1))
     return max(EVERY, -(-last // most))

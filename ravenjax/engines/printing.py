@@ -12,11 +12,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from ravenjax.ir.program import Program, number
-from ravenjax.ir.regions import Region, flat
+from ravenjax.ir.program import Program, from_bits
+from ravenjax.ir.regions import Region, flatten_regions
 
 
-def render(template: str, **values: Any) -> str:
+def render_template(template: str, **values: Any) -> str:
     """Render a template of this folder."""
     # Imported here because generated code is cached, so most processes print none.
     import jinja2
@@ -60,7 +60,7 @@ class Printing(ABC, Generic[Where]):
         operations = list(operations)
         types = [operation.dtype for operation in program.operations]
         values: dict[int, str] = dict(given or {})
-        read = {o for i in flat(operations) for o in program.operations[i].operands} | {
+        read = {o for i in flatten_regions(operations) for o in program.operations[i].operands} | {
             i for i, _ in results
         }
         holder = {place: i for i, place in sources.items() if i in read}
@@ -71,7 +71,7 @@ class Printing(ABC, Generic[Where]):
                 operation = program.operations[i]
                 if operation.name == "constant":
                     values[i] = self._constant(
-                        operation.dtype, number(operation.dtype, operation.detail)
+                        operation.dtype, from_bits(operation.dtype, operation.detail)
                     )
                 else:
                     values[i] = self._load(types[i], sources[i])

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import MutableMapping
 
 from ravenjax.engines.interface import Engine
-from ravenjax.errors import UserError, suggestion
+from ravenjax.errors import UserError, suggest_name
 from ravenjax.numbers.setup import Precision
 
 ENGINES = ("cuda", "simd", "xla", "mjx")
 """Names of the engines, fastest first."""
 
 
-def select(
+def select_engine(
     name: str, precision: Precision, objects: MutableMapping[str, bytes] | None = None
 ) -> Engine:
     """Return the engine of that name; "auto" means the fastest that supports this precision on this
@@ -21,7 +21,7 @@ def select(
     objects: cache of compiled code between processes; None: only this process. Raises UserError.
     """
     if name == "auto":
-        name = fastest(precision)[0]
+        name = fastest_engine(precision)[0]
     if name == "cuda":
         from ravenjax.engines.gpu.engine import CudaEngine
 
@@ -36,18 +36,18 @@ def select(
         return ScanEngine(name)
     raise UserError(
         f"engine {name!r} is unknown: expected auto,"
-        f" {', '.join(ENGINES)}{suggestion(name, ENGINES)}"
+        f" {', '.join(ENGINES)}{suggest_name(name, ENGINES)}"
     )
 
 
-def fastest(precision: Precision) -> tuple[str, str]:
+def fastest_engine(precision: Precision) -> tuple[str, str]:
     """Return the engine that "auto" means here, and why it is not "cuda"; "" if it is."""
     from ravenjax.engines.gpu import device as cuda_device
     from ravenjax.engines.gpu import engine as cuda
 
     try:
         cuda.require_float32(precision)
-        cuda_device.require()
+        cuda_device.require_gpu()
     except UserError as error:
         return "simd", str(error)
     return "cuda", ""

@@ -56,7 +56,7 @@ def _pieces(value: Any) -> Iterator[bytes]:
 
 
 @functools.cache
-def versions() -> tuple[str, ...]:
+def package_versions() -> tuple[str, ...]:
     """Return the versions of Python and of the packages that take part in tracing."""
     return (sys.version, *map(_version, _PACKAGES))
 
@@ -76,7 +76,7 @@ def hash_files() -> str:
         for suffix in ("py", "j2", "toml")
         for path in sorted((_PACKAGE / floor).rglob(f"*.{suffix}"))
     ]
-    models = [*sorted(Path("models").rglob("*")), *resources.bundled("models", "**/*")]
+    models = [*sorted(Path("models").rglob("*")), *resources.list_resources("models", "**/*")]
     result = hashlib.sha256()
     for path in (*files, *(path for path in models if path.is_file())):
         name = path.relative_to(_PACKAGE) if path.is_relative_to(_PACKAGE) else path.name
@@ -95,7 +95,7 @@ def persistent_key(*values: Any) -> str:
     Returns "" if the files have changed since the import, because the running code is then not
     known.
     """
-    return hash_values(*values, AT_IMPORT, versions()) if hash_files() == AT_IMPORT else ""
+    return hash_values(*values, AT_IMPORT, package_versions()) if hash_files() == AT_IMPORT else ""
 
 
 def load_or_compile(
@@ -123,9 +123,9 @@ def load_or_make(objects: Objects | None, key: str, make: Callable[[], Code]) ->
         # The content may be from another version, or name a module that no longer exists.
         with contextlib.suppress(Exception):
             return pickle.loads(zlib.decompress(content))
-    interruption.point()
+    interruption.check_interruption()
     result = make()
-    interruption.point()
+    interruption.check_interruption()
     # A record class that a user defined within a function cannot be pickled.
     with contextlib.suppress(pickle.PicklingError, AttributeError, TypeError):
         objects[key] = zlib.compress(pickle.dumps(result), 1)

@@ -22,7 +22,7 @@ from ravenjax.engines.interface import Block, Motion, TickProgram
 from ravenjax.engines.trace_key import Code, Objects
 from ravenjax.errors import UserError
 from ravenjax.ir import lowering
-from ravenjax.ir.builder import contract
+from ravenjax.ir.builder import contract_to_fma
 from ravenjax.ir.program import Program
 from ravenjax.ir.time_loop import TimeLoop
 from ravenjax.numbers import tree
@@ -63,8 +63,8 @@ class TracedTick:
         typed: converts a column of `out` to a type.
         """
         columns = np.ascontiguousarray(out[:, self.series :, 0].T)
-        dtypes = tree.leaves(self.signals)
-        return tree.filled(
+        dtypes = tree.tree_leaves(self.signals)
+        return tree.fill_tree(
             self.signals,
             [typed(column, dtype) for column, dtype in zip(columns, dtypes, strict=True)],
         )
@@ -93,13 +93,13 @@ class Forms:
         return trace_key.load_or_make(self._objects, own, make)
 
 
-def forms(
+def traced_forms(
     program: TickProgram, block: Block, motion: Sequence[np.ndarray], objects: Objects | None = None
 ) -> Forms:
     """Return `program` traced for such blocks and motions. objects: cache between processes."""
     none = Block(
         {path: np.zeros(0, np.asarray(block.varied[path]).dtype) for path in program.varied},
-        tree.mapped(lambda leaf: np.zeros(0, np.asarray(leaf).dtype), block.faults),
+        tree.map_leaves(lambda leaf: np.zeros(0, np.asarray(leaf).dtype), block.faults),
         None,
     )
     decides = (
@@ -122,7 +122,9 @@ def forms(
             kept = trace_key.persistent_key("trace", key) if ours else ""
             # Zeros that take no memory.
             columns = [np.broadcast_to(np.zeros((), c.dtype), c.shape) for c in motion]
-            traced = trace_key.load_or_make(objects, kept, lambda: trace(program, none, columns))
+            traced = trace_key.load_or_make(
+                objects, kept, lambda: trace_tick(program, none, columns)
+            )
             _FORMS[key] = Forms(traced, kept, objects)
             if len(_FORMS) > KEPT:
                 del _FORMS[next(iter(_FORMS))]
@@ -135,12 +137,12 @@ _TRACING = threading.Lock()
 _FORMS: dict[str, Forms] = {}
 
 
-def forget() -> None:
+def forget_traces() -> None:
     """Remove everything that was traced from the cache of this process."""
     _FORMS.clear()
 
 
-def x64(setup: Setup) -> contextlib.AbstractContextManager[Any]:
+def x64_context(setup: Setup) -> contextlib.AbstractContextManager[Any]:
     """Return a context in which JAX has 64-bit numbers if the setup has any."""
     return jax.enable_x64(setup.precision.needs_x64)
 
@@ -159,12 +161,12 @@ def leaks_refused() -> Iterator[None]:
         ) from error
 
 
-def shapes(record: Any) -> Any:
+def record_shapes(record: Any) -> Any:
     """Return the shapes for tracing a record of dtypes: single numbers of these types."""
-    return tree.mapped(lambda dtype: jax.ShapeDtypeStruct((), dtype), record)
+    return tree.map_leaves(lambda dtype: jax.ShapeDtypeStruct((), dtype), record)
 
 
-def trace(
+def trace_tick(
     program: TickProgram,
     block: Block,
     motion: Sequence[np.ndarray],
@@ -174,16 +176,16 @@ def trace(
     setup = program.setup
     series = program.loop.series_length(setup)
     columns = tuple(jax.ShapeDtypeStruct(column.shape, column.dtype) for column in motion)
-    lane = shapes(
+    lane = record_shapes(
         (
             [np.asarray(block.varied[path]).dtype for path in program.varied],
-            tree.mapped(lambda leaf: np.asarray(leaf).dtype, block.faults),
+            tree.map_leaves(lambda leaf: np.asarray(leaf).dtype, block.faults),
             (np.dtype(np.int32),) if program.ends else (),
         )
     )
-    entering = shapes((np.int32, [np.dtype(setup.precision.real)] * series))
+    entering = record_shapes((np.int32, [np.dtype(setup.precision.real)] * series))
 
-    with x64(setup):
+    with x64_context(setup):
         first, state = trace_function(
             lambda varied, *_: program.begin(varied), *lane, origin=origin
         )
@@ -195,7 +197,7 @@ def trace(
             *(*lane, state),
             origin=origin,
         )
-    signals = tree.mapped(lambda leaf: np.dtype(leaf.dtype), signals)
+    signals = tree.map_leaves(lambda leaf: np.dtype(leaf.dtype), signals)
     return TracedTick(TimeLoop(first, middle, last), tuple(sorted(outcomes)), series, signals)
 
 
@@ -208,15 +210,15 @@ def trace_function(
     """Return the program of a function with arguments of these shapes, and the shapes of its
     results.
 
-    functions: as for `lowering.lower`. With polynomials, sums with a product are fused.
+    functions: as for `lowering.lower_jaxpr`. With polynomials, sums with a product are fused.
     """
     with leaks_refused():
         jaxpr, results = jax.make_jaxpr(function, return_shape=True)(*arguments)
-    program = lowering.lower(jaxpr, origin, functions)
-    return (contract(program) if functions == "polynomials" else program), results
+    program = lowering.lower_jaxpr(jaxpr, origin, functions)
+    return (contract_to_fma(program) if functions == "polynomials" else program), results
 
 
-def printable(program: TickProgram) -> TickProgram:
+def printable_program(program: TickProgram) -> TickProgram:
     """Return `program` for printed code, which stops lanes itself: unrolled, without ends."""
     return dataclasses.replace(
         program, setup=dataclasses.replace(program.setup, link_dynamics="unrolled"), ends=False
@@ -228,12 +230,12 @@ class PrintedKernel:
 
     def __init__(self, program: TickProgram, lanes: int, objects: Objects | None) -> None:
         """objects: cache of compiled code between processes."""
-        self.program, self.lanes, self.objects = printable(program), lanes, objects
+        self.program, self.lanes, self.objects = printable_program(program), lanes, objects
         self._forms: Forms | None = None
 
     def forms(self, block: Block, motion: Motion) -> Forms:
         """Return the program traced for blocks and motions like these; traced only once."""
-        self._forms = self._forms or forms(self.program, block, motion, self.objects)
+        self._forms = self._forms or traced_forms(self.program, block, motion, self.objects)
         return self._forms
 
     def groups(self, block: Block) -> tuple[list[np.ndarray], np.ndarray]:
@@ -242,7 +244,7 @@ class PrintedKernel:
         Lanes of a group have the same varied parameters, bit by bit. A block without a size has all
         lanes of the kernel.
         """
-        columns = inputs(self.program, block)
+        columns = lane_inputs(self.program, block)
         group = np.zeros(block.lanes or self.lanes, np.int64)
         for column in columns[: len(self.program.varied)]:
             pattern = np.ascontiguousarray(column).view(f"u{column.dtype.itemsize}")
@@ -251,15 +253,15 @@ class PrintedKernel:
         return columns, group
 
 
-def tables(motion: Motion) -> np.ndarray:
+def motion_tables(motion: Motion) -> np.ndarray:
     """Return the columns of the motion, concatenated."""
     return np.concatenate([np.ascontiguousarray(column) for column in motion])
 
 
-def inputs(program: TickProgram, block: Block) -> list[np.ndarray]:
+def lane_inputs(program: TickProgram, block: Block) -> list[np.ndarray]:
     """Return a lane's inputs, each [lanes]: varied parameters, faults, and its end if any."""
     varied = [np.asarray(block.varied[path]) for path in program.varied]
-    return [*varied, *map(np.asarray, tree.leaves(block.faults)), *own_ends(program, block)]
+    return [*varied, *map(np.asarray, tree.tree_leaves(block.faults)), *own_ends(program, block)]
 
 
 def own_ends(program: TickProgram, block: Block) -> tuple[np.ndarray, ...]:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from ravenjax.faults.fault import Faults, FaultSlot, FaultState, SlotState, TriggerClocks
-from ravenjax.numbers.counter_random import uniform
+from ravenjax.numbers.counter_random import random_uniform
 from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.setup import Setup, SiteUse
 from ravenjax.numbers.vec import Scalar, Vec, replace, to_int32, wrap16
@@ -28,7 +28,7 @@ Effect = Callable[[Scalar, FaultSlot, SlotState, Scalar], Scalar]
 """
 
 
-def flipped(x: Scalar, fault: FaultSlot) -> Scalar:
+def flip_bit(x: Scalar, fault: FaultSlot) -> Scalar:
     """Return an int32 with the fault's bit inverted."""
     return x ^ lax.shift_left(jnp.int32(1), to_int32(fault.value) & 31)
 
@@ -36,7 +36,7 @@ def flipped(x: Scalar, fault: FaultSlot) -> Scalar:
 def _bit_flip(x: Scalar, fault: FaultSlot, slot: SlotState, tick: Scalar) -> Scalar:
     pattern = lax.bitcast_convert_type(lax.convert_element_type(x, jnp.float32), jnp.int32)
     return lax.convert_element_type(
-        lax.bitcast_convert_type(flipped(pattern, fault), jnp.float32), x.dtype
+        lax.bitcast_convert_type(flip_bit(pattern, fault), jnp.float32), x.dtype
     )
 
 
@@ -49,7 +49,7 @@ def _periodic(x: Scalar, fault: FaultSlot, slot: SlotState, tick: Scalar) -> Sca
 
 def _random(x: Scalar, fault: FaultSlot, slot: SlotState, tick: Scalar) -> Scalar:
     return fault.value * (
-        2.0 * lax.convert_element_type(uniform(fault.key, tick, 0), x.dtype) - 1.0
+        2.0 * lax.convert_element_type(random_uniform(fault.key, tick, 0), x.dtype) - 1.0
     )
 
 
@@ -57,7 +57,7 @@ def _lose(x: Scalar, fault: FaultSlot, slot: SlotState, tick: Scalar) -> Scalar:
     """Return the ticks that the present loss still lasts; 0: none. `latched` has them."""
     before = jnp.where(slot.age == 0, 0.0, jnp.maximum(slot.latched - 1.0, 0.0))
     length = lax.convert_element_type(fault.period, x.dtype)
-    return jnp.where(uniform(fault.key, tick, 0) < fault.value, length, before)
+    return jnp.where(random_uniform(fault.key, tick, 0) < fault.value, length, before)
 
 
 _EFFECTS: dict[str, Effect] = {
@@ -111,22 +111,22 @@ def channel_keys(setup: Setup) -> tuple[ChannelKey, ...]:
     )
 
 
-def read(signal: Any, path: Path) -> Scalar:
+def read_channel(signal: Any, path: Path) -> Scalar:
     """Return the number at `path` of a site's signal."""
     for step in path:
         signal = getattr(signal, step) if isinstance(step, str) else signal[step]
     return signal
 
 
-def write(signal: Any, path: Path, value: Scalar) -> Any:
+def write_channel(signal: Any, path: Path, value: Scalar) -> Any:
     """Return a copy of a site's signal with `value` at `path`."""
     if not path:
         return value
     step, rest = path[0], path[1:]
     if isinstance(step, str):
-        return replace(signal, **{step: write(getattr(signal, step), rest, value)})
+        return replace(signal, **{step: write_channel(getattr(signal, step), rest, value)})
     items = list(signal)
-    items[step] = write(items[step], rest, value)
+    items[step] = write_channel(items[step], rest, value)
     return Vec(items) if isinstance(signal, Vec) else tuple(items)
 
 
@@ -174,7 +174,7 @@ class Injector:
 
     def strikes(self, *sites: str) -> bool:
         """Return whether the campaign injects faults at any of these sites."""
-        return strikes(self.setup, *sites)
+        return injects_faults(self.setup, *sites)
 
     def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any:
         """Return the signal of a site after the faults, which act on it only if it is `present`
@@ -202,7 +202,7 @@ class Injector:
     ) -> tuple[SlotState, Any]:
         """Apply one slot at one site; `targets` are (code, path, kind) of the site's channels."""
         real, tick = self.setup.precision.real, self._clock.tick
-        numbers = [jnp.asarray(read(signal, path)) for _, path, _ in targets]
+        numbers = [jnp.asarray(read_channel(signal, path)) for _, path, _ in targets]
         aims = [fault.code == code for code, _, _ in targets]
         x = lax.convert_element_type(numbers[0], real)
         here = aims[0]
@@ -224,12 +224,12 @@ class Injector:
                 # flipping the lowest bit of 0 gives a denormal, which an engine may treat as 0
                 differs = differs | flips
             elif "bit_flip" in use.effects:
-                bits = flipped(lax.convert_element_type(number, jnp.int32), fault)
+                bits = flip_bit(lax.convert_element_type(number, jnp.int32), fault)
                 bits = _fitted(kind, bits)
                 value = jnp.where(flips, lax.convert_element_type(bits, number.dtype), value)
                 differs = value != number
             changed = changed | (hit & aim & differs)
-            signal = write(signal, path, jnp.where(hit & aim, value, number))
+            signal = write_channel(signal, path, jnp.where(hit & aim, value, number))
         return (
             replace(
                 slot,
@@ -245,13 +245,13 @@ class Injector:
         )
 
 
-def strikes(setup: Setup, *sites: str) -> bool:
+def injects_faults(setup: Setup, *sites: str) -> bool:
     """Return whether the campaign injects faults at any of these sites."""
     return any(use.site in sites for use in setup.injection.sites)
 
 
 @functools.cache
-def paths(robot: Robot, setup: Setup) -> dict[ChannelKey, Target]:
+def channel_paths(robot: Robot, setup: Setup) -> dict[ChannelKey, Target]:
     """Return path and kind of each channel with faults in its site's signal, as the robot declares
     them.
     """

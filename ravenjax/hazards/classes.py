@@ -48,13 +48,13 @@ COLUMNS = (
 """Columns of the result table that the classes need."""
 
 
-def classify(frame: pd.DataFrame, limit_mm: float = LIMIT_MM) -> pd.DataFrame:
+def classify_rows(frame: pd.DataFrame, limit_mm: float = LIMIT_MM) -> pd.DataFrame:
     """Return which classes each row of a result table has: bool [rows, CLASSES] with the same
     index.
 
     limit_mm: distance above which a run is `displaced`. Raises KeyError for a missing column.
     """
-    signs = evidence(frame, limit_mm)
+    signs = class_evidence(frame, limit_mm)
     valid, response = frame["failed"] == "", frame["response"].astype(str)
     stop = valid & ((response == "stopped") | signs["halted"])
     jump = valid & signs["leapt"]
@@ -73,7 +73,7 @@ def classify(frame: pd.DataFrame, limit_mm: float = LIMIT_MM) -> pd.DataFrame:
     return flags
 
 
-def evidence(frame: pd.DataFrame, limit_mm: float = LIMIT_MM) -> pd.DataFrame:
+def class_evidence(frame: pd.DataFrame, limit_mm: float = LIMIT_MM) -> pd.DataFrame:
     """Return the columns leapt, strayed, idle and halted (bool), from which the classes follow.
 
     Raises KeyError for a missing column.

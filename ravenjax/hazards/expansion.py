@@ -20,7 +20,7 @@ import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from ravenjax.errors import UserError, shown, suggestion
+from ravenjax.errors import UserError, format_value, suggest_name
 from ravenjax.hazards import library
 from ravenjax.hazards.library import Case, Hazard, Struck
 from ravenjax.robots.raven2.arms import ARMS
@@ -61,7 +61,7 @@ LARGEST = 1e300
 class WrongGroup(UserError):
     """A group with hazards that cannot be expanded.
 
-    `key` is the wrong key: of the group or, if raised by `plain`, of the file.
+    `key` is the wrong key: of the group or, if raised by `expand_tables`, of the file.
     """
 
     def __init__(self, key: str | tuple[str | int, ...], message: str) -> None:
@@ -69,7 +69,7 @@ class WrongGroup(UserError):
         super().__init__(f"{self.key[-1]}: {message}")
 
 
-def plain(raw: Mapping[str, Any]) -> tuple[dict[str, Any], list[int]]:
+def expand_tables(raw: Mapping[str, Any]) -> tuple[dict[str, Any], list[int]]:
     """Return a campaign's tables with plain groups only, and for each the index of its original
     group.
 
@@ -84,7 +84,7 @@ def plain(raw: Mapping[str, Any]) -> tuple[dict[str, Any], list[int]]:
     written: list[int] = []
     for number, group in enumerate(groups):
         try:
-            expanded = expand(group, arms)
+            expanded = expand_group(group, arms)
         except WrongGroup as error:
             raise WrongGroup(("group", number, *error.key), error.message) from None
         tables += expanded
@@ -104,7 +104,7 @@ def _arms_of(raw: Mapping[str, Any]) -> tuple[str, ...]:
     )
 
 
-def expand(group: Mapping[str, Any], arms: Sequence[str] = ()) -> list[dict[str, Any]]:
+def expand_group(group: Mapping[str, Any], arms: Sequence[str] = ()) -> list[dict[str, Any]]:
     """Return the plain groups of a raw table [[group]] of a campaign file with these arms.
 
     They are named GROUP/ID, or GROUP/ID-CASE if a hazard has several cases. The name ends in -ARM
@@ -118,18 +118,18 @@ def expand(group: Mapping[str, Any], arms: Sequence[str] = ()) -> list[dict[str,
             expected = (
                 f"unknown key in a group that names hazards, expected one of {', '.join(KEYS)}"
             )
-            raise WrongGroup(key, expected + suggestion(key, KEYS))
+            raise WrongGroup(key, expected + suggest_name(key, KEYS))
     if not isinstance(group.get("name"), str):
         raise WrongGroup("name", "missing: names the group in tables and report")
     return [
         table
-        for hazard in named(group[KEY])
+        for hazard in select_hazards(group[KEY])
         for case in hazard.case
         for table in _groups(group, hazard, case, arms)
     ]
 
 
-def named(words: Any) -> list[Hazard]:
+def select_hazards(words: Any) -> list[Hazard]:
     """Return the hazards that ids, layers and "all" name, in the library's order. Raises
     WrongGroup.
     """
@@ -140,32 +140,34 @@ def named(words: Any) -> list[Hazard]:
         or not all(isinstance(word, str) for word in listed)
     ):
         raise WrongGroup(
-            KEY, f'got {shown(words)}, expected ids and layers, such as ["C09", "L7"], or "all"'
+            KEY,
+            f'got {format_value(words)}, expected ids and layers, such as ["C09", "L7"], or "all"',
         )
     ids = {row.id for word in listed for row in _meant(word)}
-    return [row for row in library.rows() if row.id in ids]
+    return [row for row in library.all_hazards() if row.id in ids]
 
 
-def words() -> list[str]:
+def hazard_words() -> list[str]:
     """Return the words that `hazards` may have: "all", the layers, and the ids that can be
     simulated.
     """
-    rows = [row for row in library.rows() if row.runnable]
+    rows = [row for row in library.all_hazards() if row.runnable]
     return [ALL, *dict.fromkeys(row.layer for row in rows), *(row.id for row in rows)]
 
 
 def _meant(word: str) -> list[Hazard]:
-    runnable = [row for row in library.rows() if row.runnable]
+    runnable = [row for row in library.all_hazards() if row.runnable]
     if word == ALL:
         return runnable
     if matches := [row for row in runnable if word in (row.id, row.layer)]:
         return matches
-    for row in library.rows():
+    for row in library.all_hazards():
         if row.id == word:
             raise WrongGroup(KEY, f"{word} ({row.title}) cannot be run: {row.documented_only}")
     every = [*(row.id for row in runnable), *dict.fromkeys(row.layer for row in runnable), ALL]
     raise WrongGroup(
-        KEY, f"unknown hazard {word!r}, expected an id, a layer or {ALL!r}{suggestion(word, every)}"
+        KEY,
+        f"unknown hazard {word!r}, expected an id, a layer or {ALL!r}{suggest_name(word, every)}",
     )
 
 
@@ -227,19 +229,20 @@ def _check(name: str, case: Case, overrides: Mapping[str, Any], arms: Sequence[A
         if (others or first.along or len(arms) > 1) and isinstance(value, dict):
             what = "both arms" if len(arms) > 1 else "several channels"
             raise WrongGroup(
-                key, f"{name} strikes {what} at once, expected numbers, got {shown(value)}"
+                key, f"{name} strikes {what} at once, expected numbers, got {format_value(value)}"
             )
         if others and isinstance(value, list):
             raise WrongGroup(
                 key,
-                f"{name} has faults on several channels, expected one number, got {shown(value)}",
+                f"{name} has faults on several channels, expected one number, got"
+                f" {format_value(value)}",
             )
     if (
         first.along
         and "value" in overrides
         and not all(map(_is_number, _listed(overrides["value"])))
     ):
-        got = shown(overrides["value"])
+        got = format_value(overrides["value"])
         raise WrongGroup(
             "value", f"{name} shares its value among channels, expected finite numbers, got {got}"
         )

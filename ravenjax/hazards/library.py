@@ -14,7 +14,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from ravenjax.errors import UserError, suggestion
+from ravenjax.errors import UserError, suggest_name
 from ravenjax.robots.raven2.declaration import SITES
 from ravenjax.vocabulary.effects import NETWORK_EFFECTS
 
@@ -128,7 +128,7 @@ class Hazard(LibraryTable):
 
 
 @cache
-def terms() -> dict[str, dict[str, str]]:
+def library_terms() -> dict[str, dict[str, str]]:
     """Return word -> meaning for accidents, hazards, unsafe control actions, outcome classes and
     sources.
     """
@@ -136,16 +136,16 @@ def terms() -> dict[str, dict[str, str]]:
 
 
 @cache
-def layers() -> dict[str, str]:
+def library_layers() -> dict[str, str]:
     """Return the layers of the loop, L1 to L10 in order, with their descriptions."""
-    tables = (tomllib.loads(_data(name)) for name in files())
+    tables = (tomllib.loads(_data(name)) for name in layer_files())
     return {table["layer"]: table["title"] for table in tables}
 
 
 @cache
-def rows() -> tuple[Hazard, ...]:
+def all_hazards() -> tuple[Hazard, ...]:
     """Return all hazards, by layer."""
-    tables = (tomllib.loads(_data(name)) for name in files())
+    tables = (tomllib.loads(_data(name)) for name in layer_files())
     return tuple(
         Hazard.model_validate({**row, "layer": table["layer"]})
         for table in tables
@@ -153,18 +153,18 @@ def rows() -> tuple[Hazard, ...]:
     )
 
 
-def files() -> list[str]:
+def layer_files() -> list[str]:
     """Return the names of the layers' files, L1 first."""
     names = [file.name for file in DATA.iterdir() if file.name.startswith("L")]
     return sorted(names, key=lambda name: int(name[1:].partition("_")[0]))
 
 
-def find(name: str) -> Hazard:
+def find_hazard(name: str) -> Hazard:
     """Return the hazard with that id. Raises UserError."""
-    by_id = {row.id: row for row in rows()}
+    by_id = {row.id: row for row in all_hazards()}
     if name not in by_id:
         raise UserError(
-            f"unknown hazard {name!r}, expected an id such as 'C09'{suggestion(name, by_id)}"
+            f"unknown hazard {name!r}, expected an id such as 'C09'{suggest_name(name, by_id)}"
         )
     return by_id[name]
 

@@ -16,7 +16,7 @@ LAYER_COLUMNS = ("layer", "what", "sites", "hazards")
 """Columns of `layers`."""
 
 
-def table(hazards: Sequence[Hazard] | None = None) -> list[tuple[str, ...]]:
+def hazard_table(hazards: Sequence[Hazard] | None = None) -> list[tuple[str, ...]]:
     """Return one row per hazard: id, layer, title, expected outcome class, and whether it can be
     simulated.
 
@@ -30,25 +30,25 @@ def table(hazards: Sequence[Hazard] | None = None) -> list[tuple[str, ...]]:
             ", ".join(row.expected_class),
             "yes" if row.runnable else "documented only",
         )
-        for row in (library.rows() if hazards is None else hazards)
+        for row in (library.all_hazards() if hazards is None else hazards)
     ]
 
 
 def of_layer(layer: str) -> list[Hazard]:
     """Return the hazards of a layer."""
-    return [row for row in library.rows() if row.layer == layer]
+    return [row for row in library.all_hazards() if row.layer == layer]
 
 
 def of_site(site: str) -> list[Hazard]:
     """Return the hazards whose faults act at a site."""
     return [
         row
-        for row in library.rows()
+        for row in library.all_hazards()
         if any(slot.site == site for case in row.case for slot in case.fault)
     ]
 
 
-def layers() -> list[tuple[str, ...]]:
+def layer_table() -> list[tuple[str, ...]]:
     """Return one row per layer of the loop: description, sites, and number of hazards in the
     library.
     """
@@ -59,24 +59,24 @@ def layers() -> list[tuple[str, ...]]:
             ", ".join(site.name for site in SITES.values() if site.layer == layer) or "none",
             str(len(of_layer(layer))),
         )
-        for layer, what in library.layers().items()
+        for layer, what in library.library_layers().items()
     ]
 
 
-def description(name: str) -> list[tuple[str, str]]:
+def describe_hazard(name: str) -> list[tuple[str, str]]:
     """Return (heading, text) for everything that the library states about one hazard.
 
     Raises UserError for an unknown id.
     """
-    row = library.find(name)
+    row = library.find_hazard(name)
     return [(what, text) for what, text in _lines(row) if text]
 
 
 def _lines(row: Hazard) -> Iterator[tuple[str, str]]:
-    words = library.terms()
+    words = library.library_terms()
     yield "id", row.id
     yield "title", row.title
-    yield "layer", f"{row.layer}: {library.layers()[row.layer]}"
+    yield "layer", f"{row.layer}: {library.library_layers()[row.layer]}"
     yield "target", row.target
     yield "arm", row.arm or ""
     yield "hazard", "; ".join(f"{word}: {words['hazards'][word]}" for word in row.hazards)

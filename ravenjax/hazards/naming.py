@@ -16,8 +16,8 @@ def hazards_of(group: str) -> tuple[str, ...]:
     """Return the ids of the hazards with which a group's name begins, after the last "/"; () if
     none.
 
-    The plain groups of `expansion.expand` have such names. So have groups that a campaign's author
-    calls "B07,B08 no write" or "K15-K17 run level": a dash includes the ids between.
+    The plain groups of `expansion.expand_group` have such names. So have groups that a campaign's
+    author calls "B07,B08 no write" or "K15-K17 run level": a dash includes the ids between.
     """
     match = _IDS.match(group)
     if match is None:

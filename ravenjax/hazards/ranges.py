@@ -33,7 +33,7 @@ class ChannelRange(NamedTuple):
 
 
 @cache
-def measured() -> dict[tuple[str, str, str], ChannelRange]:
+def measured_ranges() -> dict[tuple[str, str, str], ChannelRange]:
     """Return (site, arm, channel) -> range."""
     text = (DATA / FILE).read_text(encoding="utf-8")
     by_channel = {}
@@ -48,14 +48,14 @@ def measured() -> dict[tuple[str, str, str], ChannelRange]:
     return by_channel
 
 
-def normal(site: str, channel: str, arm: str = ARMS[0]) -> ChannelRange:
+def normal_range(site: str, channel: str, arm: str = ARMS[0]) -> ChannelRange:
     """Return the normal range of a channel; `arm` matters if the site is on each arm. Raises
     UserError.
     """
     key = site, arm if site in SITES and SITES[site].per_arm else "", channel
-    if key not in measured():
+    if key not in measured_ranges():
         raise UserError(
             f"no normal range of channel {channel!r} at site {site!r}, arm {arm!r}: see `ravenjax"
             " faults`"
         )
-    return measured()[key]
+    return measured_ranges()[key]

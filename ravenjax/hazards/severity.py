@@ -47,7 +47,9 @@ COLUMNS = (
 """Columns of the result table that severities need, beside those of the cue and of other slots."""
 
 
-def severity(frame: pd.DataFrame, cue: int | None = 0, limit_mm: float = LIMIT_MM) -> pd.Series:
+def rate_severity(
+    frame: pd.DataFrame, cue: int | None = 0, limit_mm: float = LIMIT_MM
+) -> pd.Series:
     """Return the severity of each row of a result table, Int64, missing for failed runs.
 
     cue: index of the haptic set that counts as an alarm; None: a robot without a cue. limit_mm:
@@ -58,7 +60,7 @@ def severity(frame: pd.DataFrame, cue: int | None = 0, limit_mm: float = LIMIT_M
             f"severities need the columns {', '.join(COLUMNS)}; the table lacks"
             f" {', '.join(missing)}"
         )
-    flags = classes.classify(frame, limit_mm)
+    flags = classes.classify_rows(frame, limit_mm)
     unavailable = flags["stop"] | flags["unresponsive"]
     alarmed = frame["response"].astype(str).isin(TOLD)
     if cue is not None:
@@ -67,7 +69,13 @@ def severity(frame: pd.DataFrame, cue: int | None = 0, limit_mm: float = LIMIT_M
         )
     harmful = injury_capable(frame, flags)
     number = np.select(
-        [harmful & ~alarmed, harmful, unavailable & lasting(frame), unavailable, flags["message"]],
+        [
+            harmful & ~alarmed,
+            harmful,
+            unavailable & has_lasting_fault(frame),
+            unavailable,
+            flags["message"],
+        ],
         [5, 4, 3, 2, 1],
         0,
     )
@@ -78,16 +86,16 @@ def injury_capable(frame: pd.DataFrame, flags: pd.DataFrame | None = None) -> pd
     """Return which runs moved the instrument so that it could injure.
 
     These are runs with a jump, an unintended motion beyond the limit, or a tip more than DEPTH_MM
-    deeper than the golden run's. flags: the result of `classes.classify`, if it is already
+    deeper than the golden run's. flags: the result of `classes.classify_rows`, if it is already
     available.
     """
-    flags = classes.classify(frame) if flags is None else flags
+    flags = classes.classify_rows(frame) if flags is None else flags
     deeper_mm = frame["tissue_depth_mm"] - frame["golden_tissue_depth_mm"]
     deeper = (deeper_mm > DEPTH_MM) & (frame["failed"] == "")
     return pd.Series(flags[["jump", "displaced"]].any(axis=1) | deeper, frame.index)
 
 
-def lasting(frame: pd.DataFrame) -> pd.Series:
+def has_lasting_fault(frame: pd.DataFrame) -> pd.Series:
     """Return which runs have a fault that does not end: it lasts until the run's end, or
     repeats.
     """

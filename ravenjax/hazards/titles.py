@@ -13,6 +13,6 @@ def of_group(group: str) -> str:
     hazard.
     """
     names = naming.hazards_of(group)
-    titles = [row.title for row in library.rows() if row.id in names]
+    titles = [row.title for row in library.all_hazards() if row.id in names]
     more = f"; {len(titles) - MOST} more" if len(titles) > MOST else ""
     return "; ".join(titles[:MOST]) + more

@@ -3,7 +3,8 @@
 jit-like calls are inlined, and look-ups are clamped to their table. Anything that is not an
 operation on single numbers, or on 1-D tables read at one index, is refused by name.
 
-`sign` and `power` write one operation of JAX as several of the intermediate representation.
+`lower_sign` and `lower_power` write one operation of JAX as several of the intermediate
+representation.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from jax.extend import core
 
 
-def sign(b: Builder, dtype: str, x: int) -> int:
+def lower_sign(b: Builder, dtype: str, x: int) -> int:
     """Return -1, 0 or 1. A zero keeps its sign, and NaN stays NaN."""
     zero, one = b.constant(dtype, 0), b.constant(dtype, 1)
     if dtype == "uint32":
@@ -32,7 +33,7 @@ def sign(b: Builder, dtype: str, x: int) -> int:
     return b.emit("select", dtype, b.emit("lt", "bool", zero, x), one, below)
 
 
-def power(b: Builder, dtype: str, x: int, exponent: int) -> int:
+def lower_power(b: Builder, dtype: str, x: int, exponent: int) -> int:
     """Return an integer power by repeated squaring, as JAX expands it."""
     result, square = None, x
     for k in range(abs(exponent).bit_length()):
@@ -91,7 +92,7 @@ class UnknownPrimitive(NotImplementedError):
     """The jaxpr contains something that is not an operation on single numbers."""
 
 
-def lower(
+def lower_jaxpr(
     jaxpr: core.ClosedJaxpr, origin: Origin | None = None, functions: Functions = "polynomials"
 ) -> Program:
     """Return the program of a closed jaxpr (`jax.make_jaxpr(f)(...)`).
@@ -258,13 +259,13 @@ class _Walk:
             case "square":
                 return b.emit("mul", dtype, x[0], x[0])
             case "integer_pow":
-                return power(b, dtype, x[0], params["y"])
+                return lower_power(b, dtype, x[0], params["y"])
             case "rsqrt":
                 return b.emit("div", dtype, b.constant(dtype, 1.0), b.emit("sqrt", dtype, x[0]))
             case "round" if int(params["rounding_method"]) == 1:
                 return b.emit("round", dtype, x[0])
             case "sign":
-                return sign(b, dtype, x[0])
+                return lower_sign(b, dtype, x[0])
             case "is_finite":
                 source = b.operations[x[0]].dtype
                 return b.emit("lt", "bool", b.emit("abs", source, x[0]), b.constant(source, np.inf))

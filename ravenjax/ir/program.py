@@ -55,12 +55,12 @@ class Program:
         return [i for i, w in enumerate(wanted) if w]
 
 
-def bits(dtype: str, value: Any) -> int:
+def to_bits(dtype: str, value: Any) -> int:
     """Return the bit pattern of a number."""
     stored = np.asarray(value, dtype)
     return int(stored.view(f"u{stored.dtype.itemsize}"))
 
 
-def number(dtype: str, pattern: int) -> Any:
+def from_bits(dtype: str, pattern: int) -> Any:
     """Return the number of a bit pattern."""
     return np.asarray(pattern, f"u{np.dtype(dtype).itemsize}").view(dtype)[()]

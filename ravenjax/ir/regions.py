@@ -34,7 +34,7 @@ class Region(NamedTuple):
         return list(inputs)
 
 
-def flat(arranged: Iterable[int | Region]) -> Iterator[int]:
+def flatten_regions(arranged: Iterable[int | Region]) -> Iterator[int]:
     """Yield every operation, those of regions at the region's position."""
     for item in arranged:
         if isinstance(item, Region):
@@ -43,7 +43,7 @@ def flat(arranged: Iterable[int | Region]) -> Iterator[int]:
             yield item
 
 
-def arrange(
+def arrange_regions(
     operations: Sequence[Operation],
     order: Sequence[int],
     results: Sequence[int],

@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 
 from ravenjax.ir import elementary
-from ravenjax.ir.program import Program, number
+from ravenjax.ir.program import Program, from_bits
 
 Array = Any
 
 
-def evaluate(name: str, dtype: str, operands: tuple[Array, ...]) -> Array:
+def evaluate_operation(name: str, dtype: str, operands: tuple[Array, ...]) -> Array:
     """Return the result of an operation of type `dtype` on NumPy numbers or equal arrays."""
     with np.errstate(all="ignore"):
         return _result(name, dtype, *operands)
@@ -36,7 +36,7 @@ def _result(name: str, dtype: str, *operands: Array) -> Array:
     return np.asarray(_MEANING[name](*operands)).astype(dtype)[()]
 
 
-def run(program: Program, inputs: Sequence[Any], tables: Sequence[Array] = ()) -> list[Any]:
+def run_program(program: Program, inputs: Sequence[Any], tables: Sequence[Array] = ()) -> list[Any]:
     """Return the results of `program`, one operation at a time. inputs: NumPy, of one shape."""
     values: dict[int, Any] = {}
     with np.errstate(all="ignore"):
@@ -45,7 +45,7 @@ def run(program: Program, inputs: Sequence[Any], tables: Sequence[Array] = ()) -
             if name == "input":
                 values[i] = np.asarray(inputs[detail], dtype)[()]
             elif name == "constant":
-                values[i] = number(dtype, detail)
+                values[i] = from_bits(dtype, detail)
             elif name == "lookup":
                 values[i] = tables[detail][values[operands[0]]]
             else:

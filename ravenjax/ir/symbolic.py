@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from ravenjax.ir.builder import Builder
-from ravenjax.ir.program import Program, number
+from ravenjax.ir.program import Program, from_bits
 from ravenjax.numbers import trigonometry
 
 _REAL = "float64"
@@ -89,7 +89,7 @@ class Term:
 Number = Term | float
 
 
-def symbols(count: int) -> list[Term]:
+def make_symbols(count: int) -> list[Term]:
     """Return the inputs of a new program."""
     builder = Builder()
     return [Term(builder, builder.input(_REAL)) for _ in range(count)]
@@ -113,8 +113,8 @@ def cos(x: Number) -> Number:
     )
 
 
-def program(inputs: Sequence[Term], outputs: Sequence[Number]) -> Program:
-    """Return the program from the terms of `symbols` to the outputs."""
+def build_program(inputs: Sequence[Term], outputs: Sequence[Number]) -> Program:
+    """Return the program from the terms of `make_symbols` to the outputs."""
     builder = inputs[0].builder
 
     def written(x: Any) -> int:
@@ -125,7 +125,7 @@ def program(inputs: Sequence[Term], outputs: Sequence[Number]) -> Program:
     return builder.program([written(x) for x in outputs])
 
 
-def replay(
+def replay_program(
     program: Program, inputs: Sequence[Any], functions: Mapping[str, Callable[[Any], Any]]
 ) -> list[Any]:
     """Return the results of such a program on numbers of any kind, including tracers."""
@@ -142,7 +142,7 @@ def replay(
         if name == "input":
             values[i] = inputs[detail]
         elif name == "constant":
-            values[i] = float(number(dtype, detail))
+            values[i] = float(from_bits(dtype, detail))
         else:
             values[i] = apply[name](*(values[o] for o in operands))
     return [values[i] for i in program.outputs]

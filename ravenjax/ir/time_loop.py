@@ -83,10 +83,10 @@ def split_lanes(loop: TimeLoop, shared: int, grouped: bool) -> Split:
     and their own first `shared` inputs.
     """
     ticks = loop.tick_inputs
-    return split(loop, range(shared) if grouped else (), ticks if grouped else ticks[:1])
+    return split_loop(loop, range(shared) if grouped else (), ticks if grouped else ticks[:1])
 
 
-def split(loop: TimeLoop, shared_inputs: Iterable[int], shared_ticks: Iterable[int]) -> Split:
+def split_loop(loop: TimeLoop, shared_inputs: Iterable[int], shared_ticks: Iterable[int]) -> Split:
     """Split `loop`, given the inputs and the tick inputs that are equal in a group."""
     shared_inputs, shared_ticks = frozenset(shared_inputs), frozenset(shared_ticks)
     step, first = loop.step, loop.lane_inputs

@@ -14,7 +14,7 @@ from ravenjax.campaign.file import location, overriding
 from ravenjax.campaign.file.config import CampaignConfig, config_class_of, robot_of
 from ravenjax.campaign.file.section import models_in, toml_value
 from ravenjax.campaign.progress import OnProgress
-from ravenjax.errors import UserError, shown
+from ravenjax.errors import UserError, format_value
 from ravenjax.notebook import running
 from ravenjax.store import files
 
@@ -82,10 +82,12 @@ class Campaign:
         """
         if isinstance(source, str) and "\n" in source:
             file, text = None, source
-            raw = location.parsed(text, "the text")
+            raw = location.parse_toml(text, "the text")
         else:
-            file = location.find(source, "campaigns", "campaign", "ravenjax campaigns")
-            raw, text = location.read(file)
+            file = location.find_campaign_file(
+                source, "campaigns", "campaign", "ravenjax campaigns"
+            )
+            raw, text = location.read_toml(file)
         config = loading.from_dict(raw, source=file, text=text, overrides=overrides)
         tables, _ = overriding.all_applied(raw, overrides)
         campaign = cls.__new__(cls)
@@ -100,16 +102,18 @@ class Campaign:
         StoreError if `path` cannot be written.
         """
         if path is None:
-            return writing.text(self._tables)
+            return writing.format_toml(self._tables)
         if not isinstance(path, str | os.PathLike) or not str(path):
-            raise UserError(f"path is {shown(path)}, expected the path of a file to write, or None")
+            raise UserError(
+                f"path is {format_value(path)}, expected the path of a file to write, or None"
+            )
         folder = Path(path).absolute().parent
 
         def relative(file: str) -> str:
             lies_in = Path(file).is_relative_to(folder)
             return str(Path(file).relative_to(folder)) if lies_in else file
 
-        text = writing.text(_with_files(self._tables, relative))
+        text = writing.format_toml(_with_files(self._tables, relative))
         files.write_aside(Path(path), lambda target: target.write_text(text, encoding="utf-8"))
         return text
 
@@ -166,7 +170,7 @@ def _signature() -> inspect.Signature:
     """Return a signature with the keys of a Raven-II's campaign, so that a notebook can complete
     them.
     """
-    model = config_class_of(robots.find(robots.DEFAULT))
+    model = config_class_of(robots.find_robot(robots.DEFAULT))
     tables = [key for key in model.model_fields if key != SECTION]
     names = dict.fromkeys(["name", "group", *_campaign_keys(model), *tables])
     kind, empty = inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.empty
@@ -185,7 +189,7 @@ def _tables_of(keys: Mapping[str, Any]) -> dict[str, Any]:
     """Return the tables of a file with the same content as these keys."""
     section = toml_value(keys.get(SECTION)) or {}
     if not isinstance(section, Mapping):
-        raise UserError(f"{SECTION}: got {shown(section)}, expected a table")
+        raise UserError(f"{SECTION}: got {format_value(section)}, expected a table")
     keys = {**section, **toml_value({key: keys[key] for key in keys if key != SECTION})}
     try:
         model = config_class_of(robot_of({SECTION: keys}))

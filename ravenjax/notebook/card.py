@@ -27,8 +27,8 @@ def of_campaign(config: CampaignConfig) -> str:
         config=config,
         facts=dict(config.lines()),
         faults=_faults,
-        counts=design.counts(config),
-        runs=design.due(config),
+        counts=design.count_group_rows(config),
+        runs=design.count_due_rows(config),
     )
 
 
@@ -38,7 +38,7 @@ def of_results(runs: Runs, manifest: Manifest) -> str:
     from ravenjax.report.sections import tables
 
     head, groups = (
-        tables.headline(runs, manifest),
+        tables.headline_counts(runs, manifest),
         [row for row in tables.group_rows(runs) if row["faulty"]],
     )
     return _page(
@@ -68,11 +68,11 @@ def _environment() -> jinja2.Environment:
     from ravenjax.document import html
     from ravenjax.report import wording
 
-    templates = html.environment("ravenjax.notebook")
+    templates = html.template_environment("ravenjax.notebook")
     templates.filters |= {
-        "percent": wording.percent,
-        "interval": wording.interval,
-        "count": wording.count,
+        "percent": wording.format_percent,
+        "interval": wording.format_interval,
+        "count": wording.format_count,
     }
     assert templates.loader is not None
     style, _, _ = templates.loader.get_source(templates, "card.css")

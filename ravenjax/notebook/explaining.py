@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def table(source: CampaignConfig | Path, runs: Any, engine: Any) -> pd.DataFrame:
+def explain_table(source: CampaignConfig | Path, runs: Any, engine: Any) -> pd.DataFrame:
     """Return the table of the public function `explain`; source: a campaign or a result folder."""
     explainer = _explainer(source, engine)
     wanted = (
@@ -26,18 +26,20 @@ def table(source: CampaignConfig | Path, runs: Any, engine: Any) -> pd.DataFrame
     )
     rows = explainer.faulty() if wanted is None else [explainer.index(run) for run in wanted]
     explanation, config = explainer.explain(rows), explainer.config
-    frame = chain.table(explanation.results, explanation.ticks, config.robot, config.campaign.arms)
+    frame = chain.chain_table(
+        explanation.results, explanation.ticks, config.robot, config.campaign.arms
+    )
     frame.attrs.update({"campaign": config.campaign.name, "engine": explanation.engine})
     return frame
 
 
-def figure(source: CampaignConfig | Path, run: Any, engine: Any) -> Figure | None:
+def explain_figure(source: CampaignConfig | Path, run: Any, engine: Any) -> Figure | None:
     """Return one run's chain over time; None if nothing differs. Raises UserError."""
     explainer = _explainer(source, engine)
     explanation, config = explainer.explain([explainer.index(run)]), explainer.config
     row, ticks = explanation.results.iloc[0].to_dict(), explanation.ticks.iloc[0].to_dict()
-    one = chain.chain(row, ticks, config.robot, config.campaign.arms, config.rules.cue)  # pyright: ignore[reportArgumentType]
-    return chain_words.figure(one)
+    one = chain.trace_chain(row, ticks, config.robot, config.campaign.arms, config.rules.cue)  # pyright: ignore[reportArgumentType]
+    return chain_words.timeline_figure(one)
 
 
 def _explainer(source: CampaignConfig | Path, engine: Any) -> Explainer:

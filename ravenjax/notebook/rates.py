@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from ravenjax.errors import UserError, shown, suggestion
+from ravenjax.errors import UserError, format_value, suggest_name
 from ravenjax.outcomes import events
 from ravenjax.outcomes.events import Rules
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import tables
-from ravenjax.store.access.query import RESULTS, quoted
+from ravenjax.store.access.query import RESULTS, quote_name
 
 _WORDS = ("group", "site", "layer", "block", "response", "hazard", "outcome")
 """Columns of `facts` by which the report groups faults."""
@@ -60,34 +60,34 @@ def rates(runs: Runs, rules: Rules, names: Sequence[str], by: Sequence[str]) -> 
     return pd.DataFrame(rows, columns=[*by, *NUMBERS])
 
 
-def texts(value: object, what: str) -> list[str]:
+def as_list(value: object, what: str) -> list[str]:
     """Return one text or several as a list. Raises UserError for anything else."""
     several = [value] if isinstance(value, str) else value
     if not isinstance(several, Sequence) or not all(isinstance(one, str) for one in several):
-        raise UserError(f"{what} is {shown(value)}, expected a text or a list of texts")
+        raise UserError(f"{what} is {format_value(value)}, expected a text or a list of texts")
     return list(several)
 
 
 def _event(runs: Runs, name: str, rules: Rules) -> str:
     if name not in events.EVENTS:
-        expected = f"expected one of {', '.join(events.EVENTS)}{suggestion(name, events.EVENTS)}"
+        expected = f"expected one of {', '.join(events.EVENTS)}{suggest_name(name, events.EVENTS)}"
         raise UserError(f"event {name!r} is unknown, {expected}")
-    for column in events.columns([name], rules):
+    for column in events.event_columns([name], rules):
         if column.endswith("_ms") and column not in runs.names:
             raise UserError(f"got event {name!r}, {events.UNWATCHED}")
-    return events.sql(name, rules)
+    return events.event_sql(name, rules)
 
 
 def _column(runs: Runs, name: str) -> str:
     """Return the SQL expression that groups faults by this name."""
     if name in _WORDS and name in runs.facts:
-        return f"f.{quoted(name)}::VARCHAR"
+        return f"f.{quote_name(name)}::VARCHAR"
     for prefix in _PREFIXES:
         if f"{prefix}{name}" in runs.types:
             words = runs.types[f"{prefix}{name}"].startswith(("VARCHAR", "ENUM"))
-            return f"r.{quoted(prefix + name)}" + ("::VARCHAR" if words else "")
+            return f"r.{quote_name(prefix + name)}" + ("::VARCHAR" if words else "")
     names = [*_WORDS, *(one.removeprefix("fault0_") for one in runs.names)]
     raise UserError(
         f"by {name!r}: no such column, expected {', '.join(_WORDS)}, a key of a fault, the path of"
-        f" a varied parameter or a column of the result table{suggestion(name, names)}"
+        f" a varied parameter or a column of the result table{suggest_name(name, names)}"
     )

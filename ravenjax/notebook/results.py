@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ravenjax.errors import UserError, shown, suggestion
+from ravenjax.errors import UserError, format_value, suggest_name
 from ravenjax.store import manifest as manifests
 from ravenjax.store import schema
 from ravenjax.store.access.results import Results
@@ -52,7 +52,7 @@ def column_meanings(shape: schema.Shape) -> dict[str, dict[str, str]]:
     """Return the attrs of a result table: {"units": {column: unit}, "meanings": {column:
     meaning}}.
     """
-    columns = schema.columns(shape)
+    columns = schema.table_columns(shape)
     return {
         "units": {column.name: column.unit for column in columns},
         "meanings": {column.name: column.meaning for column in columns},
@@ -77,9 +77,11 @@ class CampaignResults:
         Raises StoreError.
         """
         if not isinstance(folder, str | os.PathLike) or not str(folder):
-            raise UserError(f"folder is {shown(folder)}, expected the path of a result folder")
+            raise UserError(
+                f"folder is {format_value(folder)}, expected the path of a result folder"
+            )
         self.folder = Path(folder)
-        self._manifest = manifests.read(self.folder)
+        self._manifest = manifests.read_manifest(self.folder)
         self._results = results or Results(self._manifest.shape, self.folder)
 
     @property
@@ -96,7 +98,7 @@ class CampaignResults:
 
         rows = [
             (one.name, one.dtype, one.unit, one.meaning)
-            for one in schema.columns(self._manifest.shape)
+            for one in schema.table_columns(self._manifest.shape)
         ]
         return pd.DataFrame(rows, columns=["column", "dtype", "unit", "meaning"]).set_index(
             "column"
@@ -124,12 +126,13 @@ class CampaignResults:
         import duckdb
 
         if not isinstance(sql, str):
-            raise UserError(f"sql is {shown(sql)}, expected a query (text)")
+            raise UserError(f"sql is {format_value(sql)}, expected a query (text)")
         try:
             kinds = [statement.type for statement in duckdb.extract_statements(sql)]
             if kinds != [duckdb.StatementType.SELECT]:
                 raise UserError(
-                    f"sql is {shown(sql)}, expected one query, such as SELECT * FROM facts LIMIT 5"
+                    f"sql is {format_value(sql)}, expected one query, such as SELECT * FROM facts"
+                    " LIMIT 5"
                 )
             return self._runs.table.frame(sql)
         except duckdb.Error as error:
@@ -155,7 +158,7 @@ class CampaignResults:
         from ravenjax.notebook import rates
 
         return rates.rates(
-            self._runs, self._manifest.rules, rates.texts(event, "event"), rates.texts(by, "by")
+            self._runs, self._manifest.rules, rates.as_list(event, "event"), rates.as_list(by, "by")
         )
 
     def worst(self, n: int = 10, by: str = "unintended") -> pd.DataFrame:
@@ -170,17 +173,18 @@ class CampaignResults:
         from ravenjax.report.run import ranking
 
         if isinstance(n, bool) or not isinstance(n, int) or n < 1:
-            raise UserError(f"n is {shown(n)}, expected a number of runs, 1 or more")
+            raise UserError(f"n is {format_value(n)}, expected a number of runs, 1 or more")
         if by not in ranking.RANKINGS:
             names = ranking.RANKINGS
             raise UserError(
-                f"by is {shown(by)}, expected one of {', '.join(names)}{suggestion(by, names)}"
+                f"by is {format_value(by)}, expected one of"
+                f" {', '.join(names)}{suggest_name(by, names)}"
             )
-        runs = ranking.worst(self.folder, n, by)
+        runs = ranking.worst_runs(self.folder, n, by)
         rows = self._runs.numbered([one.row for one in runs])
         measure = ranking.RANKINGS[by]
         lines = [
-            ({**row, "fault": wording.fault(row, self._manifest.robot)}, one.value)
+            ({**row, "fault": wording.describe_fault(row, self._manifest.robot)}, one.value)
             for row, one in zip(rows, runs, strict=True)
         ]
         name = f"{measure.name}_{measure.unit}"
@@ -199,13 +203,13 @@ class CampaignResults:
         """
         from ravenjax.notebook import explaining
 
-        return explaining.table(self.folder, runs, engine)
+        return explaining.explain_table(self.folder, runs, engine)
 
     def plot_verdicts(self) -> ShownFigure:
         """Plot each group's distinct faults by outcome."""
         from ravenjax.report import paper
 
-        return self._figure(paper.verdicts, "no run has a fault")
+        return self._figure(paper.verdict_figure, "no run has a fault")
 
     def plot_time_to_know(self) -> ShownFigure:
         """Plot how soon after a fault's first effect the cue comes, a check announces it, and
@@ -219,14 +223,14 @@ class CampaignResults:
         """Plot detected hazards over false alarms, for each detector and threshold."""
         from ravenjax.report import paper
 
-        return self._figure(paper.roc, "the campaign has no [[detector]]")
+        return self._figure(paper.roc_figure, "the campaign has no [[detector]]")
 
     def plot_tradeoff(self) -> ShownFigure:
         """Plot missed hazards over false cues, for each haptic set."""
         from ravenjax.report import paper
 
         nothing = "no fault-free motion stands beside the faults"
-        return self._figure(paper.tradeoff, nothing)
+        return self._figure(paper.tradeoff_figure, nothing)
 
     def plot_chain(self, run: int | str, engine: str = "auto") -> ShownFigure:
         """Plot how the fault of one run propagated over time. The run is computed again.
@@ -236,7 +240,7 @@ class CampaignResults:
         from ravenjax.notebook import explaining
 
         return self._figure(
-            lambda _: explaining.figure(self.folder, run, engine),
+            lambda _: explaining.explain_figure(self.folder, run, engine),
             f"nothing differs from the golden run in run {run}",
         )
 

@@ -10,7 +10,7 @@ from ravenjax.campaign.executors import choose_executor
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.progress import OnProgress
 from ravenjax.campaign.stop import adaptive
-from ravenjax.errors import UserError, shown
+from ravenjax.errors import UserError, format_value
 from ravenjax.store.access.results import Results
 
 
@@ -29,14 +29,15 @@ def run(
     """
     if out is not None and (not isinstance(out, str | os.PathLike) or not str(out)):
         raise UserError(
-            f"out is {shown(out)}, expected the path of a result folder, or None for a"
+            f"out is {format_value(out)}, expected the path of a result folder, or None for a"
             " temporary one"
         )
     if on_progress is not None and not callable(on_progress):
         raise UserError(
-            f"on_progress is {shown(on_progress)}, expected a function of one Status, or None"
+            f"on_progress is {format_value(on_progress)}, expected a function of one Status, or"
+            " None"
         )
-    return adaptive.run(
+    return adaptive.run_adaptively(
         config,
         None if out is None else Path(out),
         engine,

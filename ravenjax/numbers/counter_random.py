@@ -30,22 +30,22 @@ def _mix(x: Scalar) -> Scalar:
     return x ^ (x >> _u32(16))
 
 
-def bits(key: Scalar, tick: Scalar, channel: int) -> Scalar:
+def random_bits(key: Scalar, tick: Scalar, channel: int) -> Scalar:
     """Return 32 random bits (uint32) for `key` (uint32), `tick` (int32) and a fixed `channel`."""
     channel_offset = _u32((channel * CHANNEL_STRIDE) & 0xFFFFFFFF)
     counter = lax.convert_element_type(tick, jnp.uint32) * _u32(GOLDEN) + channel_offset
     return _mix(_mix(counter) ^ _mix(lax.convert_element_type(key, jnp.uint32)))
 
 
-def uniform(key: Scalar, tick: Scalar, channel: int) -> Scalar:
+def random_uniform(key: Scalar, tick: Scalar, channel: int) -> Scalar:
     """Return a uniform float32 in [0, 1), made exactly from the upper 24 of the random bits."""
-    upper = lax.convert_element_type(bits(key, tick, channel) >> _u32(8), jnp.float32)
+    upper = lax.convert_element_type(random_bits(key, tick, channel) >> _u32(8), jnp.float32)
     return upper * 2.0**-24
 
 
-def normal(key: Scalar, tick: Scalar, channel: int) -> Scalar:
+def random_normal(key: Scalar, tick: Scalar, channel: int) -> Scalar:
     """Return a standard normal float32 from one draw (Box and Muller); ends at 4.9 sigma."""
-    word = bits(key, tick, channel)
+    word = random_bits(key, tick, channel)
     radius_half = lax.convert_element_type(word >> _u32(16), jnp.float32)
     angle_half = lax.convert_element_type(word & _u32(0xFFFF), jnp.float32)
     radius = jnp.sqrt(-2.0 * jnp.log((radius_half + 0.5) * 2.0**-16))

@@ -61,7 +61,7 @@ class Lax:
     @staticmethod
     def cond(condition: Any, yes: Callable[[], Any], no: Callable[[], Any]) -> Any:
         """Return the result of `yes` or of `no`. Both are computed; their numbers may be arrays."""
-        return tree.mapped(lambda a, b: np.where(condition, a, b)[()], yes(), no())
+        return tree.map_leaves(lambda a, b: np.where(condition, a, b)[()], yes(), no())
 
 
 def _as(x: Any, function: Callable[[Any], Any]) -> Any:

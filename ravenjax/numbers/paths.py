@@ -51,7 +51,9 @@ def _entries(node: Any, setup: Setup) -> tuple[dict[str, Any], bool] | None:
 def _walk(
     node: Any, setup: Setup, above: tuple[_Step, ...] = ()
 ) -> Iterator[tuple[tuple[_Step, ...], Scalar]]:
-    """Yield the steps to each number of a record, and the number, in the order of `tree.leaves`."""
+    """Yield the steps to each number of a record, and the number, in the order of
+    `tree.tree_leaves`.
+    """
     found = _entries(node, setup)
     if found is None:
         yield above, node
@@ -96,42 +98,42 @@ def component_names(
     return tuple(str(i) for i in range(length))
 
 
-def leaves(node: Any, setup: Setup) -> Iterator[tuple[str, Scalar]]:
+def path_leaves(node: Any, setup: Setup) -> Iterator[tuple[str, Scalar]]:
     """Yield (full path, number) for each number of a record, in order."""
     for steps, number in _walk(node, setup):
         yield _full(steps), number
 
 
-def named(node: Any, setup: Setup, path: str) -> dict[str, Scalar]:
+def named_numbers(node: Any, setup: Setup, path: str) -> dict[str, Scalar]:
     """Return full path -> value of the numbers that `path` names, in order, or raise KeyError."""
     numbers = list(_walk(node, setup))
     found = {_full(steps): number for steps, number in numbers if _leads_to(path, steps)}
     if not found:
-        names = sorted({shorten(_full(steps), setup.arms) for steps, _ in numbers})
+        names = sorted({without_arm(_full(steps), setup.arms) for steps, _ in numbers})
         close = difflib.get_close_matches(path, names, n=1, cutoff=0.4)
         hint = f" Did you mean {close[0]!r}?" if close else ""
         raise KeyError(f"no parameter is named {path!r}.{hint} `ravenjax parameters` lists them")
     return found
 
 
-def assign(node: Any, setup: Setup, path: str, value: Scalar) -> Any:
+def assign_numbers(node: Any, setup: Setup, path: str, value: Scalar) -> Any:
     """Return the record with `value` at each number that `path` names. Raises KeyError."""
-    replaced = named(node, setup, path)
-    numbers = leaves(node, setup)
-    return tree.filled(node, [value if full in replaced else x for full, x in numbers])
+    replaced = named_numbers(node, setup, path)
+    numbers = path_leaves(node, setup)
+    return tree.fill_tree(node, [value if full in replaced else x for full, x in numbers])
 
 
-def shorten(path: str, arms: tuple[str, ...]) -> str:
+def without_arm(path: str, arms: tuple[str, ...]) -> str:
     """Return a full path without the name of the arm."""
     return ".".join(part for part in path.split(".") if part not in arms)
 
 
-def components(joints: tuple[str, ...]) -> frozenset[str]:
+def path_words(joints: tuple[str, ...]) -> frozenset[str]:
     """Return the names that numbers inside vectors can have for a robot with these joints."""
     return frozenset((*joints, *_AXES))
 
 
-def plain(path: str, arms: tuple[str, ...], joints: tuple[str, ...]) -> str:
+def plain_path(path: str, arms: tuple[str, ...], joints: tuple[str, ...]) -> str:
     """Return a parameter's path without arm, index of a set, joint or axis."""
-    parts = [part for part in shorten(path, arms).split(".") if not part.isdecimal()]
-    return ".".join(parts[:-1] if parts[-1:] and parts[-1] in components(joints) else parts)
+    parts = [part for part in without_arm(path, arms).split(".") if not part.isdecimal()]
+    return ".".join(parts[:-1] if parts[-1:] and parts[-1] in path_words(joints) else parts)

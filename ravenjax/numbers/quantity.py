@@ -2,7 +2,7 @@
 
     scale: Annotated[Scalar, Quantity("", 0, 1, "tip motion per hand motion")]
 
-Records with many numbers are `described` by a TOML file beside their module.
+Records with many numbers are `describe_fields` by a TOML file beside their module.
 
 A range keeps out values without meaning (negative mass, a packet every 0 cycles), values that
 single precision cannot hold, and slips of the unit (degrees for radians). Within its range a
@@ -63,7 +63,7 @@ class Reserved:
     why: str  # the reason, and what to write instead
 
 
-def described(record: type[Record]) -> type[Record]:
+def describe_fields(record: type[Record]) -> type[Record]:
     """Annotate a record's fields from its table in quantities.toml beside its module."""
     path = Path(str(sys.modules[record.__module__].__file__)).with_name("quantities.toml")
     for name, rows in _tables(path)[record.__name__].items():
@@ -84,7 +84,7 @@ def _note(row: dict[str, Any]) -> Quantity | Reserved:
     return Quantity(**values)
 
 
-def quantities(params: type) -> Iterator[tuple[str, Quantity]]:
+def list_quantities(params: type) -> Iterator[tuple[str, Quantity]]:
     """Yield (path, Quantity) for every number of a record class, in order.
 
     A path occurs more than once if its joints are unlike. Paths consist of fields only: they have
@@ -100,7 +100,7 @@ def quantities(params: type) -> Iterator[tuple[str, Quantity]]:
                 yield path, dataclasses.replace(one, joints=())
 
 
-def reserved(params: type) -> Iterator[tuple[str, str]]:
+def list_reserved(params: type) -> Iterator[tuple[str, str]]:
     """Yield (path, reason) for every field of a record class that a campaign must not set."""
     for path, notes in _fields(params):
         yield from ((path, one.why) for one in notes if isinstance(one, Reserved))

@@ -85,16 +85,16 @@ def per_arm(setup: Setup, function: Callable[[int, Any], Any]) -> tuple[Any, ...
     return tuple(function(i, arm) for i, arm in enumerate(setup.arms))
 
 
-def narrow(setup: Setup, tree: Any) -> Any:
+def narrow_numbers(setup: Setup, tree: Any) -> Any:
     """Round numbers to the width in which the original stores them (`float`)."""
     return cast(tree, setup.precision.narrow)
 
 
-def wide(setup: Setup, tree: Any) -> Any:
+def widen_numbers(setup: Setup, tree: Any) -> Any:
     """Widen numbers to the width in which the original evaluates them (`double`)."""
     return cast(tree, setup.precision.wide)
 
 
-def real(setup: Setup, tree: Any) -> Any:
+def cast_to_real(setup: Setup, tree: Any) -> Any:
     """Cast numbers to the width of plant, model and monitor."""
     return cast(tree, setup.precision.real)

@@ -13,15 +13,15 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 
-def leaves(tree: Any) -> list[Any]:
+def tree_leaves(tree: Any) -> list[Any]:
     """Return every number of a tree, in order."""
     branches = _branches(tree)
     if branches is None:
         return [tree]
-    return [leaf for branch in branches for leaf in leaves(branch)]
+    return [leaf for branch in branches for leaf in tree_leaves(branch)]
 
 
-def mapped(function: Callable[..., Any], tree: Any, *others: Any) -> Any:
+def map_leaves(function: Callable[..., Any], tree: Any, *others: Any) -> Any:
     """Return a tree of the same structure, with `function` applied to each leaf.
 
     `function` gets the leaf and the leaves at the same place in `others`. Raises ValueError if one
@@ -33,18 +33,20 @@ def mapped(function: Callable[..., Any], tree: Any, *others: Any) -> Any:
     rows = [_branches(other) for other in others]
     if any(row is None or len(row) != len(branches) for row in rows):
         raise ValueError(f"trees of unlike structure: {tree!r} beside {others!r}")
-    return _joined(tree, [mapped(function, *items) for items in zip(branches, *rows, strict=True)])  # type: ignore[arg-type]
+    return _joined(
+        tree, [map_leaves(function, *items) for items in zip(branches, *rows, strict=True)]
+    )  # type: ignore[arg-type]
 
 
-def filled(tree: Any, numbers: list[Any]) -> Any:
+def fill_tree(tree: Any, numbers: list[Any]) -> Any:
     """Return a tree like `tree` with these leaves, in order. Raises ValueError for their number."""
-    if len(numbers) != (wanted := len(leaves(tree))):
+    if len(numbers) != (wanted := len(tree_leaves(tree))):
         raise ValueError(f"got {len(numbers)} numbers for a tree of {wanted} leaves")
-    return filler(tree)(numbers)
+    return tree_filler(tree)(numbers)
 
 
-def filler(tree: Any) -> Callable[[Sequence[Any]], Any]:
-    """Return `filled` for this tree as a function of its leaves, for frequent use."""
+def tree_filler(tree: Any) -> Callable[[Sequence[Any]], Any]:
+    """Return `fill_tree` for this tree as a function of its leaves, for frequent use."""
     places = itertools.count()
 
     def of(node: Any) -> Callable[[Sequence[Any]], Any]:
@@ -57,13 +59,13 @@ def filler(tree: Any) -> Callable[[Sequence[Any]], Any]:
     return of(tree)
 
 
-def structure(tree: Any) -> Any:
+def tree_structure(tree: Any) -> Any:
     """Return all of a tree but its numbers: equal for trees that JAX considers alike."""
     branches = _branches(tree)
     if branches is None:
         return ()
     keys = tuple(sorted(tree)) if isinstance(tree, dict) else ()
-    return type(tree), keys, tuple(map(structure, branches))
+    return type(tree), keys, tuple(map(tree_structure, branches))
 
 
 def _branches(tree: Any) -> list[Any] | None:

@@ -104,7 +104,7 @@ replace = dataclasses.replace
 
 def cast(tree: Any, dtype: str) -> Any:
     """Return `tree` with each number rounded to `dtype`."""
-    return trees.mapped(lambda x: lax.convert_element_type(x, dtype), tree)
+    return trees.map_leaves(lambda x: lax.convert_element_type(x, dtype), tree)
 
 
 INT32_MIN = -2147483648
@@ -128,7 +128,7 @@ def as_int(x: Scalar) -> Scalar:
     return lax.convert_element_type(x, jnp.int32)
 
 
-def rarely(condition: Scalar, then: Callable[[], Any], otherwise: Any) -> Any:
+def if_rarely(condition: Scalar, then: Callable[[], Any], otherwise: Any) -> Any:
     """Return `then()` if `condition`, which seldom holds, else `otherwise`.
 
     Both are records of the same structure and types. The result is that of `where`. Engines that
@@ -139,7 +139,7 @@ def rarely(condition: Scalar, then: Callable[[], Any], otherwise: Any) -> Any:
 
 def where(condition: Scalar, yes: Any, no: Any) -> Any:
     """Apply `jnp.where` to whole records: take each number from `yes` or from `no`."""
-    return trees.mapped(lambda a, b: jnp.where(condition, a, b), yes, no)
+    return trees.map_leaves(lambda a, b: jnp.where(condition, a, b), yes, no)
 
 
 def largest(numbers: Iterable[Scalar]) -> Scalar:
@@ -152,7 +152,7 @@ def first_tick(now: Scalar, happens: Scalar, before: Scalar) -> Scalar:
     return jnp.where(happens & (before < 0), now, before)
 
 
-def earliest(ticks: list[Scalar]) -> Scalar:
+def earliest_tick(ticks: list[Scalar]) -> Scalar:
     """Return the first of some ticks, in which -1 means never."""
     first = ticks[0]
     for t in ticks[1:]:

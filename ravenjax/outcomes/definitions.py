@@ -29,7 +29,7 @@ class Definition(NamedTuple):
         return ", and ".join(sentence[0].lower() + sentence[1:] for sentence in sentences)
 
 
-def rows(rules: Rules, robot: Robot) -> list[Definition]:
+def definition_rows(rules: Rules, robot: Robot) -> list[Definition]:
     """Return every word: responses first, each kind from the strongest to the weakest."""
     terms = {
         "limit": f"{rules.limit_mm:g} mm",

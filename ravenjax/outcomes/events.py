@@ -52,7 +52,7 @@ def check_ms_sql(name: str) -> str:
     """Return SQL for the time at which a check first acted differently from the golden run, -1 if
     never.
 
-    It matches `verdict.responses`.
+    It matches `verdict.classify_responses`.
     """
     own = f'"check_{name}_first_ms"'
     more = f'"check_{name}_count" > "golden_check_{name}_count"'
@@ -79,7 +79,7 @@ UNWATCHED = (
 VALID_SQL = "failed = ''"
 
 
-def sql(name: str, rules: Rules) -> str:
+def event_sql(name: str, rules: Rules) -> str:
     """Return the expression of an event under a campaign's rules."""
     return EVENTS[name]["sql"].format(
         untold=_among(UNTOLD),
@@ -91,33 +91,33 @@ def sql(name: str, rules: Rules) -> str:
     )
 
 
-def meaning(name: str, rules: Rules) -> str:
+def event_meaning(name: str, rules: Rules) -> str:
     """Return an event's meaning in words, with the campaign's own numbers."""
     return EVENTS[name]["meaning"].format(
         limit=f"{rules.limit_mm:g} mm", threshold=f"{rules.threshold_mm:g} mm"
     )
 
 
-def columns(names: Sequence[str], rules: Rules) -> list[str]:
+def event_columns(names: Sequence[str], rules: Rules) -> list[str]:
     """Return the columns of the result table that these events and `failed` need."""
-    text = " ".join(sql(name, rules) for name in names)
+    text = " ".join(event_sql(name, rules) for name in names)
     words = re.findall(r"[a-z_][a-z0-9_]*", re.sub(r"'[^']*'", "", text))
     return list(dict.fromkeys(["failed", *words]))
 
 
-def happened(table: pa.Table, names: Sequence[str], rules: Rules) -> np.ndarray:
+def events_happened(table: pa.Table, names: Sequence[str], rules: Rules) -> np.ndarray:
     """Return which rows are valid, and in which rows each event happened: bool [1 + names, rows],
     `valid` first.
 
-    `table`: Arrow, with `columns` of the result table. For a run without a valid outcome an event
-    has no meaning.
+    `table`: Arrow, with `event_columns` of the result table. For a run without a valid outcome an
+    event has no meaning.
     """
     import duckdb
     import numpy as np
 
     select_list = ", ".join(
         f"coalesce(({expression})::BOOLEAN, false) AS e{place}"
-        for place, expression in enumerate([VALID_SQL, *(sql(name, rules) for name in names)])
+        for place, expression in enumerate([VALID_SQL, *(event_sql(name, rules) for name in names)])
     )
     with duckdb.connect(config={"threads": 1}) as connection:
         connection.register("runs", table)

@@ -66,14 +66,14 @@ class Response(NamedTuple):
     causes: tuple[str, ...]  # "" for none, then the cause of each check
 
 
-def responses(outcomes: Outcomes, golden: Outcomes, robot: Robot) -> Response:
+def classify_responses(outcomes: Outcomes, golden: Outcomes, robot: Robot) -> Response:
     """Return what the checks did in each run beyond what they did in its golden run.
 
     Checks trip on fault-free motion too: a command is clipped, or the first packet of a stream is
     lost. A check counts only if it tripped more often than in the golden run, or first tripped
     sooner. `golden`: its `check_*_count` and `check_*_first_ms`.
     """
-    counted = [name for name in checks.names(outcomes) if robot.check(name).action != "watch"]
+    counted = [name for name in checks.check_names(outcomes) if robot.check(name).action != "watch"]
     return _responses(outcomes, golden, robot, counted, None)
 
 
@@ -88,7 +88,7 @@ def built_in_responses(
     software E-stop, then the PLC. Only a run without that part shows what the robot would have done
     without it. Trips before the change would have come anyway.
     """
-    names = checks.names(outcomes)
+    names = checks.check_names(outcomes)
     own = [
         (f"check_{name}_count", f"check_{name}_first_ms")
         for name in names
@@ -161,13 +161,13 @@ def _responses(
     )
 
 
-def hazards(outcomes: Any, stopped: np.ndarray) -> np.ndarray:
+def classify_hazards(outcomes: Any, stopped: np.ndarray) -> np.ndarray:
     """Return the gravest hazard of each run as an index of HAZARDS.
 
     `outcomes`: unintended_first_ms, loss_first_ms, false_report_first_ms, halted_ms,
     golden_halted_ms. `stopped`: bool [rows], True if a check stopped the robot.
     """
-    halted = halts(
+    halted = is_halt(
         np.asarray(outcomes["halted_ms"]), np.asarray(outcomes["golden_halted_ms"]), stopped
     )
     return np.select(
@@ -181,7 +181,7 @@ def hazards(outcomes: Any, stopped: np.ndarray) -> np.ndarray:
     ).astype(np.int8)
 
 
-def halts(halted_ms: Any, golden_halted_ms: Any, stopped: Any) -> Any:
+def is_halt(halted_ms: Any, golden_halted_ms: Any, stopped: Any) -> Any:
     """Return whether the time out of pedal-down with the pedal held is a loss of motion: bool,
     arrays [rows] or numbers.
 
@@ -198,7 +198,7 @@ def beyond_golden(first_ms: Any, golden_first_ms: Any) -> np.ndarray:
     return np.where((own >= 0) & ~((golden >= 0) & (golden <= own)), own, -1)
 
 
-def verdicts(
+def classify_verdicts(
     response: np.ndarray, hazard: np.ndarray, cue: np.ndarray, valid: np.ndarray
 ) -> np.ndarray:
     """Return the verdict of each run as an index of (*VERDICTS, ""); "" if it has no valid outcome.

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.errors import UserError, shown, suggestion
+from ravenjax.errors import UserError, format_value, suggest_name
 from ravenjax.numbers import quantity, tree
 from ravenjax.numbers.lazy import lax
 from ravenjax.numbers.quantity import Quantity
@@ -75,7 +75,7 @@ class InPlace(NamedTuple):
 _MODULES: dict[OwnSource, types.ModuleType] = {}
 
 
-def read(
+def read_source(
     name: str,
     path: Path,
     what: str = "detector",
@@ -95,11 +95,11 @@ def read(
     module, contents = _run(source, None, require)
     whole = dataclasses.replace(source, files=tuple(sorted(contents.items())))
     _MODULES[whole] = module
-    loaded(whole)
+    load_part(whole)
     return whole
 
 
-def unchanged(source: OwnSource) -> bool:
+def is_unchanged(source: OwnSource) -> bool:
     """Return whether the file, and the files beside it that it uses, have not changed since they
     were read.
     """
@@ -112,7 +112,7 @@ def unchanged(source: OwnSource) -> bool:
         return False
 
 
-def digest(source: OwnSource) -> str:
+def hash_source(source: OwnSource) -> str:
     """Return the sha256 of the code, and of the files beside it that it loads or imports."""
     files = tuple((name, hashlib.sha256(content).hexdigest()) for name, content in source.files)
     return hashlib.sha256(repr((source.text, files)).encode()).hexdigest()
@@ -172,7 +172,7 @@ def _blame(source: OwnSource, where: str) -> Iterator[None]:
 
 
 @functools.lru_cache(maxsize=256)
-def loaded(source: OwnSource) -> Part:
+def load_part(source: OwnSource) -> Part:
     """Return the part of a source.
 
     Raises UserError if the file has no `step`, or if its `params` is invalid.
@@ -219,7 +219,7 @@ class Part:
                 or len(result) != 1 + len(gives)
             ):
                 expected = ", ".join(("state", *gives))
-                raise self._error(STEP, f"gives {shown(result)}, expected ({expected})")
+                raise self._error(STEP, f"gives {format_value(result)}, expected ({expected})")
             after = self._numbers(STEP, result[0], width)
             self._require_alike(state, after)
             out = [after]
@@ -244,7 +244,8 @@ class Part:
         if not isinstance(values, dict):
             raise self._error(
                 STEP,
-                f"gives {shown(values)} for {name}, expected a dict with some of the keys {keys}",
+                f"gives {format_value(values)} for {name}, expected a dict with some of the keys"
+                f" {keys}",
             )
         numbers = {}
         for key, value in values.items():
@@ -252,11 +253,11 @@ class Part:
                 raise self._error(
                     STEP,
                     f"gives the key {key!r} in {name}, expected some of"
-                    f" {keys}{suggestion(key, like)}",
+                    f" {keys}{suggest_name(key, like)}",
                 )
             place = like[key]
             new = self._like(key, place.like, value, width, place.words)
-            pairs = zip(tree.leaves(value), tree.leaves(place.like), strict=True)
+            pairs = zip(tree.tree_leaves(value), tree.tree_leaves(place.like), strict=True)
             if not all(given is there for given, there in pairs):
                 numbers[key] = new
         return numbers
@@ -267,7 +268,7 @@ class Part:
         if [place for place, _ in expected] != [place for place, _ in given]:
             several = f"{len(expected)} numbers, a Vec or a record as view has them"
             words = words or ("one number" if len(expected) == 1 else several)
-            raise self._error(STEP, f"gives {shown(values)} for {name}, expected {words}")
+            raise self._error(STEP, f"gives {format_value(values)} for {name}, expected {words}")
         numbers = []
         for (place, wanted), (_, value) in zip(expected, given, strict=True):
             what = f"{name}[{place}]" if place else name
@@ -279,14 +280,14 @@ class Part:
                     f" {kind}{_CONVERSIONS.get(str(kind), '')}",
                 )
             numbers.append(number)
-        return tree.filled(like, numbers)
+        return tree.fill_tree(like, numbers)
 
     def _numbers(self, where: str, state: Any, width: str) -> Any:
         numbers = [
             self._number(where, f"the state's {name or 'number'}", value, width)
             for name, value in _named(state)
         ]
-        return tree.filled(state, numbers)
+        return tree.fill_tree(state, numbers)
 
     def _number(self, where: str, what: str, value: Any, width: str) -> Scalar:
         """Return a single number as a float of `width`, int32 or bool."""
@@ -300,7 +301,7 @@ class Part:
         if kind is None:
             raise self._error(
                 where,
-                f"gives {shown(value)} for {what}, expected a number: float, int or bool",
+                f"gives {format_value(value)} for {what}, expected a number: float, int or bool",
             )
         dtype = {"float": width, "int": "int32", "bool": "bool"}[kind]
         return lax.convert_element_type(value, dtype)
@@ -326,9 +327,10 @@ class Part:
             return
         if not dataclasses.is_dataclass(record) or isinstance(record, type):
             raise self._error(
-                PARAMS, f"gives {shown(record)}, expected a record of numbers, made with @record"
+                PARAMS,
+                f"gives {format_value(record)}, expected a record of numbers, made with @record",
             )
-        ranges = dict(quantity.quantities(type(record)))
+        ranges = dict(quantity.list_quantities(type(record)))
         for name, value in _named(record):
             limits = ranges.get(".".join(word for word in name.split(".") if not word.isdecimal()))
             if limits is None:
@@ -337,7 +339,7 @@ class Part:
                     " meaning)"
                 )
             elif not isinstance(value, int | float | np.number) or not math.isfinite(value):
-                trouble = f"gives {shown(value)} for {name}, expected a number"
+                trouble = f"gives {format_value(value)} for {name}, expected a number"
             elif not limits.low <= float(value) <= limits.high:
                 trouble = f"gives {value:g} for {name}, expected {limits}"
             else:
@@ -360,7 +362,7 @@ def _kind(value: Any) -> str | None:
 
 
 def _named(node: Any, above: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield (name, number) for every number of a tree, in the order of `tree.leaves`."""
+    """Yield (name, number) for every number of a tree, in the order of `tree.tree_leaves`."""
     if node is None:
         return
     if dataclasses.is_dataclass(node) and not isinstance(node, type):
@@ -379,21 +381,21 @@ def _named(node: Any, above: str = "") -> Iterator[tuple[str, Any]]:
 # --- parameters of several files ---
 
 
-def quantities(source: OwnSource) -> tuple[tuple[str, Quantity], ...]:
+def part_quantities(source: OwnSource) -> tuple[tuple[str, Quantity], ...]:
     """Return (path, Quantity) of every number of the file that a campaign may vary."""
-    record = loaded(source).params()
-    return () if record is None else tuple(quantity.quantities(type(record)))
+    record = load_part(source).params()
+    return () if record is None else tuple(quantity.list_quantities(type(record)))
 
 
-def parameters(sources: tuple[OwnSource, ...]) -> Any:
+def part_parameters(sources: tuple[OwnSource, ...]) -> Any:
     """Return a named tuple of the records that the files give, None for a file without parameters.
 
     The tuple can travel between processes together with the files' code. Raises UserError.
     """
-    return _kind_of(sources)(*(loaded(source).params() for source in sources))
+    return _kind_of(sources)(*(load_part(source).params() for source in sources))
 
 
-def named(names: tuple[str, ...], numbers: Any) -> Any:
+def named_parameters(names: tuple[str, ...], numbers: Any) -> Any:
     """Return a named tuple of these numbers, which can travel between processes."""
     return _named_kind(names)(*numbers)
 
@@ -401,7 +403,7 @@ def named(names: tuple[str, ...], numbers: Any) -> Any:
 @functools.lru_cache(maxsize=256)
 def _named_kind(names: tuple[str, ...]) -> type[Any]:
     kind = collections.namedtuple("Named", names)
-    kind.__reduce__ = lambda own: (named, (names, tuple(own)))  # type: ignore[method-assign]
+    kind.__reduce__ = lambda own: (named_parameters, (names, tuple(own)))  # type: ignore[method-assign]
     return kind
 
 
@@ -410,9 +412,9 @@ def _kind_of(sources: tuple[OwnSource, ...]) -> type[Any]:
     # Classes of a file's records exist in this process only. Another process rebuilds them from the
     # file's text, and receives the numbers from here.
     kind = collections.namedtuple("Own", [source.name for source in sources])
-    kind.__reduce__ = lambda own: (_restored, (sources, tree.leaves(own)))  # type: ignore[method-assign]
+    kind.__reduce__ = lambda own: (_restored, (sources, tree.tree_leaves(own)))  # type: ignore[method-assign]
     return kind
 
 
 def _restored(sources: tuple[OwnSource, ...], numbers: list[Any]) -> Any:
-    return tree.filled(parameters(sources), numbers)
+    return tree.fill_tree(part_parameters(sources), numbers)

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.errors import UserError, shown
+from ravenjax.errors import UserError, format_value
 
 
 class Reader:
@@ -135,7 +135,8 @@ def load(name: str) -> Any:
         arrays = np.load(io.BytesIO(reader.content(name)), allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
         reason = (
-            getattr(error, "strerror", None) or f"no NumPy file of numbers: {shown(str(error))}"
+            getattr(error, "strerror", None)
+            or f"no NumPy file of numbers: {format_value(str(error))}"
         )
         raise UserError(f"{reader.folder / name}: cannot be loaded ({reason})") from None
     return dict(arrays) if isinstance(arrays, np.lib.npyio.NpzFile) else arrays

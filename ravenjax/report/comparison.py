@@ -24,7 +24,7 @@ from ravenjax.stats.bootstrap.units import Units
 from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.store import manifest
 from ravenjax.store.access import query
-from ravenjax.store.access.query import ResultTable, quoted
+from ravenjax.store.access.query import ResultTable, quote_name
 from ravenjax.store.manifest import Change, Manifest
 from ravenjax.vocabulary.robot import Robot
 
@@ -102,17 +102,17 @@ class FolderComparison(NamedTuple):
 
     def sentences(self) -> list[str]:
         """Return sentences that describe what is compared."""
-        return wording.sentences("comparison.txt.j2", **self._asdict())
+        return wording.fill_template("comparison.txt.j2", **self._asdict())
 
 
-def compare(first: Path, second: Path, most: int = 10) -> FolderComparison:
+def compare_folders(first: Path, second: Path, most: int = 10) -> FolderComparison:
     """Compare two result folders and list at most `most` changed runs.
 
     Raises StoreError as `query.open_folder` does, and UserError if the folders share no fault.
     """
     if most < 0:
         raise UserError(f"--most {most}: expected a number of runs, 0 for none")
-    records = manifest.read(first), manifest.read(second)
+    records = manifest.read_manifest(first), manifest.read_manifest(second)
     with query.open_folder(first) as table:
         table.run(f"ALTER VIEW {query.RESULTS} RENAME TO runs_first")
         files = query.of_files(query.whole_parts(second))
@@ -122,14 +122,14 @@ def compare(first: Path, second: Path, most: int = 10) -> FolderComparison:
             _judge(table, side, record, key)
         compared = table.frame(f"SELECT a.fault AS fault FROM {_JOINED} ORDER BY pairs.first")
         faults, sampled = compared["fault"].to_numpy(), _sampled(table, records)
-        among = pair_intervals.faults(faults, sampled)
+        among = pair_intervals.pair_faults(faults, sampled)
         pairs = pairs._replace(compared=len(faults), faults=len(np.unique(faults)), sampled=sampled)
         return FolderComparison(
             (first, second),
             (records[0].campaign, records[1].campaign),
             (records[0].limit_mm, records[1].limit_mm),
-            manifest.changes(records[0].config, records[1].config),
-            manifest.changes(_made(records[0]), _made(records[1])),
+            manifest.find_changes(records[0].config, records[1].config),
+            manifest.find_changes(_made(records[0]), _made(records[1])),
             pairs,
             [_rate(table, name, records, among) for name in RATES],
             {word: _transitions(table, word) for word in WORDS},
@@ -190,15 +190,16 @@ def _keys(table: ResultTable) -> tuple[str, str]:
         if name not in own:
             return "NULL"
         if own[name] in ("DOUBLE", "FLOAT"):
-            return f"CASE WHEN isnan({quoted(name)}) THEN NULL ELSE 0 + {quoted(name)}::DOUBLE END"
-        return f"nullif({quoted(name)}::VARCHAR, '')"
+            number = quote_name(name)
+            return f"CASE WHEN isnan({number}) THEN NULL ELSE 0 + {number}::DOUBLE END"
+        return f"nullif({quote_name(name)}::VARCHAR, '')"
 
     def key(own: dict[str, str]) -> str:
         slots = {name: f"{name.partition('_')[0]}_site" for name in faults}
         # Other columns of an empty slot carry no information.
         filled = [
             (
-                f"CASE WHEN {quoted(slot)} <> '' THEN {column(name, own)} END"
+                f"CASE WHEN {quote_name(slot)} <> '' THEN {column(name, own)} END"
                 if slot in own
                 else "NULL"
             )
@@ -215,9 +216,10 @@ def _judge(table: ResultTable, side: str, record: Manifest, key: str) -> None:
     """
     names = list(table.types(f"runs_{side}"))
     happened = {
-        name: f"coalesce(({events.sql(name, record.rules)})::BOOLEAN, false)" for name in RATES
+        name: f"coalesce(({events.event_sql(name, record.rules)})::BOOLEAN, false)"
+        for name in RATES
     }
-    listed = ", ".join(f"{sql} AS {quoted('is_' + name)}" for name, sql in happened.items())
+    listed = ", ".join(f"{sql} AS {quote_name('is_' + name)}" for name, sql in happened.items())
     table.run(
         f'CREATE TABLE judged_{side} AS SELECT row, run_id, hash({key}) AS fault, "group"::VARCHAR'
         ' AS "group", '
@@ -239,7 +241,7 @@ _JOINED = (
 def _sampled(table: ResultTable, records: tuple[Manifest, Manifest]) -> bool:
     """Return whether the records of both campaigns show that the compared faults were drawn."""
     for side, record in zip("ab", records, strict=True):
-        sources = draws.groups(record.config)
+        sources = draws.drawn_groups(record.config)
         present = {
             group for (group,) in table.rows(f'SELECT DISTINCT {side}."group" FROM {_JOINED}')
         }
@@ -255,15 +257,15 @@ def _rate(
     drawn.
     """
     hits = table.frame(
-        f"SELECT a.{quoted('is_' + name)} AS first, b.{quoted('is_' + name)} AS second FROM"
+        f"SELECT a.{quote_name('is_' + name)} AS first, b.{quote_name('is_' + name)} AS second FROM"
         f" {_JOINED} ORDER BY pairs.first"
     )
     first, second = (hits[side].to_numpy(bool) for side in SIDES)
     return RateChange(
         name,
-        events.meaning(name, records[0].rules),
-        pair_intervals.rate(first, among),
-        pair_intervals.rate(second, among),
+        events.event_meaning(name, records[0].rules),
+        pair_intervals.pair_rate(first, among),
+        pair_intervals.pair_rate(second, among),
         pair_intervals.rate_difference(second, first, among),
         int((first & ~second).sum()),
         int((second & ~first).sum()),
@@ -297,7 +299,7 @@ def _changed(robot: Robot, table: ResultTable, most: int) -> list[RunChange]:
     return [
         RunChange(
             (one, other),
-            wording.fault(faults.loc[row].to_dict(), robot),
+            wording.describe_fault(faults.loc[row].to_dict(), robot),
             (before, after),
             (mm, other_mm),
         )

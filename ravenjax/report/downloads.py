@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import BaseModel
 
 
-def text(rows: Iterable[Any]) -> str:
+def format_csv(rows: Iterable[Any]) -> str:
     """Return rows (mappings or named tuples, possibly nested) as CSV with a header; empty if there
     are no rows.
 

@@ -22,26 +22,26 @@ from ravenjax.store.manifest import Manifest
 FILE = "report.html"
 
 
-def build(folder: Path) -> Path:
+def build_report(folder: Path) -> Path:
     """Write report.html into a result folder and return its path.
 
     Raises StoreError if the folder holds no readable result.
     """
     folder = Path(folder)
-    manifest = manifests.read(folder)
+    manifest = manifests.read_manifest(folder)
     with contextlib.closing(Runs.open(folder, manifest)) as runs:
-        text = render(runs, manifest, folder)
+        text = render_report(runs, manifest, folder)
     path = folder / FILE
     write_aside(path, lambda target: target.write_bytes(text.encode()))
     return path
 
 
-def render(runs: Runs, manifest: Manifest, folder: Path) -> str:
+def render_report(runs: Runs, manifest: Manifest, folder: Path) -> str:
     """Return the page of a result table. `folder` appears in the replay commands and is searched
     for traces.
     """
     cue = manifest.cues[manifest.verdict_cue] if manifest.cues else None
-    head = tables.headline(runs, manifest)
+    head = tables.headline_counts(runs, manifest)
     common = {
         "manifest": manifest,
         "cue": cue,
@@ -71,12 +71,12 @@ def render(runs: Runs, manifest: Manifest, folder: Path) -> str:
 
 @functools.cache
 def _environment() -> jinja2.Environment:
-    environment = html.environment("ravenjax.report")
+    environment = html.template_environment("ravenjax.report")
     beside_modules = jinja2.PackageLoader("ravenjax.report", "sections")
     environment.loader = jinja2.ChoiceLoader([beside_modules, environment.loader])  # pyright: ignore[reportArgumentType]
     environment.filters |= wording.FILTERS | {
         "as_json": json.dumps,
-        "csv": downloads.text,
+        "csv": downloads.format_csv,
         "hazard_titles": titles.of_group,
     }
     return environment

@@ -38,7 +38,7 @@ OUTCOMES = {
 MOST_GROUPS = 40
 
 
-def write(folder: Path, out: Path) -> list[Path]:
+def write_figures(folder: Path, out: Path) -> list[Path]:
     """Write the figures of a result folder into `out`, each as .svg and .pdf, and return their
     paths.
 
@@ -51,16 +51,16 @@ def write(folder: Path, out: Path) -> list[Path]:
     `out` cannot be written.
     """
     folder, out = Path(folder), Path(out)
-    manifest = manifests.read(folder)
+    manifest = manifests.read_manifest(folder)
     require_writable(out)
     paths = []
     with contextlib.closing(Runs.open(folder, manifest)) as runs, matplotlib.rc_context(STYLE):
-        faulty = verdicts(runs)
+        faulty = verdict_figure(runs)
         figures = {
             "verdicts": faulty,
             "time_to_know": how_soon(runs) if faulty else None,
-            "roc": roc(runs),
-            "tradeoff": tradeoff(runs),
+            "roc": roc_figure(runs),
+            "tradeoff": tradeoff_figure(runs),
         }
         for name, figure in figures.items():
             if figure is not None:
@@ -71,7 +71,7 @@ def write(folder: Path, out: Path) -> list[Path]:
     return paths
 
 
-def verdicts(runs: Runs) -> Figure | None:
+def verdict_figure(runs: Runs) -> Figure | None:
     """Return a figure of each group's faults by outcome; None if there are no faults."""
     rows = [row for row in tables.group_rows(runs) if row["faulty"]][:MOST_GROUPS]
     if not rows:
@@ -103,13 +103,13 @@ def how_soon(runs: Runs) -> Figure | None:
     return print_figure(curves, WIDTH / 2) if curves else None
 
 
-def roc(runs: Runs) -> Figure | None:
+def roc_figure(runs: Runs) -> Figure | None:
     """Return a figure with the ROC curve of each detector; None if there are no detectors."""
-    chart = detectors.roc_chart(detectors.rows(runs)) if runs.manifest.detectors else None
+    chart = detectors.roc_chart(detectors.detector_rows(runs)) if runs.manifest.detectors else None
     return print_figure(chart, WIDTH / 2) if chart else None
 
 
-def tradeoff(runs: Runs) -> Figure | None:
+def tradeoff_figure(runs: Runs) -> Figure | None:
     """Return a figure of missed hazards over false cues, by haptic set; None without either."""
-    chart = cues.tradeoff(cues.rows(runs))
+    chart = cues.cue_tradeoff(cues.cue_rows(runs))
     return print_figure(chart, WIDTH / 2) if chart else None

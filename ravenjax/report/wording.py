@@ -17,17 +17,17 @@ NARROW = "\u202f"
 DASH = "–"
 
 
-def count(value: float) -> str:
+def format_count(value: float) -> str:
     """Write an integer with separators: 1234 -> 1,234."""
     return f"{int(value):,}"
 
 
-def many(value: float, noun: str) -> str:
+def count_noun(value: float, noun: str) -> str:
     """Write a count with its noun: 1,234 runs, 1 run."""
-    return f"{count(value)} {noun}{'' if value == 1 else 's'}"
+    return f"{format_count(value)} {noun}{'' if value == 1 else 's'}"
 
 
-def number(value: float, digits: int = 3) -> str:
+def format_number(value: float, digits: int = 3) -> str:
     """Write a number with `digits` significant digits, without an exponent for usual sizes. NaN and
     infinity become a dash.
     """
@@ -43,21 +43,21 @@ def number(value: float, digits: int = 3) -> str:
     return text.replace("-", "−")
 
 
-def hours(value: float) -> str:
+def format_hours(value: float) -> str:
     """Write a time given in hours in a suitable unit: 34 s, 12 min, 7.4 h."""
     if not math.isfinite(value):
         return DASH
     for most, unit, factor in ((1 / 30, "s", 3600.0), (2.0, "min", 60.0)):
         if value < most:
-            return f"{number(value * factor, 2)} {unit}"
-    return f"{number(value)} h"
+            return f"{format_number(value * factor, 2)} {unit}"
+    return f"{format_number(value)} h"
 
 
 def _decimals(fraction: float) -> int:
     return 2 if 0 < fraction < 0.01 or 0.99 < fraction < 1 else 1
 
 
-def percent(fraction: float) -> str:
+def format_percent(fraction: float) -> str:
     """Write a fraction in percent: 0.156 -> 15.6 %. Values close to 0 or 100 % get a second
     decimal.
     """
@@ -66,7 +66,7 @@ def percent(fraction: float) -> str:
     return f"{100 * fraction:.{_decimals(fraction)}f}{NARROW}%"
 
 
-def interval(rate: Rate) -> str:
+def format_interval(rate: Rate) -> str:
     """Write a rate's confidence interval: 14.1–17.3 %. It is empty if nothing was sampled."""
     if not rate.n:
         return "no runs"
@@ -76,15 +76,15 @@ def interval(rate: Rate) -> str:
     return f"{100 * rate.low:.{digits}f}{DASH}{100 * rate.high:.{digits}f}{NARROW}%"
 
 
-def rate(value: Rate) -> str:
+def format_rate(value: Rate) -> str:
     """Write a rate with its interval: 15.6 % (14.1–17.3 %). Without an interval, write only the
     percentage.
     """
-    bounds = interval(value)
-    return percent(value.value) + (f" ({bounds})" if bounds else "")
+    bounds = format_interval(value)
+    return format_percent(value.value) + (f" ({bounds})" if bounds else "")
 
 
-def estimate(value: Estimate, unit: str = "") -> str:
+def format_estimate(value: Estimate, unit: str = "") -> str:
     """Write an estimate with its interval: 12 ms (9–15). An unknown bound or value becomes
     a dash.
     """
@@ -92,8 +92,8 @@ def estimate(value: Estimate, unit: str = "") -> str:
         return DASH
     unit = f" {unit}" if unit else ""
     if not (math.isfinite(value.low) or math.isfinite(value.high)):
-        return f"{number(value.value)}{unit}"
-    return f"{number(value.value)}{unit} ({span(value.low, value.high)})"
+        return f"{format_number(value.value)}{unit}"
+    return f"{format_number(value.value)}{unit} ({format_span(value.low, value.high)})"
 
 
 def signed_points(difference: float) -> str:
@@ -111,37 +111,39 @@ def point_bounds(value: Estimate) -> str:
     return f"{100 * value.low:+.1f} to {100 * value.high:+.1f}".replace("-", "−")
 
 
-def points(value: Estimate) -> str:
+def format_points(value: Estimate) -> str:
     """Write a difference of rates with its interval: −3.1 points (−4.0 to −2.2)."""
     bounds = point_bounds(value)
     return signed_points(value.value) + (f" ({bounds})" if bounds else "")
 
 
-def bounds(value: Estimate, decimals: int | None = None) -> str:
+def format_bounds(value: Estimate, decimals: int | None = None) -> str:
     """Write the interval of an estimate: 9–15. It is empty if nothing is known. `decimals`: number
     of decimals.
     """
     low, high = (
         bound if decimals is None else round(bound, decimals) for bound in (value.low, value.high)
     )
-    return span(low, high) if math.isfinite(low) or math.isfinite(high) else ""
+    return format_span(low, high) if math.isfinite(low) or math.isfinite(high) else ""
 
 
-def hundredths(value: float) -> str:
+def format_hundredths(value: float) -> str:
     """Write a number with at most two decimals: −0.04."""
-    return number(round(value, 2)) if math.isfinite(value) else DASH
+    return format_number(round(value, 2)) if math.isfinite(value) else DASH
 
 
-def span(low: float, high: float) -> str:
+def format_span(low: float, high: float) -> str:
     """Write a range: 9–15, or −4 to 2 if a bound is negative. An unknown bound is left open."""
     if math.isfinite(low) and math.isfinite(high):
         return (
-            f"{number(low)}{DASH}{number(high)}" if low >= 0 else f"{number(low)} to {number(high)}"
+            f"{format_number(low)}{DASH}{format_number(high)}"
+            if low >= 0
+            else f"{format_number(low)} to {format_number(high)}"
         )
-    return f"from {number(low)}" if math.isfinite(low) else f"up to {number(high)}"
+    return f"from {format_number(low)}" if math.isfinite(low) else f"up to {format_number(high)}"
 
 
-def fault(row: Mapping[str, Any], robot: Robot = robots.USUAL) -> str:
+def describe_fault(row: Mapping[str, Any], robot: Robot = robots.USUAL) -> str:
     """Describe the faults of one result row in a phrase: usb_out gold shoulder, overwrite 500
     counts, 9 ms from 1,200 ms.
     """
@@ -165,14 +167,18 @@ def fault_in_slot(row: Mapping[str, Any], slot: int, robot: Robot) -> str:
         else f"{effect} {_magnitude(robot, site, channel, effect, value)}"
     )
     if period > 0:
-        what += f", period {count(period)} ms"
+        what += f", period {format_count(period)} ms"
     unit = "packets" if trigger == "packet" else "ms"
-    begins = f"from packet {count(start)}" if trigger == "packet" else f"from {count(start)} ms"
+    begins = (
+        f"from packet {format_count(start)}"
+        if trigger == "packet"
+        else f"from {format_count(start)} ms"
+    )
     if trigger == "pedal":
         begins += f" after {robot.live_state}" if robot.dead_man else " after it became live"
-    when = f"{count(length)} {unit} {begins}" if length >= 0 else f"{begins} to the end"
+    when = f"{format_count(length)} {unit} {begins}" if length >= 0 else f"{begins} to the end"
     return f"{where}, {what}, {when}" + (
-        f", again every {count(every)} {unit}" if every > 0 else ""
+        f", again every {format_count(every)} {unit}" if every > 0 else ""
     )
 
 
@@ -195,7 +201,7 @@ def _magnitude(robot: Robot, site: str, channel: str, effect: str, value: float)
     """Write the value of a fault as its effect takes it, with its unit if this version knows the
     channel.
     """
-    text = number(value, 5)
+    text = format_number(value, 5)
     if effect == "bit_flip":
         return f"of bit {text}"
     if effect == "scale":
@@ -213,16 +219,16 @@ def _magnitude(robot: Robot, site: str, channel: str, effect: str, value: float)
 FILTERS = {
     word.__name__: word
     for word in (
-        count,
-        many,
-        number,
-        hours,
-        percent,
-        interval,
-        estimate,
-        bounds,
-        hundredths,
-        points,
+        format_count,
+        count_noun,
+        format_number,
+        format_hours,
+        format_percent,
+        format_interval,
+        format_estimate,
+        format_bounds,
+        format_hundredths,
+        format_points,
         signed_points,
         point_bounds,
     )
@@ -245,6 +251,6 @@ def text_templates(package: str) -> jinja2.Environment:
     return templates
 
 
-def sentences(template: str, **values: Any) -> list[str]:
+def fill_template(template: str, **values: Any) -> list[str]:
     """Return a filled template of the report as a list of sentences, one per line."""
     return text_templates("ravenjax.report").get_template(template).render(values).splitlines()

@@ -1,8 +1,8 @@
 """Robots: one folder for each, which declares arms, joints, sites and checks, and holds the tick.
 
-`find` returns the declaration of a robot by name. Other robots live in any module that Python can
-import. Such a module declares ROBOT, and a campaign names the module: `[campaign] robot =
-"my_lab.arm"`.
+`find_robot` returns the declaration of a robot by name. Other robots live in any module that
+Python can import. Such a module declares ROBOT, and a campaign names the module: `[campaign] robot
+= "my_lab.arm"`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ DEFAULT = "raven2"
 
 
 @functools.cache
-def find(name: str) -> Robot:
+def find_robot(name: str) -> Robot:
     """Return a robot: a folder here, or a module that declares ROBOT.
 
     Raises UserError, also if the user has not agreed to run that module.
@@ -32,7 +32,7 @@ def find(name: str) -> Robot:
         if (file := _source(module)) is None:
             continue
         if module == name and name not in sys.modules:
-            consent.require(file, file.read_bytes(), is_robot=True)
+            consent.require_consent(file, file.read_bytes(), is_robot=True)
         robot = getattr(importlib.import_module(module), "ROBOT", None)
         if not isinstance(robot, Robot):
             raise UserError(
@@ -60,5 +60,5 @@ def _source(module: str) -> Path | None:
     return file if origin and (file := Path(origin)).is_file() else None
 
 
-USUAL = find(DEFAULT)
+USUAL = find_robot(DEFAULT)
 """Declaration of the default robot."""

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ravenjax.numbers.counter_random import uniform
+from ravenjax.numbers.counter_random import random_uniform
 from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.vec import Scalar, as_int, record, where
 
@@ -64,14 +64,14 @@ def step(state: ChannelState, seed: Scalar, packet: Scalar, fresh: Scalar) -> Ch
     its state.
     """
     key = _key(seed)
-    quality = _next(state.quality, uniform(key, packet, _QUALITY))
+    quality = _next(state.quality, random_uniform(key, packet, _QUALITY))
     fewer, lost = (
         lax.convert_element_type(jnp.maximum(k, SURE), jnp.float32)
         for k in (state.burst - 1, state.burst)
     )
     share = fewer / lost
-    goes_on = (state.burst > 0) & (uniform(key, packet, _GOES_ON) < share * jnp.sqrt(share))
-    begins = uniform(key, packet, _BEGINS) < _of(quality, LOSS)
+    goes_on = (state.burst > 0) & (random_uniform(key, packet, _GOES_ON) < share * jnp.sqrt(share))
+    begins = random_uniform(key, packet, _BEGINS) < _of(quality, LOSS)
     burst = jnp.where(goes_on, state.burst + 1, as_int(begins))
     moved = where(fresh, ChannelState(quality, burst), state)
     return where(seed != 0.0, moved, init())
@@ -81,7 +81,7 @@ def delay_ms(seed: Scalar, packet: Scalar) -> Scalar:
     """Return the age in ms (int32) of the packet that arrives when packet `packet` is sent."""
     delay = jnp.float32(0.5)  # added for rounding to the nearest millisecond
     for place, (least, most) in ((_DELAY, DELAY_MS), (_JITTER, JITTER_MS)):
-        delay = delay + least + (most - least) * uniform(_key(seed), packet, place)
+        delay = delay + least + (most - least) * random_uniform(_key(seed), packet, place)
     return jnp.where(seed != 0.0, as_int(delay), 0)
 
 

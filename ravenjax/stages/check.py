@@ -8,7 +8,7 @@ import numpy as np
 
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import Setup
-from ravenjax.numbers.vec import Scalar, as_int, earliest, record
+from ravenjax.numbers.vec import Scalar, as_int, earliest_tick, record
 
 
 @record
@@ -27,7 +27,7 @@ def init(setup: Setup) -> CheckHistory:
     return CheckHistory(np.int32(-1), np.int32(0), np.dtype(setup.precision.real).type(np.inf))
 
 
-def update(
+def update_check(
     check: CheckHistory, tick: Scalar, tripped: Scalar, margin: Scalar | None = None
 ) -> CheckHistory:
     """Return the history after this tick. margin: to the limit, left out if costly to compute."""
@@ -50,9 +50,9 @@ def outcomes(checks: Mapping[str, CheckHistory]) -> dict[str, Scalar]:
     return out
 
 
-def worse(arms: list[CheckHistory]) -> CheckHistory:
+def worst_of_arms(arms: list[CheckHistory]) -> CheckHistory:
     """Return one history for the checks of all arms: first trip, sum of trips, smallest margin."""
     count, margin = arms[0].count, arms[0].margin
     for arm in arms[1:]:
         count, margin = count + arm.count, jnp.minimum(margin, arm.margin)
-    return CheckHistory(earliest([arm.first_tick for arm in arms]), count, margin)
+    return CheckHistory(earliest_tick([arm.first_tick for arm in arms]), count, margin)

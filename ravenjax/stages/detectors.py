@@ -35,7 +35,7 @@ import numpy as np
 
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import HOUR_MS, Quantity, Reserved
-from ravenjax.numbers.setup import Setup, per_arm, real
+from ravenjax.numbers.setup import Setup, cast_to_real, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, first_tick, record
 from ravenjax.parts import part
 from ravenjax.parts.part import SCORE
@@ -151,7 +151,7 @@ class DetectorSignal:
     views: tuple[Any, ...]  # input of users' files, as the robot defines it; (): no files
 
 
-def sources(setup: Setup) -> tuple[OwnSource, ...]:
+def detector_files(setup: Setup) -> tuple[OwnSource, ...]:
     """Return the files of detectors, each once, in order."""
     return tuple(dict.fromkeys(use.part for use in setup.detectors if use.part is not None))
 
@@ -159,18 +159,18 @@ def sources(setup: Setup) -> tuple[OwnSource, ...]:
 def params(setup: Setup) -> DetectorParams:
     """Return the learned steps (`LEARNED`), and thresholds of 1, which a campaign replaces."""
     steps = {joint: StepScale(*values) for joint, values in LEARNED.items()}
-    files = sources(setup)
+    files = detector_files(setup)
     return DetectorParams(
         **steps,
         armed_after=np.int32(500),
-        own=part.parameters(files) if files else (),
+        own=part.part_parameters(files) if files else (),
         thresholds=tuple((1.0,) * use.thresholds for use in setup.detectors),
     )
 
 
 def init(setup: Setup, params: DetectorParams) -> DetectorsState:
     """Return the state before the first tick."""
-    zero = real(setup, 0.0)
+    zero = cast_to_real(setup, 0.0)
     still = Vec.full(POSITIONING, zero)
     threshold = ThresholdState(jnp.int32(-1), jnp.int32(0), jnp.bool_(False))
     detectors = tuple(
@@ -178,8 +178,8 @@ def init(setup: Setup, params: DetectorParams) -> DetectorsState:
         for use in setup.detectors
     )
     own = tuple(
-        (part.loaded(source).init(values, setup.precision.real),) * len(setup.arms)
-        for source, values in zip(sources(setup), params.own, strict=True)
+        (part.load_part(source).init(values, setup.precision.real),) * len(setup.arms)
+        for source, values in zip(detector_files(setup), params.own, strict=True)
     )
     return DetectorsState(
         per_arm(setup, lambda *_: DetectorArmState(still, still, still, still, zero)),
@@ -195,10 +195,10 @@ def step(
     views = per_arm(setup, lambda i, _: _arm(setup, params, state.arms[i], signal, i))
     files = {
         source: [
-            part.loaded(source).step(own, memory, view, setup.precision.real, score=SCORE)
+            part.load_part(source).step(own, memory, view, setup.precision.real, score=SCORE)
             for memory, view in zip(before, signal.views, strict=True)
         ]
-        for source, own, before in zip(sources(setup), params.own, state.own, strict=True)
+        for source, own, before in zip(detector_files(setup), params.own, state.own, strict=True)
     }
     armed = signal.armed & (signal.tick >= params.armed_after)
     detectors = []
@@ -217,7 +217,7 @@ def step(
     return DetectorsState(tuple(arm for arm, _ in views), own, tuple(detectors))
 
 
-def stops(setup: Setup, state: DetectorsState | None) -> Scalar:
+def detector_stops(setup: Setup, state: DetectorsState | None) -> Scalar:
     """Return whether a detector that may stop the robot exceeds its first threshold, bool."""
     alarms = jnp.bool_(False)
     for use, one in zip(setup.detectors, state.detectors, strict=True) if state else ():
@@ -242,7 +242,7 @@ def _largest(setup: Setup, scores: Sequence[Scalar]) -> Scalar:
     A comparison with NaN is false. In this order a NaN hides no other arm's or joint's score.
     """
     return reduce(
-        lambda most, score: jnp.where(score > most, score, most), scores, real(setup, 0.0)
+        lambda most, score: jnp.where(score > most, score, most), scores, cast_to_real(setup, 0.0)
     )
 
 
@@ -267,7 +267,7 @@ def _arm(
         for now, then in ((jvel, before.jvel), (mvel, before.mvel))
     )
     shares = [
-        real(setup, jnp.abs(command)) / real(setup, jnp.maximum(limit, 1))
+        cast_to_real(setup, jnp.abs(command)) / cast_to_real(setup, jnp.maximum(limit, 1))
         for command, limit in zip(signal.command[i][:6], signal.command_limit[:6], strict=True)
     ]
     scores = {

@@ -39,7 +39,7 @@ import numpy as np
 from ravenjax.numbers.algebra import norm
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import Quantity
-from ravenjax.numbers.setup import Setup, real
+from ravenjax.numbers.setup import Setup, cast_to_real
 from ravenjax.numbers.vec import Scalar, Vec, largest, record
 
 TICK_S = 1e-3
@@ -89,31 +89,31 @@ class HandState:
 
 def init(setup: Setup) -> HandState:
     """Return the state of a hand on its plan."""
-    still = real(setup, Vec.full(3, 0.0))
-    return HandState(still, still, real(setup, 0.0))
+    still = cast_to_real(setup, Vec.full(3, 0.0))
+    return HandState(still, still, cast_to_real(setup, 0.0))
 
 
 def step(setup: Setup, params: HandParams, state: HandState, pull: Vec) -> HandState:
     """Return the hand after a tick of the cue's force `pull` (3, device units); NaN counts as 0."""
-    stiffness, damping = impedance(params)
+    stiffness, damping = hand_impedance(params)
     pull = pull.map(lambda x: jnp.where(x == x, x, 0.0))
-    force = turned(pull, params.turn_deg) * params.newtons_per_unit
+    force = turn_force(pull, params.turn_deg) * params.newtons_per_unit
     momentum = 2.0 * params.mass / TICK_S
     mean = force + state.velocity * momentum - state.displacement * stiffness
     mean = mean * (1.0 / (momentum + damping + 0.5 * TICK_S * stiffness))
     displacement = state.displacement + mean * TICK_S
     peak = jnp.maximum(state.peak, norm(displacement))
     after = HandState(displacement, mean * 2.0 - state.velocity, peak)
-    return real(setup, after)
+    return cast_to_real(setup, after)
 
 
-def impedance(params: HandParams) -> tuple[Scalar, Scalar]:
+def hand_impedance(params: HandParams) -> tuple[Scalar, Scalar]:
     """Return stiffness (N/m) and damping (N s/m) at the hand's grip."""
     times = 1.0 + params.grip * (params.firm_times - 1.0)
     return params.stiffness * times, params.damping * jnp.sqrt(times)
 
 
-def turned(force: Vec, angle_deg: Scalar) -> Vec:
+def turn_force(force: Vec, angle_deg: Scalar) -> Vec:
     """Return a force (x, y, z) turned about (1, 1, 1) by an angle; 120 degrees turn x into y."""
     if isinstance(angle_deg, float | np.floating) and angle_deg == 0.0:
         return force

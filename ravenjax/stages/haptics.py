@@ -24,7 +24,7 @@ from ravenjax.numbers.algebra import dot, norm
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import Reserved
 from ravenjax.numbers.setup import Setup
-from ravenjax.numbers.vec import Scalar, Vec, as_int, earliest, first_tick, largest, record
+from ravenjax.numbers.vec import Scalar, Vec, as_int, earliest_tick, first_tick, largest, record
 from ravenjax.outcomes.verdict import PUBLISHED_CUE_MM
 
 # m; below it e has no direction. It is far below one micrometre, so it affects no cue
@@ -151,7 +151,7 @@ def outcomes(setup: Setup, arms: tuple[HapticState, ...]) -> dict[str, Scalar]:
     out: dict[str, Scalar] = {}
     for k in range(setup.cues):
         cues = [arm.cues[k] for arm in arms]
-        out[f"cue{k}_first_ms"] = earliest([cue.first_tick for cue in cues])
+        out[f"cue{k}_first_ms"] = earliest_tick([cue.first_tick for cue in cues])
         out[f"cue{k}_peak_force"] = largest(cue.peak_force for cue in cues)
         out[f"cue{k}_ms"] = largest(cue.ticks_active for cue in cues)
         out[f"cue{k}_count"] = largest(cue.impulses for cue in cues)

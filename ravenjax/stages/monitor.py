@@ -24,12 +24,12 @@ from ravenjax.numbers import finite
 from ravenjax.numbers.algebra import norm
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import Reserved
-from ravenjax.numbers.setup import Setup, per_arm, real
+from ravenjax.numbers.setup import Setup, cast_to_real, per_arm
 from ravenjax.numbers.vec import (
     Scalar,
     Vec,
     as_int,
-    earliest,
+    earliest_tick,
     first_tick,
     largest,
     record,
@@ -162,14 +162,14 @@ def params(setup: Setup) -> MonitorParams:
 
 def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> MonitorState:
     """Return the state before the first tick, at these true [m] and measured [um] tips."""
-    zero = real(setup, 0.0)
+    zero = cast_to_real(setup, 0.0)
     never = jnp.int32(-1)
 
     def arm_state(i: int) -> MonitorArmState:
-        tip, pos = real(setup, tips[i]), real(setup, positions[i])
+        tip, pos = cast_to_real(setup, tips[i]), cast_to_real(setup, positions[i])
         dac = Vec.full(len(setup.joints), jnp.int32(0))
-        depth = real(setup, -jnp.inf)
-        still, no = real(setup, Vec.full(3, 0.0)), jnp.bool_(False)
+        depth = cast_to_real(setup, -jnp.inf)
+        still, no = cast_to_real(setup, Vec.full(3, 0.0)), jnp.bool_(False)
         return MonitorArmState(
             tip=tip,
             tip_before=tip,
@@ -200,7 +200,7 @@ def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> Mon
 
     return MonitorState(
         arms=per_arm(setup, lambda i, arm: arm_state(i)),
-        tip_distance=real(setup, jnp.inf),
+        tip_distance=cast_to_real(setup, jnp.inf),
         diverged=never,
         unintended=never,
         loss=never,
@@ -211,14 +211,14 @@ def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> Mon
     )
 
 
-def restarted(state: MonitorState) -> MonitorState:
+def restart_monitor(state: MonitorState) -> MonitorState:
     """Return the state with the missed motion set to zero from now on."""
     return replace(state, arms=tuple(replace(arm, missed=Vec.full(3, 0.0)) for arm in state.arms))
 
 
-def realigned(state: MonitorState) -> MonitorState:
+def realign_golden(state: MonitorState) -> MonitorState:
     """Return the restarted state with the golden run moved to where the robot is."""
-    arms = restarted(state).arms
+    arms = restart_monitor(state).arms
     return replace(state, arms=tuple(replace(arm, golden_tip=arm.tip) for arm in arms))
 
 
@@ -237,7 +237,7 @@ class Distances(NamedTuple):
     false_report: Scalar
 
 
-def distances(
+def arm_distances(
     params: MonitorParams, arm: MonitorArmState, model_tip: Vec, pos: Vec, golden_pos: Vec
 ) -> Distances:
     """Return the distances of an arm.
@@ -277,7 +277,7 @@ def _arm(
     idle = (golden_step_true > params.idle_step) & (step < params.idle_share * golden_step_true)
     missed = where(idle | ~signal.live, state.missed + golden_way, state.missed)
     after = replace(state, tip=tip, tip_before=state.tip, golden_tip=golden_tip, missed=missed)
-    off = distances(params, after, signal.model_tip[i], pos, golden_pos)
+    off = arm_distances(params, after, signal.model_tip[i], pos, golden_pos)
     golden, model = off.golden, off.model
     live = signal.live
     leapt = (step > params.jump_step) & ~(golden_step_true > params.jump_step)
@@ -364,7 +364,7 @@ def outcomes(setup: Setup, state: MonitorState) -> dict[str, Scalar]:
         return largest(getattr(arm, name) for arm in state.arms)
 
     def first(name: str) -> Scalar:
-        return earliest([jnp.int32(-1), *(getattr(arm, name) for arm in state.arms)])
+        return earliest_tick([jnp.int32(-1), *(getattr(arm, name) for arm in state.arms)])
 
     count = jnp.maximum(state.ticks, 1)
     out = {

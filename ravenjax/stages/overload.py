@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.setup import Setup, real
+from ravenjax.numbers.setup import Setup, cast_to_real
 from ravenjax.numbers.vec import Scalar, Vec, record
 
 
@@ -19,7 +19,7 @@ class OverloadState:
 
 def init(setup: Setup) -> OverloadState:
     """Return the state before the first tick."""
-    return OverloadState(real(setup, jnp.float32(0.0)), jnp.int32(-1), jnp.int32(-1))
+    return OverloadState(cast_to_real(setup, jnp.float32(0.0)), jnp.int32(-1), jnp.int32(-1))
 
 
 def step(state: OverloadState, loads: tuple[Vec, ...], tick: Scalar) -> OverloadState:

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ravenjax.numbers.counter_random import uniform
+from ravenjax.numbers.counter_random import random_uniform
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, as_int, record, where
 
@@ -44,7 +44,7 @@ def step(clock: PacketClock, now: Scalar, fresh: Scalar, cycles: Scalar) -> Pack
     return where(fresh, PacketClock(now + cycles, now, clock.tick), clock)
 
 
-def length(
+def packet_length(
     distributions: Sequence[Sequence[float]], choice: Scalar, key: Scalar, packet: Scalar
 ) -> Scalar:
     """Return the number of cycles (int32) that the packet with index `packet` (int32) lasts.
@@ -55,7 +55,7 @@ def length(
     partial = [np.cumsum(shares[:-1]) for shares in distributions]
     if isinstance(choice, np.integer):  # the same distribution in all runs
         partial, choice = [partial[choice]], np.int32(0)
-    number = uniform(key, packet, _LENGTH)
+    number = random_uniform(key, packet, _LENGTH)
     cycles = jnp.int32(1)
     for k in range(max(map(len, partial))):
         # a sum of 1 is never reached

@@ -42,7 +42,7 @@ def step(history: PacketHistory, fresh: Scalar) -> PacketHistory:
     return PacketHistory(Vec(words))
 
 
-def age(history: PacketHistory, newer: Scalar) -> Scalar:
+def packet_age(history: PacketHistory, newer: Scalar) -> Scalar:
     """Return the age (ticks, int32) of the packet that `newer` (int32) others follow; or NEVER."""
     word, first, counted, total = _u32(0), jnp.int32(NEVER), jnp.int32(0), jnp.int32(0)
     for place, candidate in enumerate(history.words):

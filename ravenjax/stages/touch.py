@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.setup import Setup, real
+from ravenjax.numbers.setup import Setup, cast_to_real
 from ravenjax.numbers.vec import Scalar, record
 
 TICK_S = 1e-3
@@ -23,7 +23,7 @@ class TouchState:
 
 def init(setup: Setup) -> TouchState:
     """Return the state before the first tick."""
-    return TouchState(*(real(setup, jnp.float32(0.0)) for _ in range(4)))
+    return TouchState(*(cast_to_real(setup, jnp.float32(0.0)) for _ in range(4)))
 
 
 def step(state: TouchState, instruments: tuple[Any, ...]) -> TouchState:

@@ -43,28 +43,28 @@ class Estimate(NamedTuple):
     high: Any
 
 
-def wilson(k: int, n: int, confidence: float = 0.95) -> Rate:
+def wilson_interval(k: int, n: int, confidence: float = 0.95) -> Rate:
     """Return a rate with its Wilson score interval. Raises ValueError unless 0 <= k <= n and 0 <
     confidence < 1.
     """
-    return rates([k], [n], confidence, "wilson")[0]
+    return rates_with_intervals([k], [n], confidence, "wilson")[0]
 
 
 def clopper_pearson(k: int, n: int, confidence: float = 0.95) -> Rate:
     """Return a rate with its exact (Clopper-Pearson) interval. Raises ValueError unless 0 <= k <= n
     and 0 < confidence < 1.
     """
-    return rates([k], [n], confidence, "clopper_pearson")[0]
+    return rates_with_intervals([k], [n], confidence, "clopper_pearson")[0]
 
 
-def share(k: int, n: int) -> Rate:
+def share_of_cells(k: int, n: int) -> Rate:
     """Return the share k of n cells of a design without an interval, because nothing was sampled.
     Raises ValueError unless 0 <= k <= n.
     """
-    return wilson(k, n)._replace(low=np.nan, high=np.nan)
+    return wilson_interval(k, n)._replace(low=np.nan, high=np.nan)
 
 
-def rates(
+def rates_with_intervals(
     k: ArrayLike, n: ArrayLike, confidence: float = 0.95, method: Method = "wilson"
 ) -> list[Rate]:
     """Return rates k[i] of n[i] with their intervals, computed in one vectorised call.
@@ -80,14 +80,14 @@ def rates(
         raise ValueError(
             f"a rate needs 0 <= k <= n, got k = {hits[outside[0]]}, n = {trials[outside[0]]}"
         )
-    low, high = bounds(hits, trials, confidence, method)
+    low, high = rate_bounds(hits, trials, confidence, method)
     with np.errstate(invalid="ignore"):
         value = hits / trials
     rows = zip(*(part.tolist() for part in (hits, trials, value, low, high)), strict=True)
     return [Rate(*row) if row[1] else _NONE for row in rows]
 
 
-def bounds(
+def rate_bounds(
     k: np.ndarray, n: np.ndarray, confidence: float = 0.95, method: Method = "wilson"
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return lower and upper bounds [m] of the rates k/n, NaN if n is 0. k may be a fraction, such
@@ -101,7 +101,7 @@ def bounds(
 def bounds_at(
     k: np.ndarray, n: np.ndarray, alpha: float, method: Method = "wilson"
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the result of `bounds` for alpha = 1 - confidence, which may be too small for a
+    """Return the result of `rate_bounds` for alpha = 1 - confidence, which may be too small for a
     confidence below 1 in floating point.
     """
     from statsmodels.stats.proportion import proportion_confint  # slow to import
@@ -133,7 +133,7 @@ def rate_difference(k1: int, n1: int, k2: int, n2: int, confidence: float = 0.95
     """
     from statsmodels.stats.proportion import confint_proportions_2indep  # slow to import
 
-    first, second = rates([k1, k2], [n1, n2], confidence)
+    first, second = rates_with_intervals([k1, k2], [n1, n2], confidence)
     if not first.n or not second.n:
         return Estimate(math.nan, math.nan, math.nan)
     counts = (first.k, first.n, second.k, second.n)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.bootstrap.units import Units
-from ravenjax.stats.intervals import Estimate, Rate, alpha_of, wilson
+from ravenjax.stats.intervals import Estimate, Rate, alpha_of, wilson_interval
 
 
 class Delays(NamedTuple):
@@ -60,7 +60,7 @@ class Incidence(NamedTuple):
         return _first(self.time, self.fraction, fraction)
 
     def quantile_interval(self, fraction: float) -> Estimate:
-        """Return `quantile` with its interval: the times whose band contains `fraction`.
+        """Return `delay_quantile` with its interval: the times whose band contains `fraction`.
 
         The method is from Brookmeyer, Crowley, Biometrics 38, 1982. A bound is NaN if the runs are
         too few or end too early for it.
@@ -95,14 +95,14 @@ class Lead(NamedTuple):
         return Estimate(-value, -high, -low)
 
 
-def incidence(delays: Delays, confidence: float = 0.95) -> Incidence:
+def incidence_curve(delays: Delays, confidence: float = 0.95) -> Incidence:
     """Return the incidence of an event over time. The band is pointwise, by Greenwood's variance of
     log(-log).
     """
     return _curve(delays, 0.0, confidence)
 
 
-def lead(lags: Delays, confidence: float = 0.95) -> Lead:
+def lead_time(lags: Delays, confidence: float = 0.95) -> Lead:
     """Return the lead of an alarm over the harm.
 
     `lags`: alarm minus harm of the harmed runs. Without an alarm it is the end of observation minus
@@ -111,15 +111,19 @@ def lead(lags: Delays, confidence: float = 0.95) -> Lead:
     start = float(lags.time.min(initial=0))
     before = int(lags.count[lags.came & (lags.time < 0)].sum())
     curve = _curve(lags, start, confidence)
-    return Lead(curve, wilson(before, lags.n, confidence), int(lags.count[lags.came].sum()), lags.n)
+    return Lead(
+        curve, wilson_interval(before, lags.n, confidence), int(lags.count[lags.came].sum()), lags.n
+    )
 
 
-def quantile(delay: ArrayLike, happened: ArrayLike, fraction: float, among: Units) -> Estimate:
+def delay_quantile(
+    delay: ArrayLike, happened: ArrayLike, fraction: float, among: Units
+) -> Estimate:
     """Return the time by which `fraction` of the runs had the event, as `Incidence.quantile` does,
     with an interval by resampling units.
 
-    Runs are as in `incidence`, but times may be negative, as lags are. A bound is NaN if resamples
-    reach the fraction too rarely, or if there are too few units.
+    Runs are as in `incidence_curve`, but times may be negative, as lags are. A bound is NaN if
+    resamples reach the fraction too rarely, or if there are too few units.
     """
     times, came = np.asarray(delay, float), np.asarray(happened).astype(bool)
     if not len(times):
@@ -131,7 +135,7 @@ def quantile(delay: ArrayLike, happened: ArrayLike, fraction: float, among: Unit
         reached = 1 - _staying(weight, came, order) >= fraction - 1e-9
         return np.where(reached.any(axis=1), times[order][reached.argmax(axis=1)], np.nan)
 
-    return units.statistic(first, among)
+    return units.statistic_band(first, among)
 
 
 def _curve(delays: Delays, start: float, confidence: float) -> Incidence:

@@ -22,7 +22,7 @@ class Finding(NamedTuple):
     rejected: bool
 
 
-def holm(p: Mapping[str, float], confidence: float = 0.95) -> dict[str, Finding]:
+def holm_test(p: Mapping[str, float], confidence: float = 0.95) -> dict[str, Finding]:
     """Apply Holm's step-down: with this confidence no rejection is wrong, for any dependence (Holm
     1979).
 

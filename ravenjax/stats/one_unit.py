@@ -30,7 +30,7 @@ class UnitRate(NamedTuple):
     deviation: float
 
 
-def rate(k: ArrayLike, n: ArrayLike, confidence: float = 0.95) -> UnitRate:
+def rate_per_unit(k: ArrayLike, n: ArrayLike, confidence: float = 0.95) -> UnitRate:
     """Return the rate for k of n trials of each unit [units]. Units without trials are left out.
 
     The interval is NaN for fewer than FEWEST units, or if no unit has a second trial, because

@@ -53,7 +53,7 @@ def monte_carlo(g: LimitState, d: int, n: int, *, seed: int = 0, batch: int = 10
     return RareEvent(rate.value, rate.low, rate.high, cov, n)
 
 
-def subset(
+def subset_simulation(
     g: LimitState,
     d: int,
     per_level: int = 1000,

@@ -46,7 +46,7 @@ def write_text(path: Path, text: str) -> None:
     write_aside(path, lambda aside: aside.write_text(text, encoding="utf-8"))
 
 
-def replace(path: Path, text: str) -> None:
+def replace_file(path: Path, text: str) -> None:
     """Replace a file's content with `text` atomically, without waiting for the disk.
 
     For content that may be lost in a power failure but must never be read incomplete. Raises
@@ -57,7 +57,7 @@ def replace(path: Path, text: str) -> None:
     os.replace(temporary, path)
 
 
-def parsed(text: str) -> Any:
+def parse_json(text: str) -> Any:
     """Return the content of a JSON text.
 
     Raises ValueError for other text, or where lists and tables are nested too deeply; `json.loads`
@@ -75,7 +75,7 @@ def json_values(value: Any) -> Any:
     return json.loads(text, parse_constant=lambda _: None)
 
 
-def inside(folder: Path, name: str) -> Path:
+def path_inside(folder: Path, name: str) -> Path:
     """Return the path of a file in `folder` whose name was read from another file.
 
     Raises StoreError for a name that leads out of the folder.
@@ -166,7 +166,7 @@ def _sync_folder(folder: Path) -> None:
             os.close(descriptor)
 
 
-def sha256(path: Path) -> str:
+def hash_file(path: Path) -> str:
     """Return the sha256 of a file's content as hex digits."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from ravenjax import threads
-from ravenjax.errors import StoreError, listed
+from ravenjax.errors import StoreError, list_lines
 from ravenjax.store import manifest as manifests
 from ravenjax.store import parts, schema
 from ravenjax.store.files import require_writable
@@ -64,21 +64,21 @@ class ResultFolder:
         folder cannot be written to or holds another campaign.
         """
         require_writable(path / PARTS)
-        there = parts.files(path / PARTS)
+        there = parts.part_files(path / PARTS)
         # A start that stored nothing, as of a campaign with a mistake, does not decide the folder.
         record, resumes = wanted, bool(there) and (path / manifests.FILE).exists()
         if resumes:
-            record = manifests.read(path)
+            record = manifests.read_manifest(path)
             _require_same(path, record, wanted)
             record = record.model_copy(
                 update={
                     "command": wanted.command,
-                    "rows": manifests.joined(record.rows, wanted.rows),
+                    "rows": manifests.join_ranges(record.rows, wanted.rows),
                     "starts": record.starts + 1,
                 }
             )
         recorded = {part.file: part for part in record.parts}
-        finished = threads.mapped(
+        finished = threads.map_in_threads(
             lambda file: _finished(file, recorded.get(file.name), wanted.config_hash),
             there,
             READERS,
@@ -88,7 +88,7 @@ class ResultFolder:
             for what in finished:
                 if isinstance(what, parts.ForeignPart):
                     raise what
-        whole, over = parts.apart(
+        whole, over = parts.without_overlaps(
             [part for part in finished if isinstance(part, parts.Part)], recorded
         )
         useless = {
@@ -108,22 +108,22 @@ class ResultFolder:
         # The campaign is not finished if a part was lost, or if more rows are wanted now.
         if any(True for _ in folder.missing(record.runs)):
             folder._manifest = record.model_copy(update={"finished": None})
-        manifests.write(path, folder.manifest)
+        manifests.write_manifest(path, folder.manifest)
         return folder
 
     def missing(self, chunk: int) -> Iterator[range]:
         """Yield the row ranges still to compute, cut at the multiples of `chunk`."""
-        return parts.gaps(self._parts, self._manifest.wanted, chunk)
+        return parts.missing_rows(self._parts, self._manifest.wanted, chunk)
 
     def add(self, rows: schema.Columns) -> None:
         """Store finished rows, consecutive by `index`, as one part."""
-        self.put(parts.encode(rows, self._manifest.shape, self._manifest.config_hash))
+        self.put(parts.encode_part(rows, self._manifest.shape, self._manifest.config_hash))
 
     def put(self, encoded: parts.Encoded) -> None:
         """Store a finished part."""
-        part = parts.put(self.path / PARTS, encoded)
+        part = parts.put_part(self.path / PARTS, encoded)
         with self._lock:
-            manifests.record(self.path, part)
+            manifests.record_part(self.path, part)
             self._parts.append(part)
 
     def close(self, compile_s: float, run_s: float, rows: int, notes: Sequence[str] = ()) -> None:
@@ -141,8 +141,8 @@ class ResultFolder:
         if self._manifest.finished is None and not any(
             True for _ in self.missing(self._manifest.runs)
         ):
-            self._manifest = self._manifest.model_copy(update={"finished": manifests.now()})
-        manifests.write(self.path, self.manifest)
+            self._manifest = self._manifest.model_copy(update={"finished": manifests.utc_now()})
+        manifests.write_manifest(self.path, self.manifest)
 
 
 def read_complete_manifest(path: Path) -> Manifest:
@@ -150,12 +150,12 @@ def read_complete_manifest(path: Path) -> Manifest:
 
     Raises StoreError if it holds none, or lacks parts that the manifest names as finished.
     """
-    record = manifests.read(path)
+    record = manifests.read_manifest(path)
     if not record.parts:
         raise StoreError(
             f"{path}: holds no finished part yet; start or resume it with `ravenjax run`"
         )
-    if over := parts.apart(record.parts)[1]:
+    if over := parts.without_overlaps(record.parts)[1]:
         raise StoreError(
             f"{path / PARTS / over[0].file}: holds rows that another part holds, too. "
             "Start the same `ravenjax run` again, which sets one of them aside."
@@ -176,7 +176,7 @@ def read_all(path: str | Path, columns: Sequence[str] | None = None) -> pd.DataF
     columns: only these; None: all. Raises StoreError if the folder holds no result, a part is
     missing or damaged, or the table has no such column.
     """
-    return parts.concatenate(read_parts(Path(path), columns, lambda table: table))
+    return parts.concatenate_parts(read_parts(Path(path), columns, lambda table: table))
 
 
 def read_parts(
@@ -187,9 +187,9 @@ def read_parts(
     """
     record = read_complete_manifest(path)
     schema.require_columns(record.shape, columns or ())
-    return threads.mapped(
+    return threads.map_in_threads(
         lambda part: measure(
-            parts.read(path / PARTS / part.file, record.config_hash, part, columns)
+            parts.read_part(path / PARTS / part.file, record.config_hash, part, columns)
         ),
         sorted(record.parts, key=lambda part: part.first),
         READERS,
@@ -203,8 +203,8 @@ def _finished(file: Path, recorded: parts.Part | None, config_hash: str) -> part
     """
     try:
         if recorded is None:
-            return parts.inspect(file, config_hash)
-        parts.verify(file, config_hash, recorded)
+            return parts.inspect_part(file, config_hash)
+        parts.verify_part(file, config_hash, recorded)
         return recorded
     except StoreError as error:
         return error
@@ -240,6 +240,6 @@ def _require_same(path: Path, kept: Manifest, wanted: Manifest) -> None:
     if differences:
         raise StoreError(
             f"{path}: holds {kept.done} of {kept.runs} runs of campaign {kept.campaign!r}, which"
-            f" differs:\n{listed(differences)}\nNothing was changed. To keep it, choose another"
+            f" differs:\n{list_lines(differences)}\nNothing was changed. To keep it, choose another"
             f" --out; to begin again, delete the folder: rm -r {path}"
         )

@@ -29,7 +29,7 @@ from ravenjax.errors import StoreError
 from ravenjax.outcomes.events import Rules
 from ravenjax.outcomes.verdict import LIMIT_MM, PUBLISHED_CUE_MM
 from ravenjax.store import schema
-from ravenjax.store.files import inside, parsed, write_aside
+from ravenjax.store.files import parse_json, path_inside, write_aside
 from ravenjax.store.motion.summary import MotionSummary
 from ravenjax.store.parts import Part, require_version
 from ravenjax.vocabulary.checks import built_in_column
@@ -130,7 +130,7 @@ class Manifest(BaseModel):
     versions: dict[str, str] = Field(default_factory=lambda: package_versions())
     # sha256 of the files that decide outcomes.
     code_hash: str = Field(default_factory=lambda: code_hash())
-    started: str = Field(default_factory=lambda: now())
+    started: str = Field(default_factory=lambda: utc_now())
     finished: str | None = None
     # Command line of the last start, if there was one.
     command: tuple[str, ...] = ()
@@ -156,7 +156,7 @@ class Manifest(BaseModel):
 
         Raises UserError if it cannot be found on this machine.
         """
-        return robots.find(self.shape.robot).with_checks(self.shape.own_checks)
+        return robots.find_robot(self.shape.robot).with_checks(self.shape.own_checks)
 
     @property
     def rules(self) -> Rules:
@@ -213,12 +213,12 @@ class Manifest(BaseModel):
         """Return the differences from `other` that affect outcomes: 'name: mine, theirs', one line
         each.
         """
-        return differences(self._identity(), other._identity())
+        return find_differences(self._identity(), other._identity())
 
 
-def differences(here: dict[str, Any], wanted: dict[str, Any]) -> list[str]:
+def find_differences(here: dict[str, Any], wanted: dict[str, Any]) -> list[str]:
     """Return where nested values differ: 'path: here, asked for', one line each."""
-    all_changes = changes(here, wanted)
+    all_changes = find_changes(here, wanted)
     if any(change.path.startswith("config.") for change in all_changes):
         # The hash follows from the config, so it adds nothing.
         all_changes = [change for change in all_changes if change.path != "config_hash"]
@@ -236,7 +236,7 @@ class Change(NamedTuple):
     second: str | None
 
 
-def changes(first: dict[str, Any], second: dict[str, Any]) -> list[Change]:
+def find_changes(first: dict[str, Any], second: dict[str, Any]) -> list[Change]:
     """Return every leaf in which two nested values differ, by path."""
     one, other = _flat(first), _flat(second)
     names = sorted(one.keys() | other.keys())
@@ -247,14 +247,14 @@ def changes(first: dict[str, Any], second: dict[str, Any]) -> list[Change]:
     ]
 
 
-def read(folder: Path) -> Manifest:
+def read_manifest(folder: Path) -> Manifest:
     """Return the manifest of a result folder.
 
     Raises StoreError if it is missing, damaged, or newer than this reader.
     """
     path = folder / FILE
     try:
-        data = parsed(path.read_text(encoding="utf-8"))
+        data = parse_json(path.read_text(encoding="utf-8"))
     except (FileNotFoundError, NotADirectoryError) as error:
         raise StoreError(
             f"{folder}: is not a result folder, it holds no {FILE}. Give the folder named by --out"
@@ -268,7 +268,7 @@ def read(folder: Path) -> Manifest:
     if isinstance(version, int):
         require_version(path, version)
     try:
-        return Manifest.model_validate(data).model_copy(update={"parts": recorded(folder)})
+        return Manifest.model_validate(data).model_copy(update={"parts": read_parts(folder)})
     except pydantic.ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(item) for item in first["loc"]) or "top level"
@@ -281,8 +281,10 @@ _RESTORE = (
 )
 
 
-def recorded(folder: Path) -> tuple[Part, ...]:
-    """Return the parts that `record` listed, up to the first incomplete line. Raises StoreError."""
+def read_parts(folder: Path) -> tuple[Part, ...]:
+    """Return the parts that `record_part` listed, up to the first incomplete line. Raises
+    StoreError.
+    """
     path = folder / PARTS_FILE
     if not path.exists():
         return ()
@@ -295,11 +297,11 @@ def recorded(folder: Path) -> tuple[Part, ...]:
         for line in lines:
             if line.endswith(b"\n"):
                 entries.append(Part.model_validate_json(line))
-                inside(folder, entries[-1].file)
+                path_inside(folder, entries[-1].file)
     return tuple(entries)
 
 
-def write(folder: Path, manifest: Manifest) -> None:
+def write_manifest(folder: Path, manifest: Manifest) -> None:
     """Replace the folder's manifest and its list of parts, each atomically."""
     lines = "".join(f"{part.model_dump_json()}\n" for part in manifest.parts)
     text = manifest.model_dump_json(indent=2, exclude={"parts"}) + "\n"
@@ -307,7 +309,7 @@ def write(folder: Path, manifest: Manifest) -> None:
     write_aside(folder / FILE, lambda target: target.write_bytes(text.encode()))
 
 
-def record(folder: Path, part: Part) -> None:
+def record_part(folder: Path, part: Part) -> None:
     """Append one part to the folder's list. Not thread-safe. Raises StoreError if the disk refuses.
 
     This does not wait for the disk: a record that a crash loses is made again from the part itself.
@@ -323,7 +325,7 @@ def record(folder: Path, part: Part) -> None:
         ) from error
 
 
-def joined(*some: tuple[tuple[int, int], ...] | None) -> tuple[tuple[int, int], ...] | None:
+def join_ranges(*some: tuple[tuple[int, int], ...] | None) -> tuple[tuple[int, int], ...] | None:
     """Return row ranges (first, last inclusive) that hold every row of these, in order and
     disjoint.
 
@@ -340,7 +342,7 @@ def joined(*some: tuple[tuple[int, int], ...] | None) -> tuple[tuple[int, int], 
     return tuple(union)
 
 
-def now() -> str:
+def utc_now() -> str:
     """Return the current time, UTC, ISO 8601 to the second."""
     return datetime.now(UTC).isoformat(timespec="seconds")
 
@@ -407,7 +409,7 @@ def code_hash(robot: Robot = robots.USUAL) -> str:
         contents |= {f"robot {module.name}": module}
     for name in robot.files:
         beside = module.parent / name
-        contents[f"robot {name}"] = beside if beside.is_file() else resources.model(name)
+        contents[f"robot {name}"] = beside if beside.is_file() else resources.find_model(name)
     digest = hashlib.sha256()
     for name, path in sorted(contents.items()):
         digest.update(name.encode() + b"\0" + path.read_bytes() + b"\0")

@@ -19,7 +19,7 @@ from pydantic import BaseModel, ConfigDict
 
 from ravenjax.errors import StoreError
 from ravenjax.store import schema
-from ravenjax.store.files import sha256, write_aside
+from ravenjax.store.files import hash_file, write_aside
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -81,17 +81,17 @@ class Encoded(NamedTuple):
     content: bytes
 
 
-def encode(columns: schema.Columns, shape: schema.Shape, config_hash: str) -> Encoded:
+def encode_part(columns: schema.Columns, shape: schema.Shape, config_hash: str) -> Encoded:
     """Encode rows as the file of one part; equal rows give equal bytes. Column `index` counts up by
     one.
 
     Raises StoreError if the columns do not fit the schema.
     """
-    return encode_table(schema.conform(columns, shape), config_hash)
+    return encode_table(schema.conform_table(columns, shape), config_hash)
 
 
 def encode_table(table: pa.Table, config_hash: str) -> Encoded:
-    """Encode rows that `schema.conform` returned; see `encode`."""
+    """Encode rows that `schema.conform_table` returned; see `encode_part`."""
     index = table.column("index").to_numpy()
     first, last = int(index[0]), int(index[-1])
     if not np.array_equal(index, np.arange(first, first + len(index))):
@@ -112,13 +112,13 @@ def encode_table(table: pa.Table, config_hash: str) -> Encoded:
             last=last,
             sha256=hashlib.sha256(content).hexdigest(),
             size=len(content),
-            failed=failures(table),
+            failed=count_failures(table),
         ),
         content,
     )
 
 
-def put(folder: Path, encoded: Encoded) -> Part:
+def put_part(folder: Path, encoded: Encoded) -> Part:
     """Write a part into `folder`, completely or not at all; return its record.
 
     Raises StoreError if the disk refuses.
@@ -127,7 +127,7 @@ def put(folder: Path, encoded: Encoded) -> Part:
     return encoded.part
 
 
-def failures(table: pa.Table) -> dict[str, int]:
+def count_failures(table: pa.Table) -> dict[str, int]:
     """Return how many rows of a result table have no valid outcome, by cause."""
     counted = table.column("failed").to_pandas().value_counts().to_dict()
     return {cause: number for cause, number in counted.items() if cause and number}
@@ -151,14 +151,14 @@ def _encoding(columns: pa.Schema) -> dict[str, Any]:
     }
 
 
-def files(folder: Path) -> list[Path]:
+def part_files(folder: Path) -> list[Path]:
     """Return the paths of the parts in `folder`, by first row, without files that are being
     written.
     """
     return sorted(path for path in folder.glob("part-*.parquet") if _NAME.fullmatch(path.name))
 
 
-def read(
+def read_part(
     path: Path,
     config_hash: str | None = None,
     recorded: Part | None = None,
@@ -179,10 +179,10 @@ def read(
     return table
 
 
-def verify(path: Path, config_hash: str, recorded: Part) -> None:
+def verify_part(path: Path, config_hash: str, recorded: Part) -> None:
     """Check that a part is byte for byte what was recorded, and belongs to this campaign.
 
-    Raises StoreError as `read`.
+    Raises StoreError as `read_part`.
     """
     if path.is_file():
         _require_unchanged(path, recorded)
@@ -215,15 +215,15 @@ def _opened(path: Path, config_hash: str | None) -> Iterator[pq.ParquetFile]:
         ) from error
 
 
-def inspect(path: Path, config_hash: str | None = None) -> Part:
+def inspect_part(path: Path, config_hash: str | None = None) -> Part:
     """Return the record of a part found on disk, after reading it in full."""
-    digest, size = sha256(path), path.stat().st_size
-    failed = failures(read(path, config_hash))
+    digest, size = hash_file(path), path.stat().st_size
+    failed = count_failures(read_part(path, config_hash))
     first, last = row_range(path)
     return Part(file=path.name, first=first, last=last, sha256=digest, size=size, failed=failed)
 
 
-def concatenate(tables: Sequence[pa.Table]) -> pd.DataFrame:
+def concatenate_parts(tables: Sequence[pa.Table]) -> pd.DataFrame:
     """Concatenate parts in their order to one DataFrame, which does not depend on their sizes.
 
     Categories are sorted, and none is unused.
@@ -235,7 +235,7 @@ def concatenate(tables: Sequence[pa.Table]) -> pd.DataFrame:
     return frame
 
 
-def gaps(finished: Iterable[Part], wanted: Iterable[range], chunk: int) -> Iterator[range]:
+def missing_rows(finished: Iterable[Part], wanted: Iterable[range], chunk: int) -> Iterator[range]:
     """Yield the rows of `wanted` (disjoint ranges in order) that no finished part holds, in order.
 
     They are cut at the multiples of `chunk`, wherever a gap begins, so that the same rows always
@@ -263,7 +263,9 @@ def gaps(finished: Iterable[Part], wanted: Iterable[range], chunk: int) -> Itera
             row = stop
 
 
-def apart(found: Sequence[Part], trusted: Collection[str] = ()) -> tuple[list[Part], list[Part]]:
+def without_overlaps(
+    found: Sequence[Part], trusted: Collection[str] = ()
+) -> tuple[list[Part], list[Part]]:
     """Return (parts of which no two hold the same row, parts that overlap one of them).
 
     Parts whose files are in `trusted` take precedence.
@@ -300,7 +302,7 @@ def _require_unchanged(path: Path, recorded: Part) -> None:
             f"has {size} bytes, the manifest recorded {recorded.size}: it is truncated or was"
             " changed",
         )
-    if sha256(path) != recorded.sha256:
+    if hash_file(path) != recorded.sha256:
         raise _damaged(
             path,
             f"does not have the recorded checksum {recorded.sha256[:16]}: its content was changed",

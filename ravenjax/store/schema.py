@@ -50,14 +50,14 @@ class Column:
     meaning: str
 
 
-_USUAL = robots.find(robots.DEFAULT)
+_USUAL = robots.find_robot(robots.DEFAULT)
 
 
 @dataclass(frozen=True)
 class Shape:
     """Decides which repeated columns a campaign's table has."""
 
-    robot: str = robots.DEFAULT  # as `robots.find` takes it
+    robot: str = robots.DEFAULT  # as `robots.find_robot` takes it
     arms: tuple[str, ...] = _USUAL.arms[:1]
     joints: tuple[str, ...] = _USUAL.joints
     slots: int = 1  # fault slots per run
@@ -76,9 +76,9 @@ class Shape:
     stops: bool = False  # a detector may stop the robot
 
 
-def columns(shape: Shape) -> tuple[Column, ...]:
+def table_columns(shape: Shape) -> tuple[Column, ...]:
     """Every column of a campaign's table, in order."""
-    robot = robots.find(shape.robot).with_checks(shape.own_checks)
+    robot = robots.find_robot(shape.robot).with_checks(shape.own_checks)
     levels = ", ".join(f"{number} {name}" for number, name in enumerate(robot.run_levels))
     rows = list(_part("run"))
     for slot in range(shape.slots):
@@ -90,7 +90,7 @@ def columns(shape: Shape) -> tuple[Column, ...]:
     if shape.observes:
         rows += _part("observed")
     rows += _part("course", levels=levels)
-    if checks.apart(shape.own_checks, shape.stops):
+    if checks.needs_own_columns(shape.own_checks, shape.stops):
         rows += _part("built_in")
     for name in shape.checks:
         check = robot.check(name)
@@ -171,7 +171,7 @@ def arrow_schema(shape: Shape) -> pa.Schema:
                 nullable=False,
                 metadata={"unit": c.unit, "meaning": c.meaning},
             )
-            for c in columns(shape)
+            for c in table_columns(shape)
         ],
         metadata={"ravenjax.schema_version": str(VERSION)},
     )
@@ -183,7 +183,7 @@ def _arrow_type(dtype: str) -> pa.DataType:
     )
 
 
-def conform(columns: Columns, shape: Shape) -> pa.Table:
+def conform_table(columns: Columns, shape: Shape) -> pa.Table:
     """Return columns, or a DataFrame, as an Arrow table with exactly the schema's columns and
     types, in order.
 
@@ -205,7 +205,7 @@ def _array(values: Any, field: pa.Field) -> pa.Array:
     """Return one column in its field's type. Missing text becomes "", the only missing value."""
     try:
         if pa.types.is_dictionary(field.type):
-            return words.arrow(values)
+            return words.arrow_words(values)
         if pa.types.is_string(field.type):
             if isinstance(values, pa.StringArray) and not values.null_count:
                 return values
@@ -225,7 +225,7 @@ def _array(values: Any, field: pa.Field) -> pa.Array:
 
 def require_columns(shape: Shape, names: Sequence[str]) -> None:
     """Raise StoreError if a table of this shape lacks one of these columns."""
-    expected = [column.name for column in columns(shape)]
+    expected = [column.name for column in table_columns(shape)]
     if unknown := [name for name in names if name not in expected]:
         raise StoreError(_mismatch([], unknown, expected))
 

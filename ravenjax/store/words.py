@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-def column(places: np.ndarray, known: Sequence[str]) -> pd.Categorical:
+def word_column(places: np.ndarray, known: Sequence[str]) -> pd.Categorical:
     """Return words from their indices in `known`.
 
     The words that occur become the categories, in that order.
@@ -23,7 +23,7 @@ def column(places: np.ndarray, known: Sequence[str]) -> pd.Categorical:
     return pd.Categorical.from_codes(codes[places], categories).remove_unused_categories()
 
 
-def arrow(words: Any) -> pa.DictionaryArray:
+def arrow_words(words: Any) -> pa.DictionaryArray:
     """Return words [rows], categorical or not, as a dictionary-encoded Arrow array.
 
     A missing word becomes "".

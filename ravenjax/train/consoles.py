@@ -65,7 +65,7 @@ class Refusals:
         if cause != "stranger" and accepted:
             why = ""
         elif more[cause] >= SOME_PACKETS:
-            why = pedal.packets(cause)
+            why = pedal.packets_message(cause)
         if why == self._published:
             return []
         self._published = why

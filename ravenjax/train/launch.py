@@ -26,13 +26,13 @@ from ravenjax import interruption
 from ravenjax.errors import UserError
 from ravenjax.store import manifest
 from ravenjax.store.consoles import loading as profiles
-from ravenjax.store.files import sha256
+from ravenjax.store.files import hash_file
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
 from ravenjax.train import page, processes, scenario
 from ravenjax.train.consoles import ItpConsole, Scripted
 from ravenjax.train.judge.row import COLUMNS
-from ravenjax.train.page import loopback
+from ravenjax.train.page import is_loopback
 from ravenjax.train.processes import SessionHelpers
 from ravenjax.train.protocol.messages import Command, Event, Json, Say
 from ravenjax.train.realtime import clock, loop
@@ -45,7 +45,7 @@ from ravenjax.train.robot_link.crtk.messages import Ros
 from ravenjax.train.robot_link.distant import DistantRobot
 from ravenjax.train.robot_link.itp import ItpServer
 from ravenjax.train.robot_link.joint_stream import JOINT_PORT
-from ravenjax.train.robot_link.process import digest, exposed, in_words
+from ravenjax.train.robot_link.process import exposure_warnings, hash_hazards, in_words
 from ravenjax.train.robot_link.remote import RemoteRobot
 from ravenjax.train.scenario import Scenario
 from ravenjax.train.session import scripts
@@ -100,7 +100,7 @@ class FinishedSession:
     port: int = 0  # port of the page
 
 
-def realtime(
+def run_realtime(
     options: SessionOptions,
     *,
     with_page: bool = True,
@@ -117,7 +117,7 @@ def realtime(
     began = time.monotonic()
     if with_page:
         _require_address(options.host, options.port)
-    console_profiles = profiles.choice(options.console)
+    console_profiles = profiles.profile_choices(options.console)
     options = _with_new_folder(with_tokens(options), say)
     with contextlib.ExitStack() as stack:
         stack.callback(_remove_if_empty, options.folder)
@@ -126,7 +126,7 @@ def realtime(
             options.scenario, options.seed, cue=options.cue, robot=_robot(stack, options, say)
         )
         session.pedals.say = say
-        interruption.point()
+        interruption.check_interruption()
         say(f"robot: ready after {time.monotonic() - began:.1f} s")
         # An invalid script is refused before anything is recorded.
         script = None if options.script is None else Scripted(options.script, session)
@@ -165,7 +165,7 @@ def realtime(
                 lambda: say(f"console: {in_words(server.counters()) or 'nothing arrived'}")
             )
             consoles.append(ItpConsole(server, session))
-            for warning in exposed(options.host, options.token, options.console_host):
+            for warning in exposure_warnings(options.host, options.token, options.console_host):
                 say(warning)
             say("console: ITP over UDP {}:{}".format(*server.address))
         if options.crtk is not None:
@@ -173,7 +173,9 @@ def realtime(
 
             elsewhere = options.robot is not None
             consoles.append(
-                bridge.spawn(stack, options.crtk, session.blueprint, say, elsewhere=elsewhere)
+                bridge.spawn_bridge(
+                    stack, options.crtk, session.blueprint, say, elsewhere=elsewhere
+                )
             )
         if script is not None:
             consoles.append(script)
@@ -181,18 +183,18 @@ def realtime(
         helpers.keep_away()
         stop = stack.enter_context(interruption.until_interrupted())
         # Act on a Ctrl-C that was held back until now.
-        interruption.point()
-        with clock.realtime() as granted:
+        interruption.check_interruption()
+        with clock.use_realtime_priority() as granted:
             say(f"realtime: {granted}")
-            timing = loop.run(
+            timing = loop.run_loop(
                 session,
                 frames,
                 events,
                 consoles,
                 lambda: bool(stop),
-                lambda: processes.ended(recording),
+                lambda: processes.recorder_error(recording),
             )
-        if trouble := processes.ended(recording):
+        if trouble := processes.recorder_error(recording):
             say(trouble)
         recording.join(processes.STARTING_S)
         result = _conclude(options, session, timing, say)
@@ -210,17 +212,17 @@ def realtime(
 def with_tokens(options: SessionOptions) -> SessionOptions:
     """Return the options with random tokens in place of those that are needed but not given."""
     token = options.token
-    if token is None and not loopback(options.host):
+    if token is None and not is_loopback(options.host):
         token = secrets.token_urlsafe(24)
     instructor_token = options.instructor_token or secrets.token_urlsafe(12)
     return dataclasses.replace(options, token=token, instructor_token=instructor_token)
 
 
-def following(options: SessionOptions, last: FinishedSession) -> SessionOptions:
+def next_options(options: SessionOptions, last: FinishedSession) -> SessionOptions:
     """Return the options of the session that the instructor requested, beside the last one."""
     wish = last.wish or {}
     name = wish.get("scenario")
-    setting = options.scenario if name is None else scenario.load(name)
+    setting = options.scenario if name is None else scenario.load_scenario(name)
     participant = wish.get("participant", options.participant)
     seed = wish.get("seed", setting.seed)
     return dataclasses.replace(
@@ -239,7 +241,7 @@ def _wish(said: loop.PageCommands, say: Say) -> Command | None:
         if (command["type"], command.get("do")) == ("instructor", "next"):
             try:
                 if "scenario" in command:
-                    scenario.load(command["scenario"])
+                    scenario.load_scenario(command["scenario"])
             except UserError as error:
                 say(f"the next session cannot start: {error}")
             else:
@@ -247,7 +249,7 @@ def _wish(said: loop.PageCommands, say: Say) -> Command | None:
     return None
 
 
-def headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSession:
+def run_headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSession:
     """Run a session as fast as possible; the same options write the same bits.
 
     Raises UserError without a script, because something must drive.
@@ -261,8 +263,8 @@ def headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSess
     session = Session(options.scenario, options.seed, cue=options.cue)
     driver = Scripted(script, session)  # an invalid file leaves no folder
     options = _with_new_folder(options, say)
-    header = {"started": recorder.now(), **_header(options, session), "ended": None}
-    description.write(options.folder, header)
+    header = {"started": recorder.utc_now(), **_header(options, session), "ended": None}
+    description.write_session(options.folder, header)
     log = session_log.SessionWriter(
         options.folder / session_log.FILE, tuple(session.layout.names()), header
     )
@@ -271,14 +273,14 @@ def headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSess
     first = 0
     with contextlib.closing(log):
         while not session.over:
-            interruption.point()
+            interruption.check_interruption()
             events += session.tick(driver.poll())
             block.append(session.frame.row.copy())
             if len(block) == recorder.BLOCK or session.over:
                 log.add(first, np.stack(block), events)
                 first += len(block)
                 block, events = [], []
-    description.update(options.folder, {"ended": recorder.now()})
+    description.update_session(options.folder, {"ended": recorder.utc_now()})
     return _conclude(options, session, None, say)
 
 
@@ -358,10 +360,10 @@ def _robot(
     """Return the function that makes the robot, or connects to a remote one."""
     if options.robot is None:
         return SimulatedRobot
-    host, (itp_port, stream) = address(options.robot)
+    host, (itp_port, stream) = parse_address(options.robot)
 
     def connected(made: Blueprint) -> DistantRobot:
-        armables = scenario.armable(options.scenario, made.plan.rows)
+        armables = scenario.armable_hazards(options.scenario, made.plan.rows)
         if not isinstance(stream, int):
             if armables:
                 raise UserError(
@@ -372,7 +374,7 @@ def _robot(
             from ravenjax.train.robot_link.crtk import bridge
             from ravenjax.train.robot_link.crtk.ros_robot import RosRobot
 
-            transport = bridge.connect(stream, *RosRobot.topics(made.setup.arms, stream))
+            transport = bridge.connect_transport(stream, *RosRobot.topics(made.setup.arms, stream))
             stack.callback(transport.close)
             robot = RosRobot(host, itp_port, made.setup.arms, made.setup.tools, transport, say=say)
             stack.callback(robot.close)
@@ -380,7 +382,7 @@ def _robot(
         remote = RemoteRobot(host, itp_port, stream, made.setup.arms, options.token)
         stack.callback(remote.close)
         other = remote.greeting
-        if digest(armables) != other.get("hazards"):
+        if hash_hazards(armables) != other.get("hazards"):
             raise UserError(
                 f"the robot at {host} (scenario {other.get('scenario')!r}, seed"
                 f" {other.get('seed')}) has other hazards than this session"
@@ -392,7 +394,7 @@ def _robot(
     return connected
 
 
-def address(text: str) -> tuple[str, tuple[int, int | Ros]]:
+def parse_address(text: str) -> tuple[str, tuple[int, int | Ros]]:
     """Parse HOST[:ITP_PORT[:JOINT_PORT]] into the host and the ports of ITP and the joint stream.
 
     In place of JOINT_PORT, "ros1" or "ros2" is allowed. Raises UserError if the text is invalid.
@@ -472,7 +474,7 @@ def _conclude(
     # The import is here because jinja and scipy are slow to import.
     from ravenjax.train.debrief import page as debrief
 
-    rows = session.judge.rows(**table.identity(description.read(options.folder)))
+    rows = session.judge.rows(**table.session_columns(description.read_session(options.folder)))
     text = table.as_csv(COLUMNS, rows)
     (options.folder / table.FILE).write_text(text, encoding="utf-8", newline="")
     session.command_log.write(options.folder / COMMANDS)
@@ -480,18 +482,18 @@ def _conclude(
         "ended": session.ended,
         "task": session.task.result(),
         "ticks": session.ticks,
-        "hazards": table.summarize([table.HazardRow(**row) for row in rows]),
+        "hazards": table.summarize_hazards([table.HazardRow(**row) for row in rows]),
     }
     if timing is not None:
-        summary["timing"] = facts(timing)
+        summary["timing"] = timing_facts(timing)
     paths = [options.folder / name for name in (session_log.FILE, table.FILE, COMMANDS)]
-    checksums = {path.name: sha256(path) for path in paths if path.is_file()}
-    description.update(options.folder, {"summary": summary, "sha256": checksums})
-    say(f"debrief: {debrief.write(options.folder)}")
+    checksums = {path.name: hash_file(path) for path in paths if path.is_file()}
+    description.update_session(options.folder, {"summary": summary, "sha256": checksums})
+    say(f"debrief: {debrief.write_debrief(options.folder)}")
     return FinishedSession(options.folder, rows, timing, session.ended)
 
 
-def facts(timing: LoopTiming) -> dict[str, float]:
+def timing_facts(timing: LoopTiming) -> dict[str, float]:
     """Return the timing of a loop by name. Percentiles are in us."""
     counts = {"ticks": timing.ticks, "late_ticks": timing.late, "skipped_ms": timing.skipped}
     return counts | {

@@ -28,7 +28,7 @@ class Helper:
         """target: receives its options through the connection, and may answer through it."""
         self.answers, theirs = multiprocessing.Pipe()
         stack.callback(self.answers.close)
-        self.process = spawn(stack, target, theirs)
+        self.process = spawn_process(stack, target, theirs)
         theirs.close()
 
     def begin(self, options: Any) -> None:
@@ -84,7 +84,9 @@ class SessionHelpers:
                 helper.keep_away()
 
 
-def spawn(stack: contextlib.ExitStack, target: Callable[[Any], None], given: Any) -> BaseProcess:
+def spawn_process(
+    stack: contextlib.ExitStack, target: Callable[[Any], None], given: Any
+) -> BaseProcess:
     """Spawn a process that Ctrl-C does not reach. JAX and a loaded server do not survive a fork."""
     # As python -P: a file such as tempfile.py in the current folder is no module of the process.
     os.environ["PYTHONSAFEPATH"] = "1"
@@ -111,7 +113,7 @@ def spawn(stack: contextlib.ExitStack, target: Callable[[Any], None], given: Any
     return process
 
 
-def ended(recording: BaseProcess) -> str | None:
+def recorder_error(recording: BaseProcess) -> str | None:
     """Return a message if the recorder has ended before the session; None while it runs."""
     if recording.is_alive() or recording.exitcode == 0:
         return None

@@ -17,7 +17,7 @@ from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2 import ROBOT, run_levels
 from ravenjax.robots.raven2.arms import ARMS, JOINTS, ArmName
 from ravenjax.robots.raven2.campaign.sections import Start
-from ravenjax.robots.raven2.console.choice import UNDECIDED, ProfileChoice, fitting
+from ravenjax.robots.raven2.console.choice import UNDECIDED, ProfileChoice, matching_profile
 from ravenjax.robots.raven2.console.motion import ARM_COLUMNS
 from ravenjax.robots.raven2.console.packet import U_STRUCT, UDP_PORT, V_STRUCT, Packet
 from ravenjax.robots.raven2.console.profile import ConsoleProfile
@@ -41,14 +41,14 @@ Quat = tuple[float, float, float, float]
 def tip_pose(arm: ArmName, jpos: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return position, m [3], and rotation [3, 3] of the jaws in frame 0, at joints [7]."""
     with at_once():
-        pose = kinematics.forward(arm, Vec(map(float, jpos)))
+        pose = kinematics.forward_pose(arm, Vec(map(float, jpos)))
     return np.array(pose.position, float), np.array(pose.rotation, float)
 
 
 def tip_twist(arm: ArmName, jpos: np.ndarray, jvel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return velocity, m/s, and angular velocity, rad/s, of the jaws in frame 0."""
     with at_once():
-        jacobian = np.array(kinematics.jacobian(arm, Vec(map(float, jpos))), float)
+        jacobian = np.array(kinematics.tip_jacobian(arm, Vec(map(float, jpos))), float)
     twist = jacobian @ (*jvel[:5], 0.5 * (jvel[6] - jvel[5]))
     return twist[:3], twist[3:]
 
@@ -65,7 +65,7 @@ def motors_of_joints(arm: ArmName, tool: str, joints: np.ndarray) -> np.ndarray:
         return np.array(transmission.motor_from_joint(arm, tool, Vec(map(float, joints))), float)
 
 
-def unit(quat: Sequence[float]) -> Quat:
+def unit_quaternion(quat: Sequence[float]) -> Quat:
     """Return the quaternion scaled to length 1."""
     x, y, z, w = quat
     scale = 1.0 / math.sqrt(x * x + y * y + z * z + w * w)
@@ -74,4 +74,4 @@ def unit(quat: Sequence[float]) -> Quat:
 
 def turn_by(first: Sequence[float], then: Sequence[float]) -> Quat:
     """Return the rotation `first` followed by the rotation `then`, as a unit quaternion."""
-    return unit(quat_mul(Vec(then), Vec(first)))
+    return unit_quaternion(quat_mul(Vec(then), Vec(first)))

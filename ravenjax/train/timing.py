@@ -25,11 +25,11 @@ SCENARIO = "first_steps"
 EMPTY, SESSION = "empty", "session"
 
 
-def measure(seconds: float, say: Say = lambda _: None) -> dict[str, LoopTiming]:
+def measure_timing(seconds: float, say: Say = lambda _: None) -> dict[str, LoopTiming]:
     """Time an empty loop, then a session with recorder and page, driven by recorded commands."""
-    setting = scenario.load(SCENARIO, [f"duration_s={seconds}", "task.targets=1000"])
+    setting = scenario.load_scenario(SCENARIO, [f"duration_s={seconds}", "task.targets=1000"])
     say(f"{EMPTY}: {seconds:g} s")
-    with clock.realtime(), clock.no_collection():
+    with clock.use_realtime_priority(), clock.no_collection():
         paced = Clock()
         for _ in range(round(seconds * 1000)):
             paced.wait()
@@ -39,16 +39,16 @@ def measure(seconds: float, say: Say = lambda _: None) -> dict[str, LoopTiming]:
         driven = launch.SessionOptions(
             scenario=setting, folder=Path(place) / "driven", seed=0, script="none"
         )
-        commands = launch.headless(driven).folder / launch.COMMANDS
+        commands = launch.run_headless(driven).folder / launch.COMMANDS
         say(f"{SESSION}: {seconds:g} s")
         options = dataclasses.replace(driven, folder=Path(place) / "timed", script=str(commands))
-        finished = launch.realtime(options, linger_s=0.0, say=lambda _: None)
+        finished = launch.run_realtime(options, linger_s=0.0, say=lambda _: None)
         assert finished.timing is not None
         measured[SESSION] = finished.timing
     return measured
 
 
-def row(loop: str, timing: LoopTiming) -> tuple[str, ...]:
+def timing_row(loop: str, timing: LoopTiming) -> tuple[str, ...]:
     """Return the numbers of one loop as a table row with the columns `COLUMNS`."""
     levels = [
         " / ".join(f"{timing.percentile(what, share):.0f}" for share in (0.5, 0.99, 0.999))
@@ -59,7 +59,7 @@ def row(loop: str, timing: LoopTiming) -> tuple[str, ...]:
     return (loop, *levels, f"{timing.late}", f"{timing.ticks}")
 
 
-def verdict(measured: dict[str, LoopTiming]) -> list[tuple[str, str]]:
+def timing_verdict(measured: dict[str, LoopTiming]) -> list[tuple[str, str]]:
     """Return (state, sentence) for each requirement."""
     empty, session = measured[EMPTY], measured[SESSION]
     slow = session.percentile("compute", 0.999)

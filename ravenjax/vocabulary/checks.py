@@ -94,7 +94,7 @@ def of_own(name: str, at: str, acts: Action) -> Check:
     return Check(f"{OWN}{name}", "of its score", f"user's check at {at}", acts)
 
 
-def count(own: Iterable[Check]) -> bool:
+def counts_as_response(own: Iterable[Check]) -> bool:
     """Return whether any of these users' checks counts as a response, that is, does more than
     watch.
     """
@@ -105,20 +105,20 @@ BUILT_IN = "built_in_response"
 """Column of the built-in checks' response, if users' files count in column `response`."""
 
 
-def apart(own: Iterable[Check], stops: bool) -> bool:
+def needs_own_columns(own: Iterable[Check], stops: bool) -> bool:
     """Return whether the built-in checks' response needs separate columns.
 
     It does if users' checks count as a response, or if a detector may stop the robot (`stops`).
     """
-    return stops or count(own)
+    return stops or counts_as_response(own)
 
 
 def built_in_column(own: Iterable[Check], stops: bool) -> str:
-    """Return the column of the built-in checks' response; arguments as in `apart`."""
-    return BUILT_IN if apart(own, stops) else "response"
+    """Return the column of the built-in checks' response; arguments as in `needs_own_columns`."""
+    return BUILT_IN if needs_own_columns(own, stops) else "response"
 
 
-def names(columns: Iterable[str]) -> tuple[str, ...]:
+def check_names(columns: Iterable[str]) -> tuple[str, ...]:
     """Return the names of the checks among outcome columns."""
     return tuple(c.removeprefix("check_").removesuffix("_count") for c in columns if _counts(c))
 

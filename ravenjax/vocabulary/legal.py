@@ -31,7 +31,7 @@ class Legal(NamedTuple):
     rounded: bool = False  # a drawn value is rounded to a whole number
 
 
-def legal(channel: Channel, effect: str, beyond: bool = False) -> Legal:
+def legal_values(channel: Channel, effect: str, beyond: bool = False) -> Legal:
     """Return the legal values of `effect`, which takes a value, at `channel`.
 
     beyond: the value may exceed a 16-bit word.
@@ -54,9 +54,11 @@ def legal(channel: Channel, effect: str, beyond: bool = False) -> Legal:
     return Legal()
 
 
-def complaint(site: Site, channel: Channel, effect: str, value: float, beyond: bool = False) -> str:
+def find_illegal_value(
+    site: Site, channel: Channel, effect: str, value: float, beyond: bool = False
+) -> str:
     """Return the error message for a value that is not legal at this channel of `site`."""
-    low, high, _, _ = legal(channel, effect, beyond)
+    low, high, _, _ = legal_values(channel, effect, beyond)
     if effect == "bit_flip":
         kind = channel.kind if channel.field is None else channel.field.noun
         return (
@@ -86,7 +88,7 @@ def complaint(site: Site, channel: Channel, effect: str, value: float, beyond: b
     )
 
 
-def rounding(channel: Channel, effect: str, value: float) -> str | None:
+def find_rounding(channel: Channel, effect: str, value: float) -> str | None:
     """Return an error message if single precision, in which values travel, would change a whole
     number.
 

@@ -59,6 +59,6 @@ After QUIET_MS a packet with number 1 begins a new stream; after RELEASE_MS any 
 """
 
 
-def mean(shares: Sequence[float]) -> float:
+def mean_cycles(shares: Sequence[float]) -> float:
     """Return the mean number of cycles that a packet lasts."""
     return sum(cycles * share for cycles, share in enumerate(shares, start=1))

@@ -51,7 +51,7 @@ class Crossing(NamedTuple):
         return "/".join(part for part in (self.arm, self.seam.name) if part)
 
 
-def crossings(seams: Mapping[str, Seam], arms: Iterable[str]) -> tuple[Crossing, ...]:
+def list_crossings(seams: Mapping[str, Seam], arms: Iterable[str]) -> tuple[Crossing, ...]:
     """Return every number that crosses a seam of a robot with these arms, by seam and then
     by arm.
     """

@@ -26,7 +26,7 @@ import ravenjax as rj
 from ravenjax.campaign.faults.table import FOREVER_TICKS
 from ravenjax.campaign.golden_runs import FastForwardPlan
 from ravenjax.campaign.inspection.replay import Replayer
-from ravenjax.campaign.inspection.verification import verify
+from ravenjax.campaign.inspection.verification import verify_folder
 from ravenjax.campaign.runner import run_campaign
 from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.vocabulary.effects import TRIGGER_CODES
@@ -106,7 +106,7 @@ def test_each_run_tells_when_it_ended(tmp_path):
     assert (table["pedal_down_ms"] <= table["observed_ms"]).all()
     assert (table["golden_pedal_down_ms"] <= table["observed_ms"]).all()
     assert (table["applied0_last_ms"] < table["observed_ms"]).all()
-    assert verify(tmp_path / "results").fine
+    assert verify_folder(tmp_path / "results").fine
     again = Replayer(config, "simd").replay(1)
     assert again.row["observed_ms"] == 95
     assert {len(values) for values in again.series.values()} == {95}

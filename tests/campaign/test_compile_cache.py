@@ -63,14 +63,14 @@ def test_a_size_that_is_none_is_refused(monkeypatch, tmp_path, size):
     monkeypatch.setenv(compile_cache.VARIABLE, str(tmp_path))
     monkeypatch.setenv(compile_cache.SIZE_VARIABLE, size)
     with pytest.raises(UserError, match=compile_cache.SIZE_VARIABLE):
-        compile_cache.objects()
+        compile_cache.object_cache()
 
 
 def test_folder_and_size_are_taken_from_the_environment(monkeypatch, tmp_path):
     monkeypatch.setenv(compile_cache.VARIABLE, str(tmp_path))
     monkeypatch.setenv(compile_cache.SIZE_VARIABLE, "1")
-    kept = compile_cache.objects()
+    kept = compile_cache.object_cache()
     kept["a"], kept["b"] = bytes(600_000), bytes(600_000)
     assert len(kept) == 1
     monkeypatch.setenv(compile_cache.VARIABLE, "off")
-    assert compile_cache.objects() is None
+    assert compile_cache.object_cache() is None

@@ -58,7 +58,7 @@ def test_they_say_the_number_and_the_tick_that_first_left_the_finite(folder):
     assert wild["failed_first_ms"].iloc[0] == np.flatnonzero(~finite)[0] > 204, (
         "not before the pedal is down"
     )
-    words = run_summary.summary(
+    words = run_summary.summarize_run(
         again.row.to_dict(), rj.load_campaign(CAMPAIGN).rules, again.series, again.golden
     )
     assert re.search(r"no valid outcome \(model tip not finite at [\d,]+ ms\)", words.verdict)

@@ -126,7 +126,7 @@ def test_its_code_is_part_of_what_a_folder_holds(tmp_path):
     (tmp_path / "mine.py").write_text(BOARDS.replace("6000.0", "7000.0"))
     with pytest.raises(StoreError, match=r"config\.detector\[0\]\.sha256"):
         rj.run(loading.load(campaign), out=tmp_path / "out", engine="simd")
-    verified = verification.verify(tmp_path / "out", 1)
+    verified = verification.verify_folder(tmp_path / "out", 1)
     assert not verified.fine and "has changed since" in verified.checks[-1].problems[0]
 
 
@@ -173,7 +173,7 @@ def test_what_its_stop_makes_the_robot_do_is_no_response_of_the_built_in_checks(
     assert config.rules.built_in == "built_in_response"
     import pyarrow as pa
 
-    _, built_in, unintended = events.happened(
+    _, built_in, unintended = events.events_happened(
         pa.Table.from_pandas(stopping), ["evades_built_in", "unintended_motion"], config.rules
     )
     assert built_in[2] and unintended[2]

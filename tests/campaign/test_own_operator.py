@@ -258,7 +258,7 @@ def test_a_campaign_with_one_is_verified_and_alike_in_python(tmp_path):
         ' = "gold"\neffect = "offset"\nvalue = [20, 40]\nstart_ms = 550\nduration_ms = 150\n'
     )
     rj.run(loading.load(campaign), out=tmp_path / "out", engine="simd")
-    assert verification.verify(tmp_path / "out", 1).fine
+    assert verification.verify_folder(tmp_path / "out", 1).fine
     config = loading.load(campaign)
     assert re.match(
         r"suture, generated; .*mine\.py has the hands; scale 0\.1", dict(config.lines())["operator"]
@@ -273,7 +273,7 @@ def test_a_campaign_with_one_is_verified_and_alike_in_python(tmp_path):
     for again in (declared.config, loading.load(tmp_path / "again.toml")):
         assert again.model_dump() == config.model_dump()
     (tmp_path / "mine.py").write_text(HEAD + TIRED)
-    assert not verification.verify(tmp_path / "out", 1).fine
+    assert not verification.verify_folder(tmp_path / "out", 1).fine
 
 
 STEP = "def step(params, state, view):\n    return "

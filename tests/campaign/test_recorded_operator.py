@@ -95,7 +95,7 @@ def test_limits_are_those_of_the_campaign(hands):
 def test_the_manifest_keeps_what_became_of_it(hands, tmp_path):
     raw = tables(hands, cutoff_hz=5.0)
     rj.run(rj.load_campaign(raw), tmp_path / "out", engine="simd")
-    record = manifest.read(tmp_path / "out")
+    record = manifest.read_manifest(tmp_path / "out")
     summary = record.operator
     assert summary is not None and summary == plan.make_plan(rj.load_campaign(raw)).operator
     assert (summary.clock, summary.rows, summary.options.cutoff_hz) == ("column t_ms", 300, 5.0)
@@ -108,7 +108,7 @@ def test_the_manifest_keeps_what_became_of_it(hands, tmp_path):
     )
     assert "0.000 to 1.250 s of the recording" in rows["replayed"]
     rj.run(rj.load_campaign(raw), tmp_path / "out", engine="simd")  # done: the same again
-    assert manifest.read(tmp_path / "out").operator == summary
+    assert manifest.read_manifest(tmp_path / "out").operator == summary
 
 
 def test_a_campaign_does_not_depend_on_where_its_recording_lies(hands, tmp_path):
@@ -117,7 +117,7 @@ def test_a_campaign_does_not_depend_on_where_its_recording_lies(hands, tmp_path)
     elsewhere.write_bytes(hands.read_bytes())
     changed.write_text(hands.read_text().replace("-77.9", "-77.8"))
     plans = [plan.make_plan(rj.load_campaign(tables(file))) for file in (hands, elsewhere, changed)]
-    engine = selection.select("xla", plans[0].program.setup.precision)
+    engine = selection.select_engine("xla", plans[0].program.setup.precision)
     records = [runner._manifest(one, engine) for one in plans]
     assert records[0].config["operator"]["file"] != records[1].config["operator"]["file"]
     assert records[0].config_hash == records[1].config_hash != records[2].config_hash

@@ -40,7 +40,7 @@ def test_numbers_of_one_robot_stay_together(tmp_path, kind) -> None:
     (tmp_path / "my_robot.toml").write_text(ROBOTS)
     raw = tables(**{"from": "my_robot.toml"})
     raw["group"][0]["design"] = kind
-    rows = design.rows(loading.from_dict(raw, source=tmp_path / "campaign.toml"))
+    rows = design.table_columns(loading.from_dict(raw, source=tmp_path / "campaign.toml"))
     drawn = rows[[f"param:{COULOMB}", f"param:{OFFSET}"]].drop_duplicates()
     assert sorted(drawn.itertuples(index=False, name=None)) == [
         (0.02, 0.2),

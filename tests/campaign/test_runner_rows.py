@@ -44,14 +44,14 @@ def limited(limit):
 def test_a_limited_run_goes_on_to_more_and_to_all(whole, tmp_path):
     """A limit says how far to compute, not which campaign it is."""
     table = runner.run_campaign(limited(64), tmp_path, "simd").frame()
-    first = manifest.read(tmp_path)
+    first = manifest.read_manifest(tmp_path)
     assert table["index"].tolist() == list(range(64)) and first.finished is not None
     assert (first.runs, first.due, first.rows) == (
         300,
         64,
         ((0, 63),),
     ) and "limit" not in first.config["campaign"]
-    before = {path: path.stat().st_mtime_ns for path in parts.files(tmp_path / "parts")}
+    before = {path: path.stat().st_mtime_ns for path in parts.part_files(tmp_path / "parts")}
     assert len(runner.run_campaign(limited(100), tmp_path, "simd").frame()) == 100
     assert len(runner.run_campaign(limited(5), tmp_path, "simd").frame()) == 100, (
         "fewer ask for nothing"
@@ -59,7 +59,7 @@ def test_a_limited_run_goes_on_to_more_and_to_all(whole, tmp_path):
     runner.run_campaign(tiny.config(), tmp_path, "simd")
     assert {path: path.stat().st_mtime_ns for path in before} == before
     assert tiny.digest(tmp_path) == tiny.digest(whole[0])
-    last, expected = manifest.read(tmp_path), manifest.read(whole[0])
+    last, expected = manifest.read_manifest(tmp_path), manifest.read_manifest(whole[0])
     assert last.differences(expected) == [] and last.rows is None and last.done == 300
 
 
@@ -70,12 +70,12 @@ def test_a_shard_has_its_rows_and_says_so(whole, tmp_path):
         runner.run_campaign(tiny.config(), out, "simd", shard=Shard(number, 2))
         rows = [row for row in range(300) if row // 20 % 2 == number - 1]
         assert read_all(out)["run_id"].tolist() == expected["run_id"].iloc[rows].tolist()
-        record = manifest.read(out)
+        record = manifest.read_manifest(out)
         assert (
             record.shard == f"{number}/2"
             and [row for some in record.wanted for row in some] == rows
         )
-        for path in parts.files(out / "parts"):
+        for path in parts.part_files(out / "parts"):
             assert path.read_bytes() == (whole[0] / "parts" / path.name).read_bytes(), (
                 "the very parts of the whole"
             )
@@ -85,7 +85,7 @@ def test_a_shard_has_its_rows_and_says_so(whole, tmp_path):
 
 def test_a_folder_that_is_being_written_to_is_left_alone(tmp_path):
     with (
-        lock.held(tmp_path),
+        lock.hold_lock(tmp_path),
         pytest.raises(StoreError, match=f"being written by process {os.getpid()}"),
     ):
         runner.run_campaign(tiny.config(), tmp_path, "simd")

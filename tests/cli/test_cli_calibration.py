@@ -32,14 +32,16 @@ def write_log(path: Path, cycles: int, hidden: dict[str, float]) -> bags.Motion:
     desired = middle + sweep * np.sin(
         2.0 * np.pi * np.array([0.41, 0.53, 0.47, 0.0, 0.0, 0.0, 0.0]) * seconds
     )
-    wanted = parameters.unknowns(range(3), ("friction", "offsets"))
+    wanted = parameters.select_unknowns(range(3), ("friction", "offsets"))
     steps = np.array([hidden.get(one.path, 0.0) for one in wanted])
     base = position_loop.params(robot.params(setup, "gold", "power_consistent"))
     every_cycle = joint_log.JointLog(
         desired[0], desired, np.full((cycles, 7), np.nan), np.arange(cycles)
     )
     replay_setup = replays.setup_of(setup, "gold", position_loop.RAVEN2, wanted)
-    (joints,) = replays.robots(replay_setup, [parameters.apply(base, wanted, steps)], every_cycle)
+    (joints,) = replays.replay_robots(
+        replay_setup, [parameters.apply_steps(base, wanted, steps)], every_cycle
+    )
     before = np.vstack([desired[:1], joints[:-1]])  # a row is read before its cycle's command
     table = {"time_s": seconds[::4, 0]}
     for j, word in enumerate(JOINTS[:3]):
@@ -72,7 +74,7 @@ def test_a_log_becomes_robots_that_a_campaign_draws(tmp_path, capsys) -> None:
         assert (tmp_path / name).stat().st_size > 10_000
     raw = tiny_campaign.tables(runs=203)
     raw["group"], raw["parameters"] = raw["group"][1:], {"from": file.name}
-    rows = design.rows(loading.from_dict(raw, source=tmp_path / "campaign.toml"))
+    rows = design.table_columns(loading.from_dict(raw, source=tmp_path / "campaign.toml"))
     base = robot.params(RavenSetup(software="raven2", arms=("gold",)), "gold", "power_consistent")
     friction, offset = (rows[f"param:{path}"] for path in (FRICTION, OFFSET))
     assert friction.nunique() > 30

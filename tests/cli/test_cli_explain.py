@@ -41,7 +41,7 @@ def said(capsys):
 
 def test_one_run_in_a_terminal(said, folder, tmp_path):
     code, out, err = said(folder, "7", "--out", tmp_path)
-    table: Any = explained.read(tmp_path, manifest.read(folder))
+    table: Any = explained.read_explained(tmp_path, manifest.read_manifest(folder))
     run = table["run_id"][0]
     assert code == 0 and out.startswith(f"run {run} · ") and not err
     text = " ".join(out.split())
@@ -62,7 +62,7 @@ def test_json_is_the_chain_and_nothing_else(said, folder, tmp_path):
 
 def test_a_whole_campaign_and_the_python_api_say_the_same(said, folder):
     code, out, _ = said(folder, *range(3, 40), "--json")
-    ticks: Any = explained.read(folder / "explained", manifest.read(folder))
+    ticks: Any = explained.read_explained(folder / "explained", manifest.read_manifest(folder))
     assert code == 0 and len(json.loads(out)) == len(ticks) == 37
     table: Any = rj.explain(folder, engine="simd")
     assert table.attrs["campaign"] == "tiny" and set(table["run_id"]) <= set(ticks["run_id"])

@@ -59,7 +59,7 @@ def test_the_page_draws_the_values(kind):
 
 def test_print_draws_the_same_points():
     axes = Figure().subplots()
-    drawing.draw(CHART, axes)
+    drawing.draw_chart(CHART, axes)
     (line,) = axes.lines
     np.testing.assert_array_equal(line.get_xdata(), CURVE.x)
     np.testing.assert_array_equal(line.get_ydata(), CURVE.y)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.llvm import LlvmPrinter
-from ravenjax.engines.cpu.memory import BufferLayout, stored
+from ravenjax.engines.cpu.memory import BufferLayout, stored_type
 from ravenjax.ir import lowering
 from ravenjax.ir.program import Program
 
@@ -39,7 +39,7 @@ def pairs(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def lowered(function, *columns: np.ndarray) -> Program:
     """`function` of single numbers of these types."""
-    return lowering.lower(
+    return lowering.lower_jaxpr(
         jax.make_jaxpr(function)(*(jax.ShapeDtypeStruct((), c.dtype) for c in columns))
     )
 
@@ -69,14 +69,14 @@ def compiled(
     program: Program, width: int, columns: tuple[np.ndarray, ...], tables: np.ndarray | None = None
 ):
     """Results of a program by compiled code, `width` inputs at a time."""
-    text, outputs = printed(program, width, jit.host().features)
-    module = jit.compile(text, ["f"])
+    text, outputs = printed(program, width, jit.host_target().features)
+    module = jit.compile_functions(text, ["f"])
     function = module.function("f", [ctypes.c_void_p] * 3)
     length = len(columns[0])
     found = [[] for _ in program.outputs]
     for start in range(0, length, width):
         rows = np.minimum(np.arange(start, start + width), length - 1)
-        given = b"".join(c[rows].astype(stored(str(c.dtype))).tobytes() for c in columns)
+        given = b"".join(c[rows].astype(stored_type(str(c.dtype))).tobytes() for c in columns)
         taken = np.zeros((1, outputs.bytes), np.uint8)
         function(given, taken.ctypes.data, None if tables is None else tables.ctypes.data)
         for parts, part in zip(found, outputs.unpack(taken), strict=True):

@@ -152,15 +152,15 @@ def pretend(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
         here.mkdir()
         return Library(text, here)
 
-    monkeypatch.setattr(cuda_device, "compile", compile)
+    monkeypatch.setattr(cuda_device, "compile_cubin", compile)
     monkeypatch.setattr(cuda_device, "DeviceModule", _Module)
-    monkeypatch.setattr(cuda_device, "devices", lambda: (Device(),))
+    monkeypatch.setattr(cuda_device, "visible_gpus", lambda: (Device(),))
     monkeypatch.setattr(cuda_code, "DeviceSession", _Session)
 
 
 def real_or_pretended(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
     """Let engine cuda find the GPU that is here, and where there is none, this."""
     try:
-        cuda_device.devices()
+        cuda_device.visible_gpus()
     except UserError:
         pretend(monkeypatch, folder)

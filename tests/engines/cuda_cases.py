@@ -9,7 +9,7 @@ from compiled_program import same_bits
 from ravenjax.bundled import resources
 from ravenjax.campaign import loading, plan
 from ravenjax.engines.cpu.engine import SimdEngine
-from ravenjax.engines.gpu.code import words
+from ravenjax.engines.gpu.code import column_words
 from ravenjax.engines.gpu.cuda import PRELUDE, CudaPrinter
 from ravenjax.engines.gpu.engine import CudaEngine
 from ravenjax.engines.interface import Block
@@ -45,8 +45,8 @@ def check(launch, k: int) -> None:
     """Case k through `launch(name, in, out, n)` against what the program means."""
     _, program, columns = CASES[k]
     out = np.full((1, len(columns[0])), 0xDEADBEEF, np.uint32)
-    out = launch(f"case{k}", np.stack([words(c) for c in columns]), out, len(columns[0]))
-    (expected,) = semantics.run(program, columns)
+    out = launch(f"case{k}", np.stack([column_words(c) for c in columns]), out, len(columns[0]))
+    (expected,) = semantics.run_program(program, columns)
     expected = np.asarray(expected)
     got = out[0].astype(bool) if expected.dtype == bool else out[0].view(expected.dtype)
     same_bits(got, expected)
@@ -60,7 +60,7 @@ SOURCE = PRELUDE + "".join(printed(k, program) for k, (_, program, _) in enumera
 
 def cut(ticks: int) -> plan.Plan:
     """A plan of every fault site, cut to its first ticks."""
-    ready = plan.make_plan(loading.load(resources.find("campaigns", "quick.toml")))
+    ready = plan.make_plan(loading.load(resources.find_resource("campaigns", "quick.toml")))
     columns = tuple(column[:ticks] for column in ready.columns)
     return replace(ready, program=replace(ready.program, ticks=ticks), columns=columns)
 
@@ -83,4 +83,6 @@ def check_engines(short: plan.Plan, runs: int) -> None:
         )
         assert list(one.outcomes) == list(other.outcomes)
         for name, values in one.outcomes.items():
-            np.testing.assert_array_equal(words(values), words(other.outcomes[name]), err_msg=name)
+            np.testing.assert_array_equal(
+                column_words(values), column_words(other.outcomes[name]), err_msg=name
+            )

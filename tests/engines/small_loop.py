@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from ravenjax.ir import lowering, semantics
-from ravenjax.ir.builder import contract
+from ravenjax.ir.builder import contract_to_fma
 from ravenjax.ir.time_loop import TimeLoop
-from ravenjax.numbers.vec import rarely
+from ravenjax.numbers.vec import if_rarely
 
 F, I = jax.ShapeDtypeStruct((), jnp.float32), jax.ShapeDtypeStruct((), jnp.int32)
 TABLE = np.linspace(-1.0, 2.0, 12).astype(np.float32)
@@ -44,7 +44,7 @@ def step(gain, kick, state, now, given, table):
         + jnp.where(now == 7, kick, 0.0)
         + given * 1e-3
     )
-    position = rarely(position > 0.3, lambda: far(position), position)
+    position = if_rarely(position > 0.3, lambda: far(position), position)
     flag = flag | (position > 0.3) & (kick > 0.2)
     new = (clock + 1, smooth, position, fixed, right, left + 0.0, flag, unread + position)
     return new, (position, smooth)
@@ -65,16 +65,20 @@ def loop() -> TimeLoop:
     first, state = jax.make_jaxpr(begin, return_shape=True)(F, F)
     middle = jax.make_jaxpr(step)(F, F, state, I, F, table)
     last = jax.make_jaxpr(finish)(F, F, state)
-    return TimeLoop(*(contract(lowering.lower(jaxpr)) for jaxpr in (first, middle, last)))
+    return TimeLoop(
+        *(contract_to_fma(lowering.lower_jaxpr(jaxpr)) for jaxpr in (first, middle, last))
+    )
 
 
 def in_numpy(found: TimeLoop, gain, kick, given, ticks):
     """Results, and what goes out [tick, number, lane]."""
-    state = [np.broadcast_to(x, gain.shape) for x in semantics.run(found.begin, [gain, kick])]
+    state = [
+        np.broadcast_to(x, gain.shape) for x in semantics.run_program(found.begin, [gain, kick])
+    ]
     out = []
     for tick in range(ticks):
         entering = [np.full(gain.shape, tick, np.int32), given[min(tick, len(given) - 1)]]
-        results = semantics.run(found.step, [gain, kick, *state, *entering], [TABLE])
+        results = semantics.run_program(found.step, [gain, kick, *state, *entering], [TABLE])
         state = results[: len(state)]
         out.append([np.broadcast_to(x, gain.shape) for x in results[len(state) :]])
-    return semantics.run(found.finish, [gain, kick, *state]), np.array(out)
+    return semantics.run_program(found.finish, [gain, kick, *state]), np.array(out)

@@ -19,7 +19,7 @@ from ravenjax.engines import trace_key, traced
 from ravenjax.engines.cpu.kernel import print_kernel
 from ravenjax.engines.gpu.kernel import Form, print_loop
 from ravenjax.engines.interface import Block
-from ravenjax.ir.time_loop import split
+from ravenjax.ir.time_loop import split_loop
 
 FAULT = {
     "site": "usb_out",
@@ -39,7 +39,7 @@ def ready(**changes):
         ],
     }
     made = plan.make_plan(rj.load_campaign(table | changes))
-    return dataclasses.replace(made, program=traced.printable(made.program))
+    return dataclasses.replace(made, program=traced.printable_program(made.program))
 
 
 @pytest.fixture(scope="module")
@@ -49,17 +49,17 @@ def made():
 
 @pytest.fixture(scope="module")
 def fresh(made):
-    return traced.trace(made.program, block(made), made.columns)
+    return traced.trace_tick(made.program, block(made), made.columns)
 
 
 @pytest.fixture
 def counted(monkeypatch, fresh):
     """Programs that were traced; tracing takes no time."""
     calls = []
-    traced.forget()
-    monkeypatch.setattr(traced, "trace", lambda program, *_: calls.append(program) or fresh)
+    traced.forget_traces()
+    monkeypatch.setattr(traced, "trace_tick", lambda program, *_: calls.append(program) or fresh)
     yield calls
-    traced.forget()
+    traced.forget_traces()
 
 
 def block(made, rows=1) -> Block:
@@ -69,8 +69,8 @@ def block(made, rows=1) -> Block:
 def forms(made, objects=None, rows=1):
     """From `objects` as another process would find them, else from this process."""
     if objects is not None:
-        traced.forget()
-    return traced.forms(made.program, block(made, rows), made.columns, objects)
+        traced.forget_traces()
+    return traced.traced_forms(made.program, block(made, rows), made.columns, objects)
 
 
 def test_the_same_campaign_again_is_not_traced_again(made, counted):
@@ -134,7 +134,7 @@ def test_other_code_or_versions_are_traced(made, counted, monkeypatch):
     objects = {}
     forms(made, objects)
     with monkeypatch.context() as patch:
-        patch.setattr(trace_key, "versions", lambda: ("3.99",))
+        patch.setattr(trace_key, "package_versions", lambda: ("3.99",))
         forms(made, objects)
     with monkeypatch.context() as patch:
         patch.setattr(trace_key, "AT_IMPORT", "other files")
@@ -166,7 +166,7 @@ def test_what_is_no_trace_is_traced_anew(made, fresh, counted, content):
 
 
 def test_printed_code_comes_back(made, fresh, counted):
-    parts = split(fresh.without_signals(), range(1), range(len(fresh.loop.step.inputs)))
+    parts = split_loop(fresh.without_signals(), range(1), range(len(fresh.loop.step.inputs)))
     objects, calls = {}, []
     for printed in (print_kernel(parts, 8, frozenset()), print_loop(parts, Form(), True)):
         for width in (8, 8, 4):

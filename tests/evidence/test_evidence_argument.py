@@ -15,7 +15,7 @@ from evidence import record, writing
 from ravenjax import cli
 from ravenjax.errors import StoreError
 from ravenjax.store import manifest as manifests
-from ravenjax.store.files import sha256
+from ravenjax.store.files import hash_file
 from ravenjax.store.folder import PARTS, ResultFolder
 
 RUNS = 300
@@ -81,8 +81,8 @@ def test_every_solution_is_a_file_with_its_checksum(kept):
     for item in items:
         path = kept / "evidence" / item["file"]
         assert path.is_file()
-        assert item.get("of") == "campaign" or sha256(path) == item["sha256"]
-    parts = [part.file for part in manifests.read(kept / "result").parts]
+        assert item.get("of") == "campaign" or hash_file(path) == item["sha256"]
+    parts = [part.file for part in manifests.read_manifest(kept / "result").parts]
     assert sorted(files) == sorted(
         [*writing.GOALS, *(f"../result/{PARTS}/{name}" for name in parts)]
     )
@@ -116,7 +116,7 @@ def test_all_holds_also_elsewhere(kept, said):
 
 
 def test_a_damaged_part_turns_red_with_what_rests_on_it(kept, said):
-    part = manifests.read(kept / "result").parts[1].file
+    part = manifests.read_manifest(kept / "result").parts[1].file
     with open(kept / "result" / PARTS / part, "r+b") as file:
         file.seek(300)
         byte = file.read(1)
@@ -141,10 +141,10 @@ def test_a_damaged_part_turns_red_with_what_rests_on_it(kept, said):
 
 def test_a_campaign_that_is_another_now(kept, said):
     folder = kept / "result"
-    now = manifests.read(folder)
-    manifests.write(folder, now.model_copy(update={"starts": now.starts + 1}))
+    now = manifests.read_manifest(folder)
+    manifests.write_manifest(folder, now.model_copy(update={"starts": now.starts + 1}))
     assert said("--check", kept / "evidence")[0] == 0
-    manifests.write(folder, now.model_copy(update={"limit_mm": 2.0}))
+    manifests.write_manifest(folder, now.model_copy(update={"limit_mm": 2.0}))
     code, _, err = said("--check", kept / "evidence")
     assert code == 1 and "what decides outcomes in it changed" in err
     assert statuses(kept)[node_of(kept, manifests.FILE)] == "broken"

@@ -14,7 +14,7 @@ from evidence import credibility, record, writing
 from evidence.credibility import CredibilityStatement, ModelCredibility
 from evidence.record import NOTICE
 from ravenjax import cli
-from ravenjax.store.files import sha256
+from ravenjax.store.files import hash_file
 from studies import claims
 
 ROOT = Path(__file__).parents[2]
@@ -61,7 +61,7 @@ def test_each_statement_of_the_model_stands_in_its_category_with_files_that_are_
         and "not in these findings" not in text
     )
     for name, target, digest in linked:
-        assert (place / target).resolve() == ROOT / name and sha256(ROOT / name) == digest
+        assert (place / target).resolve() == ROOT / name and hash_file(ROOT / name) == digest
     assert {item.file for item in node_of(place, credibility.FILE).item.links} == {
         target for _, target, _ in linked
     }

@@ -66,7 +66,8 @@ def test_unsafe_control_actions_hold_every_hazard_once(source):
         mine = [row for row in rows if row.hazard == hazard]
         assert sum(row.rate.k for row in mine) == (SAMPLE["hazard"] == hazard).sum() > 0
     assert (
-        sum(row.evaded for row in rows) == tables.headline(source.runs, source.record)["evaded"].k
+        sum(row.evaded for row in rows)
+        == tables.headline_counts(source.runs, source.record)["evaded"].k
     )
     assert {row.rate.n for row in rows if row.site == "plc"} == {
         (SAMPLE["fault0_site"] == "plc").sum()

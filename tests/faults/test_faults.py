@@ -248,7 +248,7 @@ def test_hard_numbers_are_struck_alike_by_printed_code_and_by_xla(kind):
         *(rng.choice(HARD_FLOATS, lanes) for _ in range(2)),
     )
     program = lowered(struck, *columns)
-    meant = [np.broadcast_to(np.asarray(x), lanes) for x in semantics.run(program, columns)]
+    meant = [np.broadcast_to(np.asarray(x), lanes) for x in semantics.run_program(program, columns)]
     for width in (1, 16):
         for got, expected in zip(compiled(program, width, columns), meant, strict=True):
             same_bits(got, expected)

@@ -47,7 +47,7 @@ KNOWN = [
 
 
 def named(row: dict[str, Any]) -> set[str]:
-    found = classes.classify(result_rows.frame(row))
+    found = classes.classify_rows(result_rows.frame(row))
     return {name for name in found if found.loc[0, name]}
 
 
@@ -58,5 +58,5 @@ def test_known_rows(row: dict[str, Any], expected: set[str]) -> None:
 
 def test_the_limit_of_a_stray_can_be_chosen() -> None:
     table = result_rows.frame({"unintended_mm": 2.0})
-    assert not classes.classify(table).loc[0, "displaced"]
-    assert classes.classify(table, limit_mm=1.0).loc[0, "displaced"]
+    assert not classes.classify_rows(table).loc[0, "displaced"]
+    assert classes.classify_rows(table, limit_mm=1.0).loc[0, "displaced"]

@@ -12,9 +12,9 @@ from ravenjax.campaign.faults import design
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.errors import UserError
 from ravenjax.hazards import library, naming
-from ravenjax.hazards.expansion import WrongGroup, expand
+from ravenjax.hazards.expansion import WrongGroup, expand_group
 
-RUNNABLE = [row.id for row in library.rows() if row.runnable]
+RUNNABLE = [row.id for row in library.all_hazards() if row.runnable]
 
 
 def campaign(groups: list[dict[str, Any]], **fields: Any) -> CampaignConfig:
@@ -23,8 +23,8 @@ def campaign(groups: list[dict[str, Any]], **fields: Any) -> CampaignConfig:
 
 @pytest.mark.parametrize("hazard", RUNNABLE)
 def test_a_campaign_accepts_each_runnable_hazard(hazard: str) -> None:
-    groups = expand({"name": "g", "hazards": [hazard]})
-    table = design.rows(campaign(groups))
+    groups = expand_group({"name": "g", "hazards": [hazard]})
+    table = design.table_columns(campaign(groups))
     assert list(table["group"].astype(str).unique()) == [group["name"] for group in groups]
     assert all(group["name"].startswith(f"g/{hazard}") for group in groups)
 
@@ -42,7 +42,7 @@ def both_arms(hazards: Any, **keys: Any) -> CampaignConfig:
 
 def struck(config: CampaignConfig) -> dict[str, list[tuple[str, ...]]]:
     """Group -> the arms of the slots of its runs, each combination once."""
-    table = design.rows(config)
+    table = design.table_columns(config)
     columns = [name for name in table if name.endswith("_arm")]
     rows = (
         table[["group", *columns]].astype(str).drop_duplicates().itertuples(index=False, name=None)
@@ -71,18 +71,18 @@ def test_with_both_arms_each_hazard_strikes_the_arm_of_its_source() -> None:
 
 
 def test_a_hazard_of_both_arms_strikes_the_same_of_both() -> None:
-    table = design.rows(both_arms("K06"))
+    table = design.table_columns(both_arms("K06"))
     assert len(table) == 3 * 3
     for name in ("channel", "value", "start_ms"):
         assert (table[f"fault0_{name}"].astype(str) == table[f"fault1_{name}"].astype(str)).all()
-    (group,) = expand({"name": "g", "hazards": "K06"}, BOTH)
+    (group,) = expand_group({"name": "g", "hazards": "K06"}, BOTH)
     assert [fault["arm"] for fault in group["fault"]] == list(BOTH) and group["design"] == "zip"
-    again = expand({"name": "g", "hazards": "K06", "start_ms": [1, 2]}, BOTH)
+    again = expand_group({"name": "g", "hazards": "K06", "start_ms": [1, 2]}, BOTH)
     assert [fault["start_ms"] for fault in again[0]["fault"]] == [[1, 2] * 3] * 2
     with pytest.raises(
         WrongGroup, match=r"^start_ms: K06 strikes both arms at once, expected numbers"
     ):
-        expand({"name": "g", "hazards": "K06", "start_ms": {"uniform": [1, 2]}}, BOTH)
+        expand_group({"name": "g", "hazards": "K06", "start_ms": {"uniform": [1, 2]}}, BOTH)
 
 
 def test_overrides_replace_the_librarys_own() -> None:
@@ -93,17 +93,17 @@ def test_overrides_replace_the_librarys_own() -> None:
         "duration_ms": [3, 5],
         "value": {"uniform": [1, 2]},
     }
-    (fault,) = expand(group | {"arm": "gold"})[0]["fault"]
+    (fault,) = expand_group(group | {"arm": "gold"})[0]["fault"]
     assert fault["start_ms"] == 900
     assert fault["duration_ms"] == [3, 5]
     assert fault["value"] == {"uniform": [1, 2]}
     assert fault["arm"] == "gold"
-    assert "arm" not in expand({"name": "g", "hazards": "B18", "arm": "gold"})[0]["fault"][0]
+    assert "arm" not in expand_group({"name": "g", "hazards": "B18", "arm": "gold"})[0]["fault"][0]
 
 
 def test_scenario_a_strikes_three_axes_together() -> None:
-    (group,) = expand({"name": "g", "hazards": "C09"})
-    table = design.rows(campaign([group]))
+    (group,) = expand_group({"name": "g", "hazards": "C09"})
+    table = design.table_columns(campaign([group]))
     assert len(table) == 12 * 8
     assert [fault["channel"] for fault in group["fault"]] == ["x", "y", "z"]
     for name in ("value", "start_ms", "duration_ms"):
@@ -129,7 +129,7 @@ def test_scenario_a_strikes_three_axes_together() -> None:
 )
 def test_what_is_wrong_is_told_with_its_key(group: dict[str, Any], message: str) -> None:
     with pytest.raises(WrongGroup, match=message):
-        expand({"name": "g", **group})
+        expand_group({"name": "g", **group})
 
 
 def test_a_campaign_names_hazards_and_its_mistakes_are_told_where_they_stand(tmp_path):

@@ -43,32 +43,36 @@ def test_every_published_row_is_there_once() -> None:
         for number in range(1, count + 1)
     ]
     assert len(expected) == 90
-    assert sorted(row.id for row in library.rows()) == sorted(expected)
+    assert sorted(row.id for row in library.all_hazards()) == sorted(expected)
 
 
 def test_the_45_injections_are_there_once_each() -> None:
-    cited = [int(n) for row in library.rows() for n in re.findall(r"^INJ (\d+)$", row.source)]
+    cited = [
+        int(n) for row in library.all_hazards() for n in re.findall(r"^INJ (\d+)$", row.source)
+    ]
     assert sorted(cited) == list(range(1, INJECTIONS + 1))
 
 
 def test_rows_that_cannot_be_run_say_why() -> None:
-    assert {row.id for row in library.rows() if not row.runnable} == DOCUMENTED_ONLY
-    assert all(len(row.documented_only) > 10 for row in library.rows() if not row.runnable)
+    assert {row.id for row in library.all_hazards() if not row.runnable} == DOCUMENTED_ONLY
+    assert all(len(row.documented_only) > 10 for row in library.all_hazards() if not row.runnable)
 
 
 @pytest.mark.parametrize("scenario", SCENARIOS)
 def test_training_scenarios(scenario: str) -> None:
-    found = {row.id for row in library.rows() if scenario in row.scenarios}
+    found = {row.id for row in library.all_hazards() if scenario in row.scenarios}
     assert found == set(SCENARIOS[scenario].split())
 
 
 def test_every_site_is_struck_by_some_hazard() -> None:
-    struck = {struck.site for row in library.rows() for case in row.case for struck in case.fault}
+    struck = {
+        struck.site for row in library.all_hazards() for case in row.case for struck in case.fault
+    }
     assert struck == set(SITES)
 
 
 def test_values_are_in_the_units_of_their_channels() -> None:
-    slots = [slot for row in library.rows() for case in row.case for slot in case.fault]
+    slots = [slot for row in library.all_hazards() for case in row.case for slot in case.fault]
     for slot in slots:
         channels = {channel.name: channel for channel in SITES[slot.site].channels}
         units = dict.fromkeys(channels[name].unit for name in slot.channels)

@@ -14,4 +14,4 @@ def test_every_channel_that_a_fault_can_strike_has_a_range() -> None:
         for arm in (ARMS if site.per_arm else ("",))
         for channel in site.channels
     }
-    assert {key: usual.unit for key, usual in ranges.measured().items()} == expected
+    assert {key: usual.unit for key, usual in ranges.measured_ranges().items()} == expected

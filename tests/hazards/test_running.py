@@ -24,7 +24,9 @@ def single(group: dict[str, Any]) -> dict[str, Any]:
 
 @pytest.mark.slow
 def test_one_run_of_each_case_executes_and_is_activated() -> None:
-    groups = [single(group) for group in expansion.expand({"name": "library", "hazards": "all"})]
+    groups = [
+        single(group) for group in expansion.expand_group({"name": "library", "hazards": "all"})
+    ]
     for group in groups:
         for fault in group["fault"]:  # "*" would be a run a channel
             if fault.get("channel") == "*":

@@ -111,7 +111,7 @@ def test_fifty_kills_lose_nothing_and_do_nothing_twice(tmp_path):
     assert {path: path.stat().st_mtime_ns for path in before} == before, (
         "finished parts are left alone"
     )
-    record = manifest.read(out)
+    record = manifest.read_manifest(out)
     assert (
         record.done == SIZE["runs"] == sum(len(part.rows) for part in record.parts)
         and record.finished is not None
@@ -137,7 +137,10 @@ def test_a_signal_ends_it_cleanly(small, tmp_path, number):
         and "Traceback" not in err
     )
     there = len(stored(tmp_path))
-    record, told = manifest.read(tmp_path), json.loads((tmp_path / "progress.json").read_text())
+    record, told = (
+        manifest.read_manifest(tmp_path),
+        json.loads((tmp_path / "progress.json").read_text()),
+    )
     assert (
         2 < there == len(record.parts) < SMALL["runs"] // SMALL["chunk"] and record.finished is None
     )
@@ -227,5 +230,5 @@ def test_shards_that_are_killed_in_a_folder_without_locks_lose_nothing(small, tm
         shard = begun(number)
         printed, err = shard.communicate(timeout=waiting.DEADLINE_S)
         assert shard.returncode == 0, printed + err
-    merging.merge(tmp_path / "joined", folders)
+    merging.merge_shards(tmp_path / "joined", folders)
     assert tiny.digest(tmp_path / "joined") == whole

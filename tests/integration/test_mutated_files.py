@@ -46,8 +46,8 @@ NESTED = ("[" * 100_000, '{"a":' * 100_000)
 @pytest.mark.parametrize(
     ("name", "read"),
     [
-        (manifest.FILE, manifest.read),
-        (description.FILE, description.read),
+        (manifest.FILE, manifest.read_manifest),
+        (description.FILE, description.read_session),
         (findings.JSON, findings.read),
     ],
 )

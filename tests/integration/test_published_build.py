@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ravenjax as rj
-from ravenjax.campaign.inspection.replay import replay
+from ravenjax.campaign.inspection.replay import replay_run
 
 pytestmark = pytest.mark.slow
 
@@ -26,7 +26,7 @@ def stopping():
     """
     fault = {"value": 8000, "start_ms": 700, "duration_ms": 300}
     return {
-        build: replay(campaign(fault, build=build), 0, "simd").series
+        build: replay_run(campaign(fault, build=build), 0, "simd").series
         for build in ("robot", "dyn_sim")
     }
 
@@ -59,7 +59,7 @@ def test_the_simulator_build_reads_its_model_without_encoders(stopping):
 )
 def test_a_large_command_is_stored_as_asked(words, stored):
     fault = {"effect": "overwrite", "value": 80000, "start_ms": 700, "duration_ms": 1}
-    series = replay(campaign(fault, dac_words=words), 0, "simd").series
+    series = replay_run(campaign(fault, dac_words=words), 0, "simd").series
     assert (series["gold/dac_cnt"][:, 0] == stored).sum() == 1
 
 
@@ -79,6 +79,6 @@ def test_a_delayed_command_moves_the_motor_so_much_later():
         ],
     }
     config = rj.load_campaign(raw)
-    speeds = [replay(config, k, "simd").series["gold/motor_mvel"][:, 0] for k in range(3)]
+    speeds = [replay_run(config, k, "simd").series["gold/motor_mvel"][:, 0] for k in range(3)]
     struck = [int(np.flatnonzero(np.abs(np.diff(speed)) > 2.0)[0]) + 1 for speed in speeds]
     assert struck == [900, 901, 905]

@@ -27,7 +27,7 @@ RNG = np.random.default_rng(5)
 def in_numpy(name, *operands):
     """Function `name` of float32 arrays, operation by operation."""
     arithmetic = polynomials.Arithmetic(
-        lambda operation, dtype, *values: semantics.evaluate(operation, dtype, values),
+        lambda operation, dtype, *values: semantics.evaluate_operation(operation, dtype, values),
         lambda dtype, value: np.asarray(value, dtype)[()],
     )
     return polynomials.FUNCTIONS[name](arithmetic, *(np.asarray(x, np.float32) for x in operands))

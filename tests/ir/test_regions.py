@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 from ravenjax.engines.cpu.code import VectorCode
 from ravenjax.engines.lanes import Lanes
 from ravenjax.ir import lowering, semantics
-from ravenjax.ir.builder import Builder, contract
-from ravenjax.ir.regions import Region, arrange, flat
+from ravenjax.ir.builder import Builder, contract_to_fma
+from ravenjax.ir.regions import Region, arrange_regions, flatten_regions
 from ravenjax.ir.time_loop import TimeLoop
-from ravenjax.numbers.vec import rarely
+from ravenjax.numbers.vec import if_rarely
 
 TICKS = 40
 
@@ -38,11 +38,11 @@ def step(limit, x, now):
     both = warm * warm
 
     def high():
-        inner = rarely(both > 0.9, lambda: series(both, 30), both)
+        inner = if_rarely(both > 0.9, lambda: series(both, 30), both)
         return series(warm + both, 25) + inner, jnp.int32(3)
 
-    value, code = rarely(warm > 0.8, high, (warm, jnp.int32(0)))
-    low = rarely(value < -0.8, lambda: series(value, 22) * 0.01, value)
+    value, code = if_rarely(warm > 0.8, high, (warm, jnp.int32(0)))
+    low = if_rarely(value < -0.8, lambda: series(value, 22) * 0.01, value)
     return low * 0.5 + both * 0.01, code
 
 
@@ -55,7 +55,7 @@ def lowered():
         ),
         jax.make_jaxpr(lambda limit, x, c: (x, c))(number, number, whole),
     )
-    return TimeLoop(*(contract(lowering.lower(jaxpr)) for jaxpr in programs))
+    return TimeLoop(*(contract_to_fma(lowering.lower_jaxpr(jaxpr)) for jaxpr in programs))
 
 
 @pytest.mark.parametrize("width", [1, 4, 16])
@@ -68,11 +68,11 @@ def test_passing_by_changes_no_bit(width):
     found = VectorCode(loop, 0, False, width).run(
         Lanes([limit], given, np.zeros(0, np.float32), out), TICKS
     )
-    state = semantics.run(loop.begin, [limit])
+    state = semantics.run_program(loop.begin, [limit])
     for now in range(TICKS):
-        *state, leaving = semantics.run(loop.step, [limit, *state, np.int32(now)])
+        *state, leaving = semantics.run_program(loop.step, [limit, *state, np.int32(now)])
         same_bits(out[now, 0], leaving)
-    for got, right in zip(found, semantics.run(loop.finish, [limit, *state]), strict=True):
+    for got, right in zip(found, semantics.run_program(loop.finish, [limit, *state]), strict=True):
         same_bits(got, np.broadcast_to(right, got.shape))
     assert 0 < (found[1] > 0).sum() < lanes, "some lanes were there, some never"
 
@@ -97,8 +97,8 @@ def test_any_program_can_be_arranged(choices, data):
             numbers.append(builder.emit("rarely", "float32", p, x, y))
     program = builder.program(data.draw(st.lists(st.sampled_from(numbers), min_size=1, max_size=4)))
     order = [i for i in program.needed() if program.operations[i].name != "input"]
-    found = arrange(program.operations, order, program.outputs, 1)
-    every = list(flat(found))
+    found = arrange_regions(program.operations, order, program.outputs, 1)
+    every = list(flatten_regions(found))
     assert sorted(every) == order
     place = {i: k for k, i in enumerate(every)}
     for item in found:

@@ -10,7 +10,7 @@ import pytest
 import ravenjax as rj
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import tables
-from ravenjax.stats.intervals import wilson
+from ravenjax.stats.intervals import wilson_interval
 
 CAMPAIGN = rj.Campaign(
     name="small",
@@ -85,7 +85,9 @@ def test_rates_count_distinct_faults_as_the_report_does(results):
             table["response"].isin(["silent", "limited"]) & (table["hazard"] == "unintended motion")
         ).sum()
     )
-    assert tuple(rates.loc["drawn", ["k", "n", "rate", "low", "high"]]) == tuple(wilson(hits, 24))
+    assert tuple(rates.loc["drawn", ["k", "n", "rate", "low", "high"]]) == tuple(
+        wilson_interval(hits, 24)
+    )
     assert 0 < hits < 24
     assert rates.loc["grid", "n"] == 4 and np.isnan(rates.loc["grid", "low"]), (
         "repeats are no further faults"

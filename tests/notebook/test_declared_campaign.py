@@ -11,7 +11,7 @@ from ravenjax.campaign import loading
 from ravenjax.campaign.file.axis import DISTRIBUTIONS, PHASE
 from ravenjax.campaign.file.section import toml_value
 
-BUNDLED = resources.bundled("campaigns", "*.toml")
+BUNDLED = resources.list_resources("campaigns", "*.toml")
 
 
 def again(campaign):

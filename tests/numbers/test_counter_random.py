@@ -22,8 +22,8 @@ def draw(function, key: int, channel: int) -> np.ndarray:
 @pytest.mark.parametrize(("key", "channel"), [(0, 0), (1, 0), (0, 1), (0xDEADBEEF, 7)])
 def test_uniform_and_normal_have_their_distribution(key: int, channel: int) -> None:
     uniform, normal = (
-        draw(counter_random.uniform, key, channel),
-        draw(counter_random.normal, key, channel),
+        draw(counter_random.random_uniform, key, channel),
+        draw(counter_random.random_normal, key, channel),
     )
     assert uniform.min() >= 0.0 and uniform.max() < 1.0
     assert stats.kstest(uniform, "uniform").pvalue > 1e-3
@@ -32,13 +32,13 @@ def test_uniform_and_normal_have_their_distribution(key: int, channel: int) -> N
 
 
 def test_ticks_channels_and_keys_are_independent() -> None:
-    base = draw(counter_random.normal, 5, 3)
+    base = draw(counter_random.random_normal, 5, 3)
     others = [
         base[1:],  # the next tick
         base[7:],
-        draw(counter_random.normal, 5, 4),
-        draw(counter_random.normal, 6, 3),
-        draw(counter_random.normal, 5 ^ 0x80000000, 3),
+        draw(counter_random.random_normal, 5, 4),
+        draw(counter_random.random_normal, 6, 3),
+        draw(counter_random.random_normal, 5 ^ 0x80000000, 3),
     ]
     for other in others:
         size = len(other)
@@ -60,4 +60,6 @@ def test_the_stream_is_pinned() -> None:
     for key, tick, channel in [(0, 0, 0), (123, 456, 7), (2**32 - 1, 2**31 - 1, 13)]:
         counter = (tick * 0x9E3779B9 + channel * 0x85EBCA6B) & 0xFFFFFFFF
         expected = mix(mix(counter) ^ mix(key))
-        assert int(counter_random.bits(jnp.uint32(key), jnp.int32(tick), channel)) == expected
+        assert (
+            int(counter_random.random_bits(jnp.uint32(key), jnp.int32(tick), channel)) == expected
+        )

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from ravenjax.campaign import loading, plan
 from ravenjax.campaign.file import bounds
-from ravenjax.campaign.file.axis import fixed
+from ravenjax.campaign.file.axis import fixed_axis
 from ravenjax.numbers import paths
-from ravenjax.numbers.quantity import quantities
+from ravenjax.numbers.quantity import list_quantities
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.loop.records import TickParams
 
@@ -30,7 +30,9 @@ def leaves(**campaign):
         }
     )
     program = plan.make_plan(config).program
-    return [(path, float(value)) for path, value in paths.leaves(program.params, program.setup)]
+    return [
+        (path, float(value)) for path, value in paths.path_leaves(program.params, program.setup)
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -41,17 +43,19 @@ def every():
 
 def test_each_number_has_one_quantity_or_is_reserved(every):
     for path, _ in every:
-        assert len(bounds.of(ROBOT, path)) == (0 if bounds.reserved(ROBOT, path) else 1), path
+        assert len(bounds.allowed_values(ROBOT, path)) == (
+            0 if bounds.reserved_reason(ROBOT, path) else 1
+        ), path
 
 
 def test_the_robots_own_numbers_lie_within(every):
     for path, value in every:
-        for row in bounds.of(ROBOT, path):
+        for row in bounds.allowed_values(ROBOT, path):
             assert row.low <= value <= row.high and (not row.whole or value == int(value)), path
 
 
 def test_what_is_said_makes_sense():
-    said = list(quantities(TickParams))
+    said = list(list_quantities(TickParams))
     assert len(said) > 70
     for path, row in said:
         assert row.low < row.high and row.meaning, path
@@ -64,9 +68,9 @@ def test_what_is_said_makes_sense():
 
 @given(data=st.data())
 def test_a_value_is_refused_just_where_it_leaves_its_range(data):
-    path, row = data.draw(st.sampled_from(bounds.rows(ROBOT)))
+    path, row = data.draw(st.sampled_from(bounds.parameter_bounds(ROBOT)))
     full = f"{path}.{data.draw(st.sampled_from(row.joints))}" if row.joints else path
     value = data.draw(st.floats(-2.0 * abs(row.low) - 1.0, 2.0 * abs(row.high) + 1.0))
     wrong = not row.low <= value <= row.high or (row.whole and value != int(value))
-    allowed = bounds.of(ROBOT, full)
-    assert any(bounds.out_of_range(fixed(value), each) for each in allowed) == wrong
+    allowed = bounds.allowed_values(ROBOT, full)
+    assert any(bounds.out_of_range(fixed_axis(value), each) for each in allowed) == wrong

@@ -44,10 +44,10 @@ TREES = st.recursive(
 @given(TREES)
 def test_leaves_and_maps_are_those_of_jax(value):
     leaves, structure = jax.tree.flatten(value)
-    assert tree.leaves(value) == leaves
-    assert tree.mapped(lambda x: x + 1, value) == jax.tree.map(lambda x: x + 1, value)
-    assert jax.tree.structure(tree.mapped(lambda x: x, value)) == structure
-    assert tree.filled(value, [x * 2 for x in leaves]) == jax.tree.map(lambda x: x * 2, value)
-    assert tree.mapped(lambda x, y: (x, y), value, value) == jax.tree.map(
+    assert tree.tree_leaves(value) == leaves
+    assert tree.map_leaves(lambda x: x + 1, value) == jax.tree.map(lambda x: x + 1, value)
+    assert jax.tree.structure(tree.map_leaves(lambda x: x, value)) == structure
+    assert tree.fill_tree(value, [x * 2 for x in leaves]) == jax.tree.map(lambda x: x * 2, value)
+    assert tree.map_leaves(lambda x, y: (x, y), value, value) == jax.tree.map(
         lambda x, y: (x, y), value, value
     )

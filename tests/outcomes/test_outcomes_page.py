@@ -15,7 +15,7 @@ def table() -> str:
     """The table of definitions as the page has it."""
     return "\n".join(
         f"| **{one.word}** ({one.kind}) | {one.meaning} |"
-        for one in definitions.rows(Rules(), robots.USUAL)
+        for one in definitions.definition_rows(Rules(), robots.USUAL)
     )
 
 

@@ -64,7 +64,7 @@ def told(row):
 @settings(max_examples=200)
 @given(runs)
 def test_a_response_is_the_strongest_that_the_golden_run_has_not(rows):
-    found = verdict.responses(*columns(rows), robots.USUAL)
+    found = verdict.classify_responses(*columns(rows), robots.USUAL)
     for i, row in enumerate(rows):
         strength, cause, ms, told_ms = told(row)
         assert verdict.RESPONSES[found.response[i]] == WORDS[strength]
@@ -80,7 +80,7 @@ def test_a_clip_and_a_dropped_packet_tell_nobody():
         "check_overdrive_clip_count": np.array([0]),
         "check_overdrive_clip_first_ms": np.array([-1]),
     }
-    found = verdict.responses(outcomes, golden, robots.USUAL)
+    found = verdict.classify_responses(outcomes, golden, robots.USUAL)
     assert verdict.RESPONSES[found.response[0]] == "limited" and (
         found.ms[0],
         found.told_ms[0],
@@ -105,7 +105,7 @@ def test_the_gravest_hazard_counts(rows):
         "halted_ms": halted,
         "golden_halted_ms": golden,
     }
-    found = verdict.hazards(frame, stopped)
+    found = verdict.classify_hazards(frame, stopped)
     for i, (u, l, r, h, g, s) in enumerate(rows):
         lost = l >= 0 or (h > g + 200 and not s)
         expected = (
@@ -124,7 +124,7 @@ def test_what_the_golden_run_has_by_then_does_not_count():
     own, golden = np.array([5, 5, 5, -1, 0, 5]), np.array([-1, 4, 6, 3, 0, 5])
     assert verdict.beyond_golden(own, golden).tolist() == [5, -1, 5, -1, -1, -1]
     frame = pd.DataFrame({"cue2_first_ms": own, "golden_cue2_first_ms": golden, "failed": ""})
-    _, cue = events.happened(pa.Table.from_pandas(frame), ["cue"], Rules(cue=2))
+    _, cue = events.events_happened(pa.Table.from_pandas(frame), ["cue"], Rules(cue=2))
     assert cue.tolist() == [True, False, True, False, False, False]
 
 
@@ -161,8 +161,8 @@ def test_events_over_a_table(event):
     place = np.arange(len(frame))
     frame["cable_overload_first_ms"] = np.where(place % 2 == 0, 5, -1)
     frame["golden_cable_overload_first_ms"] = np.where(place % 3 == 0, 4, -1)
-    names = events.columns([event], rules)
-    valid, cases = events.happened(pa.Table.from_pandas(frame[names]), [event], rules)
+    names = events.event_columns([event], rules)
+    valid, cases = events.events_happened(pa.Table.from_pandas(frame[names]), [event], rules)
     assert valid.tolist() == (frame["failed"] == "").tolist()
     expected = EVENTS[event](frame)
     assert cases[valid].tolist() == expected[valid].tolist()

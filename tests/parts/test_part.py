@@ -50,7 +50,7 @@ def written(folder: Path, text: str, head: str = HEAD) -> Path:
 
 def traced(path: Path) -> tuple:
     """State and score after two milliseconds, traced by JAX."""
-    own = part.loaded(part.read("mine", path))
+    own = part.load_part(part.read_source("mine", path))
     params = own.params()
 
     def two(view):
@@ -68,8 +68,8 @@ def test_a_part_counts_and_remembers(tmp_path):
 
 
 def test_its_parameters_have_ranges(tmp_path):
-    source = part.read("mine", written(tmp_path, COUNTER))
-    ((path, limits),) = part.quantities(source)
+    source = part.read_source("mine", written(tmp_path, COUNTER))
+    ((path, limits),) = part.part_quantities(source)
     assert (path, limits.low, limits.high, limits.unit) == ("most", 1, 100, "counts")
 
 
@@ -124,7 +124,7 @@ def test_arrays_beside_the_file_count_as_its_content(tmp_path):
     digests = []
     for factor in (2.0, 3.0):
         np.savez(tmp_path / "w.npz", a=np.array([0.0, factor]))
-        digests.append(part.digest(part.read("mine", path)))
+        digests.append(part.hash_source(part.read_source("mine", path)))
     assert digests[0] != digests[1]
     assert traced(path)[1] == 9.0
 
@@ -140,13 +140,13 @@ def test_modules_beside_the_file_count_as_its_content(tmp_path):
         (tmp_path / "gains.py").write_text(
             f"import limits\n\ndef of(x):\n    return {factor} * x / limits.MOST\n"
         )
-        digests.append(part.digest(part.read("mine", path)))
-    source = part.read("mine", path)
-    assert digests[0] != digests[1] == part.digest(source) and traced(path)[1] == 15.0
+        digests.append(part.hash_source(part.read_source("mine", path)))
+    source = part.read_source("mine", path)
+    assert digests[0] != digests[1] == part.hash_source(source) and traced(path)[1] == 15.0
     assert [name for name, _ in source.files] == ["gains.py", "limits.py"]
     assert "gains" not in sys.modules
     (tmp_path / "limits.py").write_text("MOST = 4.0\n")
-    assert not part.unchanged(source)
+    assert not part.is_unchanged(source)
 
 
 def test_two_parts_may_import_modules_of_one_name(tmp_path):
@@ -173,7 +173,7 @@ def step(params, state, view):
 
 @pytest.mark.parametrize("score", ["view * kept[0]", "kept[0]", "state[0] + kept[0]"])
 def test_numbers_kept_between_calls_are_refused(tmp_path, score):
-    own = part.loaded(part.read("mine", written(tmp_path, KEPT.format(score=score))))
+    own = part.load_part(part.read_source("mine", written(tmp_path, KEPT.format(score=score))))
 
     def trace():
         jax.make_jaxpr(lambda: own.init(None, "float32"))()
@@ -191,8 +191,8 @@ def test_parameters_travel_to_a_process_that_has_no_files(tmp_path):
     path = written(tmp_path, "import one\nweights = load('w.npy')\n" + counter)
     (tmp_path / "one.py").write_text("ONE = 1\n")
     np.save(tmp_path / "w.npy", np.array([1.0, 7.0]))
-    sources = (part.read("mine", path),)
-    own = part.parameters(sources)
+    sources = (part.read_source("mine", path),)
+    own = part.part_parameters(sources)
     varied = own._replace(mine=dataclasses.replace(own.mine, most=20.0))
     message = pickle.dumps((sources, varied))
     shutil.rmtree(tmp_path)

@@ -21,7 +21,7 @@ for _k in [
 ]:  # misses more than 2 mm does
     FRAME[f"cue{_k}_first_ms"] = np.where(FRAME.index % 4 == 0, -1, FRAME[f"cue{_k}_first_ms"])
 TABLE = Runs.of(FRAME, MANIFEST)
-ROWS = {row.number: row for row in cues.rows(TABLE)}
+ROWS = {row.number: row for row in cues.cue_rows(TABLE)}
 HAZARD = ((FRAME["hazard"] == "unintended motion") & (FRAME["failed"] == "")).to_numpy()
 
 

@@ -28,7 +28,7 @@ LAYERS = {
 def derive(
     frame: pd.DataFrame, cue: int = 0, jump: str = "jump_code", action: int = 0
 ) -> pd.DataFrame:
-    """One row per run, the columns of `facts.define`. cue: number of the haptic set of the
+    """One row per run, the columns of `facts.define_facts`. cue: number of the haptic set of the
     verdicts; jump: column of the jump rule; action: what the operator does at a cue where the run's
     parameters do not say."""
     facts = pd.DataFrame(index=frame.index)

@@ -45,7 +45,7 @@ def frame(faults: int = 200, seed: int = 0) -> pd.DataFrame:
         )
         parts.append(part)
     table = synthetic.judged(pd.concat(parts, ignore_index=True))
-    return table[[column.name for column in schema.columns(SHAPE)]]
+    return table[[column.name for column in schema.table_columns(SHAPE)]]
 
 
 def manifest(runs: int, **changes: object) -> Manifest:

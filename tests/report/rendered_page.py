@@ -11,7 +11,7 @@ from ravenjax.report.data.runs import Runs
 
 
 def rendered(frame, manifest):
-    return page.render(Runs.of(frame, manifest), manifest, Path("out"))
+    return page.render_report(Runs.of(frame, manifest), manifest, Path("out"))
 
 
 class Page(HTMLParser):

@@ -8,7 +8,7 @@ import synthetic_results as synthetic
 
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import after_stop
-from ravenjax.stats.intervals import wilson
+from ravenjax.stats.intervals import wilson_interval
 
 RUNS = 1500
 LIMIT = 2.5  # mm
@@ -27,7 +27,7 @@ FRAME = synthetic.judged(
 STOPPED = FRAME[
     (FRAME["fault0_site"] != "") & (FRAME["failed"] == "") & (FRAME["response"] == "stopped")
 ]
-ROWS = after_stop.rows(Runs.of(FRAME, MANIFEST))
+ROWS = after_stop.stop_rows(Runs.of(FRAME, MANIFEST))
 
 
 def quantiles(values):
@@ -51,16 +51,16 @@ def test_every_stop_and_each_cause_by_pandas():
         assert list(row.took_ms) == quantiles(stop - mine["first_active_ms"])
         assert list(row.off_mm) == quantiles(mine["unintended_off_mm"])
         before = (moved >= 0) & (moved <= stop)
-        assert row.before == wilson(int(before.sum()), len(mine))
-        assert row.after == wilson(
+        assert row.before == wilson_interval(int(before.sum()), len(mine))
+        assert row.after == wilson_interval(
             int((~before & (mine["unintended_off_mm"] > LIMIT)).sum()), len(mine)
         )
-        assert row.cue_before == wilson(int(((cue >= 0) & (cue < stop)).sum()), len(mine))
-        assert row.cue_after == wilson(int((cue >= stop).sum()), len(mine))
-        assert row.no_cue == wilson(int((cue < 0).sum()), len(mine))
+        assert row.cue_before == wilson_interval(int(((cue >= 0) & (cue < stop)).sum()), len(mine))
+        assert row.cue_after == wilson_interval(int((cue >= stop).sum()), len(mine))
+        assert row.no_cue == wilson_interval(int((cue < 0).sum()), len(mine))
 
 
 def test_a_cue_in_the_millisecond_of_the_stop_came_too_late():
     frame = synthetic.judged(FRAME.assign(cue0_first_ms=FRAME["response_ms"]))
-    first, *_ = after_stop.rows(Runs.of(frame, MANIFEST))
+    first, *_ = after_stop.stop_rows(Runs.of(frame, MANIFEST))
     assert (first.cue_before.k, first.cue_after.k, first.no_cue.k) == (0, first.n, 0)

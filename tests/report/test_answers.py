@@ -12,12 +12,12 @@ from statsmodels.duration.survfunc import SurvfuncRight
 
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import answers, detectors
-from ravenjax.stats.intervals import wilson
+from ravenjax.stats.intervals import wilson_interval
 
 MANIFEST = synthetic.manifest(1200)
 FRAME = synthetic.frame(1200)
 RUNS = Runs.of(FRAME, MANIFEST)
-SAID, EARLY = detectors.known(RUNS), detectors.before_motion(RUNS)
+SAID, EARLY = detectors.knowledge_sql(RUNS), detectors.before_motion(RUNS)
 KNOWN, TOLD = (
     RUNS.table.frame(f"SELECT {sql} AS ms FROM facts ORDER BY row")["ms"].to_numpy()
     for sql in (SAID, EARLY)
@@ -80,13 +80,15 @@ def test_what_may_come_before_the_motion_leaves_out_a_cue_at_its_own_distance():
 
 
 def test_time_to_know_is_of_unintended_motions_and_censored():
-    found = answers.knowledge(RUNS)
+    found = answers.detection_answers(RUNS)
     known, motion = KNOWN[MOVED], MOTION_MS[MOVED]
-    assert found.delay.n == MOVED.sum() and found.never == wilson(
+    assert found.delay.n == MOVED.sum() and found.never == wilson_interval(
         int((known < 0).sum()), len(known)
     )
     told = TOLD[MOVED]
-    assert found.lead.before == wilson(int(((told >= 0) & (told < motion)).sum()), len(known))
+    assert found.lead.before == wilson_interval(
+        int(((told >= 0) & (told < motion)).sum()), len(known)
+    )
     assert found.by_detectors
     times = (
         np.where(known >= 0, known, MANIFEST.duration_ms)
@@ -99,14 +101,14 @@ def test_time_to_know_is_of_unintended_motions_and_censored():
 
 @pytest.mark.parametrize(("kind", "column"), [("group", "group"), ("site", "fault0_site")])
 def test_classes_against_a_plain_count(kind, column):
-    rows = {row.name: row for row in answers.classes(RUNS)[kind]}
+    rows = {row.name: row for row in answers.class_rows(RUNS)[kind]}
     assert set(rows) == set(FRAME.loc[FAULTY, column].astype(str))
     for name, row in rows.items():
         mine = VALID & (FRAME[column].astype(str) == name).to_numpy()
         n = int(mine.sum())
-        assert row.evaded == wilson(int((EVADING & mine).sum()), n)
-        assert row.unintended == wilson(int((MOVED & mine).sum()), n)
-        assert row.loss == wilson(int((LOST & mine).sum()), n)
+        assert row.evaded == wilson_interval(int((EVADING & mine).sum()), n)
+        assert row.unintended == wilson_interval(int((MOVED & mine).sum()), n)
+        assert row.loss == wilson_interval(int((LOST & mine).sum()), n)
         before = MOVED & mine & (TOLD >= 0) & (TOLD < MOTION_MS)
         assert (row.before.k, row.before.n) == (int(before.sum()), int((MOVED & mine).sum()))
         far, off = (FRAME.loc[mine, f"unintended_{name}"] for name in ("mm", "off_mm"))

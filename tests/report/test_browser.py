@@ -30,7 +30,7 @@ def report(tmp_path_factory):
     frame.loc[frame["group"] == "encoder", "group"] = (
         "C09 encoder"  # a hazard of the library, for the risk table
     )
-    return page.build(synthetic.folder(folder, frame, reacting.manifest(len(frame))))
+    return page.build_report(synthetic.folder(folder, frame, reacting.manifest(len(frame))))
 
 
 @pytest.fixture(scope="module")

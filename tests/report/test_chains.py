@@ -17,15 +17,15 @@ from ravenjax.report.data.runs import Runs
 from ravenjax.report.run import chain
 from ravenjax.report.sections import chains
 from ravenjax.stats.bootstrap import units
-from ravenjax.stats.intervals import wilson
+from ravenjax.stats.intervals import wilson_interval
 from ravenjax.store.access import explained
-from ravenjax.vocabulary.seams import crossings
+from ravenjax.vocabulary.seams import list_crossings
 
 RUNS = 900
-ROBOT = robots.find("raven2")
+ROBOT = robots.find_robot("raven2")
 MANIFEST = synthetic.manifest(RUNS)
 FRAME = synthetic.frame(RUNS)
-PLACES = crossings(ROBOT.seams, ("gold",))
+PLACES = list_crossings(ROBOT.seams, ("gold",))
 GROUPS = [{"name": name, "fault": [{"value": {"uniform": [0, 1]}}]} for name in synthetic.BLOCKS]
 DRAWN = MANIFEST.model_copy(update={"config": {**MANIFEST.config, "group": GROUPS}})
 
@@ -99,7 +99,7 @@ def naive(frame, ticks):
 
 
 def propagation(frame, manifest, ticks):
-    return chains.propagation(Runs.of(frame, manifest), ticks)
+    return chains.summarize_chains(Runs.of(frame, manifest), ticks)
 
 
 def test_shares_and_leads_by_loops():
@@ -111,13 +111,13 @@ def test_shares_and_leads_by_loops():
     for row in one.carriers:
         k, leads, first = seams[row.seam]
         assert (row.carries, row.shows, row.first) == tuple(
-            wilson(count, n) for count in (k, len(leads), first)
+            wilson_interval(count, n) for count in (k, len(leads), first)
         )
         if leads:
             assert row.lead_ms.value == np.quantile(leads, 0.5, method="inverted_cdf")
             few = len(leads) < units.FEWEST
             assert few or row.lead_ms.low <= row.lead_ms.value <= row.lead_ms.high
-    assert one.hidden == wilson(hidden, n) and one.lead_ms.value == np.quantile(
+    assert one.hidden == wilson_interval(hidden, n) and one.lead_ms.value == np.quantile(
         best, 0.5, method="inverted_cdf"
     )
     assert 0 < hidden < n and sum(row.first.k for row in one.carriers) == n - hidden
@@ -130,7 +130,7 @@ def test_shares_are_of_groups_that_are_explained_whole():
     assert (
         one.partial == ["encoder"] and one.runs == len(rest) and one.evading == len(evading(FRAME))
     )
-    assert "These groups are not: encoder" in " ".join(chains.sentences(one))
+    assert "These groups are not: encoder" in " ".join(chains.chain_sentences(one))
 
 
 def without(condition):
@@ -141,11 +141,11 @@ def without(condition):
 def test_the_sentences_have_the_numbers_of_the_loops(monkeypatch):
     _, hidden, best = naive(FRAME, TICKS)
     n = len(evading(FRAME))
-    text = " ".join(chains.sentences(propagation(FRAME, DRAWN, TICKS)))
+    text = " ".join(chains.chain_sentences(propagation(FRAME, DRAWN, TICKS)))
     assert f"{n} faults evade the checks." in text
     assert f"In {n - hidden} of {n} (" in text and f"In {hidden} of {n} (" in text
     median = np.quantile(best, 0.5, method="inverted_cdf")
-    assert f"The median lead was {wording.number(median)} ms (" in text
+    assert f"The median lead was {wording.format_number(median)} ms (" in text
 
 
 @pytest.mark.slow
@@ -153,7 +153,7 @@ def test_a_damaged_file_is_told_of(monkeypatch, tmp_path):
     def broken(*_):
         raise StoreError("explained.parquet: damaged")
 
-    monkeypatch.setattr(explained, "read", broken)
+    monkeypatch.setattr(explained, "read_explained", broken)
     assert "Explained runs are not readable: explained.parquet: damaged" in words(
         Page(rendered(FRAME, DRAWN))
     )
@@ -162,7 +162,7 @@ def test_a_damaged_file_is_told_of(monkeypatch, tmp_path):
 def chain_of(run, **changes):
     """The chain of a row of FRAME."""
     ticks = TICKS[TICKS["run_id"] == run["run_id"]].iloc[0].to_dict()
-    return chain.chain({**run, **changes}, {**ticks, **changes}, ROBOT, ("gold",), 0)
+    return chain.trace_chain({**run, **changes}, {**ticks, **changes}, ROBOT, ("gold",), 0)
 
 
 def test_a_chain_has_the_earliest_number_of_each_signal():

@@ -63,7 +63,7 @@ def folders(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def found(folders):
-    return comparison.compare(*folders, 15)
+    return comparison.compare_folders(*folders, 15)
 
 
 def pairs():
@@ -146,6 +146,6 @@ def test_folders_that_share_nothing_are_refused(tmp_path, folders):
         ),
     )
     with pytest.raises(UserError, match="share no fault"):
-        comparison.compare(folders[0], place)
+        comparison.compare_folders(folders[0], place)
     with pytest.raises(UserError, match="--most -1"):
-        comparison.compare(folders[0], folders[0], -1)
+        comparison.compare_folders(folders[0], folders[0], -1)

@@ -10,7 +10,7 @@ import synthetic_results as synthetic
 
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import contact
-from ravenjax.stats.intervals import wilson
+from ravenjax.stats.intervals import wilson_interval
 
 RUNS = 1200
 NAMES = ("contact_peak_n", "contact_vessel_peak_n", "contact_instruments_peak_n")
@@ -35,7 +35,7 @@ def table(arms=("gold", "green")):
 
 
 FRAME, MANIFEST = table()
-ROWS = contact.rows(Runs.of(FRAME, MANIFEST))
+ROWS = contact.contact_rows(Runs.of(FRAME, MANIFEST))
 FAULTY = FRAME[(FRAME["fault0_site"] != "") & (FRAME["failed"] == "")]
 
 
@@ -51,7 +51,9 @@ def test_every_fault_and_each_group_by_pandas() -> None:
         assert row.n == len(mine)
         shares = (row.harder, row.vessel, row.instruments)
         for name, share in zip(NAMES, shares, strict=True):
-            assert share == wilson(int((mine[name] > mine[f"golden_{name}"]).sum()), len(mine))
+            assert share == wilson_interval(
+                int((mine[name] > mine[f"golden_{name}"]).sum()), len(mine)
+            )
         for name, found in (
             ("contact_peak_n", row.peak_n),
             ("contact_impulse_n_s", row.impulse_n_s),

@@ -15,7 +15,7 @@ from ravenjax.stats.sample_size.planning import hours_to_bound
 
 def test_a_minute_of_motion_chooses_nothing_and_says_what_it_needs():
     """80 golden runs of 2.8 s: no false cue at 2 mm and above says nothing about an hour."""
-    found = {one.rule: one for one in cues.choices(TABLE, list(ROWS.values()))}
+    found = {one.rule: one for one in cues.choose_cues(TABLE, list(ROWS.values()))}
     assert TABLE.motions().hours == pytest.approx(80 * 2.8 / 3600)
     strict = found["false cues an hour: at most 0.5"]
     assert strict.row is None and strict.possible == "2, 3 or 5 mm" and math.isnan(strict.least_mm)
@@ -39,7 +39,7 @@ def test_as_many_hours_as_it_asks_for_decide():
     for hours in (7.0, 7.4):
         frame, manifest = motion_for(hours)
         runs = Runs.of(frame, manifest)
-        chosen[hours] = {one.rule: one for one in cues.choices(runs, cues.rows(runs))}
+        chosen[hours] = {one.rule: one for one in cues.choose_cues(runs, cues.cue_rows(runs))}
     assert chosen[7.0]["false cues an hour: at most 0.5"].row is None
     named = next(
         one

@@ -7,14 +7,14 @@ import pytest
 import synthetic_results as synthetic
 from cue_results import FRAME, HAZARD, MANIFEST, ROWS, missed
 
-from ravenjax.stats.alarms.choice import front
+from ravenjax.stats.alarms.choice import unbeaten_choices
 from ravenjax.stats.alarms.false_alarms import alarm_rate
-from ravenjax.stats.intervals import wilson
+from ravenjax.stats.intervals import wilson_interval
 
 
 @pytest.mark.parametrize("k", range(len(synthetic.CUES)))
 def test_a_set_against_a_plain_count(k):
-    assert ROWS[k].missed == wilson(int(missed(FRAME, k).sum()), int(HAZARD.sum()))
+    assert ROWS[k].missed == wilson_interval(int(missed(FRAME, k).sum()), int(HAZARD.sum()))
     free = FRAME.groupby(["operator", "golden_tip_path_mm"], observed=True)[
         [f"golden_cue{k}_first_ms", "golden_pedal_down_ms"]
     ].first()
@@ -22,7 +22,7 @@ def test_a_set_against_a_plain_count(k):
         free[f"golden_cue{k}_first_ms"].to_numpy(),
         free["golden_pedal_down_ms"].to_numpy(),
     )
-    assert ROWS[k].false == wilson(int((first >= 0).sum()), len(free))
+    assert ROWS[k].false == wilson_interval(int((first >= 0).sum()), len(free))
     hours = np.where(first >= 0, pedal * first / MANIFEST.duration_ms, pedal).sum() / 3.6e6
     assert ROWS[k].per_hour == pytest.approx(alarm_rate(int((first >= 0).sum()), hours))
     cue = FRAME[f"cue{k}_first_ms"]
@@ -34,5 +34,7 @@ def test_a_set_against_a_plain_count(k):
 
 def test_best_sets_are_beaten_by_none():
     rows = list(ROWS.values())
-    best = front([row.missed.value for row in rows], [row.per_hour.per_hour for row in rows])
+    best = unbeaten_choices(
+        [row.missed.value for row in rows], [row.per_hour.per_hour for row in rows]
+    )
     assert [row.best for row in rows] == best.tolist() and 0 < sum(best) < len(rows)

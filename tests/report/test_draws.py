@@ -12,7 +12,7 @@ from ravenjax.report.data import draws
 
 def groups(campaign):
     """Of a bundled campaign, by what its manifest would hold."""
-    return draws.groups(json.loads(json.dumps(loading.load(campaign).model_dump())))
+    return draws.drawn_groups(json.loads(json.dumps(loading.load(campaign).model_dump())))
 
 
 def test_a_group_draws_its_faults_or_enumerates_them():
@@ -52,7 +52,7 @@ def test_a_group_draws_its_faults_or_enumerates_them():
     ],
 )
 def test_what_is_drawn(group, drawn):
-    assert draws.groups({"group": [{"name": "g", **group}]}) == (
+    assert draws.drawn_groups({"group": [{"name": "g", **group}]}) == (
         frozenset({"g"}) if drawn else frozenset()
     )
-    assert draws.groups({}) is None
+    assert draws.drawn_groups({}) is None

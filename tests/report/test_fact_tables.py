@@ -17,7 +17,7 @@ from ravenjax.report.data.facts import Choices
 
 
 def same(frame, cue=0, jump="jump_code", action=0):
-    told = run_facts.derive(frame, Choices(Rules(cue=cue, jump=jump), action))
+    told = run_facts.derive_facts(frame, Choices(Rules(cue=cue, jump=jump), action))
     naive = naive_facts.derive(frame, cue, jump, action)
     pd.testing.assert_index_equal(told.index, naive.index)
     assert set(told) == set(naive)

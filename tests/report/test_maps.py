@@ -8,7 +8,7 @@ import synthetic_results as synthetic
 
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import maps as panels
-from ravenjax.stats.intervals import wilson
+from ravenjax.stats.intervals import wilson_interval
 
 MANIFEST = synthetic.manifest(2000)
 FRAME = synthetic.frame(2000)
@@ -93,7 +93,7 @@ def test_every_map_counts_each_fault_once_and_as_pandas_does():
     for item in found:
         mine = FAULTY if item["name"] == panels.WHOLE else FAULTY[blocks == item["name"]]
         for one in item["rates"]:
-            assert one["rate"] == wilson(int(MEASURES[one["name"]](mine).sum()), len(mine))
+            assert one["rate"] == wilson_interval(int(MEASURES[one["name"]](mine).sum()), len(mine))
         for panel in item["panels"]:
             cells = counts(panel).values()
             assert sum(n for _, n in cells) == len(mine)

@@ -19,7 +19,7 @@ from ravenjax.errors import StoreError
 from ravenjax.report import page, wording
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import tables
-from ravenjax.stats.intervals import wilson
+from ravenjax.stats.intervals import wilson_interval
 from ravenjax.stats.sample_size.sequential import Look
 from ravenjax.store import schema
 from ravenjax.store.folder import ResultFolder
@@ -47,7 +47,7 @@ def of_facts(**columns):
 @pytest.fixture(scope="module")
 def built(tmp_path_factory):
     folder = tmp_path_factory.mktemp("with space") / "quick"
-    path = page.build(synthetic.folder(folder, FRAME, MANIFEST))
+    path = page.build_report(synthetic.folder(folder, FRAME, MANIFEST))
     return path, path.read_text(encoding="utf-8")
 
 
@@ -83,12 +83,12 @@ def test_enumerated_faults_have_shares_without_intervals():
     manifest = synthetic.manifest(RUNS, config={**MANIFEST.config, "group": groups})
     runs = Runs.of(FRAME, manifest)
     assert not runs.sampled() and TABLE.sampled()
-    head = tables.headline(runs, manifest)
+    head = tables.headline_counts(runs, manifest)
     assert (head["evaded"].k, head["evaded"].n) == (len(EVADING), len(FAULTY)) and np.isnan(
         head["evaded"].low
     )
     cells = [cell["rate"] for row in tables.verdict_matrix(runs) for cell in row["cells"]]
-    assert all(np.isnan(rate.low) for rate in cells) and wording.interval(cells[0]) == ""
+    assert all(np.isnan(rate.low) for rate in cells) and wording.format_interval(cells[0]) == ""
     some = [{**group, "design": "lhs"} for group in groups[:1]] + groups[1:]
     mixed = Runs.of(FRAME, synthetic.manifest(RUNS, config={**MANIFEST.config, "group": some}))
     rows = {row["name"]: row["evaded"] for row in tables.group_rows(mixed) if row["faulty"]}
@@ -100,7 +100,7 @@ def test_unfinished_campaign_says_so(tmp_path):
     results = ResultFolder.open(tmp_path, MANIFEST)
     results.add(FRAME.iloc[:100])
     assert "Unfinished: 100 of 2,000 runs" in words(
-        Page(page.build(tmp_path).read_text(encoding="utf-8"))
+        Page(page.build_report(tmp_path).read_text(encoding="utf-8"))
     )
 
 
@@ -112,8 +112,8 @@ def test_a_campaign_that_stopped_by_itself_says_why_and_what_its_pooled_rates_ar
     rows = {"taken": {"dac": 60}, "held": {"dac": 800}, "intervals": (), "waiting": ()}
     known = {"widest": 0.04, "half_width": 0.05, "each": 0.99, "even": even}
     look = Look(number=2, looks=4, stop=True, **rows, **known)
-    decisions.write(tmp_path, [look])
-    text = words(Page(page.build(tmp_path).read_text(encoding="utf-8")))
+    decisions.write_looks(tmp_path, [look])
+    text = words(Page(page.build_report(tmp_path).read_text(encoding="utf-8")))
     assert "Stopped at look 2 of 4: every rate is known within +-0.05." in text
     assert (
         "Groups were computed to different shares: weigh them for a rate over several." in text
@@ -122,7 +122,7 @@ def test_a_campaign_that_stopped_by_itself_says_why_and_what_its_pooled_rates_ar
 
 def test_folder_without_results(tmp_path):
     with pytest.raises(StoreError, match=r"manifest.json"):
-        page.build(tmp_path)
+        page.build_report(tmp_path)
 
 
 def edge(name):
@@ -189,7 +189,7 @@ def test_verdict_matrix_against_a_plain_count():
                 & (facts["hazard"] == hazard)
                 & (facts["cued"] == cued)
             )
-            assert cell["rate"] == wilson(int(mine.sum()), len(FAULTY))
+            assert cell["rate"] == wilson_interval(int(mine.sum()), len(FAULTY))
             assert cell["evades"] == (
                 row["name"] in ("limited", "silent") and hazard == "unintended motion"
             )
@@ -207,7 +207,7 @@ def test_delays_are_censored_at_stop_and_end():
         response_ms=[-1, -1, 400, -1, 300],
         response=["silent", "silent", "stopped", "silent", "flagged"],
     )
-    delays, early = tables.delays(runs, "warned_ms")
+    delays, early = tables.event_delays(runs, "warned_ms")
     assert delays.time.tolist() == [50, 300, 2900] and delays.came.tolist() == [True, False, False]
     assert (
         delays.count.tolist() == [1, 1, 2] and early == 1
@@ -236,7 +236,7 @@ def test_every_chart_can_be_read_without_seeing_it(built):
 def test_a_campaign_without_fault_slots_has_a_page():
     form = dataclasses.replace(synthetic.shape(), slots=0)
     frame = synthetic.frame(80).assign(group="fault_free")[
-        [column.name for column in schema.columns(form)]
+        [column.name for column in schema.table_columns(form)]
     ]
     html = rendered(frame, synthetic.manifest(80, shape=form))
     assert "This campaign injected no fault." in words(Page(html))

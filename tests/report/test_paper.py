@@ -13,7 +13,7 @@ from ravenjax.report import paper
 def test_main_figures_as_svg_and_pdf_alike_each_time(tmp_path):
     frame = reacting.frame(150)
     folder = synthetic.folder(tmp_path / "results", frame, reacting.manifest(len(frame)))
-    paths = paper.write(folder, tmp_path / "one")
+    paths = paper.write_figures(folder, tmp_path / "one")
     names = [path.name for path in paths]
     assert names == [
         f"{name}.{kind}"
@@ -22,7 +22,7 @@ def test_main_figures_as_svg_and_pdf_alike_each_time(tmp_path):
     ]
     heads = {".svg": b"<?xml", ".pdf": b"%PDF"}
     assert all(path.read_bytes().startswith(heads[path.suffix]) for path in paths)
-    again = paper.write(folder, tmp_path / "two")
+    again = paper.write_figures(folder, tmp_path / "two")
     assert [path.read_bytes() for path in paths] == [path.read_bytes() for path in again]
     verdicts = paths[0].read_text()
     assert "unintended motion, cue" in verdicts and "packet_position" in verdicts

@@ -9,8 +9,8 @@ import reacting_results as reacting
 
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import reaction
-from ravenjax.stats.comparison.paired import mcnemar, rate_difference
-from ravenjax.stats.intervals import wilson
+from ravenjax.stats.comparison.paired import mcnemar_test, rate_difference
+from ravenjax.stats.intervals import wilson_interval
 
 FAULTS = 300
 FRAME = reacting.frame(FAULTS)
@@ -18,7 +18,7 @@ MANIFEST = reacting.manifest(len(FRAME))
 
 
 def drawn(frame):
-    return reaction.drawn(Runs.of(frame, MANIFEST))
+    return reaction.sample_runs(Runs.of(frame, MANIFEST))
 
 
 def differences(frame, sampled=True):
@@ -47,7 +47,7 @@ def test_unintended_motions_with_and_without(action, told):
     assert (row.n, row.without.k, row.with_.k) == (len(without), without.sum(), with_.sum())
     assert row.change == rate_difference(with_, without) and row.change.value < 0
     assert (row.spared, row.caused) == ((without & ~with_).sum(), 0) and row.spared > 0
-    assert row.p == mcnemar(with_, without).p
+    assert row.p == mcnemar_test(with_, without).p
 
 
 def test_pairs_of_one_fault_count_as_one_unit():
@@ -88,11 +88,13 @@ def test_interruptions_of_fault_free_motion():
     frame = FRAME.assign(golden_tip_path_mm=np.arange(len(FRAME)) % 20 + 0.5)
     acting = frame["param:reaction.action"] == 1
     frame["golden_reaction_ms"] = np.where(acting & (frame["golden_tip_path_mm"] == 0.5), 900, -1)
-    found = {one.action: one for one in reaction.interruptions(drawn(frame))}
+    found = {one.action: one for one in reaction.count_interruptions(drawn(frame))}
     motions = (
         frame[acting]
         .groupby(["operator", "golden_tip_path_mm"], observed=True)["golden_reaction_ms"]
         .first()
     )
-    assert found["lift the pedal"].motions == wilson(int((motions >= 0).sum()), len(motions))
+    assert found["lift the pedal"].motions == wilson_interval(
+        int((motions >= 0).sum()), len(motions)
+    )
     assert found["correct by eye"].motions.k == 0 and np.isnan(found["correct by eye"].lost_ms)

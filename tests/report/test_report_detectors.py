@@ -8,7 +8,7 @@ import synthetic_results as synthetic
 
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import detectors
-from ravenjax.stats.intervals import wilson
+from ravenjax.stats.intervals import wilson_interval
 
 RUNS = 900
 MANIFEST = synthetic.manifest(RUNS)
@@ -19,8 +19,8 @@ FRAME["golden_detector0_score"] = np.where(
     FRAME["golden_tip_path_mm"] < 3, 0.7, 0.4
 )  # over the lowest threshold in 3 of 50
 TABLE = Runs.of(FRAME, MANIFEST)
-FOUND = TABLE.once(detectors.alarms)
-ROWS = {row.name: row for row in detectors.rows(TABLE)}
+FOUND = TABLE.once(detectors.list_alarms)
+ROWS = {row.name: row for row in detectors.detector_rows(TABLE)}
 VALID = (FRAME["failed"] == "") & (FRAME["fault0_site"] != "")
 MOVED = VALID & (FRAME["unintended_first_ms"] >= 0)
 
@@ -29,9 +29,11 @@ MOVED = VALID & (FRAME["unintended_first_ms"] >= 0)
 def test_rates_of_a_threshold(k):
     threshold, first = ROWS["dsn16"].thresholds[k], FRAME[f"detector0_threshold{k}_first_ms"]
     alarm = VALID & (first >= 0)
-    assert threshold.caught == wilson(int((alarm & MOVED).sum()), int(MOVED.sum()))
-    assert threshold.harmless == wilson(int((alarm & ~MOVED).sum()), int((VALID & ~MOVED).sum()))
-    assert threshold.precision == wilson(int((alarm & MOVED).sum()), int(alarm.sum()))
+    assert threshold.caught == wilson_interval(int((alarm & MOVED).sum()), int(MOVED.sum()))
+    assert threshold.harmless == wilson_interval(
+        int((alarm & ~MOVED).sum()), int((VALID & ~MOVED).sum())
+    )
+    assert threshold.precision == wilson_interval(int((alarm & MOVED).sum()), int(alarm.sum()))
 
 
 def test_false_alarms_count_each_motion_once():
@@ -53,7 +55,7 @@ def test_delay_and_lead_of_a_threshold():
         FRAME.loc[MOVED, "detector0_threshold0_first_ms"],
         FRAME.loc[MOVED, "unintended_first_ms"],
     )
-    assert threshold.before == wilson(
+    assert threshold.before == wilson_interval(
         int(((alarm >= 0) & (alarm < motion)).sum()), int(MOVED.sum())
     )
     delay = np.where(alarm >= 0, alarm - FRAME.loc[MOVED, "first_active_ms"], np.inf)
@@ -74,14 +76,16 @@ def test_area_is_the_chance_to_rank_a_motion_higher():
 def test_knowledge_comes_from_quiet_thresholds_alone():
     noisy = next(one for one in FOUND if one.name == "dsn16" and one.threshold == 0.5)
     listening = Runs.of(FRAME, MANIFEST)
-    listening.once(detectors.alarms).append(noisy._replace(quiet=True))
-    more, less = (runs.count(f"{detectors.known(runs)} >= 0") for runs in (listening, TABLE))
+    listening.once(detectors.list_alarms).append(noisy._replace(quiet=True))
+    more, less = (
+        runs.count(f"{detectors.knowledge_sql(runs)} >= 0") for runs in (listening, TABLE)
+    )
     assert more > less
 
 
 def test_no_curve_without_a_motion_or_without_a_second_fault():
     nothing = synthetic.judged(FRAME.assign(unintended_first_ms=-1))
     runs = Runs.of(nothing, MANIFEST)
-    rows = detectors.rows(runs)
+    rows = detectors.detector_rows(runs)
     assert all(row.roc is None for row in rows)
     assert detectors.roc_chart(rows) is None and detectors.precision_recall_chart(rows) is None

@@ -10,7 +10,7 @@ import synthetic_results as synthetic
 
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import own_checks
-from ravenjax.stats.intervals import wilson
+from ravenjax.stats.intervals import wilson_interval
 from ravenjax.vocabulary import checks
 
 GATE, EYE = checks.of_own("gate", "usb_out", "stop"), checks.of_own("eye", "jpos", "watch")
@@ -56,7 +56,7 @@ def campaign(own=(GATE, EYE), varied=None):
         frame[f"check_{name}_count"] = (golden >= 0) * 1 + sooner * 1
         frame[f"golden_check_{name}_first_ms"] = golden
         frame[f"golden_check_{name}_count"] = (golden >= 0) * 1
-    if "built_in_response" in {column.name for column in synthetic.schema.columns(shape)}:
+    if "built_in_response" in {column.name for column in synthetic.schema.table_columns(shape)}:
         frame["built_in_response"] = frame["response"]
         frame["built_in_told_ms"] = frame["told_ms"]
     if varied is not None:
@@ -103,14 +103,14 @@ def new(row, name):
 
 def test_each_rate_is_that_of_the_raw_rows():
     frame, manifest = campaign()
-    gate, eye = own_checks.rows(Runs.of(frame, manifest))
+    gate, eye = own_checks.own_check_rows(Runs.of(frame, manifest))
     for row, name, other in ((gate, GATE.name, EYE.name), (eye, EYE.name, GATE.name)):
         faults, tripped, alone, moved, caught, still, harmless = recounted(frame, name, [other])
         assert (row.tripped.k, row.tripped.n) == (tripped, faults) and 0 < tripped < faults
         assert (row.alone.k, row.alone.n) == (alone, tripped) and 0 < alone < tripped
         assert (row.alarms.caught.k, row.alarms.caught.n) == (caught, moved) and 0 < caught < moved
         assert (row.alarms.harmless.k, row.alarms.harmless.n) == (harmless, still) and harmless > 0
-        assert tuple(row.tripped) == pytest.approx(tuple(wilson(tripped, faults)))
+        assert tuple(row.tripped) == pytest.approx(tuple(wilson_interval(tripped, faults)))
     assert (gate.name, gate.at, gate.does, gate.threshold) == (
         "gate",
         "usb_out",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ravenjax.outcomes.events import Rules
-from ravenjax.report.run.summary import events
+from ravenjax.report.run.summary import list_events
 
 TICKS = 3000
 RULES = Rules(cue=0, threshold_mm=3.0, limit_mm=3.0)
@@ -98,7 +98,7 @@ def series():
 
 
 def test_a_run_is_told_in_the_order_of_the_loop():
-    found = events(ROW, RULES, series(), GOLDEN)
+    found = list_events(ROW, RULES, series(), GOLDEN)
     assert [(event.ms, event.kind) for event in found] == [
         (0, "check"),
         (200, "brakes"),

@@ -22,7 +22,7 @@ from ravenjax.store.folder import ResultFolder
 FRAME = synthetic.frame(3000)
 MANIFEST = synthetic.manifest(3000)
 RUNS = Runs.of(FRAME, MANIFEST)
-FACTS = run_facts.of(FRAME, MANIFEST)
+FACTS = run_facts.derive_from_manifest(FRAME, MANIFEST)
 
 
 def test_facts_of_a_folder_are_those_of_its_table(tmp_path):
@@ -30,8 +30,10 @@ def test_facts_of_a_folder_are_those_of_its_table(tmp_path):
     for rows in folder.missing(700):
         folder.add(FRAME.iloc[rows.start : rows.stop])
     runs = Runs.open(tmp_path, MANIFEST)
-    stored = schema.conform(FRAME, MANIFEST.shape).to_pandas()  # in the precision of the table
-    told = run_facts.of(stored, MANIFEST)
+    stored = schema.conform_table(
+        FRAME, MANIFEST.shape
+    ).to_pandas()  # in the precision of the table
+    told = run_facts.derive_from_manifest(stored, MANIFEST)
     found = runs.table.frame("SELECT * FROM facts ORDER BY row")
     runs.close()
     for name in told.columns.drop("run_id"):
@@ -54,7 +56,7 @@ def test_distinct_faults_however_often_they_were_run():
     twice = pd.concat([FRAME, FRAME.assign(seed=8, pair=FRAME["pair"] + 3000)], ignore_index=True)
     again = Runs.of(twice, MANIFEST)
     for by in ("''", '"group"', "site", "layer"):
-        assert answers.counts(RUNS, by) == answers.counts(again, by)
+        assert answers.counts_by_column(RUNS, by) == answers.counts_by_column(again, by)
     assert again.count("sample") == RUNS.count("sample") == (FRAME["failed"] == "").sum()
 
 
@@ -74,11 +76,11 @@ def test_a_fault_that_never_acted_is_in_no_rate_and_windows_beyond_the_end_are_e
 def test_a_page_of_a_sample_says_so_and_counts_all(tmp_path, monkeypatch):
     frame = reacting.frame(1500)
     manifest = reacting.manifest(len(frame))
-    whole = words(page.render(Runs.of(frame, manifest), manifest, tmp_path))
+    whole = words(page.render_report(Runs.of(frame, manifest), manifest, tmp_path))
     assert "drawn by a fixed rule" not in whole
     monkeypatch.setattr(pairs, "MOST", 900)
     monkeypatch.setattr(detectors, "MOST_DRAWN", 400)
-    some = words(page.render(Runs.of(frame, manifest), manifest, tmp_path))
+    some = words(page.render_report(Runs.of(frame, manifest), manifest, tmp_path))
     assert len(re.findall(r"from about [\d,]+ of [\d,]+ runs, drawn by a fixed rule", some)) == 2
     counts = re.findall(r"Of [\d,]+ distinct faults.*?\)", whole) + re.findall(
         r"[\d,]+ faults with an unint[^.;]*", whole
@@ -97,4 +99,4 @@ def test_a_report_needs_no_more_memory_than_it_is_given(tmp_path, monkeypatch):
     folder = ResultFolder.open(tmp_path, MANIFEST)
     folder.add(FRAME)
     monkeypatch.setenv("RAVENJAX_QUERY_MB", "64")
-    assert page.build(tmp_path).read_text(encoding="utf-8").rstrip().endswith("</html>")
+    assert page.build_report(tmp_path).read_text(encoding="utf-8").rstrip().endswith("</html>")

@@ -79,9 +79,11 @@ def test_the_terminal_counts_runs_with_a_fault():
     told = terminal.share_rows(counted, len(VALID))
     assert {verdict: int(runs) for verdict, runs, _ in told} == sizes.to_dict()
     evading = VALID[MOVED & UNTOLD]
-    sentence = terminal.evading(counted, manifest.limit_mm)
+    sentence = terminal.count_evading(counted, manifest.limit_mm)
     assert sentence.startswith(f"{len(evading)} of {len(VALID)} runs")
     cues = (evading["cue0_first_ms"] >= 0).sum()
     assert sentence.endswith(f"The cue comes in {cues} of these.")
-    assert terminal.evading({"silent/none/no cue": 160}, 3.0).startswith("None of 160 runs with a")
-    assert "do not test the checks" in terminal.evading({"silent/none/no cue": 160}, 3.0)
+    assert terminal.count_evading({"silent/none/no cue": 160}, 3.0).startswith(
+        "None of 160 runs with a"
+    )
+    assert "do not test the checks" in terminal.count_evading({"silent/none/no cue": 160}, 3.0)

@@ -22,7 +22,7 @@ FRAME = synthetic.judged(
     )
 )
 FAULTY = FRAME[(FRAME["fault0_site"] != "") & (FRAME["failed"] == "")]
-FOUND = {kind["name"]: kind for kind in worst.rows(Runs.of(FRAME, MANIFEST), Path("my out"))}
+FOUND = {kind["name"]: kind for kind in worst.worst_rows(Runs.of(FRAME, MANIFEST), Path("my out"))}
 TOLD = FAULTY["response"].isin(["stopped", "flagged"])
 UNINTENDED, LOSS = (FAULTY["hazard"] == name for name in ("unintended motion", "loss of motion"))
 KINDS = {

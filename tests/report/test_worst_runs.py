@@ -42,7 +42,7 @@ def sorted_ids(values, most):
     ],
 )
 def test_the_worst_are_those_of_a_plain_sort(folder, by, values):
-    found = ranking.worst(folder, 7, by)
+    found = ranking.worst_runs(folder, 7, by)
     assert [run.run_id for run in found] == sorted_ids(values, 7)
     assert [run.value for run in found] == sorted((run.value for run in found), reverse=True)
 
@@ -56,4 +56,4 @@ def test_the_worst_are_those_of_a_plain_sort(folder, by, values):
 )
 def test_what_cannot_be_asked(folder, most, by, words):
     with pytest.raises(UserError, match=words):
-        ranking.worst(folder, most, by)
+        ranking.worst_runs(folder, most, by)

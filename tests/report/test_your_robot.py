@@ -39,12 +39,12 @@ def test_rates_are_those_of_a_plain_count_by_robot(frame) -> None:
     robot = valid["index"] % ROBOTS
     moved = valid["unintended_first_ms"] >= 0
     told = valid["response"].isin(["stopped", "flagged"])
-    rates = {one.name: one for one in robots.rates(Runs.of(frame, manifest()))}
+    rates = {one.name: one for one in robots.robot_rates(Runs.of(frame, manifest()))}
     for name, hits in {
         "evades the checks": moved & ~told,
         "makes an unintended motion": moved,
     }.items():
-        expected = one_unit.rate(hits.groupby(robot).sum(), hits.groupby(robot).count())
+        expected = one_unit.rate_per_unit(hits.groupby(robot).sum(), hits.groupby(robot).count())
         assert rates[name].robots == ROBOTS and rates[name].rate.k == hits.sum()
         np.testing.assert_allclose(rates[name].rate, expected.rate, rtol=1e-6)
     motion = rates["makes an unintended motion"]

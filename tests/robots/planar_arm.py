@@ -9,10 +9,10 @@ import numpy as np
 
 from ravenjax.campaign.prepared import Prepared
 from ravenjax.faults import fault
-from ravenjax.faults.injection import Injector, paths
+from ravenjax.faults.injection import Injector, channel_paths
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.setup import Setup as AnySetup
-from ravenjax.numbers.setup import real
+from ravenjax.numbers.setup import cast_to_real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, where
 from ravenjax.stages import check, haptics, monitor
 from ravenjax.vocabulary.checks import Check
@@ -88,7 +88,7 @@ def tip_of(jpos: Any) -> Vec:
 
 def init(setup: Setup, params: Params) -> State:
     """At rest, stretched out to the side."""
-    jpos = real(setup, Vec((0.0, 1.0)))
+    jpos = cast_to_real(setup, Vec((0.0, 1.0)))
     zero, tip = jnp.int32(0), tip_of(jpos)
     watch = monitor.init(setup, (tip,), (tip * 1e6,))
     cue = haptics.init(setup, params.haptics)
@@ -102,18 +102,18 @@ def advance(setup, params, faults, state, now, motion, golden):
     clock = fault.TriggerClocks(now, now + 1, now)
     inject = Injector(
         setup,
-        paths(ROBOT, setup),
+        channel_paths(ROBOT, setup),
         faults,
         fault.open_windows(setup, faults, state.faults, clock),
         clock,
     )
-    wanted = Vec(real(setup, column[now]) for column in motion)
+    wanted = Vec(cast_to_real(setup, column[now]) for column in motion)
     (reported,) = inject("encoder", (state.jpos,))
     torque = (wanted - reported) * params.kp - state.jvel * params.kd
     largest = jnp.maximum(jnp.abs(torque[0]), jnp.abs(torque[1]))
     over = (largest > params.torque_max) & ~state.stopped
     stopped = state.stopped | over
-    limit = check.update(state.limit, now, over, params.torque_max - largest)
+    limit = check.update_check(state.limit, now, over, params.torque_max - largest)
     (driven,) = inject("torque", (where(stopped, torque * 0.0, torque),))
     jvel = where(stopped, state.jvel * 0.9, state.jvel) + driven * (1e-3 / params.inertia)
     jpos = state.jpos + jvel * 1e-3

@@ -103,7 +103,7 @@ def test_it_never_makes_energy(forces, mass, damping, stiffness, grip):
     the force.
     """
     params = constants(mass=mass, damping=damping, stiffness=stiffness, grip=grip)
-    held_stiffness, held_damping = (float(x) for x in hand.impedance(params))
+    held_stiffness, held_damping = (float(x) for x in hand.hand_impedance(params))
     forces = np.array(forces)
     place, speed = moved(params, forces)
     energy = 0.5 * mass * (speed**2).sum(axis=1) + 0.5 * held_stiffness * (place**2).sum(axis=1)

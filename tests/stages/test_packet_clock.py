@@ -19,7 +19,7 @@ DRAWS = 200_000
 
 
 def lengths(choice, key: int, count: int = DRAWS) -> np.ndarray:
-    one = partial(packet_clock.length, DISTRIBUTIONS, choice, jnp.uint32(key))
+    one = partial(packet_clock.packet_length, DISTRIBUTIONS, choice, jnp.uint32(key))
     return np.asarray(jax.jit(jax.vmap(one))(jnp.arange(count, dtype=jnp.int32)))
 
 
@@ -38,7 +38,7 @@ def test_packets_come_where_the_lengths_say():
     for now in range(400):
         fresh = now >= int(clock.due)
         index += fresh
-        cycles = packet_clock.length(
+        cycles = packet_clock.packet_length(
             DISTRIBUTIONS, np.int32(packets.BURSTS), jnp.uint32(5), jnp.int32(index)
         )
         before = clock.tick

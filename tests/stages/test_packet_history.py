@@ -21,7 +21,7 @@ def answers(newer, ticks, fresh, *words):
     after = packet_history.step(PacketHistory(Vec(words)), fresh)
     history = PacketHistory(Vec(words))
     return (
-        packet_history.age(history, newer),
+        packet_history.packet_age(history, newer),
         packet_history.sent_within(history, ticks),
         *after.words,
     )

@@ -9,11 +9,11 @@ import pytest
 
 from ravenjax.stats.alarms.choice import (
     AlarmCounts,
-    cheapest,
+    cheapest_alarms,
     false_rates,
     hours_to_decide,
     missed_difference,
-    rare,
+    rarest_alarms,
 )
 from ravenjax.stats.alarms.false_alarms import alarm_rate
 from ravenjax.stats.comparison.paired import rate_difference
@@ -52,20 +52,22 @@ def test_intervals_are_those_of_pairs_and_of_exact_rates():
 
 def test_enough_quiet_motion_decides():
     counts = alarms(nested(700, 0.05, 0.10, 0.16), [0, 0, 0], 7.4)
-    assert cheapest(counts, 1000).tolist() == [True, False, False]
-    possible, keeps = rare(counts, 0.5)
+    assert cheapest_alarms(counts, 1000).tolist() == [True, False, False]
+    possible, keeps = rarest_alarms(counts, 0.5)
     assert possible.tolist() == [True, False, False] and keeps.all()
-    assert not rare(counts, 0.49)[1].any()  # 3.689 / 7.4 h = 0.4985
+    assert not rarest_alarms(counts, 0.49)[1].any()  # 3.689 / 7.4 h = 0.4985
 
 
 def test_hours_that_decide_are_the_fewest():
     counts = alarms(nested(700, 0.05, 0.10), [0, 0], 0.01)
-    times = hours_to_decide(lambda more: cheapest(counts, 100, more))
+    times = hours_to_decide(lambda more: cheapest_alarms(counts, 100, more))
     low = missed_difference(counts).low[1, 0]
     assert 0.01 * times == pytest.approx(
         3.689 / (100 * low), rel=0.01
     )  # the first costs at most 3.689 / h more
-    assert not cheapest(counts, 100, times)[1] and cheapest(counts, 100, times / 1.02)[1]
+    assert (
+        not cheapest_alarms(counts, 100, times)[1] and cheapest_alarms(counts, 100, times / 1.02)[1]
+    )
 
 
 @pytest.mark.parametrize("weight", [10.0, 100.0])
@@ -78,7 +80,7 @@ def test_what_is_named_is_the_cheapest_as_often_as_promised(weight):
     for _ in range(300):
         drawn = random.random(150)[:, None] < share
         counts = alarms(drawn, random.poisson(rate * 40.0), 40.0)
-        possible = cheapest(counts, weight)
+        possible = cheapest_alarms(counts, weight)
         wrong += not possible[best]
         decided += possible.sum() == 1
     assert wrong / 300 <= 0.05 and decided > 0

@@ -41,15 +41,17 @@ def test_one_row_a_cluster_is_the_usual_interval():
 
 def test_correlation_of_what_is_alike_and_of_what_is_not():
     alike = [np.full(4, float(i)) for i in range(6)]
-    found = clustered.correlation(alike)
+    found = clustered.intraclass_correlation(alike)
     assert found.icc == pytest.approx(1) and found.design_effect == pytest.approx(4)
     random = np.random.default_rng(3)
     shared, own = random.normal(0, 1, 3000), random.normal(0, 1, (3000, 5))
-    found = clustered.correlation(list(shared[:, None] * math.sqrt(0.3) + own * math.sqrt(0.7)))
+    found = clustered.intraclass_correlation(
+        list(shared[:, None] * math.sqrt(0.3) + own * math.sqrt(0.7))
+    )
     assert found.icc == pytest.approx(0.3, abs=0.03) and found.design_effect == pytest.approx(
         1 + 4 * found.icc
     )
-    assert math.isnan(clustered.correlation(singles([1.0, 2.0])).icc)
+    assert math.isnan(clustered.intraclass_correlation(singles([1.0, 2.0])).icc)
 
 
 @pytest.mark.slow

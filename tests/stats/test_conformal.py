@@ -31,9 +31,11 @@ def one_a_unit(score: np.ndarray, length_h: float = 0.1) -> OperationScores:
 def test_as_few_units_as_wilks_has_them(risk, confidence, units):
     assert target(risk, confidence).fewest_units == units
     with pytest.raises(TooFewUnits, match=f"{units - 1} units, at least {units} are needed"):
-        threshold.least(one_a_unit(np.arange(units - 1.0)), target(risk, confidence))
+        threshold.least_threshold(one_a_unit(np.arange(units - 1.0)), target(risk, confidence))
     assert (
-        threshold.least(one_a_unit(np.arange(float(units))), target(risk, confidence)).value
+        threshold.least_threshold(
+            one_a_unit(np.arange(float(units))), target(risk, confidence)
+        ).value
         == units - 1
     )
 
@@ -41,7 +43,7 @@ def test_as_few_units_as_wilks_has_them(risk, confidence, units):
 @pytest.mark.parametrize(("units", "alarms"), [(59, 0), (92, 0), (93, 1), (124, 2), (153, 3)])
 def test_as_many_alarms_as_wilks_allows(units, alarms):
     """Second to fourth largest of 93, 124, 153: tables of one-sided 95/95 tolerance limits."""
-    result = threshold.least(
+    result = threshold.least_threshold(
         one_a_unit(np.random.default_rng(1).permutation(float(units) + np.arange(units))),
         target(0.05),
     )
@@ -83,9 +85,9 @@ def test_the_threshold_is_the_least_that_is_not_rejected(scores, a_unit, risk):
     candidates = list(itertools.takewhile(fine, descending))
     if not candidates:
         with pytest.raises(TooFewUnits):
-            threshold.least(some, wanted)
+            threshold.least_threshold(some, wanted)
         return
-    result = threshold.least(some, wanted)
+    result = threshold.least_threshold(some, wanted)
     assert result.value == candidates[-1] and result.alarms == (plain > result.value).sum()
 
 
@@ -107,7 +109,7 @@ def test_the_risk_is_kept_with_the_confidence_and_the_naive_quantile_does_not(ea
     above, naive = 0, 0
     for _ in range(calibrations):
         some = clustered(rng, 120, each, spread)
-        above += norm.sf(threshold.least(some, wanted).value) > wanted.risk
+        above += norm.sf(threshold.least_threshold(some, wanted).value) > wanted.risk
         naive += norm.sf(np.quantile(some.score, 1.0 - wanted.risk, method="higher")) > wanted.risk
     assert above <= binom.ppf(
         0.999, calibrations, 0.1
@@ -147,22 +149,24 @@ def test_p_values_are_uniform_and_independent_where_nothing_changed():
 def test_the_level_is_kept_and_a_changed_robot_is_reported():
     rng, level, times = np.random.default_rng(2), 0.05, 400
     same = [
-        shift.shift(rng.normal(size=60), rng.normal(size=15), s).p <= level for s in range(times)
+        shift.test_shift(rng.normal(size=60), rng.normal(size=15), s).p <= level
+        for s in range(times)
     ]
     assert sum(same) <= binom.ppf(0.999, times, level)
-    higher = [shift.shift(rng.normal(size=60), rng.normal(2.0, size=15), s) for s in range(20)]
+    higher = [shift.test_shift(rng.normal(size=60), rng.normal(2.0, size=15), s) for s in range(20)]
     assert all(one.p <= level and one.place > 0.8 for one in higher)
     wider = [
-        shift.shift(rng.normal(size=200), 6 * rng.normal(size=60), s).p <= level for s in range(20)
+        shift.test_shift(rng.normal(size=200), 6 * rng.normal(size=60), s).p <= level
+        for s in range(20)
     ]
     assert all(wider)
 
 
 def test_the_martingale_has_mean_one_and_grows_against_small_p_values():
     rng = np.random.default_rng(1)
-    ends = [shift.martingale(rng.random(40))[-1] for _ in range(4000)]
+    ends = [shift.martingale_capital(rng.random(40))[-1] for _ in range(4000)]
     assert np.mean(ends) == pytest.approx(1.0, abs=5 * np.std(ends) / np.sqrt(4000))
-    assert shift.martingale(np.full(40, 0.02))[-1] > 100
+    assert shift.martingale_capital(np.full(40, 0.02))[-1] > 100
 
 
 def test_the_joint_score_is_the_largest_over_time_to_the_bit():
@@ -172,14 +176,14 @@ def test_the_joint_score_is_the_largest_over_time_to_the_bit():
     )  # operations, milliseconds, signals
     segment = rng.integers(0, 2, 500)
     peaks = np.stack([series[:, segment == one].max(axis=1) for one in (0, 1)], axis=-1)
-    scale = threshold.scales(peaks)
+    scale = threshold.signal_scales(peaks)
     live = (series / scale[:, segment].T[None]).max(axis=(1, 2))
-    assert live.dtype == np.float32 and (threshold.joint(peaks, scale) == live).all()
+    assert live.dtype == np.float32 and (threshold.joint_scores(peaks, scale) == live).all()
 
 
 def test_a_signal_that_is_always_zero_has_a_scale():
     peaks = np.zeros((5, 2, 2))
     peaks[:, 0, 0] = 3.0
-    assert threshold.scales(peaks).tolist() == [[3.0, np.float32(3e-6)], [1.0, 1.0]]
+    assert threshold.signal_scales(peaks).tolist() == [[3.0, np.float32(3e-6)], [1.0, 1.0]]
     with pytest.raises(ValueError, match="finite"):
-        threshold.scales(np.full((2, 1, 1), np.inf))
+        threshold.signal_scales(np.full((2, 1, 1), np.inf))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, binomtest
 
-from ravenjax.stats.intervals import bounds, rates, wilson
+from ravenjax.stats.intervals import rate_bounds, rates_with_intervals, wilson_interval
 
 
 @pytest.mark.parametrize(
@@ -28,7 +28,7 @@ from ravenjax.stats.intervals import bounds, rates, wilson
     ],
 )
 def test_wilson_has_the_known_values(k, n, low, high):
-    rate = wilson(k, n)
+    rate = wilson_interval(k, n)
     digits = 2 if high < 1 else 1
     assert (round(100 * rate.low, digits), round(100 * rate.high, digits)) == (low, high)
     assert (rate.k, rate.n, rate.value) == (k, n, k / n)
@@ -37,7 +37,7 @@ def test_wilson_has_the_known_values(k, n, low, high):
 @pytest.mark.parametrize(("method", "name"), [("wilson", "wilson"), ("clopper_pearson", "exact")])
 def test_many_rates_at_once_are_scipys_one_by_one(method, name):
     k, n = np.arange(0, 300, 7), 300
-    for rate in rates(k, n, 0.9, method):
+    for rate in rates_with_intervals(k, n, 0.9, method):
         interval = binomtest(rate.k, n).proportion_ci(0.9, name)
         assert (rate.low, rate.high) == pytest.approx((interval.low, interval.high), abs=1e-12)
 
@@ -45,7 +45,7 @@ def test_many_rates_at_once_are_scipys_one_by_one(method, name):
 def exact_coverage(method, n, chances):
     """Chance that the interval holds p, for each p: a sum over all outcomes, no sampling error."""
     k = np.arange(n + 1)
-    low, high = bounds(k, np.full(n + 1, n), 0.95, method)
+    low, high = rate_bounds(k, np.full(n + 1, n), 0.95, method)
     return [float(binom.pmf(k, n, p)[(low <= p) & (p <= high)].sum()) for p in chances]
 
 
@@ -60,14 +60,17 @@ def test_coverage(n):
 @pytest.mark.parametrize(("k", "n"), [(3, 2), (-1, 2), (0, -1)])
 def test_impossible_counts_are_refused(k, n):
     with pytest.raises(ValueError, match=f"k = {k}, n = {n}"):
-        wilson(k, n)
+        wilson_interval(k, n)
 
 
 def test_no_trials_have_no_rate():
-    assert np.isnan(wilson(0, 0)[2:]).all() and wilson(0, 0) == rates([1, 0], [2, 0])[1]
+    assert (
+        np.isnan(wilson_interval(0, 0)[2:]).all()
+        and wilson_interval(0, 0) == rates_with_intervals([1, 0], [2, 0])[1]
+    )
 
 
 @pytest.mark.parametrize("confidence", [0, 1, 95])
 def test_impossible_confidence_is_refused(confidence):
     with pytest.raises(ValueError, match=str(confidence)):
-        wilson(1, 2, confidence)
+        wilson_interval(1, 2, confidence)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.stats import CensoredData, ecdf
 
 from ravenjax.stats import latency
-from ravenjax.stats.intervals import wilson
+from ravenjax.stats.intervals import wilson_interval
 from ravenjax.stats.latency import Delays
 
 # Weeks in remission, 6-MP against placebo: Freireich et al. 1963, the example of every textbook
@@ -21,14 +21,16 @@ PLACEBO = [1, 1, 2, 2, 3, 4, 4, 5, 5, 8, 8, 8, 8, 11, 11, 12, 12, 15, 17, 22, 23
 
 
 def incidence(delay, came):
-    return latency.incidence(Delays(np.asarray(delay), np.asarray(came), np.ones(len(delay), int)))
+    return latency.incidence_curve(
+        Delays(np.asarray(delay), np.asarray(came), np.ones(len(delay), int))
+    )
 
 
 def lead_time(alarm, harm, end):
     alarm, harm = np.asarray(alarm), np.asarray(harm)
     harmed, came = ~np.isnan(harm), ~np.isnan(alarm)
     lag = np.where(came, alarm, end)[harmed] - harm[harmed]
-    return latency.lead(Delays(lag, came[harmed], np.ones(len(lag), int)))
+    return latency.lead_time(Delays(lag, came[harmed], np.ones(len(lag), int)))
 
 
 def test_textbook_curve():
@@ -52,7 +54,7 @@ def test_lead_by_hand():
     alarm = [10.0, 60.0, nan, 5.0, 30.0]
     harm = [40.0, 50.0, 20.0, nan, 30.0]
     lead = lead_time(alarm, harm, 100)
-    assert (lead.n, lead.alarmed) == (4, 3) and lead.before == wilson(1, 4)
+    assert (lead.n, lead.alarmed) == (4, 3) and lead.before == wilson_interval(1, 4)
     assert lead.lag.time.tolist() == [-30, -30, 0, 10, 80][: len(lead.lag.time)]
     assert (
         lead.quantile(0.25).value == 30
@@ -89,7 +91,7 @@ def test_censoring_does_not_bias():
 def test_counted_delays_give_the_curve_of_scipy(runs):
     times, came = np.array([time for time, _ in runs], float), np.array([hit for _, hit in runs])
     both, count = np.unique(np.stack([times, came]), axis=1, return_counts=True)
-    curve = latency.incidence(Delays(both[0], both[1].astype(bool), count))
+    curve = latency.incidence_curve(Delays(both[0], both[1].astype(bool), count))
     if came.any():
         truth = ecdf(CensoredData(uncensored=times[came], right=times[~came])).cdf
         np.testing.assert_allclose(curve.time[1:], truth.quantiles)
@@ -98,5 +100,5 @@ def test_counted_delays_give_the_curve_of_scipy(runs):
 
 
 def test_without_runs():
-    assert latency.incidence(latency.NONE).n == 0 and latency.lead(latency.NONE).n == 0
-    assert np.isnan(latency.incidence(latency.NONE).quantile(0.5))
+    assert latency.incidence_curve(latency.NONE).n == 0 and latency.lead_time(latency.NONE).n == 0
+    assert np.isnan(latency.incidence_curve(latency.NONE).quantile(0.5))

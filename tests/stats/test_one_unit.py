@@ -27,7 +27,7 @@ def test_the_next_unit_is_covered_as_often_as_promised(deviation) -> None:
     hits, deviations = [], []
     for _ in range(CAMPAIGNS):
         k, n, rate = simulated(deviation, rng)
-        one = one_unit.rate(k, n)
+        one = one_unit.rate_per_unit(k, n)
         hits.append(one.rate.low <= rate <= one.rate.high)
         deviations.append(one.deviation)
     assert np.mean(hits) >= 0.88 and (
@@ -42,7 +42,7 @@ def test_differences_between_units_widen_it_as_more_trials_do_not() -> None:
     widths = []
     for trials in (1_000, 100_000):
         n = np.full(UNITS, trials)
-        one = one_unit.rate(rng.binomial(n, rates), n)
+        one = one_unit.rate_per_unit(rng.binomial(n, rates), n)
         widths.append(one.rate.high - one.rate.low)
     low, high = np.quantile(rng.beta(9.0, 81.0, 100_000), [0.025, 0.975])
     assert widths[1] == pytest.approx(high - low, rel=0.3) and widths[0] == pytest.approx(
@@ -51,10 +51,10 @@ def test_differences_between_units_widen_it_as_more_trials_do_not() -> None:
 
 
 def test_without_second_trials_nothing_can_be_told() -> None:
-    one = one_unit.rate(np.array([0, 1, 0, 0, 1, 0, 1]), np.ones(7, int))
+    one = one_unit.rate_per_unit(np.array([0, 1, 0, 0, 1, 0, 1]), np.ones(7, int))
     assert (
         np.isnan(one.rate.low)
         and np.isnan(one.deviation)
         and one.rate.value == pytest.approx(3 / 7)
     )
-    assert np.isnan(one_unit.rate([3, 4], [10, 10]).rate.low)
+    assert np.isnan(one_unit.rate_per_unit([3, 4], [10, 10]).rate.low)

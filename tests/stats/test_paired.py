@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import norm
 
 from ravenjax.stats.comparison.paired import (
-    mcnemar,
+    mcnemar_test,
     rate_difference,
 )
 
@@ -20,8 +20,8 @@ def pairs(both, first, second, none):
 
 def test_mcnemar_by_hand():
     # 8 discordant pairs, 1 against 7: p = 2 (C(8,0) + C(8,1)) / 2^8 = 18 / 256
-    assert mcnemar(*pairs(20, 1, 7, 30)) == pytest.approx((1, 7, 58, 18 / 256))
-    assert mcnemar(*pairs(5, 0, 0, 5)).p == 1.0
+    assert mcnemar_test(*pairs(20, 1, 7, 30)) == pytest.approx((1, 7, 58, 18 / 256))
+    assert mcnemar_test(*pairs(5, 0, 0, 5)).p == 1.0
 
 
 def test_difference_by_hand():
@@ -56,4 +56,4 @@ def test_no_pairs_have_no_difference():
 
 def test_pairs_of_other_lengths_are_refused():
     with pytest.raises(ValueError, match="shapes"):
-        mcnemar([1, 0], [1])
+        mcnemar_test([1, 0], [1])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ravenjax.stats.alarms.choice import front
+from ravenjax.stats.alarms.choice import unbeaten_choices
 
 
 def by_definition(x, y):
@@ -22,10 +22,13 @@ def test_as_defined(values):
     for _ in range(50):
         x, y = random.integers(0, values, (2, 60)).astype(float)
         x[random.random(60) < 0.05] = np.nan
-        assert front(x, y).tolist() == by_definition(x, y)
+        assert unbeaten_choices(x, y).tolist() == by_definition(x, y)
 
 
 def test_infinite_costs_and_no_choices():
     inf = np.inf
-    assert front([1, 2, inf], [inf, inf, 3]).tolist() == [True, False, True]
-    assert front([inf, inf], [inf, inf]).tolist() == [True, True] and front([], []).tolist() == []
+    assert unbeaten_choices([1, 2, inf], [inf, inf, 3]).tolist() == [True, False, True]
+    assert (
+        unbeaten_choices([inf, inf], [inf, inf]).tolist() == [True, True]
+        and unbeaten_choices([], []).tolist() == []
+    )

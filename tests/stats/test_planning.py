@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ravenjax.stats.alarms.false_alarms import alarm_rate
-from ravenjax.stats.intervals import bounds
+from ravenjax.stats.intervals import rate_bounds
 from ravenjax.stats.sample_size.planning import hours_to_bound, more_runs
 
 
@@ -30,7 +30,7 @@ def test_hours_without_an_alarm_by_hand():
 def test_more_runs_are_the_fewest_whatever_is_asked(rate, n, half_width, confidence):
     k = round(rate * n)
     total = n + more_runs(k, n, half_width, confidence).expected
-    low, high = bounds(
+    low, high = rate_bounds(
         k / n * np.array([total, total - 1.0]), np.array([total, total - 1.0]), confidence
     )
     enough, fewer = (high - low) / 2

@@ -11,7 +11,7 @@ import pytest
 from scipy.special import ndtri
 from scipy.stats import norm
 
-from ravenjax.stats.rare import monte_carlo, subset
+from ravenjax.stats.rare import monte_carlo, subset_simulation
 
 D = 5
 
@@ -47,7 +47,7 @@ def test_plain_monte_carlo():
 @pytest.mark.parametrize("probability", [1e-2, 1e-3, 1e-4])
 def test_subset_against_the_known_probability(limit, probability):
     g = limit(probability)
-    found = [subset(g, D, seed=seed) for seed in range(40)]
+    found = [subset_simulation(g, D, seed=seed) for seed in range(40)]
     value = np.array([one.probability for one in found])
     spread = value.std() / probability
     assert value.mean() == pytest.approx(
@@ -66,7 +66,7 @@ def test_subset_against_the_known_probability(limit, probability):
 
 def test_subset_against_plain_monte_carlo():
     g = plane(3e-3)
-    plain, steps = monte_carlo(g, D, 100_000, seed=2), subset(g, D, 2000, seed=2)
+    plain, steps = monte_carlo(g, D, 100_000, seed=2), subset_simulation(g, D, 2000, seed=2)
     assert steps.low < plain.high and plain.low < steps.high
     assert steps.levels == tuple(sorted(steps.levels, reverse=True)) and steps.levels[-1] == 0
 
@@ -75,7 +75,7 @@ def test_subset_against_plain_monte_carlo():
     "g", [lambda u: 1 + u[:, 0], lambda u: np.where(u[:, 0] < 1e-5, -1.0, 1.0)]
 )
 def test_an_event_out_of_reach_is_bounded_by_the_first_level(g):
-    found = subset(g, 2, 1000)
+    found = subset_simulation(g, 2, 1000)
     assert (found.probability, found.low, found.runs) == (
         0,
         0,
@@ -85,15 +85,15 @@ def test_an_event_out_of_reach_is_bounded_by_the_first_level(g):
 
 def test_errors_of_the_limit_state_come_through():
     with pytest.raises(ValueError, match="margins are NaN"):
-        subset(lambda u: np.full(len(u), np.nan), 2)
+        subset_simulation(lambda u: np.full(len(u), np.nan), 2)
     with pytest.raises(ZeroDivisionError):
-        subset(lambda u: u[:, 0] / (1 // 0), 2)
+        subset_simulation(lambda u: u[:, 0] / (1 // 0), 2)
 
 
 def test_without_openturns(monkeypatch):
     monkeypatch.setitem(sys.modules, "openturns", None)
     with pytest.raises(ValueError, match=r"ravenjax\[rare\]"):
-        subset(plane(1e-3), D)
+        subset_simulation(plane(1e-3), D)
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), SystemExit(143)])
@@ -102,5 +102,5 @@ def test_what_ends_the_program_passes_through_the_library(error):
         raise error
 
     with pytest.raises(type(error)) as raised:
-        subset(ended, 2, 100)
+        subset_simulation(ended, 2, 100)
     assert raised.value is error

@@ -7,25 +7,27 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ravenjax.stats.intervals import wilson
-from ravenjax.stats.sample_size.sequential import allocate, stratified
+from ravenjax.stats.intervals import wilson_interval
+from ravenjax.stats.sample_size.sequential import allocate_runs, stratified_rate
 
 
 def test_hand_computed_rate():
     # rates 0.5 and 0.1, weights 1/4 and 3/4: 0.125 + 0.075
-    found = stratified([10, 5], [20, 50], [1, 3])
+    found = stratified_rate([10, 5], [20, 50], [1, 3])
     assert found.value == pytest.approx(0.2) and found.low < 0.2 < found.high
 
 
 def test_one_stratum_is_a_wilson_rate():
-    assert stratified([3], [40], [7]) == pytest.approx(wilson(3, 40)[2:])
+    assert stratified_rate([3], [40], [7]) == pytest.approx(wilson_interval(3, 40)[2:])
 
 
 @pytest.mark.parametrize("p", [[0.3, 0.1, 0.02], [0.002, 0.001, 0.01]])
 def test_coverage(p):
     weight, n = np.array([0.2, 0.5, 0.3]), np.array([50, 80, 200])
     truth = weight @ p
-    found = [stratified(k, n, weight) for k in np.random.default_rng(0).binomial(n, p, (1500, 3))]
+    found = [
+        stratified_rate(k, n, weight) for k in np.random.default_rng(0).binomial(n, p, (1500, 3))
+    ]
     inside = np.mean([rate.low <= truth <= rate.high for rate in found])
     assert inside > 0.93  # 0.95 less 3.5 standard errors
     # where cases are so rare that most strata see none, it covers more
@@ -46,7 +48,7 @@ def test_allocation_keeps_its_bounds_and_is_the_best_there_is(strata, total):
     """
     spread, low, more = (np.array(column) for column in zip(*strata, strict=True))
     high = low + more
-    runs = allocate(total, spread, low, high)
+    runs = allocate_runs(total, spread, low, high)
     assert ((low <= runs) & (runs <= high)).all() and runs.sum() == np.clip(
         total, low.sum(), high.sum()
     )
@@ -61,11 +63,11 @@ def test_allocation_keeps_its_bounds_and_is_the_best_there_is(strata, total):
     ]
     within = [n for n in near if ((low <= n) & (n <= high)).all()]
     exact = (
-        allocate(total * 1000, spread, low * 1000, high * 1000) / 1000
+        allocate_runs(total * 1000, spread, low * 1000, high * 1000) / 1000
     )  # where whole numbers hardly round
     assert all(variance(exact) <= variance(exact + (n - runs) / 1000) * (1 + 1e-6) for n in within)
 
 
 def test_what_has_no_spread_takes_what_is_left_over():
-    assert allocate(20, [1, 0, 0], [0, 0, 0], [10, 3, 50]).tolist() == [10, 3, 7]
-    assert allocate(10, [1, 0], [0, 2], [100, 100]).tolist() == [8, 2]
+    assert allocate_runs(20, [1, 0, 0], [0, 0, 0], [10, 3, 50]).tolist() == [10, 3, 7]
+    assert allocate_runs(10, [1, 0], [0, 2], [100, 100]).tolist() == [8, 2]

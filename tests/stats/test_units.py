@@ -13,8 +13,8 @@ from scipy import stats
 from ravenjax.stats import latency
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.comparison.clustered import exchange_p
-from ravenjax.stats.comparison.paired import mcnemar
-from ravenjax.stats.intervals import wilson
+from ravenjax.stats.comparison.paired import mcnemar_test
+from ravenjax.stats.intervals import wilson_interval
 
 
 def clustered(random, sizes, rate, icc):
@@ -34,8 +34,8 @@ def test_a_rate_covers_what_the_naive_one_does_not(count, size):
     trials = 300
     for trial in range(trials):
         hit, label = clustered(random, np.full(count, size), 0.3, 0.3)
-        band = units.rate(hit, units.units(label), resamples=400, seed=trial)
-        plain = wilson(int(hit.sum()), len(hit))
+        band = units.rate_band(hit, units.group_units(label), resamples=400, seed=trial)
+        plain = wilson_interval(int(hit.sum()), len(hit))
         inside += band.low <= 0.3 <= band.high
         naive += plain.low <= 0.3 <= plain.high
     # rows taken as independent: a standard error too small by the root of the design effect 1 +
@@ -52,7 +52,7 @@ def test_few_units_have_the_variance_with_divisor_n_less_one():
     it.
     """
     value = np.random.default_rng(1).normal(size=6)
-    weight = units.units(np.arange(6)).weights(40_000)
+    weight = units.group_units(np.arange(6)).weights(40_000)
     assert weight.mean(axis=0) == pytest.approx(np.ones(6), abs=0.02)
     assert np.var(weight @ value / 6) == pytest.approx(value.var(ddof=1) / 6, rel=0.03)
 
@@ -62,34 +62,34 @@ def test_strata_are_not_mixed():
     mixed.
     """
     hit, label = np.repeat([True, False], 40), np.repeat(np.arange(20), 4)
-    apart = units.rate(hit, units.units(label, np.repeat([0, 1], 40)))
-    mixed = units.rate(hit, units.units(label))
+    apart = units.rate_band(hit, units.group_units(label, np.repeat([0, 1], 40)))
+    mixed = units.rate_band(hit, units.group_units(label))
     assert (apart.low, apart.high) == pytest.approx((0.5, 0.5)) and mixed.high - mixed.low > 0.3
-    weight = units.units(label, np.repeat([0, 1], 40)).weights(50)
+    weight = units.group_units(label, np.repeat([0, 1], 40)).weights(50)
     assert weight[:, :10].sum(axis=1) == pytest.approx(np.full(50, 10.0))
 
 
 def test_what_was_not_seen_is_not_certain_and_too_few_units_say_nothing():
-    none = units.rate(np.zeros(200, bool), units.units(np.repeat(np.arange(10), 20)))
-    assert none[2:] == pytest.approx(wilson(0, 10)[2:]) and none.n == 200
-    few = units.rate(np.arange(40) % 3 == 0, units.units(np.repeat(np.arange(4), 10)))
+    none = units.rate_band(np.zeros(200, bool), units.group_units(np.repeat(np.arange(10), 20)))
+    assert none[2:] == pytest.approx(wilson_interval(0, 10)[2:]) and none.n == 200
+    few = units.rate_band(np.arange(40) % 3 == 0, units.group_units(np.repeat(np.arange(4), 10)))
     assert few.value == pytest.approx(0.35) and math.isnan(few.low)
-    assert math.isnan(units.rate([], units.units([])).value)
+    assert math.isnan(units.rate_band([], units.group_units([])).value)
 
 
 def test_wrong_units_are_refused():
     with pytest.raises(ValueError, match="several"):
-        units.units([0, 0, 1], [0, 1, 1])
+        units.group_units([0, 0, 1], [0, 1, 1])
     with pytest.raises(ValueError, match="no label"):
-        units.units(["a", None])
+        units.group_units(["a", None])
 
 
 def test_a_ratio_is_one_of_sums():
-    unit = units.units(np.repeat(np.arange(8), 2))
+    unit = units.group_units(np.repeat(np.arange(8), 2))
     above, below = np.arange(16.0), np.full(16, 2.0)
-    band = units.ratio(above, below, unit, seed=3)
+    band = units.ratio_band(above, below, unit, seed=3)
     assert band.value == pytest.approx(120 / 32) and band.low < band.value < band.high
-    mean = units.statistic(lambda weight: weight @ above / (weight @ below), unit, seed=3)
+    mean = units.statistic_band(lambda weight: weight @ above / (weight @ below), unit, seed=3)
     assert mean == pytest.approx((band.value, band.low, band.high), abs=0.05)
 
 
@@ -97,18 +97,21 @@ def test_quantiles_of_delays_are_those_of_kaplan_and_meier():
     random = np.random.default_rng(0)
     delay = random.exponential(10, 300)
     came = delay < 15
-    own = units.units(np.arange(300))
+    own = units.group_units(np.arange(300))
     for fraction in (0.25, 0.5):
         delays = latency.Delays(np.minimum(delay, 15), came, np.ones(300, int))
-        curve = latency.incidence(delays).quantile_interval(fraction)
-        band = latency.quantile(np.minimum(delay, 15), came, fraction, own)
+        curve = latency.incidence_curve(delays).quantile_interval(fraction)
+        band = latency.delay_quantile(np.minimum(delay, 15), came, fraction, own)
         assert band.value == curve.value and band[1:] == pytest.approx(curve[1:], rel=0.06)
-    never = latency.quantile(np.minimum(delay, 15), came, 0.9, own)
+    never = latency.delay_quantile(np.minimum(delay, 15), came, 0.9, own)
     assert np.isnan(never).all()
-    alike = latency.quantile(
-        np.repeat(delay[:30], 10), np.full(300, True), 0.5, units.units(np.repeat(range(30), 10))
+    alike = latency.delay_quantile(
+        np.repeat(delay[:30], 10),
+        np.full(300, True),
+        0.5,
+        units.group_units(np.repeat(range(30), 10)),
     )
-    alone = latency.quantile(delay[:30], np.full(30, True), 0.5, units.units(range(30)))
+    alone = latency.delay_quantile(delay[:30], np.full(30, True), 0.5, units.group_units(range(30)))
     assert alike == pytest.approx(alone)  # ten copies of a run say nothing more
 
 
@@ -116,5 +119,7 @@ def test_one_row_a_unit_is_mcnemars_exact_test():
     random = np.random.default_rng(3)
     for share in (0.5, 0.4, 0.1):
         first, second = random.random(50) < 0.5, random.random(50) < share
-        assert exchange_p(first, second, np.arange(50)) == pytest.approx(mcnemar(first, second).p)
+        assert exchange_p(first, second, np.arange(50)) == pytest.approx(
+            mcnemar_test(first, second).p
+        )
     assert math.isnan(exchange_p(first, first, np.arange(50)))

@@ -16,7 +16,7 @@ def frame(shape: schema.Shape, rows: int, seed: int = 0) -> pd.DataFrame:
     """
     random = np.random.default_rng(seed)
     found = {}
-    for column in schema.columns(shape):
+    for column in schema.table_columns(shape):
         if column.dtype == "bool":
             values = random.random(rows) < 0.5
         elif column.dtype == "category":

@@ -71,7 +71,7 @@ def test_errors_of_a_file(tmp_path, text, words):
     path = tmp_path / "own.toml"
     path.write_text('name = "own"\ntitle = "t"\nsource = "s"\n' + text)
     with pytest.raises(UserError, match=words) as caught:
-        loading.load(str(path))
+        loading.load_profile(str(path))
     assert str(path) in str(caught.value)
 
 
@@ -91,7 +91,7 @@ def test_an_orientation_is_taken_from_packet_to_packet():
 
 
 def test_a_jaw_position_moves_by_its_change_and_never_by_what_was_lost():
-    reader = PacketReader(loading.load("dv_trainer"), ("gold",))
+    reader = PacketReader(loading.load_profile("dv_trainer"), ("gold",))
     packets = [
         fields(n, jaw=jaw, button=jaw) for n, jaw in enumerate((1200, 1230, 1200, 1381), start=1)
     ]
@@ -118,7 +118,7 @@ INTS = st.integers(-(2**31), 2**31 - 1) | st.integers(-300, 300)
     ),
 )
 def test_whatever_comes_only_small_increments_are_read(name, hostile):
-    choice = ProfileChoice(loading.choice(name), ("gold",))
+    choice = ProfileChoice(loading.profile_choices(name), ("gold",))
     for n, (gold, quat, jaw, again) in enumerate(hostile, start=1):
         result = choice.read(fields(n, gold, quat, jaw, jaw if again else 0))
         if isinstance(result, PacketReading):
@@ -141,7 +141,7 @@ def recorded(shared_data):
 def test_the_held_out_half_is_read_as_it_was_sent(recorded):
     """The profile's bounds come from the first half; the oracle for sums is NumPy's."""
     held_out = recorded[len(recorded) // 2 :]
-    results = fed(PacketReader(loading.load("dv_trainer"), BOTH), held_out)
+    results = fed(PacketReader(loading.load_profile("dv_trainer"), BOTH), held_out)
     assert all(isinstance(result, PacketReading) for result in results)
     sent = np.array(held_out)
     moved = np.sum([result.delta_um for result in results], axis=0)
@@ -159,9 +159,9 @@ def test_the_held_out_half_is_read_as_it_was_sent(recorded):
 @pytest.mark.parametrize("half", [0, 1])
 def test_auto_finds_the_recorded_console_early(recorded, arms, half):
     packets = recorded[half * len(recorded) // 2 :][: len(recorded) // 2]
-    choice, lost = ProfileChoice(loading.choice("auto"), arms), 0
+    choice, lost = ProfileChoice(loading.profile_choices("auto"), arms), 0
     for packet in packets:
         lost += isinstance(choice.read(packet), Misfit)
         choice.follow()
-    assert choice.profile == loading.load("dv_trainer")
+    assert choice.profile == loading.load_profile("dv_trainer")
     assert lost < 0.02 * len(packets)

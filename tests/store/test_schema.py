@@ -33,7 +33,7 @@ def test_results_readme_describes_each_column():
         observes=True,
         own_checks=own,
     )
-    for column in schema.columns(form):
+    for column in schema.table_columns(form):
         name = re.sub("(fault|cue|applied|threshold)0", r"\1<k>", column.name).replace(
             "detector0", "detector<d>"
         )

@@ -43,9 +43,9 @@ def test_a_part_gives_back_what_went_in(tmp_path, shape, rows, seed, random):
         [frame[shuffled], {name: frame[name].to_numpy() for name in shuffled}]
     )
     written = write_part(tmp_path, as_written, shape, "of this campaign")
-    table = parts.read(tmp_path / written.file, "of this campaign", written)
+    table = parts.read_part(tmp_path / written.file, "of this campaign", written)
     assert table.schema.equals(schema.arrow_schema(shape))
-    back = parts.concatenate([table])
+    back = parts.concatenate_parts([table])
     for name in frame:
         if isinstance(back[name].dtype, pd.CategoricalDtype) or frame[name].dtype == object:
             assert back[name].tolist() == frame[name].tolist(), name
@@ -73,8 +73,8 @@ def test_columns_that_lack_or_are_too_many_are_named(shape, data):
     )
     changed = frame.drop(columns=lost).assign(**dict.fromkeys(more, 0))
     if not lost and not more:
-        assert schema.conform(changed, shape).num_rows == 2
+        assert schema.conform_table(changed, shape).num_rows == 2
         return
     with pytest.raises(StoreError) as wrong:
-        schema.conform(changed, shape)
+        schema.conform_table(changed, shape)
     assert all(name in str(wrong.value) for name in (*lost, *more))

@@ -53,7 +53,7 @@ class Histories(RuleBasedStateMachine):
             folder.add(FRAME.iloc[span.start : span.stop])
         folder.close(1.0, 1.0, 1)
         assert read_all(self.path).equals(expected())
-        record = manifests.read(self.path)
+        record = manifests.read_manifest(self.path)
         assert record.finished is not None and record.done == RUNS
         assert sorted(row for part in record.parts for row in part.rows) == list(range(RUNS)), (
             "none twice, none lost"
@@ -69,7 +69,7 @@ class Histories(RuleBasedStateMachine):
         if rows is None:
             self.asked = set(range(RUNS))
         else:
-            rows = manifests.joined(tuple(rows))
+            rows = manifests.join_ranges(tuple(rows))
             self.asked |= {row for first, last in rows for row in range(first, last + 1)}
         self.folder = ResultFolder.open(self.path, wanted(rows))
         assert {row for span in self.folder.manifest.wanted for row in span} == self.asked
@@ -88,7 +88,7 @@ class Histories(RuleBasedStateMachine):
         """End in good order."""
         self.folder.close(1.0, 1.0, 1)
         whole = not list(self.folder.missing(RUNS))
-        assert (manifests.read(self.path).finished is not None) == whole
+        assert (manifests.read_manifest(self.path).finished is not None) == whole
         self.folder = None
 
     # --- what happens to it
@@ -161,7 +161,7 @@ class Histories(RuleBasedStateMachine):
             assert (self.path / SET_ASIDE).parent == self.path
 
     def _parts(self):
-        return parts.files(self.path / "parts")
+        return parts.part_files(self.path / "parts")
 
     def _known(self):
         return (self.path / manifests.FILE).exists()
@@ -172,7 +172,7 @@ class Histories(RuleBasedStateMachine):
 
 def expected():
     """The table of a folder without a history."""
-    return parts.concatenate([schema.conform(FRAME, SHAPE)])
+    return parts.concatenate_parts([schema.conform_table(FRAME, SHAPE)])
 
 
 TestHistories = pytest.mark.slow(Histories.TestCase)

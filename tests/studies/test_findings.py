@@ -27,7 +27,7 @@ from studies.study import (
     standings,
 )
 
-ROOT = resources.bundled("campaigns", "quick.toml")[0].parents[1]
+ROOT = resources.list_resources("campaigns", "quick.toml")[0].parents[1]
 REFERENCE = ROOT / "results/reference"
 FOUND = Findings(
     lines=(
@@ -55,7 +55,7 @@ SHORT = ("campaign.duration_s=0.03", "campaign.limit=2")
 
 
 def count_runs(context):
-    rows = [manifest.read(folder).done for folder in context.folders.values()]
+    rows = [manifest.read_manifest(folder).done for folder in context.folders.values()]
     return Findings((Line("runs", "", None, StudyEstimate(sum(rows))),))
 
 

@@ -37,7 +37,7 @@ def test_series_are_those_of_a_replay(tmp_path, raw):
     assert [index for index, _, _ in runs] == list(range(len(runs))) and len(runs) in (3, 6)
     last, value, found = runs[-1]
     assert value == 9000.0 and set(found) == set(SIGNALS)
-    alone = replay.replay(config, int(last), "simd").series
+    alone = replay.replay_run(config, int(last), "simd").series
     for name, values in found.items():
         wanted = alone["fault0_active"] if name == "fault_active" else alone[f"gold/{name}"]
         wanted = wanted[:, 0] if name == "cue_force" else wanted

@@ -8,8 +8,8 @@ from ravenjax.campaign.faults import design
 from ravenjax.robots.raven2.geometry.instrument import JAW_LENGTH
 from ravenjax.train import scenario
 from ravenjax.train.protocol.frame import PHASES, Frame, FrameLayout
-from ravenjax.train.protocol.jaws import along, closing_point
-from ravenjax.train.protocol.world import frame0
+from ravenjax.train.protocol.jaws import closing_point, jaw_direction
+from ravenjax.train.protocol.world import frame0_in_world
 
 HOME = (-0.07794699817895889, -0.02526555210351944, 0.013225629925727844)
 AXES = {"gold": HOME, "green": (HOME[0], -HOME[1], HOME[2])}
@@ -41,13 +41,13 @@ def running(arms=("gold",)):
 
 def from_world(arm, point):
     """A point of the world in the arm's frame 0, m."""
-    origin, rows = frame0(arm)
+    origin, rows = frame0_in_world(arm)
     return (np.subtract(point, origin) @ np.array(rows)).tolist()
 
 
 def put(frame, arm, point):
     """Put the jaws where they close at a point of the world, m."""
-    way = along(arm, frame[f"{arm}/link_jpos"].tolist())
+    way = jaw_direction(arm, frame[f"{arm}/link_jpos"].tolist())
     frame[f"{arm}/tip"] = [
         x - JAW_LENGTH * w for x, w in zip(from_world(arm, point), way, strict=True)
     ]
@@ -56,7 +56,9 @@ def put(frame, arm, point):
 def made(**keys):
     """A scenario of these keys and its hazards, seed 0."""
     chosen = scenario.from_dict({"name": "made", "duration_s": 60, **keys})
-    return chosen, scenario.armable(chosen, design.rows(scenario.campaign(chosen, 0)))
+    return chosen, scenario.armable_hazards(
+        chosen, design.table_columns(scenario.session_campaign(chosen, 0))
+    )
 
 
 def kinds(events):

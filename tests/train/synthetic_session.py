@@ -172,7 +172,7 @@ def write(folder, table, seconds=8.0, arms=("gold", "green"), recorded=True, **h
         "task": {},
         "summary": {"recording": {"rows": int(seconds * 1000), "lost_rows": 0, "late_ticks": 3}},
     } | header
-    description.write(folder, told)
+    description.write_session(folder, told)
     if recorded:
         log = session_log.SessionWriter(folder / session_log.FILE, layout.names(), told)
         data = rows(layout, table or [], seconds)

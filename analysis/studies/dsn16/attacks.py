@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.campaign import plan
-from ravenjax.campaign.file.config import CampaignConfig, validated
+from ravenjax.campaign.file.config import CampaignConfig, validate_tables
 from ravenjax.campaign.plan import Plan
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Vec
@@ -167,7 +167,7 @@ def desired_tip(config: CampaignConfig) -> np.ndarray:
     raven = of_raven(config)
     motion = hands.operator_motion(raven)
     with jax.enable_x64(True):
-        start = kinematics.forward(
+        start = kinematics.forward_pose(
             "gold", Vec(np.float64(q) for q in motion.start_jpos[0])
         ).position
     axes = np.array(ITP_AXES["gold"], float)
@@ -234,7 +234,7 @@ def drawn(shares: tuple[float, ...], keys: np.ndarray, length: int) -> PacketTic
     `shares`, for `length` ms.
     """
     packets = jnp.arange(length, dtype=jnp.int32)  # upper bound for the number of packets
-    cycles = packet_clock.length(
+    cycles = packet_clock.packet_length(
         (shares,), np.int32(0), jnp.asarray(keys)[:, None], packets[None, :]
     )
     after = np.cumsum(np.asarray(cycles), axis=1, dtype=np.int32)
@@ -277,7 +277,7 @@ class VariantRuns:
 
 def read_runs(name: str, folder: Path) -> VariantRuns:
     """Read the runs of a finished folder."""
-    config = validated(manifest.read(folder).config)
+    config = validate_tables(manifest.read_manifest(folder).config)
     return runs_of(name, config, read_all(folder), packet_ticks_of(plan.make_plan(config)))
 
 

@@ -18,13 +18,13 @@ import numpy as np
 
 from ravenjax import threads
 from ravenjax.campaign import compile_cache, plan
-from ravenjax.campaign.file.config import validated
+from ravenjax.campaign.file.config import validate_tables
 from ravenjax.engines.cpu.engine import SimdKernel
 from ravenjax.engines.interface import Block
 from ravenjax.numbers.lazy import jax
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import JOINTS as ARM_JOINTS
-from ravenjax.robots.raven2.campaign.trace import series
+from ravenjax.robots.raven2.campaign.trace import trace_series
 from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.stats.bootstrap.resample import bootstrap
 from ravenjax.store import manifest
@@ -43,17 +43,17 @@ def measure(
     `path`, from its index and its series.
 
     Each run is measured immediately and dropped, because its signals take about 2 MB per second of
-    the run. Raises StoreError as `manifest.read` does.
+    the run. Raises StoreError as `manifest.read_manifest` does.
     """
-    compile_cache.enable()
-    ready = plan.make_plan(validated(manifest.read(path).config))
-    kernel = SimdKernel(ready.program, 1, compile_cache.objects(), signals=True)
+    compile_cache.enable_cache()
+    ready = plan.make_plan(validate_tables(manifest.read_manifest(path).config))
+    kernel = SimdKernel(ready.program, 1, compile_cache.object_cache(), signals=True)
 
     def one(row: int) -> T:
         _, signals = kernel.run_signals(Block(*ready.lanes([row], 1), None), ready.columns)
-        return measured(row, series(ready.program.setup, signals))
+        return measured(row, trace_series(ready.program.setup, signals))
 
-    return threads.mapped(one, range(ready.runs) if rows is None else rows)
+    return threads.map_in_threads(one, range(ready.runs) if rows is None else rows)
 
 
 class Log(NamedTuple):
@@ -380,7 +380,7 @@ def _moved(before: np.ndarray, after: np.ndarray, part: slice) -> np.ndarray:
 def _tip(joints: np.ndarray) -> np.ndarray:
     """Return tips [.., 3] m of joints [.., 7]."""
     with jax.enable_x64(True):
-        position = kinematics.forward("gold", Vec(np.moveaxis(joints, -1, 0))).position
+        position = kinematics.forward_pose("gold", Vec(np.moveaxis(joints, -1, 0))).position
     return np.stack([np.asarray(x) for x in position], axis=-1)
 
 

@@ -108,10 +108,10 @@ def _counts(published: Published, what: str) -> np.ndarray:
 
 def _percent(published: Published, what: str, duration: int) -> StudyEstimate:
     """Return a published count in % with its Wilson interval."""
-    from ravenjax.stats.intervals import wilson
+    from ravenjax.stats.intervals import wilson_interval
 
     k, n = published.value(f"b.{what}.{duration}ms"), published.value("b.runs")
-    rate = wilson(int(k), int(n))
+    rate = wilson_interval(int(k), int(n))
     return StudyEstimate(
         100 * rate.value, 100 * rate.low, 100 * rate.high, int(n), "runs, read off Figure 9 b"
     )

@@ -151,7 +151,7 @@ def loop(rows: Rows, params: robot.PlantParams, cables: Any = 1.0) -> Run:
         def written(counts: Vec) -> Vec:
             return Vec((*row, *counts[3:])) if rows == "dac" else counts
 
-        state, out, cycle = position_loop.cycle(
+        state, out, cycle = position_loop.advance_cycle(
             SETUP, ARM, CONTROLLER, of_loop, state, desired, written
         )
         return state, (
@@ -162,7 +162,7 @@ def loop(rows: Rows, params: robot.PlantParams, cables: Any = 1.0) -> Run:
         )
 
     def run(angle, speed, rows):
-        start = position_loop.start(SETUP, ARM, CONTROLLER, started(params, angle, speed))
+        start = position_loop.start_state(SETUP, ARM, CONTROLLER, started(params, angle, speed))
         return jax.lax.scan(tick, start, rows)[1]
 
     return run
@@ -173,7 +173,7 @@ def tips(mpos: np.ndarray) -> np.ndarray:
 
     def tip(three):
         jpos = transmission.joint_from_motor(ARM, TOOL, motors(three), "fork2015")
-        return jnp.stack(kinematics.forward(ARM, Vec((*jpos[:3], *TOOL_POSE))).position)
+        return jnp.stack(kinematics.forward_pose(ARM, Vec((*jpos[:3], *TOOL_POSE))).position)
 
     return np.asarray(jax.jit(jax.vmap(tip))(jnp.asarray(mpos)))
 

@@ -27,7 +27,7 @@ def verdict(struck: Struck, arm: str = ARMS[0]) -> str:
     verdicts = set()
     for channel in struck.channels:
         share = struck.along[channel] if struck.along else 1.0
-        usual, ticks = ranges.normal(struck.site, channel, arm), _longest(struck.duration_ms)
+        usual, ticks = ranges.normal_range(struck.site, channel, arm), _longest(struck.duration_ms)
         for values in _values(struck.value):
             verdicts.add(within(struck.effect, [share * value for value in values], usual, ticks))
     return verdicts.pop() if len(verdicts) == 1 else EITHER

@@ -87,7 +87,7 @@ def documented(frame: pd.DataFrame, row: Hazard) -> tuple[int, int]:
         return 0, 0
     ids = frame["group"].astype(str).str.rpartition("/")[2]
     inside = total = 0
-    for group in expansion.expand({"name": "library", "hazards": row.id}):
+    for group in expansion.expand_group({"name": "library", "hazards": row.id}):
         runs = frame.loc[ids == group["name"].rpartition("/")[2]]
         within = pd.Series(True, runs.index)
         for slot, fault in enumerate(group["fault"]):
@@ -138,7 +138,7 @@ def documented_only_table() -> Table:
                 "published outcome": row.expected,
                 "why it is not run": row.documented_only,
             }
-            for row in library.rows()
+            for row in library.all_hazards()
             if not row.runnable
         ],
     )
@@ -155,7 +155,9 @@ def pool_table(title: str, rows: Sequence[PoolRisk], caveat: str = "") -> Table:
                 "class": row.pool.name,
                 "meaning": row.pool.meaning,
                 "hazards": ", ".join(dict.fromkeys(row.pool.hazards)) or NOT_SIMULATED,
-                "weight": "" if math.isnan(row.pool.weight) else wording.percent(row.pool.weight),
+                "weight": ""
+                if math.isnan(row.pool.weight)
+                else wording.format_percent(row.pool.weight),
                 "mean severity": "" if math.isnan(row.mean) else round(row.mean, 2),
                 "injury-capable": _mean(row.injury),
                 "no alarm": _mean(row.silent),
@@ -231,10 +233,10 @@ def _mean(mean: Estimate | None) -> str:
     if mean is None:
         return ""
     if math.isnan(mean.low):
-        return wording.percent(mean.value)
+        return wording.format_percent(mean.value)
     return (
-        f"{wording.percent(mean.value)} ({wording.percent(mean.low)} to"
-        f" {wording.percent(mean.high)})"
+        f"{wording.format_percent(mean.value)} ({wording.format_percent(mean.low)} to"
+        f" {wording.format_percent(mean.high)})"
     )
 
 

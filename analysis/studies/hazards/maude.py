@@ -52,7 +52,7 @@ class Category(LibraryTable):
         """Return the runnable rows that represent it. Without any, the category is not
         simulated.
         """
-        return tuple(row for row in library.rows() if row.runnable and self.covers(row))
+        return tuple(row for row in library.all_hazards() if row.runnable and self.covers(row))
 
 
 class Reports(LibraryTable):

@@ -50,10 +50,10 @@ def counts(
     names begin with hazards' ids.
 
     A group that represents several hazards counts for each. `cue`, `limit_mm`: as in
-    `severity.severity`.
+    `severity.rate_severity`.
     """
     result: dict[str, np.ndarray] = {}
-    grades = severity.severity(frame, cue, limit_mm)
+    grades = severity.rate_severity(frame, cue, limit_mm)
     for group, part in grades.groupby(frame["group"].astype(str)):
         number = np.bincount(part.dropna().to_numpy(int), minlength=len(severity.SCALE))
         for name in naming.hazards_of(str(group)):
@@ -96,9 +96,9 @@ def _pooled(found: Counts, pool: Pool, weights: Sequence[float]) -> PoolRisk:
 
 def mean_over(shares: np.ndarray, hazard: Sequence[str], weight: np.ndarray) -> Estimate:
     """Return the weighted mean of shares [n] of hazards with its interval over hazards
-    (`units.ratio`). A hazard that occurs twice is one unit.
+    (`units.ratio_band`). A hazard that occurs twice is one unit.
     """
-    band = units.ratio(weight * shares, weight, units.units(np.array(hazard, object)))
+    band = units.ratio_band(weight * shares, weight, units.group_units(np.array(hazard, object)))
     return Estimate(float(band.value), band.low, band.high)
 
 

@@ -107,11 +107,11 @@ def hazard_outcomes(
     named by hazards.
 
     `rows`: only these; None: the whole library. Rows without runs have zeros. `limit_mm`: as in
-    `classes.classify`.
+    `classes.classify_rows`.
     """
-    class_flags = classes.classify(frame, limit_mm)
+    class_flags = classes.classify_rows(frame, limit_mm)
     ids = [hazards_of(group) for group in frame["group"].astype(str)]
-    listed = library.rows() if rows is None else rows
+    listed = library.all_hazards() if rows is None else rows
     return [
         _outcome(
             row,
@@ -196,7 +196,9 @@ def compare(context: Context) -> Findings:
 
 def injections() -> dict[int, Hazard]:
     """Return the row of the library for each number of the list, in the list's order."""
-    numbered = {number_of(row): row for row in library.rows() if row.source.startswith("INJ ")}
+    numbered = {
+        number_of(row): row for row in library.all_hazards() if row.source.startswith("INJ ")
+    }
     return dict(sorted(numbered.items()))
 
 

@@ -61,7 +61,7 @@ class ScaledFaults(NamedTuple):
 
     def share(self, event: str, scale: float) -> Rate:
         """Return the share of the faults, with its interval over kinds."""
-        return units.rate(self.events[scale][event].to_numpy(), self.faults)
+        return units.rate_band(self.events[scale][event].to_numpy(), self.faults)
 
     def change(self, event: str, scale: float) -> Estimate:
         """Return the share at a scale minus the share without kinematic errors, over pairs, with
@@ -74,8 +74,8 @@ class ScaledFaults(NamedTuple):
 
 def scaled_faults(path: Path) -> ScaledFaults:
     """Return the faults of a result folder that changed a bit at every scale."""
-    frame, header = folder.read_all(path), manifest.read(path)
-    facts = run_facts.of(frame, header)
+    frame, header = folder.read_all(path), manifest.read_manifest(path)
+    facts = run_facts.derive_from_manifest(frame, header)
     valid = (facts["activated"] & facts["faulty"] & ~facts["failed"]).to_numpy()
     events = _events(frame, facts).assign(
         scale=frame[COLUMN], pair=frame["pair"], kind=kinds.names(frame["group"])
@@ -86,7 +86,7 @@ def scaled_faults(path: Path) -> ScaledFaults:
     }
     common = sorted(set.intersection(*(set(part.index) for part in by_scale.values())))
     parts = {scale: part.loc[common] for scale, part in by_scale.items()}
-    return ScaledFaults(parts, units.units(parts[OFF]["kind"].to_numpy()))
+    return ScaledFaults(parts, units.group_units(parts[OFF]["kind"].to_numpy()))
 
 
 def _events(frame: pd.DataFrame, facts: pd.DataFrame) -> pd.DataFrame:
@@ -126,7 +126,7 @@ def measured_robots(path: Path) -> dict[float, pd.DataFrame]:
 def mean(robots: pd.DataFrame, measure: str) -> Estimate:
     """Return the mean of a measure over robots, with a 95 % bootstrap interval over them."""
     values = robots[measure].to_numpy(float)
-    band = units.ratio(values, 1.0, units.units(np.arange(len(values))))
+    band = units.ratio_band(values, 1.0, units.group_units(np.arange(len(values))))
     return Estimate(band.value, band.low, band.high)
 
 

@@ -59,7 +59,7 @@ def errors_of(log: CameraLog, true: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 def with_values(values: jax.Array) -> KinematicErrors:
     """Return the record that has `values` [16] at PATHS."""
-    exact = kinematic_errors.exact()
+    exact = kinematic_errors.no_errors()
     entries = {path: values[k] for k, path in enumerate(PATHS)}
     offset, ratio = (
         Vec(entries.get(f"{part}.{joint}", 0.0) for joint in JOINTS)
@@ -77,7 +77,7 @@ def true_tips(values: jax.Array, joints: jax.Array) -> jax.Array:
     """
     errors = with_values(values)
     links = kinematic_errors.true_joints(errors, Vec(joints[:, i] for i in range(7)))
-    return jnp.stack([*kinematic_errors.tip(ARM, errors, None, links)], axis=-1)
+    return jnp.stack([*kinematic_errors.true_tip(ARM, errors, None, links)], axis=-1)
 
 
 _tips_of_robots = jax.jit(jax.vmap(true_tips, in_axes=(0, None)))

@@ -59,12 +59,12 @@ class Calibration:
     @property
     def before(self) -> np.ndarray:
         """Return the values before calibration [k], in their units."""
-        return parameters.before(self.base, self.unknowns)
+        return parameters.prior_values(self.base, self.unknowns)
 
     @property
     def robot(self) -> LoopParams:
         """Return the most probable robot."""
-        return parameters.apply(self.base, self.unknowns, self.fit.steps)
+        return parameters.apply_steps(self.base, self.unknowns, self.fit.steps)
 
     @property
     def after(self) -> np.ndarray:
@@ -150,13 +150,13 @@ class LoggedRobot:
                 f" {SHORTEST * 1e-3:g} s, half of it to fit to and half to judge by"
             )
         first, _ = self.halves
-        base = parameters.believed(plant, unknowns)
+        base = parameters.prior_robot(plant, unknowns)
         setup = self._setup(unknowns)
         predict, smooth = (
-            replays.predictor(dataclasses.replace(setup, whole=whole), base, unknowns, first)
+            replays.make_predictor(dataclasses.replace(setup, whole=whole), base, unknowns, first)
             for whole in (True, False)
         )
-        best = fitting.fit(predict, first.measured, len(unknowns), smooth)
+        best = fitting.fit_parameters(predict, first.measured, len(unknowns), smooth)
         return Calibration(tuple(unknowns), base, best)
 
     def judged(self, part: JointLog, robots: Mapping[str, LoopParams]) -> list[FollowingError]:
@@ -182,7 +182,9 @@ class LoggedRobot:
         """Return joints [K, n, 7] of replayed robots at the times at which the log was measured,
         rad and m.
         """
-        return replays.robots(self._setup(parameters.unknowns((), ("delays",))), robots, part)
+        return replays.replay_robots(
+            self._setup(parameters.select_unknowns((), ("delays",))), robots, part
+        )
 
     def _setup(self, unknowns: Sequence[Unknown]) -> ReplaySetup:
         return replays.setup_of(self.setup, self.arm, self.controller, unknowns)

@@ -17,7 +17,7 @@ from ravenjax.robots.raven2.arms import JOINTS
 LOG, ROBOT, GREY = "#1b1f24", "#d9571b", "#5b6470"
 
 
-def errors(path: Path, log: JointLog, replayed: np.ndarray, until: int) -> None:
+def draw_errors(path: Path, log: JointLog, replayed: np.ndarray, until: int) -> None:
     """Write following errors by joint as SVG. `replayed`: [n, 7] of the calibrated robot; `until`:
     last cycle that was fitted to.
     """
@@ -28,7 +28,7 @@ def errors(path: Path, log: JointLog, replayed: np.ndarray, until: int) -> None:
     )
 
 
-def intervals(path: Path, calibrated: Calibration) -> None:
+def draw_intervals(path: Path, calibrated: Calibration) -> None:
     """Write 90 % intervals of the parameters before and after the log as SVG."""
     rows = len(calibrated.unknowns)
     _save(path, (7.0, 1.2 + 0.22 * rows), lambda figure: _draw_intervals(figure, calibrated))

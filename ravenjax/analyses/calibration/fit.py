@@ -62,7 +62,7 @@ class Fit:
         )
 
 
-def fit(
+def fit_parameters(
     predict: Predictor, measured: np.ndarray, unknowns: int, smooth: Predictor | None = None
 ) -> Fit:
     """Fit by Gauss-Newton with slopes by differences. `measured`: [n, 7], NaN where it is not
@@ -79,7 +79,7 @@ def fit(
     there = ~np.isnan(measured)
     smooth = smooth or predict
     probes = DIFFERENCE * np.vstack([np.eye(unknowns), -np.eye(unknowns)])
-    count = rows(unknowns)
+    count = replays_per_batch(unknowns)
     best = Fit(
         _start(predict, measured, unknowns, count),
         np.eye(unknowns),
@@ -88,9 +88,9 @@ def fit(
         (),
     )
     for _ in range(ITERATIONS):
-        predicted = padded(predict, best.steps[None], count)
+        predicted = predict_in_batches(predict, best.steps[None], count)
         residual = np.where(there, measured - predicted[0], 0.0)
-        moved = padded(smooth, best.steps + probes, count)
+        moved = predict_in_batches(smooth, best.steps + probes, count)
         slopes = np.where(there, (moved[:unknowns] - moved[unknowns:]) / (2.0 * DIFFERENCE), 0.0)
         scale, independent = _noise(_unexplained(residual, slopes), there)
         best = dataclasses.replace(best, scale=scale, independent=independent)
@@ -98,33 +98,37 @@ def fit(
         covariance = np.linalg.inv(slope @ slope.T + np.eye(unknowns))
         move = covariance @ (slope @ (residual * best.weight(measured)).ravel() - best.steps)
         best = dataclasses.replace(best, covariance=covariance)
-        before = costs(best, measured, predicted, best.steps[None])[0]
+        before = compute_costs(best, measured, predicted, best.steps[None])[0]
         candidates = best.steps + np.outer(CANDIDATES, move)
-        after = costs(best, measured, padded(predict, candidates, count), candidates)
+        after = compute_costs(
+            best, measured, predict_in_batches(predict, candidates, count), candidates
+        )
         best = dataclasses.replace(
             best, costs=(*best.costs, (before, float(min(before, after.min()))))
         )
         if after.min() > before * (1.0 - ENOUGH):
             further = np.concatenate([best.steps + far * np.eye(unknowns) for far in FURTHER])
             candidates = np.vstack([best.steps, further])
-            after = _blind(measured, padded(predict, candidates, count), candidates)
+            after = _blind(measured, predict_in_batches(predict, candidates, count), candidates)
             if after.min() > after[0] - WORTH:
                 break
         best = dataclasses.replace(best, steps=candidates[int(np.argmin(after))])
     return best
 
 
-def rows(unknowns: int) -> int:
+def replays_per_batch(unknowns: int) -> int:
     """Return the number of replays that run side by side: as many as a slope needs."""
     return max(1 + unknowns, len(CANDIDATES))
 
 
-def costs(at: Fit, measured: np.ndarray, predicted: np.ndarray, steps: np.ndarray) -> np.ndarray:
+def compute_costs(
+    at: Fit, measured: np.ndarray, predicted: np.ndarray, steps: np.ndarray
+) -> np.ndarray:
     """Return the costs of predictions [K, n, 7] and their steps [K, k], in the weights of `at`."""
     weight = at.weight(measured)
     return np.array(
         [
-            squares(measured, joints, weight) + one @ one
+            sum_squares(measured, joints, weight) + one @ one
             for joints, one in zip(predicted, steps, strict=True)
         ]
     )
@@ -147,10 +151,10 @@ def _start(predict: Predictor, measured: np.ndarray, unknowns: int, rows: int) -
     """Return the best of the prior values and of some draws from narrowed beliefs."""
     samples = np.random.default_rng(0).standard_normal((SCREENED * rows - 1, unknowns))
     draws = np.vstack([np.zeros(unknowns), 0.7 * samples])
-    return draws[int(np.argmin(_blind(measured, padded(predict, draws, rows), draws)))]
+    return draws[int(np.argmin(_blind(measured, predict_in_batches(predict, draws, rows), draws)))]
 
 
-def padded(predict: Predictor, steps: np.ndarray, rows: int) -> np.ndarray:
+def predict_in_batches(predict: Predictor, steps: np.ndarray, rows: int) -> np.ndarray:
     """Return predictions for any number of parameters, computed in batches of `rows`, so that
     nothing is compiled again.
     """
@@ -159,7 +163,7 @@ def padded(predict: Predictor, steps: np.ndarray, rows: int) -> np.ndarray:
     return np.concatenate([predict(part) for part in filled])[: len(steps)]
 
 
-def squares(measured: np.ndarray, joints: np.ndarray, weight: np.ndarray) -> float:
+def sum_squares(measured: np.ndarray, joints: np.ndarray, weight: np.ndarray) -> float:
     """Return the sum of weighted squares of measured minus replayed joints [n, 7]. NaN is not
     compared.
     """

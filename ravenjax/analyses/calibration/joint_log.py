@@ -170,7 +170,7 @@ def _regular_times(samples: Samples, options: ReplayOptions) -> np.ndarray:
     if times is None:
         return np.arange(len(samples.table)) / (options.rate_hz or np.nan)
     stamps.require_plausible(path, times, clock, options)
-    for row, begin, end in stamps.gaps(times):
+    for row, begin, end in stamps.find_gaps(times):
         if end - begin > options.max_gap_s:
             raise UserError(
                 f"{path}: gap of {end - begin:.3f} s after {samples.place(row)} ({clock}); expected"

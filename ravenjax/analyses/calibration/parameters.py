@@ -11,7 +11,7 @@ import numpy as np
 
 from ravenjax.analyses.calibration import position_loop
 from ravenjax.analyses.calibration.position_loop import LoopParams
-from ravenjax.errors import UserError, suggestion
+from ravenjax.errors import UserError, suggest_name
 from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.arms import JOINTS
@@ -82,14 +82,14 @@ BELIEFS = {
 ASKS = tuple(BELIEFS)
 
 
-def unknowns(joints: Sequence[int], asks: Sequence[str] = ASKS) -> tuple[Unknown, ...]:
+def select_unknowns(joints: Sequence[int], asks: Sequence[str] = ASKS) -> tuple[Unknown, ...]:
     """Return the unknowns to estimate from a log that has these joints (0 to 6). Raises UserError
     for a name that is not in ASKS.
     """
     if invalid := [one for one in asks if one not in ASKS]:
         raise UserError(
             f"got {', '.join(invalid)}, expected some of {', '.join(ASKS)}, a comma between"
-            f"{suggestion(invalid[0], ASKS)}"
+            f"{suggest_name(invalid[0], ASKS)}"
         )
     return tuple(
         Unknown(name, fields, joint, spread, ratio)
@@ -100,7 +100,7 @@ def unknowns(joints: Sequence[int], asks: Sequence[str] = ASKS) -> tuple[Unknown
     )
 
 
-def believed(plant: robot.PlantParams, wanted: Sequence[Unknown]) -> LoopParams:
+def prior_robot(plant: robot.PlantParams, wanted: Sequence[Unknown]) -> LoopParams:
     """Return a robot before the log. It has the usual delay if the delay is to be estimated, else
     none.
     """
@@ -108,12 +108,12 @@ def believed(plant: robot.PlantParams, wanted: Sequence[Unknown]) -> LoopParams:
     return replace(position_loop.params(plant), command_delay=USUAL_DELAY_MS if delayed else 0.0)
 
 
-def before(base: LoopParams, wanted: Sequence[Unknown]) -> np.ndarray:
+def prior_values(base: LoopParams, wanted: Sequence[Unknown]) -> np.ndarray:
     """Return the values of the unknowns in `base`, from the first field of each, [k]."""
     return np.array([float(_number(base, one.fields[0], one.joint)) for one in wanted])
 
 
-def apply(base: LoopParams, wanted: Sequence[Unknown], steps: Any) -> LoopParams:
+def apply_steps(base: LoopParams, wanted: Sequence[Unknown], steps: Any) -> LoopParams:
     """Return `base` with each unknown moved by `steps` [k], in spreads. May be traced by JAX."""
     for k, one in enumerate(wanted):
         for field in one.fields:
@@ -122,7 +122,9 @@ def apply(base: LoopParams, wanted: Sequence[Unknown], steps: Any) -> LoopParams
     return base
 
 
-def values(base: LoopParams, wanted: Sequence[Unknown], steps: np.ndarray) -> dict[str, np.ndarray]:
+def values_by_path(
+    base: LoopParams, wanted: Sequence[Unknown], steps: np.ndarray
+) -> dict[str, np.ndarray]:
     """Return every number that `steps` [n, k] move, [n], by its path in `LoopParams`:
     `plant.actuators.coulomb.shoulder`.
     """

@@ -98,7 +98,7 @@ def bare_rotors(params: robot.PlantParams) -> robot.PlantParams:
     return replace(params, actuators=replace(params.actuators, coulomb=free, bias=free))
 
 
-def start(
+def start_state(
     setup: RavenSetup,
     controller: Controller,
     plant: robot.PlantState,
@@ -106,7 +106,7 @@ def start(
 ) -> LoopState:
     """Return the state of a robot at rest whose controller has integrated nothing."""
     zero = Vec(jnp.asarray(0.0, setup.precision.real) for _ in range(JOINTS))
-    past = (readings(setup, plant, whole),) * READINGS
+    past = (read_encoders(setup, plant, whole),) * READINGS
     return LoopState(
         plant=plant,
         readings=past if controller.filtered else past[:1],
@@ -116,12 +116,12 @@ def start(
     )
 
 
-def readings(setup: RavenSetup, plant: robot.PlantState, whole: bool = True) -> Vec:
+def read_encoders(setup: RavenSetup, plant: robot.PlantState, whole: bool = True) -> Vec:
     """Return motor angles (rad) as encoders read them. If not `whole`, return them unrounded, so
     that they have a derivative.
     """
     dtype = setup.precision.real
-    turned = Vec(robot.drives.radians(motor, dtype) for motor in plant.motors)
+    turned = Vec(robot.drives.angle_in_radians(motor, dtype) for motor in plant.motors)
     counts = Vec(
         (motor.count + ref).astype(dtype)
         for motor, ref in zip(plant.motors, plant.count_ref, strict=True)
@@ -133,7 +133,7 @@ def readings(setup: RavenSetup, plant: robot.PlantState, whole: bool = True) -> 
     )
 
 
-def cycle(
+def advance_cycle(
     setup: RavenSetup,
     arm: ArmName,
     controller: Controller,
@@ -149,7 +149,7 @@ def cycle(
     that are written in place of the controller's. `whole`: encoders and DAC use whole counts.
     """
     tool = setup.tools[setup.arms.index(arm)]
-    new = readings(setup, state.plant, whole)
+    new = read_encoders(setup, state.plant, whole)
     angle, before = (
         (_low_passed(new, state), state.outputs[0])
         if controller.filtered

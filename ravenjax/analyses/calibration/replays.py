@@ -64,7 +64,7 @@ def init(setup: ReplaySetup, params: ReplayParams) -> LoopState:
     (arm,) = setup.arms
     plant = robot.init(setup, arm, params.loop.plant, params.first)
     plant = replace(plant, brakes=replace(plant.brakes, engaged=jnp.int32(0)))
-    return position_loop.start(setup, setup.controller, plant, whole=setup.whole)
+    return position_loop.start_state(setup, setup.controller, plant, whole=setup.whole)
 
 
 def advance(
@@ -88,10 +88,10 @@ def advance(
     def desired(insertion: Scalar) -> Vec:
         return transmission.motor_from_joint(arm, tool, row, insertion, setup.software)
 
-    state, _, _ = position_loop.cycle(
+    state, _, _ = position_loop.advance_cycle(
         setup, arm, setup.controller, params.loop, state, desired, whole=setup.whole
     )
-    motors = position_loop.readings(setup, state.plant, setup.whole)
+    motors = position_loop.read_encoders(setup, state.plant, setup.whole)
     joints = transmission.joint_from_motor(arm, tool, motors, setup.software)
     return state, tuple(joints), ()
 
@@ -122,20 +122,20 @@ def setup_of(
     )
 
 
-def predictor(
+def make_predictor(
     setup: ReplaySetup, base: LoopParams, wanted: Sequence[Unknown], log: JointLog
 ) -> Predictor:
     """Return a predictor that replays a log from its beginning. The robot starts at the joints
     first measured.
     """
     return _Replays(
-        setup, base, tuple(parameters.values(base, wanted, np.zeros((1, len(wanted))))), log
+        setup, base, tuple(parameters.values_by_path(base, wanted, np.zeros((1, len(wanted))))), log
     ).steps(wanted)
 
 
-def robots(setup: ReplaySetup, several: Sequence[LoopParams], log: JointLog) -> np.ndarray:
+def replay_robots(setup: ReplaySetup, several: Sequence[LoopParams], log: JointLog) -> np.ndarray:
     """Return joints [K, n, 7] of complete robots at the times at which the log was measured."""
-    every = [dict(paths.leaves(one, setup)) for one in several]
+    every = [dict(paths.path_leaves(one, setup)) for one in several]
     differ = [
         path
         for path, value in every[0].items()
@@ -165,18 +165,22 @@ class _Replays:
         self._kernel: Kernel | None = None
 
     def steps(self, wanted: Sequence[Unknown]) -> Predictor:
-        return lambda steps: self.run(parameters.values(self._base, wanted, steps), len(steps))
+        return lambda steps: self.run(
+            parameters.values_by_path(self._base, wanted, steps), len(steps)
+        )
 
     def run(self, values: Mapping[str, np.ndarray], count: int) -> np.ndarray:
         """Return joints [count, n, 7] for parameters [count] by path."""
         if self._kernel is None:
-            self._kernel = selection.select(ENGINE, self._program.setup.precision).compile(
+            self._kernel = selection.select_engine(ENGINE, self._program.setup.precision).compile(
                 self._program, count
             )
         kernel = self._kernel
         columns = {f"loop.{path}": np.asarray(values[path], np.float32) for path in self._varied}
         starts = range(0, count, kernel.lanes)
-        parts = threads.mapped(lambda start: self._block(kernel, columns, start, count), starts)
+        parts = threads.map_in_threads(
+            lambda start: self._block(kernel, columns, start, count), starts
+        )
         return np.concatenate(parts)[:count]
 
     def _block(

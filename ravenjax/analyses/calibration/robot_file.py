@@ -14,7 +14,9 @@ DELAY = "usb.command_delay"
 """Name of COMMAND_DELAY in a campaign, where it is in whole cycles."""
 
 
-def text(values: Mapping[str, np.ndarray], arm: ArmName, parameter_set: str, log: Path) -> str:
+def format_robot_file(
+    values: Mapping[str, np.ndarray], arm: ArmName, parameter_set: str, log: Path
+) -> str:
     """Return TOML of numbers [n] by path in `LoopParams`. The n-th numbers together are one robot.
 
     SETPOINT_DELAY belongs to the log and is left out.

@@ -48,7 +48,7 @@ def by_joint(title: str, rows: Sequence[FollowingError], joints: Sequence[int]) 
     return Rows(title, ("joint", *(one.model for one in rows)), cells)
 
 
-def parameters(title: str, calibrated: Calibration) -> Rows:
+def tabulate_parameters(title: str, calibrated: Calibration) -> Rows:
     """Return every unknown before and after the log, its 90 % interval, and the share of its spread
     that the log leaves.
     """

@@ -23,7 +23,7 @@ STEPS = 65535
 KINDS = {int(mujoco.mjtJoint.mjJNT_HINGE): "hinge", int(mujoco.mjtJoint.mjJNT_SLIDE): "slide"}
 
 
-def description() -> dict[str, Any]:
+def describe_figure() -> dict[str, Any]:
     """Return JSON of the bodies in the model's order, parents first, and of the cameras.
 
     A body has: parent (index, -1: none), position (m) and quaternion (w first) in its parent,
@@ -31,7 +31,7 @@ def description() -> dict[str, Any]:
     to 1), `low` and `size` (m) of a box, `corners` and `faces` (base64 of little-endian uint16 [n,
     3]). A corner is at low + size * corner / STEPS.
     """
-    model = arm_model.scene()
+    model = arm_model.operating_scene()
     joints = {
         int(model.joint(name).id): (arm, index)
         for arm in ARMS
@@ -77,7 +77,7 @@ def _mesh(model: mujoco.MjModel, geoms: list[int]) -> dict[str, Any]:
     low = corners.min(axis=0)
     size = np.maximum(corners.max(axis=0) - low, 1e-9)
     return {
-        "colour": [round(float(part), 3) for part in body_shapes.colour(model, geoms[0])],
+        "colour": [round(float(part), 3) for part in body_shapes.geom_colour(model, geoms[0])],
         "low": low.tolist(),
         "size": size.tolist(),
         "corners": _words(np.rint((corners - low) / size * STEPS)),

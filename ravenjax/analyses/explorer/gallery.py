@@ -28,7 +28,7 @@ class Card:
     reason: str = ""
 
 
-def build(folder: Path, sources: Sequence[str | Path] = ()) -> list[Card]:
+def build_gallery(folder: Path, sources: Sequence[str | Path] = ()) -> list[Card]:
     """Write the pages of campaign files and their index, and return the index entries.
 
     Without any files, all bundled campaigns are written. A campaign that cannot become a page gets
@@ -36,7 +36,8 @@ def build(folder: Path, sources: Sequence[str | Path] = ()) -> list[Card]:
     campaigns of one name, and if no campaign can become a page.
     """
     configs = [
-        loading.load(source) for source in sources or resources.bundled("campaigns", "*.toml")
+        loading.load(source)
+        for source in sources or resources.list_resources("campaigns", "*.toml")
     ]
     names = [config.campaign.name for config in configs]
     twice = sorted({name for name in names if names.count(name) > 1})
@@ -66,7 +67,7 @@ def _card(config: CampaignConfig, folder: Path) -> Card:
     )
     path = folder / f"{name}.html"
     try:
-        text = page.render(config)
+        text = page.render_page(config)
     except UserError as error:
         return dataclasses.replace(card, reason=str(error))
     files.write_text(path, text)

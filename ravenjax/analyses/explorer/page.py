@@ -15,7 +15,7 @@ from markupsafe import Markup
 from ravenjax import robots
 from ravenjax.analyses.explorer import figure, program, words
 from ravenjax.campaign import loading
-from ravenjax.campaign.file.config import CampaignConfig, validated
+from ravenjax.campaign.file.config import CampaignConfig, validate_tables
 from ravenjax.document import html
 from ravenjax.store import files, manifest
 
@@ -29,7 +29,7 @@ FILE = "explore.html"
 SUFFIX = ".explore.html"
 
 
-def build(source: str | Path, out: Path | None = None) -> Path:
+def build_page(source: str | Path, out: Path | None = None) -> Path:
     """Write the page of a campaign file, of a bundled campaign, or of a result folder, and return
     its path.
 
@@ -38,30 +38,30 @@ def build(source: str | Path, out: Path | None = None) -> Path:
     """
     folder = Path(source)
     if folder.is_dir():
-        record = manifest.read(folder)
-        config, table = validated(record.config), words.list_runs(folder, record)
+        record = manifest.read_manifest(folder)
+        config, table = validate_tables(record.config), words.list_runs(folder, record)
         place = folder / FILE
     else:
         config, table = loading.load(source), None
         place = Path(config.campaign.name + SUFFIX)
     path = out or place
-    files.write_text(path, render(config, table))
+    files.write_text(path, render_page(config, table))
     return path
 
 
-def render(config: CampaignConfig, table: dict[str, Any] | None = None) -> str:
+def render_page(config: CampaignConfig, table: dict[str, Any] | None = None) -> str:
     """Return the page as text. `table`: as from `words.list_runs`. Raises UserError."""
     parts = resources.files("ravenjax.analyses.explorer")
     data = {
-        "campaign": words.campaign(config),
-        "figure": figure.description() if config.robot.name == robots.DEFAULT else None,
-        "program": program.description(config),
+        "campaign": words.describe_campaign(config),
+        "figure": figure.describe_figure() if config.robot.name == robots.DEFAULT else None,
+        "program": program.describe_program(config),
         "table": table,
     }
     return fill(
         "page.html.j2",
         campaign=data["campaign"],
-        modules=html.data(import_map(parts / "static")),
+        modules=html.escape_json(import_map(parts / "static")),
         data={
             name: json.dumps(files.json_values(value), separators=(",", ":"))
             for name, value in data.items()
@@ -73,7 +73,11 @@ def render(config: CampaignConfig, table: dict[str, Any] | None = None) -> str:
 
 def fill(template: str, **values: Any) -> str:
     """Return a template of this folder with these values."""
-    return html.environment("ravenjax.analyses.explorer").get_template(template).render(values)
+    return (
+        html.template_environment("ravenjax.analyses.explorer")
+        .get_template(template)
+        .render(values)
+    )
 
 
 def import_map(folder: Traversable) -> str:

@@ -1,6 +1,6 @@
 """Compiles a campaign's tick to WebAssembly, and returns it as JSON with all data to run it on a page.
 
-`description` returns the object. Numbers are single precision or 32-bit integers, binaries and motion base64
+`describe_program` returns the object. Numbers are single precision or 32-bit integers, binaries and motion base64
 of little-endian words. `static/engine.js` reads it:
 
     {
@@ -17,7 +17,7 @@ of little-endian words. `static/engine.js` reads it:
       "effects": {"overwrite": {"code": 0}, ..},
                                      "channel", "plain", "constant" where an effect of the network stands for another
       "triggers": {"time": 0}, "fields": {"code": "int32", .., "key": "uint32"}, "forever": 1073741824,
-      "motion": "suture",            the campaign's own, a key of `motions`; "" for a recording
+      "motion": "suture",            the campaign's own, a key of `list_motions`; "" for a recording
       "motions": {"suture": ".."},   base64, operators' motions: float32 columns one after the other
       "programs": {"outcomes": PROGRAM, "replay": PROGRAM},
       "verdict": {                   the words of outcomes, and what each check counts as
@@ -138,12 +138,14 @@ def question_plan(config: CampaignConfig) -> Plan:
             " campaign's own faults"
         )
     values = dict(ready.varied)
-    covered = {full for path in values for full in paths.named(program.params, program.setup, path)}
-    for full, own in paths.leaves(program.params, program.setup):
-        path = paths.shorten(full, program.setup.arms)
+    covered = {
+        full for path in values for full in paths.named_numbers(program.params, program.setup, path)
+    }
+    for full, own in paths.path_leaves(program.params, program.setup):
+        path = paths.without_arm(full, program.setup.arms)
         if not _asked(path) or full in covered:
             continue
-        of_path = paths.named(program.params, program.setup, path)
+        of_path = paths.named_numbers(program.params, program.setup, path)
         covered.update(of_path)
         dtype = program.setup.precision.real if np.asarray(own).dtype.kind == "f" else np.int32
         values[path] = np.full(ready.runs, own, dtype)
@@ -162,12 +164,12 @@ def _asked(path: str) -> bool:
     return any(path == start or path.startswith(f"{start}.") for start in PARAMETERS)
 
 
-def description(config: CampaignConfig) -> dict[str, Any]:
+def describe_program(config: CampaignConfig) -> dict[str, Any]:
     """Return the JSON object of a campaign, as the module docstring describes. Raises UserError."""
     ready = question_plan(config)
     program = ready.program
-    printable = traced.printable(program)
-    tick = traced.trace(printable, Block(*ready.lanes([0], 1), None), ready.columns)
+    printable = traced.printable_program(program)
+    tick = traced.trace_tick(printable, Block(*ready.lanes([0], 1), None), ready.columns)
     shared = len(program.varied)
     return {
         "arms": list(program.setup.arms),
@@ -184,7 +186,7 @@ def description(config: CampaignConfig) -> dict[str, Any]:
             for field in dataclasses.fields(FaultSlot)
         },
         "forever": table.FOREVER_TICKS,
-        **motions(ready),
+        **list_motions(ready),
         "programs": {
             "outcomes": _printed(tick, tick.without_signals(), shared, code.WIDTH)
             | {"outputs": []},
@@ -214,7 +216,7 @@ def motion_name(config: CampaignConfig) -> str | None:
     return operator.motion or names[0]
 
 
-def motions(ready: Plan) -> dict[str, Any]:
+def list_motions(ready: Plan) -> dict[str, Any]:
     """Return the campaign's motion, and those that may replace it on a small page."""
     own = motion_name(ready.config)
     columns = {own or "": ready.columns}
@@ -241,7 +243,7 @@ def _motion(ready: Plan, name: str) -> tuple[np.ndarray, ...] | None:
         other, {}, own.setup.injection, own.setup.precision
     )
     here, there = (
-        dict(paths.leaves(params, own.setup)) for params in (own.params, prepared.params)
+        dict(paths.path_leaves(params, own.setup)) for params in (own.params, prepared.params)
     )
     if any(
         not np.array_equal(here[path], there[path]) for path in here if path.startswith("start.")
@@ -252,8 +254,8 @@ def _motion(ready: Plan, name: str) -> tuple[np.ndarray, ...] | None:
 
 def _parameter(ready: Plan, path: str) -> dict[str, Any]:
     program, robot = ready.program, ready.config.robot
-    own = next(iter(paths.named(program.params, program.setup, path).values()))
-    limits = next(iter(bounds.of(robot, path)), None)
+    own = next(iter(paths.named_numbers(program.params, program.setup, path).values()))
+    limits = next(iter(bounds.allowed_values(robot, path)), None)
     unknown = {"unit": "", "low": None, "high": None, "meaning": ""}
     dtype = ready.varied[path].dtype
     return {
@@ -269,7 +271,7 @@ def _channels(ready: Plan) -> list[dict[str, Any]]:
     injection = ready.program.setup.injection
     effects = {use.site: use.effects for use in injection.sites}
     rows = []
-    for site, arm, name in table.targets(injection):
+    for site, arm, name in table.injection_targets(injection):
         of_channel = [
             effect
             for effect, stands in NETWORK_EFFECTS.items()
@@ -303,7 +305,7 @@ def _examples(ready: Plan) -> list[dict[str, Any]]:
 
 def _verdict(config: CampaignConfig, tick: TracedTick) -> dict[str, Any]:
     robot = config.robot
-    rules = [robot.check(name) for name in checks.names(tick.outcomes)]
+    rules = [robot.check(name) for name in checks.check_names(tick.outcomes)]
     return {
         "responses": list(verdict.RESPONSES),
         "told": list(verdict.TOLD),
@@ -341,7 +343,7 @@ def _replay_program(ready: Plan, tick: TracedTick, shared: int) -> dict[str, Any
     loop = dataclasses.replace(
         tick.loop, step=dataclasses.replace(step, outputs=(*step.outputs[:first], *leaves))
     )
-    types = [str(np.dtype(dtype)) for dtype in tree.leaves(tick.signals)]
+    types = [str(np.dtype(dtype)) for dtype in tree.tree_leaves(tick.signals)]
     outputs = [
         {
             "name": row["name"],
@@ -362,12 +364,12 @@ def _series(ready: Plan, tick: TracedTick) -> list[dict[str, Any]]:
     that is a multiple of one signal then shows it. Numbers computed from several signals are left
     out; a page computes them itself.
     """
-    dtypes = [np.dtype(dtype) for dtype in tree.leaves(tick.signals)]
+    dtypes = [np.dtype(dtype) for dtype in tree.tree_leaves(tick.signals)]
     probe = [np.zeros(len(dtypes) + 1, dtype) for dtype in dtypes]
     for leaf, values in enumerate(probe):
         values[leaf + 1] = 1
     named = ready.config.robot.part("campaign").series(
-        ready.program.setup, tree.filled(tick.signals, list(probe))
+        ready.program.setup, tree.fill_tree(tick.signals, list(probe))
     )
     rows = []
     for name, values in named.items():
@@ -390,7 +392,7 @@ def _series(ready: Plan, tick: TracedTick) -> list[dict[str, Any]]:
 def _printed(tick: TracedTick, loop: TimeLoop, shared: int, width: int) -> dict[str, Any]:
     kernel = print_kernel(split_lanes(loop, shared, grouped=True), width, code.FEATURES)
     return {
-        "binary": _base64(code.emit(kernel.text, FUNCTIONS)),
+        "binary": _base64(code.emit_module(kernel.text, FUNCTIONS)),
         "width": width,
         "inputs": _layout(kernel.inputs),
         "group_inputs": _layout(kernel.group_inputs),

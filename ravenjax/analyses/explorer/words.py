@@ -33,7 +33,7 @@ WIDER = 5.0
 """Factor by which a value's range on the page exceeds the range of the channel without a fault."""
 
 
-def campaign(config: CampaignConfig) -> dict[str, Any]:
+def describe_campaign(config: CampaignConfig) -> dict[str, Any]:
     """Return JSON of everything that the page's words, controls and commands need."""
     robot, arms, cues = config.robot, config.campaign.arms, config.haptics.cues()
     return {
@@ -85,7 +85,7 @@ def _site(site: Site, layers: Any, arms: Iterable[str]) -> dict[str, Any]:
 
 
 def _channel(site: Site, channel: Channel, arm: str) -> dict[str, Any]:
-    usual = ranges.measured().get((site.name, arm if site.per_arm else "", channel.name))
+    usual = ranges.measured_ranges().get((site.name, arm if site.per_arm else "", channel.name))
     low, high = channel.extent
     return {
         "name": channel.name,
@@ -179,7 +179,7 @@ def list_runs(folder: Path, record: Manifest) -> dict[str, Any]:
     in the page, at most MOST), columns (name -> list), evading (see `_evading`). Runs that a page
     cannot compute are left out (see `_asked`).
     """
-    cue, names = record.verdict_cue, [column.name for column in schema.columns(record.shape)]
+    cue, names = record.verdict_cue, [column.name for column in schema.table_columns(record.shape)]
     columns = {
         "run_id": "run_id",
         "index": "index",
@@ -212,7 +212,7 @@ def _evading(folder: Path, record: Manifest) -> dict[str, float]:
     """Return that k of n distinct faults evade. Low and high are NaN if faults were enumerated."""
     runs = Runs.open(folder, record)
     try:
-        return tables.headline(runs, record)["evaded"]._asdict()
+        return tables.headline_counts(runs, record)["evaded"]._asdict()
     finally:
         runs.close()
 

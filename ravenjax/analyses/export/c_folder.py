@@ -32,7 +32,7 @@ class CFolder(NamedTuple):
     example: Path
 
 
-def write(
+def write_library(
     folder: Path,
     software: ControlSoftware | None = None,
     robot: VirtualRobot | None = None,
@@ -48,7 +48,7 @@ def write(
         raise UserError(f"cpu is {cpu!r}, expected one of {', '.join(CPUS)}")
     software = ControlSoftware() if software is None else software
     robot = VirtualRobot(software.setup.arms, software.setup.tools) if robot is None else robot
-    texts = library.library(software, robot)
+    texts = library.make_library(software, robot)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -58,7 +58,9 @@ def write(
     files = {ending: folder / f"{NAME}.{ending}" for ending in ("h", "o")}
     example = folder / "example.c"
     files["h"].write_text(texts.header, encoding="utf-8")
-    files["o"].write_bytes(jit.emit(texts.code, jit.host() if cpu == NATIVE else jit.portable()))
+    files["o"].write_bytes(
+        jit.emit_object(texts.code, jit.host_target() if cpu == NATIVE else jit.portable_target())
+    )
     example.write_text(texts.example, encoding="utf-8")
     return CFolder(files["h"], files["o"], _linked(files["o"], folder / f"lib{NAME}.so"), example)
 

@@ -14,10 +14,10 @@ from ravenjax.analyses.monitors.calibration import Calibrated
 from ravenjax.analyses.monitors.monitor import WHOLE, Segments, split_scores
 from ravenjax.analyses.monitors.operations import FRESH, OperationDesign, OperationRunner
 from ravenjax.analyses.monitors.score_folder import FOLDER, Peaks, read_design
-from ravenjax.analyses.monitors.scores import Score, catalogue
+from ravenjax.analyses.monitors.scores import Score, list_candidates
 from ravenjax.campaign import loading
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.errors import UserError, suggestion
+from ravenjax.errors import UserError, suggest_name
 from ravenjax.stats.conformal.threshold import FalseAlarmTarget
 from ravenjax.store import manifest
 from ravenjax.vocabulary.robot import Robot
@@ -65,7 +65,7 @@ class Request:
         self.config = self.config.model_copy(update={"parameters": rest})
 
 
-def calibrate(
+def calibrate_monitor(
     request: Request,
     out: Path,
     hours: float | None = None,
@@ -78,23 +78,25 @@ def calibrate(
     `hours`: of operation, over all operators and robots; None: as many as the target needs. Raises
     UserError and StoreError. Finished operators stay on disk, and the same call continues.
     """
-    wanted = split_scores(chosen(request.config.robot, request.signals or SIGNALS))
+    wanted = split_scores(choose_candidates(request.config.robot, request.signals or SIGNALS))
     units = calibration.units_within(request.target, request.robots, hours)
     design = OperationDesign(
-        tuple(request.motions) or motions(request.config),
+        tuple(request.motions) or varying_motions(request.config),
         request.robots,
         request.target.length_h * 3600,
         request.seed,
     )
-    peaks = operate(
+    peaks = operate_units(
         request.config, design, wanted, request.stretches, out, units, engine, on_operator
     )
-    result = calibration.calibrate(peaks, wanted, request.stretches, request.target, request.robots)
-    writing.write(out, request.config, design, result)
+    result = calibration.calibrate_thresholds(
+        peaks, wanted, request.stretches, request.target, request.robots
+    )
+    writing.write_monitor(out, request.config, design, result)
     return result
 
 
-def operate(
+def operate_units(
     config: CampaignConfig,
     design: OperationDesign,
     wanted: tuple[Score, ...],
@@ -106,25 +108,25 @@ def operate(
 ) -> Peaks:
     """Return the operations of `units` operators. Computes those that are missing in `out`."""
     folder = out / FOLDER
-    score_folder.open_folder(folder, described(config, design, wanted, segments))
-    measured = measuring(config, wanted, segments, folder / "detectors")
+    score_folder.open_folder(folder, describe_design(config, design, wanted, segments))
+    measured = with_measuring_detectors(config, wanted, segments, folder / "detectors")
     if missing := score_folder.list_missing(folder, units):
         with interruption.held_back():
             for operator in OperationRunner(measured, design, engine).compute(missing):
-                score_folder.add(folder, operator)
+                score_folder.add_scores(folder, operator)
                 on_operator(operator.operator + 1, units)
-    return score_folder.read(folder, units)
+    return score_folder.read_scores(folder, units)
 
 
-def chosen(robot: Robot, patterns: Sequence[str]) -> list[Score]:
+def choose_candidates(robot: Robot, patterns: Sequence[str]) -> list[Score]:
     """Return the candidates that match the patterns, in order. Raises UserError for no match."""
-    candidates = catalogue(robot)
+    candidates = list_candidates(robot)
     names = [score.name for score in candidates]
     for pattern in patterns:
         if not fnmatch.filter(names, pattern):
             raise UserError(
                 f"signal {pattern!r}: {robot.title} has none of that name; `ravenjax monitor"
-                f" signals` lists them, and * stands for any letters{suggestion(pattern, names)}"
+                f" signals` lists them, and * stands for any letters{suggest_name(pattern, names)}"
             )
     return [
         score
@@ -133,14 +135,14 @@ def chosen(robot: Robot, patterns: Sequence[str]) -> list[Score]:
     ]
 
 
-def motions(config: CampaignConfig) -> tuple[str, ...]:
+def varying_motions(config: CampaignConfig) -> tuple[str, ...]:
     """Return the generated motions that differ with their seed."""
     from ravenjax.store.access.fault_free import UNVARIED
 
     return tuple(motion for motion in config.generated_motions() if motion not in UNVARIED)
 
 
-def measuring(
+def with_measuring_detectors(
     config: CampaignConfig, wanted: tuple[Score, ...], segments: Segments, place: Path
 ) -> CampaignConfig:
     """Return `config` with one detector per term and segment, and write their files to `place`."""
@@ -160,7 +162,7 @@ def measuring(
     return config.model_copy(update={"detector": detector})
 
 
-def described(
+def describe_design(
     config: CampaignConfig, design: OperationDesign, wanted: tuple[Score, ...], segments: Segments
 ) -> dict[str, Any]:
     """Return everything that decides the scores of operations, as JSON values."""
@@ -196,7 +198,7 @@ def operate_afresh(
     and the same call continues. Raises UserError and StoreError.
     """
     calibration.require_hours(hours)
-    monitor, _ = writing.read(folder)
+    monitor, _ = writing.read_monitor(folder)
     record = read_design(folder / FOLDER)
     campaign, design = record["campaign"], record["design"]
     raw = campaign | {
@@ -218,4 +220,4 @@ def operate_afresh(
             f" {own.length_s:g} s each, {own.robots * own.length_s / 3600:.3g} h"
         )
     wanted = tuple(dataclasses.replace(term, scales=(1.0,)) for term in monitor.terms)
-    return operate(config, own, wanted, monitor.segments, out, units, engine, on_operator)
+    return operate_units(config, own, wanted, monitor.segments, out, units, engine, on_operator)

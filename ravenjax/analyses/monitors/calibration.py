@@ -67,7 +67,7 @@ class Calibrated(NamedTuple):
     test: Test
 
 
-def uses(unit: np.ndarray) -> Uses:
+def assign_uses(unit: np.ndarray) -> Uses:
     """Return the use of each operation, by the number of its operator."""
     place = unit % ROUND
     return Uses(place == 0, (place > 0) & (place <= CALIBRATES), place > CALIBRATES)
@@ -108,7 +108,7 @@ def units_within(target: FalseAlarmTarget, robots: int, hours: float | None) -> 
     return units
 
 
-def calibrate(
+def calibrate_thresholds(
     peaks: Peaks,
     terms: tuple[Score, ...],
     segments: Segments,
@@ -116,19 +116,19 @@ def calibrate(
     robots: int,
 ) -> Calibrated:
     """Return the monitor of `terms`. Raises UserError if operations do not support the promise."""
-    by = uses(peaks.unit)
+    by = assign_uses(peaks.unit)
     valid = by.scale & np.isfinite(peaks.peak).all(axis=1)
     if not valid.any():
         raise UserError(
             "no operation learns scales: all that should had a number that is not finite"
         )
     shape = (-1, len(terms), segments.count)
-    scale = threshold.scales(peaks.peak[valid].reshape(shape))
-    score = joint(peaks.peak, scale)
+    scale = threshold.signal_scales(peaks.peak[valid].reshape(shape))
+    score = joint_scores(peaks.peak, scale)
     whole = OperationScores(peaks.unit, score, peaks.hours)
     calibrating = OperationScores(*(values[by.threshold] for values in whole))
     try:
-        result = threshold.least(calibrating, target)
+        result = threshold.least_threshold(calibrating, target)
     except TooFewUnits as error:
         start = (
             f"{error.units} operators do not carry {target.per_hour:g} false alarms an hour with "
@@ -140,7 +140,11 @@ def calibrate(
     monitor = Monitor(terms, segments, tuple(tuple(map(float, row)) for row in scale), result.value)
     tested = OperationScores(*(values[by.test] for values in whole))
     return Calibrated(
-        monitor, target, result, len(np.unique(peaks.unit[by.scale])), test(tested, result.value)
+        monitor,
+        target,
+        result,
+        len(np.unique(peaks.unit[by.scale])),
+        count_test_alarms(tested, result.value),
     )
 
 
@@ -166,9 +170,9 @@ def _reason(
     )
 
 
-def joint(peak: np.ndarray, scale: np.ndarray) -> np.ndarray:
+def joint_scores(peak: np.ndarray, scale: np.ndarray) -> np.ndarray:
     """Return the score of each operation. `peak`: of `Peaks`; `scale`: [terms, segments]."""
-    return infinite_if_none(threshold.joint(peak.reshape(len(peak), *scale.shape), scale))
+    return infinite_if_none(threshold.joint_scores(peak.reshape(len(peak), *scale.shape), scale))
 
 
 def infinite_if_none(scores: np.ndarray) -> np.ndarray:
@@ -176,7 +180,7 @@ def infinite_if_none(scores: np.ndarray) -> np.ndarray:
     return np.where(np.isnan(scores), np.float32(np.inf), scores)
 
 
-def test(operations: OperationScores, limit: float) -> Test:
+def count_test_alarms(operations: OperationScores, limit: float) -> Test:
     """Count alarms in operations that had no part in the calibration."""
     alarms, first = operations.score > limit, operations.one_each()
     return Test(

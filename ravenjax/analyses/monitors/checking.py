@@ -20,7 +20,7 @@ from ravenjax.analyses.monitors import calibration, code, score_folder, writing
 from ravenjax.analyses.monitors.monitor import Monitor, list_reads, name_read
 from ravenjax.errors import StoreError, UserError
 from ravenjax.stats.conformal import shift
-from ravenjax.stats.multiplicity import holm
+from ravenjax.stats.multiplicity import holm_test
 from ravenjax.store import files, manifest
 from ravenjax.store.access import query
 
@@ -28,7 +28,7 @@ SCORE = "score"
 MS_PER_HOUR = 3.6e6
 
 
-def check(
+def check_exchangeability(
     folder: Path, sources: Sequence[Path], level: float = 0.05, seed: int = 0
 ) -> pd.DataFrame:
     """Return one row per score, the joint score first.
@@ -45,7 +45,7 @@ def check(
         raise UserError(f"--level {level:g}: expected a number between 0 and 1, as 0.05")
     if not sources:
         raise UserError("of which operations? Give folders of results, or logs")
-    monitor, record = writing.read(folder)
+    monitor, record = writing.read_monitor(folder)
     reference = pd.read_csv(folder / writing.REFERENCE).astype(np.float32)
     some = [_fresh(source, folder, monitor, record) for source in sources]
     _require_different(sources, some)
@@ -59,8 +59,8 @@ def check(
         )
         both = np.concatenate([before, after])
         if (both != both[0]).any():  # a constant score has nothing to compare
-            results[name] = shift.shift(before, after, seed)
-    findings = holm({name: one.p for name, one in results.items()}, 1.0 - level)
+            results[name] = shift.test_shift(before, after, seed)
+    findings = holm_test({name: one.p for name, one in results.items()}, 1.0 - level)
     rows = [
         (name, one.place, one.p, findings[name].adjusted, one.martingale, findings[name].rejected)
         for name, one in results.items()
@@ -142,18 +142,20 @@ def _of_operations(
         raise UserError(
             f"{source}: its operators are those of the calibration: nothing of it is fresh"
         )
-    peaks = score_folder.read(place)
+    peaks = score_folder.read_scores(place)
     origin = f"operators of seed {design['design']['seed']}, stream {design['design']['stream']}"
     return _table(monitor, peaks.unit, peaks.hours, peaks.peak, origin)
 
 
 def _of_result(source: Path, monitor: Monitor, record: dict[str, Any]) -> pd.DataFrame:
     """Read a campaign's fault-free runs with the monitor as a detector. They are one unit."""
-    own = manifest.read(source)
+    own = manifest.read_manifest(source)
     digest = record["sha256"][code.PART]
     detectors = {one["name"]: Path(one.get("file") or "") for one in own.config.get("detector", ())}
     names = [
-        name for name, file in detectors.items() if file.is_file() and files.sha256(file) == digest
+        name
+        for name, file in detectors.items()
+        if file.is_file() and files.hash_file(file) == digest
     ]
     if not names:
         got = ", ".join(str(file) for file in detectors.values() if file.name) or "none"
@@ -225,14 +227,14 @@ def _of_log(source: Path, monitor: Monitor, record: dict[str, Any]) -> pd.DataFr
     inputs = {name: table[:length, k + 1].astype(np.float32) for k, name in enumerate(names[1:])}
     peak = series_scores(monitor, live, inputs)[None]
     hours = np.array([live.sum() / MS_PER_HOUR])
-    return _table(monitor, np.zeros(1, int), hours, peak, f"log {files.sha256(source)}")
+    return _table(monitor, np.zeros(1, int), hours, peak, f"log {files.hash_file(source)}")
 
 
 def _table(
     monitor: Monitor, unit: np.ndarray, hours: np.ndarray, peak: np.ndarray, origin: str
 ) -> pd.DataFrame:
     """Return the table of `_fresh`. `peak`: largest value of each term in each segment."""
-    score = calibration.joint(peak, np.array(monitor.scales, np.float32))
+    score = calibration.joint_scores(peak, np.array(monitor.scales, np.float32))
     columns = dict(zip(writing.measured_names(monitor), peak.T, strict=True))
     table = pd.DataFrame({"unit": unit, "hours": hours, SCORE: score, **columns})
     table.attrs["origin"] = origin

@@ -20,11 +20,11 @@ import numpy as np
 
 from ravenjax import interruption
 from ravenjax.campaign import compile_cache, plan
-from ravenjax.campaign.file.config import CampaignConfig, validated
+from ravenjax.campaign.file.config import CampaignConfig, validate_tables
 from ravenjax.campaign.plan import Plan
 from ravenjax.engines import selection
 from ravenjax.engines.interface import NO_REFERENCE, Block, Engine, Kernel, TickProgram
-from ravenjax.errors import UserError, suggestion
+from ravenjax.errors import UserError, suggest_name
 from ravenjax.store.access import fault_free
 
 CALIBRATION, FRESH = 0, 1
@@ -64,7 +64,7 @@ class OperatorScores:
     hours: np.ndarray  # in which detectors looked
 
 
-def campaign(config: CampaignConfig, design: OperationDesign) -> CampaignConfig:
+def operator_campaign(config: CampaignConfig, design: OperationDesign) -> CampaignConfig:
     """Return the fault-free campaign of an operator: `config` without its groups."""
     own = config.model_dump(mode="json")
     group: dict[str, Any] = {"name": _GROUP}
@@ -82,7 +82,7 @@ def campaign(config: CampaignConfig, design: OperationDesign) -> CampaignConfig:
         "observe_ms": None,
     }
     raw = own | tables | {"reaction": None, "stop": None, "group": [group]}
-    return validated(raw | {"campaign": own["campaign"] | settings})
+    return validate_tables(raw | {"campaign": own["campaign"] | settings})
 
 
 def of_operator(campaign: CampaignConfig, design: OperationDesign, number: int) -> CampaignConfig:
@@ -98,7 +98,7 @@ def of_operator(campaign: CampaignConfig, design: OperationDesign, number: int) 
     )
 
 
-def require(config: CampaignConfig, design: OperationDesign) -> None:
+def require_runnable(config: CampaignConfig, design: OperationDesign) -> None:
     """Raise UserError unless `config` can be run in this way."""
     operator = config.model_dump(mode="json").get("operator") or {}
     if operator.get("file"):
@@ -108,7 +108,7 @@ def require(config: CampaignConfig, design: OperationDesign) -> None:
         )
     names = config.generated_motions() or design.motions
     if unknown := [motion for motion in design.motions if motion not in names]:
-        expected = f"{', '.join(names)}{suggestion(unknown[0], names)}"
+        expected = f"{', '.join(names)}{suggest_name(unknown[0], names)}"
         raise UserError(f"motion {unknown[0]!r} is unknown: expected one of {expected}")
     if still := [motion for motion in design.motions if motion in fault_free.UNVARIED]:
         raise UserError(
@@ -120,7 +120,7 @@ def require(config: CampaignConfig, design: OperationDesign) -> None:
             f"[cross] repeats every run ({next(iter(config.cross))}): write distributions in"
             " [parameters]"
         )
-    if design.robots > 1 and not varies(config):
+    if design.robots > 1 and not robot_varies(config):
         raise UserError(
             f"{design.robots} robots an operator would be copies of one, because nothing of the"
             " robot is drawn. Draw parameters ([parameters] path = {uniform = [low, high]}), noise"
@@ -128,7 +128,7 @@ def require(config: CampaignConfig, design: OperationDesign) -> None:
         )
 
 
-def varies(config: CampaignConfig) -> bool:
+def robot_varies(config: CampaignConfig) -> bool:
     """Return whether two runs of one operator may differ: some property of the robot is drawn."""
     return (
         config.campaign.noise
@@ -144,12 +144,12 @@ class OperationRunner:
         self, config: CampaignConfig, design: OperationDesign, engine: str = "auto"
     ) -> None:
         """Compile for a campaign. Raises UserError for a campaign that cannot be run."""
-        require(config, design)
-        compile_cache.enable()
-        self.config, self.design = campaign(config, design), design
+        require_runnable(config, design)
+        compile_cache.enable_cache()
+        self.config, self.design = operator_campaign(config, design), design
         self._first = plan.make_plan(of_operator(self.config, design, 0))
-        self._engine: Engine = selection.select(
-            engine, self._first.program.setup.precision, compile_cache.objects()
+        self._engine: Engine = selection.select_engine(
+            engine, self._first.program.setup.precision, compile_cache.object_cache()
         )
         self.engine = f"{self._engine.name} on {self._engine.device}"
         self.detectors = tuple(name for name, *_ in config.detectors)
@@ -167,7 +167,7 @@ class OperationRunner:
                         coming.append(pool.submit(self._operator, number))
                     if not coming:
                         return
-                    yield interruption.result(coming.popleft())
+                    yield interruption.wait_for_result(coming.popleft())
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise

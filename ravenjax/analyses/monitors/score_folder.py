@@ -53,7 +53,7 @@ def list_missing(folder: Path, units: int) -> list[int]:
     return [number for number in range(units) if not _file(folder, number).exists()]
 
 
-def add(folder: Path, operator: OperatorScores) -> None:
+def add_scores(folder: Path, operator: OperatorScores) -> None:
     """Store the operations of an operator."""
     columns = {"hours": operator.hours} | {
         f"score{number}": scores for number, scores in enumerate(operator.score.T)
@@ -66,7 +66,7 @@ def add(folder: Path, operator: OperatorScores) -> None:
     )
 
 
-def read(folder: Path, units: int | None = None) -> Peaks:
+def read_scores(folder: Path, units: int | None = None) -> Peaks:
     """Return the operations in a folder, of operators below `units`. Raises StoreError."""
     paths = _list_files(folder)
     if not paths:
@@ -83,7 +83,7 @@ def read(folder: Path, units: int | None = None) -> Peaks:
 def read_design(folder: Path) -> dict[str, Any]:
     """Return the design of a folder's operations. Raises StoreError."""
     try:
-        content = files.parsed((folder / DESIGN).read_text(encoding="utf-8"))
+        content = files.parse_json((folder / DESIGN).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise StoreError(f"{folder / DESIGN}: cannot be read ({error})") from None
     if not isinstance(content, dict):
@@ -91,9 +91,9 @@ def read_design(folder: Path) -> dict[str, Any]:
     return content
 
 
-def digest(folder: Path) -> str:
+def hash_scores(folder: Path) -> str:
     """Return the sha256 over the operators in order."""
-    sums = (bytes.fromhex(files.sha256(path)) for path in _list_files(folder))
+    sums = (bytes.fromhex(files.hash_file(path)) for path in _list_files(folder))
     return hashlib.sha256(b"".join(sums)).hexdigest()
 
 

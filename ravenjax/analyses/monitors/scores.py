@@ -84,7 +84,7 @@ class Score:
         return dataclasses.replace(self, scales=tuple(float(scale) for scale in scales))
 
 
-def catalogue(robot: Robot) -> tuple[Score, ...]:
+def list_candidates(robot: Robot) -> tuple[Score, ...]:
     """Return every candidate that a robot's signals give, one for all channels that are observed
     together, with scales 1.
 

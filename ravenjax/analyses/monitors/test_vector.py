@@ -12,7 +12,7 @@ import pandas as pd
 from ravenjax.analyses.monitors import code
 from ravenjax.analyses.monitors.monitor import Monitor, list_reads
 from ravenjax.campaign import compile_cache, plan
-from ravenjax.campaign.file.config import CampaignConfig, validated
+from ravenjax.campaign.file.config import CampaignConfig, validate_tables
 from ravenjax.campaign.inspection.replay import LANES
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block
@@ -30,7 +30,7 @@ FAULT = {
 _NAME, _SAME_LANES = "monitor", 2
 
 
-def compute(
+def compute_test_vector(
     config: CampaignConfig, monitor: Monitor, seed: int, engine: str = "auto"
 ) -> pd.DataFrame:
     """Return one row per millisecond of the first arm of `config`'s robot.
@@ -46,16 +46,16 @@ def compute(
             f"robot {robot.name!r} does not show what its detectors see, so there is no test"
             " vector: expected a robot whose part `campaign` has `watched`, as raven2"
         )
-    compile_cache.enable()
+    compile_cache.enable_cache()
     with TemporaryDirectory() as folder:
         file = Path(folder) / "monitor.py"
         text = code.write_part(monitor.terms, monitor.segments, monitor.scales, records=True)
         file.write_text(text, encoding="utf-8")
         ready = plan.make_plan(_campaign(config, monitor, seed, file))
         program = part.watched(ready.program)
-        tracer = selection.select(engine, program.setup.precision, compile_cache.objects()).tracer(
-            program, LANES
-        )
+        tracer = selection.select_engine(
+            engine, program.setup.precision, compile_cache.object_cache()
+        ).tracer(program, LANES)
         golden, block = (
             Block(*ready.lanes([0], LANES, harmless=harmless), None) for harmless in (True, False)
         )
@@ -99,7 +99,7 @@ def _campaign(config: CampaignConfig, monitor: Monitor, seed: int, file: Path) -
             "threshold": [monitor.threshold],
         }
     ]
-    return validated(raw)
+    return validate_tables(raw)
 
 
 def _is_plain(config: CampaignConfig, path: str) -> bool:

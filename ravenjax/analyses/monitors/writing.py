@@ -27,9 +27,11 @@ ENGINE = "simd"
 """Engine of the test vector. It is a CPU engine, because its arithmetic equals that of C."""
 
 
-def write(out: Path, config: CampaignConfig, design: OperationDesign, result: Calibrated) -> None:
+def write_monitor(
+    out: Path, config: CampaignConfig, design: OperationDesign, result: Calibrated
+) -> None:
     """Write everything except the operations, which are in `out` already."""
-    monitor, notes = result.monitor, promise(result, design)
+    monitor, notes = result.monitor, describe_promise(result, design)
     detector = {"name": "monitor", "file": code.PART, "threshold": [_short(monitor.threshold)]}
     title = f"{' '.join(notes)} As a detector: threshold = {detector['threshold']}"
     operations = out / score_folder.FOLDER
@@ -38,19 +40,19 @@ def write(out: Path, config: CampaignConfig, design: OperationDesign, result: Ca
         DETECTOR: "# Copy this into a campaign; file is taken from its folder on.\n"
         + tomlkit.dumps({"detector": [detector]}),
         **code.write_c(monitor, notes),
-        VECTOR: _csv(test_vector.compute(config, monitor, design.seed, ENGINE)),
-        REFERENCE: _csv(_reference(score_folder.read(operations), monitor, result)),
+        VECTOR: _csv(test_vector.compute_test_vector(config, monitor, design.seed, ENGINE)),
+        REFERENCE: _csv(_reference(score_folder.read_scores(operations), monitor, result)),
     }
     for name, text in texts.items():
         files.write_text(out / name, text)
     record = _record(config, design, result)
-    record["design"]["operations_sha256"] = score_folder.digest(operations)
-    record["sha256"] = {name: files.sha256(out / name) for name in texts}
+    record["design"]["operations_sha256"] = score_folder.hash_scores(operations)
+    record["sha256"] = {name: files.hash_file(out / name) for name in texts}
     head = "# Written by `ravenjax monitor calibrate`.\n\n"
     files.write_text(out / RECORD, head + tomlkit.dumps(record))
 
 
-def promise(result: Calibrated, design: OperationDesign) -> list[str]:
+def describe_promise(result: Calibrated, design: OperationDesign) -> list[str]:
     """Return the promise, its scope and its basis, as lines."""
     target, own = result.target, result.threshold
     return [
@@ -87,7 +89,7 @@ def _record(config: CampaignConfig, design: OperationDesign, result: Calibrated)
             "false_alarms_per_hour": result.target.per_hour,
             "confidence": result.target.confidence,
             "operation_s": design.length_s,
-            "words": " ".join(promise(result, design)),
+            "words": " ".join(describe_promise(result, design)),
         },
         "calibration": {
             "operators": own.units,
@@ -128,7 +130,7 @@ def _record(config: CampaignConfig, design: OperationDesign, result: Calibrated)
     }
 
 
-def read(folder: Path) -> tuple[Monitor, dict[str, Any]]:
+def read_monitor(folder: Path) -> tuple[Monitor, dict[str, Any]]:
     """Read the monitor of a folder and its record. Raises StoreError."""
     path = folder / RECORD
     try:
@@ -151,8 +153,8 @@ def read(folder: Path) -> tuple[Monitor, dict[str, Any]]:
             f"{path}: is no record of a monitor ({type(error).__name__}: {error})"
         ) from None
     for name, digest in content.get("sha256", {}).items():
-        file = files.inside(folder, name)
-        if not file.is_file() or files.sha256(file) != digest:
+        file = files.path_inside(folder, name)
+        if not file.is_file() or files.hash_file(file) != digest:
             raise StoreError(
                 f"{file}: is not what the calibration wrote (sha256 expected"
                 f" {digest[:16]}); calibrate again, its operations are there already"
@@ -171,8 +173,8 @@ def _reference(peaks: score_folder.Peaks, monitor: Monitor, result: Calibrated) 
     """Return the first operation of each operator that provided no scale, for tests for a shift."""
     _, first = np.unique(peaks.unit, return_index=True)
     some = peaks.taken_from(first)
-    some = some.taken_from(~calibration.uses(some.unit).scale)
-    score = calibration.joint(some.peak, np.array(monitor.scales, np.float32))
+    some = some.taken_from(~calibration.assign_uses(some.unit).scale)
+    score = calibration.joint_scores(some.peak, np.array(monitor.scales, np.float32))
     columns = dict(zip(measured_names(monitor), some.peak.T, strict=True))
     return pd.DataFrame({"operator": some.unit, "score": score, **columns})
 

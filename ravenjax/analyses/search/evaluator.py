@@ -44,7 +44,7 @@ class Evaluator:
         margins: bool = False,
     ) -> None:
         """Plan the runs. `margins`: return margins of `wanted`, not 0 and 1. Raises UserError."""
-        compile_cache.enable()
+        compile_cache.enable_cache()
         self.template, self.wanted = template, tuple(wanted)
         self._margins = margins
         # One run per case: settings that select code are equal for all points.
@@ -55,8 +55,8 @@ class Evaluator:
         ]:
             source = f"{template.config.source}: " if template.config.source is not None else ""
             raise UserError("\n".join(f"{source}search: {complaint}" for complaint in complaints))
-        self.engine = selection.select(
-            engine, self._plan.program.setup.precision, compile_cache.objects()
+        self.engine = selection.select_engine(
+            engine, self._plan.program.setup.precision, compile_cache.object_cache()
         )
         self.batches, self.run_s = 0, 0.0
         self.progress = self._progress(1, None, 0, ())
@@ -72,14 +72,14 @@ class Evaluator:
         """Keep runs in `journal`, and take over those that it holds. `due`: about how many."""
         self._journal = journal
         for rows in journal.tables:
-            ids = run_id.numbers(rows.column("run_id").to_pylist())
+            ids = run_id.parse_run_ids(rows.column("run_id").to_pylist())
             new = np.flatnonzero(
                 self._known.get_indexer(ids) < 0
             )  # after a kill, two files may hold the same runs
             self._learn(ids[new], [rows.take(new)])
         self.progress = self._progress(due, on_progress, min(self.held, due - 1), journal.notes)
         for rows in self._tables:
-            self.progress.count_failures(parts.failures(rows))
+            self.progress.count_failures(parts.count_failures(rows))
 
     def _progress(
         self, due: int, told: OnProgress | None, earlier: int, notes: tuple[str, ...]
@@ -101,7 +101,9 @@ class Evaluator:
         """See the class."""
         start = time.perf_counter()
         points, place = np.unique(np.column_stack([case, values]), axis=0, return_inverse=True)
-        rows = design.rows(self.template.campaign(points[:, 0].astype(np.int64), points[:, 1:]))
+        rows = design.table_columns(
+            self.template.campaign(points[:, 0].astype(np.int64), points[:, 1:])
+        )
         ids = rows["run_id"].to_numpy()
         fresh = ids[self._asked.get_indexer(ids) < 0]
         if len(fresh):
@@ -115,14 +117,16 @@ class Evaluator:
 
     def ids(self, case: np.ndarray, values: np.ndarray) -> list[str]:
         """Return run ids of points that are all different."""
-        rows = design.rows(self.template.campaign(np.asarray(case), np.asarray(values, float)))
-        return run_id.text(rows["run_id"].to_numpy()).to_pylist()
+        rows = design.table_columns(
+            self.template.campaign(np.asarray(case), np.asarray(values, float))
+        )
+        return run_id.format_run_ids(rows["run_id"].to_numpy()).to_pylist()
 
     def rows(self) -> pa.Table:
         """Return every requested run in the order of requests, wherever earlier starts ended."""
         place, numbers = self._known.get_indexer(self._asked), np.arange(self.runs, dtype=np.int32)
-        return schema.conform(
-            parts.concatenate(self._tables).iloc[place].assign(index=numbers, pair=numbers),
+        return schema.conform_table(
+            parts.concatenate_parts(self._tables).iloc[place].assign(index=numbers, pair=numbers),
             self.shape,
         )
 
@@ -137,7 +141,7 @@ class Evaluator:
         with interruption.held_back(), contextlib.closing(computation.blocks(chunks)) as blocks:
             for part in memory_windows.assemble_parts(chunks, blocks):
                 done = finish_chunk(
-                    ready, part, lambda columns: schema.conform(columns, self.shape)
+                    ready, part, lambda columns: schema.conform_table(columns, self.shape)
                 )
                 tables.append(done.packed)
                 if self._journal is not None:
@@ -164,9 +168,9 @@ class Evaluator:
 
     def _planned(self, rows: pd.DataFrame) -> Plan:
         """Return the template's plan with other rows, those of one golden run side by side."""
-        base, columns = self._plan, table.parameters(rows)
+        base, columns = self._plan, table.varied_parameters(rows)
         for path, purpose in base.keys.items():
-            columns[path] = run_id.stream(rows["run_id"].to_numpy(), purpose)
+            columns[path] = run_id.stream_keys(rows["run_id"].to_numpy(), purpose)
         varied = {path: columns[path].astype(values.dtype) for path, values in base.varied.items()}
         golden = np.zeros(len(rows), np.int32)
         if varied:
@@ -180,7 +184,7 @@ class Evaluator:
         return dataclasses.replace(
             base,
             rows=rows,
-            faults=table.arrays(rows, base.program.setup.injection),
+            faults=table.fault_arrays(rows, base.program.setup.injection),
             varied={path: values[order] for path, values in varied.items()},
             golden=golden[order],
         )

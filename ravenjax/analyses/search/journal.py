@@ -47,16 +47,16 @@ class Journal:
         self.notes: tuple[str, ...] = ()
         rows = out / ROWS
         if rows_sha256 is not None and rows.is_file():
-            if files.sha256(rows) == rows_sha256:
+            if files.hash_file(rows) == rows_sha256:
                 self.tables.append(pq.read_table(rows))
             else:
                 self.notes += (f"{rows}: its content was changed; its runs are computed again",)
         files.require_writable(self._parts)
-        recorded = {part.file: part for part in manifest.recorded(out) or ()}
-        there = parts.files(self._parts)
+        recorded = {part.file: part for part in manifest.read_parts(out) or ()}
+        there = parts.part_files(self._parts)
         for path in there:
             try:
-                self.tables.append(parts.read(path, identity, recorded.get(path.name)))
+                self.tables.append(parts.read_part(path, identity, recorded.get(path.name)))
             except parts.ForeignPart:
                 raise
             except StoreError as error:
@@ -104,16 +104,16 @@ class Journal:
             self._behind.call(self._put, rows)
 
     def _put(self, rows: pa.Table) -> None:
-        part = parts.put(self._parts, parts.encode_table(rows, self._identity))
+        part = parts.put_part(self._parts, parts.encode_table(rows, self._identity))
         with self._recording:
-            manifest.record(self.out, part)
+            manifest.record_part(self.out, part)
 
     def conclude(self, rows: pa.Table) -> str:
         """Write `rows.parquet` and return its sha256. Raises StoreError if the disk refuses."""
         files.write_aside(
             self.out / ROWS, lambda path: pq.write_table(rows, path, compression="zstd")
         )
-        return files.sha256(self.out / ROWS)
+        return files.hash_file(self.out / ROWS)
 
     def forget(self) -> None:
         """Remove the parts, whose rows are in `rows.parquet` too, as far as possible."""

@@ -10,9 +10,15 @@ from typing import Any
 import numpy as np
 
 from ravenjax.analyses.search import style
-from ravenjax.analyses.search.wording import laws, number, series, short, words
+from ravenjax.analyses.search.wording import (
+    describe_case,
+    describe_inputs,
+    format_number,
+    group_series,
+    short_axis_name,
+)
 from ravenjax.document import html
-from ravenjax.errors import UserError, listed
+from ravenjax.errors import UserError, list_lines
 from ravenjax.report import wording
 from ravenjax.store import files, manifest
 
@@ -31,8 +37,8 @@ def open_folder(out: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
         _json(path, dict(identity))
         return {}
     try:
-        earlier = files.parsed(path.read_text(encoding="utf-8"))
-        differences = manifest.differences(
+        earlier = files.parse_json(path.read_text(encoding="utf-8"))
+        differences = manifest.find_differences(
             {name: earlier[name] for name in identity}, dict(identity)
         )
     except (OSError, ValueError, KeyError, TypeError):
@@ -41,13 +47,13 @@ def open_folder(out: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
         ) from None
     if differences:
         raise UserError(
-            f"{out}: holds another search, which differs:\n{listed(differences)}\n"
+            f"{out}: holds another search, which differs:\n{list_lines(differences)}\n"
             "Nothing was changed. Give another folder with --out, or delete this one"
         )
     return earlier
 
 
-def write(
+def write_search(
     out: Path, record: dict[str, Any], template: str, draw: Callable[[dict[str, Any]], Any]
 ) -> list[str]:
     """Write all files of a search, each atomically, and return the sentences of its page. Raises
@@ -56,7 +62,7 @@ def write(
     `draw`: makes the figure of the result.
     """
     figure = f"{record['kind']}.svg"
-    style.save(draw, record["result"], out / figure)
+    style.save_svg(draw, record["result"], out / figure)
     text = _render(template, record=record, numbers=record["result"], figure=figure)
     files.write_text(out / TEXT, text)
     drawing = (out / figure).read_text(encoding="utf-8")
@@ -76,16 +82,16 @@ def _render(template: str, **values: Any) -> str:
         "general": "{:g}".format,
         "header": _header,
         "largest": lambda values, most: np.argsort(-values)[:most],
-        "laws": laws,
-        "number": number,
-        "short": short,
+        "laws": describe_inputs,
+        "number": format_number,
+        "short": short_axis_name,
         "step": lambda step: f"{step[0]:g} to {step[1]:g} ms",
-        "words": words,
+        "words": describe_case,
     }
     templates.globals |= {
         "list_steps": lambda slopes: sorted({(one["from_ms"], one["to_ms"]) for one in slopes}),
         "list_values": lambda cells, name: sorted({record["cell"][name] for record in cells}),
-        "series": series,
+        "series": group_series,
         "smallest": lambda cells: min(cells, key=lambda record: abs(record["harmful"])),
     }
     return templates.get_template(template).render(values)

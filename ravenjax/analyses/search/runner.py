@@ -44,7 +44,7 @@ class SearchResult:
     sentences: list[str]  # the result in short sentences
 
 
-def run(
+def run_search(
     file: str | Path | SearchConfig,
     out: str | Path | None = None,
     engine: str = "auto",
@@ -57,14 +57,14 @@ def run(
     results/NAME. `overrides`: `key.path=value`, for a file. Raises UserError and StoreError for
     errors that the user can fix.
     """
-    config = file if isinstance(file, SearchConfig) else loading.load(file, overrides)
+    config = file if isinstance(file, SearchConfig) else loading.load_search(file, overrides)
     folder = Path("results") / config.campaign.campaign.name if out is None else Path(out)
-    wanted = [outcomes.parse(text) for text in config.search.outcomes]
+    wanted = [outcomes.parse_outcome(text) for text in config.search.outcomes]
     evaluator = Evaluator(
         Template(config.campaign), wanted, engine, margins=isinstance(config.search, Rare)
     )
     files.require_writable(folder)
-    with lock.held(folder):
+    with lock.hold_lock(folder):
         return _into(folder, config, evaluator, on_progress)
 
 
@@ -85,7 +85,7 @@ def _into(
         raise
     rows = {"rows_sha256": journal.conclude(evaluator.rows())}
     record = identity | _record(config, evaluator) | rows | {"result": result}
-    sentences = output.write(folder, record, template, draw)
+    sentences = output.write_search(folder, record, template, draw)
     journal.forget()
     evaluator.progress.tell("done")
     return SearchResult(folder, record, sentences)

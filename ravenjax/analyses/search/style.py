@@ -23,7 +23,7 @@ STYLE: dict[Any, Any] = figure_style.STYLE | {
 }
 
 
-def save(draw: Callable[[dict[str, Any]], Any], numbers: dict[str, Any], path: Path) -> None:
+def save_svg(draw: Callable[[dict[str, Any]], Any], numbers: dict[str, Any], path: Path) -> None:
     """Draw the figure of a result and write it as SVG without a date, atomically."""
     with matplotlib.rc_context(STYLE):
         save_figure(draw(numbers), path)

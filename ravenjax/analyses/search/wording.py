@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 
-def number(value: float, digits: int = 4) -> str:
+def format_number(value: float, digits: int = 4) -> str:
     """Write a number for readers; "" for NaN."""
     return (
         ""
@@ -19,7 +19,7 @@ def number(value: float, digits: int = 4) -> str:
     )
 
 
-def short(name: str) -> str:
+def short_axis_name(name: str) -> str:
     """Write an axis for readers: a field of a fault, numbered from 0, or a parameter's path."""
     match = re.fullmatch(r"fault(\d+)_(\w+?)(_ms)?", name)
     if match is None:
@@ -28,26 +28,28 @@ def short(name: str) -> str:
     return match[2] + which + (", ms" if match[3] else "")
 
 
-def laws(inputs: Sequence[Mapping[str, Any]]) -> str:
+def describe_inputs(inputs: Sequence[Mapping[str, Any]]) -> str:
     """Write inputs and their distributions, as from `Template.drawn`, in words."""
     parts = []
     for one in inputs:
         kind, values = next(iter(one["drawn"].items()))
         unit = f" {one['unit']}" if one["unit"] else ""
-        parts.append(f"{short(one['name'])}: {kind} {', '.join(f'{v:g}' for v in values)}{unit}")
+        parts.append(
+            f"{short_axis_name(one['name'])}: {kind} {', '.join(f'{v:g}' for v in values)}{unit}"
+        )
     return "; ".join(parts)
 
 
-def words(case: Mapping[str, Any]) -> str:
+def describe_case(case: Mapping[str, Any]) -> str:
     """Write a case in words."""
-    parts = ((*short(name).partition(", "), value) for name, value in case.items())
+    parts = ((*short_axis_name(name).partition(", "), value) for name, value in case.items())
     return ", ".join(
         f"{name} {value}" + (f" {unit}" if value != "end" and unit else "")
         for name, _, unit, value in parts
     )
 
 
-def series(
+def group_series(
     records: list[dict[str, Any]], along: str
 ) -> dict[tuple[tuple[str, Any], ...], list[dict[str, Any]]]:
     """Group records by everything except `along`."""

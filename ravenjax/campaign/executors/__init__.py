@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ravenjax.campaign.executors.protocol import Executor
-from ravenjax.errors import UserError, suggestion
+from ravenjax.errors import UserError, suggest_name
 
 EXECUTORS = ("local", "ray")
 
@@ -21,7 +21,7 @@ def choose_executor(
     if name not in EXECUTORS:
         raise UserError(
             f"--executor {name!r} is unknown: expected"
-            f" {', '.join(EXECUTORS)}{suggestion(name, EXECUTORS)}"
+            f" {', '.join(EXECUTORS)}{suggest_name(name, EXECUTORS)}"
         )
     if workers is not None and workers < 1:
         raise UserError(f"--workers {workers}: expected 1 or more")

@@ -78,7 +78,7 @@ class Executor(Protocol):
 def finish_chunk(plan: Plan, part: PartRows, pack: Pack) -> FinishedChunk:
     """Pack the rows of `part`, which are rows of `plan`, into a finished chunk."""
     runs = plan.rows.iloc[part.rows.start : part.rows.stop]
-    rows = outcomes.columns(plan.config, runs, part.outcomes, part.golden_runs)
+    rows = outcomes.result_columns(plan.config, runs, part.outcomes, part.golden_runs)
     first = int(runs["index"].to_numpy()[0])
     causes = rows["failed"].value_counts().to_dict()
     failures = {cause: count for cause, count in causes.items() if cause}
@@ -108,10 +108,10 @@ class BackgroundQueue:
         Raises the exception of an earlier call.
         """
         while self._under_way and (len(self._under_way) >= self._most or self._under_way[0].done()):
-            interruption.result(self._under_way.popleft())
+            interruption.wait_for_result(self._under_way.popleft())
         self._under_way.append(self._pool.submit(function, *arguments))
 
     def finish(self) -> None:
         """Wait for every call, and raise the exception of any that failed."""
         while self._under_way:
-            interruption.result(self._under_way.popleft())
+            interruption.wait_for_result(self._under_way.popleft())

@@ -34,7 +34,7 @@ from ravenjax.campaign.executors.protocol import (
 from ravenjax.campaign.memory_windows import PartRows
 from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress import Progress
-from ravenjax.errors import UserError, listed
+from ravenjax.errors import UserError, list_lines
 from ravenjax.store import manifest
 
 RETRIES = 3
@@ -187,7 +187,7 @@ class Ray:
         with interruption.held_back(), BackgroundQueue(WRITERS) as queue:
             try:
                 while waiting or under_way:
-                    interruption.point()
+                    interruption.check_interruption()
                     while waiting and len(under_way) < 2 * tasks:
                         rows = waiting.pop()
                         share = ray.put(work.plan.row_fields(slice(rows.start, rows.stop)))
@@ -244,7 +244,8 @@ def _refusal(lost: Mapping[range, str], delivered: int) -> UserError:
     ]
     rest = "every other chunk is finished and kept" if delivered else "no chunk was finished"
     return UserError(
-        f"{len(lost)} chunk(s) failed; {rest}:\n{listed(lines)}\nStart the same command again to"
+        f"{len(lost)} chunk(s) failed; {rest}:\n{list_lines(lines)}\nStart the same command again"
+        " to"
         " try these alone; with --executor local the error itself comes to light."
     )
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from ravenjax.errors import UserError, shown
+from ravenjax.errors import UserError, format_value
 
 CHUNKS = 16
 """Least number of chunks of a shard, if the campaign is large enough and the user chose no chunk
@@ -43,7 +43,7 @@ class Shard(NamedTuple):
         return [range(start, min(start + chunk, runs)) for start in starts]
 
 
-def parse(text: str) -> Shard:
+def parse_shard(text: str) -> Shard:
     """Parse a shard as written on the command line. Raises UserError."""
     match = re.fullmatch(r"\s*(\d+)\s*/\s*(\d+)\s*", text)
     if match is not None:
@@ -51,5 +51,6 @@ def parse(text: str) -> Shard:
         if 1 <= shard.number <= shard.of:
             return shard
     raise UserError(
-        f"--shard {shown(text)}: expected i/N with 1 <= i <= N, as 2/7 for the second of seven"
+        f"--shard {format_value(text)}: expected i/N with 1 <= i <= N, as 2/7 for the second of"
+        " seven"
     )

@@ -22,12 +22,12 @@ import pandas as pd
 from ravenjax.campaign.faults import run_id, sampled_order, sampling
 from ravenjax.campaign.faults.moments import Moments
 from ravenjax.campaign.faults.sampling import Key
-from ravenjax.campaign.faults.slot import FIELDS, NUMBERS, slot, words_of
+from ravenjax.campaign.faults.slot import FIELDS, NUMBERS, fill_slot, words_of
 from ravenjax.campaign.faults.table import SHARED
-from ravenjax.campaign.file.axis import Axis, fixed
+from ravenjax.campaign.file.axis import Axis, fixed_axis
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Fault, Group, Run
-from ravenjax.store.words import column
+from ravenjax.store.words import word_column
 
 MOST_RUNS = 100_000_000
 """Largest number of rows of a fault table."""
@@ -52,7 +52,7 @@ class _Piece(NamedTuple):
     parameters: dict[str, np.ndarray]  # path -> values
 
 
-def rows(config: CampaignConfig) -> pd.DataFrame:
+def table_columns(config: CampaignConfig) -> pd.DataFrame:
     """Return the whole fault table with the columns of `ravenjax.store.schema`; `run_id` is a
     number (uint64).
 
@@ -90,7 +90,7 @@ def rows(config: CampaignConfig) -> pd.DataFrame:
     }
     # Content that decides the outcome of all runs alike.
     common = json.dumps(config.deciding(), sort_keys=True, separators=(",", ":"))
-    ids = run_id.of(
+    ids = run_id.compute_run_ids(
         hashlib.sha256(common.encode()).hexdigest(), words, {"seed": seed} | counted | parameters
     )
     pair = np.arange(runs, dtype=np.int32) - _joined(
@@ -112,28 +112,28 @@ def rows(config: CampaignConfig) -> pd.DataFrame:
         **({SHARED: ids[pair]} if any(piece.behind for piece in pieces) else {}),
     }
     whole = pd.DataFrame(table, copy=False)
-    return whole if config.stop is None else sampled_order.arranged(config, whole)
+    return whole if config.stop is None else sampled_order.arrange_table(config, whole)
 
 
-def count(config: CampaignConfig) -> int:
+def count_rows(config: CampaignConfig) -> int:
     """Return the number of rows of the fault table, without expanding them and without
     `campaign.limit`.
     """
-    return sum(counts(config).values())
+    return sum(count_group_rows(config).values())
 
 
-def due(config: CampaignConfig) -> int:
+def count_due_rows(config: CampaignConfig) -> int:
     """Return the number of rows to compute: all, or the first `campaign.limit`."""
-    return min(count(config), config.campaign.limit or MOST_RUNS)
+    return min(count_rows(config), config.campaign.limit or MOST_RUNS)
 
 
-def counts(config: CampaignConfig) -> dict[str, int]:
+def count_group_rows(config: CampaignConfig) -> dict[str, int]:
     """Return the number of rows of each group, in order, without expanding them."""
     return {
         group.name: (
             group.repeats
             * len(_crossings(config, group))
-            * sum(sampling.count(group, axes) for _, axes in faults_and_axes(config, group))
+            * sum(sampling.count_samples(group, axes) for _, axes in faults_and_axes(config, group))
         )
         for group in config.group
     }
@@ -153,16 +153,16 @@ def _words(
     pieces: Sequence[_Piece], columns: Sequence[Any], known: Sequence[str]
 ) -> pd.Categorical:
     """Concatenate one column of words of all pieces, given as indices into `known`."""
-    return column(_joined(pieces, columns, np.min_scalar_type(-len(known))), known)
+    return word_column(_joined(pieces, columns, np.min_scalar_type(-len(known))), known)
 
 
 def _pieces(config: CampaignConfig, group: Group, moments: Moments) -> Iterator[_Piece]:
     rng = np.random.default_rng([config.campaign.seed, zlib.crc32(group.name.encode())])
     for faults, written in faults_and_axes(config, group):
         axes = moments.placed(written, group.name)
-        runs, repeat, places = sampling.sample(group, axes, rng)
+        runs, repeat, places = sampling.sample_runs(group, axes, rng)
         slots = [
-            slot(config.robot, fault, _of_slot(axes, f), _of_slot(places, f))
+            fill_slot(config.robot, fault, _of_slot(axes, f), _of_slot(places, f))
             for f, fault in enumerate(faults)
         ]
         parameters = {
@@ -214,9 +214,9 @@ def _of_fault(config: CampaignConfig, fault: Fault) -> dict[str, Axis]:
     """Return the axes of all fields of a fault except its site."""
     site = config.robot.sites[fault.site]
     resolved = {
-        "arm": fault.arm or fixed(config.campaign.arms[0] if site.per_arm else ""),
+        "arm": fault.arm or fixed_axis(config.campaign.arms[0] if site.per_arm else ""),
         "channel": fault.channels(site),
-        "value": fault.value or fixed(math.nan),
+        "value": fault.value or fixed_axis(math.nan),
     }
     return {name: resolved.get(name) or getattr(fault, name) for name in FIELDS if name != "site"}
 

@@ -71,7 +71,7 @@ class Moments:
         return stretches
 
 
-def uses(config: CampaignConfig) -> Iterator[str]:
+def used_phases(config: CampaignConfig) -> Iterator[str]:
     """Yield each phase that onsets of a campaign name, once."""
     faults = [fault for group in config.group for fault in group.fault]
     faults += [

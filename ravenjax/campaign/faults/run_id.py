@@ -19,7 +19,7 @@ DIGITS = 16
 """Number of hex digits of an id."""
 
 
-def of(
+def compute_run_ids(
     common: str, words: Mapping[str, pd.Categorical], numbers: Mapping[str, np.ndarray]
 ) -> np.ndarray:
     """Return the ids of rows with these columns, uint64 [rows]. At least one column holds numbers.
@@ -36,10 +36,10 @@ def of(
         total += np.array(salts, np.uint64)[column.codes]
     for name, values in numbers.items():
         total += _hashed(values, _salt(f"{common}/{name}"))
-    return _number_copies(mixed(total))
+    return _number_copies(mix_bits(total))
 
 
-def mixed(numbers: np.ndarray) -> np.ndarray:
+def mix_bits(numbers: np.ndarray) -> np.ndarray:
     """Return SplitMix64's finaliser of each number, uint64 of the same shape (1-D). It is a
     bijection.
     """
@@ -51,29 +51,29 @@ def mixed(numbers: np.ndarray) -> np.ndarray:
     return z
 
 
-def stream(ids: np.ndarray, purpose: str) -> np.ndarray:
+def stream_keys(ids: np.ndarray, purpose: str) -> np.ndarray:
     """Return keys of random-number streams, uint32 [rows]: one for each run and purpose."""
-    return (mixed(ids ^ _salt(purpose)) >> np.uint64(32)).astype(np.uint32)
+    return (mix_bits(ids ^ _salt(purpose)) >> np.uint64(32)).astype(np.uint32)
 
 
-def text(ids: np.ndarray) -> pa.Array:
+def format_run_ids(ids: np.ndarray) -> pa.Array:
     """Return the ids as 16 hex digits each, Arrow string [rows]."""
     offsets = np.arange(len(ids) + 1, dtype=np.int32) * DIGITS
     digits = ids.astype(">u8").tobytes().hex().encode()
     return pa.StringArray.from_buffers(len(ids), pa.py_buffer(offsets), pa.py_buffer(digits))
 
 
-def numbers(text: Iterable[str]) -> np.ndarray:
+def parse_run_ids(text: Iterable[str]) -> np.ndarray:
     """Return the ids from their hex digits, uint64 [rows]: the inverse of `text`."""
     return np.frombuffer(bytes.fromhex("".join(text)), ">u8").astype(np.uint64)
 
 
-def digest(ids: np.ndarray) -> str:
+def hash_run_ids(ids: np.ndarray) -> str:
     """Return the sha256 of the ids in their order."""
     return hashlib.sha256(ids.astype(">u8").tobytes()).hexdigest()
 
 
-def beginning(ids: np.ndarray, digits: str) -> np.ndarray:
+def match_prefix(ids: np.ndarray, digits: str) -> np.ndarray:
     """Return the rows whose id begins with these hex digits, ascending.
 
     Returns no rows if `digits` is not hexadecimal.
@@ -93,7 +93,7 @@ def _hashed(values: np.ndarray, salt: np.uint64) -> np.ndarray:
     """Return the hash of each value, uint64 [rows], or [1] if all values are equal; 0 for NaN."""
     values = values[:1] if (values == values[:1]).all() else values
     canonical = values + 0.0  # float64 without -0.0
-    hashes = mixed(canonical.view(np.uint64) ^ salt)
+    hashes = mix_bits(canonical.view(np.uint64) ^ salt)
     hashes[np.isnan(canonical)] = 0
     return hashes
 
@@ -104,5 +104,5 @@ def _number_copies(ids: np.ndarray) -> np.ndarray:
         return ids
     copy = pd.Series(ids).groupby(ids).cumcount().to_numpy(np.uint64)
     further = copy > 0
-    ids[further] = mixed(ids[further] ^ mixed(copy[further]))
+    ids[further] = mix_bits(ids[further] ^ mix_bits(copy[further]))
     return ids

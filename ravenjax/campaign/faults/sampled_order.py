@@ -20,7 +20,7 @@ from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import SAMPLED, Group
 
 
-def arranged(config: CampaignConfig, table: pd.DataFrame) -> pd.DataFrame:
+def arrange_table(config: CampaignConfig, table: pd.DataFrame) -> pd.DataFrame:
     """Return the whole fault table in that order, group by group, with `index` and `pair`
     renumbered.
     """

@@ -30,8 +30,8 @@ class Sample(NamedTuple):
     places: dict[Key, np.ndarray]
 
 
-def count(group: Group, axes: Mapping[Key, Axis]) -> int:
-    """Return how many runs `sample` gives, without repeats.
+def count_samples(group: Group, axes: Mapping[Key, Axis]) -> int:
+    """Return how many runs `sample_runs` gives, without repeats.
 
     Raises UserError if lists of design "zip" differ in length.
     """
@@ -51,11 +51,11 @@ def count(group: Group, axes: Mapping[Key, Axis]) -> int:
     return max(lengths.values(), default=1)
 
 
-def sample(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator) -> Sample:
+def sample_runs(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator) -> Sample:
     """Return the runs of `group` over these axes. The draws depend only on `rng` and on the order
     of the axes.
     """
-    different = count(group, axes)
+    different = count_samples(group, axes)
     runs = different * group.repeats
     place, repeat = np.arange(runs), np.zeros((), np.int64)
     if group.repeats > 1:

@@ -23,7 +23,7 @@ from ravenjax.vocabulary.effects import (
     WITH_PERIOD,
     WITHOUT_VALUE,
 )
-from ravenjax.vocabulary.legal import legal
+from ravenjax.vocabulary.legal import legal_values
 from ravenjax.vocabulary.robot import Robot
 
 
@@ -68,7 +68,7 @@ FIELDS = (
 """Columns of a slot in order. In the table they are prefixed with fault0_, fault1_, ..."""
 
 
-def slot(
+def fill_slot(
     robot: Robot, fault: Fault, axes: Mapping[str, Axis], places: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
     """Return FIELDS of `fault` -> [runs], or [] where all runs agree. Words are indices into
@@ -93,7 +93,7 @@ def slot(
         rounded = np.zeros((len(words["channel"]), len(words["effect"])), bool)
         for channel, name in itertools.product(site.channels, axes["effect"].listed):
             at = words["channel"].index(channel.name), words["effect"].index(name)
-            rounded[at] = legal(channel, name).rounded
+            rounded[at] = legal_values(channel, name).rounded
         whole = axes["value"].at(places["value"], whole=True)
         value = np.where(rounded[word["channel"], effect], whole, value)
     value = np.where(np.isin(words["effect"], WITHOUT_VALUE)[effect], np.nan, value)

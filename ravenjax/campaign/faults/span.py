@@ -12,12 +12,12 @@ from ravenjax.faults.clocks import Clocks, Opening
 from ravenjax.vocabulary.effects import TRIGGER_CODES
 
 Faults = Mapping[str, np.ndarray]
-"""Fault arrays as from `table.arrays`, each [runs, slots]."""
+"""Fault arrays as from `table.fault_arrays`, each [runs, slots]."""
 
 _TIME, _PACKET, _PEDAL = (TRIGGER_CODES[name] for name in ("time", "packet", "pedal"))
 
 
-def acts(faults: Faults, ticks: int) -> np.ndarray:
+def first_active_ticks(faults: Faults, ticks: int) -> np.ndarray:
     """Return the first tick in which a fault of each run may act, int32 [runs].
 
     Up to that tick the run equals its golden run bit by bit. Returns `ticks` for a run in which no
@@ -33,7 +33,7 @@ def acts(faults: Faults, ticks: int) -> np.ndarray:
     return np.clip(first, 0, ticks).min(axis=1, initial=ticks).astype(np.int32)
 
 
-def ends(
+def last_observed_ticks(
     faults: Faults, ticks: int, observe: int | None, clocks: Clocks | None = None
 ) -> np.ndarray:
     """Return the first tick in which each run is no longer observed, int32 [runs].
@@ -46,12 +46,12 @@ def ends(
     """
     if observe is None:
         return np.full(len(faults["code"]), ticks, np.int32)
-    last = closes(faults, ticks, clocks)
+    last = last_window_ends(faults, ticks, clocks)
     ended = np.where(last > 0, np.minimum(last + observe, ticks), 0).max(axis=1, initial=0)
     return np.where(ended == 0, ticks, ended).astype(np.int32)
 
 
-def closes(faults: Faults, ticks: int, clocks: Clocks | None) -> np.ndarray:
+def last_window_ends(faults: Faults, ticks: int, clocks: Clocks | None) -> np.ndarray:
     """Return the first tick after the last window of each fault, int64 [runs, slots]; 0: it never
     opens.
     """

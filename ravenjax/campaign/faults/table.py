@@ -42,19 +42,19 @@ Target = tuple[str, str, str]
 """(site, arm, channel); arm is "" if the site has none."""
 
 
-def slots(table: pd.DataFrame) -> int:
+def count_slots(table: pd.DataFrame) -> int:
     """Return the number of fault slots that the table has columns for."""
     return sum(name.startswith("fault") and name.endswith("_site") for name in table)
 
 
-def injection(table: pd.DataFrame, robot: Robot) -> Injection:
+def table_injection(table: pd.DataFrame, robot: Robot) -> Injection:
     """Return the fault machinery that the table needs, in the order of the robot's sites.
 
     The order of the rows does not matter.
     """
     effects: dict[Target, set[str]] = {}
     triggers: set[str] = set()
-    for slot in range(slots(table)):
+    for slot in range(count_slots(table)):
         for site, arm, channel, effect, trigger in _Words(table, slot).combinations.values():
             if site:
                 effects.setdefault((site, arm, channel), set()).add(
@@ -75,29 +75,29 @@ def injection(table: pd.DataFrame, robot: Robot) -> Injection:
                 )
             )
     return Injection(
-        slots(table),
+        count_slots(table),
         tuple(uses),
         tuple(trigger for trigger in TRIGGER_CODES if trigger in triggers),
     )
 
 
-def targets(injection: Injection) -> list[Target]:
+def injection_targets(injection: Injection) -> list[Target]:
     """Return the flattened channels of an injection. A fault's code is its position in this list,
     from 1.
     """
     return [(use.site, arm, channel) for use in injection.sites for arm, channel in use.channels]
 
 
-def arrays(table: pd.DataFrame, injection: Injection) -> dict[str, np.ndarray]:
+def fault_arrays(table: pd.DataFrame, injection: Injection) -> dict[str, np.ndarray]:
     """Return the faults of each run as arrays [runs, injection.slots]. An empty slot has code 0.
 
     code, effect and trigger are int32; value is float32. start, duration, every and period are
     int32 in ticks of 1 ms; start counts packets with trigger "packet". key is uint32: the
     random-number stream of that run and slot.
     """
-    code_of = {target: code for code, target in enumerate(targets(injection), start=1)}
+    code_of = {target: code for code, target in enumerate(injection_targets(injection), start=1)}
     out = {name: np.zeros((len(table), injection.slots), dtype) for name, dtype in ARRAYS.items()}
-    for slot in range(min(injection.slots, slots(table))):
+    for slot in range(min(injection.slots, count_slots(table))):
         words = _Words(table, slot)
         meant = np.zeros((3, words.size), np.int32)
         constant = np.full(words.size, np.nan)
@@ -120,7 +120,7 @@ def arrays(table: pd.DataFrame, injection: Injection) -> dict[str, np.ndarray]:
             out[name][:, slot] = table[f"fault{slot}_{name}_ms"].to_numpy()
         duration = out["duration"][:, slot]
         duration[duration < 0] = FOREVER_TICKS
-        out["key"][:, slot] = run_id.stream(shared_ids(table), f"slot {slot}")
+        out["key"][:, slot] = run_id.stream_keys(shared_ids(table), f"slot {slot}")
     return out
 
 
@@ -149,7 +149,7 @@ class _Words:
         }
 
 
-def parameters(table: pd.DataFrame) -> dict[str, np.ndarray]:
+def varied_parameters(table: pd.DataFrame) -> dict[str, np.ndarray]:
     """Return the varied parameters by path, float64 [runs]. NaN means the robot's value."""
     return {
         name.removeprefix("param:"): table[name].to_numpy().astype(np.float64, copy=False)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 import numpy as np
 from pydantic import BeforeValidator, PlainSerializer, WithJsonSchema
 
-from ravenjax.errors import shown, suggestion, unknown
+from ravenjax.errors import describe_unknown_name, format_value, suggest_name
 
 Kind = Literal["fixed", "list", "choice", "together", "uniform", "loguniform", "normal", "phase"]
 
@@ -80,10 +80,10 @@ class Moment(NamedTuple):
 class Axis:
     """Values of one field over the runs of a group.
 
-    `fixed` holds one value. `list` is enumerated by designs grid and zip, and drawn from by random,
-    lhs and sobol. All other kinds are always drawn from. `phase` holds the phase's name. Once the
-    motion is known, it holds (begin, end) of each stretch of the phase's milliseconds: integers,
-    ascending, from begin to before end.
+    `fixed_axis` holds one value. `list` is enumerated by designs grid and zip, and drawn from by
+    random, lhs and sobol. All other kinds are always drawn from. `phase` holds the phase's name.
+    Once the motion is known, it holds (begin, end) of each stretch of the phase's milliseconds:
+    integers, ascending, from begin to before end.
     """
 
     kind: Kind
@@ -164,7 +164,7 @@ class Axis:
         return np.clip(np.rint(numbers), math.ceil(least), math.floor(largest))
 
 
-def fixed(value: Any) -> Axis:
+def fixed_axis(value: Any) -> Axis:
     """Make the axis of one value."""
     return Axis("fixed", (value,))
 
@@ -185,7 +185,7 @@ class OneValue:
         """Parse one value. Raises ValueError with what was expected."""
         value = self.parsed(raw)
         if isinstance(value, int | float) and not self.least <= value <= self.largest:
-            raise ValueError(f"got {shown(raw)}, expected {self.expected}")
+            raise ValueError(f"got {format_value(raw)}, expected {self.expected}")
         return value
 
     def axis(self, raw: Any) -> Axis:
@@ -193,14 +193,14 @@ class OneValue:
         if isinstance(raw, Axis):
             return raw
         if not isinstance(raw, Mapping | list | tuple):
-            return fixed(self.value(raw))
+            return fixed_axis(self.value(raw))
         kind, values = LIST, raw
         if isinstance(raw, Mapping):
             kind, values = next(iter(raw.items()), (None, ()))
             if len(raw) != 1 or kind not in self.forms:
                 got = ", ".join(map(str, raw)) or "none"
                 keys = f"a table has exactly one of the keys {', '.join(self.forms)}"
-                raise ValueError(f"{keys}, got {got}{suggestion(kind, self.forms)}")
+                raise ValueError(f"{keys}, got {got}{suggest_name(kind, self.forms)}")
         if kind in _PAIRS:
             return self._distribution(kind, values)
         if not isinstance(values, list | tuple) or not values:
@@ -226,7 +226,7 @@ class OneValue:
         # A normal distribution is cut at the least value, so only its upper end is checked.
         least = -self.largest if kind == "normal" else self.least
         if not least <= axis.extent[0] <= axis.extent[1] <= self.largest:
-            raise ValueError(f"got {kind} = {shown(list(raw))}, expected {self.expected}")
+            raise ValueError(f"got {kind} = {format_value(list(raw))}, expected {self.expected}")
         return axis
 
     def json_schema(self) -> dict[str, Any]:
@@ -266,11 +266,11 @@ def _number(raw: Any) -> int | float:
         or not isinstance(raw, int | float)
         or not abs(raw) <= sys.float_info.max
     ):
-        raise ValueError(f"got {shown(raw)}, expected a number that is finite")
+        raise ValueError(f"got {format_value(raw)}, expected a number that is finite")
     return raw
 
 
-def times(least: int, endless: bool = False) -> OneValue:
+def time_axis(least: int, endless: bool = False) -> OneValue:
     """Times of at least `least` ms; endless: or END."""
     expected = f"a whole number of milliseconds from {least} to {LONGEST_MS}"
     schema: dict[str, Any] = {"type": "integer", "minimum": least, "maximum": LONGEST_MS}
@@ -281,22 +281,24 @@ def times(least: int, endless: bool = False) -> OneValue:
         if endless and raw in (END, UNTIL_END):
             return END
         if isinstance(raw, bool) or not isinstance(raw, int | float) or raw % 1:
-            raise ValueError(f"got {shown(raw)}, expected {expected}, a list or a distribution")
+            raise ValueError(
+                f"got {format_value(raw)}, expected {expected}, a list or a distribution"
+            )
         return int(raw)
 
     return OneValue(expected, parsed, schema, least=least, largest=LONGEST_MS)
 
 
-def words(what: str, known: Iterable[str] | None = None) -> OneValue:
+def word_axis(what: str, known: Iterable[str] | None = None) -> OneValue:
     """Texts. known: the allowed texts; None: any."""
 
     expected = f"the name of {'an' if what[0] in 'aeiou' else 'a'} {what}"
 
     def parsed(raw: Any) -> str:
         if not isinstance(raw, str):
-            raise ValueError(f"got {shown(raw)}, expected {expected}, a list or a choice")
+            raise ValueError(f"got {format_value(raw)}, expected {expected}, a list or a choice")
         if known is not None and raw not in known:
-            raise ValueError(unknown(what, raw, known))
+            raise ValueError(describe_unknown_name(what, raw, known))
         return raw
 
     schema = {"type": "string"} | ({} if known is None else {"enum": list(known)})
@@ -304,7 +306,7 @@ def words(what: str, known: Iterable[str] | None = None) -> OneValue:
 
 
 NUMBER = OneValue("a number", _number, {"type": "number"})
-_ONSET = times(0)
+_ONSET = time_axis(0)
 _SHARE = {"type": "number", "minimum": 0, "maximum": 1}
 _PLACE = {
     "type": "object",
@@ -338,7 +340,7 @@ def _onset(raw: Any) -> Axis:
     shares = raw.get(SHARE)
     if isinstance(shares, list | tuple) and shares:
         return Axis(LIST, tuple(_moment({**raw, SHARE: share}) for share in shares))
-    return fixed(_moment(raw))
+    return fixed_axis(_moment(raw))
 
 
 def _is_place(raw: Any) -> bool:
@@ -352,8 +354,8 @@ def _moment(raw: Mapping[str, Any]) -> Moment:
         share = math.nan
     if len(raw) != 2 or not isinstance(phase, str) or not 0.0 <= share <= 1.0:
         raise ValueError(
-            f'got {shown(dict(raw))}, expected {{{PHASE} = "fast", {SHARE} = 0.5}}, whose {SHARE}'
-            " is a number from 0 to 1"
+            f'got {format_value(dict(raw))}, expected {{{PHASE} = "fast", {SHARE} = 0.5}}, whose'
+            f" {SHARE} is a number from 0 to 1"
         )
     return Moment(phase, float(share))
 

@@ -13,25 +13,27 @@ from collections.abc import Iterable, Iterator
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.location import Complaint, Key
-from ravenjax.errors import shown, suggestion
+from ravenjax.errors import format_value, suggest_name
 from ravenjax.numbers import paths, quantity
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.vocabulary.robot import Robot
 
 
 @functools.cache
-def rows(robot: Robot) -> tuple[tuple[str, Quantity], ...]:
-    """Return (path as from `plain`, allowed values) of each parameter, in order.
+def parameter_bounds(robot: Robot) -> tuple[tuple[str, Quantity], ...]:
+    """Return (path as from `shorten_path`, allowed values) of each parameter, in order.
 
     A parameter has two entries if its joints are unlike.
     """
-    return tuple(quantity.quantities(robot.part("campaign").Params))
+    return tuple(quantity.list_quantities(robot.part("campaign").Params))
 
 
 @functools.cache
-def names(robot: Robot) -> frozenset[str]:
+def parameter_words(robot: Robot) -> frozenset[str]:
     """Return every word that occurs in a parameter's path, except arms and numbers."""
-    return paths.components(robot.joints).union(*(path.split(".") for path, _ in rows(robot)))
+    return paths.path_words(robot.joints).union(
+        *(path.split(".") for path, _ in parameter_bounds(robot))
+    )
 
 
 @functools.cache
@@ -40,38 +42,38 @@ def _reserved(robot: Robot) -> tuple[tuple[str, str], ...]:
 
     Longer paths come first.
     """
-    rows_of = quantity.reserved(robot.part("campaign").Params)
+    rows_of = quantity.list_reserved(robot.part("campaign").Params)
     return tuple(sorted(rows_of, key=lambda row: len(row[0]), reverse=True))
 
 
-def plain(robot: Robot, path: str) -> str:
+def shorten_path(robot: Robot, path: str) -> str:
     """Return a parameter's path without arm, number of a set, joint or axis."""
-    return paths.plain(path, robot.arms, robot.joints)
+    return paths.plain_path(path, robot.arms, robot.joints)
 
 
 Ranges = tuple[tuple[str, Quantity], ...]
 """(path as from `plain`, allowed values) of parameters."""
 
 
-def of(robot: Robot, path: str, more: Ranges = ()) -> list[Quantity]:
+def allowed_values(robot: Robot, path: str, more: Ranges = ()) -> list[Quantity]:
     """Return what the parameter at `path` may be: several entries if it names a vector of unlike
     numbers.
 
     more: parameters that a campaign has in addition to those of its robot.
     """
-    kind, last = plain(robot, path), path.rpartition(".")[2]
-    matches = [row for name, row in (*rows(robot), *more) if name == kind]
+    kind, last = shorten_path(robot, path), path.rpartition(".")[2]
+    matches = [row for name, row in (*parameter_bounds(robot), *more) if name == kind]
     return [
         row for row in matches if last in row.joints or not row.joints or last not in robot.joints
     ]
 
 
-def reserved(robot: Robot, path: str) -> str:
+def reserved_reason(robot: Robot, path: str) -> str:
     """Return why a campaign must not vary a parameter, and what to write instead.
 
     Returns "" for a parameter that it may vary.
     """
-    kind = plain(robot, path)
+    kind = shorten_path(robot, path)
     return next(
         (
             f"cannot be set: {why}"
@@ -82,27 +84,27 @@ def reserved(robot: Robot, path: str) -> str:
     )
 
 
-def complaints(config: CampaignConfig) -> Iterator[Complaint]:
+def find_invalid_values(config: CampaignConfig) -> Iterator[Complaint]:
     """Yield (key, message) of each invalid parameter value, without a check of the paths."""
     first: dict[str, Key] = {}
     more = config.own_ranges
     for key, table in config.parameter_tables():
         for path, axis in table.items():
             first.setdefault(path, (*key, path))
-            wrong = [reserved(config.robot, path), config.unread(path)]
-            wrong += [out_of_range(axis, row) for row in of(config.robot, path, more)]
+            wrong = [reserved_reason(config.robot, path), config.unread(path)]
+            wrong += [out_of_range(axis, row) for row in allowed_values(config.robot, path, more)]
             if key[-1] == "cross" and any(path in table for table in _beside(config, key)):
                 wrong.append("stands in parameters, too: remove one of the two")
             yield from (((*key, path), message) for message in wrong if message)
     for path, other in itertools.combinations(first, 2):
-        if overlap(config.robot, path, other):
+        if paths_overlap(config.robot, path, other):
             yield (
                 first[other],
                 f"names numbers that {path} names, too: write one of the two throughout the file",
             )
 
 
-def unfit(config: CampaignConfig, known: Iterable[str]) -> Iterator[Complaint]:
+def find_invalid_paths(config: CampaignConfig, known: Iterable[str]) -> Iterator[Complaint]:
     """Yield (key, message) of each unknown path, and of each list that looks like a vector."""
     known = list(known)
     for key, table in config.parameter_tables():
@@ -122,21 +124,22 @@ def _beside(config: CampaignConfig, key: Key) -> Iterator[dict[str, Axis]]:
 def _unfit(robot: Robot, path: str, axis: Axis, known: list[str]) -> str:
     if path not in known:
         part = path.partition(".")[0]
-        if of(robot, path) and not any(one.startswith(f"{part}.") for one in known):
+        if allowed_values(robot, path) and not any(one.startswith(f"{part}.") for one in known):
             return (
                 f"unknown parameter: this campaign has no part {part!r}: add the section of the"
                 " file that it belongs to"
             )
-        return f"unknown parameter{suggestion(path, known)}"
+        return f"unknown parameter{suggest_name(path, known)}"
     parts = [one.rpartition(".")[2] for one in known if one.rpartition(".")[0] == path]
-    parts = [part for part in parts if part in paths.components(robot.joints)]
+    parts = [part for part in parts if part in paths.path_words(robot.joints)]
     if axis.kind != "list" or axis.explicit or len(axis.values) != len(parts):
         return ""
     pairs = zip(parts, axis.values, strict=True)
     return (
         f"got a list of {len(parts)} for a vector of {len(parts)} numbers, which may be meant in"
         f" two ways. One number each: write {', '.join(f'{path}.{p} = {v:g}' for p, v in pairs)}."
-        f" {len(parts)} levels, each for all of them: write {{ list = {shown(list(axis.values))} }}"
+        f" {len(parts)} levels, each for all of them: write"
+        f" {{ list = {format_value(list(axis.values))} }}"
     )
 
 
@@ -144,16 +147,18 @@ def out_of_range(axis: Axis, row: Quantity) -> str:
     """Return what is wrong with the values of a parameter; "" if nothing is."""
     if row.whole and axis.drawn and not axis.listed:
         return f"{axis.kind} draws fractions, expected {row}; write {{choice = [..]}}"
-    drawn = "" if axis.listed else f"{axis.kind} = {shown(list(axis.values))}, which may draw "
+    drawn = (
+        "" if axis.listed else f"{axis.kind} = {format_value(list(axis.values))}, which may draw "
+    )
     for value in axis.listed or axis.extent:
         if not row.low <= value <= row.high or (row.whole and value != int(value)):
-            return f"got {drawn}{shown(value)}, expected {row}"
+            return f"got {drawn}{format_value(value)}, expected {row}"
     return ""
 
 
-def overlap(robot: Robot, path: str, other: str) -> bool:
+def paths_overlap(robot: Robot, path: str, other: str) -> bool:
     """Return whether two different paths of parameters name a number in common."""
-    components = paths.components(robot.joints)
+    components = paths.path_words(robot.joints)
 
     def marks(path: str) -> list[list[str]]:
         """Return arm, numbers and component of a path. A part that the path leaves out stands for
@@ -163,6 +168,6 @@ def overlap(robot: Robot, path: str, other: str) -> bool:
         arms, numbers = [p for p in parts if p in robot.arms], [p for p in parts if p.isdecimal()]
         return [arms, numbers, [p for p in parts[-1:] if p in components]]
 
-    return plain(robot, path) == plain(robot, other) and all(
+    return shorten_path(robot, path) == shorten_path(robot, other) and all(
         not a or not b or a == b for a, b in zip(marks(path), marks(other), strict=True)
     )

@@ -115,8 +115,10 @@ class CampaignConfig(Section):
 
         Raises UserError for a file that cannot be used.
         """
-        detectors = [own_part.located(one, folder, "detector", one.name) for one in self.detector]
-        checks = [own_part.located(one, folder, "check", one.name) for one in self.check]
+        detectors = [
+            own_part.locate_part(one, folder, "detector", one.name) for one in self.detector
+        ]
+        checks = [own_part.locate_part(one, folder, "check", one.name) for one in self.check]
         return self.model_copy(update={"detector": tuple(detectors), "check": tuple(checks)})
 
     @property
@@ -138,7 +140,7 @@ class CampaignConfig(Section):
     @property
     def robot(self) -> Robot:
         """The campaign's robot, with the user's checks added."""
-        return robots.find(self.campaign.robot).with_checks(self.own_checks)
+        return robots.find_robot(self.campaign.robot).with_checks(self.own_checks)
 
     @property
     def own_checks(self) -> tuple[Check, ...]:
@@ -257,13 +259,13 @@ class CampaignConfig(Section):
         # Because defaults are left out, a key that is added later does not change existing ids.
         deciding_nothing = {"name", "description", "seed", "limit", "chunk"}
         stops = [
-            [part.digest(use.part), use.consecutive, thresholds[0]]
+            [part.hash_source(use.part), use.consecutive, thresholds[0]]
             for _, use, thresholds in self.detectors
             if use.stops and use.part is not None
         ]
         checks = [
             # The name is part of the paths of parameters.
-            [c.name, part.digest(c.part), c.at, c.acts, c.consecutive, c.threshold]
+            [c.name, part.hash_source(c.part), c.at, c.acts, c.consecutive, c.threshold]
             for c in self.check
             if c.acts != "watch"
         ]
@@ -291,7 +293,7 @@ class CampaignConfig(Section):
         return thresholds + tuple(
             (f"{above}.{path}", limits)
             for above, source in self.own_parts()
-            for path, limits in part.quantities(source)
+            for path, limits in part.part_quantities(source)
         )
 
     def own_parts(self) -> Iterator[tuple[str, OwnSource]]:
@@ -309,7 +311,7 @@ def robot_of(raw: Any) -> Robot:
     """Return the robot that a campaign's tables name. Raises UserError."""
     campaign = raw.get("campaign") if isinstance(raw, dict) else None
     name = campaign.get("robot", robots.DEFAULT) if isinstance(campaign, dict) else robots.DEFAULT
-    return robots.find(name if isinstance(name, str) else robots.DEFAULT)
+    return robots.find_robot(name if isinstance(name, str) else robots.DEFAULT)
 
 
 def config_class_of(robot: Robot) -> type[CampaignConfig]:
@@ -319,7 +321,7 @@ def config_class_of(robot: Robot) -> type[CampaignConfig]:
     return getattr(robot.part("campaign"), "Config", CampaignConfig)
 
 
-def validated(raw: Any) -> CampaignConfig:
+def validate_tables(raw: Any) -> CampaignConfig:
     """Return the campaign of nested tables, as a manifest holds them.
 
     Raises ValidationError and UserError.

@@ -18,9 +18,9 @@ from ravenjax.campaign.file.axis import (
     Number,
     Onset,
     Value,
-    fixed,
-    times,
-    words,
+    fixed_axis,
+    time_axis,
+    word_axis,
 )
 from ravenjax.campaign.file.section import Section
 from ravenjax.vocabulary.effects import EFFECTS, MAX_SLOTS, TRIGGERS
@@ -73,7 +73,7 @@ def flatten_parameters(raw: Any) -> Any:
     }
 
 
-def crossed(axes: dict[str, Axis]) -> dict[str, Axis]:
+def parse_crossed_axes(axes: dict[str, Axis]) -> dict[str, Axis]:
     """Return the axes of a table `cross`. Raises ValueError for one that is drawn."""
     for path, axis in axes.items():
         if axis.drawn:
@@ -84,7 +84,7 @@ def crossed(axes: dict[str, Axis]) -> dict[str, Axis]:
     return axes
 
 
-Cross = Annotated[dict[str, Number], AfterValidator(crossed)]
+Cross = Annotated[dict[str, Number], AfterValidator(parse_crossed_axes)]
 
 
 _MISSPELT = 0.7
@@ -107,10 +107,10 @@ def _is_distribution(table: dict[str, Any]) -> bool:
 if TYPE_CHECKING:
     Arm = Channel = EffectName = Trigger = Duration = Repeat = Axis
 else:
-    Arm, Channel = words("arm").annotation(), words("channel").annotation()
-    EffectName = words("effect", EFFECTS).annotation()
-    Trigger = words("trigger", TRIGGERS).annotation()
-    Duration, Repeat = times(1, endless=True).annotation(), times(0).annotation()
+    Arm, Channel = word_axis("arm").annotation(), word_axis("channel").annotation()
+    EffectName = word_axis("effect", EFFECTS).annotation()
+    Trigger = word_axis("trigger", TRIGGERS).annotation()
+    Duration, Repeat = time_axis(1, endless=True).annotation(), time_axis(0).annotation()
 
 
 class Fault(Section):
@@ -129,16 +129,16 @@ class Fault(Section):
     value: Value | None = None
     """in the channel's unit; scale: a factor; bit_flip: index of the bit; delay: packets; lose: a
     probability; stuck, drop and duplicate take none"""
-    trigger: Trigger = fixed("time")
+    trigger: Trigger = fixed_axis("time")
     """what start_ms counts from: time, packet or pedal"""
     start_ms: Onset
     """onset: ms, packets or ms since pedal-down, as the trigger says; or a place in a phase of the
     operation, see Phases"""
-    duration_ms: Duration = fixed(END)
+    duration_ms: Duration = fixed_axis(END)
     """length of the window, ms or packets; "end": until the run ends"""
-    every_ms: Repeat = fixed(0)
+    every_ms: Repeat = fixed_axis(0)
     """the window opens again after each, 0: never"""
-    period_ms: Repeat = fixed(0)
+    period_ms: Repeat = fixed_axis(0)
     """period of effect periodic, ms; of effect lose: length of each loss, 1 if left out"""
     wraps: bool = False
     """a value beyond 16 bits is meant, and stored as the word holds it; without it such a value is
@@ -171,7 +171,7 @@ class Fault(Section):
         """Return the channels of the fault's site; "" if it names none and the site has several."""
         names = tuple(channel.name for channel in site.channels)
         if self.channel is None:
-            return fixed(names[0] if len(names) == 1 else "")
+            return fixed_axis(names[0] if len(names) == 1 else "")
         return Axis("list", names) if self.channel.listed == (ALL,) else self.channel
 
 

@@ -15,7 +15,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from ravenjax.bundled import resources
-from ravenjax.errors import UserError, shown, suggestion
+from ravenjax.errors import UserError, format_value, suggest_name
 
 _HEADER = re.compile(r"^\s*(\[\[?)\s*([^\[\]]+?)\s*\]\]?\s*(#.*)?$")
 _KEY = re.compile(
@@ -32,7 +32,7 @@ MOST_COMPLAINTS = 12
 """Number of complaints that are printed; further ones are only counted."""
 
 
-def find(path: str | Path, folder: str, what: str, listing: str = "") -> Path:
+def find_campaign_file(path: str | Path, folder: str, what: str, listing: str = "") -> Path:
     """Return the file that `path` names: as given, in ./`folder`, or a bundled one. `.toml` may be
     left out.
 
@@ -41,17 +41,20 @@ def find(path: str | Path, folder: str, what: str, listing: str = "") -> Path:
     """
     if not isinstance(path, str | os.PathLike) or not str(path):
         raise UserError(
-            f"got {shown(path)}, expected the path of a {what} file or the name of a bundled {what}"
+            f"got {format_value(path)}, expected the path of a {what} file or the name of a"
+            f" bundled {what}"
         )
     name = Path(path)
     for candidate in (name, name.with_name(name.name + SUFFIX)) if name.name else ():
         try:
-            return resources.find(folder, candidate)
+            return resources.find_resource(folder, candidate)
         except FileNotFoundError:
             continue
         except OSError as error:
-            raise UserError(f"{shown(str(path))}: cannot be read ({error.strerror})") from None
-    names = [file.stem for file in resources.bundled(folder, f"*{SUFFIX}")]
+            raise UserError(
+                f"{format_value(str(path))}: cannot be read ({error.strerror})"
+            ) from None
+    names = [file.stem for file in resources.list_resources(folder, f"*{SUFFIX}")]
     problem = f"is a folder, expected a {what} file" if name.is_dir() else f"no such {what} file"
     others = (
         f"`{listing}` lists the bundled ones"
@@ -59,21 +62,21 @@ def find(path: str | Path, folder: str, what: str, listing: str = "") -> Path:
         else f"bundled are {', '.join(names) or 'none'}"
     )
     raise UserError(
-        f"{path}: {problem}; {others}{suggestion(name.name.removesuffix(SUFFIX), names)}"
+        f"{path}: {problem}; {others}{suggest_name(name.name.removesuffix(SUFFIX), names)}"
     )
 
 
-def read(path: Path) -> tuple[dict[str, Any], str]:
+def read_toml(path: Path) -> tuple[dict[str, Any], str]:
     """Return the tables of a TOML file, and its text. Raises UserError."""
     try:
         # Some editors write a byte order mark first.
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise UserError(f"{path}: cannot be read: {error}. Expected a TOML file in UTF-8") from None
-    return parsed(text, str(path)), text
+    return parse_toml(text, str(path)), text
 
 
-def parsed(text: str, name: str) -> dict[str, Any]:
+def parse_toml(text: str, name: str) -> dict[str, Any]:
     """Return the tables of a TOML text; `name` describes the text in errors. Raises UserError."""
     try:
         return tomllib.loads(text)
@@ -82,7 +85,7 @@ def parsed(text: str, name: str) -> dict[str, Any]:
         raise UserError(f"{name}: not valid TOML: {error}") from None
 
 
-def message(error: Any, model: type[BaseModel], hint: str = "") -> str:
+def format_error(error: Any, model: type[BaseModel], hint: str = "") -> str:
     """Return the message for a pydantic error in a table of this model.
 
     hint: where an unknown key belongs.
@@ -90,7 +93,7 @@ def message(error: Any, model: type[BaseModel], hint: str = "") -> str:
     kind, key = error["type"], str(error["loc"][-1]) if error["loc"] else ""
     if kind == "extra_forbidden":
         keys = list(model.model_fields)
-        return f"unknown key, expected one of {', '.join(keys)}{hint or suggestion(key, keys)}"
+        return f"unknown key, expected one of {', '.join(keys)}{hint or suggest_name(key, keys)}"
     if kind == "missing":
         field = model.model_fields.get(key)
         return "missing" + (
@@ -103,17 +106,17 @@ def message(error: Any, model: type[BaseModel], hint: str = "") -> str:
             if kind == "too_short"
             else f"at most {context['max_length']}"
         )
-        return f"got {shown(error['input'])}, expected a list of {bound}"
+        return f"got {format_value(error['input'])}, expected a list of {bound}"
     text = error["msg"].removeprefix("Value error, ").replace("a valid boolean", "true or false")
     if kind == "value_error":
         return text
     return (
-        f"got {shown(error['input'])}, expected"
+        f"got {format_value(error['input'])}, expected"
         f" {text.removeprefix('Input should be ').replace('String', 'text')}"
     )
 
 
-def dotted(key: Key) -> str:
+def format_key(key: Key) -> str:
     """Return a key as text, such as `group[0].fault[1].site`.
 
     A part that contains dots reads the same as nested tables.
@@ -127,11 +130,11 @@ def dotted(key: Key) -> str:
     return text
 
 
-def lines(text: str) -> dict[str, int]:
+def key_lines(text: str) -> dict[str, int]:
     """Return the line number, from 1, of each table header and key, by dotted key.
 
     Entries of arrays of tables count from 0. Keys inside inline tables and multi-line strings have
-    no line: use `nearest`.
+    no line: use `nearest_line`.
     """
     numbers: dict[str, int] = {}
     counts: dict[Key, int] = {}
@@ -139,19 +142,19 @@ def lines(text: str) -> dict[str, int]:
     for number, line in enumerate(text.splitlines(), start=1):
         if header := _HEADER.match(line):
             table = _enter(_parts(header[2]), header[1] == "[[", counts)
-            numbers.setdefault(dotted(table), number)
+            numbers.setdefault(format_key(table), number)
             if header[1] == "[[":
-                numbers.setdefault(dotted(table[:-1]), number)
+                numbers.setdefault(format_key(table[:-1]), number)
         elif key := _KEY.match(line):
-            numbers.setdefault(dotted((*table, *_parts(key[1]))), number)
+            numbers.setdefault(format_key((*table, *_parts(key[1]))), number)
     return numbers
 
 
-def nearest(found: dict[str, int], key: Key) -> int | None:
+def nearest_line(found: dict[str, int], key: Key) -> int | None:
     """Return the line of `key`, or of the closest table or key around it."""
     for length in range(len(key), 0, -1):
-        if dotted(key[:length]) in found:
-            return found[dotted(key[:length])]
+        if format_key(key[:length]) in found:
+            return found[format_key(key[:length])]
     return None
 
 
@@ -183,7 +186,11 @@ class Where:
     """
 
     def __init__(self, source: Path | None, lines: dict[str, int], replaced: Sequence[Key]) -> None:
-        self.source, self.lines, self.replaced = source, lines, [dotted(key) for key in replaced]
+        self.source, self.lines, self.replaced = (
+            source,
+            lines,
+            [format_key(key) for key in replaced],
+        )
         # For each group, the number of the group in the file that it comes from.
         self.written: list[int] = []
         self.names: list[str] = []  # of each group
@@ -192,9 +199,10 @@ class Where:
     def error(self, complaints: Iterable[Complaint]) -> UserError:
         """Return all complaints as one error, in the order of the file, without repetitions."""
         unique = dict.fromkeys(self._in_file(key, message) for key, message in complaints)
-        in_order = sorted(unique, key=lambda complaint: nearest(self.lines, complaint[0]) or 0)
+        in_order = sorted(unique, key=lambda complaint: nearest_line(self.lines, complaint[0]) or 0)
         rows = [
-            f"{self._place(key)}{dotted(key) or 'the file'}: {message}" for key, message in in_order
+            f"{self._place(key)}{format_key(key) or 'the file'}: {message}"
+            for key, message in in_order
         ]
         more = f"\n.. and {len(rows) - MOST_COMPLAINTS} more" if len(rows) > MOST_COMPLAINTS else ""
         return UserError("\n".join(rows[:MOST_COMPLAINTS]) + more)
@@ -219,10 +227,10 @@ class Where:
         if key[-1] in group:
             return ("group", number, key[-1]), message
         hazard = self.names[key[1]].rpartition("/")[2]
-        return ("group", number, "hazards"), f"{hazard}, {dotted(key[2:])}: {message}"
+        return ("group", number, "hazards"), f"{hazard}, {format_key(key[2:])}: {message}"
 
     def _place(self, key: Key) -> str:
-        own = dotted(key)
+        own = format_key(key)
         if any(own.startswith(replaced) for replaced in self.replaced):
             return "--set: "
         if own not in self.lines and any(
@@ -232,5 +240,5 @@ class Where:
             return "--set: "
         if self.source is None:
             return ""
-        line = nearest(self.lines, key)
+        line = nearest_line(self.lines, key)
         return f"{self.source}:{line}: " if line else f"{self.source}: "

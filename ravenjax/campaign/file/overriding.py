@@ -10,17 +10,17 @@ from typing import Any
 
 from ravenjax.campaign.file.group import PATHS, flatten_parameters
 from ravenjax.campaign.file.location import Key
-from ravenjax.errors import UserError, shown, suggestion
+from ravenjax.errors import UserError, format_value, suggest_name
 
 MOST_PARTS = 24
 """Largest number of keys in the path of an override. No table of a file is as deeply nested."""
 
 
-def listed(overrides: Sequence[str]) -> Sequence[str]:
+def check_overrides(overrides: Sequence[str]) -> Sequence[str]:
     """Return the overrides. Raises UserError unless they are a list of strings."""
     if isinstance(overrides, str) or not all(isinstance(override, str) for override in overrides):
         raise UserError(
-            f"overrides are {shown(overrides)}, expected a list of texts such as"
+            f"overrides are {format_value(overrides)}, expected a list of texts such as"
             " ['campaign.seed=1']"
         )
     return overrides
@@ -29,16 +29,16 @@ def listed(overrides: Sequence[str]) -> Sequence[str]:
 def all_applied(raw: dict[str, Any], overrides: Sequence[str]) -> tuple[dict[str, Any], list[Key]]:
     """Return `raw` with every override applied, and their keys.
 
-    Raises UserError as `listed` and `applied`.
+    Raises UserError as `check_overrides` and `apply_override`.
     """
     keys = []
-    for override in listed(overrides):
-        raw, key = applied(raw, override)
+    for override in check_overrides(overrides):
+        raw, key = apply_override(raw, override)
         keys.append(key)
     return raw, keys
 
 
-def applied(raw: dict[str, Any], override: str) -> tuple[dict[str, Any], Key]:
+def apply_override(raw: dict[str, Any], override: str) -> tuple[dict[str, Any], Key]:
     """Return `raw` with `key.path=value` applied, and its key.
 
     The value is TOML or plain text. Entries of arrays are given by number or name.
@@ -52,7 +52,7 @@ def applied(raw: dict[str, Any], override: str) -> tuple[dict[str, Any], Key]:
         )
     if len(parts) > MOST_PARTS:
         raise UserError(
-            f"--set {shown(override)}: got a path of {len(parts)} keys, expected at most"
+            f"--set {format_value(override)}: got a path of {len(parts)} keys, expected at most"
             f" {MOST_PARTS}, such as campaign.duration_s=5 or group.0.runs=100"
         )
     try:
@@ -71,7 +71,7 @@ def _entered(table: Any, parts: list[str], value: Any, override: str) -> tuple[A
         entry, key = _entered(table[index], rest, value, override)
         return [*table[:index], entry, *table[index + 1 :]], (index, *key)
     if not isinstance(table, dict):
-        raise UserError(f"--set {override}: {head!r} is no key of the value {shown(table)}")
+        raise UserError(f"--set {override}: {head!r} is no key of the value {format_value(table)}")
     table = flatten_parameters(table)
     # Paths of parameters contain dots.
     if head in PATHS and rest:
@@ -91,5 +91,5 @@ def _index(table: list[Any], part: str, override: str) -> int:
     )
     raise UserError(
         f"--set {override}: got {part!r}, expected"
-        f" {expected}{suggestion(part, [str(n) for n in names])}"
+        f" {expected}{suggest_name(part, [str(n) for n in names])}"
     )

@@ -34,7 +34,7 @@ AnySection = TypeVar("AnySection", bound=Section)
 _KNOWN: dict[tuple[str, Path, str], OwnSource] = {}
 
 
-def source(name: str, file: Path, sha256: str | None, what: str) -> OwnSource:
+def part_source(name: str, file: Path, sha256: str | None, what: str) -> OwnSource:
     """Return the code of a file. It is read again if it or a file that it imports has changed.
 
     what: kind of the part. Raises UserError if the file is unusable, its code must not run
@@ -42,9 +42,9 @@ def source(name: str, file: Path, sha256: str | None, what: str) -> OwnSource:
     """
     key = name, file.absolute(), what
     code = _KNOWN.get(key)
-    if code is None or not part.unchanged(code):
-        code = _KNOWN[key] = part.read(*key, consent.require)
-    if sha256 not in (None, own := part.digest(code)):
+    if code is None or not part.is_unchanged(code):
+        code = _KNOWN[key] = part.read_source(*key, consent.require_consent)
+    if sha256 not in (None, own := part.hash_source(code)):
         raise UserError(
             f"{file}: has changed since (sha256 {own[:16]}, expected {sha256[:16]}). "
             "Restore it, or run the campaign into another folder"
@@ -52,7 +52,7 @@ def source(name: str, file: Path, sha256: str | None, what: str) -> OwnSource:
     return code
 
 
-def located(
+def locate_part(
     table: AnySection, folder: Path, what: str, name: str, key: str = "file", sha256: str = "sha256"
 ) -> AnySection:
     """Return a table with its file located in `folder` and the hash of its content.
@@ -63,5 +63,5 @@ def located(
     if file is None:
         return table
     path = folder.absolute() / file
-    content = part.digest(source(name, path, getattr(table, sha256), what))
+    content = part.hash_source(part_source(name, path, getattr(table, sha256), what))
     return table.model_copy(update={key: path, sha256: content})

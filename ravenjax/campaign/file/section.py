@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import core_schema
 
 from ravenjax.campaign.file import location
-from ravenjax.errors import shown, unknown
+from ravenjax.errors import describe_unknown_name, format_value
 
 
 class _SectionClass(type(BaseModel)):
@@ -26,7 +26,7 @@ class _SectionClass(type(BaseModel)):
                 return super().__call__(**toml_value(keys))
             except ValidationError as error:
                 complaints = [
-                    (one["loc"], location.message(one, model_at(cls, one["loc"][:-1])))
+                    (one["loc"], location.format_error(one, model_at(cls, one["loc"][:-1])))
                     for one in error.errors()
                 ]
             where = location.Where(None, {}, [])
@@ -52,7 +52,7 @@ def _typed(schema: Any) -> Any:
 
 def _number(raw: Any) -> Any:
     if isinstance(raw, bool | str):
-        raise ValueError(f"got {shown(raw)}, expected a number")
+        raise ValueError(f"got {format_value(raw)}, expected a number")
     return raw
 
 
@@ -128,7 +128,7 @@ class OneOf:
 
     def _known(self, word: str) -> str:
         if word not in self.names:
-            raise ValueError(unknown(self.what, word, self.names))
+            raise ValueError(describe_unknown_name(self.what, word, self.names))
         return word
 
 

@@ -47,7 +47,7 @@ class CampaignSection(Section):
     each run lasts for duration_s. So does a run whose faults have no certain end: a fault that
     lasts, or one that counts time in pedal-down where a fault may move the pedal"""
     arms: tuple[str, ...] = Field(
-        default_factory=lambda known: robots.find(known["robot"]).arms[:1], min_length=1
+        default_factory=lambda known: robots.find_robot(known["robot"]).arms[:1], min_length=1
     )
     """arms, in order"""
     noise: bool = False
@@ -247,7 +247,7 @@ class Detector(Section):
         """
         if self.file is None:
             return None
-        return own_part.source(self.name, self.file, self.sha256, "detector")
+        return own_part.part_source(self.name, self.file, self.sha256, "detector")
 
 
 class OwnCheck(Section):
@@ -277,7 +277,7 @@ class OwnCheck(Section):
     @property
     def part(self) -> OwnSource:
         """The code of its file. Raises UserError for one that is unusable or changed."""
-        return own_part.source(self.name, self.file, self.sha256, "check")
+        return own_part.part_source(self.name, self.file, self.sha256, "check")
 
     @property
     def use(self) -> CheckUse:

@@ -13,7 +13,7 @@ from ravenjax.campaign.file.axis import Axis, Moment
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Fault, Group
 from ravenjax.campaign.file.location import Complaint
-from ravenjax.errors import shown, unknown
+from ravenjax.errors import describe_unknown_name, format_value
 from ravenjax.numbers import paths
 from ravenjax.outcomes import events
 from ravenjax.vocabulary.effects import (
@@ -23,14 +23,14 @@ from ravenjax.vocabulary.effects import (
     WITH_PERIOD,
     WITHOUT_VALUE,
 )
-from ravenjax.vocabulary.legal import complaint, legal, rounding
+from ravenjax.vocabulary.legal import find_illegal_value, find_rounding, legal_values
 from ravenjax.vocabulary.sites import Channel, Site
 
 LARGEST = 3.4028234663852886e38
 """Largest value, because values are stored in single precision."""
 
 
-def complaints(config: CampaignConfig) -> Iterator[Complaint]:
+def find_errors(config: CampaignConfig) -> Iterator[Complaint]:
     """Yield (key, message) of each error in a config of valid shape."""
     arms, names = config.campaign.arms, config.robot.arms
     if list(arms) != [arm for arm in names if arm in arms]:
@@ -44,7 +44,10 @@ def complaints(config: CampaignConfig) -> Iterator[Complaint]:
         yield ("stop", "rates"), f"got 'cable_overload', {events.UNWATCHED}"
     for c, check in enumerate(config.check):
         if check.at not in config.robot.check_seams:
-            yield ("check", c, "at"), unknown("seam", check.at, config.robot.check_seams)
+            yield (
+                ("check", c, "at"),
+                describe_unknown_name("seam", check.at, config.robot.check_seams),
+            )
         if check.name in names:
             yield ("check", c, "name"), f"got {check.name!r}, which is an arm: take another name"
     for g, group in enumerate(config.group):
@@ -73,7 +76,7 @@ def _fault(config: CampaignConfig, group: Group, fault: Fault) -> Iterator[tuple
     """Yield (key of the fault, message) of each error in a fault."""
     site = config.robot.sites.get(fault.site)
     if site is None:
-        yield "site", unknown("fault site", fault.site, config.robot.sites)
+        yield "site", describe_unknown_name("fault site", fault.site, config.robot.sites)
         return
     wrong = [*_place(config, fault, site), *_onset(config, fault)]
     effects = fault.effect.listed
@@ -119,14 +122,14 @@ def _place(config: CampaignConfig, fault: Fault, site: Site) -> Iterator[tuple[s
             listing = ", ".join(names)
             yield "channel", f"missing: site {site.name} has {listing}; write one, a list, or '*'"
     elif strays := [name for name in channels if name not in names]:
-        yield "channel", unknown(f"channel of site {site.name}", strays[0], names)
+        yield "channel", describe_unknown_name(f"channel of site {site.name}", strays[0], names)
 
 
 def _onset(config: CampaignConfig, fault: Fault) -> Iterator[tuple[str, str]]:
     start, last, phases = fault.start_ms, last_start(config, fault), config.robot.phases
     for phase in start.phases:
         if phase not in phases:
-            yield "start_ms", unknown("phase", phase, phases)
+            yield "start_ms", describe_unknown_name("phase", phase, phases)
     listed = [ms for ms in start.listed if not isinstance(ms, Moment)]
     if max(listed, default=0) > last:
         ticks = config.campaign.ticks
@@ -176,8 +179,11 @@ def _misfit(
 ) -> str | None:
     """Return why a channel cannot take a value of an axis, or an end of it; None if it can."""
     if not abs(value) <= LARGEST:
-        return f"got {shown(value)}, expected a number of single precision, at most {LARGEST:.4g}"
-    rule, drawn = legal(channel, effect, beyond), not axis.listed
+        return (
+            f"got {format_value(value)}, expected a number of single precision, at most"
+            f" {LARGEST:.4g}"
+        )
+    rule, drawn = legal_values(channel, effect, beyond), not axis.listed
     if drawn and rule.rounded:
         low, high = axis.extent
         if math.ceil(low) > math.floor(high) or (axis.kind == "uniform" and value % 1):
@@ -188,11 +194,11 @@ def _misfit(
             )
         value = math.trunc(value)
     if not rule.low <= value <= rule.high or (rule.whole and not drawn and value % 1):
-        return complaint(site, channel, effect, value, beyond)
+        return find_illegal_value(site, channel, effect, value, beyond)
     field = channel.field
     if field and EFFECTS[effect].value == "number" and not field.low <= value <= field.high:
         return f"{channel.name} is {field.noun}: expected {field.low}..{field.high}, got {value:g}"
-    return None if drawn else rounding(channel, effect, value)
+    return None if drawn else find_rounding(channel, effect, value)
 
 
 def last_start(config: CampaignConfig, fault: Fault) -> int:
@@ -211,7 +217,7 @@ def random_in_itself(config: CampaignConfig, group: Group) -> bool:
     Noise, packets or an effect may be random.
     """
     robot, axes = config.robot, {**config.parameters, **group.parameters}
-    plain = {paths.plain(path, robot.arms, robot.joints): axis for path, axis in axes.items()}
+    plain = {paths.plain_path(path, robot.arms, robot.joints): axis for path, axis in axes.items()}
     silent = all(path in plain and plain[path].values == (0,) for path in robot.noise)
     draws = (config.campaign.noise and not silent) or config.random_packets
     return draws or any(set(RANDOM).intersection(fault.effect.listed) for fault in group.fault)

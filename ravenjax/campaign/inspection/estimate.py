@@ -110,7 +110,7 @@ class CostEstimate(NamedTuple):
     memory_mib: float  # at most
 
 
-def estimate(work: CostFactors, machine: Machine) -> CostEstimate:
+def estimate_cost(work: CostFactors, machine: Machine) -> CostEstimate:
     """Return the expected cost of `work` on `machine`."""
     ticks = (work.runs + work.golden_runs) * work.ticks
     if machine.engine == "cuda":
@@ -140,7 +140,7 @@ def tick_ns(work: CostFactors) -> float:
     return ns if shared else ns * UNSHARED
 
 
-def duration(seconds: float) -> str:
+def format_estimate(seconds: float) -> str:
     """Return an expected time as text: `5 s`, `3 min`, `2.5 h`. Two digits at most, as it is not
     known better.
     """

@@ -18,7 +18,7 @@ from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.inspection.replay import PlannedCampaign
 from ravenjax.campaign.progress import OnProgress, Progress
-from ravenjax.errors import UserError, suggestion
+from ravenjax.errors import UserError, suggest_name
 
 ENGINES = ("simd", "xla", "cuda")
 """Engines whose runs can be compared bit by bit.
@@ -59,7 +59,7 @@ class Explainer(PlannedCampaign):
             raise UserError(
                 f"engine {engine!r} cannot explain runs: expected auto or {', '.join(ENGINES)},"
                 " which compare every number of the tick bit by bit; for a result of another engine"
-                f" write --engine simd{suggestion(engine, ENGINES)}"
+                f" write --engine simd{suggest_name(engine, ENGINES)}"
             )
         super().__init__(config, engine)
         self._plan = dataclasses.replace(self.plan, program=part.explained(self.plan.program))
@@ -94,7 +94,7 @@ class Explainer(PlannedCampaign):
         observed = {
             name: own.pop(name) for name in list(own) if name == HARM or name.startswith(PREFIXES)
         }
-        results = outcomes.frame(self.config, some.rows, own, golden)
+        results = outcomes.result_frame(self.config, some.rows, own, golden)
         ticks = pd.DataFrame(
             {"run_id": results["run_id"], "index": np.asarray(rows, np.int32), **observed}
         )

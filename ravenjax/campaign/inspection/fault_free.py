@@ -14,7 +14,7 @@ from typing import Any
 
 from ravenjax.campaign import runner
 from ravenjax.campaign.faults import design
-from ravenjax.campaign.file.config import validated
+from ravenjax.campaign.file.config import validate_tables
 from ravenjax.campaign.progress import OnProgress
 from ravenjax.errors import UserError
 from ravenjax.store import manifest
@@ -41,7 +41,7 @@ Something then stops the robot soon in each motion.
 MS_PER_HOUR = 3.6e6
 
 
-def extend(
+def extend_fault_free(
     folder: Path,
     hours: float,
     engine: str = "auto",
@@ -57,11 +57,11 @@ def extend(
     far and the next folder. Raises UserError and StoreError for what the user can correct. Finished
     motions stay, and the same call continues.
     """
-    record = manifest.read(folder)
+    record = manifest.read_manifest(folder)
     _require(record, hours)
     seconds, begun = _length_s(record, hours), _hours(folder, record)
     there, motions = begun, 0
-    for name, raw in campaigns(record.config, seconds):
+    for name, raw in fault_free_campaigns(record.config, seconds):
         if there >= hours:
             return there
         path = folder / FOLDER / name
@@ -70,7 +70,7 @@ def extend(
                 continue
             raw = earlier.config
         on_motion(there, path)
-        config = validated(raw)
+        config = validate_tables(raw)
         if engine == "auto":
             # One motion is one lane, which a processor core runs faster than a GPU does.
             engine = "simd" if record.engine == "cuda" else record.engine
@@ -122,7 +122,9 @@ def require_others(config: Mapping[str, Any]) -> None:
         )
 
 
-def campaigns(own: Mapping[str, Any], seconds: int) -> Iterator[tuple[str, dict[str, Any]]]:
+def fault_free_campaigns(
+    own: Mapping[str, Any], seconds: int
+) -> Iterator[tuple[str, dict[str, Any]]]:
     """Yield name and configuration of the fault-free campaign of each further motion, endlessly.
 
     own: tables of the original campaign.
@@ -157,20 +159,20 @@ def campaigns(own: Mapping[str, Any], seconds: int) -> Iterator[tuple[str, dict[
 
 def _record(path: Path) -> Manifest | None:
     """Return the manifest of a folder that an earlier call began, or None."""
-    return manifest.read(path) if (path / manifest.FILE).exists() else None
+    return manifest.read_manifest(path) if (path / manifest.FILE).exists() else None
 
 
 def _length_s(record: Manifest, hours: float) -> int:
     """Return the length of each run, s."""
-    config = validated(next(campaigns(record.config, SHORTEST_S))[1])
-    wanted = hours * 3600 / (MOTIONS * design.count(config))
+    config = validate_tables(next(fault_free_campaigns(record.config, SHORTEST_S))[1])
+    wanted = hours * 3600 / (MOTIONS * design.count_rows(config))
     return math.ceil(min(max(wanted + UNTIL_LIVE_S, SHORTEST_S), LONGEST_S))
 
 
 def _hours(folder: Path, record: Manifest) -> float:
     """Return the hours in pedal-down of the valid runs of fault-free motion beside a result."""
     total_ms = 0.0
-    for one in fault_free.find(folder, record).motions:
+    for one in fault_free.find_fault_free(folder, record).motions:
         with query.open_folder(one.path) as table:
             (pedal_ms,) = table.row(
                 f"SELECT sum(pedal_down_ms) FROM {query.RESULTS} WHERE failed = ''"

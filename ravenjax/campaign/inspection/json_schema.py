@@ -28,7 +28,7 @@ TABLE = "Parameters"
 """Name of the definition of a table whose keys are paths of parameters."""
 
 
-def schema(robot: Robot) -> Schema:
+def campaign_schema(robot: Robot) -> Schema:
     """Return the JSON Schema of a campaign file of that robot."""
     whole = of_model(robot, config_class_of(robot), "ravenjax campaign")
     _groups(whole)
@@ -42,13 +42,13 @@ def of_model(robot: Robot, model: type[BaseModel], title: str) -> Schema:
     whole = {"$schema": DIALECT, **model.model_json_schema(), "title": title}
     definitions = whole.setdefault("$defs", {})
     for table in (whole, *definitions.values()):
-        tidy(table)
+        tidy_schema(table)
     if fault := definitions.get("Fault", {}).get("properties"):
         fault["site"]["enum"] = list(robot.sites)
         _name(fault["arm"], robot.arms)
         _name(fault["start_ms"], robot.phases)
     if entry := definitions.get("Entry", {}).get("properties"):
-        _name(entry["hazards"], expansion.words())
+        _name(entry["hazards"], expansion.hazard_words())
     for table in (whole, *definitions.values()):
         for key in PATHS:
             if key in table.get("properties", ()):
@@ -63,7 +63,7 @@ def of_model(robot: Robot, model: type[BaseModel], title: str) -> Schema:
     return whole
 
 
-def tidy(node: Any) -> None:
+def tidy_schema(node: Any) -> None:
     """Remove pydantic's titles, and what it leaves beside alternatives, in place."""
     if isinstance(node, dict):
         if isinstance(node.get("title"), str):
@@ -74,10 +74,10 @@ def tidy(node: Any) -> None:
             # The description may be a docstring of several lines.
             node["description"] = " ".join(text.split())
         for inner in node.values():
-            tidy(inner)
+            tidy_schema(inner)
     elif isinstance(node, list):
         for inner in node:
-            tidy(inner)
+            tidy_schema(inner)
 
 
 def _name(node: Any, words: Any) -> None:
@@ -95,7 +95,7 @@ def _name(node: Any, words: Any) -> None:
 
 def _paths(robot: Robot) -> Schema:
     """Return the schema of names in a table that are words of a path."""
-    words = {re.escape(word) for word in (*bounds.names(robot), *robot.arms)} | {r"\d+"}
+    words = {re.escape(word) for word in (*bounds.parameter_words(robot), *robot.arms)} | {r"\d+"}
     name = "|".join(sorted(words, key=lambda word: (-len(word), word)))
     return {"pattern": rf"^({name})(\.({name}))*$"}
 
@@ -106,8 +106,8 @@ def _parameters(robot: Robot, any_path: Schema) -> Schema:
     It holds paths, dotted or as nested tables, whose first words are known.
     """
     tree: Schema = {}
-    for path, row in bounds.rows(robot):
-        if not bounds.reserved(robot, path):
+    for path, row in bounds.parameter_bounds(robot):
+        if not bounds.reserved_reason(robot, path):
             node = tree
             for word in path.split("."):
                 node = node.setdefault(word, {})
@@ -163,7 +163,7 @@ def _groups(found: Schema) -> None:
     Such a group may hold only certain other keys.
     """
     group, fault = found["$defs"]["Group"], found["$defs"]["Fault"]["properties"]
-    words = {"type": "string", "enum": expansion.words()}
+    words = {"type": "string", "enum": expansion.hazard_words()}
     keys: Schema = {
         expansion.KEY: {"anyOf": [words, {"type": "array", "items": words, "minItems": 1}]}
     }

@@ -20,7 +20,7 @@ from ravenjax.campaign.inspection.estimate import (
     CostEstimate,
     CostFactors,
     Machine,
-    estimate,
+    estimate_cost,
 )
 from ravenjax.campaign.plan import Plan, make_plan
 from ravenjax.engines.interface import Block
@@ -32,7 +32,7 @@ SAMPLE = 8
 """Number of runs in the sample, taken from the whole table."""
 
 
-def preview(
+def preview_campaign(
     config: CampaignConfig, folder: Path, engine: str = "auto"
 ) -> tuple[dict[str, Any], pd.DataFrame]:
     """Return what is known of a campaign before it runs into `folder`, as JSON values, and some
@@ -43,15 +43,15 @@ def preview(
     from ravenjax.engines import selection
     from ravenjax.numbers.setup import CAMPAIGN
 
-    plan, due = make_plan(config), design.due(config)
+    plan, due = make_plan(config), design.count_due_rows(config)
     rows = plan.rows
-    backend = selection.select(engine, CAMPAIGN)
+    backend = selection.select_engine(engine, CAMPAIGN)
     if any(config.own_parts()):
         from ravenjax.engines import traced
 
         # Tracing alone shows that a user's file reads a number that does not exist.
         block = Block(*plan.lanes([0], 1), None)
-        traced.forms(traced.printable(plan.program), block, plan.columns)
+        traced.traced_forms(traced.printable_program(plan.program), block, plan.columns)
     golden_runs = len(np.unique(plan.golden[:due]))
     sites = {fault.site for group in config.group for fault in group.fault}
     work = CostFactors(
@@ -68,10 +68,10 @@ def preview(
     )
     # float32 numbers in a vector of this CPU.
     width = 16 if "AVX-512" in backend.device else 8 if "AVX2" in backend.device else 4
-    cost = estimate(work, Machine(backend.name, len(os.sched_getaffinity(0)), width))
+    cost = estimate_cost(work, Machine(backend.name, len(os.sched_getaffinity(0)), width))
     cost, basis, content = _of_folder(folder, config, backend.name, cost, due)
     sites_of_runs = rows[[f"fault{slot}_site" for slot in range(config.slots)]]
-    phases = Moments(config).phases if (names := list(moments.uses(config))) else {}
+    phases = Moments(config).phases if (names := list(moments.used_phases(config))) else {}
     view = {
         "campaign": config.campaign.name,
         "description": config.campaign.description,
@@ -88,7 +88,7 @@ def preview(
         ],
         "fault_free_runs": int((sites_of_runs == "").to_numpy().all(axis=1).sum()),
         "golden_runs": golden_runs,
-        "copies": int(notices.copies(plan).sum()),
+        "copies": int(notices.find_copies(plan).sum()),
         "duration_ms": config.campaign.ticks,
         "arms": list(config.campaign.arms),
         **config.settings(),
@@ -120,14 +120,16 @@ def preview(
             "name": backend.name,
             "device": backend.device,
             # Why a faster engine is not used.
-            "why": selection.fastest(CAMPAIGN)[1] if engine == "auto" else "",
+            "why": selection.fastest_engine(CAMPAIGN)[1] if engine == "auto" else "",
         },
         "expected": {**cost._asdict(), "basis": basis},
         "folder": {"path": str(folder), "holds": content},
     }
     places = np.unique(np.linspace(0, len(rows) - 1, min(SAMPLE, len(rows))).round().astype(int))
     sample = rows.iloc[places].reset_index(drop=True)
-    return view, sample.assign(run_id=run_id.text(sample["run_id"].to_numpy()).to_pylist())
+    return view, sample.assign(
+        run_id=run_id.format_run_ids(sample["run_id"].to_numpy()).to_pylist()
+    )
 
 
 def _group_row(config: CampaignConfig, group: Group) -> dict[str, Any]:
@@ -135,7 +137,7 @@ def _group_row(config: CampaignConfig, group: Group) -> dict[str, Any]:
     return {
         "name": group.name,
         "design": group.design,
-        "runs": design.counts(config)[group.name],
+        "runs": design.count_group_rows(config)[group.name],
         "sites": list(dict.fromkeys(fault.site for fault in faults)),
         "effects": list(dict.fromkeys(e for fault in faults for e in fault.effect.listed)),
     }
@@ -147,9 +149,9 @@ def _own_checks(config: CampaignConfig, plan: Plan) -> Iterator[dict[str, Any]]:
     """
     if not config.check:
         return
-    leaves = paths.leaves(plan.program.params, plan.program.setup)
+    leaves = paths.path_leaves(plan.program.params, plan.program.setup)
     numbers = {path: f"{float(value):g}" for path, value in leaves if path.startswith("checks.")}
-    for path, values in table.parameters(plan.rows).items():
+    for path, values in table.varied_parameters(plan.rows).items():
         # NaN means the number in the user's file.
         least, most = f"{np.nanmin(values):g}", f"{np.nanmax(values):g}"
         numbers[path] = least if least == most else f"{least} to {most}, varied"
@@ -197,7 +199,7 @@ def _of_folder(
     if not (folder / manifest.FILE).exists():
         return cost, BASIS, "nothing yet"
     try:
-        record = manifest.read(folder)
+        record = manifest.read_manifest(folder)
     except StoreError:
         return cost, BASIS, "a result that this version does not read"
     content = (

@@ -12,10 +12,10 @@ import pandas as pd
 
 from ravenjax.campaign import compile_cache, outcomes
 from ravenjax.campaign.faults import run_id
-from ravenjax.campaign.file.config import CampaignConfig, validated
+from ravenjax.campaign.file.config import CampaignConfig, validate_tables
 from ravenjax.campaign.plan import make_plan
 from ravenjax.engines.interface import Block
-from ravenjax.errors import UserError, shown
+from ravenjax.errors import UserError, format_value
 from ravenjax.store import manifest, schema
 from ravenjax.store.logs.topics import Base
 
@@ -54,16 +54,16 @@ class PlannedCampaign:
     def of_folder(cls, folder: Path, engine: str = "auto") -> Self:
         """Return the campaign of a result folder; "auto" means the engine that computed it.
 
-        Raises StoreError as `manifest.read`, and UserError.
+        Raises StoreError as `manifest.read_manifest`, and UserError.
         """
-        record = manifest.read(folder)
-        return cls(validated(record.config), original_engine(record, engine))
+        record = manifest.read_manifest(folder)
+        return cls(validate_tables(record.config), original_engine(record, engine))
 
     def index(self, run: Any) -> int:
         """Return the index of a run by its id, the beginning of its id, or its index. Raises
         UserError.
         """
-        return find(self.plan.rows["run_id"].to_numpy(), run)
+        return find_run(self.plan.rows["run_id"].to_numpy(), run)
 
 
 def original_engine(record: manifest.Manifest, engine: str) -> str:
@@ -104,7 +104,9 @@ class Replayer(PlannedCampaign):
         if program.ends:
             own[schema.OBSERVED] = self.plan.ends[[row]]
         series = self._robot.series(program.setup, signals, np.asarray(golden.reference)[:, :, 0])
-        frame = outcomes.frame(self.config, self.plan.rows.iloc[row : row + 1], own, fault_free)
+        frame = outcomes.result_frame(
+            self.config, self.plan.rows.iloc[row : row + 1], own, fault_free
+        )
         return Replay(
             row=frame.iloc[0],
             series={name: values[:end] for name, values in series.items()},
@@ -114,27 +116,27 @@ class Replayer(PlannedCampaign):
         )
 
 
-def replay(config: CampaignConfig, run: Any, engine: str = "auto") -> Replay:
+def replay_run(config: CampaignConfig, run: Any, engine: str = "auto") -> Replay:
     """Compute one run of a campaign again, given its run id, an unambiguous beginning of the id, or
     its index.
     """
     return Replayer(config, engine).replay(run)
 
 
-def find(ids: np.ndarray, run: Any) -> int:
+def find_run(ids: np.ndarray, run: Any) -> int:
     """Return the index of a run by its id, the beginning of its id, or its index.
 
     ids: run ids of the fault table. Raises UserError.
     """
     if isinstance(run, bool) or not isinstance(run, str | numbers.Integral):
         raise UserError(
-            f"run {shown(run)}: expected its index (a whole number) or its run_id (text)"
+            f"run {format_value(run)}: expected its index (a whole number) or its run_id (text)"
         )
     if not isinstance(run, str) or (run.isdecimal() and len(run) < run_id.DIGITS):
         if not 0 <= int(run) < len(ids):
             raise UserError(f"run {run}: the campaign has runs 0..{len(ids) - 1}")
         return int(run)
-    matches = run_id.beginning(ids, run)
+    matches = run_id.match_prefix(ids, run)
     if len(matches) != 1:
         problem = "no run has this id" if not len(matches) else f"{len(matches)} runs begin so"
         raise UserError(f"run {run!r}: {problem}; expected a run_id of the result table")

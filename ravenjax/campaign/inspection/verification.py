@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 from ravenjax.campaign import compile_cache, outcomes
 from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.faults import run_id
-from ravenjax.campaign.file.config import validated
+from ravenjax.campaign.file.config import validate_tables
 from ravenjax.campaign.inspection.replay import original_engine
 from ravenjax.campaign.plan import Plan, make_plan
 from ravenjax.campaign.progress import OnProgress, Progress
@@ -77,7 +77,7 @@ class Verification(NamedTuple):
         return all(check.fine for check in self.checks)
 
 
-def verify(
+def verify_folder(
     folder: Path,
     sample: int = SAMPLE,
     engine: str = "auto",
@@ -92,15 +92,15 @@ def verify(
     """
     if sample < 0:
         raise UserError(f"--sample {sample}: expected a number of runs, 0 for none")
-    record = manifest.read(folder)
+    record = manifest.read_manifest(folder)
     if not record.parts:
         raise StoreError(
             f"{folder}: holds no finished part yet; start or resume it with `ravenjax run`"
         )
-    parts, whole = checking.files(folder, record)
-    checks = [parts, checking.rows(record), *checking.values(folder, record, whole)]
+    parts, whole = checking.check_files(folder, record)
+    checks = [parts, checking.check_rows(record), *checking.check_values(folder, record, whole)]
     try:
-        plan = make_plan(validated(record.config))
+        plan = make_plan(validate_tables(record.config))
     except ValueError as error:
         # UserError, and pydantic's error for a config that this version cannot read.
         return Verification(
@@ -130,7 +130,7 @@ def _campaign(folder: Path, record: Manifest, plan: Plan, whole: Sequence[Part])
             f"the campaign expands to {plan.runs} runs, the manifest says {record.runs}"
         )
     elif record.config_hash != manifest.campaign_hash(
-        record.config, record.operator, run_id.digest(ids)
+        record.config, record.operator, run_id.hash_run_ids(ids)
     ):
         complaints.append(
             f"{manifest.FILE}: config_hash is not that of its config and of the runs that it"
@@ -141,7 +141,7 @@ def _campaign(folder: Path, record: Manifest, plan: Plan, whole: Sequence[Part])
             stored = (
                 pq.read_table(folder / PARTS / part.file, columns=["run_id"]).column(0).to_pylist()
             )
-            if stored != run_id.text(ids[part.first : part.last + 1]).to_pylist():
+            if stored != run_id.format_run_ids(ids[part.first : part.last + 1]).to_pylist():
                 complaints.append(
                     f"{part.file}: its run ids are not those of the campaign's rows {part.first} to"
                     f" {part.last}"
@@ -171,8 +171,8 @@ def _again(
     computation.compile()
     columns, golden_runs = computation.tables([range(row, row + 1) for row in rows.tolist()])
     progress.tell("done")
-    computed = outcomes.columns(plan.config, plan.rows.iloc[rows], columns, golden_runs)
-    new = schema.conform(computed, record.shape)
+    computed = outcomes.result_columns(plan.config, plan.rows.iloc[rows], columns, golden_runs)
+    new = schema.conform_table(computed, record.shape)
     tables = []
     for part in sorted(record.parts, key=lambda part: part.first):
         of_part = rows[(rows >= part.first) & (rows <= part.last)]

@@ -28,7 +28,7 @@ from ravenjax.stats.sample_size.sequential import Look, Sequential, Stratum
 from ravenjax.store.access.results import Results
 
 
-def run(
+def run_adaptively(
     config: CampaignConfig,
     out: Path | None = None,
     engine: str = "auto",
@@ -60,7 +60,7 @@ def run(
         )
     if out is None:
         return runner.in_temporary_folder(
-            lambda folder: run(
+            lambda folder: run_adaptively(
                 config, folder, engine, on_progress=on_progress, executor=executor, command=command
             )
         )
@@ -75,7 +75,7 @@ def run(
         results = compute(out, rows=[span for span in spans if span])
         k, n = count_cases(results, draws, counts, rule.rates, config.rules)
         looks.append(rule.look(len(looks) + 1, counts, k, n))
-        decisions.write(out, looks)
+        decisions.write_looks(out, looks)
         if looks[-1].stop:
             return results
         before, counts = counts, rule.following(looks[-1], k, n)
@@ -97,7 +97,7 @@ def group_draws(config: CampaignConfig) -> tuple[GroupDraws, ...]:
     """Return the draws of each group in the order of the table."""
     result, first = [], 0
     for group in config.group:
-        rows = design.counts(config)[group.name]
+        rows = design.count_group_rows(config)[group.name]
         each = sampled_order.rows_of_a_draw(config, group)
         result.append(GroupDraws(first, rows // each, each))
         first += rows
@@ -130,9 +130,9 @@ def count_cases(
     A draw counts by its first row with a valid outcome, which is one of its repeats or crossed
     variants.
     """
-    table = results.arrow(["index", *events.columns(rates, rules)])
+    table = results.arrow(["index", *events.event_columns(rates, rules)])
     happened = np.zeros((1 + len(rates), draws[-1].rows_of(draws[-1].number).stop), bool)
-    happened[:, table["index"].to_numpy()] = events.happened(table, rates, rules)
+    happened[:, table["index"].to_numpy()] = events.events_happened(table, rates, rules)
     k, n = np.zeros((len(rates), len(draws)), np.int64), np.zeros(len(draws), np.int64)
     for number, (group, count) in enumerate(zip(draws, taken.tolist(), strict=True)):
         rows = group.rows_of(count)

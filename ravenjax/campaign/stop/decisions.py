@@ -13,13 +13,13 @@ from ravenjax.store.files import write_aside
 FILE = "decisions.jsonl"
 
 
-def write(folder: Path, looks: Sequence[Look]) -> None:
+def write_looks(folder: Path, looks: Sequence[Look]) -> None:
     """Write all looks so far, atomically. Raises StoreError if the disk refuses."""
     text = "".join(f"{look.model_dump_json()}\n" for look in looks)
     write_aside(folder / FILE, lambda target: target.write_text(text, encoding="utf-8"))
 
 
-def read(folder: Path) -> list[Look]:
+def read_looks(folder: Path) -> list[Look]:
     """Return the looks of a folder; none if its campaign has no stop rule.
 
     Raises StoreError for a file that cannot be read.
@@ -37,10 +37,10 @@ def read(folder: Path) -> list[Look]:
         ) from error
 
 
-def sentence(folder: Path) -> str:
+def describe_stop(folder: Path) -> str:
     """Return why the campaign of a folder stopped; "" if it has no stop rule.
 
-    Raises StoreError as `read`.
+    Raises StoreError as `read_looks`.
     """
-    looks = read(folder)
-    return sequential.sentence(looks) if looks else ""
+    looks = read_looks(folder)
+    return sequential.describe_stop(looks) if looks else ""

@@ -23,9 +23,9 @@ from ravenjax.engines.cpu.kernel import (
     VectorKernel,
     print_kernel,
 )
-from ravenjax.engines.cpu.memory import buffer
+from ravenjax.engines.cpu.memory import aligned_buffer
 from ravenjax.engines.interface import Progress
-from ravenjax.engines.lanes import Lanes, Trunk, spacing
+from ravenjax.engines.lanes import Lanes, Trunk, snapshot_spacing
 from ravenjax.ir.time_loop import TimeLoop, split_lanes
 
 CHUNK = 500
@@ -81,17 +81,17 @@ class LaneGroup:
         self._calls: list[tuple[int, ...]] = []
         self._inputs = kernel.inputs.pack(lanes.inputs, vectors)
         self._group_inputs = kernel.group_inputs.pack([column[:1] for column in lanes.inputs], 1)
-        self.state = buffer(vectors, kernel.state.bytes)
-        self._prologue = buffer(vectors, kernel.prologue.bytes)
-        self.group_state = buffer(1, kernel.group_state.bytes)
-        self.results = buffer(results, kernel.results.bytes)
-        self._rows, self._row_tick = buffer(rows, kernel.row.bytes), 0
+        self.state = aligned_buffer(vectors, kernel.state.bytes)
+        self._prologue = aligned_buffer(vectors, kernel.prologue.bytes)
+        self.group_state = aligned_buffer(1, kernel.group_state.bytes)
+        self.results = aligned_buffer(results, kernel.results.bytes)
+        self._rows, self._row_tick = aligned_buffer(rows, kernel.row.bytes), 0
         # Compiled code always writes its outputs. If nobody reads them, each tick overwrites these.
-        self._nowhere = buffer(kernel.outputs, 8 * kernel.inputs.width)
-        self._call("shared_begin", address(self._group_inputs), address(self.group_state))
+        self._nowhere = aligned_buffer(kernel.outputs, 8 * kernel.inputs.width)
+        self._call("shared_begin", row_address(self._group_inputs), row_address(self.group_state))
         for v in range(vectors):
             places = (self._inputs, self.state, self._prologue)
-            self._call("lane_begin", *(address(place, v) for place in places))
+            self._call("lane_begin", *(row_address(place, v) for place in places))
 
     def _call(self, name: str, *arguments: int) -> None:
         number = list(ARGUMENTS).index(name)
@@ -109,11 +109,11 @@ class LaneGroup:
 
     def share(self, first: int, until: int, after: int | None = None) -> None:
         """Make the rows of these ticks. after: address to copy the group's state to then."""
-        state = address(self.group_state)
+        state = row_address(self.group_state)
         self._call(
             "shared_run",
-            *(address(self._group_inputs), state, address(self.lanes.tables)),
-            *(*self._entering(first, 0), address(self._rows, first - self._row_tick)),
+            *(row_address(self._group_inputs), state, row_address(self.lanes.tables)),
+            *(*self._entering(first, 0), row_address(self._rows, first - self._row_tick)),
             *(first, until - first),
         )
         if after is not None and self.group_state.size:
@@ -123,15 +123,19 @@ class LaneGroup:
         """Run vector `v` through these ticks, whose rows must have been made."""
         lane, out = v * self.kernel.inputs.width, self.lanes.out
         if out is None:
-            leaving = address(self._nowhere), 0, self._nowhere.strides[0]
+            leaving = row_address(self._nowhere), 0, self._nowhere.strides[0]
         else:
-            to = address(out, first - self.lanes.first) + lane * out.itemsize
+            to = row_address(out, first - self.lanes.first) + lane * out.itemsize
             leaving = to, *out.strides[:2]
         self._call(
             "lane_run",
-            *(address(self._inputs, v), address(self._prologue, v), address(self.state, v)),
-            *(address(self.lanes.tables), *self._entering(first, lane)),
-            *(address(self._rows, first - self._row_tick), *leaving, until - first),
+            *(
+                row_address(self._inputs, v),
+                row_address(self._prologue, v),
+                row_address(self.state, v),
+            ),
+            *(row_address(self.lanes.tables), *self._entering(first, lane)),
+            *(row_address(self._rows, first - self._row_tick), *leaving, until - first),
         )
 
     def _entering(self, tick: int, lane: int) -> tuple[int, int, int]:
@@ -145,16 +149,16 @@ class LaneGroup:
 
     def finish(self, v: int, row: int, group_state: int | None = None) -> None:
         """Write the results of vector `v` to a row. group_state: address; None: the present one."""
-        shared = address(self.group_state) if group_state is None else group_state
-        own = address(self._inputs, v), address(self.state, v)
-        self._call("lane_finish", *own, shared, address(self.results, row))
+        shared = row_address(self.group_state) if group_state is None else group_state
+        own = row_address(self._inputs, v), row_address(self.state, v)
+        self._call("lane_finish", *own, shared, row_address(self.results, row))
 
     def columns(self) -> list[np.ndarray]:
         """Return the results, each [rows * width]."""
         return self.kernel.results.unpack(self.results)
 
 
-def address(rows: np.ndarray, row: int = 0) -> int:
+def row_address(rows: np.ndarray, row: int = 0) -> int:
     """Return the memory address of a row."""
     return rows.ctypes.data + row * rows.strides[0]
 
@@ -181,10 +185,10 @@ class VectorCode:
 
         def make() -> VectorKernel:
             parts = split_lanes(loop, shared, grouped)
-            return print_kernel(parts, width, (host or jit.host()).features)
+            return print_kernel(parts, width, (host or jit.host_target()).features)
 
         self.kernel = printed(make)
-        self._module = jit.compile(self.kernel.text, FUNCTIONS, objects)
+        self._module = jit.compile_functions(self.kernel.text, FUNCTIONS, objects)
         self._make_calls = self._module.function("make_calls", [ctypes.c_void_p, ctypes.c_int64])
 
     @property
@@ -217,8 +221,8 @@ class VectorCode:
             stops[v].append((end, row))
         ends, begins, done = np.unique(course.ends).tolist(), course.begins.tolist(), 0
         group = self.group(lanes, vectors, CHUNK, len(pairs))
-        kept = buffer(len(ends), self.kernel.group_state.bytes)
-        kept_at = {end: address(kept, row) for row, end in enumerate(ends)}
+        kept = aligned_buffer(len(ends), self.kernel.group_state.bytes)
+        kept_at = {end: row_address(kept, row) for row, end in enumerate(ends)}
         if course.trunk is not None:
             group.go()
             self._go_on(group, course, course.trunk)
@@ -257,7 +261,7 @@ class VectorCode:
         [ends].
         """
         words, shared_words = self._state_words[0], self.kernel.group_state.bytes // 4
-        every = spacing(last, len(words) + shared_words)
+        every = snapshot_spacing(last, len(words) + shared_words)
         group = self.group(lanes, 1, every, max(1, len(ends)))
         state, shared = (rows.view(np.uint32)[0] for rows in (group.state, group.group_state))
         snapshots = Trunk.room(every, max(1, -(-last // every)), shared_words, len(words))

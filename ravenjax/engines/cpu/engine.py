@@ -50,7 +50,7 @@ class SimdKernel(traced.PrintedKernel):
         width and features the text uses, which must run on this machine; None: this machine's.
         """
         super().__init__(program, lanes, objects)
-        self.signals, self._host = signals, host or jit.host()
+        self.signals, self._host = signals, host or jit.host_target()
         self.width = 1 if signals else self._host.width
         self._dtype = np.dtype(program.setup.precision.real)
         self.branches = 0 if signals else self.width
@@ -76,10 +76,10 @@ class SimdKernel(traced.PrintedKernel):
         self, block: Block, motion: Motion, last: int, ends: np.ndarray
     ) -> tuple[Trunk, dict[str, np.ndarray]]:
         """See `interface.Kernel`."""
-        code, inputs = self._code(block, motion, True), traced.inputs(self.program, block)
+        code, inputs = self._code(block, motion, True), traced.lane_inputs(self.program, block)
         until = max([last, *ends.tolist()])
         entering = self._given(block, np.arange(self.width), True, 0, until)
-        lanes = Lanes(inputs, entering, traced.tables(motion), None)
+        lanes = Lanes(inputs, entering, traced.motion_tables(motion), None)
         trunk, columns = code.trunk(lanes, last, ends)
         names = self.forms(block, motion).traced.outcomes
         return trunk, dict(zip(names, columns, strict=True))
@@ -90,7 +90,7 @@ class SimdKernel(traced.PrintedKernel):
         """Return also the outputs of each tick, [ticks, numbers, lanes]."""
         tick, ticks = self.forms(block, motion).traced, self.program.ticks
         inputs, group, grouped = self._groups(block)
-        code, tables = self._code(block, motion, grouped), traced.tables(motion)
+        code, tables = self._code(block, motion, grouped), traced.motion_tables(motion)
         lanes, keep = len(group), self.signals or block.reference is None
         dtype = np.dtype(np.uint64) if self.signals else self._dtype
         out = np.zeros((ticks if keep else 0, code.outputs, lanes), dtype)
@@ -188,7 +188,7 @@ class SimdEngine:
     @property
     def device(self) -> str:
         """The CPU in words."""
-        return f"{jit.host().cpu}, {jit.host().vectors}"
+        return f"{jit.host_target().cpu}, {jit.host_target().vectors}"
 
     @property
     def threads(self) -> int:
@@ -197,7 +197,7 @@ class SimdEngine:
 
     def compile(self, program: TickProgram, runs: int) -> SimdKernel:
         """See `interface.Engine`. Blocks do not depend on the chunk size of the results."""
-        lanes = lanes_of_block(runs, self.threads, jit.host().width)
+        lanes = lanes_of_block(runs, self.threads, jit.host_target().width)
         return SimdKernel(program, lanes, self.objects)
 
     def tracer(self, program: TickProgram, lanes: int) -> Tracer:

@@ -48,7 +48,7 @@ class Host:
 
 
 @cache
-def host() -> Host:
+def host_target() -> Host:
     """Return this machine's CPU. Raises UserError if it has no fused multiply-add."""
     for option in _OPTIONS:
         llvm.set_option("ravenjax", option)
@@ -65,7 +65,7 @@ def host() -> Host:
     return Host(llvm.get_host_cpu_name(), features)
 
 
-def portable() -> Host:
+def portable_target() -> Host:
     """Return the baseline CPU of this machine's architecture."""
     return Host({"x86_64": "x86-64"}.get(platform.machine(), "generic"), frozenset())
 
@@ -76,7 +76,7 @@ class HostModule:
     def __init__(self, code: bytes, names: Sequence[str]) -> None:
         # JITLink places code and constants side by side. The older loader may not, and then aborts
         # the process.
-        self._jit = llvm.create_lljit_compiler(_machine(host()), use_jit_link=True)
+        self._jit = llvm.create_lljit_compiler(_machine(host_target()), use_jit_link=True)
         builder = llvm.JITLibraryBuilder().add_object_img(code).add_current_process()
         for name in names:
             builder.export_symbol(name)
@@ -92,21 +92,23 @@ class HostModule:
         return kind(None, *arguments)(self._library[name])
 
 
-def compile(text: str, names: Sequence[str], objects: Objects | None = None) -> HostModule:
+def compile_functions(
+    text: str, names: Sequence[str], objects: Objects | None = None
+) -> HostModule:
     """Compile functions `names` of a module's text, or load them from `objects`."""
-    target = host()
+    target = host_target()
     source = (llvmlite.__version__, target.cpu, target.text, *_OPTIONS, str(_OPTIMISATION), text)
-    return HostModule(load_or_compile(objects, source, lambda: emit(text, target)), names)
+    return HostModule(load_or_compile(objects, source, lambda: emit_object(text, target)), names)
 
 
-def emit(text: str, target: Host) -> bytes:
+def emit_object(text: str, target: Host) -> bytes:
     """Compile a module's text to an object file of position-independent code."""
     # This initialises LLVM.
-    host()
-    return emitted(text, _machine(target))
+    host_target()
+    return emit_for_machine(text, _machine(target))
 
 
-def emitted(text: str, machine: Any) -> bytes:
+def emit_for_machine(text: str, machine: Any) -> bytes:
     """Compile a module's text to an object file for one of LLVM's target machines."""
     module = llvm.parse_assembly(text, llvm.create_context())
     module.triple, module.data_layout = machine.triple, str(machine.target_data)

@@ -17,11 +17,11 @@ import bisect
 import dataclasses
 from collections.abc import Iterable, Sequence
 
-from ravenjax.engines.cpu.llvm import BRANCH_WEIGHTS, LlvmPrinter, repeated
+from ravenjax.engines.cpu.llvm import BRANCH_WEIGHTS, LlvmPrinter, repeat_lines
 from ravenjax.engines.cpu.memory import BufferLayout, Place
-from ravenjax.engines.printing import render
+from ravenjax.engines.printing import render_template
 from ravenjax.ir.program import Operation, Program
-from ravenjax.ir.regions import Region, arrange
+from ravenjax.ir.regions import Region, arrange_regions
 from ravenjax.ir.time_loop import Split
 
 WINDOW = 200
@@ -46,12 +46,12 @@ _SLOW = frozenset(
 )
 
 
-def latency(name: str) -> int:
+def operation_latency(name: str) -> int:
     """Return the cycles until the result of an operation is available."""
     return LATENCIES.get(name, 6 if name in _SLOW else 2)
 
 
-def schedule(
+def schedule_operations(
     operations: Sequence[Operation], arranged: Iterable[int | Region], window: int = WINDOW
 ) -> list[int | Region]:
     """Reorder operations between regions and within each, in a valid order; one operation begins
@@ -109,7 +109,7 @@ def _straight(
             k = min(candidates, key=ready.__getitem__)
         candidates.remove(k)
         result.append(order[k])
-        cycles = latency(operations[order[k]].name)
+        cycles = operation_latency(operations[order[k]].name)
         now = max(now, ready[k])
         for reader in readers[k]:
             ready[reader] = max(ready[reader], now + cycles)
@@ -204,7 +204,7 @@ class _LlvmModule:
         text = "\n".join(
             [
                 *self.functions,
-                render("cpu/calls.ll.j2", arguments=ARGUMENTS, call_words=CALL_WORDS),
+                render_template("cpu/calls.ll.j2", arguments=ARGUMENTS, call_words=CALL_WORDS),
                 *sorted(self.declared),
                 attributes,
                 BRANCH_WEIGHTS,
@@ -238,7 +238,7 @@ class _LlvmModule:
 
     def _loop(self, name: str, printer: LlvmPrinter, steps: dict[str, str]) -> None:
         """Write a function that repeats its body; steps: bytes that each pointer advances by."""
-        self.functions.append(repeated(name, _noalias(name), printer, steps, " #0"))
+        self.functions.append(repeat_lines(name, _noalias(name), printer, steps, " #0"))
         self.declared |= printer.declared
 
     def _shared_begin(self) -> None:
@@ -256,7 +256,7 @@ class _LlvmModule:
         tick_values = self._of_this_tick(printer, sources, shared=True)
         results = [(step.outputs[k], place) for k, place in state.items()]
         results += _places(split.row, self.buffers.row, "%row").items()
-        order = arrange(step.operations, split.shared, [i for i, _ in results])
+        order = arrange_regions(step.operations, split.shared, [i for i, _ in results])
         printer.run(step, order, sources, results, "%tables", tick_values)
         steps = {"in": "%in_stride", "row": str(self.buffers.row.bytes)}
         self._loop("shared_run", printer, steps)
@@ -299,8 +299,8 @@ class _LlvmModule:
         for k, i in enumerate(step.outputs[split.loop.states :]):
             offset = printer.op(f"mul i64 %out_step, {k}")
             results.append((i, Place(printer.op(f"getelementptr i8, ptr %out, i64 {offset}"))))
-        order = schedule(
-            step.operations, arrange(step.operations, split.lane, [i for i, _ in results])
+        order = schedule_operations(
+            step.operations, arrange_regions(step.operations, split.lane, [i for i, _ in results])
         )
         printer.run(step, order, sources, results, "%tables")
         steps = {"in": "%in_stride", "row": str(buffers.row.bytes), "out": "%out_stride"}

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.engines.cpu.memory import Place, size
+from ravenjax.engines.cpu.memory import Place, stored_size
 from ravenjax.engines.printing import Printing
 from ravenjax.ir import elementary
-from ravenjax.ir.program import Program, number
+from ravenjax.ir.program import Program, from_bits
 
 _STORED = {
     "float32": "float",
@@ -63,7 +63,9 @@ class LlvmPrinter(Printing[Place]):
             return self.select(dtype, *inputs)
         sources = [program.operations[o] for o in operands]
         # A NaN does not count as a known number: `max` and `min` must pass it on.
-        known = [o.name == "constant" and not np.isnan(number(o.dtype, o.detail)) for o in sources]
+        known = [
+            o.name == "constant" and not np.isnan(from_bits(o.dtype, o.detail)) for o in sources
+        ]
         return self._computed(name, dtype, sources[0].dtype, inputs, known)
 
     def _begin_region(self, condition: str, types: list[str]) -> tuple[str, str, list[str]]:
@@ -150,14 +152,14 @@ class LlvmPrinter(Printing[Place]):
         scalar = _STORED[dtype]
         address = self.address(place)
         if place.splat and self.width > 1:
-            one = self.op(f"load {scalar}, ptr {address}, align {size(dtype)}")
+            one = self.op(f"load {scalar}, ptr {address}, align {stored_size(dtype)}")
             start = self.op(f"insertelement {self._wide(scalar)} poison, {scalar} {one}, i64 0")
             order = f"<{self.width} x i32> zeroinitializer"
             value = self.op(
                 f"shufflevector {self._wide(scalar)} {start}, {self._wide(scalar)} poison, {order}"
             )
         else:
-            value = self.op(f"load {self._wide(scalar)}, ptr {address}, align {size(dtype)}")
+            value = self.op(f"load {self._wide(scalar)}, ptr {address}, align {stored_size(dtype)}")
         if dtype != "bool":
             return value
         return self.op(f"icmp ne {self._wide('i32')} {value}, {self._constant('int32', 0)}")
@@ -166,7 +168,7 @@ class LlvmPrinter(Printing[Place]):
         if dtype == "bool":
             value = self.op(f"sext {self.type('bool')} {value} to {self._wide('i32')}")
         target = f"{self._wide(_STORED[dtype])} {value}, ptr {self.address(place)}"
-        self.lines.append(f"store {target}, align {size(dtype)}")
+        self.lines.append(f"store {target}, align {stored_size(dtype)}")
 
     # --- operations ---
 
@@ -209,7 +211,7 @@ class LlvmPrinter(Printing[Place]):
         match name:
             case "div" if real:
                 return self.op(f"fdiv {wide} {', '.join(x)}")
-            case "div" | "rem" if not real and size(dtype) == 4:
+            case "div" | "rem" if not real and stored_size(dtype) == 4:
                 return self._divided(name, dtype, x)
             case "fma":
                 return self.intrinsic("fma", dtype, *x)
@@ -254,7 +256,7 @@ class LlvmPrinter(Printing[Place]):
         )
 
     def _shifted(self, name: str, dtype: str, x: list[str], constant: bool) -> str:
-        wide, bits = self.type(dtype), size(dtype) * 8
+        wide, bits = self.type(dtype), stored_size(dtype) * 8
         by = x[1]
         if name == "sar":
             by = self.intrinsic("umin", dtype, by, self._constant(dtype, bits - 1))
@@ -307,9 +309,15 @@ class LlvmPrinter(Printing[Place]):
 
     def _resized(self, dtype: str, source: str, x: str) -> str:
         """Return an integer wrapped to another width."""
-        if size(dtype) == size(source):
+        if stored_size(dtype) == stored_size(source):
             return x
-        name = "trunc" if size(dtype) < size(source) else "sext" if _signed(source) else "zext"
+        name = (
+            "trunc"
+            if stored_size(dtype) < stored_size(source)
+            else "sext"
+            if _signed(source)
+            else "zext"
+        )
         return self.op(f"{name} {self.type(source)} {x} to {self.type(dtype)}")
 
     def _library(self, name: str, dtype: str, x: list[str]) -> str:
@@ -339,18 +347,18 @@ class LlvmPrinter(Printing[Place]):
         """Return one number of a table. The tables are consecutive in memory."""
         dtype = program.tables[table][0]
         start = self.address(
-            Place(tables, sum(size(d) * length for d, length in program.tables[:table]))
+            Place(tables, sum(stored_size(d) * length for d, length in program.tables[:table]))
         )
         scalar = _STORED[dtype]
         at = self.op(f"getelementptr {scalar}, ptr {start}, {self.type('int32')} {index}")
         if self.width == 1:
-            return self.op(f"load {scalar}, ptr {at}, align {size(dtype)}")
+            return self.op(f"load {scalar}, ptr {at}, align {stored_size(dtype)}")
         value = self._constant(dtype, 0)
         vector = self._wide(scalar)
         # This is rare, and every CPU supports it.
         for lane in range(self.width):
             one = self.op(f"extractelement <{self.width} x ptr> {at}, i64 {lane}")
-            loaded = self.op(f"load {scalar}, ptr {one}, align {size(dtype)}")
+            loaded = self.op(f"load {scalar}, ptr {one}, align {stored_size(dtype)}")
             value = self.op(f"insertelement {vector} {value}, {scalar} {loaded}, i64 {lane}")
         return value
 
@@ -359,7 +367,7 @@ BRANCH_WEIGHTS = '!0 = !{!"branch_weights", i32 1, i32 2000}'
 """Metadata that marks a region as seldom entered. Every module with a region must contain it."""
 
 
-def repeated(
+def repeat_lines(
     name: str, parameters: str, printer: LlvmPrinter, steps: Mapping[str, str], attributes: str = ""
 ) -> str:
     """Return a function that repeats the lines of a printer (block "again") %count times; %tick

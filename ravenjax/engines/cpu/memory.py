@@ -30,7 +30,7 @@ class BufferLayout:
     def of_lanes(cls, types: Iterable[str], width: int) -> BufferLayout:
         """Make a layout of consecutive numbers without gaps."""
         types = tuple(types)
-        ends = np.cumsum([0, *(size(dtype) * width for dtype in types)]).tolist()
+        ends = np.cumsum([0, *(stored_size(dtype) * width for dtype in types)]).tolist()
         return cls(types, tuple(ends[:-1]), ends[-1], width)
 
     @classmethod
@@ -38,8 +38,8 @@ class BufferLayout:
         """Make a layout for one lane in which each number is aligned to its size."""
         types, offsets, end = tuple(types), [], 0
         for dtype in types:
-            offsets.append(-(-end // size(dtype)) * size(dtype))
-            end = offsets[-1] + size(dtype)
+            offsets.append(-(-end // stored_size(dtype)) * stored_size(dtype))
+            end = offsets[-1] + stored_size(dtype)
         return cls(types, tuple(offsets), -(-end // 8) * 8)
 
     @property
@@ -48,7 +48,7 @@ class BufferLayout:
         return np.dtype(
             {
                 "names": [f"f{k}" for k in range(len(self.types))],
-                "formats": [stored(dtype) for dtype in self.types],
+                "formats": [stored_type(dtype) for dtype in self.types],
                 "offsets": list(self.offsets),
                 "itemsize": self.bytes,
             }
@@ -60,7 +60,7 @@ class BufferLayout:
 
     def views(self, rows: np.ndarray) -> list[np.ndarray]:
         """Return views of the numbers in memory, each [rows, width]; `rows` is [rows, bytes]."""
-        types = [stored(dtype) for dtype in self.types]
+        types = [stored_type(dtype) for dtype in self.types]
         return [
             rows[:, offset : offset + self.width * dtype.itemsize].view(dtype)
             for offset, dtype in zip(self.offsets, types, strict=True)
@@ -68,7 +68,7 @@ class BufferLayout:
 
     def pack(self, columns: Iterable[np.ndarray], rows: int) -> np.ndarray:
         """Pack columns, each [rows * width], into a buffer [rows, bytes]."""
-        data = buffer(rows, self.bytes)
+        data = aligned_buffer(rows, self.bytes)
         for view, column in zip(self.views(data), columns, strict=True):
             view[...] = column.reshape(rows, self.width)
         return data
@@ -80,24 +80,24 @@ class BufferLayout:
 
     def words(self, lane: int) -> np.ndarray:
         """Return the indices of the 32-bit words of one lane's numbers: a buffer of width 1."""
-        sizes = np.array([size(dtype) // 4 for dtype in self.types], np.int64)
+        sizes = np.array([stored_size(dtype) // 4 for dtype in self.types], np.int64)
         first = np.array(self.offsets, np.int64) // 4 + lane * sizes
         within = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
         return np.repeat(first, sizes) + within
 
 
-def buffer(rows: int, size: int) -> np.ndarray:
+def aligned_buffer(rows: int, size: int) -> np.ndarray:
     """Return zeroed bytes [rows, size] that begin on a cache line."""
     raw = np.zeros(rows * size + 64, np.uint8)
     start = -raw.ctypes.data % 64
     return raw[start : start + rows * size].reshape(rows, size)
 
 
-def stored(dtype: str) -> np.dtype:
+def stored_type(dtype: str) -> np.dtype:
     """Return the type of a number in memory."""
     return np.dtype(np.int32 if dtype == "bool" else dtype)
 
 
-def size(dtype: str) -> int:
+def stored_size(dtype: str) -> int:
     """Return the bytes of a number in memory. A truth value is an int32, all bits set or none."""
     return 8 if dtype.endswith("64") else 4

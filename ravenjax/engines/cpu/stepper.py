@@ -16,7 +16,7 @@ import numpy as np
 
 from ravenjax.engines import trace_key, traced
 from ravenjax.engines.cpu import jit
-from ravenjax.engines.cpu.memory import BufferLayout, buffer, size
+from ravenjax.engines.cpu.memory import BufferLayout, aligned_buffer, stored_size
 from ravenjax.engines.cpu.transition import (
     NOTHING,
     Compiled,
@@ -72,7 +72,7 @@ class StepCode:
                 *(self.inputs.shapes(), state, self.entering.shapes(), columns),
             )
             last, outcomes = traced.trace_function(finish, self.inputs.shapes(), state)
-            if any(x.dtype != np.float32 for x in tree.leaves(out)):
+            if any(x.dtype != np.float32 for x in tree.tree_leaves(out)):
                 raise TypeError("what goes out of a tick is float32")
             kind, fixed = RecordKind.of(state), self.inputs.layout
             transitions = {
@@ -81,11 +81,13 @@ class StepCode:
                 "finish": StateTransition(last, fixed, NOTHING, kind.layout),
             }
             named = RecordKind.of(outcomes)
-            return _Form(print_module(transitions), kind, named, len(tree.leaves(out)))
+            return _Form(print_module(transitions), kind, named, len(tree.tree_leaves(out)))
 
         # The generated code depends on the CPU's instructions.
         types = [str(kind.layout) + repr(kind.record) for kind in (self.inputs, self.entering)]
-        key = key and trace_key.persistent_key("step", key, types, self.tables, jit.host().text)
+        key = key and trace_key.persistent_key(
+            "step", key, types, self.tables, jit.host_target().text
+        )
         form = trace_key.load_or_make(objects, key, make)
         self.state, self.outcomes, self.outputs = form.state, form.outcomes, form.outputs
         self.machine = Compiled(form.text, ("begin", "step", "finish"), objects)
@@ -102,22 +104,22 @@ class Stepper:
     def __init__(self, code: StepCode, inputs: Any, tables: np.ndarray | None = None) -> None:
         """inputs: as in `StepCode`. tables: float32, all columns concatenated; zeros if omitted."""
         self.code = code
-        fixed, entering = code.inputs.row(inputs), buffer(1, code.entering.layout.bytes)
-        self.inputs: list[np.ndarray] = tree.leaves(code.inputs.views(fixed))
+        fixed, entering = code.inputs.row(inputs), aligned_buffer(1, code.entering.layout.bytes)
+        self.inputs: list[np.ndarray] = tree.tree_leaves(code.inputs.views(fixed))
         self._tick: np.ndarray
-        self._tick, *self.entering = tree.leaves(code.entering.views(entering[0]))
+        self._tick, *self.entering = tree.tree_leaves(code.entering.views(entering[0]))
         # np.full instead of np.zeros: the memory is then allocated before the first tick.
         self.flat = np.full(sum(code.tables), 0.0, np.float32) if tables is None else tables
         ends = np.cumsum(code.tables)
         self.tables = [
             self.flat[end - length : end] for end, length in zip(ends, code.tables, strict=True)
         ]
-        self._state = buffer(1, code.state.layout.bytes)
-        self._results = buffer(1, code.outcomes.layout.bytes)
-        nothing = buffer(1, 0)
+        self._state = aligned_buffer(1, code.state.layout.bytes)
+        self._results = aligned_buffer(1, code.outcomes.layout.bytes)
+        nothing = aligned_buffer(1, 0)
         bind = code.machine.bind
         self._begin = bind("begin", Memory(fixed, nothing, nothing, self._state))
-        out = buffer(1, BufferLayout.aligned(["float32"] * code.outputs).bytes)
+        out = aligned_buffer(1, BufferLayout.aligned(["float32"] * code.outputs).bytes)
         self._step = bind("step", Memory(fixed, self._state, entering, out, self.flat))
         self._finish = bind("finish", Memory(fixed, nothing, self._state, self._results))
         self.begin()
@@ -155,5 +157,5 @@ class Stepper:
         """Set some numbers of the state from a snapshot, by their indices among its leaves."""
         layout = self.code.state.layout
         for k in leaves:
-            place = slice(layout.offsets[k], layout.offsets[k] + size(layout.types[k]))
+            place = slice(layout.offsets[k], layout.offsets[k] + stored_size(layout.types[k]))
             self._state[0, place] = snapshot[place]

@@ -18,12 +18,12 @@ import numpy as np
 
 from ravenjax.engines import traced
 from ravenjax.engines.cpu import jit
-from ravenjax.engines.cpu.kernel import schedule
-from ravenjax.engines.cpu.llvm import BRANCH_WEIGHTS, LlvmPrinter, repeated
-from ravenjax.engines.cpu.memory import BufferLayout, buffer
+from ravenjax.engines.cpu.kernel import schedule_operations
+from ravenjax.engines.cpu.llvm import BRANCH_WEIGHTS, LlvmPrinter, repeat_lines
+from ravenjax.engines.cpu.memory import BufferLayout, aligned_buffer
 from ravenjax.ir import semantics
 from ravenjax.ir.program import Program
-from ravenjax.ir.regions import arrange
+from ravenjax.ir.regions import arrange_regions
 from ravenjax.numbers import tree
 
 NOTHING = BufferLayout.aligned([])
@@ -49,42 +49,42 @@ class RecordKind:
     @staticmethod
     def of(example: Any) -> RecordKind:
         """Return the kind of a record of NumPy numbers, which are consecutive in memory."""
-        record = tree.mapped(
+        record = tree.map_leaves(
             lambda x: x.dtype if hasattr(x, "dtype") else np.asarray(x).dtype, example
         )
-        return RecordKind(record, BufferLayout.aligned(map(str, tree.leaves(record))))
+        return RecordKind(record, BufferLayout.aligned(map(str, tree.tree_leaves(record))))
 
     def shapes(self) -> Any:
         """Return the record of shapes that tracing takes."""
-        return traced.shapes(self.record)
+        return traced.record_shapes(self.record)
 
     def row(self, value: Any) -> np.ndarray:
         """Return a record's numbers as a row of bytes."""
-        row = buffer(1, self.layout.bytes)[0]
-        write(self.layout, row, tree.leaves(value))
+        row = aligned_buffer(1, self.layout.bytes)[0]
+        write_row(self.layout, row, tree.tree_leaves(value))
         return row
 
     def read(self, row: np.ndarray | bytes) -> Any:
         """Return the record of the numbers in a row."""
-        return self._filler(read(self.layout, row))
+        return self._filler(read_row(self.layout, row))
 
     @functools.cached_property
     def _filler(self) -> Callable[[Sequence[Any]], Any]:
-        return tree.filler(self.record)
+        return tree.tree_filler(self.record)
 
     def views(self, row: np.ndarray) -> Any:
         """Return a record of views of a row, arrays of one number each."""
-        return tree.filled(self.record, [x for (x,) in self.layout.views(row[np.newaxis])])
+        return tree.fill_tree(self.record, [x for (x,) in self.layout.views(row[np.newaxis])])
 
     def columns(self, rows: np.ndarray) -> Any:
         """Return a record of arrays [rows]."""
         pairs = zip(self.layout.views(rows), self.layout.types, strict=True)
-        return tree.filled(
+        return tree.fill_tree(
             self.record, [(x != 0 if kind == "bool" else x)[:, 0] for x, kind in pairs]
         )
 
 
-def read(layout: BufferLayout, row: np.ndarray | bytes) -> list[Any]:
+def read_row(layout: BufferLayout, row: np.ndarray | bytes) -> list[Any]:
     """Return the numbers of a row as Python numbers, except for float32."""
     if not layout.types:
         return []
@@ -96,7 +96,7 @@ def read(layout: BufferLayout, row: np.ndarray | bytes) -> list[Any]:
     ]
 
 
-def write(layout: BufferLayout, row: np.ndarray, numbers: Sequence[Any]) -> None:
+def write_row(layout: BufferLayout, row: np.ndarray, numbers: Sequence[Any]) -> None:
     """Write numbers to a row, if there are any."""
     if numbers:
         row[: layout.bytes].view(layout.dtype)[0] = tuple(numbers)
@@ -142,13 +142,13 @@ class Interpreted:
         transition = self._transitions[name]
 
         def take() -> None:
-            fixed = read(transition.fixed, memory.fixed)
+            fixed = read_row(transition.fixed, memory.fixed)
             for inputs, outputs in zip(memory.entering, memory.leaving, strict=True):
-                state = read(transition.state, memory.state)
-                entering = read(transition.entering, inputs)
-                after = semantics.run(transition.program, [*fixed, *state, *entering])
-                write(transition.state, memory.state, after[: len(state)])
-                write(transition.leaving, outputs, after[len(state) :])
+                state = read_row(transition.state, memory.state)
+                entering = read_row(transition.entering, inputs)
+                after = semantics.run_program(transition.program, [*fixed, *state, *entering])
+                write_row(transition.state, memory.state, after[: len(state)])
+                write_row(transition.leaving, outputs, after[len(state) :])
 
         return take
 
@@ -159,7 +159,7 @@ class Compiled:
     def __init__(self, text: str, names: Iterable[str], objects: jit.Objects | None = None) -> None:
         """text: from `print_module`. objects: cache of compiled code."""
         names = list(names)
-        self._module = jit.compile(text, names, objects)
+        self._module = jit.compile_functions(text, names, objects)
         pointer, size = ctypes.c_void_p, ctypes.c_int64
         types = [*(pointer, pointer), *(pointer, size) * 2, *(pointer, size)]
         self._functions = {
@@ -206,11 +206,11 @@ def print_module(
     transitions: Mapping[str, StateTransition], features: Set[str] | None = None
 ) -> str:
     """Return LLVM IR of each transition; see `STEPS`. features: of the CPU; None: this one's."""
-    features = jit.host().features if features is None else features
+    features = jit.host_target().features if features is None else features
     texts, declared = [], set[str]()
     for name, transition in transitions.items():
         printer = _printed(transition, features)
-        texts.append(repeated(name, STEPS, printer, _MOVES))
+        texts.append(repeat_lines(name, STEPS, printer, _MOVES))
         declared |= printer.declared
     return "\n".join([*texts, *sorted(declared), BRANCH_WEIGHTS])
 
@@ -227,6 +227,8 @@ def _printed(transition: StateTransition, features: Set[str]) -> LlvmPrinter:
     results = list(zip(program.outputs, targets, strict=True))
     order = [i for i in program.needed() if program.operations[i].name not in ("input", "constant")]
     printer = LlvmPrinter(1, frozenset(features), "again")
-    regions = schedule(program.operations, arrange(program.operations, order, program.outputs))
+    regions = schedule_operations(
+        program.operations, arrange_regions(program.operations, order, program.outputs)
+    )
     printer.run(program, regions, sources, results, "%tables")
     return printer

@@ -37,7 +37,7 @@ def form_for(device: Device) -> Form:
     return dataclasses.replace(form, shared_words=min(form.shared_words, words))
 
 
-def words(column: np.ndarray) -> np.ndarray:
+def column_words(column: np.ndarray) -> np.ndarray:
     """Return a column as 32-bit words."""
     return (
         column.astype(np.uint32)
@@ -46,7 +46,7 @@ def words(column: np.ndarray) -> np.ndarray:
     )
 
 
-def typed(column: np.ndarray, dtype: str) -> np.ndarray:
+def typed_column(column: np.ndarray, dtype: str) -> np.ndarray:
     """Return the numbers of a column of words."""
     return column.astype(bool) if dtype == "bool" else column.view(dtype)
 
@@ -75,7 +75,7 @@ class CudaCode:
             return print_loop(split_lanes(loop, shared, grouped), form, grouped)
 
         self.source = printed(make)
-        cubin = cuda_device.compile(self.source.text, device.architecture, OPTIONS, objects)
+        cubin = cuda_device.compile_cubin(self.source.text, device.architecture, OPTIONS, objects)
         module = cuda_device.DeviceModule(device, cubin)
         self.lane_run = module.function("lane_run", self.source.shared_bytes)
         self.functions = {
@@ -127,7 +127,7 @@ class _Run:
         self.groups = len(places.first)
         ticks = course.last - course.first
         self.chunk = min(chunk, ticks, max(16, ROW_WORDS // (self.groups * max(source.row, 1))))
-        columns = [words(column) for column in lanes.inputs]
+        columns = [column_words(column) for column in lanes.inputs]
         packed = np.empty((len(columns), self.total), np.uint32)
         of_groups = np.empty((self.groups, len(columns)), np.uint32)
         for k, column in enumerate(columns):
@@ -135,7 +135,7 @@ class _Run:
             of_groups[:, k] = column[places.first]
         self.inputs, self.group_inputs = session.upload(packed), session.upload(of_groups)
         self.tables, self.group = (
-            session.upload(words(lanes.tables)),
+            session.upload(column_words(lanes.tables)),
             session.upload(places.group.view(np.uint32)),
         )
         self.spans, self.ends = (
@@ -250,7 +250,7 @@ class _Run:
         if source.tick_inputs and len(entering):
             ticks = slice(first, first + count)
             here = entering[:, ticks] if self.code.grouped else entering[ticks]
-            self.session.write(given, words(np.ascontiguousarray(here)), urgent)
+            self.session.write(given, column_words(np.ascontiguousarray(here)), urgent)
         buffers = self.group_inputs, self.group_state, self.tables, given, rows
         self._by_group("shared_run", *buffers, self.groups, first, count)
         return self.session.mark(urgent)
@@ -271,5 +271,6 @@ class _Run:
         block = np.empty((len(types), self.total), np.uint32)
         session.read(block, results, session.main)
         return [
-            typed(row[self.places.thread], dtype) for row, dtype in zip(block, types, strict=True)
+            typed_column(row[self.places.thread], dtype)
+            for row, dtype in zip(block, types, strict=True)
         ]

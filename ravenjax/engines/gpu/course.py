@@ -26,7 +26,7 @@ class Places:
     first: np.ndarray  # [groups]: one lane of each group
 
 
-def place(group: np.ndarray, threads: int) -> Places:
+def place_lanes(group: np.ndarray, threads: int) -> Places:
     """Give whole warps to each group, filled with its last lane, and whole blocks to all."""
     order = np.argsort(group, kind="stable")
     sizes = np.bincount(group)

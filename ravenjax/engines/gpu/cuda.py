@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ravenjax.engines.printing import Printing
-from ravenjax.ir.program import Program, number
+from ravenjax.ir.program import Program, from_bits
 
 OPTIONS = ("--fmad=false", "--ftz=false", "--prec-div=true", "--prec-sqrt=true")
 """Options of the compiler that keep each operation's rounding."""
@@ -123,7 +123,7 @@ class CudaPrinter(Printing[str]):
         return "".join(f"{line}\n" for line in self.lines)
 
     def _constant(self, dtype: str, value: Any) -> str:
-        return constant(dtype, value)
+        return constant_text(dtype, value)
 
     def _load(self, dtype: str, place: str) -> str:
         return self._new(dtype, _READ[dtype].format(place))
@@ -137,9 +137,9 @@ class CudaPrinter(Printing[str]):
         if name == "lookup":
             start = sum(length for _, length in program.tables[:detail])
             return self._new(dtype, _READ[dtype].format(f"__ldg({tables} + {start} + {inputs[0]})"))
-        literal = number(first.dtype, first.detail) if first.name == "constant" else None
+        literal = from_bits(first.dtype, first.detail) if first.name == "constant" else None
         types = [program.operations[o].dtype for o in operands]
-        return self._new(dtype, expression(name, dtype, types, inputs, literal))
+        return self._new(dtype, operation_text(name, dtype, types, inputs, literal))
 
     def _begin_region(self, condition: str, types: list[str]) -> list[str]:
         names = [self._name() for _ in types]
@@ -164,7 +164,7 @@ class CudaPrinter(Printing[str]):
         return name
 
 
-def constant(dtype: str, value: Any) -> str:
+def constant_text(dtype: str, value: Any) -> str:
     """Return the text of a constant."""
     if dtype == "bool":
         return "true" if value else "false"
@@ -179,7 +179,7 @@ def constant(dtype: str, value: Any) -> str:
     return f"__uint_as_float(0x{int(np.asarray(value).view(np.uint32)):x}u)"
 
 
-def expression(
+def operation_text(
     name: str, dtype: str, sources: Sequence[str], x: Sequence[str], known: Any = None
 ) -> str:
     """Return the text of one operation on operands `x` of types `sources`.

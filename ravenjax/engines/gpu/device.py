@@ -42,7 +42,7 @@ def _call(name: str, *arguments: Any) -> Any:
 
 
 @cache
-def devices() -> tuple[Device, ...]:
+def visible_gpus() -> tuple[Device, ...]:
     """Return every GPU that this process may use. Raises UserError if none can be used."""
     _bindings()
     try:
@@ -100,13 +100,13 @@ class Device:
         return self._attribute("MAX_SHARED_MEMORY_PER_BLOCK_OPTIN")
 
 
-def require() -> None:
+def require_gpu() -> None:
     """Raise UserError unless there is a GPU and code can be compiled for all GPUs."""
-    for device in devices():
+    for device in visible_gpus():
         _compiler_for(device.architecture)
 
 
-def compile(
+def compile_cubin(
     text: str, architecture: str, options: Sequence[str], objects: Objects | None = None
 ) -> bytes:
     """Compile a module's text, or load it from `objects`. Raises UserError and RuntimeError."""

@@ -22,8 +22,8 @@ import numpy as np
 from ravenjax.engines import traced
 from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.engines.gpu import device as cuda_device
-from ravenjax.engines.gpu.code import CudaCode, form_for, typed
-from ravenjax.engines.gpu.course import BlockCourse, Places, place, plan_course
+from ravenjax.engines.gpu.code import CudaCode, form_for, typed_column
+from ravenjax.engines.gpu.course import BlockCourse, Places, place_lanes, plan_course
 from ravenjax.engines.gpu.device import Device
 from ravenjax.engines.gpu.kernel import WARP
 from ravenjax.engines.interface import Block, BlockResult, Motion, Progress, TickProgram, Tracer
@@ -56,7 +56,7 @@ class CudaKernel(traced.PrintedKernel):
         first = next(_KERNELS) % len(devices)
         for device in (devices[first:] + devices[:first]) * SEATS:
             self._seats.put(device)
-        self.branches = wave(devices)
+        self.branches = lanes_per_wave(devices)
 
     def size(self, rows: int) -> int:
         """Return the lanes of whole warps, at most those of a block; see `interface.Kernel`."""
@@ -76,10 +76,12 @@ class CudaKernel(traced.PrintedKernel):
             inputs, places, _ = self._placed(golden_run, device)
             code = self._code(golden_run, motion, True, device)
             given = _given(golden_run, places, True)
-            trunk = code.trunk(Lanes(inputs, given, traced.tables(motion), None), places, last)
+            trunk = code.trunk(
+                Lanes(inputs, given, traced.motion_tables(motion), None), places, last
+            )
         if len(ends):
             return trunk, self.run(_repeated(block, ends), motion).outcomes
-        none = [typed(np.zeros(0, np.uint32), dtype) for dtype in code.source.results]
+        none = [typed_column(np.zeros(0, np.uint32), dtype) for dtype in code.source.results]
         return trunk, dict(zip(self.forms(block, motion).traced.outcomes, none, strict=True))
 
     @contextlib.contextmanager
@@ -102,7 +104,7 @@ class CudaKernel(traced.PrintedKernel):
             lanes = Lanes(
                 inputs,
                 _given(block, places, grouped),
-                *(traced.tables(motion), out if ticks else None),
+                *(traced.motion_tables(motion), out if ticks else None),
             )
             course = self._course(block, places, grouped, code)
             outcomes = code.follow(lanes, places, course, progress)
@@ -120,7 +122,11 @@ class CudaKernel(traced.PrintedKernel):
         warps = int((-(-np.bincount(group) // WARP)).sum())
         at_once = device.multiprocessors * form.threads // WARP
         grouped = warps <= max(at_once, 2 * -(-len(group) // WARP))
-        return inputs, place(group if grouped else np.zeros_like(group), form.threads), grouped
+        return (
+            inputs,
+            place_lanes(group if grouped else np.zeros_like(group), form.threads),
+            grouped,
+        )
 
     def _course(self, block: Block, places: Places, grouped: bool, code: CudaCode) -> BlockCourse:
         ends = np.full(len(places.thread), self.program.ticks) if block.ends is None else block.ends
@@ -141,7 +147,7 @@ class CudaKernel(traced.PrintedKernel):
         return forms.code(("cuda", grouped, device), make)
 
 
-def wave(devices: tuple[Device, ...]) -> int:
+def lanes_per_wave(devices: tuple[Device, ...]) -> int:
     """Return the number of lanes that run at once on all devices."""
     return sum(device.multiprocessors * form_for(device).threads for device in devices)
 
@@ -185,7 +191,7 @@ class CudaEngine:
     @property
     def device(self) -> str:
         """The GPUs in words."""
-        counts = collections.Counter(device.name for device in cuda_device.devices())
+        counts = collections.Counter(device.name for device in cuda_device.visible_gpus())
         return ", ".join(
             f"{count} x {name}" if count > 1 else name for name, count in counts.items()
         )
@@ -193,12 +199,12 @@ class CudaEngine:
     @property
     def threads(self) -> int:
         """Parallel blocks: `SEATS` per GPU."""
-        return len(cuda_device.devices()) * SEATS
+        return len(cuda_device.visible_gpus()) * SEATS
 
     def compile(self, program: TickProgram, runs: int) -> CudaKernel:
         """See `interface.Engine`. Raises UserError if no GPU can run the program."""
         require_float32(program.setup.precision)
-        devices = cuda_device.devices()
+        devices = cuda_device.visible_gpus()
         return CudaKernel(program, block_lanes(runs, devices), devices, self.objects)
 
     def tracer(self, program: TickProgram, lanes: int) -> Tracer:

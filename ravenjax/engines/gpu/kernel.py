@@ -28,9 +28,9 @@ import dataclasses
 from typing import Any
 
 from ravenjax.engines.gpu.cuda import PRELUDE, CudaPrinter
-from ravenjax.engines.printing import render
+from ravenjax.engines.printing import render_template
 from ravenjax.ir.program import Program
-from ravenjax.ir.regions import arrange
+from ravenjax.ir.regions import arrange_regions
 from ravenjax.ir.time_loop import Split
 
 WARP = 32
@@ -110,7 +110,7 @@ class _CudaModule:
         def types(program: Program, numbers: tuple[int, ...]) -> tuple[str, ...]:
             return tuple(program.operations[i].dtype for i in numbers)
 
-        text = render(
+        text = render_template(
             "gpu/kernel.cu.j2",
             prelude=PRELUDE,
             bounds=self.form.bounds,
@@ -240,7 +240,7 @@ class _CudaModule:
         sources = self._words(step, "inputs[{}]", state) | words
         results = [(step.outputs[k], word) for k, word in state.items()]
         results += [(i, f"row[{position}]") for position, i in enumerate(self.in_row)]
-        order = arrange(step.operations, split.shared, [i for i, _ in results])
+        order = arrange_regions(step.operations, split.shared, [i for i, _ in results])
         printer.run(step, order, sources, results, "tables", tick_values)
         return printer.text()
 
@@ -267,7 +267,7 @@ class _CudaModule:
         sources = inputs | ({} if self.given_by_group else words) | rows | prologue_words
         results = [(step.outputs[k], state[k]) for k in split.lane_state]
         results += [(i, f"o{position}") for position, i in enumerate(self.outputs)]
-        order = arrange(step.operations, split.lane, [i for i, _ in results])
+        order = arrange_regions(step.operations, split.lane, [i for i, _ in results])
         printer.run(step, order, sources, results, "tables", tick_values)
         for at in range(len(printer.lines) // form.region * form.region, 0, -form.region):
             printer.lines.insert(at, '    asm volatile("" ::: "memory");')

@@ -1,7 +1,7 @@
 """Compiles LLVM IR to a WebAssembly module with 128-bit vectors, no fused multiply-add, and no
 import but its memory.
 
-LLVM writes an object file. `link` makes it a module that runtimes load, as a linker would.
+LLVM writes an object file. `link_module` makes it a module that runtimes load, as a linker would.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class _Reader(io.BytesIO):
         return self.read(self.number())
 
 
-def number(value: int) -> bytes:
+def encode_leb128(value: int) -> bytes:
     """Encode a number as unsigned LEB128."""
     out = bytearray()
     while value > 127:
@@ -50,7 +50,7 @@ def number(value: int) -> bytes:
     return bytes([*out, value])
 
 
-def link(code: bytes, names: Sequence[str]) -> bytes:
+def link_module(code: bytes, names: Sequence[str]) -> bytes:
     """Return the module of an object file, with its functions `names` exported. Raises Unlinkable.
 
     The code calls no outside function, holds no data and needs no stack: it imports only its
@@ -84,10 +84,14 @@ def link(code: bytes, names: Sequence[str]) -> bytes:
         )
     if absent := [name for name in names if name not in numbers]:
         raise Unlinkable(f"the object defines no {', '.join(absent)}; it has {', '.join(numbers)}")
-    exports = [number(len(name)) + name.encode() + b"\0" + number(numbers[name]) for name in names]
-    sections[_EXPORT] = number(len(names)) + b"".join(exports)
+    exports = [
+        encode_leb128(len(name)) + name.encode() + b"\0" + encode_leb128(numbers[name])
+        for name in names
+    ]
+    sections[_EXPORT] = encode_leb128(len(names)) + b"".join(exports)
     return MAGIC + b"".join(
-        bytes([kind]) + number(len(sections[kind])) + sections[kind] for kind in sorted(sections)
+        bytes([kind]) + encode_leb128(len(sections[kind])) + sections[kind]
+        for kind in sorted(sections)
     )
 
 
@@ -123,17 +127,17 @@ WIDTH = 4
 _OPTIMISATION = 2
 
 
-def emit(text: str, names: Sequence[str]) -> bytes:
+def emit_module(text: str, names: Sequence[str]) -> bytes:
     """Return the module of a text's functions `names`."""
-    return link(compile(text), names)
+    return link_module(compile_module(text), names)
 
 
-def compile(text: str) -> bytes:
+def compile_module(text: str) -> bytes:
     """Compile a text of LLVM IR to a WebAssembly object file."""
     # LLVM's options hold for the whole process and must be set first.
-    jit.host()
+    jit.host_target()
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
     host, target = jit.Host("generic", FEATURES), llvm.Target.from_triple(TRIPLE)
     machine = target.create_target_machine(host.cpu, host.text, _OPTIMISATION)
-    return jit.emitted(text, machine)
+    return jit.emit_for_machine(text, machine)

@@ -164,7 +164,7 @@ class ScanKernel:
         """Compile for blocks and motions of these types, for both sizes in parallel."""
 
         def compile_for(block: Block) -> None:
-            with traced.x64(self.program.setup):
+            with traced.x64_context(self.program.setup):
                 self._compile(*self._arguments(block, motion))
 
         small = block.picked(np.arange(block.lanes)[: self.size(1)])
@@ -216,7 +216,7 @@ class ScanKernel:
         self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None, keep: bool
     ) -> tuple[dict[str, np.ndarray], np.ndarray, Any]:
         ticks = self.program.ticks
-        with traced.x64(self.program.setup):
+        with traced.x64_context(self.program.setup):
             lanes, arguments = self._arguments(block, motion)
             compiled = self._compile(lanes, arguments)
             varied, faults, ends, state, _, reference, columns = arguments

@@ -17,7 +17,7 @@ _EVERY = "all"
 """Name of a channel that means the list of all channels."""
 
 
-def groups(config: Mapping[str, Any]) -> frozenset[str] | None:
+def drawn_groups(config: Mapping[str, Any]) -> frozenset[str] | None:
     """Return the names of groups in which every fault has at least one drawn value, even if only
     its onset is drawn.
 

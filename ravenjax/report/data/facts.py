@@ -1,7 +1,7 @@
 """Derives from the result table, in SQL, the facts about each run that the report counts.
 
-SQL allows a table that does not fit into memory. `define` creates the table `facts` for a database
-connection that holds results. `derive` returns the same facts for a DataFrame.
+SQL allows a table that does not fit into memory. `define_facts` creates the table `facts` for a
+database connection that holds results. `derive_facts` returns the same facts for a DataFrame.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ravenjax import robots
 from ravenjax.outcomes import events, verdict
 from ravenjax.outcomes.events import Rules
 from ravenjax.store.access import query
-from ravenjax.store.access.query import RESULTS, ResultTable, quoted, text
+from ravenjax.store.access.query import RESULTS, ResultTable, quote_name, quote_text
 from ravenjax.store.manifest import Manifest
 from ravenjax.vocabulary.reactions import ACTIONS
 from ravenjax.vocabulary.robot import OTHER_LAYER, Robot
@@ -54,7 +54,7 @@ class Choices(NamedTuple):
     end_ms: int = 3_600_000  # length of each run
 
 
-def choices(manifest: Manifest) -> Choices:
+def recorded_choices(manifest: Manifest) -> Choices:
     """Return the choices recorded in a manifest."""
     reaction = manifest.config.get("reaction") or {}
     return Choices(
@@ -65,23 +65,23 @@ def choices(manifest: Manifest) -> Choices:
     )
 
 
-def of(frame: pd.DataFrame, manifest: Manifest) -> pd.DataFrame:
-    """Call `derive` with the choices of the campaign that a manifest describes."""
-    return derive(frame, choices(manifest))
+def derive_from_manifest(frame: pd.DataFrame, manifest: Manifest) -> pd.DataFrame:
+    """Call `derive_facts` with the choices of the campaign that a manifest describes."""
+    return derive_facts(frame, recorded_choices(manifest))
 
 
 USUAL = Choices()
 """Choices of a campaign that leaves all defaults unchanged."""
 
 
-def derive(frame: pd.DataFrame, chosen: Choices = USUAL) -> pd.DataFrame:
+def derive_facts(frame: pd.DataFrame, chosen: Choices = USUAL) -> pd.DataFrame:
     """Return the facts of a result table in memory, one row per run, with the index of `frame`.
 
-    Columns are those of `define`, and run_id.
+    Columns are those of `define_facts`, and run_id.
     """
-    with query.empty() as table:
-        take(table, frame.loc[:, needed(list(frame), chosen)])
-        define(table, chosen)
+    with query.open_empty() as table:
+        register_table(table, frame.loc[:, needed_columns(list(frame), chosen)])
+        define_facts(table, chosen)
         facts = table.frame(f"SELECT * EXCLUDE row FROM {FACTS} ORDER BY row")
     words = ("response", "hazard", "outcome", "site", "layer", "block")
     facts = facts.astype({name: "str" for name in words if name in facts})
@@ -91,7 +91,7 @@ def derive(frame: pd.DataFrame, chosen: Choices = USUAL) -> pd.DataFrame:
     return facts
 
 
-def take(table: ResultTable, frame: pd.DataFrame) -> None:
+def register_table(table: ResultTable, frame: pd.DataFrame) -> None:
     """Register a DataFrame as the result table of a connection."""
     # Keep NaN as NaN, as stored parts do. Arrow would convert it to a missing value.
     plain = {
@@ -106,9 +106,9 @@ def take(table: ResultTable, frame: pd.DataFrame) -> None:
     table.run(f"CREATE VIEW {RESULTS} AS SELECT * FROM given")
 
 
-def needed(names: Sequence[str], chosen: Choices) -> list[str]:
-    """Return those columns of a result table that `define` reads. `names`: the columns that the
-    table has.
+def needed_columns(names: Sequence[str], chosen: Choices) -> list[str]:
+    """Return those columns of a result table that `define_facts` reads. `names`: the columns that
+    the table has.
     """
     cue, jump = f"cue{chosen.rules.cue}_first_ms", chosen.rules.jump
     plain = {
@@ -133,7 +133,9 @@ def needed(names: Sequence[str], chosen: Choices) -> list[str]:
     return [name for name in names if name in plain or name.startswith(("fault", "param:"))]
 
 
-def define(table: ResultTable, chosen: Choices, more: Mapping[str, str] | None = None) -> bool:
+def define_facts(
+    table: ResultTable, chosen: Choices, more: Mapping[str, str] | None = None
+) -> bool:
     """Create the table `facts` on a connection whose table `results` has a unique column `row`.
 
     Columns that identify and classify a run:
@@ -180,7 +182,9 @@ def define(table: ResultTable, chosen: Choices, more: Mapping[str, str] | None =
         "failed": f"NOT ({valid})",
         "response": f"CASE WHEN {valid} THEN response::VARCHAR ELSE '' END",
         "hazard": f"CASE WHEN {valid} THEN hazard::VARCHAR ELSE '' END",
-        **{name: f"{valid} AND {events.sql(event, rules)}" for name, event in _EVENTS.items()},
+        **{
+            name: f"{valid} AND {events.event_sql(event, rules)}" for name, event in _EVENTS.items()
+        },
         "active_ms": "first_active_ms",
         "response_ms": "response_ms",
         "told_ms": "told_ms",
@@ -204,10 +208,10 @@ def define(table: ResultTable, chosen: Choices, more: Mapping[str, str] | None =
         ),
     }
     for name, words in _words(table, names, chosen.robot).items():
-        base[name] = f"({base[name]})::{query.enum(words)}"
-    base["response"] = f"({base['response']})::{query.enum(['', *verdict.RESPONSES])}"
-    base["hazard"] = f"({base['hazard']})::{query.enum(['', *verdict.HAZARDS])}"
-    derived["outcome"] = f"({derived['outcome']})::{query.enum(list(OUTCOMES))}"
+        base[name] = f"({base[name]})::{query.enum_type(words)}"
+    base["response"] = f"({base['response']})::{query.enum_type(['', *verdict.RESPONSES])}"
+    base["hazard"] = f"({base['hazard']})::{query.enum_type(['', *verdict.HAZARDS])}"
+    derived["outcome"] = f"({derived['outcome']})::{query.enum_type(list(OUTCOMES))}"
     numbered, own = (
         (f"{RESULTS}", "row") if unique else (f"{RESULTS} JOIN numbers USING (row)", '"distinct"')
     )
@@ -238,13 +242,15 @@ _EVENTS = {
 
 
 def _of_hazard(hazard: str, column: str) -> str:
-    return f"CASE WHEN {events.VALID_SQL} AND hazard = {text(hazard)} THEN {column} ELSE -1 END"
+    return (
+        f"CASE WHEN {events.VALID_SQL} AND hazard = {quote_text(hazard)} THEN {column} ELSE -1 END"
+    )
 
 
 def faulty_sql(names: Sequence[str]) -> str:
     """Return SQL for whether a run has a fault, over columns of `results`."""
     sites = [name for name in names if name.startswith("fault") and name.endswith("_site")]
-    return "(" + (" OR ".join(f"{quoted(name)} <> ''" for name in sites) or "false") + ")"
+    return "(" + (" OR ".join(f"{quote_name(name)} <> ''" for name in sites) or "false") + ")"
 
 
 def action_sql(names: Sequence[str], usual: int) -> str:
@@ -253,7 +259,7 @@ def action_sql(names: Sequence[str], usual: int) -> str:
     """
     if ACTION not in names:
         return str(usual)
-    own = quoted(ACTION)
+    own = quote_name(ACTION)
     return f"CASE WHEN {own} IS NULL OR isnan({own}) THEN {usual} ELSE {own}::INTEGER END"
 
 
@@ -274,7 +280,9 @@ def beyond_sql(name: str, limit: float, types: Mapping[str, str]) -> str:
     """Return SQL for whether a number is above a limit, compared in the precision of the table. The
     number may be NaN.
     """
-    return f"({quoted(name)} > {limit!r}::{types[name]} AND NOT isnan({quoted(name)}::DOUBLE))"
+    return (
+        f"({quote_name(name)} > {limit!r}::{types[name]} AND NOT isnan({quote_name(name)}::DOUBLE))"
+    )
 
 
 def _number(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
@@ -284,7 +292,7 @@ def _number(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
     inputs = [name for name in types if name == "operator" or name.startswith(("param:", "fault"))]
     # Adding 0 turns a negative zero into a positive one.
     terms = [
-        f"0 + {quoted(name)}" if types[name] in ("FLOAT", "DOUBLE") else quoted(name)
+        f"0 + {quote_name(name)}" if types[name] in ("FLOAT", "DOUBLE") else quote_name(name)
         for name in inputs
         if not name.endswith(("_duration_ms", "_every_ms"))
     ]
@@ -325,11 +333,13 @@ def _words(table: ResultTable, names: Sequence[str], robot: Robot) -> dict[str, 
 def _first_fault(names: Sequence[str], robot: Robot) -> dict[str, str]:
     if "fault0_site" not in names:
         # no run of the campaign has a fault
-        return {"site": "''", "layer": text(OTHER_LAYER)}
-    cases = " ".join(f"WHEN {text(site)} THEN {text(robot.layer(site))}" for site in robot.sites)
+        return {"site": "''", "layer": quote_text(OTHER_LAYER)}
+    cases = " ".join(
+        f"WHEN {quote_text(site)} THEN {quote_text(robot.layer(site))}" for site in robot.sites
+    )
     return {
         "site": "fault0_site",
-        "layer": f"CASE fault0_site {cases} ELSE {text(OTHER_LAYER)} END",
+        "layer": f"CASE fault0_site {cases} ELSE {quote_text(OTHER_LAYER)} END",
         "block": "fault0_site || ' · ' || fault0_effect",
         "onset_ms": "fault0_start_ms",
         "length_ms": "fault0_duration_ms",
@@ -338,10 +348,10 @@ def _first_fault(names: Sequence[str], robot: Robot) -> dict[str, str]:
 
 
 def _listed(columns: Mapping[str, str]) -> str:
-    return ", ".join(f"{sql} AS {quoted(name)}" for name, sql in columns.items())
+    return ", ".join(f"{sql} AS {quote_name(name)}" for name, sql in columns.items())
 
 
-def warned(frame: pd.DataFrame, cue: int) -> np.ndarray:
+def warning_times(frame: pd.DataFrame, cue: int) -> np.ndarray:
     """Return the same times as `warned_sql`, for a result table in memory; shape [rows]."""
     return verdict.beyond_golden(frame[f"cue{cue}_first_ms"], frame[f"golden_cue{cue}_first_ms"])
 
@@ -356,7 +366,7 @@ def golden_runs(frame: pd.DataFrame, chosen: np.ndarray) -> pd.DataFrame:
     return frame.loc[chosen, names].drop_duplicates()
 
 
-def hours(free: pd.DataFrame) -> float:
+def fault_free_hours(free: pd.DataFrame) -> float:
     """Return the hours in pedal-down of fault-free motions."""
     return float(free["golden_pedal_down_ms"].to_numpy().sum()) / 3.6e6
 

@@ -19,7 +19,7 @@ from ravenjax.stats.alarms.false_alarms import AlarmRate, alarm_rate
 from ravenjax.store import schema
 from ravenjax.store.access import query
 from ravenjax.store.access.fault_free import UNVARIED, Companions
-from ravenjax.store.access.query import ResultTable, quoted
+from ravenjax.store.access.query import ResultTable, quote_name
 from ravenjax.store.manifest import Manifest
 from ravenjax.vocabulary.checks import OWN
 
@@ -52,7 +52,7 @@ class Motions(NamedTuple):
         """Return the number of motions in which an event came. `column` holds the time at which it
         first came.
         """
-        return self.with_event(f"{quoted(column)} >= 0")
+        return self.with_event(f"{quote_name(column)} >= 0")
 
     def first_rate(self, event: str, first_ms: str) -> AlarmRate | None:
         """Return the rate of first alarms per hour in pedal-down until the alarm; None if there is
@@ -71,11 +71,11 @@ class Motions(NamedTuple):
 
     def cue_rate(self, cue: int) -> AlarmRate | None:
         """Return the rate of false cues per hour for one haptic set."""
-        first_ms = quoted(f"golden_cue{cue}_first_ms")
+        first_ms = quote_name(f"golden_cue{cue}_first_ms")
         return self.first_rate(f"{first_ms} >= 0", first_ms)
 
 
-def command(folder: Path, manifest: Manifest, hours: float) -> str | None:
+def fault_free_command(folder: Path, manifest: Manifest, hours: float) -> str | None:
     """Return the command that computes this many hours of fault-free motion; None if no further
     motion can be generated.
     """
@@ -91,7 +91,7 @@ def rounded_up(hours: float) -> float:
     return round(math.ceil(hours / step * (1 - 1e-9)) * step, 12)
 
 
-def make(
+def make_fault_free_table(
     table: ResultTable, names: Sequence[str], source: str, end: str, beside: Companions
 ) -> Motions:
     """Create TABLE from the golden runs in `source` and from the additional fault-free motion
@@ -105,21 +105,21 @@ def make(
         if name == "operator" or (name.startswith("golden_") and _CHECKS.match(name) is None)
     ]
     alarms = [name for name in names if _ALARM.fullmatch(name)]
-    columns = [*map(quoted, golden), f"{end} AS length_ms"]
-    columns += [f"NULL::INTEGER AS {quoted(name)}" for name in alarms]
+    columns = [*map(quote_name, golden), f"{end} AS length_ms"]
+    columns += [f"NULL::INTEGER AS {quote_name(name)}" for name in alarms]
     # If runs ended a shared golden run early, keep its longest part.
     if end in names:
         own = ", ".join(
-            quoted(name)
+            quote_name(name)
             for name in names
             if name in ("operator", "seed") or name.startswith("param:")
         )
         source = f"(SELECT * FROM {source} QUALIFY {end} = max({end}) OVER (PARTITION BY {own}))"
     table.run(f"CREATE TABLE {TABLE} AS SELECT DISTINCT {', '.join(columns)} FROM {source}")
     for path, manifest in beside.motions:
-        available = {column.name for column in schema.columns(manifest.shape)}
+        available = {column.name for column in schema.table_columns(manifest.shape)}
         columns = [_beside(name, available) for name in golden]
-        columns += [str(manifest.duration_ms), *map(quoted, alarms)]
+        columns += [str(manifest.duration_ms), *map(quote_name, alarms)]
         rows = query.of_files(query.whole_parts(path))
         table.run(
             f"INSERT INTO {TABLE} SELECT DISTINCT {', '.join(columns)} FROM {rows} WHERE failed"
@@ -137,6 +137,6 @@ def _beside(name: str, available: set[str]) -> str:
     """
     own = name.removeprefix("golden_")
     if name not in available and own in available:
-        return quoted(own)
+        return quote_name(own)
     # Nobody reacts in these runs, so only the time of a reaction is unknown.
-    return quoted(name) if name in available else "-1"
+    return quote_name(name) if name in available else "-1"

@@ -12,27 +12,27 @@ import numpy as np
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.bootstrap.units import Units
 from ravenjax.stats.comparison import clustered, paired
-from ravenjax.stats.intervals import Estimate, Rate, share, wilson
+from ravenjax.stats.intervals import Estimate, Rate, share_of_cells, wilson_interval
 
 RESAMPLES = 1000
 DRAWS = 20_000_000
 """Units drawn for one confidence band of a mean, over all resamples."""
 
 
-def faults(distinct: np.ndarray, sampled: bool) -> Units | None:
+def pair_faults(distinct: np.ndarray, sampled: bool) -> Units | None:
     """Return the fault number of each pair; None if faults were enumerated."""
-    return units.units(distinct) if sampled else None
+    return units.group_units(distinct) if sampled else None
 
 
-def rate(hit: np.ndarray, among: Units | None) -> Rate:
+def pair_rate(hit: np.ndarray, among: Units | None) -> Rate:
     """Return a share of pairs: with Wilson's interval if every pair has a different fault, else by
     resampling faults.
     """
     if among is None:
-        return share(int(hit.sum()), len(hit))
+        return share_of_cells(int(hit.sum()), len(hit))
     if among.count == len(hit):
-        return wilson(int(hit.sum()), len(hit))
-    return units.rate(hit, among, resamples=_resamples(among.count))
+        return wilson_interval(int(hit.sum()), len(hit))
+    return units.rate_band(hit, among, resamples=_resamples(among.count))
 
 
 def rate_difference(after: np.ndarray, before: np.ndarray, among: Units | None) -> Estimate:
@@ -66,12 +66,12 @@ def p_value(after: np.ndarray, before: np.ndarray, among: Units | None) -> float
     if among is None:
         return math.nan
     if among.count == len(after):
-        return paired.mcnemar(after, before).p
+        return paired.mcnemar_test(after, before).p
     return clustered.exchange_p(after, before, among.unit)
 
 
 def _resampled(difference: np.ndarray, among: Units) -> Estimate:
-    band = units.ratio(difference, 1.0, among, resamples=_resamples(among.count))
+    band = units.ratio_band(difference, 1.0, among, resamples=_resamples(among.count))
     return Estimate(_mean(difference), float(band.low), float(band.high))
 
 

@@ -23,7 +23,7 @@ from ravenjax.stats.latency import NONE, Delays
 from ravenjax.store import schema
 from ravenjax.store.access import fault_free, query
 from ravenjax.store.access.fault_free import NO_COMPANIONS, Companions
-from ravenjax.store.access.query import RESULTS, ResultTable, quoted
+from ravenjax.store.access.query import RESULTS, ResultTable, quote_name
 from ravenjax.store.manifest import DetectorRecord, Manifest
 
 UNINTENDED = "sample AND faulty AND unintended"
@@ -39,8 +39,8 @@ _Answer = TypeVar("_Answer")
 
 
 class Runs:
-    """The runs of one campaign. The tables `results` (as stored) and `facts` (as in `facts.define`)
-    both have a column `row`.
+    """The runs of one campaign. The tables `results` (as stored) and `facts` (as in
+    `facts.define_facts`) both have a column `row`.
     """
 
     def __init__(
@@ -55,9 +55,9 @@ class Runs:
         # each run.
         self.end = schema.OBSERVED if manifest.shape.observes else str(manifest.duration_ms)
         self._beside = beside
-        self._drawn_groups = draws.groups(manifest.config)
+        self._drawn_groups = draws.drawn_groups(manifest.config)
         self.names = list(self.types)
-        run_facts.define(table, run_facts.choices(manifest), _more(manifest))
+        run_facts.define_facts(table, run_facts.recorded_choices(manifest), _more(manifest))
         self.facts = list(table.types(FACTS))
         self.rows = self.count("true")
         self._motions: Motions | None = None
@@ -69,7 +69,7 @@ class Runs:
         """Open the runs of a result folder. Raises StoreError as `query.open_folder` does."""
         table = query.open_folder(folder)
         try:
-            return Runs(table, manifest, fault_free.find(folder, manifest))
+            return Runs(table, manifest, fault_free.find_fault_free(folder, manifest))
         except BaseException:
             table.close()
             raise
@@ -77,8 +77,8 @@ class Runs:
     @staticmethod
     def of(frame: pd.DataFrame, manifest: Manifest) -> Runs:
         """Return the runs of a result table in memory. A row's number is its position."""
-        table = query.empty()
-        run_facts.take(table, frame)
+        table = query.open_empty()
+        run_facts.register_table(table, frame)
         return Runs(table, manifest)
 
     def close(self) -> None:
@@ -128,7 +128,7 @@ class Runs:
         values are the classes.
         """
         rows = self.table.rows(
-            f'SELECT DISTINCT {quoted(kind)}, "group"::VARCHAR FROM {FACTS} WHERE faulty'
+            f'SELECT DISTINCT {quote_name(kind)}, "group"::VARCHAR FROM {FACTS} WHERE faulty'
         )
         classes: dict[str, set[str]] = {}
         for name, group in rows:
@@ -142,7 +142,7 @@ class Runs:
         if self._cube is None:
             words = ("group", "response", "hazard", "outcome")
             names = ", ".join(
-                map(quoted, (*words, "cued", "faulty", "failed", "evaded", "plain", "sample"))
+                map(quote_name, (*words, "cued", "faulty", "failed", "evaded", "plain", "sample"))
             )
             frame = self.table.frame(f"SELECT {names}, count(*) AS runs FROM {FACTS} GROUP BY ALL")
             self._cube = frame.astype(dict.fromkeys(words, "str"))
@@ -160,7 +160,7 @@ class Runs:
         The arguments are expressions over columns of `facts` in ms; an event is -1 if it never
         came. All runs together are stored under "", or runs are grouped by the values of a column.
         """
-        name = quoted(by) if by else "''"
+        name = quote_name(by) if by else "''"
         frame = self.table.frame(
             f"SELECT {name} AS name, CASE WHEN ({event}) >= 0 THEN ({event}) ELSE {end} END -"
             f" {start} AS time, ({event}) >= 0 AS came, count(*) AS count FROM {FACTS} WHERE"
@@ -182,7 +182,7 @@ class Runs:
         """
         if self._motions is None:
             source = self.those("plain") if self.count("NOT plain") else RESULTS
-            self._motions = fault_free_motions.make(
+            self._motions = fault_free_motions.make_fault_free_table(
                 self.table, self.names, source, self.end, self._beside
             )
         return self._motions
@@ -197,7 +197,7 @@ class Runs:
         own = [name for name in self.facts if name not in self.names]
         raw = self.table.frame(f"SELECT * FROM {RESULTS} WHERE row IN ({listed})").set_index("row")
         facts = self.table.frame(
-            f"SELECT row, {', '.join(map(quoted, own))} FROM {FACTS} WHERE row IN ({listed})"
+            f"SELECT row, {', '.join(map(quote_name, own))} FROM {FACTS} WHERE row IN ({listed})"
         )
         return raw.join(facts.set_index("row")).loc[rows].to_dict("records")  # pyright: ignore[reportReturnType]
 
@@ -212,7 +212,9 @@ class Runs:
         """
         (n,) = self.counts([where])
         some = (
-            "true" if n <= most else f"hash({quoted(by)} + 1) % {2**32} < {int(2**32 * most / n)}"
+            "true"
+            if n <= most
+            else f"hash({quote_name(by)} + 1) % {2**32} < {int(2**32 * most / n)}"
         )
         return self.table.frame(
             f"SELECT {columns} FROM {RESULTS} JOIN ({of or f'SELECT * FROM {FACTS} WHERE {where}'})"

@@ -18,7 +18,7 @@ import pandas as pd
 from ravenjax.outcomes import verdict
 from ravenjax.report import wording
 from ravenjax.vocabulary.robot import Robot
-from ravenjax.vocabulary.seams import Crossing, crossings
+from ravenjax.vocabulary.seams import Crossing, list_crossings
 
 DIFFERS, LEAVES, NEAR, GOLDEN_NEAR, NEAR_MS = (
     "differs:",
@@ -109,13 +109,13 @@ class Chain(NamedTuple):
         return min(visible, key=lambda link: link.leaves_ms, default=None)
 
 
-def signals(ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str]) -> list[SignalTicks]:
+def list_signals(ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str]) -> list[SignalTicks]:
     """Return every signal in the robot's order. `ticks`: columns of explained runs, arrays [runs]
     or numbers.
     """
     runs = np.size(ticks["run_id"])
     named: dict[str, list[Crossing]] = {}
-    for place in crossings(robot.seams, arms):
+    for place in list_crossings(robot.seams, arms):
         named.setdefault(place.signal, []).append(place)
     out = []
     for name, places in named.items():
@@ -127,8 +127,8 @@ def signals(ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str]) -> list
                 name,
                 robot.layers[seam.layer],
                 seam.meaning,
-                earliest(differs),
-                earliest(leaves),
+                earliest_time(differs),
+                earliest_time(leaves),
                 _late(differs).argmin(axis=0),
                 _late(leaves).argmin(axis=0),
                 tuple(place.channel.name for place in places),
@@ -138,7 +138,7 @@ def signals(ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str]) -> list
     return out
 
 
-def chain(
+def trace_chain(
     row: Mapping[str, Any], ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str], cue: int
 ) -> Chain:
     """Return the chain of one run.
@@ -152,7 +152,7 @@ def chain(
         run_id=str(row["run_id"]),
         index=int(row["index"]),
         group=str(row["group"]),
-        fault=wording.fault(dict(row), robot),
+        fault=wording.describe_fault(dict(row), robot),
         verdict=str(row["verdict"] or row["failed"]),
         hazard=hazard,
         fault_ms=int(row["first_active_ms"]),
@@ -160,13 +160,15 @@ def chain(
         told_ms=int(row["told_ms"]),
         harm_ms=harm,
         links=[
-            link for one in signals(ticks, robot, arms) if (link := _link(one, harm)) is not None
+            link
+            for one in list_signals(ticks, robot, arms)
+            if (link := _link(one, harm)) is not None
         ],
         checks=_checks(row, ticks, robot),
     )
 
 
-def table(
+def chain_table(
     results: pd.DataFrame, ticks: pd.DataFrame, robot: Robot, arms: Iterable[str]
 ) -> pd.DataFrame:
     """Return the chains of many runs as a table, with a row for each run and signal that differs.
@@ -184,7 +186,7 @@ def table(
         harm = np.where(results["hazard"].astype(str) == hazard, results[column], harm)
     parts, run = [], np.arange(len(results))
     columns = {str(name): ticks[name].to_numpy() for name in ticks}
-    for place, one in enumerate(signals(columns, robot, arms)):
+    for place, one in enumerate(list_signals(columns, robot, arms)):
         names, differing = np.array([*one.channels, ""], object), one.differs >= 0
         arm, _, seam = one.name.rpartition("/")
         shows = one.leaves >= 0
@@ -250,7 +252,7 @@ def _late(ticks: np.ndarray) -> np.ndarray:
     return np.where(ticks < 0, np.iinfo(np.int32).max, ticks)
 
 
-def earliest(ticks: np.ndarray) -> np.ndarray:
+def earliest_time(ticks: np.ndarray) -> np.ndarray:
     """Return the first of several times, [.., runs] -> [runs]. Each time, and the result, is -1 for
     never.
     """

@@ -37,16 +37,16 @@ LINKS, CHECKS = (
 """Columns of the table of links and of the table of checks."""
 
 
-def title(one: Chain) -> str:
+def chain_title(one: Chain) -> str:
     """Return the title, which names the run."""
     return f"run {one.run_id} · {one.verdict}"
 
 
-def sentences(one: Chain) -> list[str]:
+def chain_sentences(one: Chain) -> list[str]:
     """Return the chain as sentences, one per line. The last says where a check could have detected
     the fault.
     """
-    return wording.sentences("chain.txt.j2", chain=one)
+    return wording.fill_template("chain.txt.j2", chain=one)
 
 
 def link_rows(one: Chain) -> list[tuple[str, ...]]:
@@ -73,11 +73,11 @@ def check_rows(one: Chain) -> list[tuple[str, ...]]:
         (
             check.check,
             (
-                f"{wording.number(check.margin)} {check.unit}".strip()
+                f"{wording.format_number(check.margin)} {check.unit}".strip()
                 if np.isfinite(check.margin)
                 else wording.DASH
             ),
-            wording.number(check.golden),
+            wording.format_number(check.golden),
             _ms(check.ms) if check.ms >= 0 else wording.DASH,
             _ms(check.tripped_ms) if check.tripped_ms >= 0 else "never",
             check.does,
@@ -97,7 +97,7 @@ def as_dict(one: Chain) -> dict[str, Any]:
     }
 
 
-def timeline(one: Chain) -> Chart | None:
+def chain_timeline(one: Chain) -> Chart | None:
     """Return a chart with a row for each signal in the robot's order; None if no signal differs.
 
     Marks show when a signal differs and when it leaves its range. Events of the run are vertical
@@ -126,7 +126,7 @@ def timeline(one: Chain) -> Chart | None:
         for name, text in _TIPS.items()
     }
     return Chart(
-        title(one),
+        chain_title(one),
         ChartAxis("time, ms", low, high, unit="ms"),
         ChartAxis("signals, in the robot's order", 0, len(one.links), names=tuple(_names(one))),
         (
@@ -157,28 +157,28 @@ def timeline(one: Chain) -> Chart | None:
     )
 
 
-def draw(one: Chain, path: Path) -> Path | None:
+def draw_timeline(one: Chain, path: Path) -> Path | None:
     """Write the timeline as a file (.svg, .png or .pdf); return None if no signal differs."""
     with matplotlib.rc_context(STYLE):
-        drawing = figure(one)
+        drawing = timeline_figure(one)
         if drawing is None:
             return None
         save_figure(drawing, path)
     return path
 
 
-def figure(one: Chain) -> Figure | None:
+def timeline_figure(one: Chain) -> Figure | None:
     """Return the timeline as a figure; None if no signal differs."""
-    chart = timeline(one)
+    chart = chain_timeline(one)
     if chart is None:
         return None
     drawing = Figure(figsize=(7.6, 1.6 + 0.17 * len(one.links)), layout="constrained")
     axes = drawing.subplots()
-    charts.draw(chart, axes)
+    charts.draw_chart(chart, axes)
     axes.set_xlabel(chart.x.title)
     axes.tick_params("y", labelsize=7.5)
     drawing.suptitle(chart.title, x=0.01, ha="left", fontsize=10, fontweight="bold")
-    first, *_, last = sentences(one)
+    first, *_, last = chain_sentences(one)
     lines = [textwrap.fill(text, LETTERS) for text in (first, last)]
     axes.set_title("\n".join(lines), loc="left", x=0.0, fontsize=8, color="#3a424c")
     drawing.legend(loc="outside lower left", ncols=3, fontsize=8)
@@ -200,4 +200,4 @@ def _names(one: Chain) -> Iterator[str]:
 
 
 def _ms(value: int) -> str:
-    return f"{wording.count(value)} ms"
+    return f"{wording.format_count(value)} ms"

@@ -45,9 +45,9 @@ def trace_plot(
 ) -> Path:
     """Draw the time series of one run at 1 kHz into `path` (.svg, .png or .pdf) and return it.
 
-    - series: as `store.logs.trace.log.write` takes them. For each arm, the plot shows the distances
-      of `tip` (true) and `position` (reported) from `model_position`, and `haptic_force` and
-      `current_cmd`, where present. It also shows `runlevel`, `pedal` and `fault_active` [T].
+    - series: as `store.logs.trace.log.write_trace` takes them. For each arm, the plot shows the
+      distances of `tip` (true) and `position` (reported) from `model_position`, and `haptic_force`
+      and `current_cmd`, where present. It also shows `runlevel`, `pedal` and `fault_active` [T].
     - threshold_mm: threshold of the cue whose force is drawn.
     - events: {label: time in ms} of vertical markers (cue, response). Negative times are left out.
     """

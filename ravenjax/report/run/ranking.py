@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from ravenjax.errors import UserError, suggestion
+from ravenjax.errors import UserError, suggest_name
 from ravenjax.outcomes import events
 from ravenjax.outcomes.events import Rules
 from ravenjax.report.data.facts import faulty_sql
 from ravenjax.store import manifest
 from ravenjax.store.access import query
-from ravenjax.store.access.query import RESULTS, ResultTable, quoted, text
+from ravenjax.store.access.query import RESULTS, ResultTable, quote_name, quote_text
 
 
 class Ranking(NamedTuple):
@@ -61,7 +61,7 @@ class WorstRun(NamedTuple):
     value: float  # in the ranking's unit
 
 
-def worst(folder: Path, most: int, by: str = "unintended") -> list[WorstRun]:
+def worst_runs(folder: Path, most: int, by: str = "unintended") -> list[WorstRun]:
     """Return the `most` worst valid runs with a fault, worst first; fewer if fewer runs have a
     value.
 
@@ -70,19 +70,19 @@ def worst(folder: Path, most: int, by: str = "unintended") -> list[WorstRun]:
     """
     if by not in RANKINGS:
         raise UserError(
-            f"--by {by}: unknown, expected {', '.join(RANKINGS)}{suggestion(by, RANKINGS)}"
+            f"--by {by}: unknown, expected {', '.join(RANKINGS)}{suggest_name(by, RANKINGS)}"
         )
     if most < 1:
         raise UserError(f"--worst {most}: expected a number of runs, 1 or more")
-    rules: Rules = manifest.read(folder).rules
+    rules: Rules = manifest.read_manifest(folder).rules
     value = f"({RANKINGS[by].sql.format(cue=rules.cue)})::DOUBLE"
     with query.open_folder(folder) as table:
         faulty = faulty_sql(list(table.types()))
         cases = f"{RESULTS} WHERE failed = '' AND {faulty} AND {value} > 0 AND NOT isnan({value})"
-        return ranked(table, cases, value, most)
+        return rank_runs(table, cases, value, most)
 
 
-def ranked(table: ResultTable, cases: str, value: str, most: int) -> list[WorstRun]:
+def rank_runs(table: ResultTable, cases: str, value: str, most: int) -> list[WorstRun]:
     """Return the `most` worst runs, worst first. `cases`: the table or query to select from;
     `value`: an expression over its columns.
     """
@@ -104,7 +104,7 @@ COMPARED = (
 """Columns that show whether a run had the outcome that is stored."""
 
 
-def faulty(folder: Path, group: str | None = None) -> list[int]:
+def faulty_rows(folder: Path, group: str | None = None) -> list[int]:
     """Return the row numbers of valid runs with a fault, of one group or of all; none if no fault
     evades the checks.
 
@@ -119,11 +119,11 @@ def faulty(folder: Path, group: str | None = None) -> list[int]:
         if group is not None and group not in groups:
             raise UserError(
                 f"--group {group!r}: unknown, expected"
-                f" {', '.join(groups)}{suggestion(group, groups)}"
+                f" {', '.join(groups)}{suggest_name(group, groups)}"
             )
-        where = "true" if group is None else f'"group" = {text(group)}'
+        where = "true" if group is None else f'"group" = {quote_text(group)}'
         condition = f"failed = '' AND {faulty_sql(list(table.types()))} AND {where}"
-        evades = events.sql("evades", Rules())
+        evades = events.event_sql("evades", Rules())
         rows = table.rows(f"SELECT row, {evades} FROM {RESULTS} WHERE {condition} ORDER BY row")
     if not rows:
         place = f"{folder}" if group is None else f"group {group!r} of {folder}"
@@ -131,14 +131,14 @@ def faulty(folder: Path, group: str | None = None) -> list[int]:
     return [row for row, _ in rows] if any(evading for _, evading in rows) else []
 
 
-def changed(folder: Path, results: pd.DataFrame) -> int:
+def count_changed(folder: Path, results: pd.DataFrame) -> int:
     """Return how many of these runs are stored with a different outcome. Runs that are not stored
     do not count.
     """
     names = [name for name in COMPARED if name in results]
     listed = ", ".join(map(str, results["index"].tolist()))
     with query.open_folder(folder) as table:
-        columns = ", ".join(["row", *map(quoted, names)])
+        columns = ", ".join(["row", *map(quote_name, names)])
         stored = table.frame(f"SELECT {columns} FROM {RESULTS} WHERE row IN ({listed})").set_index(
             "row"
         )

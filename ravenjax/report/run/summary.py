@@ -31,7 +31,7 @@ class RunSummary(NamedTuple):
     def lines(self) -> list[str]:
         """Return lines for a terminal. Events of level "debug" are left out."""
         visible = [event for event in self.events if event.level != "debug"]
-        course = [f"{wording.count(event.ms):>9} ms  {event.text}" for event in visible]
+        course = [f"{wording.format_count(event.ms):>9} ms  {event.text}" for event in visible]
         return [
             self.title,
             f"  fault    {self.fault}",
@@ -51,19 +51,19 @@ class RunSummary(NamedTuple):
         }
 
 
-def summary(
+def summarize_run(
     row: Mapping[str, Any],
     rules: Rules,
     series: Series | None = None,
     golden: Mapping[str, Any] | None = None,
     robot: Robot = robots.USUAL,
 ) -> RunSummary:
-    """Return one row of the result table in words. For `series` and `golden` see `events`."""
+    """Return one row of the result table in words. For `series` and `golden` see `list_events`."""
     return RunSummary(
         f"run {row['run_id']}, row {int(row['index'])}, group {row['group']}",
-        wording.fault(row, robot),
+        wording.describe_fault(row, robot),
         _verdict(row, rules, robot),
-        events(row, rules, series, golden, robot),
+        list_events(row, rules, series, golden, robot),
         _peaks(row, rules, series, robot),
     )
 
@@ -71,19 +71,21 @@ def summary(
 def _verdict(row: Mapping[str, Any], rules: Rules, robot: Robot) -> str:
     if row["failed"]:
         since = (
-            f" at {wording.count(ms)} ms"
+            f" at {wording.format_count(ms)} ms"
             if (ms := int(row.get("failed_first_ms", -1))) >= 0
             else ""
         )
         return f"none: the run has no valid outcome ({row['failed']}{since})"
     parts = [str(row["verdict"])]
     cause = (
-        f" ({row['response_cause']} at {wording.count(row['response_ms'])} ms)"
+        f" ({row['response_cause']} at {wording.format_count(row['response_ms'])} ms)"
         if row["response_cause"]
         else ""
     )
     responses = {
-        one.word: one.clause() for one in definitions.rows(rules, robot) if one.kind == "response"
+        one.word: one.clause()
+        for one in definitions.definition_rows(rules, robot)
+        if one.kind == "response"
     }
     parts.append(responses[str(row["response"])] + cause)
     if row["hazard"] == "unintended motion" and row["response"] in UNTOLD:
@@ -91,7 +93,8 @@ def _verdict(row: Mapping[str, Any], rules: Rules, robot: Robot) -> str:
     if row["hazard"] == "loss of motion" and int(row["loss_first_ms"]) < 0:
         more = int(row["halted_ms"]) - int(row["golden_halted_ms"])
         parts.append(
-            f"the robot is not live for {wording.count(more)} ms longer than in the golden run"
+            f"the robot is not live for {wording.format_count(more)} ms longer than in the golden"
+            " run"
         )
     return "; ".join(parts)
 
@@ -101,20 +104,21 @@ def _peaks(row: Mapping[str, Any], rules: Rules, series: Series | None, robot: R
         [] if series is None else [line for arm in robot.arms for line in _distances(arm, series)]
     )
     if series is None:
-        far = wording.number(float(row["peak_model_deviation_mm"]))
+        far = wording.format_number(float(row["peak_model_deviation_mm"]))
         peaks.append(f"true tip {far} mm from the nominal model")
     for name, text in _DISTANCES.items():
         if (far := float(row[name])) > rules.limit_mm:
-            peaks.append(text.format(wording.number(far)))
+            peaks.append(text.format(wording.format_number(far)))
     if (depth := float(row["tissue_depth_mm"])) > 0.0:
-        usual = wording.number(float(row["golden_tissue_depth_mm"]))
+        usual = wording.format_number(float(row["golden_tissue_depth_mm"]))
         peaks.append(
-            f"true tip {wording.number(depth)} mm deep in the tissue (golden run {usual} mm)"
+            f"true tip {wording.format_number(depth)} mm deep in the tissue (golden run {usual} mm)"
         )
     force, length = float(row[f"cue{rules.cue}_peak_force"]), int(row[f"cue{rules.cue}_ms"])
     if length > 0:
         peaks.append(
-            f"cue of {wording.number(force)} device units, for {wording.count(length)} ms in total"
+            f"cue of {wording.format_number(force)} device units, for"
+            f" {wording.format_count(length)} ms in total"
         )
     return peaks
 
@@ -142,8 +146,10 @@ def _distances(arm: str, series: Series) -> list[str]:
             )
             if np.isfinite(distance).any():
                 ms = int(np.nanargmax(distance))
-                far = wording.number(float(distance[ms]))
-                lines.append(f"true {arm} tip {far} mm from the {name}, at {wording.count(ms)} ms")
+                far = wording.format_number(float(distance[ms]))
+                lines.append(
+                    f"true {arm} tip {far} mm from the {name}, at {wording.format_count(ms)} ms"
+                )
     return lines
 
 
@@ -176,7 +182,7 @@ class RunEvent(NamedTuple):
         return {"tick": self.ms, "kind": self.kind, "level": self.level, "text": self.text}
 
 
-def events(
+def list_events(
     row: Mapping[str, Any],
     rules: Rules,
     series: Series | None = None,
@@ -215,7 +221,7 @@ def _faults(robot: Robot, row: Mapping[str, Any], series: Series | None) -> Iter
             RunEvent(
                 start,
                 "fault",
-                f"{where}: the fault's window opens, for {wording.count(end - start)} ms",
+                f"{where}: the fault's window opens, for {wording.format_count(end - start)} ms",
             )
             for start, end in windows
         ]
@@ -223,7 +229,7 @@ def _faults(robot: Robot, row: Mapping[str, Any], series: Series | None) -> Iter
         if first >= 0:
             yield RunEvent(first, "fault", f"the fault first changes a value: {words}", "warn")
         if last >= 0:
-            ticks = wording.count(row[f"applied{slot}_ticks"])
+            ticks = wording.format_count(row[f"applied{slot}_ticks"])
             text = f"the fault last changes a value: {where}, {ticks} ms in total"
             yield RunEvent(last, "fault", text)
 
@@ -234,7 +240,7 @@ def _first_few(events: Sequence[RunEvent], most: int, more: str) -> list[RunEven
     """
     if len(events) <= most:
         return list(events)
-    left, last = len(events) - most, wording.count(events[-1].ms)
+    left, last = len(events) - most, wording.format_count(events[-1].ms)
     text = f"{more.format(left)}, the last at {last} ms"
     return [*events[:most], events[most]._replace(text=text)]
 
@@ -242,18 +248,18 @@ def _first_few(events: Sequence[RunEvent], most: int, more: str) -> list[RunEven
 def _checks(
     robot: Robot, row: Mapping[str, Any], golden: Mapping[str, Any] | None
 ) -> Iterator[RunEvent]:
-    for name in checks.names(row):
+    for name in checks.check_names(row):
         first, trips = int(row[f"check_{name}_first_ms"]), int(row[f"check_{name}_count"])
         if first < 0:
             continue
         check = robot.check(name)
         usual = int(golden[f"check_{name}_count"]) if golden is not None else 0
-        length = f"{wording.count(trips)} ms" if trips > 1 else "once"
+        length = f"{wording.format_count(trips)} ms" if trips > 1 else "once"
         text = f"check {name} trips ({check.meaning}), {length}"
         if trips <= usual:
             yield RunEvent(first, "check", f"{text}, as in the golden run", "debug")
             continue
-        beside = f", {wording.count(usual)} of them also in the golden run" if usual else ""
+        beside = f", {wording.format_count(usual)} of them also in the golden run" if usual else ""
         yield RunEvent(first, "check", f"{text}{beside}; it {check.does}", _LEVELS[check.action])
 
 
@@ -271,7 +277,7 @@ def _alarms(
             -1 if golden is None else int(golden.get(f"detector{number}_threshold0_first_ms", -1))
         )
         too = ", as in the golden run" if usual == first else ""
-        often = "" if alarms == 1 else f", for the first of {wording.count(alarms)} times"
+        often = "" if alarms == 1 else f", for the first of {wording.format_count(alarms)} times"
         text = f"detector {name} raises an alarm{often}{too}; it presses the E-stop"
         yield RunEvent(first, "detector", text, "error")
 
@@ -282,7 +288,11 @@ def _cues(row: Mapping[str, Any], rules: Rules, series: Series | None) -> Iterat
         int(row[f"golden_cue{rules.cue}_first_ms"]),
     )
     name = f"{rules.threshold_mm:g} mm cue"
-    too = f"; the golden run had one at {wording.count(golden)} ms" if 0 <= golden <= first else ""
+    too = (
+        f"; the golden run had one at {wording.format_count(golden)} ms"
+        if 0 <= golden <= first
+        else ""
+    )
     level = "debug" if too else "warn"
     forces = {} if series is None else {n: v for n, v in series.items() if n.endswith("/cue_force")}
     if not forces:
@@ -300,10 +310,11 @@ def _cues(row: Mapping[str, Any], rules: Rules, series: Series | None) -> Iterat
         distance = np.asarray((series or {}).get(f"{arm}/tip_error_mm", unknown))
         pulses = []
         for start, end in _spans(force > 0.0):
-            far = wording.number(float(distance[start]))
-            peak = wording.number(float(force[start:end].max()))
+            far = wording.format_number(float(distance[start]))
+            peak = wording.format_number(float(force[start:end].max()))
             text = (
-                f"{name} on for {wording.count(end - start)} ms, at most {peak} device units: the"
+                f"{name} on for {wording.format_count(end - start)} ms, at most {peak} device"
+                " units: the"
                 f" reported {arm} tip is {far} mm from the nominal model{too}"
             )
             pulses.append(RunEvent(start, "cue", text, level))
@@ -328,7 +339,7 @@ def _hazards(row: Mapping[str, Any], rules: Rules) -> Iterator[RunEvent]:
             yield RunEvent(
                 ms,
                 "hazard",
-                f"{text} (up to {wording.number(float(row[f'{name}_mm']))} mm)",
+                f"{text} (up to {wording.format_number(float(row[f'{name}_mm']))} mm)",
                 "error",
             )
 

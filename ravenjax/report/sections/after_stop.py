@@ -32,7 +32,7 @@ class StopRow(NamedTuple):
     no_cue: Rate
 
 
-def rows(runs: Runs) -> list[StopRow]:
+def stop_rows(runs: Runs) -> list[StopRow]:
     """Return a row for all stops, then one for each check that stopped, most frequent first; no
     rows without a stop.
     """
@@ -78,6 +78,6 @@ SECTIONS = (
         "after_stop",
         "After a stop",
         120,
-        lambda runs, _: {"stops": found} if (found := rows(runs)) else None,
+        lambda runs, _: {"stops": found} if (found := stop_rows(runs)) else None,
     ),
 )

@@ -22,7 +22,7 @@ from ravenjax.stats import latency
 from ravenjax.stats.alarms.false_alarms import AlarmRate
 from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.stats.latency import NONE, Incidence, Lead
-from ravenjax.store.access.query import RESULTS, quoted
+from ravenjax.store.access.query import RESULTS, quote_name
 from ravenjax.store.manifest import CueRecord
 
 CLASSES = {"site": "Site", "layer": "Layer", "group": "Group"}
@@ -61,7 +61,7 @@ class FaultCounts(NamedTuple):
     not_live_mm: float
 
 
-def scale(rows: Sequence[ClassRow]) -> float:
+def interval_scale(rows: Sequence[ClassRow]) -> float:
     """Return the share at which the drawn intervals of these rows end: a round number, at
     most 1.
     """
@@ -113,22 +113,22 @@ class Changed(NamedTuple):
     better: Announced | None
 
 
-def knowledge(runs: Runs) -> Knowledge:
+def detection_answers(runs: Runs) -> Knowledge:
     """Return how soon anyone could know of the unintended motions of a campaign."""
-    delay = runs.delays(detectors.known(runs), "active_ms", runs.end, UNINTENDED)[""]
+    delay = runs.delays(detectors.knowledge_sql(runs), "active_ms", runs.end, UNINTENDED)[""]
     lag = runs.delays(detectors.before_motion(runs), "unintended_ms", runs.end, UNINTENDED)[""]
-    delays, lead = latency.incidence(delay), latency.lead(lag)
+    delays, lead = latency.incidence_curve(delay), latency.lead_time(lag)
     never = delays.n - delays.events
     return Knowledge(
         delays,
-        tables.known(runs, delays.quantile_interval(0.5)),
-        lead._replace(before=tables.known(runs, lead.before)),
+        tables.without_interval_unless_sampled(runs, delays.quantile_interval(0.5)),
+        lead._replace(before=tables.without_interval_unless_sampled(runs, lead.before)),
         tables.of_faults(runs, never, delays.n),
         bool(runs.manifest.detectors),
     )
 
 
-def counts(runs: Runs, by: str = "''") -> dict[str, FaultCounts]:
+def counts_by_column(runs: Runs, by: str = "''") -> dict[str, FaultCounts]:
     """Return counts by the values of a column of facts, or of all faults under ""."""
     off = run_facts.beyond_sql("unintended_off_mm", runs.manifest.limit_mm, runs.types)
     rows = runs.table.rows(
@@ -154,25 +154,25 @@ def golden_halts(runs: Runs) -> list[tuple[str, int]]:
     )
 
 
-def classes(runs: Runs) -> dict[str, list[ClassRow]]:
+def class_rows(runs: Runs) -> dict[str, list[ClassRow]]:
     """Return rows by each of CLASSES, most evasive first. A kind of class with one value for all
     faults is left out.
     """
     by_kind = {}
     for kind in CLASSES:
-        present, groups = counts(runs, quoted(kind)), runs.groups_by(kind)
+        present, groups = counts_by_column(runs, quote_name(kind)), runs.groups_by(kind)
         if len(present) > 1 or (kind == "group" and present):
             delay, lags = (
                 runs.delays(event, start, runs.end, UNINTENDED, kind)
                 for event, start in (
-                    (detectors.known(runs), "active_ms"),
+                    (detectors.knowledge_sql(runs), "active_ms"),
                     (detectors.before_motion(runs), "unintended_ms"),
                 )
             )
             rows = []
             for name, one in present.items():
-                soon = latency.incidence(delay.get(name, NONE)).quantile_interval(0.5)
-                before = latency.lead(lags.get(name, NONE)).before
+                soon = latency.incidence_curve(delay.get(name, NONE)).quantile_interval(0.5)
+                before = latency.lead_time(lags.get(name, NONE)).before
                 if not runs.sampled(groups[name]):
                     soon = tables.without_interval(soon)
                     before = tables.without_interval(before)
@@ -184,7 +184,7 @@ def classes(runs: Runs) -> dict[str, list[ClassRow]]:
     return by_kind
 
 
-def changed(runs: Runs) -> Changed:
+def cue_effects(runs: Runs) -> Changed:
     """Return what the cue would change."""
     manifest = runs.manifest
     condition = "sample AND faulty AND evaded"
@@ -200,20 +200,20 @@ def changed(runs: Runs) -> Changed:
     ]
     best = max(quiet, key=lambda one: (one.lead.before.value, one.cue.threshold_mm), default=None)
     surpassed = best and first and (not runs.cue_leads or best.lead.before.k > first.lead.before.k)
-    whole = [row for row in runs.once(reaction.differences) if row.among == "all faults"]
+    whole = [row for row in runs.once(reaction.compare_actions) if row.among == "all faults"]
     return Changed(whole, first, runs.cue_leads, sum(able), best if surpassed else None)
 
 
 def _announced(runs: Runs, k: int, chosen: str) -> Announced:
     free = runs.motions()
-    lead = latency.lead(
+    lead = latency.lead_time(
         runs.delays(after_onset(f"warned{k}_ms"), "unintended_ms", runs.end, chosen)[""]
     )
-    lead = lead._replace(before=tables.known(runs, lead.before))
+    lead = lead._replace(before=tables.without_interval_unless_sampled(runs, lead.before))
     return Announced(
         runs.manifest.cues[k],
         lead,
-        tables.known(runs, lead.quantile(0.5)),
+        tables.without_interval_unless_sampled(runs, lead.quantile(0.5)),
         tables.rate_of(free.came(f"golden_cue{k}_first_ms"), free.count),
         free.cue_rate(k),
     )
@@ -241,12 +241,12 @@ def _content(runs: Runs, _: Path) -> dict[str, Any]:
     return {
         "class_words": CLASSES,
         "most_classes": MOST_CLASSES,
-        "axis_end": scale,
-        "known": runs.once(knowledge),
-        "classes": classes(runs),
-        "changed": runs.once(changed),
-        "your_robot": runs.once(robots.rates),
-        "far": counts(runs).get(""),
+        "axis_end": interval_scale,
+        "known": runs.once(detection_answers),
+        "classes": class_rows(runs),
+        "changed": runs.once(cue_effects),
+        "your_robot": runs.once(robots.robot_rates),
+        "far": counts_by_column(runs).get(""),
         "golden_halts": golden_halts(runs),
         "changed_groups": _changed_groups(runs),
     }

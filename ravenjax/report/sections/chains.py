@@ -29,7 +29,7 @@ from ravenjax.stats import latency
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.store.access import explained
-from ravenjax.store.access.query import RESULTS, quoted
+from ravenjax.store.access.query import RESULTS, quote_name
 from ravenjax.store.manifest import Manifest
 
 MOST = 3
@@ -49,21 +49,23 @@ NAMES = 3
 ROW = 16  # px per seam
 
 
-def sentences(one: Propagation) -> list[str]:
+def chain_sentences(one: Propagation) -> list[str]:
     """Return the summary as sentences, one per item."""
-    return wording.sentences("chains.txt.j2", all=one, most=NAMES)
+    return wording.fill_template("chains.txt.j2", all=one, most=NAMES)
 
 
-def table(one: Propagation) -> list[tuple[str, ...]]:
+def chain_table(one: Propagation) -> list[tuple[str, ...]]:
     """Return rows of COLUMNS in the robot's order. A layer is named only in its first row."""
     rows, layer = [], ""
     for row in one.carriers:
         shows = ["no range", "", ""]
         if row.ranged:
-            lead = "" if math.isnan(row.lead_ms.value) else wording.estimate(row.lead_ms, "ms")
-            shows = [wording.rate(row.shows), lead, wording.rate(row.first)]
+            lead = (
+                "" if math.isnan(row.lead_ms.value) else wording.format_estimate(row.lead_ms, "ms")
+            )
+            shows = [wording.format_rate(row.shows), lead, wording.format_rate(row.first)]
         layer_name = row.layer if row.layer != layer else ""
-        rows.append((row.seam, layer_name, wording.percent(row.carries.value), *shows))
+        rows.append((row.seam, layer_name, wording.format_percent(row.carries.value), *shows))
         layer = row.layer
     return rows
 
@@ -73,7 +75,7 @@ def as_dict(one: Propagation) -> dict[str, Any]:
     return one._asdict() | {
         "hidden": one.hidden._asdict(),
         "lead_ms": one.lead_ms._asdict(),
-        "sentences": sentences(one),
+        "sentences": chain_sentences(one),
         "carriers": [
             {
                 name: value._asdict() if isinstance(value, Rate | Estimate) else value
@@ -84,7 +86,7 @@ def as_dict(one: Propagation) -> dict[str, Any]:
     }
 
 
-def graph(one: Propagation) -> Chart | None:
+def seam_graph(one: Propagation) -> Chart | None:
     """Return a chart of the seams in the robot's order; None without runs.
 
     Each seam has a mark at the share of runs that it carries, and one at the share of runs that it
@@ -107,7 +109,7 @@ def graph(one: Propagation) -> Chart | None:
     )
 
 
-def leads(one: Propagation) -> Chart | None:
+def lead_chart(one: Propagation) -> Chart | None:
     """Return a chart of the median time from a signal's leaving its range to harm; None if no
     signal leaves its range before harm.
     """
@@ -126,9 +128,9 @@ def leads(one: Propagation) -> Chart | None:
     )
 
 
-def draw(one: Propagation, path: Path) -> Path | None:
+def draw_charts(one: Propagation, path: Path) -> Path | None:
     """Write both charts side by side as a file (.svg, .png or .pdf); return None without runs."""
-    charts = [chart for chart in (graph(one), leads(one)) if chart is not None]
+    charts = [chart for chart in (seam_graph(one), lead_chart(one)) if chart is not None]
     if not charts:
         return None
     with matplotlib.rc_context(STYLE):
@@ -138,7 +140,7 @@ def draw(one: Propagation, path: Path) -> Path | None:
         for axes, chart in zip(
             figure.subplots(1, len(charts), squeeze=False)[0], charts, strict=True
         ):
-            drawing.draw(chart, axes)
+            drawing.draw_chart(chart, axes)
             axes.set_xlabel(chart.x.title)
             axes.tick_params("y", labelsize=8)
             axes.set_title(chart.title, loc="left", fontsize=9.5, fontweight="bold")
@@ -175,10 +177,9 @@ def _dots(
 
 def _words(value: Rate | Estimate) -> str:
     if isinstance(value, Rate):
-        return (
-            f"{wording.percent(value.value)} ({wording.count(value.k)} of {wording.count(value.n)})"
-        )
-    return wording.estimate(value, "ms")
+        counts = f"{wording.format_count(value.k)} of {wording.format_count(value.n)}"
+        return f"{wording.format_percent(value.value)} ({counts})"
+    return wording.format_estimate(value, "ms")
 
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
@@ -186,19 +187,19 @@ def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
     this campaign.
     """
     try:
-        ticks = explained.read(folder / explained.FOLDER, runs.manifest)
+        ticks = explained.read_explained(folder / explained.FOLDER, runs.manifest)
     except StoreError as error:
         return {"broken": str(error)}
     if ticks is None or not len(ticks):
         return None
-    together = propagation(runs, ticks)
+    together = summarize_chains(runs, ticks)
     return {
         "broken": "",  # reason why explained runs could not be read
         "explained": len(ticks),
         "all": together,
-        "sentences": sentences(together),
-        "graph": graph(together),
-        "leads": leads(together),
+        "sentences": chain_sentences(together),
+        "graph": seam_graph(together),
+        "leads": lead_chart(together),
         "worst": _worst(runs, ticks),
     }
 
@@ -218,9 +219,9 @@ def _worst(runs: Runs, ticks: pd.DataFrame) -> list[dict[str, Any]]:
     out = []
     for row in runs.numbered([row for (row,) in rows]):
         own = by_row.loc[int(row["index"])].to_dict()
-        one = chain.chain(row, own, manifest.robot, manifest.shape.arms, manifest.rules.cue)  # type: ignore[arg-type]
-        words = chain_words.sentences(one)
-        out.append({"chain": one, "sentences": words, "timeline": chain_words.timeline(one)})
+        one = chain.trace_chain(row, own, manifest.robot, manifest.shape.arms, manifest.rules.cue)  # type: ignore[arg-type]
+        words = chain_words.chain_sentences(one)
+        out.append({"chain": one, "sentences": words, "timeline": chain_words.chain_timeline(one)})
     return out
 
 
@@ -267,10 +268,10 @@ class Propagation(NamedTuple):
         return sorted((one for one in self.carriers if one.first.k), key=lambda one: -one.first.k)
 
 
-def propagation(runs: Runs, ticks: pd.DataFrame) -> Propagation:
+def summarize_chains(runs: Runs, ticks: pd.DataFrame) -> Propagation:
     """Summarise the explained runs `ticks`, as `store.access.explained` has them."""
     whole_robots = robots.drawn_whole(runs)
-    among = f"hash({', '.join(map(quoted, whole_robots))})" if whole_robots else "row"
+    among = f"hash({', '.join(map(quote_name, whole_robots))})" if whole_robots else "row"
     facts = runs.table.frame(
         f'SELECT row, "group"::VARCHAR AS "group", unintended_ms AS harm, unit FROM {FACTS} '
         f"JOIN (SELECT row, {among} AS unit FROM {RESULTS}) USING (row) WHERE {CHOSEN} ORDER BY row"
@@ -283,19 +284,19 @@ def propagation(runs: Runs, ticks: pd.DataFrame) -> Propagation:
     among, noun = None, ""
     if whole_robots:
         # Robots were drawn as a whole, and each group has the same robots.
-        among, noun = units.units(mine["unit"].to_numpy()), "robots"
+        among, noun = units.group_units(mine["unit"].to_numpy()), "robots"
     elif len(mine) and runs.sampled(whole):
-        among, noun = units.units(mine["unit"].to_numpy(), mine["group"].to_numpy()), "faults"
+        among, noun = units.group_units(mine["unit"].to_numpy(), mine["group"].to_numpy()), "faults"
 
     def rate(hit: np.ndarray) -> Rate:
-        return pair_intervals.rate(hit, among)
+        return pair_intervals.pair_rate(hit, among)
 
     def median(values: np.ndarray) -> Estimate:
         """Return the median of the values above 0."""
         there = values > 0
         some, each = values[there], np.ones(int(there.sum()), bool)
-        own = units.units(np.zeros(len(some), int)) if among is None else among.where(there)
-        return latency.quantile(some, each, 0.5, own)
+        own = units.group_units(np.zeros(len(some), int)) if among is None else among.where(there)
+        return latency.delay_quantile(some, each, 0.5, own)
 
     harm = mine["harm"].to_numpy(np.int64)
     seams = _seams(rows, runs.manifest)
@@ -331,13 +332,15 @@ def _seams(rows: pd.DataFrame, manifest: Manifest) -> list[chain.SignalTicks]:
     """Return the signals of both arms as one, in the robot's order. Their channels are left out."""
     columns = {str(name): rows[name].to_numpy() for name in rows}
     by_seam: dict[str, list[chain.SignalTicks]] = {}
-    for one in chain.signals(columns, manifest.robot, manifest.shape.arms) if len(rows) else ():
+    for one in (
+        chain.list_signals(columns, manifest.robot, manifest.shape.arms) if len(rows) else ()
+    ):
         by_seam.setdefault(one.name.rpartition("/")[2], []).append(one)
     return [
         arms[0]._replace(
             name=name,
-            differs=chain.earliest(np.stack([one.differs for one in arms])),
-            leaves=chain.earliest(np.stack([one.leaves for one in arms])),
+            differs=chain.earliest_time(np.stack([one.differs for one in arms])),
+            leaves=chain.earliest_time(np.stack([one.leaves for one in arms])),
         )
         for name, arms in by_seam.items()
     ]

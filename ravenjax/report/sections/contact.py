@@ -31,7 +31,7 @@ class ContactRow(NamedTuple):
     instruments_n: float | None = None  # N, the largest force between instruments
 
 
-def rows(runs: Runs) -> list[ContactRow]:
+def contact_rows(runs: Runs) -> list[ContactRow]:
     """Return a row for all faults, then one for each group in the order of their names; no rows
     without contact or without a fault.
     """
@@ -69,6 +69,6 @@ SECTIONS = (
         "contact",
         "Contact",
         130,
-        lambda runs, _: {"contacts": found} if (found := rows(runs)) else None,
+        lambda runs, _: {"contacts": found} if (found := contact_rows(runs)) else None,
     ),
 )

@@ -27,7 +27,7 @@ from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset, cue_leads
 from ravenjax.report.sections import Section, tables
 from ravenjax.stats.alarms import choice
-from ravenjax.stats.alarms.choice import AlarmCounts, front
+from ravenjax.stats.alarms.choice import AlarmCounts, unbeaten_choices
 from ravenjax.stats.alarms.false_alarms import AlarmRate
 from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.stats.sample_size.planning import hours_to_bound
@@ -99,7 +99,7 @@ class Choice(NamedTuple):
     least_mm: float = math.nan
 
 
-def rows(runs: Runs) -> list[CueRow]:
+def cue_rows(runs: Runs) -> list[CueRow]:
     """Return one row per haptic set, sorted by threshold and gain. Intervals exist only if all
     faults were drawn.
     """
@@ -108,7 +108,7 @@ def rows(runs: Runs) -> list[CueRow]:
     harmless = runs.count(HARMLESS)
     result = []
     for k, cue in enumerate(cues):
-        delay, lead = tables.times(runs, f"warned{k}_ms")
+        delay, lead = tables.event_times(runs, f"warned{k}_ms")
         medians = ", ".join(f"coalesce(median(cue{k}_{what}::DOUBLE), 'nan')" for what in FELT)
         came = f"{UNINTENDED} AND ({after_onset(f'warned{k}_ms')}) >= 0"
         result.append(
@@ -121,20 +121,20 @@ def rows(runs: Runs) -> list[CueRow]:
                 tables.of_faults(runs, felt[k], harmless),
                 False,
                 cue_leads(runs.manifest, k),
-                tables.known(runs, delay.quantile_interval(0.5)),
-                tables.known(runs, lead.before),
-                tables.known(runs, lead.quantile(0.5)),
+                tables.without_interval_unless_sampled(runs, delay.quantile_interval(0.5)),
+                tables.without_interval_unless_sampled(runs, lead.before),
+                tables.without_interval_unless_sampled(runs, lead.quantile(0.5)),
                 *runs.table.row(f"SELECT {medians} FROM {runs.those(came)}"),
             )
         )
-    best = front([row.missed.value for row in result], [row.hourly for row in result])
+    best = unbeaten_choices([row.missed.value for row in result], [row.hourly for row in result])
     result = [row._replace(best=bool(is_best)) for row, is_best in zip(result, best, strict=True)]
     return sorted(
         result, key=lambda row: (row.cue.threshold_mm, row.cue.kp_per_mm, row.cue.kd_s_per_mm)
     )
 
 
-def choices(runs: Runs, rows: Sequence[CueRow]) -> list[Choice]:
+def choose_cues(runs: Runs, rows: Sequence[CueRow]) -> list[Choice]:
     """Return what the data choose for each of WEIGHTS and of FALSE_PER_HOUR.
 
     There are no choices without unintended or fault-free motion. `rows`: as returned by `rows`.
@@ -181,7 +181,7 @@ def _alarm_counts(runs: Runs, rows: Sequence[CueRow]) -> AlarmCounts:
 
 def _cheapest(rows: Sequence[CueRow], alarms: AlarmCounts, weight: float, hours: float) -> Choice:
     def possible(times: float) -> np.ndarray:
-        return choice.cheapest(alarms, weight, times)
+        return choice.cheapest_alarms(alarms, weight, times)
 
     cost = [weight * row.missed.value + row.hourly for row in rows]
     more = hours * choice.hours_to_decide(possible)
@@ -191,10 +191,10 @@ def _cheapest(rows: Sequence[CueRow], alarms: AlarmCounts, weight: float, hours:
 
 
 def _rare(rows: Sequence[CueRow], alarms: AlarmCounts, most: float) -> Choice:
-    possible, keeps = choice.rare(alarms, most)
+    possible, keeps = choice.rarest_alarms(alarms, most)
     undecided = alarms.count[possible & ~keeps]
     more = hours_to_bound(most, int(undecided.min())) if len(undecided) else math.nan
-    end, _ = choice.rare(alarms, most, math.inf)
+    end, _ = choice.rarest_alarms(alarms, most, math.inf)
     cost, rule = [row.missed.value for row in rows], _LIMIT.format(f"{most:g}")
     return _choice(rule, rows, cost, possible, keeps, more, end)
 
@@ -243,7 +243,7 @@ def _words(thresholds: Sequence[float]) -> str:
     return f"{', '.join(first)} or {last} mm" if first else f"{last} mm" if last else ""
 
 
-def tradeoff(rows: Sequence[CueRow]) -> Chart | None:
+def cue_tradeoff(rows: Sequence[CueRow]) -> Chart | None:
     """Return a chart of missed hazards over false cues per hour, with one mark per set; None
     without either.
 
@@ -296,26 +296,28 @@ def _marks(pairs: Sequence[tuple[CueRow, AlarmRate]], name: str, colour: str) ->
 
 def _words_of(row: CueRow) -> str:
     interval = (
-        wording.interval(row.missed)
-        or f"{wording.count(row.missed.k)} of {wording.count(row.missed.n)}"
+        wording.format_interval(row.missed)
+        or f"{wording.format_count(row.missed.k)} of {wording.format_count(row.missed.n)}"
     )
-    missed = f"missed {wording.percent(row.missed.value)} ({interval})"
-    hourly = f"{wording.number(row.hourly)} false cues an hour"
-    felt = f"peak force {wording.number(row.force)}, felt for {wording.number(row.felt_ms)} ms"
-    return f"{row.told}: {missed}, {hourly}, {felt}"
+    missed = f"missed {wording.format_percent(row.missed.value)} ({interval})"
+    hourly = f"{wording.format_number(row.hourly)} false cues an hour"
+    force, felt_ms = wording.format_number(row.force), wording.format_number(row.felt_ms)
+    return f"{row.told}: {missed}, {hourly}, peak force {force}, felt for {felt_ms} ms"
 
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any]:
-    cues = rows(runs)
-    chosen = choices(runs, cues)
+    cues = cue_rows(runs)
+    chosen = choose_cues(runs, cues)
     hours = hours_to_offer(chosen)
     return {
         "cues": cues,
         "choices": chosen,
-        "tradeoff": tradeoff(cues),
+        "tradeoff": cue_tradeoff(cues),
         "free_hours_wanted": hours,
         "free_recorded": bool((runs.manifest.config.get("operator") or {}).get("file")),
-        "free_command": fault_free.command(folder, runs.manifest, hours) if hours else None,
+        "free_command": fault_free.fault_free_command(folder, runs.manifest, hours)
+        if hours
+        else None,
     }
 
 

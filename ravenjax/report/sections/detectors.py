@@ -100,7 +100,7 @@ class DetectorRow(NamedTuple):
     auc: Estimate | None
 
 
-def alarms(runs: Runs) -> list[ThresholdAlarms]:
+def list_alarms(runs: Runs) -> list[ThresholdAlarms]:
     """Return every source of alarms at each threshold: the campaign's detectors, the checks, and
     the cue of the verdicts.
     """
@@ -132,7 +132,7 @@ def alarms(runs: Runs) -> list[ThresholdAlarms]:
     return result
 
 
-def known(runs: Runs) -> str:
+def knowledge_sql(runs: Runs) -> str:
     """Return SQL for the time at which anyone could first know of each run's fault, -1 if never.
 
     It is the time of the cue, a check, or a detector at its lowest threshold without a false alarm.
@@ -143,8 +143,8 @@ def known(runs: Runs) -> str:
 
 
 def before_motion(runs: Runs) -> str:
-    """Return the SQL of `known` without alarms that cannot come before the motion by definition:
-    cues and tip errors at its limit or beyond.
+    """Return the SQL of `knowledge_sql` without alarms that cannot come before the motion by
+    definition: cues and tip errors at its limit or beyond.
 
     For the remaining alarms it is a finding whether they come before the motion.
     """
@@ -154,20 +154,20 @@ def before_motion(runs: Runs) -> str:
 def _first(runs: Runs, chosen: Callable[[ThresholdAlarms], bool]) -> str:
     trusted = [
         one
-        for one in runs.once(alarms)
+        for one in runs.once(list_alarms)
         if (one.quiet or one.free is None or math.isnan(one.threshold)) and chosen(one)
     ]
     return run_facts.first_sql(*(f"({after_onset(one.column)})" for one in trusted))
 
 
-def rows(runs: Runs) -> list[DetectorRow]:
+def detector_rows(runs: Runs) -> list[DetectorRow]:
     """Return one row per detector, then the rows of the checks and the cue."""
-    found, detectors = runs.once(alarms), runs.manifest.detectors
+    found, detectors = runs.once(list_alarms), runs.manifest.detectors
     by_name = {
         name: _shown([one for one in found if one.name == name])
         for name in dict.fromkeys(one.name for one in found)
     }
-    each = iter(thresholds(runs, [one for own in by_name.values() for one in own]))
+    each = iter(threshold_rows(runs, [one for own in by_name.values() for one in own]))
     result = []
     for number, (name, own) in enumerate(by_name.items()):
         scored = number < len(detectors)
@@ -185,14 +185,14 @@ def rows(runs: Runs) -> list[DetectorRow]:
     return result
 
 
-def thresholds(runs: Runs, found: Sequence[ThresholdAlarms]) -> list[DetectorThreshold]:
+def threshold_rows(runs: Runs, found: Sequence[ThresholdAlarms]) -> list[DetectorThreshold]:
     """Return what each threshold does, in the given order."""
     kinds = ("unintended", "NOT unintended")
     conditions = [f"{kind} AND {one.column} >= 0" for one in found for kind in kinds]
     unintended, others, *counts = runs.counts([*kinds, *conditions], where="sample AND faulty")
     result = []
     for one, hits, misses in zip(found, counts[::2], counts[1::2], strict=True):
-        delay, lead = tables.times(runs, one.column)
+        delay, lead = tables.event_times(runs, one.column)
         result.append(
             DetectorThreshold(
                 one.name,
@@ -201,9 +201,9 @@ def thresholds(runs: Runs, found: Sequence[ThresholdAlarms]) -> list[DetectorThr
                 tables.of_faults(runs, misses, others),
                 tables.of_faults(runs, hits, hits + misses),
                 one.false,
-                tables.known(runs, delay.quantile_interval(0.5)),
-                tables.known(runs, lead.before),
-                tables.known(runs, lead.quantile(0.5)),
+                tables.without_interval_unless_sampled(runs, delay.quantile_interval(0.5)),
+                tables.without_interval_unless_sampled(runs, lead.before),
+                tables.without_interval_unless_sampled(runs, lead.quantile(0.5)),
                 one.quiet,
                 one.leads,
             )
@@ -293,7 +293,7 @@ def _chart(
         ends = np.array([0.0, 1.0])
         marks.append(Curve("chance", palette.SAME, ends, ends, dashed=True, in_legend=False))
     for number, row in enumerate(rows):
-        colour, name, band = palette.series(number), row.name, getattr(row, kind)
+        colour, name, band = palette.series_colour(number), row.name, getattr(row, kind)
         visible = number in largest or band is None
         if band is not None:
             name = f"{row.name} ({band.area.value:.3f})"
@@ -322,7 +322,7 @@ def _chart(
 def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
     if not runs.manifest.detectors:
         return None
-    detectors = rows(runs)
+    detectors = detector_rows(runs)
     return {
         "detectors": detectors,
         "curve_runs": curve_runs(runs),

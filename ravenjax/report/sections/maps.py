@@ -22,8 +22,8 @@ import pandas as pd
 from ravenjax.document.chart import round_values
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import Section, tables
-from ravenjax.stats.intervals import Rate, share
-from ravenjax.store.access.query import RESULTS, quoted
+from ravenjax.stats.intervals import Rate, share_of_cells
+from ravenjax.store.access.query import RESULTS, quote_name
 
 MIN_RUNS = 12
 """Sites and effects with fewer runs appear only in the map of all faults."""
@@ -118,7 +118,7 @@ class Sweep(NamedTuple):
     titles: dict[str, str]
 
 
-def sweep(runs: Runs) -> Sweep:
+def summarize_sweep(runs: Runs) -> Sweep:
     """Return what a campaign swept, and which faults had which outcome."""
     faulty = runs.count("sample AND faulty") > 0
     measures, condition, unit = (
@@ -134,8 +134,8 @@ def sweep(runs: Runs) -> Sweep:
         name: name.removeprefix("param:") for name in runs.names if name.startswith("param:")
     }
     kinds = [f"{slot}_{key}" for slot in slots for key in ("site", "effect")]
-    columns = [f"{RESULTS}.{quoted(name)}" for name in (*kinds, *titles)]
-    columns += [f"({one.sql})::BOOLEAN AS {quoted(one.name)}" for one in measures]
+    columns = [f"{RESULTS}.{quote_name(name)}" for name in (*kinds, *titles)]
+    columns += [f"({one.sql})::BOOLEAN AS {quote_name(one.name)}" for one in measures]
     faults = runs.drawn(", ".join(columns), condition, MOST)
     block = np.full(len(faults), "", object)
     for slot in slots:
@@ -157,7 +157,7 @@ def all_maps(runs: Runs) -> list[dict[str, Any]]:
     cell is a Rate, or None if it has no run. Only measures that came in some runs and not in others
     have panels.
     """
-    swept = sweep(runs)
+    swept = summarize_sweep(runs)
     groups = runs.groups_by("block") if "block" in runs.facts else {}
     names, sizes = np.unique(swept.block, return_counts=True)
     items = []
@@ -201,12 +201,12 @@ def number_axis(title: str, values: np.ndarray, most: int, endless: bool = False
     numbers = ~np.isnan(values) & ~last
     different = np.unique(values[numbers])
     if len(different) <= most:
-        names = [compact(value) for value in different]
+        names = [compact_number(value) for value in different]
         place = np.searchsorted(different, values[numbers])
     else:
         wanted = round(math.sqrt(len(values) / RUNS_PER_BIN))
         edges = _edges(different[0], different[-1], min(MAX_BINS, most, max(MIN_BINS, wanted)))
-        names = [f"{compact(a)} to {compact(b)}" for a, b in pairwise(edges)]
+        names = [f"{compact_number(a)} to {compact_number(b)}" for a, b in pairwise(edges)]
         # The last bin includes its upper edge.
         place = np.searchsorted(edges[1:-1], values[numbers], side="right")
     labels[numbers] = np.array(names, object)[place] if len(names) else ""
@@ -245,7 +245,7 @@ def _edges(low: float, high: float, wanted: int) -> np.ndarray:
     return np.array(round_values(low, high, wanted))
 
 
-def compact(value: float) -> str:
+def compact_number(value: float) -> str:
     """Shorten a number for an axis label: 12000 -> 12k, 2000000 -> 2M, 0.123 -> 0.12."""
     for least, size, letter in ((1e6, 1e6, "M"), (1e4, 1e3, "k"), (1e3, 1, "")):
         if abs(value) >= least:
@@ -271,14 +271,15 @@ def _by_block(swept: Sweep) -> PairCounts:
     }
     axes = _axes(swept._replace(titles=common))
     return max(
-        [_counts(swept, across, up) for across in axes] or [_counts(swept, up, None)], key=gain
+        [_counts(swept, across, up) for across in axes] or [_counts(swept, up, None)],
+        key=prediction_gain,
     )
 
 
 def _best_pair(swept: Sweep, axes: Sequence[MapAxis]) -> PairCounts | None:
     """Return counts by the two inputs that explain most; None if nothing varies."""
     pairs = list(itertools.combinations(axes, 2)) or [(axis, None) for axis in axes]
-    return max((_counts(swept, *pair) for pair in pairs), key=gain, default=None)
+    return max((_counts(swept, *pair) for pair in pairs), key=prediction_gain, default=None)
 
 
 def _counts(swept: Sweep, across: MapAxis, up: MapAxis | None) -> PairCounts:
@@ -297,7 +298,7 @@ def _counts(swept: Sweep, across: MapAxis, up: MapAxis | None) -> PairCounts:
     return PairCounts(up, across, n, np.array(k))
 
 
-def gain(counts: PairCounts) -> float:
+def prediction_gain(counts: PairCounts) -> float:
     """Return how much better the cells predict the measures than the overall shares do.
 
     The result is twice the gain in log-likelihood, minus a penalty for the number of free
@@ -318,7 +319,7 @@ def gain(counts: PairCounts) -> float:
 
 def _map(swept: Sweep, name: str, counts: PairCounts, sampled: bool) -> dict[str, Any]:
     """Return the map of some faults. `sampled`: the faults were drawn."""
-    rate_in: Callable[[int, int], Rate] = tables.rate_of if sampled else share
+    rate_in: Callable[[int, int], Rate] = tables.rate_of if sampled else share_of_cells
     n, hits = len(swept.faults), [int(k.sum()) for k in counts.k]
     rates = [
         one._asdict() | {"rate": rate_in(k, n)} for one, k in zip(swept.measures, hits, strict=True)

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from ravenjax.report.sections import Section
-from ravenjax.store.motion.summary import MotionSummary, changes, table_rows
+from ravenjax.store.motion.summary import MotionSummary, describe_changes, table_rows
 
 
-def content(summary: MotionSummary | None) -> dict[str, Any] | None:
+def operator_content(summary: MotionSummary | None) -> dict[str, Any] | None:
     """Return what the page shows of a recorded operator; None for a generated one."""
     if summary is None:
         return None
@@ -19,8 +19,10 @@ def content(summary: MotionSummary | None) -> dict[str, Any] | None:
         "file": Path(summary.file).name,
         "rows": rows,
         "cells": [{"what": what, "how it is": how} for what, how in rows],
-        "changes": changes(summary),
+        "changes": describe_changes(summary),
     }
 
 
-SECTIONS = (Section("operator", "Operator", 170, lambda runs, _: content(runs.manifest.operator)),)
+SECTIONS = (
+    Section("operator", "Operator", 170, lambda runs, _: operator_content(runs.manifest.operator)),
+)

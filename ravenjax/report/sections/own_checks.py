@@ -16,7 +16,7 @@ from ravenjax.report.data.runs import Runs, after_onset
 from ravenjax.report.sections import Section, detectors, tables
 from ravenjax.report.sections.detectors import DetectorThreshold, ThresholdAlarms
 from ravenjax.stats.intervals import Rate
-from ravenjax.store.access.query import RESULTS, quoted
+from ravenjax.store.access.query import RESULTS, quote_name
 from ravenjax.vocabulary.checks import OWN
 
 
@@ -32,7 +32,7 @@ class OwnCheckRow(NamedTuple):
     alarms: DetectorThreshold  # the same numbers as a detector at one threshold has
 
 
-def rows(runs: Runs) -> list[OwnCheckRow]:
+def own_check_rows(runs: Runs) -> list[OwnCheckRow]:
     """Return one row per check, in the order of the campaign's file."""
     checks = runs.manifest.shape.own_checks
     per_check = list(_alarms(runs))
@@ -52,7 +52,7 @@ def rows(runs: Runs) -> list[OwnCheckRow]:
     total, *counts = runs.counts(["true", *trips, *alone], where="sample AND faulty")
     sections = {f"{OWN}{one['name']}": one for one in runs.manifest.config.get("check", ())}
     result = []
-    for number, alarms in enumerate(detectors.thresholds(runs, per_check)):
+    for number, alarms in enumerate(detectors.threshold_rows(runs, per_check)):
         tripped, only = counts[number], counts[len(checks) + number]
         section = sections.get(checks[number].name, {})
         result.append(
@@ -95,7 +95,7 @@ def _threshold(section: dict[str, Any], least: float | None, most: float | None)
 
 def _alarms(runs: Runs) -> Iterator[ThresholdAlarms]:
     free, shape = runs.motions(), runs.manifest.shape
-    varied = [quoted(name) for name in runs.names if name.startswith("param:checks.")]
+    varied = [quote_name(name) for name in runs.names if name.startswith("param:checks.")]
     # The fault-free motion has every value that is constant in the whole campaign.
     values = ", ".join(["count(*)", *(f"count(DISTINCT {name})" for name in varied)])
     differs = max(runs.table.row(f"SELECT {values} FROM {RESULTS}")[1:], default=0) > 1
@@ -110,7 +110,7 @@ def _alarms(runs: Runs) -> Iterator[ThresholdAlarms]:
 
 
 def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
-    own_checks = rows(runs) if runs.manifest.shape.own_checks else []
+    own_checks = own_check_rows(runs) if runs.manifest.shape.own_checks else []
     # Without a judged fault the section has no content.
     return {"own_checks": own_checks} if runs.count("sample AND faulty") and own_checks else None
 

@@ -24,7 +24,7 @@ from ravenjax.report.sections import Section, tables
 from ravenjax.stats.alarms.false_alarms import AlarmRate, alarm_rate
 from ravenjax.stats.bootstrap.units import Units
 from ravenjax.stats.intervals import Estimate, Rate
-from ravenjax.store.access.query import RESULTS, quoted
+from ravenjax.store.access.query import RESULTS, quote_name
 from ravenjax.vocabulary.reactions import ACTIONS, MEANINGS
 
 EXCURSION = "excursion_mm"
@@ -87,23 +87,26 @@ class Idle(NamedTuple):
     lost_ms: float  # mean pedal-down time lost in these motions, ms; NaN: none
 
 
-def drawn(runs: Runs) -> pd.DataFrame:
+def sample_runs(runs: Runs) -> pd.DataFrame:
     """Return about MOST runs of a table, with some columns of results and facts. Runs of one pair
     are drawn together.
     """
     plain = ("pair", "operator", "reaction_ms", "pedal_down_ms", "tissue_depth_mm")
     names = [name for name in runs.names if name in plain or name.startswith(("param:", "golden_"))]
     columns = [
-        *(f"{RESULTS}.{quoted(name)}" for name in names),
+        *(f"{RESULTS}.{quote_name(name)}" for name in names),
         f"{_EXCURSION} AS {EXCURSION}",
         *(f"{FACTS}.{name}" for name in ("failed", "faulty", "action", "unintended")),
-        *(f"{FACTS}.{quoted(name)}::VARCHAR AS {quoted(name)}" for name in ("group", "layer")),
+        *(
+            f"{FACTS}.{quote_name(name)}::VARCHAR AS {quote_name(name)}"
+            for name in ("group", "layer")
+        ),
         f'{FACTS}."distinct"',
     ]
     return runs.drawn(", ".join(columns), "true", MOST, by="pair")
 
 
-def crossed(runs: pd.DataFrame) -> bool:
+def has_pairs(runs: pd.DataFrame) -> bool:
     """Return whether there are pairs: runs in which nobody reacts, and runs in which
     somebody does.
     """
@@ -111,7 +114,7 @@ def crossed(runs: pd.DataFrame) -> bool:
     return run_facts.ACTION in runs and len(actions) > 1 and 0 in actions
 
 
-def pairs(runs: pd.DataFrame, action: int, faulty: bool = True) -> Pairs:
+def paired_runs(runs: pd.DataFrame, action: int, faulty: bool = True) -> Pairs:
     """Return every run with this action and its partner in which nobody reacts.
 
     Other crossed parameters, except those of the reaction, are equal within a pair.
@@ -132,12 +135,12 @@ def compare_pairs(runs: pd.DataFrame, sampled: Sampled) -> list[Difference]:
     return [
         _difference(action, among, part, sampled(part.with_["group"].unique().tolist()))
         for number, action in _actions(runs)
-        for among, part in _parts(pairs(runs, number))
+        for among, part in _parts(paired_runs(runs, number))
         if len(part.with_)
     ]
 
 
-def interruptions(runs: pd.DataFrame) -> list[Idle]:
+def count_interruptions(runs: pd.DataFrame) -> list[Idle]:
     """Return what each action does to fault-free motion: to the golden runs of all runs with this
     action.
     """
@@ -145,8 +148,8 @@ def interruptions(runs: pd.DataFrame) -> list[Idle]:
     for number, action in _actions(runs):
         free = run_facts.golden_runs(runs, runs["action"].to_numpy() == number)
         acted = int(run_facts.first_came(free, "golden_reaction_ms").sum())
-        hours = run_facts.hours(free)
-        mine = pairs(runs, number, faulty=False)
+        hours = run_facts.fault_free_hours(free)
+        mine = paired_runs(runs, number, faulty=False)
         lost = mine.without["pedal_down_ms"].to_numpy() - mine.with_["pedal_down_ms"].to_numpy()
         lost = lost[run_facts.first_came(mine.with_, "reaction_ms")]
         result.append(
@@ -197,21 +200,21 @@ def _difference(action: str, among: str, mine: Pairs, sampled: bool) -> Differen
     """Compare one set of pairs. `action`: index into ACTIONS; `sampled`: the faults were drawn."""
     after, before = (part["unintended"].to_numpy() for part in mine)
     acted = run_facts.first_came(mine.with_, "reaction_ms")
-    faults = intervals.faults(mine.with_["distinct"].to_numpy(), sampled)
+    faults = intervals.pair_faults(mine.with_["distinct"].to_numpy(), sampled)
     return Difference(
         MEANINGS[action],
         among,
         len(after),
-        intervals.rate(before, faults),
-        intervals.rate(after, faults),
+        intervals.pair_rate(before, faults),
+        intervals.pair_rate(after, faults),
         intervals.rate_difference(after, before, faults),
         int((before & ~after).sum()),
         int((after & ~before).sum()),
         intervals.p_value(after, before, faults),
         _mean(mine, EXCURSION, faults),
         _mean(mine, "tissue_depth_mm", faults),
-        intervals.rate(acted, faults),
-        intervals.rate(~before[acted], faults.where(acted) if faults else None),
+        intervals.pair_rate(acted, faults),
+        intervals.pair_rate(~before[acted], faults.where(acted) if faults else None),
     )
 
 
@@ -220,23 +223,23 @@ def _mean(mine: Pairs, column: str, faults: Units | None) -> Estimate:
     return intervals.mean_difference(after, before, faults)
 
 
-def differences(runs: Runs) -> list[Difference]:
+def compare_actions(runs: Runs) -> list[Difference]:
     """Return the comparisons of a campaign; none if it has no pairs."""
     if not runs.manifest.shape.reacts:
         return []
-    both = runs.once(drawn)
-    return compare_pairs(both, runs.sampled) if crossed(both) else []
+    both = runs.once(sample_runs)
+    return compare_pairs(both, runs.sampled) if has_pairs(both) else []
 
 
 def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
     if not runs.manifest.shape.reacts:
         return None
-    both, found = runs.once(drawn), runs.once(differences)
+    both, found = runs.once(sample_runs), runs.once(compare_actions)
     return {
         "differences": found,
         "whole": [row for row in found if row.among == "all faults"],
         "leads": runs.cue_leads,
-        "interruptions": interruptions(both),
+        "interruptions": count_interruptions(both),
         "reaction_runs": (len(both), runs.rows),
     }
 

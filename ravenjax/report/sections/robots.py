@@ -16,7 +16,7 @@ from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import Section
 from ravenjax.stats import one_unit
 from ravenjax.stats.intervals import Rate
-from ravenjax.store.access.query import RESULTS, quoted
+from ravenjax.store.access.query import RESULTS, quote_name
 
 LEAST_RUNS = 20
 """Smallest number of faults for a rate."""
@@ -34,7 +34,7 @@ class RobotRate(NamedTuple):
     deviation: float  # standard deviation of the robots' rates
 
 
-def questions(runs: Runs) -> dict[str, tuple[str, str]]:
+def robot_questions(runs: Runs) -> dict[str, tuple[str, str]]:
     """Return the questions of the section: which faults each rate is over, and its condition, over
     columns of facts.
 
@@ -52,22 +52,22 @@ def questions(runs: Runs) -> dict[str, tuple[str, str]]:
     return named
 
 
-def rates(runs: Runs) -> list[RobotRate]:
-    """Return rates over one run of each fault and robot, for `questions`; none if robots were not
-    drawn whole.
+def robot_rates(runs: Runs) -> list[RobotRate]:
+    """Return rates over one run of each fault and robot, for `robot_questions`; none if robots
+    were not drawn whole.
     """
     robots = drawn_whole(runs)
     if not robots:
         return []
-    robot = f"hash({', '.join(map(quoted, robots))})"
+    robot = f"hash({', '.join(map(quote_name, robots))})"
     result = []
-    for name, (among, hit) in questions(runs).items():
+    for name, (among, hit) in robot_questions(runs).items():
         rows = runs.table.rows(
             f"SELECT count(*) FILTER ({hit}), count(*) FROM {RESULTS} JOIN {FACTS} USING (row) "
             f"WHERE sample AND faulty AND {among} GROUP BY {robot}"
         )
         if sum(n for _, n in rows) >= LEAST_RUNS:
-            one = one_unit.rate([k for k, _ in rows], [n for _, n in rows])
+            one = one_unit.rate_per_unit([k for k, _ in rows], [n for _, n in rows])
             result.append(RobotRate(name, one.rate, one.units, one.deviation))
     return result
 
@@ -76,10 +76,10 @@ def drawn_whole(runs: Runs) -> list[str]:
     """Return the columns of the parameters that make up a robot of a file; none if robots were not
     drawn whole.
     """
-    return [name for name in columns(runs.manifest.config) if name in runs.names]
+    return [name for name in robot_columns(runs.manifest.config) if name in runs.names]
 
 
-def columns(config: Mapping[str, Any]) -> list[str]:
+def robot_columns(config: Mapping[str, Any]) -> list[str]:
     """Return the columns of the parameters that make up a robot, for a campaign as stored in its
     manifest.
     """
@@ -98,6 +98,6 @@ SECTIONS = (
         "robots",
         "Robots",
         80,
-        lambda runs, _: {"your_robot": own} if (own := runs.once(rates)) else None,
+        lambda runs, _: {"your_robot": own} if (own := runs.once(robot_rates)) else None,
     ),
 )

@@ -21,9 +21,9 @@ from ravenjax.report.data.facts import FACTS, OUTCOMES
 from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset
 from ravenjax.report.sections import Section
 from ravenjax.stats import latency
-from ravenjax.stats.intervals import Estimate, Rate, share, wilson
+from ravenjax.stats.intervals import Estimate, Rate, share_of_cells, wilson_interval
 from ravenjax.stats.latency import Delays, Incidence, Lead
-from ravenjax.store.access.query import RESULTS, text
+from ravenjax.store.access.query import RESULTS, quote_text
 from ravenjax.store.manifest import Manifest
 
 CAUSED = ("stopped", "flagged", "limited")
@@ -36,17 +36,17 @@ def rate_of(k: int, n: int) -> Rate:
     """Return the Wilson rate of k in n. It is cached, because the cells of a page repeat the same
     few counts.
     """
-    return wilson(k, n)
+    return wilson_interval(k, n)
 
 
 def of_faults(runs: Runs, k: int, n: int, groups: Collection[str] | None = None) -> Rate:
     """Return k of n distinct faults of these groups, or of all, without an interval if their values
     were enumerated.
     """
-    return rate_of(k, n) if runs.sampled(groups) else share(k, n)
+    return rate_of(k, n) if runs.sampled(groups) else share_of_cells(k, n)
 
 
-def known(runs: Runs, value: _Interval) -> _Interval:
+def without_interval_unless_sampled(runs: Runs, value: _Interval) -> _Interval:
     """Return the value, without its interval if the campaign's faults were not drawn."""
     return value if runs.sampled() else without_interval(value)
 
@@ -69,7 +69,7 @@ def quantiles_sql(column: str) -> str:
     return f"quantile_cont(({column})::DOUBLE, [0.5, 0.95, 1.0])"
 
 
-def times(runs: Runs, column: str) -> tuple[Incidence, Lead]:
+def event_times(runs: Runs, column: str) -> tuple[Incidence, Lead]:
     """Return an event's delay after the first effect and its lead over the motion, for faults with
     an unintended motion.
 
@@ -81,10 +81,10 @@ def times(runs: Runs, column: str) -> tuple[Incidence, Lead]:
         runs.delays(event, start, runs.end, UNINTENDED)[""]
         for start in ("active_ms", "unintended_ms")
     )
-    return latency.incidence(delay), latency.lead(lag)
+    return latency.incidence_curve(delay), latency.lead_time(lag)
 
 
-def headline(runs: Runs, manifest: Manifest) -> dict[str, Any]:
+def headline_counts(runs: Runs, manifest: Manifest) -> dict[str, Any]:
     """Return counts of distinct faults, by the first valid run of each in which nobody reacts.
 
     - evaded, felt, unseen, evaded_limited: faults that evaded; of these, those with the cue,
@@ -112,7 +112,7 @@ def headline(runs: Runs, manifest: Manifest) -> dict[str, Any]:
         "both": both,
         "cue_first": f"{both} AND warned_ms < told_ms",
         "same_ms": f"{both} AND warned_ms = told_ms",
-        **{name: f"outcome = {text(name)}" for name in OUTCOMES},
+        **{name: f"outcome = {quote_text(name)}" for name in OUTCOMES},
     }
     counts = runs.counts(list(conditions.values()), where="sample AND faulty")
     n = dict(zip(conditions, counts, strict=True))
@@ -155,7 +155,7 @@ def verdict_matrix(runs: Runs) -> list[dict[str, Any]]:
 
 def _matrix(cube: pd.DataFrame, sampled: bool) -> list[dict[str, Any]]:
     """Return the verdict matrix of valid runs. `sampled`: their faults were drawn."""
-    rate_in = rate_of if sampled else share
+    rate_in = rate_of if sampled else share_of_cells
     cube = cube.loc[~cube["failed"]]
     total = _count(cube)
     counts: Any = cube.groupby(["response", "hazard", "cued"])["runs"]
@@ -257,7 +257,7 @@ def least_last(rate: Rate) -> tuple[bool, float]:
     return not rate.n, -rate.value if rate.n else 0.0
 
 
-def delays(runs: Runs, event: str) -> tuple[Delays, int]:
+def event_delays(runs: Runs, event: str) -> tuple[Delays, int]:
     """Return the delay (ms) of an event after the first effect, for one run of each activated
     fault.
 
@@ -310,7 +310,9 @@ def cause_rows(runs: Runs) -> list[dict[str, Any]]:
     """Return which check decided the response to distinct faults, by response, most
     frequent first.
     """
-    counts = ", ".join(f"count(*) FILTER (response = {text(name)}) AS {name}" for name in CAUSED)
+    counts = ", ".join(
+        f"count(*) FILTER (response = {quote_text(name)}) AS {name}" for name in CAUSED
+    )
     rows = runs.table.rows(
         f"SELECT response_cause::VARCHAR AS cause, {counts} FROM {runs.those('sample AND faulty')} "
         "WHERE response <> 'silent' GROUP BY cause ORDER BY count(*) DESC, cause"
@@ -344,7 +346,7 @@ def overload_rows(runs: Runs) -> list[OverloadRow]:
     """
     if not runs.manifest.shape.cables:
         return []
-    over, groups = events.sql("cable_overload", runs.manifest.rules), runs.groups_by("site")
+    over, groups = events.event_sql("cable_overload", runs.manifest.rules), runs.groups_by("site")
 
     def of(by: str) -> list[OverloadRow]:
         counts = runs.table.rows(
@@ -364,7 +366,7 @@ def overload_rows(runs: Runs) -> list[OverloadRow]:
     return [*every, *sorted(sites, key=lambda row: (-row.overloaded.k, row.site))]
 
 
-def replay(folder: Path, run_id: str) -> str:
+def replay_command(folder: Path, run_id: str) -> str:
     """Return the command that replays a run."""
     return f"ravenjax trace {shlex.quote(str(folder))} {run_id}"
 
@@ -376,7 +378,7 @@ def failure_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
         f" row) FROM {RESULTS} WHERE failed <> '' GROUP BY cause, name ORDER BY cause, name"
     )
     return [
-        {"cause": cause, "group": group, "n": n, "command": replay(folder, run_id)}
+        {"cause": cause, "group": group, "n": n, "command": replay_command(folder, run_id)}
         for cause, group, n, run_id in groups
     ]
 
@@ -389,10 +391,10 @@ def _verdicts(runs: Runs, folder: Path) -> dict[str, Any]:
         "jumps": jump_rows(runs),
         "overloads": overload_rows(runs),
         "cables_break": (manifest.config.get("campaign") or {}).get("cables") == "break",
-        "stopped": decisions.sentence(folder),
+        "stopped": decisions.describe_stop(folder),
         "definitions": [
             one
-            for one in definitions.rows(manifest.rules, manifest.robot)
+            for one in definitions.definition_rows(manifest.rules, manifest.robot)
             if one.word != definitions.OVERLOADED or manifest.shape.cables
         ],
     }

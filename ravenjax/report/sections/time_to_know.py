@@ -11,7 +11,7 @@ from ravenjax.document.chart import Chart, ChartAxis, Curve
 from ravenjax.document.palette import CUE, RESPONSE, SAME
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import Section, answers, tables
-from ravenjax.stats.latency import incidence
+from ravenjax.stats.latency import incidence_curve
 
 FIRST_MS = 1.0
 """Start of the logarithmic time axis, in ms. Times are whole milliseconds."""
@@ -23,14 +23,14 @@ def incidence_curves(runs: Runs) -> tuple[Chart | None, dict[str, int]]:
     One run of each fault counts. The chart is None if no fault had an effect. Also return how many
     faults each curve leaves out because the event came before the first effect.
     """
-    cue, early_cue = tables.delays(runs, "warned_ms")
-    told, early_told = tables.delays(runs, "told_ms")
+    cue, early_cue = tables.event_delays(runs, "warned_ms")
+    told, early_told = tables.event_delays(runs, "told_ms")
     end_ms = float(runs.manifest.duration_ms)
     curves = []
     for name, colour, one in (
-        ("haptic cue", CUE, incidence(cue)),
-        ("alarm or stop by a check", RESPONSE, incidence(told)),
-        ("first of all, for unintended motions", SAME, runs.once(answers.knowledge).delay),
+        ("haptic cue", CUE, incidence_curve(cue)),
+        ("alarm or stop by a check", RESPONSE, incidence_curve(told)),
+        ("first of all, for unintended motions", SAME, runs.once(answers.detection_answers).delay),
     ):
         if one.n:
             # Enumerated faults have no confidence band.

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 from ravenjax.report import wording
 from ravenjax.report.data.runs import Runs
-from ravenjax.report.run.ranking import ranked
+from ravenjax.report.run.ranking import rank_runs
 from ravenjax.report.sections import Section
-from ravenjax.report.sections.tables import replay
+from ravenjax.report.sections.tables import replay_command
 from ravenjax.vocabulary.robot import Robot
 
 MOST = 5
@@ -73,7 +73,7 @@ KINDS = (
 )
 
 
-def rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
+def worst_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
     """Return each kind with its fields, the number of faults that had it (n), and its worst runs,
     one per fault (rows).
 
@@ -91,7 +91,7 @@ def rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
             f" isnan(({far})::DOUBLE)"
         )
         (n,) = runs.table.row(f"SELECT count(*) FROM {cases}")
-        worst = ranked(runs.table, cases, far, MOST)
+        worst = rank_runs(runs.table, cases, far, MOST)
         numbered = runs.numbered([one.row for one in worst])
         lines = [
             _row(manifest.robot, row, one.value, folder)
@@ -101,7 +101,7 @@ def rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
     return kinds
 
 
-def flat(kinds: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def flatten_worst(kinds: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return every run of every kind as rows, for a file."""
     return [
         {"kind": kind["title"], "measured": kind["measured"], **row}
@@ -115,7 +115,7 @@ def _row(robot: Robot, row: dict[str, Any], far: float, folder: Path) -> dict[st
     return {
         "run_id": row["run_id"],
         "group": row["group"],
-        "fault": wording.fault(row, robot),
+        "fault": wording.describe_fault(row, robot),
         "far": far,
         "response": row["response"],
         "cause": row["response_cause"],
@@ -123,13 +123,13 @@ def _row(robot: Robot, row: dict[str, Any], far: float, folder: Path) -> dict[st
         "cue_ms": row["warned_ms"] - active if row["warned_ms"] >= max(active, 0) else None,
         **({"depth_mm": row["tissue_depth_mm"]} if robot.tissue else {}),
         "verdict": row["verdict"],
-        "command": replay(folder, row["run_id"]),
+        "command": replay_command(folder, row["run_id"]),
     }
 
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any]:
-    worst = rows(runs, folder)
-    return {"worst": worst, "worst_csv": flat(worst)}
+    worst = worst_rows(runs, folder)
+    return {"worst": worst, "worst_csv": flatten_worst(worst)}
 
 
 SECTIONS = (Section("worst", "Worst runs", 140, _content),)

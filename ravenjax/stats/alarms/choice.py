@@ -59,7 +59,7 @@ def false_rates(alarms: AlarmCounts, times: float = 1.0) -> Estimate:
     return Estimate(count / hours, *rate_bounds(count, hours))
 
 
-def cheapest(alarms: AlarmCounts, weight: float, times: float = 1.0) -> np.ndarray:
+def cheapest_alarms(alarms: AlarmCounts, weight: float, times: float = 1.0) -> np.ndarray:
     """Return which alarms may be cheapest, bool [alarms], if a missed hazard costs `weight` false
     alarms and one hazard comes per hour.
     """
@@ -68,7 +68,9 @@ def cheapest(alarms: AlarmCounts, weight: float, times: float = 1.0) -> np.ndarr
     return ~(dearer > 0).any(axis=1)
 
 
-def rare(alarms: AlarmCounts, per_hour: float, times: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+def rarest_alarms(
+    alarms: AlarmCounts, per_hour: float, times: float = 1.0
+) -> tuple[np.ndarray, np.ndarray]:
     """Return which alarms may miss fewest hazards within the limit of false alarms per hour, and
     which certainly keep the limit.
 
@@ -85,7 +87,7 @@ def hours_to_decide(possible: Callable[[float], np.ndarray]) -> float:
     hours, at unchanged rates.
 
     Return NaN if the present hours suffice. `possible`: the alarms that may be best, as from
-    `cheapest`, as a function of the factor.
+    `cheapest_alarms`, as a function of the factor.
     """
     end = possible(np.inf)
     if np.array_equal(possible(1.0), end):
@@ -101,7 +103,7 @@ def hours_to_decide(possible: Callable[[float], np.ndarray]) -> float:
     return float(high)
 
 
-def front(first: ArrayLike, second: ArrayLike) -> np.ndarray:
+def unbeaten_choices(first: ArrayLike, second: ArrayLike) -> np.ndarray:
     """Return which of n choices no other choice beats: bool [n].
 
     A choice is beaten if another one is at most as costly in both costs and lower in one. The costs

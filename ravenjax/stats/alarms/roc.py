@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ravenjax.stats.bootstrap.resample import quantiles
-from ravenjax.stats.bootstrap.units import units
+from ravenjax.stats.bootstrap.resample import band_ends
+from ravenjax.stats.bootstrap.units import group_units
 from ravenjax.stats.intervals import Estimate
 
 GRID = np.linspace(0.0, 1.0, 101)
@@ -105,7 +105,7 @@ def _band(
             return np.stack([curve(*pair) for pair in zip(hits, misses, strict=True)])
 
     (value,) = statistic(np.ones((1, len(values))))
-    low, high = quantiles(units(cluster).resampled(statistic, resamples, seed))
+    low, high = band_ends(group_units(cluster).resampled(statistic, resamples, seed))
     return CurveBand(
         grid,
         Estimate(value[:-1], low[:-1], high[:-1]),

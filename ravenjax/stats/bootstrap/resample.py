@@ -35,11 +35,11 @@ def bootstrap(
         samples = np.concatenate(
             [np.asarray(statistic(rng.integers(units, size=(n, units))), float) for n in sizes]
         )
-    low, high = quantiles(samples, confidence)
+    low, high = band_ends(samples, confidence)
     return Estimate(value, low, high)
 
 
-def quantiles(samples: np.ndarray, confidence: float = 0.95) -> np.ndarray:
+def band_ends(samples: np.ndarray, confidence: float = 0.95) -> np.ndarray:
     """Return both ends [2, ...] of the central share of samples [b, ...]; NaN if all samples are
     NaN.
     """

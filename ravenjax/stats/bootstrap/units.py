@@ -20,8 +20,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ravenjax.stats.bootstrap.resample import quantiles
-from ravenjax.stats.intervals import Estimate, Rate, bounds
+from ravenjax.stats.bootstrap.resample import band_ends
+from ravenjax.stats.intervals import Estimate, Rate, rate_bounds
 
 FEWEST = 5
 """Number of units below which there is no interval, because they are too few to resample."""
@@ -74,7 +74,7 @@ class Units(NamedTuple):
         return np.concatenate(parts)
 
 
-def codes(label: ArrayLike) -> tuple[np.ndarray, int]:
+def label_codes(label: ArrayLike) -> tuple[np.ndarray, int]:
     """Return the number of each row's label [n], and the count of different labels. Raises
     ValueError if a label is missing.
     """
@@ -87,17 +87,17 @@ def codes(label: ArrayLike) -> tuple[np.ndarray, int]:
     return code, len(names)
 
 
-def units(label: ArrayLike, stratum: ArrayLike | None = None) -> Units:
+def group_units(label: ArrayLike, stratum: ArrayLike | None = None) -> Units:
     """Return the units given by the label of each row [n], and their strata given by another label.
     Labels may have any type.
 
     Without strata there is a single one. Raises ValueError if a label is missing, or a unit lies in
     two strata.
     """
-    unit, count = codes(label)
+    unit, count = label_codes(label)
     if stratum is None:
         return Units(unit, np.zeros(count, int))
-    rows, _ = codes(stratum)
+    rows, _ = label_codes(stratum)
     of_unit = np.zeros(count, int)
     of_unit[unit] = rows
     if (of_unit[unit] != rows).any():
@@ -105,7 +105,7 @@ def units(label: ArrayLike, stratum: ArrayLike | None = None) -> Units:
     return Units(unit, of_unit)
 
 
-def ratio(
+def ratio_band(
     above: ArrayLike,
     below: ArrayLike,
     among: Units,
@@ -118,7 +118,7 @@ def ratio(
     mean.
 
     The band is NaN for fewer than FEWEST units. If all units have the same ratio, the band has zero
-    width; use `rate` to get a band then.
+    width; use `rate_band` to get a band then.
     """
     parts = [np.broadcast_to(np.asarray(part, float), among.unit.shape) for part in (above, below)]
     sums = np.stack([np.bincount(among.unit, part, minlength=among.count) for part in parts])
@@ -129,11 +129,11 @@ def ratio(
             return Estimate(value, np.nan, np.nan)
         numerator, denominator = sums @ among.weights(resamples, seed).T
         samples = numerator / denominator
-    low, high = quantiles(np.where(np.isfinite(samples), samples, np.nan), confidence)
+    low, high = band_ends(np.where(np.isfinite(samples), samples, np.nan), confidence)
     return Estimate(float(value), float(low), float(high))
 
 
-def rate(
+def rate_band(
     hit: ArrayLike,
     among: Units,
     confidence: float = 0.95,
@@ -141,7 +141,7 @@ def rate(
     resamples: int = RESAMPLES,
     seed: int = 0,
 ) -> Rate:
-    """Return the share of rows that `hit` (bool [n]), with the band of `ratio`.
+    """Return the share of rows that `hit` (bool [n]), with the band of `ratio_band`.
 
     If all rows are equal, the band is Wilson's with as many trials as there are units, since a
     resample cannot show what was not seen. The share is NaN without rows.
@@ -151,15 +151,15 @@ def rate(
     if not n:
         return Rate(0, 0, np.nan, np.nan, np.nan)
     if 0 < k < n:
-        band = ratio(hits, 1.0, among, confidence, resamples=resamples, seed=seed)
+        band = ratio_band(hits, 1.0, among, confidence, resamples=resamples, seed=seed)
         return Rate(k, n, k / n, float(band.low), float(band.high))
     if among.count < FEWEST:
         return Rate(k, n, k / n, np.nan, np.nan)
-    low, high = bounds(np.array(k / n * among.count), np.array(among.count), confidence)
+    low, high = rate_bounds(np.array(k / n * among.count), np.array(among.count), confidence)
     return Rate(k, n, k / n, float(low), float(high))
 
 
-def statistic(
+def statistic_band(
     value: Callable[[np.ndarray], np.ndarray],
     among: Units,
     *,

@@ -32,7 +32,7 @@ class Correlation(NamedTuple):
     design_effect: float  # factor by which the effective number of rows is smaller
 
 
-def correlation(*groups: Clusters) -> Correlation:
+def intraclass_correlation(*groups: Clusters) -> Correlation:
     """Return the intraclass correlation within groups, by analysis of variance (Donner, Klar,
     2000), at least 0.
 
@@ -69,7 +69,7 @@ def risk_difference(first: Clusters, second: Clusters, confidence: float = 0.95)
 
     if not len(first) or not len(second):
         return _NONE
-    inflation = correlation(first, second)
+    inflation = intraclass_correlation(first, second)
     clusters = len(first) + len(second)
     alpha = alpha_of(confidence)
     if not math.isnan(inflation.icc):
@@ -110,7 +110,7 @@ def mean_difference(
     """
     from scipy.stats import ttest_1samp, ttest_ind
 
-    one, two = means(first), means(second)
+    one, two = cluster_means(first), cluster_means(second)
     if min(len(one), len(two)) < 2:
         return _NONE
     value = float((one - two).mean() if is_paired else one.mean() - two.mean())
@@ -157,7 +157,7 @@ def permutation_p(
     """
     from scipy.stats import permutation_test
 
-    one, two = means(first), means(second)
+    one, two = cluster_means(first), cluster_means(second)
     if min(len(one), len(two)) < 2:
         return math.nan
 
@@ -196,6 +196,6 @@ def exchange_p(first: ArrayLike, second: ArrayLike, unit: ArrayLike) -> float:
     return min(1.0, float(law[sums >= total].sum()))
 
 
-def means(clusters: Clusters) -> np.ndarray:
+def cluster_means(clusters: Clusters) -> np.ndarray:
     """Return the mean of each cluster's rows."""
     return np.array([float(np.mean(one)) for one in clusters])

@@ -19,7 +19,7 @@ class Discordance(NamedTuple):
     p: float
 
 
-def mcnemar(first: ArrayLike, second: ArrayLike) -> Discordance:
+def mcnemar_test(first: ArrayLike, second: ArrayLike) -> Discordance:
     """Return McNemar's exact test of two bool [n] over the same runs. p is 1 if no pair is
     discordant.
 

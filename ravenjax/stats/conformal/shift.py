@@ -39,7 +39,7 @@ class Shift(NamedTuple):
     calibration: int  # units
 
 
-def shift(calibration: np.ndarray, fresh: np.ndarray, seed: int = 0) -> Shift:
+def test_shift(calibration: np.ndarray, fresh: np.ndarray, seed: int = 0) -> Shift:
     """Test scores of independent units, [calibration] and [fresh]. `seed` breaks ties at random."""
     from scipy.stats import ks_2samp  # slow to import
 
@@ -50,7 +50,7 @@ def shift(calibration: np.ndarray, fresh: np.ndarray, seed: int = 0) -> Shift:
     own, other = rank[: len(calibration)], rank[len(calibration) :]
     comparison: Any = ks_2samp(own, other, method="auto")
     p_distribution = float(comparison.pvalue)
-    peak = float(martingale(p_values(calibration, fresh, seed)).max(initial=1.0))
+    peak = float(martingale_capital(p_values(calibration, fresh, seed)).max(initial=1.0))
     place = np.searchsorted(np.sort(own), other) / len(own)
     return Shift(
         p=min(1.0, 2.0 * min(p_distribution, 1.0 / peak)),
@@ -81,7 +81,7 @@ def p_values(calibration: np.ndarray, fresh: np.ndarray, seed: int = 0) -> np.nd
     return out
 
 
-def martingale(p: np.ndarray) -> np.ndarray:
+def martingale_capital(p: np.ndarray) -> np.ndarray:
     """Return the capital of the simple jumper after each p-value, [p]. It begins at 1."""
     shares = np.full(len(BETS), 1.0 / len(BETS))
     bets, path = np.array(BETS), np.empty(len(p))

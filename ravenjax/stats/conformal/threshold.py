@@ -153,7 +153,7 @@ class TooFewUnits(ValueError):
         self.units, self.fewest = units, fewest
 
 
-def least(operations: OperationScores, target: FalseAlarmTarget) -> Threshold:
+def least_threshold(operations: OperationScores, target: FalseAlarmTarget) -> Threshold:
     """Return the least score that keeps the target as a threshold. Raises TooFewUnits without
     one.
     """
@@ -215,7 +215,7 @@ LEAST = 1e-6
 """Least scale of a signal in a segment, as a fraction of its largest scale in any segment."""
 
 
-def scales(peaks: np.ndarray) -> np.ndarray:
+def signal_scales(peaks: np.ndarray) -> np.ndarray:
     """Return the scale of each signal in each segment from maxima [operations, signals, segments];
     float32 [signals, segments].
 
@@ -230,7 +230,7 @@ def scales(peaks: np.ndarray) -> np.ndarray:
     return np.where(level > 0, level, 1.0).astype(np.float32)
 
 
-def joint(peaks: np.ndarray, scale: np.ndarray) -> np.ndarray:
+def joint_scores(peaks: np.ndarray, scale: np.ndarray) -> np.ndarray:
     """Return the score of each operation: the largest of its maxima [operations, signals,
     segments], each divided by its scale.
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from ravenjax.stats.intervals import alpha_of, rates
+from ravenjax.stats.intervals import alpha_of, rates_with_intervals
 
 
 def hours_to_bound(per_hour: float, count: int = 0, confidence: float = 0.95) -> float:
@@ -38,7 +38,7 @@ def more_runs(k: int, n: int, half_width: float, confidence: float = 0.95) -> Mo
     """Return further runs until the Wilson interval of a rate observed as k of n is +- half_width
     (fraction) or narrower; n > 0.
     """
-    (rate,) = rates(k, n, confidence)
+    (rate,) = rates_with_intervals(k, n, confidence)
     worst = min(max(0.5, rate.low), rate.high)
     return MoreRuns(
         *(max(0, _wilson_runs(p, half_width, confidence) - rate.n) for p in (rate.value, worst))

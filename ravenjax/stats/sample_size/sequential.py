@@ -9,7 +9,7 @@ includes sizes that the data themselves chose, by stopping or by giving one stra
 another. Each interval is exact (Clopper, Pearson, Biometrika 26, 1934).
 
 The rate of the whole table is that of strata weighted by their sizes. Its interval is the
-effective-sample-size Wilson interval of `stratified`, at 1 - (1 - confidence) / (looks x
+effective-sample-size Wilson interval of `stratified_rate`, at 1 - (1 - confidence) / (looks x
 rates). It is approximate, as that one is.
 
 Runs count as independent draws. A table that is itself the population, such as a shuffled grid, is
@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BaseModel, BeforeValidator, ConfigDict, PlainSerializer
 
-from ravenjax.stats.intervals import Estimate, Rate, alpha_of, bounds, rates
+from ravenjax.stats.intervals import Estimate, Rate, alpha_of, rate_bounds, rates_with_intervals
 from ravenjax.stats.sample_size.planning import more_runs
 
 Of = Literal["groups", "whole"]
@@ -186,7 +186,9 @@ class Sequential:
         spread = np.sqrt(guess * (1 - guess)).max(axis=0)
         spread = spread**2 if self.of == "groups" else spread * self.size
         most = np.where(waits, np.minimum(sizes[-1], counts + self._more(k, n)), counts)
-        wanted = allocate(int(sizes[look.number].sum()), np.where(waits, spread, 0.0), counts, most)
+        wanted = allocate_runs(
+            int(sizes[look.number].sum()), np.where(waits, spread, 0.0), counts, most
+        )
         return np.where(sizes >= wanted, sizes, sizes[-1]).min(axis=0)
 
     def _more(self, k: np.ndarray, n: np.ndarray) -> np.ndarray:
@@ -226,7 +228,9 @@ class Sequential:
             Interval(rate=rate, stratum=name, **found._asdict())
             for r, rate in enumerate(self.rates)
             for name, found in zip(
-                names, rates(k[r, there], n[there], self.each, "clopper_pearson"), strict=True
+                names,
+                rates_with_intervals(k[r, there], n[there], self.each, "clopper_pearson"),
+                strict=True,
             )
         ]
 
@@ -239,13 +243,13 @@ class Sequential:
             found = Rate(0, 0, math.nan, math.nan, math.nan)
             if known:
                 hits, runs = k[r, there], n[there]
-                estimate = stratified(hits, runs, self.size[there], self.each)
+                estimate = stratified_rate(hits, runs, self.size[there], self.each)
                 found = Rate(int(hits.sum()), int(runs.sum()), *estimate)
             rows.append(Interval(rate=rate, stratum="", **found._asdict()))
         return rows
 
 
-def sentence(looks: Sequence[Look]) -> str:
+def describe_stop(looks: Sequence[Look]) -> str:
     """Return a sentence on why a campaign stopped, or that it has not. `looks`: in order."""
     if not looks:
         return "No look at the stop rule yet."
@@ -273,7 +277,9 @@ def sentence(looks: Sequence[Look]) -> str:
     )
 
 
-def stratified(k: ArrayLike, n: ArrayLike, weight: ArrayLike, confidence: float = 0.95) -> Estimate:
+def stratified_rate(
+    k: ArrayLike, n: ArrayLike, weight: ArrayLike, confidence: float = 0.95
+) -> Estimate:
     """Return the rate sum w p over strata with k[s] hits in n[s] runs that occur in proportion to
     weight[s].
 
@@ -293,11 +299,11 @@ def stratified(k: ArrayLike, n: ArrayLike, weight: ArrayLike, confidence: float 
     overall = share @ centre
     effective = overall * (1 - overall) / np.sum(share**2 * centre * (1 - centre) / runs)
     value = float(share @ (hits / runs))
-    low, high = bounds(np.array(value * effective), np.array(effective), confidence, "wilson")
+    low, high = rate_bounds(np.array(value * effective), np.array(effective), confidence, "wilson")
     return Estimate(value, float(low), float(high))
 
 
-def allocate(total: int, spread: ArrayLike, least: ArrayLike, most: ArrayLike) -> np.ndarray:
+def allocate_runs(total: int, spread: ArrayLike, least: ArrayLike, most: ArrayLike) -> np.ndarray:
     """Return runs per stratum, int64 [strata], in proportion to spread[s], between least[s] and
     most[s].
 
@@ -308,7 +314,7 @@ def allocate(total: int, spread: ArrayLike, least: ArrayLike, most: ArrayLike) -
     total = int(np.clip(total, low.sum(), high.sum()))
     full = np.where(want > 0, high, low)
     if total > full.sum():
-        return allocate(total, np.ones(len(want)), full, high)
+        return allocate_runs(total, np.ones(len(want)), full, high)
     exact = np.clip(_level(total, want, low, high) * want, low, high)
     runs = np.floor(exact).astype(np.int64)
     # Distribute by remainders, the largest first.

@@ -18,7 +18,7 @@ from ravenjax.errors import StoreError
 from ravenjax.outcomes import events, verdict
 from ravenjax.store import parts, schema
 from ravenjax.store.access import query
-from ravenjax.store.access.query import ResultTable, quoted, text
+from ravenjax.store.access.query import ResultTable, quote_name, quote_text
 from ravenjax.store.folder import PARTS, READERS
 from ravenjax.store.manifest import Manifest
 from ravenjax.vocabulary import failures
@@ -47,24 +47,24 @@ class FolderCheck(NamedTuple):
         return not self.problems
 
 
-def files(folder: Path, record: Manifest) -> tuple[FolderCheck, list[parts.Part]]:
+def check_files(folder: Path, record: Manifest) -> tuple[FolderCheck, list[parts.Part]]:
     """Check that every recorded part is byte for byte what was recorded, and that there are no
     others.
 
     Return also the parts that are complete.
     """
-    there = {path.name for path in parts.files(folder / PARTS)}
+    there = {path.name for path in parts.part_files(folder / PARTS)}
     stray = sorted(there - {part.file for part in record.parts})
 
     def problem(part: parts.Part) -> str:
         path = folder / PARTS / part.file
         try:
-            parts.verify(path, record.config_hash, part)
+            parts.verify_part(path, record.config_hash, part)
             return _differs(path, part, record.shape)
         except StoreError as error:
             return str(error)
 
-    problems = threads.mapped(problem, record.parts, READERS)
+    problems = threads.map_in_threads(problem, record.parts, READERS)
     complaints = [
         *filter(None, problems),
         *(f"{folder / PARTS / name}: no record names this part" for name in stray),
@@ -76,13 +76,13 @@ def files(folder: Path, record: Manifest) -> tuple[FolderCheck, list[parts.Part]
     return FolderCheck("parts", looked_at, _short(complaints)), whole
 
 
-def rows(record: Manifest) -> FolderCheck:
+def check_rows(record: Manifest) -> FolderCheck:
     """Check that the recorded parts hold each row that they should, and none twice."""
     complaints = [
         f"{part.file}: holds rows that another part holds, too"
-        for part in parts.apart(record.parts)[1]
+        for part in parts.without_overlaps(record.parts)[1]
     ]
-    missing = query.lacking(record.wanted, record.parts)
+    missing = query.missing_ranges(record.wanted, record.parts)
     if missing:
         complaints.append(f"{sum(map(len, missing)):,} rows are missing: {query.in_words(missing)}")
     elif record.finished is None:
@@ -96,7 +96,7 @@ def rows(record: Manifest) -> FolderCheck:
     return FolderCheck("rows", f"{record.done:,} of {record.due:,} rows", _short(complaints))
 
 
-def values(folder: Path, record: Manifest, whole: list[parts.Part]) -> list[FolderCheck]:
+def check_values(folder: Path, record: Manifest, whole: list[parts.Part]) -> list[FolderCheck]:
     """Check that the rows of complete parts have values that a run can have, as rules.toml says."""
     if not whole:
         return []
@@ -112,7 +112,7 @@ def _check(
 ) -> FolderCheck:
     """Count the rows that break each rule."""
     musts, complaints = [], []
-    for column in schema.columns(record.shape):
+    for column in schema.table_columns(record.shape):
         rule = next(
             (
                 rule
@@ -123,13 +123,13 @@ def _check(
         )
         if "must" in rule:
             terms = {
-                "name": quoted(column.name),
+                "name": quote_name(column.name),
                 "column": column.name,
                 "unit": column.unit,
-                "words": ", ".join(map(text, WORDS.get(column.name, ()))),
+                "words": ", ".join(map(quote_text, WORDS.get(column.name, ()))),
                 "end": record.duration_ms,
                 "last_row": record.runs - 1,
-                "cue": events.sql("cue", record.rules),
+                "cue": events.event_sql("cue", record.rules),
                 "told": events.TOLD_SQL,
                 "halt_ms": verdict.HALT_MS,
             }

@@ -18,7 +18,7 @@ FOLDER, FILE = "explained", "explained.parquet"
 _CAMPAIGN, _CODE = b"config_hash", b"code_hash"
 
 
-def add(place: Path, ticks: pd.DataFrame, record: Manifest) -> Path:
+def add_explained(place: Path, ticks: pd.DataFrame, record: Manifest) -> Path:
     """Add explained runs, as from `campaign.inspection.explain`, to a folder's file; they replace
     earlier rows of the same runs.
 
@@ -26,7 +26,7 @@ def add(place: Path, ticks: pd.DataFrame, record: Manifest) -> Path:
     cannot be written.
     """
     path, own = place / FILE, manifest.code_hash(record.robot).encode()
-    before = read(place, record)
+    before = read_explained(place, record)
     if before is not None and (pq.read_schema(path).metadata or {}).get(_CODE) == own:
         others = before.loc[~before["run_id"].isin(ticks["run_id"])]
         ticks = pd.concat([others, ticks], ignore_index=True).sort_values("index", kind="stable")
@@ -36,7 +36,7 @@ def add(place: Path, ticks: pd.DataFrame, record: Manifest) -> Path:
     return path
 
 
-def read(place: Path, record: Manifest) -> pd.DataFrame | None:
+def read_explained(place: Path, record: Manifest) -> pd.DataFrame | None:
     """Return the explained runs of a campaign in a folder; None if the folder has none.
 
     Raises StoreError for a damaged file.

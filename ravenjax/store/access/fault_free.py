@@ -48,7 +48,7 @@ class Companions(NamedTuple):
 NO_COMPANIONS = Companions((), ())
 
 
-def find(folder: Path, campaign: Manifest) -> Companions:
+def find_fault_free(folder: Path, campaign: Manifest) -> Companions:
     """Return the fault-free motion beside the result in `folder`, in the order of names.
 
     campaign: manifest of that result.
@@ -59,7 +59,7 @@ def find(folder: Path, campaign: Manifest) -> Companions:
     motions, excluded = [], []
     for path in paths:
         try:
-            manifest = manifests.read(path)
+            manifest = manifests.read_manifest(path)
         except StoreError as error:
             excluded.append(f"{path.name}: {str(error).removeprefix(f'{path}: ')}")
             continue
@@ -100,11 +100,13 @@ def _difference(campaign: Manifest, other: Manifest) -> str:
     for name in ("cues", "detectors"):
         if getattr(campaign, name) != getattr(other, name):
             return f"has other {name}"
-    differences = manifests.differences(robot(other.config), robot(campaign.config))
+    differences = manifests.find_differences(
+        robot_tables(other.config), robot_tables(campaign.config)
+    )
     return "; ".join(differences).replace(" asked for", " in the campaign")
 
 
-def robot(config: dict[str, Any]) -> dict[str, Any]:
+def robot_tables(config: dict[str, Any]) -> dict[str, Any]:
     """Return the parts of a resolved campaign that decide how the robot follows fault-free
     motion.
     """

@@ -18,7 +18,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from ravenjax.errors import StoreError
-from ravenjax.store.files import parsed
+from ravenjax.store.files import parse_json
 
 FILE = ".lock"
 _TAKEN = (errno.EWOULDBLOCK, errno.EACCES)
@@ -26,7 +26,7 @@ _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL)
 
 
 @contextlib.contextmanager
-def held(folder: Path) -> Iterator[None]:
+def hold_lock(folder: Path) -> Iterator[None]:
     """Hold the lock of `folder`, which must exist.
 
     Raises StoreError that names the holder if another process has the lock.
@@ -73,7 +73,7 @@ def _put(file, text: str) -> None:
 def _may_run(text: str) -> bool:
     """Return whether the process that a lock file names may still run."""
     try:
-        holder = parsed(text)
+        holder = parse_json(text)
         if holder["host"] == socket.gethostname():
             os.kill(int(holder["pid"]), 0)
     except (ValueError, KeyError, TypeError, ProcessLookupError):
@@ -86,7 +86,7 @@ def _may_run(text: str) -> bool:
 
 def _refusal(folder: Path, text: str, hint: str = "") -> StoreError:
     try:
-        holder = parsed(text)
+        holder = parse_json(text)
         who = f"process {holder['pid']} on {holder['host']}, since {holder['since']}"
     except (ValueError, KeyError, TypeError):
         who = "another process"

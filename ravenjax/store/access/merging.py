@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ravenjax import threads
-from ravenjax.errors import StoreError, listed
+from ravenjax.errors import StoreError, list_lines
 from ravenjax.store import manifest as manifests
 from ravenjax.store import parts
 from ravenjax.store.access import lock, query
-from ravenjax.store.files import require_writable, sha256, write_aside
+from ravenjax.store.files import hash_file, require_writable, write_aside
 from ravenjax.store.folder import PARTS, READERS
 from ravenjax.store.manifest import Manifest
 from ravenjax.store.parts import Part
@@ -53,7 +53,7 @@ class PartSource(NamedTuple):
         return self.folder / PARTS / self.part.file
 
 
-def merge(out: Path, shards: Sequence[Path], partial: bool = False) -> Merged:
+def merge_shards(out: Path, shards: Sequence[Path], partial: bool = False) -> Merged:
     """Join the result folders `shards` into the folder `out`; partial: also if rows are missing.
 
     All shards must have the same campaign, engine, code and package versions. They are not changed.
@@ -61,22 +61,24 @@ def merge(out: Path, shards: Sequence[Path], partial: bool = False) -> Merged:
     the same row, or rows are missing.
     """
     folders = _folders(out, shards)
-    records = {folder: manifests.read(folder) for folder in folders}
+    records = {folder: manifests.read_manifest(folder) for folder in folders}
     first = folders[0]
     for folder in folders[1:]:
         _require_same(first, records[first], folder, records[folder])
     sources = _disjoint(
         [source for folder in folders for source in _parts(folder, records[folder])]
     )
-    missing = query.lacking([range(records[first].runs)], [source.part for source in sources])
+    missing = query.missing_ranges(
+        [range(records[first].runs)], [source.part for source in sources]
+    )
     if missing and not partial:
         raise StoreError(_incomplete(records, missing))
     require_writable(out / PARTS)
-    with lock.held(out):
+    with lock.hold_lock(out):
         _require_own(out, sources)
         done = [_taken(source, out, records[first].config_hash) for source in sources]
         record = _joined(list(records.values()), sources, bool(missing))
-        manifests.write(out, record)
+        manifests.write_manifest(out, record)
     return Merged(record, done.count("linked"), done.count("copied"), done.count("kept"), missing)
 
 
@@ -98,7 +100,7 @@ def _require_same(first: Path, one: Manifest, other: Path, two: Manifest) -> Non
     if one.runs != two.runs:
         differences.append(f"runs: {one.runs} here, {two.runs} asked for")
     if differences:
-        lines = listed([f"{line.removesuffix(' asked for')} there" for line in differences])
+        lines = list_lines([f"{line.removesuffix(' asked for')} there" for line in differences])
         raise StoreError(
             f"{other}: is no shard of the campaign in {first}. Here {first}, there"
             f" {other}:\n{lines}\nNothing was merged: shards are made by the same command and code,"
@@ -112,16 +114,16 @@ def _parts(folder: Path, record: Manifest) -> list[PartSource]:
     They include a part that was renamed but not yet recorded when the power failed.
     """
     recorded = {part.file: part for part in record.parts}
-    there = {path.name: path for path in parts.files(folder / PARTS)}
+    there = {path.name: path for path in parts.part_files(folder / PARTS)}
 
     def checked(name: str) -> PartSource:
         path = there.get(name, folder / PARTS / name)
         if name not in recorded:
-            return PartSource(folder, parts.inspect(path, record.config_hash))
-        parts.verify(path, record.config_hash, recorded[name])
+            return PartSource(folder, parts.inspect_part(path, record.config_hash))
+        parts.verify_part(path, record.config_hash, recorded[name])
         return PartSource(folder, recorded[name])
 
-    return threads.mapped(checked, sorted(recorded.keys() | there.keys()), READERS)
+    return threads.map_in_threads(checked, sorted(recorded.keys() | there.keys()), READERS)
 
 
 def _disjoint(sources: list[PartSource]) -> list[PartSource]:
@@ -151,7 +153,7 @@ def _incomplete(records: dict[Path, Manifest], missing: list[range]) -> str:
         f" them: rows {query.in_words(missing)}."
     ]
     for folder, record in records.items():
-        own = query.lacking(record.wanted, record.parts)
+        own = query.missing_ranges(record.wanted, record.parts)
         if record.rows is not None and own:
             sentences.append(
                 f"{folder} lacks rows {query.in_words(own)} of its own: start its command again."
@@ -163,7 +165,9 @@ def _incomplete(records: dict[Path, Manifest], missing: list[range]) -> str:
 def _taken(source: PartSource, out: Path, config_hash: str) -> str:
     """Put a part into the folder; return whether it was kept, linked or copied."""
     target = out / PARTS / source.part.file
-    if target.exists() and (target.samefile(source.file) or sha256(target) == source.part.sha256):
+    if target.exists() and (
+        target.samefile(source.file) or hash_file(target) == source.part.sha256
+    ):
         return "kept"
 
     def fill(aside: Path) -> None:
@@ -179,14 +183,14 @@ def _taken(source: PartSource, out: Path, config_hash: str) -> str:
     write_aside(target, fill)
     if target.samefile(source.file):
         return "linked"
-    parts.verify(target, config_hash, source.part)
+    parts.verify_part(target, config_hash, source.part)
     return "copied"
 
 
 def _require_own(out: Path, sources: list[PartSource]) -> None:
     """Raise StoreError if the folder holds a part that belongs to no source."""
     own = {source.part.file for source in sources}
-    foreign = [path for path in parts.files(out / PARTS) if path.name not in own]
+    foreign = [path for path in parts.part_files(out / PARTS) if path.name not in own]
     if foreign:
         raise StoreError(
             f"{foreign[0]}: is in the folder to merge into, and none of the shards has it. Nothing"
@@ -210,7 +214,7 @@ def _joined(records: list[Manifest], sources: list[PartSource], incomplete: bool
             "finished": (
                 None
                 if incomplete
-                else max((end for end in finished if end), default=manifests.now())
+                else max((end for end in finished if end), default=manifests.utc_now())
             ),
             "starts": max(record.starts for record in records),
             "run_s": sum(seconds) if seconds else None,

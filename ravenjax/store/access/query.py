@@ -73,7 +73,9 @@ class ResultTable:
 
     def types(self, name: str = RESULTS) -> dict[str, str]:
         """Return the columns of a table or view, in order, and their SQL types."""
-        return dict(self.rows(f"SELECT column_name, column_type FROM (DESCRIBE {quoted(name)})"))
+        return dict(
+            self.rows(f"SELECT column_name, column_type FROM (DESCRIBE {quote_name(name)})")
+        )
 
     def register(self, name: str, table: pa.Table) -> None:
         """Make an Arrow table readable under a name."""
@@ -114,7 +116,7 @@ def open_parts(
     aside: folder with space to spill, if it is writable. numbered: add columns `filename` and
     `file_row_number`, which counts from 0.
     """
-    table = empty(aside)
+    table = open_empty(aside)
     more = ", filename = true, file_row_number = true" if numbered else ""
     table.run(f'CREATE VIEW {RESULTS} AS SELECT *, "index" AS row FROM {of_files(files, more)}')
     return table
@@ -135,15 +137,15 @@ def whole_parts(path: Path) -> list[Path]:
     Raises StoreError as `open_folder`.
     """
     record = read_complete_manifest(path)
-    threads.mapped(
-        lambda part: parts.verify(path / PARTS / part.file, record.config_hash, part),
+    threads.map_in_threads(
+        lambda part: parts.verify_part(path / PARTS / part.file, record.config_hash, part),
         record.parts,
         READERS,
     )
     return [path / PARTS / part.file for part in record.parts]
 
 
-def empty(aside: Path | None = None, memory_mb: int | None = None) -> ResultTable:
+def open_empty(aside: Path | None = None, memory_mb: int | None = None) -> ResultTable:
     """Return a connection without a table.
 
     aside: as in `open_parts`. memory_mb: memory of DuckDB, MB; None: the environment variable
@@ -175,9 +177,9 @@ def empty(aside: Path | None = None, memory_mb: int | None = None) -> ResultTabl
         return ResultTable(connection, closing.pop_all())
 
 
-def lacking(wanted: Sequence[range], held: Sequence[parts.Part]) -> list[range]:
+def missing_ranges(wanted: Sequence[range], held: Sequence[parts.Part]) -> list[range]:
     """Return the rows of `wanted` that no part holds, as ranges in order."""
-    return list(parts.gaps(held, wanted, 2**62))
+    return list(parts.missing_rows(held, wanted, 2**62))
 
 
 def in_words(ranges: Sequence[range], most: int = 5) -> str:
@@ -190,24 +192,24 @@ def in_words(ranges: Sequence[range], most: int = 5) -> str:
     return ", ".join(words) + more
 
 
-def quoted(name: str) -> str:
+def quote_name(name: str) -> str:
     """Return a column's name as SQL identifier."""
     return '"' + name.replace('"', '""') + '"'
 
 
-def enum(words: Sequence[str]) -> str:
+def enum_type(words: Sequence[str]) -> str:
     """Return an SQL enum type of these words, which takes one byte per value."""
-    return "ENUM (" + ", ".join(text(word) for word in words) + ")"
+    return "ENUM (" + ", ".join(quote_text(word) for word in words) + ")"
 
 
-def text(word: str) -> str:
+def quote_text(word: str) -> str:
     """Return a word as SQL string literal."""
     return "'" + word.replace("'", "''") + "'"
 
 
 def _literal(path: Path) -> str:
     """Return a file's path as DuckDB reads it, with pattern characters escaped."""
-    return text("".join(f"[{letter}]" if letter in "*?[" else letter for letter in str(path)))
+    return quote_text("".join(f"[{letter}]" if letter in "*?[" else letter for letter in str(path)))
 
 
 def _memory_mb() -> int:

@@ -10,7 +10,7 @@ from pathlib import Path
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from ravenjax.errors import UserError, listed, shown, suggestion
+from ravenjax.errors import UserError, format_value, list_lines, suggest_name
 from ravenjax.robots.raven2.console.profile import ConsoleProfile
 
 AUTO = "auto"
@@ -19,7 +19,7 @@ _SUFFIX = ".toml"
 
 
 @functools.cache
-def bundled() -> tuple[ConsoleProfile, ...]:
+def bundled_profiles() -> tuple[ConsoleProfile, ...]:
     """Return every bundled profile, the robot's native protocol first."""
     texts = {
         file.name: file.read_text() for file in _FOLDER.iterdir() if file.name.endswith(_SUFFIX)
@@ -28,17 +28,17 @@ def bundled() -> tuple[ConsoleProfile, ...]:
     return tuple(sorted(profiles, key=lambda profile: profile.name != "raven"))
 
 
-def load(name: str) -> ConsoleProfile:
+def load_profile(name: str) -> ConsoleProfile:
     """Return the profile of a bundled name or of a .toml file. Raises UserError."""
-    by_name = {profile.name: profile for profile in bundled()}
+    by_name = {profile.name: profile for profile in bundled_profiles()}
     if name in by_name:
         return by_name[name]
     path = Path(name)
     if path.suffix != _SUFFIX:
         words = ", ".join([*by_name, AUTO])
         raise UserError(
-            f"console {shown(name)} is not known, expected one of {words}, or a .toml file"
-            f"{suggestion(name, [*by_name, AUTO])}"
+            f"console {format_value(name)} is not known, expected one of {words}, or a .toml file"
+            f"{suggest_name(name, [*by_name, AUTO])}"
         )
     try:
         # Some editors write a byte order mark first.
@@ -51,12 +51,12 @@ def load(name: str) -> ConsoleProfile:
     return _checked(str(path), text)
 
 
-def choice(name: str) -> tuple[ConsoleProfile, ...]:
+def profile_choices(name: str) -> tuple[ConsoleProfile, ...]:
     """Return the profiles that a console may have: one, or every bundled one for "auto".
 
     Raises UserError.
     """
-    return bundled() if name == AUTO else (load(name),)
+    return bundled_profiles() if name == AUTO else (load_profile(name),)
 
 
 def _checked(where: str, text: str) -> ConsoleProfile:
@@ -65,7 +65,7 @@ def _checked(where: str, text: str) -> ConsoleProfile:
     except ValidationError as error:
         raise UserError(
             f"{where}: not a console's profile:\n"
-            + listed([_line(fault) for fault in error.errors()])
+            + list_lines([_line(fault) for fault in error.errors()])
         ) from None
     # tomllib also raises ValueError where a number has thousands of digits.
     except (ValueError, RecursionError) as error:
@@ -80,9 +80,11 @@ def _line(fault: ErrorDetails) -> str:
         for table in fault["loc"][:-1]:
             model = model.model_fields[str(table)].annotation  # type: ignore[attr-defined, assignment]
         keys = list(model.model_fields)  # type: ignore[attr-defined]
-        return f"{key}: no such key, expected {', '.join(keys)}{suggestion(fault['loc'][-1], keys)}"
+        return (
+            f"{key}: no such key, expected {', '.join(keys)}{suggest_name(fault['loc'][-1], keys)}"
+        )
     if fault["type"] == "missing":
         return f"{key}: missing, expected it in the file"
     if fault["type"] == "value_error":
         return f"{key}: {words}"
-    return f"{key}: got {shown(fault['input'])}, expected {words}"
+    return f"{key}: got {format_value(fault['input'])}, expected {words}"

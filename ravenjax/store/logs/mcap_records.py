@@ -6,7 +6,7 @@ first damaged byte. This module reads record by record with the library. A recor
 not match its length or checksum is skipped and counted, and reading continues at the next complete
 chunk.
 
-`recover` rewrites a truncated file with the index that other tools need.
+`recover_records` rewrites a truncated file with the index that other tools need.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class Scan:
                     yield record
 
 
-def scan(path: Path) -> Scan:
+def scan_records(path: Path) -> Scan:
     """Scan a file, complete or truncated. Raises StoreError if it cannot be read or is no MCAP
     file.
     """
@@ -154,11 +154,11 @@ class Recovered(NamedTuple):
 
 
 def recovered_path(path: Path) -> Path:
-    """Return the default output of `recover`: session.mcap -> session.recovered.mcap."""
+    """Return the default output of `recover_records`: session.mcap -> session.recovered.mcap."""
     return path.with_name(f"{path.stem}.recovered{path.suffix}")
 
 
-def recover(path: Path, out: Path | None = None) -> Recovered:
+def recover_records(path: Path, out: Path | None = None) -> Recovered:
     """Write the complete records of the MCAP file `path` to `out`; None: `recovered_path`.
 
     Messages keep their order, times and numbers. `out` may equal `path`, which is then replaced
@@ -166,7 +166,7 @@ def recover(path: Path, out: Path | None = None) -> Recovered:
     refuses.
     """
     out = recovered_path(path) if out is None else out
-    scanned = scan(path)
+    scanned = scan_records(path)
     if next(scanned.messages(), None) is None:
         raise StoreError(
             f"{path}: holds no whole message, {scanned.lost_bytes} bytes of an unfinished chunk;"

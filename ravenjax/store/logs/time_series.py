@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 _PLACES = ("x", "y", "z")
 
 
-def axes(robot: Robot) -> dict[str, tuple[str, ...]]:
+def series_axes(robot: Robot) -> dict[str, tuple[str, ...]]:
     """Return the names along each axis. Elements of other axes are numbered from 0."""
     return {"joint": robot.joints, "axis": _PLACES, "jaw_axis": _PLACES}
 
@@ -70,7 +70,7 @@ OF_ARM = _series_of("arm")
 """Series of each arm."""
 
 
-def check(series: Mapping[str, np.ndarray], where: str) -> int:
+def check_series(series: Mapping[str, np.ndarray], where: str) -> int:
     """Return the number of ticks of all series.
 
     Raises StoreError, with a message that begins with `where`, if they differ or have none.
@@ -86,7 +86,7 @@ def check(series: Mapping[str, np.ndarray], where: str) -> int:
     return counts.pop()
 
 
-def described(name: str) -> TimeSeries:
+def describe_series(name: str) -> TimeSeries:
     """Return the description of a stored series by its name. An unlisted one has unit "" and no
     meaning.
     """
@@ -98,14 +98,14 @@ def described(name: str) -> TimeSeries:
     return OF_RUN.get(name) or TimeSeries(name, "", "")
 
 
-def scalars(robot: Robot, name: str, shape: tuple[int, ...]) -> Iterator[tuple[str, str]]:
+def series_scalars(robot: Robot, name: str, shape: tuple[int, ...]) -> Iterator[tuple[str, str]]:
     """Yield (name, unit) of each number of a series, last axis fastest: gold/jpos/elbow, rad.
 
     shape: without time.
     """
-    one = described(name)
+    one = describe_series(name)
     along = one.axes if len(one.axes) == len(shape) else ("",) * len(shape)
-    names = axes(robot)
+    names = series_axes(robot)
     for place in np.ndindex(shape):
         steps = [
             _step(names.get(axis, ()), i, size)
@@ -130,12 +130,12 @@ def write_csv(path: Path, series: Mapping[str, np.ndarray], robot: Robot = robot
     from pyarrow import csv
 
     arrays = {name: np.asarray(values) for name, values in series.items()}
-    ticks = check(arrays, str(path))
+    ticks = check_series(arrays, str(path))
     columns: dict[str, pa.Array] = {"time_s": pa.array(np.arange(ticks) / 1000)}
     for name, values in arrays.items():
         flat = np.ascontiguousarray(values.reshape(ticks, -1).T)
         for (scalar, unit), numbers in zip(
-            scalars(robot, name, values.shape[1:]), flat, strict=True
+            series_scalars(robot, name, values.shape[1:]), flat, strict=True
         ):
             label = f"{scalar} [{unit}]" if unit not in ("", "1") else scalar
             columns[label] = pa.array(_short(numbers), from_pandas=True)
@@ -151,7 +151,7 @@ def _short(numbers: np.ndarray) -> np.ndarray:
     return numbers.astype(np.int8) if numbers.dtype == bool else numbers
 
 
-def dataset(
+def series_dataset(
     series: Mapping[str, np.ndarray],
     attributes: Mapping[str, str | float | int],
     thresholds_mm: Sequence[float] = (),
@@ -166,7 +166,7 @@ def dataset(
     """
     import xarray
 
-    ticks = check(series, "simulate")
+    ticks = check_series(series, "simulate")
     arms = [arm for arm in robot.arms if any(name.startswith(f"{arm}/") for name in series)]
     variables: dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, str]]] = {}
     for one in OF_RUN.values():
@@ -191,7 +191,7 @@ def dataset(
         "time": ("time", np.arange(ticks) / 1000, {"units": "s"}),
         "arm": arms,
     }
-    names = axes(robot)
+    names = series_axes(robot)
     coordinates |= {
         dim: list(names.get(dim, range(size)))
         for dim, size in sizes.items()

@@ -111,12 +111,12 @@ class Topic:
         return {int(tick): row.tobytes() for tick, row in zip(ticks, rows, strict=True)}
 
 
-def frame0(arm: str) -> str:
+def frame0_name(arm: str) -> str:
     """Return the name of an arm's frame 0, in which all its poses are given."""
     return f"{arm_name(arm)}_frame0"
 
 
-def tip(arm: str, which: str) -> str:
+def tip_frame(arm: str, which: str) -> str:
     """Return the name of the frame of an arm's jaws: `which` is measured, true or model."""
     return f"{arm_name(arm)}_tip_{which}"
 
@@ -137,34 +137,34 @@ def joint_state(
 
 
 @functools.cache
-def pose(arm: str, name: str) -> Topic:
+def pose_topic(arm: str, name: str) -> Topic:
     """PoseStamped: x, y, z in m and a quaternion x, y, z, w."""
     return _topic(arm, name, POSE, (_marks(3), _marks(4, 3)))
 
 
 @functools.cache
-def point(arm: str, name: str) -> Topic:
+def point_topic(arm: str, name: str) -> Topic:
     """PointStamped: x, y, z in m of a tip with unknown orientation."""
     return _topic(arm, name, POINT, _marks(3))
 
 
 @functools.cache
-def wrench(arm: str, name: str) -> Topic:
+def wrench_topic(arm: str, name: str) -> Topic:
     """WrenchStamped: three numbers of force, three of torque."""
     return _topic(arm, name, WRENCH, (_marks(3), _marks(3, 3)))
 
 
 @functools.cache
-def frames(pairs: tuple[tuple[str, str], ...]) -> Topic:
+def frames_topic(pairs: tuple[tuple[str, str], ...]) -> Topic:
     """TFMessage: for each (parent, child) x, y, z in m and a quaternion x, y, z, w."""
     transforms = [
         (_header(parent), child, (_marks(3, 7 * i), _marks(4, 7 * i + 3)))
         for i, (parent, child) in enumerate(pairs)
     ]
-    return _template(FRAMES, types().message(TRANSFORMS, transforms))
+    return _template(FRAMES, ros2_types().message(TRANSFORMS, transforms))
 
 
-def standard(
+def standard_topics(
     robot: Robot, series: Mapping[str, np.ndarray], bases: Mapping[str, Base]
 ) -> Iterator[tuple[Topic, np.ndarray]]:
     """Yield the standard-typed topics that the arms' series [T, ...] fill, and the numbers [T, k]
@@ -188,27 +188,27 @@ def standard(
                 yield topic, np.concatenate(values, axis=1)
         if (force := own.get(_FORCE)) is not None:
             values = np.concatenate([force, np.zeros_like(force)], axis=1)
-            yield wrench(arm, "haptic_cf"), values
+            yield wrench_topic(arm, "haptic_cf"), values
         poses = {}
         for name, (place, rotation) in _TIPS.items():
             if place in own and rotation in own:
-                turns = quaternions(own[rotation].reshape(-1, 3, 3))
+                turns = rotation_quaternions(own[rotation].reshape(-1, 3, 3))
                 poses[name] = np.concatenate([own[place], turns], axis=1, dtype=float)
-                yield pose(arm, f"{name}_cp"), poses[name]
+                yield pose_topic(arm, f"{name}_cp"), poses[name]
             elif place in own:
-                yield point(arm, f"{name}_tip"), own[place].astype(float)
+                yield point_topic(arm, f"{name}_tip"), own[place].astype(float)
         tips = {name: values for name, values in poses.items() if name in _FRAMES}
         if tips and arm in bases:
-            pairs.append((WORLD, frame0(arm)))
+            pairs.append((WORLD, frame0_name(arm)))
             row = np.array([*bases[arm].origin, *bases[arm].quaternion])
             places.append(np.broadcast_to(row, (len(next(iter(tips.values()))), 7)))
-        pairs += [(frame0(arm), tip(arm, name)) for name in tips]
+        pairs += [(frame0_name(arm), tip_frame(arm, name)) for name in tips]
         places += tips.values()
     if pairs:
-        yield frames(tuple(pairs)), np.concatenate(places, axis=1)
+        yield frames_topic(tuple(pairs)), np.concatenate(places, axis=1)
 
 
-def signals(names: Sequence[str], single: bool = False) -> Topic:
+def signals_topic(names: Sequence[str], single: bool = False) -> Topic:
     """Return the topic of the flat message with one number per name: float64, or float32 if
     `single`.
     """
@@ -217,7 +217,7 @@ def signals(names: Sequence[str], single: bool = False) -> Topic:
     needed = f"{'=' * 80}\nMSG: std_msgs/Header\n{_definition(HEADER)}"
     # A header followed by numbers is encoded here: rosbags would compile an encoder of some hundred
     # fields.
-    head = types().encode(types().message(HEADER, *_header("")))
+    head = ros2_types().encode(ros2_types().message(HEADER, *_header("")))
     head += bytes(-(len(head) - 4) % size)
     template, spans = head + bytes(size * len(names)), ((len(head), len(names)),)
     definition = f"std_msgs/Header header\n{fields}{needed}"
@@ -263,7 +263,9 @@ class LogWriter:
         ):
             if topic not in self._channels:
                 self._register(Topic(topic, schema, _definition(schema)))
-            self._add(topic, stamp_ns, types().encode(types().message(schema, *fields)), number)
+            self._add(
+                topic, stamp_ns, ros2_types().encode(ros2_types().message(schema, *fields)), number
+            )
 
     def flush(self) -> None:
         """End the chunk and pass it to the operating system."""
@@ -288,17 +290,17 @@ class LogWriter:
         self._channels[topic.name] = self._writer.register_channel(topic.name, "cdr", schema)
 
 
-def field(name: str) -> str:
+def field_name(name: str) -> str:
     """Return a field name that ROS 2 allows: lower case letters, digits, single underscores."""
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
 
 
 def arm_name(arm: str) -> str:
     """Return an arm's name in topics and frames."""
-    return ARM_TOPICS.get(arm) or field(arm)
+    return ARM_TOPICS.get(arm) or field_name(arm)
 
 
-def quaternions(rotation: np.ndarray) -> np.ndarray:
+def rotation_quaternions(rotation: np.ndarray) -> np.ndarray:
     """Return unit quaternions x, y, z, w [T, ..., 4] of rotations [T, ..., 3, 3]; NaN where a
     matrix is no rotation.
 
@@ -320,14 +322,14 @@ def quaternions(rotation: np.ndarray) -> np.ndarray:
 
 
 @functools.cache
-def types() -> MessageTypes:
+def ros2_types() -> MessageTypes:
     """Return the types of ROS 2."""
     return MessageTypes("ros2")
 
 
 @functools.cache
 def _definition(schema: str) -> str:
-    return types().store.generate_msgdef(schema, ros_version=2)[0]
+    return ros2_types().store.generate_msgdef(schema, ros_version=2)[0]
 
 
 def _header(frame: str) -> tuple[Any, ...]:
@@ -339,13 +341,13 @@ def _marks(count: int, first: int = 0) -> np.ndarray:
 
 
 def _topic(arm: str, name: str, schema: str, *fields: Any) -> Topic:
-    message = types().message(schema, _header(frame0(arm)), *fields)
+    message = ros2_types().message(schema, _header(frame0_name(arm)), *fields)
     return _template(f"/{arm_name(arm)}/{name}", message)
 
 
 def _template(name: str, message: Any) -> Topic:
     """Return the topic of messages like this one, whose times and numbers are marks."""
-    template, spans = types().encode(message), []
+    template, spans = ros2_types().encode(message), []
     count = 0
     while (mark := struct.pack("<d", _FIRST_MARK + count)) in template:
         start = template.index(mark)

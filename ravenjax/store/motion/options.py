@@ -50,7 +50,7 @@ class ReplayOptions:
     max_gap_s: float = MAX_GAP_S
     # What happens at tips that jump.
     spikes: Spikes = "refuse"
-    # Profile of a stream of packets, as `store.consoles.loading.choice` takes it.
+    # Profile of a stream of packets, as `store.consoles.loading.profile_choices` takes it.
     console: str = "auto"
     # What happens if the recording ends before the run.
     at_end: AtEnd = "refuse"

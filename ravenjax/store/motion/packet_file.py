@@ -26,7 +26,7 @@ import numpy as np
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.arms import ARMS, ArmName
 from ravenjax.robots.raven2.console import arrivals as packet_lengths
-from ravenjax.robots.raven2.console.choice import UNDECIDED, ProfileChoice, fitting
+from ravenjax.robots.raven2.console.choice import UNDECIDED, ProfileChoice, matching_profile
 from ravenjax.robots.raven2.console.packet import UDP_PORT
 from ravenjax.robots.raven2.console.profile import ConsoleProfile
 from ravenjax.robots.raven2.console.reading import FIELDS, MODE, Misfit, PacketReader, PacketReading
@@ -242,7 +242,7 @@ def read_track(
             _accumulated(home[arm].quat, turns),
             home[arm].opening_mrad - np.cumsum(read.grasp_mrad[:, i]),
         )
-    cycles = packet_lengths.lengths(read.arrivals.seconds * 1e3)
+    cycles = packet_lengths.packet_lengths(read.arrivals.seconds * 1e3)
     shares = ", ".join(f"{share:g}" for share in packet_lengths.as_campaign(cycles))
     notes = (
         f"packets are those of console {read.profile.name}; the robot would drop"
@@ -264,7 +264,7 @@ def read_track(
 def _profile(
     path: Path, fields: Sequence[Sequence], arms: tuple[ArmName, ...], console: str
 ) -> ConsoleProfile:
-    profiles = loading.choice(console)
+    profiles = loading.profile_choices(console)
     choice = ProfileChoice(profiles, arms)
     for packet in fields:
         if choice.profile is not None:
@@ -274,13 +274,13 @@ def _profile(
             choice.follow()
     if choice.profile is not None:
         return choice.profile
-    fits = fitting(fields, profiles, arms)
+    fits = matching_profile(fields, profiles, arms)
     if not fits:
         raise UserError(
             f"{path}: the packets fit no bundled profile of a console; write operator.console ="
             " 'FILE.toml'"
         )
-    return loading.load(fits)
+    return loading.load_profile(fits)
 
 
 def _arrivals(path: Path, packets: RawPackets, profile: ConsoleProfile) -> Arrivals:
@@ -350,8 +350,8 @@ def read_stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketSt
                 counted[row] = True
         pedal[row] = packet[MODE] if counted[row] else pedal[row - 1] if row else 0
     if len(misfits) > MOST_MISFITS * rows:
-        others = [one for one in loading.bundled() if one != profile]
-        fits = fitting(misfits, others, arms)
+        others = [one for one in loading.bundled_profiles() if one != profile]
+        fits = matching_profile(misfits, others, arms)
         advice = (
             f"they fit {fits}: write operator.console = '{fits}'"
             if fits

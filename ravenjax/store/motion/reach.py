@@ -76,7 +76,7 @@ class ArmReach:
         return begin + int(np.argmax(bad)) if bad.any() else None
 
 
-def reach(poses: Poses, bounds: Bounds) -> ArmReach:
+def reach_poses(poses: Poses, bounds: Bounds) -> ArmReach:
     """Compute the joints of every row."""
     parts = [_arm_joints(poses, i, bounds) for i in range(len(poses.arms))]
     jpos = np.stack([one for one, _ in parts], axis=1)
@@ -98,7 +98,7 @@ def _arm_joints(poses: Poses, i: int, bounds: Bounds) -> tuple[np.ndarray, np.nd
     return np.concatenate(best), np.concatenate(inside)
 
 
-def reason(poses: Poses, row: int, bounds: Bounds) -> str:
+def unreached_reason(poses: Poses, row: int, bounds: Bounds) -> str:
     """Return why a row is not reached, in words."""
     lower, upper = bounds.within()
     for i, arm in enumerate(poses.arms):

@@ -86,7 +86,7 @@ def _read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -
     return source.read_track(path, arms, options)
 
 
-def load(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> HandRecording:
+def load_recording(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> HandRecording:
     """Return the recording of `arms`.
 
     Raises UserError for a file that cannot be used, whichever part of it is replayed.
@@ -102,7 +102,7 @@ def load(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> HandR
     jumps = [
         spike
         for arm in arms
-        for spike in spikes.find(arm, track.arms[arm], time_s[arm], options.max_gap_s)
+        for spike in spikes.find_spikes(arm, track.arms[arm], time_s[arm], options.max_gap_s)
     ]
     rows = math.floor(min(times[-1] for times in time_s.values()) / TICK_S + 1e-6) + 1
     if rows < 2:
@@ -112,14 +112,14 @@ def load(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> HandR
     unfiltered, pedal = _evenly(track, time_s, jumps, options, rows)
     gaps = tuple(_gaps(time_s))
     breaks = [(begin, end) for _, begin, end in gaps if end - begin > options.max_gap_s]
-    breaks += [(spike.begin_s, spike.end_s) for spike in refused(jumps, options)]
+    breaks += [(spike.begin_s, spike.end_s) for spike in refused_jumps(jumps, options)]
     covered = np.ones(rows, bool)
     for begin, end in breaks:
         covered[math.floor(begin / TICK_S + 1e-6) + 1 : _row_at(end)] = False
     cuts = tuple(sorted(_row_at(end) for _, end in breaks))
     poses = unfiltered
     if options.cutoff_hz is not None:
-        spans = resampling.stretches(covered, cuts)
+        spans = resampling.true_stretches(covered, cuts)
         position, quat, opening = (
             resampling.low_pass(values, options.cutoff_hz, spans)
             for values in (poses.position, poses.quat, poses.opening_mrad)
@@ -178,7 +178,7 @@ def _evenly(
     for arm in arms:
         samples, times, home = track.arms[arm], time_s[arm], _home(arm)
         if options.spikes == "remove":
-            samples, times = spikes.without(
+            samples, times = spikes.remove_spikes(
                 samples, times, [spike for spike in jumps if spike.arm == arm]
             )
         position.append(resampling.by_time(times, samples.position, at))
@@ -194,7 +194,7 @@ def _evenly(
         )
     pedal = None
     if track.surgeon_mode is not None:
-        pedal = resampling.before(time_s[arms[0]], track.surgeon_mode, at)
+        pedal = resampling.hold_last(time_s[arms[0]], track.surgeon_mode, at)
     return Poses(arms, np.stack(position, 1), np.stack(quat, 1), np.stack(opening, 1)), pedal
 
 
@@ -202,12 +202,12 @@ def _gaps(time_s: dict[str, np.ndarray]) -> list[tuple[int, float, float]]:
     """Return (row before it, begin, end) of every gap, in order of time."""
     gaps: dict[tuple[float, float], int] = {}
     for times in time_s.values():
-        for row, begin, end in stamps.gaps(times):
+        for row, begin, end in stamps.find_gaps(times):
             gaps.setdefault((begin, end), row)
     return sorted(((row, begin, end) for (begin, end), row in gaps.items()), key=lambda gap: gap[1])
 
 
-def refused(jumps: Sequence[Spike], options: ReplayOptions) -> list[Spike]:
+def refused_jumps(jumps: Sequence[Spike], options: ReplayOptions) -> list[Spike]:
     """Return the jumps that must not be replayed."""
     if options.spikes == "replay":
         return []
@@ -225,7 +225,7 @@ def _home(arm: ArmName) -> Home:
     from ravenjax.robots.raven2.geometry import kinematics, limits, mapping
 
     with jax.enable_x64(True):
-        pose = kinematics.forward(arm, Vec(np.float64(q) for q in limits.HOME_JPOS))
+        pose = kinematics.forward_pose(arm, Vec(np.float64(q) for q in limits.HOME_JPOS))
         return Home(
             np.array([float(c) for c in pose.position]),
             np.array([float(c) for c in mapping.quat_from_matrix(pose.rotation)]),

@@ -18,13 +18,18 @@ from ravenjax.robots.raven2.console.motion import TICK_S, Motion
 from ravenjax.store import files
 from ravenjax.store.motion import resampling, spikes, timeline
 from ravenjax.store.motion.options import ReplayOptions
-from ravenjax.store.motion.reach import ArmReach, Bounds, reach, reason
-from ravenjax.store.motion.recording import HandRecording, load, refused, require_readable
+from ravenjax.store.motion.reach import ArmReach, Bounds, reach_poses, unreached_reason
+from ravenjax.store.motion.recording import (
+    HandRecording,
+    load_recording,
+    refused_jumps,
+    require_readable,
+)
 from ravenjax.store.motion.summary import (
     ArmSummary,
     MotionSummary,
     TipCourse,
-    stretches,
+    format_spans,
 )
 from ravenjax.store.motion.timeline import Timeline
 
@@ -52,7 +57,7 @@ class OperatorReplay:
         return _end(self.begin, self.timeline)
 
 
-def replay(
+def replay_motion(
     path: Path,
     arms: tuple[ArmName, ...],
     options: ReplayOptions | None = None,
@@ -85,10 +90,10 @@ def _replay(
     scale: float,
     bounds: Bounds,
 ) -> OperatorReplay:
-    recording = load(path, arms, options)
-    reachable = reach(recording.poses, bounds)
+    recording = load_recording(path, arms, options)
+    reachable = reach_poses(recording.poses, bounds)
     begin, after = _window(recording)
-    course = timeline.make(path, after - begin, ticks, options)
+    course = timeline.make_timeline(path, after - begin, ticks, options)
     end = _end(begin, course)
     _require_covered(recording, begin, end)
     _require_inside(recording, reachable, begin, end, bounds)
@@ -133,7 +138,7 @@ def require_scales(one: OperatorReplay, scales: Sequence[float] | np.ndarray) ->
         magnified = dataclasses.replace(
             poses, position=start + scale / base * (poses.position - start)
         )
-        return reach(magnified, one.bounds).first_bad(0, end - begin)
+        return reach_poses(magnified, one.bounds).first_bad(0, end - begin)
 
     for scale in (float(np.max(scales)), float(np.min(scales))):
         if scale == base or (row := first_outside(scale)) is None:
@@ -147,7 +152,7 @@ def require_scales(one: OperatorReplay, scales: Sequence[float] | np.ndarray) ->
         )
 
 
-def courses(
+def motion_courses(
     recording: HandRecording, inside: np.ndarray, one: OperatorReplay | None
 ) -> tuple[TipCourse, ...]:
     """Return the courses for a picture: each arm's samples, and the motion that `one` makes of
@@ -169,7 +174,9 @@ def courses(
                 )
             ),
             outside=tuple(
-                resampling.seconds(resampling.stretches(recording.covered & ~inside[:, i]))
+                resampling.spans_in_seconds(
+                    resampling.true_stretches(recording.covered & ~inside[:, i])
+                )
             ),
             gaps=tuple((begin, end) for _, begin, end in recording.gaps if end - begin > limit),
             spikes=tuple(spike.time_s for spike in recording.spikes if spike.arm == arm),
@@ -200,11 +207,11 @@ def _require_covered(recording: HandRecording, begin: int, end: int) -> None:
     first, last, path = begin * TICK_S, (end - 1) * TICK_S, recording.path
     jumps = [
         s
-        for s in refused(recording.spikes, recording.options)
+        for s in refused_jumps(recording.spikes, recording.options)
         if s.begin_s < last and s.end_s > first
     ]
     if jumps:
-        raise spikes.refusal(path, jumps, recording.options.spikes)
+        raise spikes.spike_error(path, jumps, recording.options.spikes)
     limit = recording.options.max_gap_s
     gaps = [
         gap
@@ -220,7 +227,7 @@ def _require_covered(recording: HandRecording, begin: int, end: int) -> None:
         f"{path}: gap of {until - at:.3f} s after row {row} (t = {at:.3f} s); expected at most"
         f" {limit:g} s between samples. {len(gaps)} such gaps, the longest {longest:.3f} s after"
         f" row {worst[0]}. Replay a part without: operator.window_s within"
-        f" {stretches(_longest_first(recording, recording.covered), 4)}; or bridge them:"
+        f" {format_spans(_longest_first(recording, recording.covered), 4)}; or bridge them:"
         f" operator.max_gap_s = {math.ceil(longest * 100) / 100:g}"
     )
 
@@ -240,7 +247,8 @@ def _require_inside(
         " replayed"
     )
     advice = (
-        f"Reachable stretches, longest first: {stretches(usable, 4)}; write one, or a part of one,"
+        f"Reachable stretches, longest first: {format_spans(usable, 4)}; write one, or a part of"
+        " one,"
         " as operator.window_s"
         if usable
         else "No row lies inside the joint limits of every arm. If positions are of another frame,"
@@ -250,7 +258,8 @@ def _require_inside(
     share = 1.0 - float((inside & ~reachable.leaps)[begin:end].mean())
     raise UserError(
         f"{recording.path}: at {bad * TICK_S:.3f} s an arm cannot reach the pose inside its soft"
-        f" joint limits: {reason(recording.poses, bad, bounds)}. That is so for {100 * share:.3g} %"
+        f" joint limits: {unreached_reason(recording.poses, bad, bounds)}. That is so for"
+        f" {100 * share:.3g} %"
         f" {where}. {advice}"
     )
 
@@ -262,9 +271,9 @@ def _longest_first(
 
     A new stretch begins at each of `cuts`.
     """
-    spans = resampling.stretches(mask, sorted([*recording.cuts, *cuts]))
+    spans = resampling.true_stretches(mask, sorted([*recording.cuts, *cuts]))
     spans = [span for span in spans if span[1] - span[0] > 1]
-    return resampling.seconds(sorted(spans, key=lambda span: span[0] - span[1]))
+    return resampling.spans_in_seconds(sorted(spans, key=lambda span: span[0] - span[1]))
 
 
 def _require_moving(recording: HandRecording, begin: int, end: int, rows: np.ndarray) -> None:
@@ -322,10 +331,10 @@ def _summary(
     steps = np.diff(times) * 1e3
     gap = max(recording.gaps, key=lambda one: one[2] - one[1], default=None)
     lost = ~(np.all(inside, axis=1) & recording.covered)
-    outside = resampling.seconds(resampling.stretches(lost))
+    outside = resampling.spans_in_seconds(resampling.true_stretches(lost))
     return MotionSummary(
         file=str(track.path),
-        sha256=files.sha256(track.path),
+        sha256=files.hash_file(track.path),
         options=options,
         rows=len(times),
         clock=track.clock,

@@ -35,15 +35,15 @@ def turns_by_time(time_s: np.ndarray, quat: np.ndarray, at_s: np.ndarray) -> np.
     Neighbours of opposite sign are the same rotation.
     """
     signs = np.cumprod(np.where(np.sum(quat[1:] * quat[:-1], axis=1) < 0.0, -1.0, 1.0))
-    return unit(by_time(time_s, quat * np.concatenate([[1.0], signs])[:, None], at_s))
+    return unit_quaternions(by_time(time_s, quat * np.concatenate([[1.0], signs])[:, None], at_s))
 
 
-def unit(quat: np.ndarray) -> np.ndarray:
+def unit_quaternions(quat: np.ndarray) -> np.ndarray:
     """Normalise quaternions to length 1."""
     return quat / np.linalg.norm(quat, axis=1, keepdims=True)
 
 
-def before(time_s: np.ndarray, values: np.ndarray, at_s: np.ndarray) -> np.ndarray:
+def hold_last(time_s: np.ndarray, values: np.ndarray, at_s: np.ndarray) -> np.ndarray:
     """Return `values` [T] of the last sample at or before each time.
 
     A switch keeps its state until its next sample.
@@ -77,7 +77,7 @@ def low_pass(values: np.ndarray, cutoff_hz: float, stretches: list[tuple[int, in
     return smooth
 
 
-def stretches(mask: np.ndarray, cuts: Sequence[int] = ()) -> list[tuple[int, int]]:
+def true_stretches(mask: np.ndarray, cuts: Sequence[int] = ()) -> list[tuple[int, int]]:
     """Return (first, after the last) of each run of true values.
 
     A new run begins at each of `cuts`, ascending.
@@ -90,6 +90,6 @@ def stretches(mask: np.ndarray, cuts: Sequence[int] = ()) -> list[tuple[int, int
     return pieces
 
 
-def seconds(spans: list[tuple[int, int]]) -> list[tuple[float, float]]:
+def spans_in_seconds(spans: list[tuple[int, int]]) -> list[tuple[float, float]]:
     """Convert spans of rows to seconds."""
     return [(begin * TICK_S, end * TICK_S) for begin, end in spans]

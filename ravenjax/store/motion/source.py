@@ -15,15 +15,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ravenjax.errors import UserError, suggestion
+from ravenjax.errors import UserError, suggest_name
 from ravenjax.robots.raven2.arms import ARMS, JOINTS, ArmName
 from ravenjax.store import files
 from ravenjax.store.logs import bags
 from ravenjax.store.logs.bags import TopicMessages
-from ravenjax.store.logs.topics import ARM_TOPICS, JOINT_STATE, POSE, frame0
+from ravenjax.store.logs.topics import ARM_TOPICS, JOINT_STATE, POSE, frame0_name
 from ravenjax.store.motion import stamps
 from ravenjax.store.motion.options import Frame, ReplayOptions
-from ravenjax.store.motion.summary import listed
+from ravenjax.store.motion.summary import list_names
 from ravenjax.store.motion.track import LENGTHS, ArmTrack, Track
 
 if TYPE_CHECKING:
@@ -131,8 +131,8 @@ def read_table(path: Path, options: ReplayOptions, header: str) -> Samples:
         if theirs not in table:
             raise UserError(
                 f"{path}: no column {theirs!r}, which {options.written('columns', '...')} takes for"
-                f" {name}; the file has {listed([*map(str, table)], 12)}"
-                f"{suggestion(theirs, map(str, table))}"
+                f" {name}; the file has {list_names([*map(str, table)], 12)}"
+                f"{suggest_name(theirs, map(str, table))}"
             )
     replaced = [name for name in ours if name in table and name not in ours.values()]
     table = table.drop(columns=replaced).rename(columns={v: k for k, v in ours.items()})
@@ -206,14 +206,14 @@ def _of_sensor(whole: Samples, arm: str, sensors: Mapping[str, str | int]) -> Sa
         raise UserError(
             f"{whole.path}: operator.sensors needs `column`, a column of the file, and the sensor"
             f" of {arm}: operator.sensors = {{ column = 'tool', {arm} = 'left' }}; the file has"
-            f" {listed([*map(str, whole.table)], 12)}"
+            f" {list_names([*map(str, whole.table)], 12)}"
         )
     there = whole.table[column].astype(str).str.strip().str.removesuffix(".0")
     rows = np.asarray(there == str(sensor))
     if rows.sum() < 2:
         raise UserError(
             f"{whole.path}: column {column} names {sensor!r} in {rows.sum()} rows, it has"
-            f" {listed(sorted(set(there)), 8)}; expected a motion of at least 2"
+            f" {list_names(sorted(set(there)), 8)}; expected a motion of at least 2"
         )
     measures = {f"{axis}_{unit}" for axis in "xyz" for unit in LENGTHS}
     measures |= {*QUAT, *MATRIX, *(f"grasp_{unit}" for unit in ANGLES)}
@@ -233,7 +233,8 @@ def _arm_track(samples: Samples, arm: ArmName, options: ReplayOptions) -> ArmTra
             columns = list(map(str, table))
             raise UserError(
                 f"{path}: no column {' or '.join(f'{name}_{unit}' for unit in LENGTHS)}; the file"
-                f" has {listed(columns, 12)}{suggestion(f'{name}_um', columns)}. Name those of the"
+                f" has {list_names(columns, 12)}{suggest_name(f'{name}_um', columns)}. Name those"
+                " of the"
                 f" file: operator.columns = {{ {name}_mm = '...' }}; where a column names the"
                 " sensor of each row, write operator.sensors"
             )
@@ -323,7 +324,7 @@ class Bag:
         advice = f". To take other topics write {self._choice(arm, others)}" if others else ""
         return UserError(
             f"{self.path}: no topic {' or '.join(f'{space}/{end}' for end in ends)}; the file has"
-            f" {listed(kinds, 12) or 'none'}{advice}"
+            f" {list_names(kinds, 12) or 'none'}{advice}"
         )
 
     def _choice(self, arm: str, topics: Sequence[str]) -> str:
@@ -428,7 +429,7 @@ def _frame(
                 f" {names[0]!r}; expected one frame"
             )
     name = names[0].rpartition("/")[2]
-    if options.frame is not None or name in ("", frame0(arm)):
+    if options.frame is not None or name in ("", frame0_name(arm)):
         return "frame0", []
     if name == f"{ARM_TOPICS[arm]}_base":
         if own:

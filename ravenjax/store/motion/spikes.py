@@ -55,7 +55,7 @@ class Spike(NamedTuple):
         return f"row {self.row} ({self.time_s:.3f} s, {self.arm}): {what}{length}"
 
 
-def find(arm: str, track: ArmTrack, time_s: np.ndarray, max_gap_s: float) -> list[Spike]:
+def find_spikes(arm: str, track: ArmTrack, time_s: np.ndarray, max_gap_s: float) -> list[Spike]:
     """Return the jumps of one arm in order; time_s [T]: times of its samples."""
     place = track.position
     length, seconds = np.linalg.norm(np.diff(place, axis=0), axis=1), np.diff(time_s)
@@ -90,7 +90,7 @@ def _returns(place: np.ndarray, time_s: np.ndarray, before: int, after: int) -> 
     return way <= max(LEAST_M, FASTEST_M_S * float(time_s[after + 1] - time_s[before]))
 
 
-def without(
+def remove_spikes(
     track: ArmTrack, time_s: np.ndarray, spikes: list[Spike]
 ) -> tuple[ArmTrack, np.ndarray]:
     """Return the arm's samples, and their times, without those that are away."""
@@ -107,7 +107,7 @@ def without(
     return some, time_s[stay]
 
 
-def refusal(path: Path, spikes: list[Spike], treatment: Spikes) -> UserError:
+def spike_error(path: Path, spikes: list[Spike], treatment: Spikes) -> UserError:
     """Return the error for jumps in the replayed part; treatment: value of the option `spikes`."""
     more = f" and {len(spikes) - SHOWN} more" if len(spikes) > SHOWN else ""
     removal = 'operator.spikes = "remove" interpolates over them; ' if treatment == "refuse" else ""

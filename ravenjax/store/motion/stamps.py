@@ -132,7 +132,7 @@ def require_plausible(path: Path, time_s: np.ndarray, clock: str, options: Repla
         )
 
 
-def gaps(time_s: np.ndarray) -> list[tuple[int, float, float]]:
+def find_gaps(time_s: np.ndarray) -> list[tuple[int, float, float]]:
     """Return (row before it, begin, end) of every gap in times [T]."""
     steps = np.diff(time_s)
     rows = np.flatnonzero(steps > max(USUAL_STEPS * float(np.median(steps)), LEAST_GAP_S))

@@ -81,7 +81,7 @@ def table_rows(summary: MotionSummary) -> list[tuple[str, str]]:
     return [row for row in _rendered_rows(summary) if row[0] != "change"]
 
 
-def changes(summary: MotionSummary) -> list[str]:
+def describe_changes(summary: MotionSummary) -> list[str]:
     """Return a phrase for each change of the motion beyond its timing.
 
     Returns nothing if the tip moves as recorded.
@@ -119,12 +119,12 @@ class TipCourse:
     spikes: tuple[float, ...]
 
 
-def listed(names: Sequence[str], most: int) -> str:
+def list_names(names: Sequence[str], most: int) -> str:
     """Return the first `most` names, and how many more there are."""
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
-def stretches(spans: Sequence[tuple[float, float]], most: int) -> str:
+def format_spans(spans: Sequence[tuple[float, float]], most: int) -> str:
     """Return spans as text: `[1.200, 3.450], .. s`, as `window_s` takes them."""
     more = f" and {len(spans) - most} more" if len(spans) > most else ""
     words = ", ".join(f"[{begin:.3f}, {end:.3f}]" for begin, end in spans[:most])

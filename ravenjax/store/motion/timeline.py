@@ -40,7 +40,7 @@ def natural_ticks(rows: int, slow_down: float) -> int:
     return REST_TICKS + RUN_UP_TICKS + _cruise(rows - 1 - _ramp(slow_down)[-1], slow_down)
 
 
-def make(path: Path, rows: int, ticks: int | None, options: ReplayOptions) -> Timeline:
+def make_timeline(path: Path, rows: int, ticks: int | None, options: ReplayOptions) -> Timeline:
     """Return the timeline of `ticks` ms over `rows` of a recording; None: as long as the rows last.
 
     Raises UserError if the rows do not last and the options do not state what happens then.

@@ -45,11 +45,11 @@ SHORTEST_S = 0.5
 _SPARC_HZ, _SPARC_LEAST, _SPARC_PADS = 10.0, 0.05, 4
 
 
-def measure(course: Recording) -> Json:
+def measure_dexterity(course: Recording) -> Json:
     """Return the measures of a recorded session, for session.json.
 
-    A value is null if there was nothing to measure. `both` and `correlation` are null with one arm,
-    `economy` without targets.
+    A value is null if there was nothing to measure. `both` and `speed_correlation` are null with
+    one arm, `path_economy` without targets.
     """
     driven = (course["pedal"] > 0) & (course["phase"] == RUNNING)
     cuts = np.flatnonzero((np.diff(driven.astype(int)) != 0) | (np.diff(course.ms) > 1.5)) + 1
@@ -63,8 +63,8 @@ def measure(course: Recording) -> Json:
     speeds = []
     for arm in course.layout.arms:
         tip = course[f"{arm}/tip"]
-        ways = [resample(course.ms[first:last], tip[first:last]) for first, last in stretches]
-        speeds.append(np.concatenate([*map(speed, ways), np.zeros(0)]))
+        ways = [resample_path(course.ms[first:last], tip[first:last]) for first, last in stretches]
+        speeds.append(np.concatenate([*map(tip_speed, ways), np.zeros(0)]))
         path_mm = 1e3 * sum(map(path_length, ways))
         measures["arms"][arm] = {"path_mm": path_mm} | _movements(course, tip, stretches)
     if len(speeds[0]):
@@ -72,7 +72,7 @@ def measure(course: Recording) -> Json:
         measures["idle"] = float(np.mean(~moving.any(axis=0)))
         if len(speeds) == 2:
             measures["both"] = float(np.mean(moving.all(axis=0)))
-            measures["correlation"] = correlation(*speeds)
+            measures["correlation"] = speed_correlation(*speeds)
     return measures
 
 
@@ -97,7 +97,7 @@ def read_attempts(folder: Path) -> list[Json]:
 
     The list is empty if the person is not named. Each entry has numbers, or None for those missing.
     """
-    sessions = folders.beside(folder.parent)
+    sessions = folders.sessions_beside(folder.parent)
     present = next((session for session in sessions if session.path.name == folder.name), None)
     if present is None or not present.participant:
         return []
@@ -126,14 +126,14 @@ def path_length(points: np.ndarray) -> float:
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
-def economy(ways: Sequence[np.ndarray]) -> float | None:
+def path_economy(ways: Sequence[np.ndarray]) -> float | None:
     """Return the distances between the ends of paths [T, 3] over their lengths, or None."""
     gone = sum(map(path_length, ways))
     straight = sum(float(np.linalg.norm(way[-1] - way[0])) for way in ways)
     return straight / gone if gone > 0 else None
 
 
-def speed(points: np.ndarray) -> np.ndarray:
+def tip_speed(points: np.ndarray) -> np.ndarray:
     """Return the speed [T] of points [T, 3] sampled at `RATE_HZ`, in their unit per second."""
     if len(points) < 2:
         return np.zeros(len(points))
@@ -164,14 +164,14 @@ def log_dimensionless_jerk(profile: np.ndarray, rate_hz: float = RATE_HZ) -> flo
     return -math.log(duration**3 / float(profile.max()) ** 2 * total) if total > 0 else None
 
 
-def correlation(first: np.ndarray, second: np.ndarray) -> float | None:
+def speed_correlation(first: np.ndarray, second: np.ndarray) -> float | None:
     """Return Pearson's correlation of two tips' speeds [T]; None if one does not vary."""
     if first.std() == 0 or second.std() == 0:
         return None
     return float(np.corrcoef(first, second)[0, 1])
 
 
-def resample(ms: np.ndarray, points: np.ndarray) -> np.ndarray:
+def resample_path(ms: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Resample points [T, 3] at times ms to `RATE_HZ`, low-passed forward and backward."""
     # The import takes half a second.
     from scipy import signal
@@ -194,8 +194,8 @@ def _movements(course: Recording, tip: np.ndarray, stretches: Sequence[tuple[int
         for a, b in itertools.pairwise([first, *marks.tolist(), last]):
             if (b - a) * 1e-3 < SHORTEST_S:
                 continue
-            way = resample(course.ms[a:b], tip[a:b])
-            profile = speed(way)
+            way = resample_path(course.ms[a:b], tip[a:b])
+            profile = tip_speed(way)
             if profile.max() <= IDLE_MM_S * 1e-3:
                 continue
             arc_lengths.append(spectral_arc_length(profile))
@@ -207,4 +207,4 @@ def _movements(course: Recording, tip: np.ndarray, stretches: Sequence[tuple[int
         for values in (arc_lengths, jerks)
     ]
     smoothness = dict(zip(("sparc", "log_jerk"), medians, strict=True))
-    return {"economy": economy(ways), **smoothness, "movements": len(jerks)}
+    return {"economy": path_economy(ways), **smoothness, "movements": len(jerks)}

@@ -34,7 +34,7 @@ Moment = tuple[str, float, str]
 """Kind, time on the chart's axis, text."""
 
 
-def hazard(
+def hazard_charts(
     course: Recording, row: HazardRow, limits: Mapping[str, float], blinded: bool
 ) -> list[Chart]:
     """Return the charts of one hazard, in ms after its start; none beyond the recording.
@@ -59,7 +59,7 @@ def hazard(
     return _charts(course, time, inside, axis, arms, moments, limits, blinded)
 
 
-def session(
+def session_charts(
     course: Recording, hazards: Sequence[HazardRow], limits: Mapping[str, float], blinded: bool
 ) -> list[Chart]:
     """Return the charts of the whole session, in s, with hazards and responses."""
@@ -79,7 +79,7 @@ def session(
     ]
 
 
-def learning(attempts: Sequence[Json]) -> list[Chart]:
+def learning_charts(attempts: Sequence[Json]) -> list[Chart]:
     """Return charts of one person's sessions; none for less than two sessions."""
     if len(attempts) < 2:
         return []
@@ -88,7 +88,7 @@ def learning(attempts: Sequence[Json]) -> list[Chart]:
         values = np.array([attempt[measure] for attempt in attempts], float)
         known = np.flatnonzero(np.isfinite(values)).tolist()
         if known:
-            x, y, colour = np.array(known) + 1.0, values[known], palette.series(number)
+            x, y, colour = np.array(known) + 1.0, values[known], palette.series_colour(number)
             tips = tuple(attempts[place]["name"] for place in known)
             dots = Dots(measure, colour, x, y, tips=tips, in_legend=False)
             low, high = min(0.0, float(y.min())), max(0.0, float(y.max()))
@@ -99,7 +99,7 @@ def learning(attempts: Sequence[Json]) -> list[Chart]:
     return charts
 
 
-def thin(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def thin_curve(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Reduce a curve to at most `POINTS`: each stretch becomes its greatest value."""
     finite = np.where(np.isfinite(values), values, 0.0).astype(float)
     stride = -(-len(time) // POINTS)
@@ -165,7 +165,7 @@ def _curve(
     **style: Any,
 ) -> Curve:
     if not step:
-        return Curve(name, colour, *thin(time, values), **style)
+        return Curve(name, colour, *thin_curve(time, values), **style)
     corners = np.flatnonzero(np.diff(values, prepend=np.nan))
     corners = np.append(corners, len(values) - 1)
     return Curve(name, colour, time[corners], values[corners].astype(float), step=True, **style)

@@ -15,7 +15,7 @@ from ravenjax.train.recording import reader
 FILE = "debrief.html"
 
 
-def write(folder: Path) -> Path:
+def write_debrief(folder: Path) -> Path:
     """Write debrief.html into a session's folder and return its path.
 
     The measures of the motion are also added to session.json, where a learning curve finds them.
@@ -25,18 +25,18 @@ def write(folder: Path) -> Path:
     from ravenjax.document import html
 
     folder = Path(folder)
-    header = description.read(folder)
+    header = description.read_session(folder)
     recording = course = None
     trouble = ""
     try:
-        if reader.find(folder) is not None:
-            recording = reader.read(folder)
+        if reader.find_recording(folder) is not None:
+            recording = reader.read_recording(folder)
     except StoreError as error:
         trouble = str(error)
     if recording is not None and len(recording.rows) > 1:
         course = recording.without_pauses()
-        measures = dexterity.measure(course)
-        header = description.update(folder, {"summary": {dexterity.KEY: measures}})
+        measures = dexterity.measure_dexterity(course)
+        header = description.update_session(folder, {"summary": {dexterity.KEY: measures}})
     has_table = (folder / hazard_table.FILE).exists()
     hazards = hazard_table.read_table(folder)
     if not has_table and recording is not None:
@@ -52,18 +52,18 @@ def write(folder: Path) -> Path:
     shown, contact = None, {}
     if course is not None:
         charts = {
-            "hazards": [figures.hazard(course, row, limits, blinded) for row in hazards],
-            "session": figures.session(course, hazards, limits, blinded),
+            "hazards": [figures.hazard_charts(course, row, limits, blinded) for row in hazards],
+            "session": figures.session_charts(course, hazards, limits, blinded),
         }
-        shown = replay.data(course, header, hazards)
+        shown = replay.player_data(course, header, hazards)
         if header.get("contact_units_per_n") is not None:
             contact = dexterity.measure_contact(course)
     attempts = dexterity.read_attempts(folder.absolute())
-    environment = html.environment("ravenjax.train")
+    environment = html.template_environment("ravenjax.train")
     page = environment.get_template("debrief.html.j2").render(
         header=header,
         scenario={"name": header.get("name") or "session"} | scenario,
-        numbers=hazard_table.summarize(hazards),
+        numbers=hazard_table.summarize_hazards(hazards),
         hazards=hazards,
         moments=figures.MOMENTS,
         blinded=blinded,
@@ -71,7 +71,7 @@ def write(folder: Path) -> Path:
         recording=recording,
         trouble=trouble,
         charts=charts,
-        learning=figures.learning(attempts),
+        learning=figures.learning_charts(attempts),
         replay=shown,
         contact=contact,
     )

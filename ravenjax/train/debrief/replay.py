@@ -24,7 +24,7 @@ AROUND_MS = (400, 3000)
 PER_M = 10_000
 
 
-def data(course: Recording, header: Json, hazards: Sequence[HazardRow]) -> Json | None:
+def player_data(course: Recording, header: Json, hazards: Sequence[HazardRow]) -> Json | None:
     """Return JSON for the player; None if the header lacks the positions of the arms."""
     bases, arms = header.get("bases") or {}, course.layout.arms
     if any(arm not in bases for arm in arms):

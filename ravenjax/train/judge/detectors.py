@@ -60,7 +60,7 @@ class Trips:
         golden run so far. Without a golden run every trip counts.
         """
         trips = []
-        for name in checks.names(outcomes):
+        for name in checks.check_names(outcomes):
             count, before = int(outcomes[f"check_{name}_count"]), self._counts.get(name, 0)
             self._counts[name] = count
             if count <= before:

@@ -175,7 +175,7 @@ class Episode:
         was_lost = self._is_lost
         self.halted_ms, self.golden_halted_ms = halted_ms, golden_halted_ms
         stopped = self.check_response == "stopped"
-        self._is_lost = bool(verdict.halts(halted_ms, golden_halted_ms, stopped))
+        self._is_lost = bool(verdict.is_halt(halted_ms, golden_halted_ms, stopped))
         return self._is_lost and not was_lost
 
     def respond(self, tick: int, what: str) -> bool:
@@ -223,7 +223,7 @@ class Episode:
         """Return the motion hazard, one of `verdict.HAZARDS`."""
         columns = {f"{name}_first_ms": [self.first_ms.get(name, -1)] for name in DISTANCES}
         columns |= {"halted_ms": [self.halted_ms], "golden_halted_ms": [self.golden_halted_ms]}
-        (place,) = verdict.hazards(columns, np.array([self.check_response == "stopped"]))
+        (place,) = verdict.classify_hazards(columns, np.array([self.check_response == "stopped"]))
         return verdict.HAZARDS[place]
 
     def outcome(self) -> str:

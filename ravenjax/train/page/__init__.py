@@ -36,7 +36,7 @@ class PageOptions:
     instructor_token: str | None = None
 
     def __post_init__(self) -> None:
-        if not self.token and not loopback(self.host):
+        if not self.token and not is_loopback(self.host):
             raise UserError(
                 f"host is {self.host!r}, which other machines can reach, and there is no token:"
                 " give --token, or host 127.0.0.1"
@@ -48,7 +48,7 @@ class PageOptions:
             )
 
 
-def loopback(host: str) -> bool:
+def is_loopback(host: str) -> bool:
     """Whether only this machine can reach a server on `host`."""
     try:
         return host == "localhost" or ipaddress.ip_address(host).is_loopback
@@ -66,4 +66,4 @@ def run_when_told(session: Connection) -> None:
 
     # EOFError: the session ended before the page began.
     with contextlib.suppress(EOFError):
-        process.run(session.recv(), session)
+        process.serve_page(session.recv(), session)

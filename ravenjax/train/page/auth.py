@@ -52,7 +52,7 @@ class Auth:
             return "another site asks for it"
         if self._token is None:
             return None
-        words = [query(request.path).get("token", "")]
+        words = [query_parameters(request.path).get("token", "")]
         try:
             cookie = SimpleCookie(cookies or "").get(self._cookie_name)
             words += [cookie.value] if cookie else []
@@ -66,7 +66,7 @@ class Auth:
 
     def cookie(self, request: Request) -> str | None:
         """Return the cookie to set if the address has a token, so that later requests carry it."""
-        if self._token is None or not query(request.path).get("token"):
+        if self._token is None or not query_parameters(request.path).get("token"):
             return None
         return f"{self._cookie_name}={self._token}; HttpOnly; SameSite=Strict; Path=/"
 
@@ -83,7 +83,7 @@ def same_secret(word: str, secret: str | None) -> bool:
     )
 
 
-def query(path: str) -> dict[str, str]:
+def query_parameters(path: str) -> dict[str, str]:
     """Return the parameters of a request's path, the last of each name."""
     return {name: values[-1] for name, values in parse_qs(urlsplit(path).query).items()}
 

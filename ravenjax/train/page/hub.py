@@ -16,7 +16,7 @@ from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
 from ravenjax.train.page import PageOptions
-from ravenjax.train.page.auth import query, same_secret
+from ravenjax.train.page.auth import query_parameters, same_secret
 from ravenjax.train.page.inbox import Inbox, RefusedMessage
 from ravenjax.train.page.visibility import Visibility
 from ravenjax.train.protocol import messages
@@ -119,7 +119,7 @@ class Hub:
 
     async def serve(self, connection: ServerConnection) -> None:
         """Serve one websocket, from its greeting to its end."""
-        options = query(connection.request.path if connection.request else "")
+        options = query_parameters(connection.request.path if connection.request else "")
         window = options.get("window", "")[:64]
         self._drop_earlier(window)
         asks = options.get("role") == "instructor"

@@ -94,7 +94,7 @@ class Inbox:
             # The scenario models are needed only once a session is over.
             from ravenjax.train.scenario import loading
 
-            names = [path.stem for path in loading.bundled()]
+            names = [path.stem for path in loading.bundled_scenarios()]
             if content["scenario"] not in names:
                 raise RefusedMessage(
                     f"no scenario {content['scenario']}; there are {', '.join(names)}"

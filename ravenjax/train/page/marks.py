@@ -13,7 +13,7 @@ import numpy as np
 import viser
 
 from ravenjax.train.protocol.messages import Event, Json
-from ravenjax.train.protocol.world import surface
+from ravenjax.train.protocol.world import tissue_height
 from ravenjax.train.robot import ArmName, scene
 
 Rgb = tuple[int, int, int]
@@ -58,7 +58,7 @@ class DepthLine:
     def show(self, tip: np.ndarray) -> None:
         """Follow the tip, world, m."""
         self._letter.position = tip + LETTER_M
-        foot = np.array([tip[0], tip[1], surface(float(tip[0]), float(tip[1]))])
+        foot = np.array([tip[0], tip[1], tissue_height(float(tip[0]), float(tip[1]))])
         self._line.visible = self._spot.visible = bool(
             np.all(np.abs(tip[:2]) < scene.TISSUE_HALF[:2])
         )

@@ -28,7 +28,7 @@ PERIOD_S = 1 / 60
 """Interval between frames at other times."""
 
 
-def run(options: PageOptions, port_taken: Connection) -> None:
+def serve_page(options: PageOptions, port_taken: Connection) -> None:
     """Serve the page. Send its port through `port_taken` once it listens."""
     # The session handles Ctrl-C, and ends the page when it is ready.
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -25,7 +25,7 @@ from ravenjax.train.page.marks import MODEL, DepthLine, Rgb, TaskShapes
 from ravenjax.train.protocol.frame import VIEWS, Frame
 from ravenjax.train.protocol.jaws import jaw_tips
 from ravenjax.train.protocol.messages import Event, Json
-from ravenjax.train.protocol.world import TISSUE, frame0, surface
+from ravenjax.train.protocol.world import TISSUE, frame0_in_world, tissue_height
 from ravenjax.train.robot import ARMS, ArmName, Arms
 
 _LOOKS = {"ghost": (MODEL, 0.36), "virtual": ((120, 226, 170), 0.75)}
@@ -47,7 +47,7 @@ def read_shapes(model: mujoco.MjModel) -> dict[int, tuple[bytes, np.ndarray, np.
 
     The result is cached on disk, because making it takes seconds.
     """
-    objects = compile_cache.objects()
+    objects = compile_cache.object_cache()
     content = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
     mujoco.mj_saveModel(model, None, content)
     source = Path(body_shapes.__file__).read_bytes()
@@ -131,9 +131,9 @@ class Scene:
         blinded: bool,
     ) -> None:
         """blinded: neither ghost nor force is drawn, because they show what must stay hidden."""
-        model = arm_model.scene()
+        model = arm_model.operating_scene()
         self._server, self._arms = server, arms
-        self._frames = {arm: tuple(map(np.array, frame0(arm))) for arm in arms}
+        self._frames = {arm: tuple(map(np.array, frame0_in_world(arm))) for arm in arms}
         shapes = read_shapes(model)
         shown = () if blinded else arms
         with server.atomic():
@@ -191,7 +191,7 @@ class Scene:
         origin, turn = self._frames[arm]
         tip, jpos = frame[f"{arm}/tip"].tolist(), frame[f"{arm}/link_jpos"].tolist()
         ends = [origin + turn @ np.array(end) for end in jaw_tips(arm, tip, jpos)]
-        return min(ends, key=lambda end: end[2] - surface(float(end[0]), float(end[1])))
+        return min(ends, key=lambda end: end[2] - tissue_height(float(end[0]), float(end[1])))
 
     def follow(self, event: Event) -> None:
         """Take an event of the session that changes the scene."""
@@ -202,7 +202,9 @@ class Scene:
 def describe_place(arms: Arms) -> Json:
     """Return JSON of where the arms and the tissue are, m, for a window that draws tips itself."""
     return {
-        "bases": {arm: dict(zip(("origin", "turn"), frame0(arm), strict=True)) for arm in arms},
+        "bases": {
+            arm: dict(zip(("origin", "turn"), frame0_in_world(arm), strict=True)) for arm in arms
+        },
         "tissue": TISSUE,
     }
 

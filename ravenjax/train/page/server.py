@@ -31,7 +31,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from ravenjax.train.page import PageOptions
-from ravenjax.train.page.auth import Auth, query, same_secret
+from ravenjax.train.page.auth import Auth, query_parameters, same_secret
 from ravenjax.train.recording import folders
 
 SESSION = "/session"
@@ -153,7 +153,7 @@ class PageServer:
             return _refusal(HTTPStatus.FORBIDDEN, reason)
         if (request.headers.get("Upgrade") or "").lower() == "websocket":
             return None
-        path, parameters = urlsplit(request.path).path, query(request.path)
+        path, parameters = urlsplit(request.path).path, query_parameters(request.path)
         debrief = self._folder / DEBRIEF if self._folder else None
         has_debrief = debrief is not None and debrief.is_file()
         if path == "/debrief.json":
@@ -179,12 +179,14 @@ class PageServer:
         """Return the list of sessions, or a debrief from it, for the instructor only."""
         if self._folder is None or not same_secret(token, self._instructor_token):
             return _refusal(HTTPStatus.FORBIDDEN, "the list of sessions is the instructor's")
-        sessions = {session.path.name: session for session in folders.beside(self._folder.parent)}
+        sessions = {
+            session.path.name: session for session in folders.sessions_beside(self._folder.parent)
+        }
         if path == "/sessions":
             # jinja takes a while to import.
             from ravenjax.document import html
 
-            template = html.environment("ravenjax.train").get_template("sessions.html.j2")
+            template = html.template_environment("ravenjax.train").get_template("sessions.html.j2")
             text = template.render(
                 sessions=[*reversed(sessions.values())],
                 has_debrief={name: (s.path / DEBRIEF).is_file() for name, s in sessions.items()},

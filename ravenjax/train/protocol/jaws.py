@@ -21,23 +21,23 @@ _DRAWN = {"tip": "link_jpos", "virtual_tip": "virtual_jpos", "model_tip": "model
 
 def closing_point(arm: ArmName, axis: Sequence[float], jpos: Sequence[float]) -> Point:
     """Return where the ends of the jaws meet, m. axis: their axis, m, frame 0. jpos: [7]."""
-    x, y, z = along(arm, jpos)
+    x, y, z = jaw_direction(arm, jpos)
     return axis[0] + JAW_LENGTH * x, axis[1] + JAW_LENGTH * y, axis[2] + JAW_LENGTH * z
 
 
 def jaw_tips(arm: ArmName, closing: Sequence[float], jpos: Sequence[float]) -> tuple[Point, Point]:
     """Return the ends of both jaws, m, frame 0. closing: where they close. jpos: joints [7]."""
-    middle = along(arm, jpos)
+    middle = jaw_direction(arm, jpos)
     out = []
     for angle in (-jpos[5], jpos[6]):
-        way = along(arm, (*jpos[:5], -angle, angle))
+        way = jaw_direction(arm, (*jpos[:5], -angle, angle))
         out.append(
             tuple(c + JAW_LENGTH * (a - b) for c, a, b in zip(closing, way, middle, strict=True))
         )
     return out[0], out[1]
 
 
-def along(arm: ArmName, jpos: Sequence[float]) -> Point:
+def jaw_direction(arm: ArmName, jpos: Sequence[float]) -> Point:
     """Return the unit vector along the closed jaws in frame 0, at joints [7] in rad and m."""
     geometry = GEOMETRY[arm]
     cos23, side, flip = geometry.cos23, geometry.side, geometry.flip

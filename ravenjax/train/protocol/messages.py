@@ -75,7 +75,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from ravenjax.train.robot import ArmName, Quat, unit
+from ravenjax.train.robot import ArmName, Quat, unit_quaternion
 from ravenjax.vocabulary.packets import QUIET_MS
 
 Json = dict[str, Any]
@@ -99,7 +99,7 @@ SEAT = ("take", "give", "left")
 
 def _unit(quat: list[float]) -> Quat:
     try:
-        return unit(quat)
+        return unit_quaternion(quat)
     except ZeroDivisionError:
         raise ValueError("expected a quaternion of length 1, not 0") from None
 

@@ -21,38 +21,38 @@ Rows = tuple[Point, Point, Point]
 
 
 @cache
-def frame0(arm: ArmName) -> tuple[Point, Rows]:
+def frame0_in_world(arm: ArmName) -> tuple[Point, Rows]:
     """Return origin (m) and rotation rows of the arm's frame 0 in the world."""
-    origin, rotation = scene.frame0(arm)
+    origin, rotation = scene.frame0_in_world(arm)
     rows = _rows([origin, *rotation])
     return rows[0], rows[1:]
 
 
 def to_world(arm: ArmName, position: Point) -> Point:
     """Return a point of the arm's frame 0 in the world, m."""
-    (ox, oy, oz), rows = frame0(arm)
-    x, y, z = turned(rows, position)
+    (ox, oy, oz), rows = frame0_in_world(arm)
+    x, y, z = turn_vector(rows, position)
     return ox + x, oy + y, oz + z
 
 
 @cache
 def itp_from_view(arm: ArmName) -> Rows:
     """Return rotation rows from the axes of the operator's view to those of ITP packets."""
-    rotation, axes = np.array(frame0(arm)[1]), np.array(_rows(ITP_AXES[arm]))
+    rotation, axes = np.array(frame0_in_world(arm)[1]), np.array(_rows(ITP_AXES[arm]))
     return _rows(axes.T @ rotation.T @ np.array(VIEW).T)
 
 
 def view_from_world(way: Point) -> Point:
     """Return a displacement in the world along the axes of the operator's view."""
-    return turned(VIEW, way)
+    return turn_vector(VIEW, way)
 
 
-def surface(x: float, y: float) -> float:
+def tissue_height(x: float, y: float) -> float:
     """Return the height of the tissue's dome at (x, y), m, also beside the tissue."""
     return scene.TISSUE_TOP - scene.TISSUE_SAG[0] * x * x - scene.TISSUE_SAG[1] * y * y
 
 
-def turned(rows: Rows, v: Point) -> Point:
+def turn_vector(rows: Rows, v: Point) -> Point:
     """Return `rows` times `v`."""
     x, y, z = v
     a, b, c = rows

@@ -110,7 +110,7 @@ class Clock:
 
 
 @contextlib.contextmanager
-def realtime(choose: Callable[[set[int]], int] = max) -> Iterator[str]:
+def use_realtime_priority(choose: Callable[[set[int]], int] = max) -> Iterator[str]:
     """Give this process one CPU and, where the system allows it, a realtime priority.
 
     Yields what was granted, and undoes it at the end. choose: selects one of the CPUs. A robot in a
@@ -142,7 +142,9 @@ def realtime(choose: Callable[[set[int]], int] = max) -> Iterator[str]:
 
 
 def other_cpus() -> set[int]:
-    """Return the CPUs that `realtime` leaves to other processes; empty with a single CPU."""
+    """Return the CPUs that `use_realtime_priority` leaves to other processes; empty with a
+    single CPU.
+    """
     cpus = os.sched_getaffinity(0) if sys.platform == "linux" else set[int]()
     return cpus - {max(cpus)} if len(cpus) > 1 else set()
 

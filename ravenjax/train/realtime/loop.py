@@ -56,7 +56,7 @@ class PageCommands:
         """Do nothing: the page reads the ring."""
 
 
-def run(
+def run_loop(
     session: Session,
     frames: Ring,
     events: Ring,

@@ -13,9 +13,9 @@ def run_when_told(session: Connection) -> None:
     """
     import numpy as np
 
-    from ravenjax.store.logs.topics import quaternions
+    from ravenjax.store.logs.topics import rotation_quaternions
     from ravenjax.train.recording import recorder
 
-    quaternions(np.eye(3)[None])  # a first call does its imports
+    rotation_quaternions(np.eye(3)[None])  # a first call does its imports
     with contextlib.suppress(EOFError):  # the session ended before it began
-        recorder.run(session.recv(), lambda: session.send(None))
+        recorder.record_session(session.recv(), lambda: session.send(None))

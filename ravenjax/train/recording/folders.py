@@ -38,12 +38,12 @@ class SessionFolder:
         return self.header.get("summary") or {}
 
 
-def beside(base: Path) -> list[SessionFolder]:
+def sessions_beside(base: Path) -> list[SessionFolder]:
     """Return the undamaged sessions in the folders of `base`, the first begun first."""
     sessions = []
     for file in sorted(Path(base).glob(f"*/{description.FILE}")):
         try:
-            sessions.append(SessionFolder(file.parent, description.read(file.parent)))
+            sessions.append(SessionFolder(file.parent, description.read_session(file.parent)))
         except StoreError:
             continue
     return sorted(sessions, key=lambda one: (one.started, one.path.name))

@@ -70,17 +70,17 @@ def from_recording(recording: Recording, header: Json) -> list[HazardRow]:
             rows[-1]["struck_ms"] = event["tick"]
         elif event["kind"] == "hazard_row" and rows:
             rows[-1] |= event["row"]
-    return [HazardRow(**(identity(header) | row)) for row in rows]
+    return [HazardRow(**(session_columns(header) | row)) for row in rows]
 
 
-def identity(header: Json) -> Json:
+def session_columns(header: Json) -> Json:
     """Return the columns that all hazards of a session share, from its session.json."""
     same = {name: header.get(name) for name in ("participant", "group", "seed", "blinded")}
     scenario = (header.get("scenario") or {}).get("name")
     return same | {"session": header.get("name"), "scenario": scenario}
 
 
-def summarize(rows: Sequence[HazardRow]) -> Json:
+def summarize_hazards(rows: Sequence[HazardRow]) -> Json:
     """Return numbers of a whole session; None where nothing was measured."""
     struck = [row for row in rows if row.struck_ms is not None]
     counts = {

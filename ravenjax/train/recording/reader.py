@@ -44,25 +44,25 @@ class Recording(session_log.SessionLog):
         return np.max(sizes, axis=0)
 
 
-def find(folder: Path) -> Path | None:
+def find_recording(folder: Path) -> Path | None:
     """Return the recording of a session's folder, preferably the recovered one, or None."""
     own = Path(folder) / session_log.FILE
     return next((file for file in (mcap_records.recovered_path(own), own) if file.exists()), None)
 
 
-def read(path: Path) -> Recording:
+def read_recording(path: Path) -> Recording:
     """Read a recording, complete or cut short, from a file or a session's folder.
 
     Raises StoreError if the folder has no recording, or its channels are those of another version.
     """
     path = Path(path)
     if path.is_dir():
-        if (file := find(path)) is None:
+        if (file := find_recording(path)) is None:
             raise StoreError(
                 f"{path} has no {session_log.FILE}; give the folder of a session that was recorded"
             )
         path = file
-    log = session_log.read(path)
+    log = session_log.read_session_log(path)
     layout = FrameLayout.of([arm for arm in ARMS if f"{arm}/jpos/0" in log.names])
     if layout.names() != log.names:
         raise StoreError(

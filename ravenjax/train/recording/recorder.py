@@ -42,14 +42,14 @@ class RecorderOptions:
     header: Json  # session.json without "version", "started", "ended"
 
 
-def run(options: RecorderOptions, listening: Callable[[], None] = lambda: None) -> None:
+def record_session(options: RecorderOptions, listening: Callable[[], None] = lambda: None) -> None:
     """Record until the session ends. listening: called once session.mcap exists.
 
     Raises StoreError if the folder cannot be written, ValueError if rows have another length.
     """
     stop = _Stop()
-    header = {"started": now(), **options.header, "ended": None}
-    description.write(options.folder, header)
+    header = {"started": utc_now(), **options.header, "ended": None}
+    description.write_session(options.folder, header)
     with contextlib.ExitStack() as stack:
         frames, events = Ring.attach(options.frames), Ring.attach(options.events)
         stack.callback(frames.close)
@@ -63,10 +63,12 @@ def run(options: RecorderOptions, listening: Callable[[], None] = lambda: None) 
         stack.callback(log.close)
         listening()
         summary = _record(frames, events, log, options.names.index("late_ticks"), stop)
-    description.update(options.folder, {"ended": now(), "summary": {"recording": summary}})
+    description.update_session(
+        options.folder, {"ended": utc_now(), "summary": {"recording": summary}}
+    )
 
 
-def now() -> str:
+def utc_now() -> str:
     """Return the present time, UTC, ISO 8601 to the millisecond."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 

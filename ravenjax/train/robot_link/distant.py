@@ -23,7 +23,7 @@ from ravenjax.engines import trace_key
 from ravenjax.engines.cpu.stepper import StepCode, Stepper
 from ravenjax.numbers import tree
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.setup import per_arm, real
+from ravenjax.numbers.setup import cast_to_real, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, cast, replace
 from ravenjax.robots.raven2.console import operator
 from ravenjax.robots.raven2.loop import observers
@@ -69,8 +69,8 @@ class DistantRobot:
         self.row = self._frame.row[: blueprint.layout.simulated]
         self.now = 0
         self._out = np.zeros(self._stepper.code.outputs, np.float32)
-        self._rest = tree.leaves(_resting(blueprint))
-        self._reported = _Reported(*tree.filled(_resting(blueprint), self._stepper.entering))
+        self._rest = tree.tree_leaves(_resting(blueprint))
+        self._reported = _Reported(*tree.fill_tree(_resting(blueprint), self._stepper.entering))
         self._sequence = 0
         places = blueprint.layout.places
         names = [f"{arm}/{name}" for arm in self.arms for name in _SEEN]
@@ -126,7 +126,9 @@ class DistantRobot:
 
     def arm(self, row: int) -> None:
         """Order the robot's process to arm the hazard of this row."""
-        self._stepper.change(lambda state: replace(state, monitor=monitor.restarted(state.monitor)))
+        self._stepper.change(
+            lambda state: replace(state, monitor=monitor.restart_monitor(state.monitor))
+        )
         self.remote.order({"order": "arm", "number": row})
 
     def disarm(self) -> None:
@@ -146,7 +148,7 @@ class DistantRobot:
 
     def _enter(self, numbers: Sequence[Any]) -> None:
         """Enter these numbers as the robot's last report."""
-        for place, number in zip(tree.leaves(self._reported), numbers, strict=True):
+        for place, number in zip(tree.tree_leaves(self._reported), numbers, strict=True):
             place[0] = number
 
     def _datagram(self, numbers: list[float]) -> bytes:
@@ -172,7 +174,7 @@ class DistantRobot:
             x for name in ("jpos", "mvel") for arm in arms for x in frame[f"{arm}/{name}"].tolist()
         ]
         self._enter([*numbers, report.runlevel, stopped])
-        frame["live"] = observers.live(report.runlevel, stopped)
+        frame["live"] = observers.is_live(report.runlevel, stopped)
         for check, is_stopped in (("soft_estop", stopped), ("estop", report.runlevel == E_STOP)):
             if is_stopped and not self._stopped[check]:
                 self._note(check, self._outcomes.get(f"check_{check}_count", 0) + 1, self.now)
@@ -215,19 +217,19 @@ def _half(blueprint: Blueprint) -> StepCode:
     unwritten = per_arm(setup, lambda i, arm: Vec.full(7, np.int32(0)))
 
     def begin(inputs: Any) -> observers.ObserverState:
-        start = real(setup, params.start)
-        tips = per_arm(setup, lambda i, arm: kinematics.forward(arm, start[i]).position)
+        start = cast_to_real(setup, params.start)
+        tips = per_arm(setup, lambda i, arm: kinematics.forward_pose(arm, start[i]).position)
         return observers.init(setup, params, start, tips)
 
     def step(
         inputs: Any, state: observers.ObserverState, now: Scalar, entering: _Reported, motion: Any
     ) -> tuple[observers.ObserverState, list[Scalar]]:
         timing = operator.row_by_row(now)
-        packet = operator.packet(setup, params.operator, motion, timing)
+        packet = operator.make_packet(setup, params.operator, motion, timing)
         robot = observers.RobotView(*entering, unwritten)
         fresh = jnp.bool_(True)
-        after, view = observers.see(setup, params, state, packet, fresh, robot)
-        judged = observers.judge(
+        after, view = observers.update_model_and_cue(setup, params, state, packet, fresh, robot)
+        judged = observers.update_monitor(
             setup, params, state.monitor, packet, fresh, robot, view, None, now
         )
         after = replace(after, monitor=judged)
@@ -237,7 +239,7 @@ def _half(blueprint: Blueprint) -> StepCode:
             out += [*model.jpos, *view.tips[i], *model.tip_position, distance]
             out += [*(x * cue.force[0] for x in cue.direction), view.depth[i] * 1e3]
             still = Vec.full(3, 0.0)
-            off = monitor.distances(
+            off = monitor.arm_distances(
                 params.monitor, after.monitor.arms[i], model.tip_position, still, still
             )
             unintended, unintended_off, loss, _ = hazard_distances(view.live, off)
@@ -253,5 +255,5 @@ def _half(blueprint: Blueprint) -> StepCode:
     tables = blueprint.code.tables[:1] * len(blueprint.plan.columns)
     key = trace_key.hash_values("distant", of_session.SOURCE, _SOURCE, setup, params)
     return StepCode(
-        begin, step, finish, (), _resting(blueprint), tables, compile_cache.objects(), key
+        begin, step, finish, (), _resting(blueprint), tables, compile_cache.object_cache(), key
     )

@@ -25,7 +25,7 @@ from collections.abc import Callable, Mapping, Sequence
 from ravenjax.errors import UserError
 from ravenjax.train.protocol.messages import STALE_MS, Command, Say
 from ravenjax.train.robot import ARMS, ITP_AXES, UDP_PORT, V_STRUCT, ArmName, ConsoleProfile
-from ravenjax.train.robot_link.packet_filter import SIZE, Gate, merge
+from ravenjax.train.robot_link.packet_filter import SIZE, Gate, merge_commands
 
 LOOPBACK = "127.0.0.1"
 PER_TICK = 8
@@ -111,7 +111,7 @@ class ItpServer:
                 self.last_sequence = int.from_bytes(datagram[:4], "little")
                 if len(accepted) == most:
                     break
-        total = merge(accepted)
+        total = merge_commands(accepted)
         if total is None:
             return []
         self._pedal, self._taken_ms = total["pedal"], now_ms

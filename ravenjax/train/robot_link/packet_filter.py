@@ -47,7 +47,7 @@ from ravenjax.train.robot import (
     Misfit,
     Packet,
     ProfileChoice,
-    fitting,
+    matching_profile,
     turn_by,
 )
 from ravenjax.vocabulary.packets import QUIET_MS, RELEASE_MS
@@ -113,7 +113,7 @@ class Gate:
         self._only_host, self._say = only_host, say
         self.counts: dict[str, int] = dict.fromkeys(CAUSES, 0)
         self._arms = tuple(arms)
-        self._choice = ProfileChoice(profiles or (consoles.load("raven"),), arms)
+        self._choice = ProfileChoice(profiles or (consoles.load_profile("raven"),), arms)
         self._open = len(self._choice.readers) > 1  # whether packets have yet to decide the profile
         self._misfits: deque[Sequence] = deque(maxlen=KEPT_MISFITS)
         self._misfit_count, self._advised = 0, False
@@ -192,8 +192,8 @@ class Gate:
         if self._advised or self._misfit_count % KEPT_MISFITS:
             return
         profile = self._choice.profile
-        others = [one for one in consoles.bundled() if one != profile]
-        fits = fitting(self._misfits, others, self._arms) if profile else ""
+        others = [one for one in consoles.bundled_profiles() if one != profile]
+        fits = matching_profile(self._misfits, others, self._arms) if profile else ""
         if not fits and self._misfit_count < MISFIT_SHARE * self.received:
             return
         self._advised = True
@@ -241,7 +241,7 @@ def increments_of(pedal: bool, tables: Mapping[ArmName, Sequence[Any]], source: 
     }
 
 
-def merge(commands: Sequence[Increments]) -> Increments | None:
+def merge_commands(commands: Sequence[Increments]) -> Increments | None:
     """Combine commands, in their order, into one: displacements are added, turns are chained."""
     total = None
     for command in commands:

@@ -62,7 +62,7 @@ class Played(NamedTuple):
         return words if self.driving else f"{words}; the robot's terminal shows why"
 
 
-def lead(first: bytes, count: int = round(LEAD_S / LEAD_STEP_S)) -> list[bytes]:
+def lead_packets(first: bytes, count: int = round(LEAD_S / LEAD_STEP_S)) -> list[bytes]:
     """Return the packets to send ahead of the recording's first one."""
     fields = list(FIELDS.unpack_from(first))
     number = fields[0]
@@ -77,7 +77,7 @@ def lead(first: bytes, count: int = round(LEAD_S / LEAD_STEP_S)) -> list[bytes]:
     return packets
 
 
-def play(
+def play_packets(
     datagrams: Sequence[bytes],
     arrival_s: np.ndarray,
     address: tuple[str, int],
@@ -87,7 +87,7 @@ def play(
 
     Raises UserError if the address is not valid or reachable.
     """
-    ahead = lead(datagrams[0])
+    ahead = lead_packets(datagrams[0])
     whole = [*ahead, *datagrams]
     due = np.concatenate([np.arange(len(ahead)) * LEAD_STEP_S, LEAD_S + np.asarray(arrival_s)])
     with interruption.until_interrupted() as stop, _connected(address) as port:
@@ -95,7 +95,7 @@ def play(
             f"sending packets with the pedal up to {address[0]}:{address[1]}, then"
             f" {len(datagrams)} recorded packets of {arrival_s[-1]:.3f} s"
         )
-        _knock(port, lead(datagrams[0], len(ahead) + 1)[0], stop)
+        _knock(port, lead_packets(datagrams[0], len(ahead) + 1)[0], stop)
         begin = time.monotonic()
         sent = forces = driving = 0
         latest = 0.0
@@ -160,7 +160,7 @@ def _heard(port: socket.socket) -> Iterator[int]:
             yield jointflags
 
 
-def parse(text: str) -> tuple[str, int]:
+def parse_host_port(text: str) -> tuple[str, int]:
     """Parse HOST:PORT. Raises UserError if it is invalid."""
     host, _, port = text.rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 2**16:

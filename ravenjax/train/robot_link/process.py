@@ -22,17 +22,22 @@ from typing import NamedTuple
 import numpy as np
 
 from ravenjax import interruption
-from ravenjax.errors import UserError, shown
+from ravenjax.errors import UserError, format_value
 from ravenjax.train import scenario
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.protocol.messages import Command, Json, Say
-from ravenjax.train.realtime.clock import Clock, LoopTiming, no_collection, realtime
+from ravenjax.train.realtime.clock import Clock, LoopTiming, no_collection, use_realtime_priority
 from ravenjax.train.realtime.loop import Console
 from ravenjax.train.robot import NO_PACKET_SEQUENCE, UDP_PORT, ConsoleProfile
 from ravenjax.train.robot_link.crtk.messages import Ros
 from ravenjax.train.robot_link.itp import LOOPBACK, ItpServer
 from ravenjax.train.robot_link.joint_stream import JOINT_PORT, JointServer, encode_report
-from ravenjax.train.robot_link.packet_filter import Increments, increments_of, merge, packet_of
+from ravenjax.train.robot_link.packet_filter import (
+    Increments,
+    increments_of,
+    merge_commands,
+    packet_of,
+)
 from ravenjax.train.scenario import Armable, Scenario
 from ravenjax.train.session.console_arbiter import ConsoleArbiter
 from ravenjax.train.session.pedal import NETWORK, PedalReasons
@@ -133,7 +138,7 @@ class Station:
                 self.obey({"order": {"estop": "estop", "restart": "reset"}[command["do"]]})
             else:
                 requests.append({**command, "console": CRTK})
-        total = merge(requests)
+        total = merge_commands(requests)
         return [] if total is None else [total]
 
     def _look(self, frame: Frame) -> None:
@@ -145,7 +150,7 @@ class Station:
         outcomes, began = self.machine.outcomes(), self.ticks - int(frame.number("tick"))
         self._checks = {
             name: (count, began + int(outcomes[f"check_{name}_first_ms"]))
-            for name in checks.names(outcomes)
+            for name in checks.check_names(outcomes)
             if (count := int(outcomes[f"check_{name}_count"])) > 0
         }
 
@@ -157,7 +162,7 @@ class Station:
                 expected = f"a hazard's number 0..{self._hazards - 1}"
                 if not self._hazards:
                     expected = "no hazard: the scenario has none"
-                raise UserError(f"number is {shown(number)}, expected {expected}")
+                raise UserError(f"number is {format_value(number)}, expected {expected}")
             self.machine.arm(number)
             self.armed = number
         elif kind == "disarm":
@@ -172,7 +177,9 @@ class Station:
             self._arbiter.rearm("restart", self.ticks)
             self._trips, self._checks = 0.0, {}
         else:
-            raise UserError(f"order is {shown(kind)}, expected one of arm, disarm, estop, reset")
+            raise UserError(
+                f"order is {format_value(kind)}, expected one of arm, disarm, estop, reset"
+            )
 
 
 class Strike(NamedTuple):
@@ -187,12 +194,13 @@ class Strike(NamedTuple):
         parts = text.split("@")
         if len(parts) != 2 or not all(part.isdecimal() for part in parts):
             raise UserError(
-                f"hazard is {shown(text)}, expected NUMBER@MS, such as 0@5000: hazard 0 after 5 s"
+                f"hazard is {format_value(text)}, expected NUMBER@MS, such as 0@5000: hazard 0"
+                " after 5 s"
             )
         return Strike(int(parts[0]), int(parts[1]))
 
 
-def run(
+def run_robot(
     chosen: Scenario,
     seed: int | None = None,
     *,
@@ -214,8 +222,8 @@ def run(
     console, or several of which one applies. Raises UserError if a port cannot be opened.
     """
     number = chosen.seed if seed is None else seed
-    robot = PacketRobot(scenario.campaign(chosen, number))
-    armables = scenario.armable(chosen, robot.blueprint.plan.rows)
+    robot = PacketRobot(scenario.session_campaign(chosen, number))
+    armables = scenario.armable_hazards(chosen, robot.blueprint.plan.rows)
     for strike in hazards:
         if strike.number >= len(armables):
             choice = f"it has 0..{len(armables) - 1}" if armables else "it has none"
@@ -225,7 +233,7 @@ def run(
         "arms": list(robot.arms),
         "scenario": chosen.name,
         "seed": number,
-        "hazards": digest(armables),
+        "hazards": hash_hazards(armables),
     }
     with contextlib.ExitStack() as stack:
         itp = ItpServer(
@@ -238,20 +246,22 @@ def run(
         if crtk:
             from ravenjax.train.robot_link.crtk import bridge
 
-            beside = bridge.spawn(stack, crtk, robot.blueprint, say)
+            beside = bridge.spawn_bridge(stack, crtk, robot.blueprint, say)
         estop_row = robot.blueprint.plan.runs - 1
         station = Station(robot, itp, joints, len(armables), estop_row, beside, say)
         stop = stack.enter_context(interruption.until_interrupted())
         for one in armables:
             say(f"hazard {one.number}: {one.title} ({one.hazard})")
         lasting = {one.number: one.lasts_ms for one in armables}
-        with realtime(min) as granted:
+        with use_realtime_priority(min) as granted:
             say(f"realtime: {granted}")
-            for warning in exposed(host, token, console_host):
+            for warning in exposure_warnings(host, token, console_host):
                 say(warning)
             say("console: ITP over UDP {}:{}".format(*itp.address))
             say("joint state: TCP {}:{}".format(*joints.address))
-            timing = serve(station, due(hazards, lasting), seconds, lambda: bool(stop))
+            timing = serve_robot(
+                station, hazard_orders(hazards, lasting), seconds, lambda: bool(stop)
+            )
         counts = {"console": itp.counters(), "joint stream": joints.counts}
     p50, p99 = (timing.percentile("compute", share) for share in (0.5, 0.99))
     say(
@@ -267,7 +277,7 @@ def in_words(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{name} {count}" for name, count in counts.items() if count)
 
 
-def serve(
+def serve_robot(
     station: Station,
     orders: Sequence[tuple[int, Json]] = (),
     seconds: float | None = None,
@@ -290,7 +300,7 @@ def serve(
     return clock.timing
 
 
-def due(strikes: Sequence[Strike], lasting: dict[int, int]) -> list[tuple[int, Json]]:
+def hazard_orders(strikes: Sequence[Strike], lasting: dict[int, int]) -> list[tuple[int, Json]]:
     """Return the orders that arm each hazard, and disarm it after `lasting` ms."""
     orders = []
     for number, at_ms in strikes:
@@ -299,7 +309,7 @@ def due(strikes: Sequence[Strike], lasting: dict[int, int]) -> list[tuple[int, J
     return sorted(orders, key=lambda order: order[0])
 
 
-def exposed(host: str, token: str | None, console: str | None) -> list[str]:
+def exposure_warnings(host: str, token: str | None, console: str | None) -> list[str]:
     """Return warnings if other machines can reach the robot."""
     if host == "localhost" or host.startswith("127."):
         return []
@@ -314,6 +324,6 @@ def exposed(host: str, token: str | None, console: str | None) -> list[str]:
     return warnings
 
 
-def digest(hazards: Sequence[Armable]) -> str:
+def hash_hazards(hazards: Sequence[Armable]) -> str:
     """Return a hash of a list of hazards. Lists with the same hash number their hazards equally."""
     return hashlib.sha256(" ".join(one.run_id for one in hazards).encode()).hexdigest()[:16]

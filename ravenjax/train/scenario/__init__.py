@@ -1,9 +1,9 @@
 """Training scenarios: TOML files that declare a task, hazards and the right responses."""
 
-from ravenjax.train.scenario.campaign import armable, campaign
+from ravenjax.train.scenario.campaign import armable_hazards, session_campaign
 from ravenjax.train.scenario.config import Entry, Harm, Scenario, Speeds
 from ravenjax.train.scenario.hazard import Armable
-from ravenjax.train.scenario.loading import bundled, from_dict, load
+from ravenjax.train.scenario.loading import bundled_scenarios, from_dict, load_scenario
 
 __all__ = [
     "Armable",
@@ -11,9 +11,9 @@ __all__ = [
     "Harm",
     "Scenario",
     "Speeds",
-    "armable",
-    "bundled",
-    "campaign",
+    "armable_hazards",
+    "bundled_scenarios",
     "from_dict",
-    "load",
+    "load_scenario",
+    "session_campaign",
 ]

@@ -24,7 +24,7 @@ from pydantic import ValidationError
 
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import bounds, semantics
-from ravenjax.campaign.file.config import CampaignConfig, validated
+from ravenjax.campaign.file.config import CampaignConfig, validate_tables
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.hazards import expansion, library
 from ravenjax.train.robot import ROBOT, Arms
@@ -60,11 +60,13 @@ _UNBOUNDED_S = 3600.0
 """
 
 
-def campaign(scenario: Scenario, seed: int) -> CampaignConfig:
-    """Return the campaign of a session. Raises ValueError for what `complaints` reports."""
+def session_campaign(scenario: Scenario, seed: int) -> CampaignConfig:
+    """Return the campaign of a session. Raises ValueError for what `find_scenario_errors`
+    reports.
+    """
     groups, numbers = _groups(scenario, seed)
     rows = (
-        design.rows(_config(scenario, seed, groups, _UNBOUNDED_S)).to_dict("records")
+        design.table_columns(_config(scenario, seed, groups, _UNBOUNDED_S)).to_dict("records")
         if groups
         else []
     )
@@ -81,7 +83,7 @@ def campaign(scenario: Scenario, seed: int) -> CampaignConfig:
     return _config(scenario, seed, fixed, scenario.duration_s)
 
 
-def armable(scenario: Scenario, table: pd.DataFrame) -> tuple[Armable, ...]:
+def armable_hazards(scenario: Scenario, table: pd.DataFrame) -> tuple[Armable, ...]:
     """Return the hazards of a session: the rows of its fault table without the E-stop button's."""
     entries = {scenario.entry_name(h): entry for h, entry in enumerate(scenario.hazard)}
     return tuple(
@@ -91,7 +93,7 @@ def armable(scenario: Scenario, table: pd.DataFrame) -> tuple[Armable, ...]:
     )
 
 
-def complaints(scenario: Scenario) -> Iterator[Complaint]:
+def find_scenario_errors(scenario: Scenario) -> Iterator[Complaint]:
     """Yield (key, message) for each error in a scenario whose shape is already valid."""
     names = [scenario.entry_name(h) for h in range(len(scenario.hazard))]
     for h, name in enumerate(names):
@@ -124,14 +126,14 @@ def complaints(scenario: Scenario) -> Iterator[Complaint]:
         for one in error.errors():
             yield _of_file(scenario, one["loc"], []), one["msg"].removeprefix("Value error, ")
         return
-    for key, message in (*semantics.complaints(config), *bounds.complaints(config)):
+    for key, message in (*semantics.find_errors(config), *bounds.find_invalid_values(config)):
         yield _of_file(scenario, key, written), _of_scenario(key, message)
 
 
 def _of_scenario(key: Key, message: str) -> str:
     """Return a campaign's message with the campaign's keys replaced by the scenario's."""
     if key[0] == "parameters" and len(key) > 1:
-        kind = f"{bounds.plain(ROBOT, str(key[1]))}."
+        kind = f"{bounds.shorten_path(ROBOT, str(key[1]))}."
         for name, keys in _OWN_KEYS.items():
             if kind.startswith(f"{name}."):
                 return f"cannot be set: write {keys}"
@@ -163,11 +165,13 @@ def _groups(scenario: Scenario, seed: int) -> tuple[list[dict[str, Any]], list[i
         name = scenario.entry_name(h)
         value = {} if entry.value is None else {"value": entry.value.written()}
         try:
-            named = expansion.named(list(entry.hazards)) if entry.hazards else []
+            named = expansion.select_hazards(list(entry.hazards)) if entry.hazards else []
             for row in named:
                 drawn = _rng(seed, f"{name}/{row.id}/arm").integers(len(scenario.arms))
                 arm = entry.arm or scenario.arms[drawn]
-                groups += expansion.expand({"name": name, "hazards": [row.id], "arm": arm, **value})
+                groups += expansion.expand_group(
+                    {"name": name, "hazards": [row.id], "arm": arm, **value}
+                )
         except expansion.WrongGroup as error:
             raise expansion.WrongGroup((h, *error.key), error.message) from None
         if entry.fault:
@@ -190,7 +194,7 @@ def _config(
         path: float(axis.at(axis.places(_rng(seed, f"parameter {path}").random(1)))[0])
         for path, axis in scenario.parameters.items()
     }
-    return validated(
+    return validate_tables(
         {
             "campaign": {
                 "name": scenario.name,
@@ -258,7 +262,7 @@ def _armable(entries: dict[str, Entry], number: int, row: _Row) -> Armable:
     name, _, rest = group.partition("/")
     identity, _, case = rest.partition("#")[0].partition("-")
     entry = entries[name]
-    listed = None if entry.fault else library.find(identity)
+    listed = None if entry.fault else library.find_hazard(identity)
     title = entry.title or (listed.title if listed is not None else name)
     if case and not entry.title:
         title += f" ({case.replace('_', ' ')})"
@@ -279,11 +283,11 @@ def _armable(entries: dict[str, Entry], number: int, row: _Row) -> Armable:
         group=group,
         run_id=f"{int(row['run_id']):016x}",
         arm=next((str(slot["arm"]) for slot in slots if slot["arm"]), ""),
-        right_response=hazard.responses(entry, listed),
+        right_response=hazard.right_responses(entry, listed),
         within_s=entry.within_s,
         lasts_ms=lasts_ms,
         when_ms=None if when is None else (when[0] * 1000.0, when[1] * 1000.0),
-        layer="" if listed is None else library.layers()[listed.layer],
+        layer="" if listed is None else library.library_layers()[listed.layer],
     )
 
 

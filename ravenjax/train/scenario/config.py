@@ -21,7 +21,7 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 from ravenjax.campaign.file.axis import Number
 from ravenjax.campaign.file.group import Fault, Section, flatten_parameters
 from ravenjax.campaign.file.sections import OneOrMore
-from ravenjax.errors import shown
+from ravenjax.errors import format_value
 from ravenjax.outcomes.verdict import PUBLISHED_CUE_MM
 from ravenjax.train.robot import ARMS, ArmName, Arms, Start, parameter_sets
 
@@ -219,7 +219,7 @@ def _when(raw: Any) -> Any:
     are_numbers = all(type(x) in (int, float) for x in numbers)
     if len(numbers) != 2 or not are_numbers or not 0.0 <= numbers[0] <= numbers[1] <= 3600.0:
         raise ValueError(
-            f"got {shown(raw)}, expected a time in s, [earliest, latest] or {INSTRUCTOR!r}"
+            f"got {format_value(raw)}, expected a time in s, [earliest, latest] or {INSTRUCTOR!r}"
         )
     return float(numbers[0]), float(numbers[1])
 

@@ -57,7 +57,7 @@ class Armable:
         return {key: value for key, value in vars(self).items() if key not in hidden}
 
 
-def responses(entry: Entry, hazard: Hazard | None) -> tuple[str, ...]:
+def right_responses(entry: Entry, hazard: Hazard | None) -> tuple[str, ...]:
     """Return the scenario's right responses; without any, those of the library's row."""
     if entry.right_response is not None:
         return entry.right_response

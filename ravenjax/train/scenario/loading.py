@@ -15,25 +15,25 @@ from ravenjax.bundled import resources
 from ravenjax.campaign.file import location, overriding
 from ravenjax.campaign.file.section import model_at
 from ravenjax.campaign.inspection.json_schema import of_model
-from ravenjax.errors import UserError, shown, suggestion
+from ravenjax.errors import UserError, format_value, suggest_name
 from ravenjax.train.robot import ROBOT
-from ravenjax.train.scenario.campaign import complaints
+from ravenjax.train.scenario.campaign import find_scenario_errors
 from ravenjax.train.scenario.config import TASKS, Scenario
 
 FOLDER = "campaigns/training"
 """Folder of the bundled scenarios."""
 
 
-def load(name: str | Path, overrides: Sequence[str] = ()) -> Scenario:
+def load_scenario(name: str | Path, overrides: Sequence[str] = ()) -> Scenario:
     """Return a scenario file, or a bundled one by name, with `key.path=value` overrides."""
-    file = location.find(name, FOLDER, "scenario")
-    raw, text = location.read(file)
+    file = location.find_campaign_file(name, FOLDER, "scenario")
+    raw, text = location.read_toml(file)
     return from_dict(raw, source=file, text=text, overrides=overrides)
 
 
-def bundled() -> list[Path]:
+def bundled_scenarios() -> list[Path]:
     """Return the paths of the bundled scenario files."""
-    return resources.bundled(FOLDER, f"*{location.SUFFIX}")
+    return resources.list_resources(FOLDER, f"*{location.SUFFIX}")
 
 
 def from_dict(
@@ -41,7 +41,7 @@ def from_dict(
 ) -> Scenario:
     """Return the scenario in TOML's tables. Raises UserError with places in `source` and `text`."""
     raw, replaced = overriding.all_applied(raw, overrides)
-    where = location.Where(source, location.lines(text), replaced)
+    where = location.Where(source, location.key_lines(text), replaced)
     try:
         scenario = Scenario.model_validate(raw)
     except ValidationError as error:
@@ -50,7 +50,7 @@ def from_dict(
         raise where.error((_key(one["loc"], raw), _message(one)) for one in faults) from None
     except RecursionError:
         raise UserError("the scenario's tables are nested too deeply to be read") from None
-    if errors := list(complaints(scenario)):
+    if errors := list(find_scenario_errors(scenario)):
         raise where.error(errors)
     return scenario
 
@@ -83,12 +83,12 @@ def _message(error: Any) -> str:
         return f"kind is missing, expected kind = one of {', '.join(TASKS)}"
     if kind == "union_tag_invalid":
         task = got.get("kind")
-        expected = f"expected kind = one of {', '.join(TASKS)}{suggestion(task, TASKS)}"
-        return f"got {shown(task)}, {expected}"
+        expected = f"expected kind = one of {', '.join(TASKS)}{suggest_name(task, TASKS)}"
+        return f"got {format_value(task)}, {expected}"
     near = ""
     if kind == "literal_error":
-        near = suggestion(got, error["ctx"]["expected"].split("'")[1::2])
-    return location.message(error, _model(error["loc"][:-1])) + near
+        near = suggest_name(got, error["ctx"]["expected"].split("'")[1::2])
+    return location.format_error(error, _model(error["loc"][:-1])) + near
 
 
 def _model(loc: Sequence[str | int]) -> type[BaseModel]:

@@ -83,19 +83,19 @@ class Session:
         """
         self.scenario, self.seed = chosen, seed
         if ready is None:
-            ready = blueprint.make(
-                scenario.campaign(chosen, seed), limit_mm=chosen.harm.excursion_mm
+            ready = blueprint.make_blueprint(
+                scenario.session_campaign(chosen, seed), limit_mm=chosen.harm.excursion_mm
             )
         self.blueprint = ready
         self.layout = self.blueprint.layout
         self.arms = self.layout.arms
-        self.hazards = scenario.armable(chosen, self.blueprint.plan.rows)
+        self.hazards = scenario.armable_hazards(chosen, self.blueprint.plan.rows)
         self.robot = robot(self.blueprint)
         self.virtual = SimulatedRobot(self.blueprint)
         self.frame = Frame(self.layout)
         self.cue_on = chosen.cue.on if cue is None else cue
         self.estop_row = self.blueprint.plan.runs - 1
-        self.task = tasks.make(chosen, self._tips(), seed)
+        self.task = tasks.make_task(chosen, self._tips(), seed)
         self.director = director.Director(self.hazards, seed)
         self.judge = Judge(chosen, self.hazards, self.cue_on, self._record)
         self.phase, self.view = READY, REAL

@@ -27,7 +27,7 @@ from ravenjax.numbers.algebra import minus, norm
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec, as_int, replace
 from ravenjax.outcomes.verdict import LIMIT_MM
-from ravenjax.robots.raven2.console.packet import silence
+from ravenjax.robots.raven2.console.packet import empty_packet
 from ravenjax.robots.raven2.loop import observers, run, tick
 from ravenjax.robots.raven2.loop.records import Input
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -61,7 +61,9 @@ class Blueprint:
         return self.plan.program.setup
 
 
-def make(config: CampaignConfig, packets: bool = False, limit_mm: float = LIMIT_MM) -> Blueprint:
+def make_blueprint(
+    config: CampaignConfig, packets: bool = False, limit_mm: float = LIMIT_MM
+) -> Blueprint:
     """Compile the session that `config` describes; its duration is the session's.
 
     packets: packets come from outside, at most one a tick. Raises UserError if a hazard then needs
@@ -88,7 +90,7 @@ def make(config: CampaignConfig, packets: bool = False, limit_mm: float = LIMIT_
     entering = (
         [np.float32(0.0)] * run.series_length(setup),
         np.bool_(False),
-        silence(setup) if packets else None,
+        empty_packet(setup) if packets else None,
     )
     columns = len(ready.columns)
     length = 1 if packets else config.campaign.ticks + SPARE_MS
@@ -102,19 +104,21 @@ def make(config: CampaignConfig, packets: bool = False, limit_mm: float = LIMIT_
         series, apart, packet = entering
         signal = Input(now, motion, run.reference_from(setup, series), packet, apart)
         params = program.params_of(inputs[0])
-        new, signals = tick.tick(setup, params, inputs[1], state, signal)
+        new, signals = tick.advance_tick(setup, params, inputs[1], state, signal)
         frame = _frame(setup, params, now, new, signals, signal)
         return new, [jnp.float32(x) for x in (*frame, *run.reference_series(setup, signals))]
 
     def finish(inputs: Any, state: tick.TickState) -> dict[str, Scalar]:
         return run.outcomes(setup, program.params_of(inputs[0]), state)
 
-    compile_cache.enable()
+    compile_cache.enable_cache()
     tables = (length,) * columns
     key = trace_key.hash_values(
         "session", SOURCE, setup, params, program.module, program.varied, packets
     )
-    code = StepCode(begin, step, finish, inputs, entering, tables, compile_cache.objects(), key)
+    code = StepCode(
+        begin, step, finish, inputs, entering, tables, compile_cache.object_cache(), key
+    )
     return Blueprint(ready, layout, code, inputs, slots, packets)
 
 
@@ -134,17 +138,17 @@ def _frame(
     pulls = jnp.bool_(False)
     for cue in out.haptics:
         pulls = pulls | (cue.force[0] > 0.0)
-    live = observers.live(software.runlevel, state.control.state_machine.soft_estopped)
+    live = observers.is_live(software.runlevel, state.control.state_machine.soft_estopped)
     numbers = [now, software.runlevel, software.surgeon_mode, software.soft_estopped, as_int(live)]
     numbers += [out.plc.runlevel, out.plc.brakes]
     trips = jnp.int32(0)
-    for one in run.checks(setup, state).values():
+    for one in run.check_histories(setup, state).values():
         trips = trips + one.count
     numbers += [software.last_seq, as_int(active_fault), trips, out.tip_distance * 1e3]
     # `simulation` overwrites the last two with those of the golden run.
     numbers += [observer.halted, observer.halted, as_int(pulls)]
-    positions = run.measured(setup, software)
-    golden = observers.reference(setup, signal, out.tip, positions)
+    positions = run.measured_tips(setup, software)
+    golden = observers.golden_reference(setup, signal, out.tip, positions)
     for i, measured in enumerate(software.arms):
         cue, position = out.haptics[i], positions[i]
         position_m = (jnp.float32(x) * 1e-6 for x in position)
@@ -153,7 +157,7 @@ def _frame(
         numbers += [*out.plant[i].jpos, *out.nominal[i].jpos]
         numbers += [*out.tip[i], *out.nominal[i].tip_position, *position_m]
         numbers += [cue.distance * 1e3, *pull, *measured.current_cmd_written]
-        off = monitor.distances(
+        off = monitor.arm_distances(
             params.monitor, observer.arms[i], out.nominal[i].tip_position, position, golden.pos[i]
         )
         numbers += [out.depth[i] * 1e3, *hazard_distances(live, off)]

@@ -80,8 +80,8 @@ class ConsoleArbiter:
         if tick - self._heard[console] > STALE_MS:
             return words.SILENT
         if self.owner not in (NOBODY, console):
-            return words.other(self.owner)
-        return "" if console in self._armed else words.lift(self._since.get(console, ""))
+            return words.other_console_message(self.owner)
+        return "" if console in self._armed else words.lift_message(self._since.get(console, ""))
 
     def obey(self, command: Command, tick: int) -> bool:
         """Carry out a command "seat". Return whether the seat has changed hands."""

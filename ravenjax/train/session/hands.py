@@ -19,8 +19,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ravenjax.train.protocol.messages import STALE_MS, Command, Json
-from ravenjax.train.protocol.world import itp_from_view, turned
-from ravenjax.train.robot import ARM_COLUMNS, ArmName, Quat, turn_by, unit
+from ravenjax.train.protocol.world import itp_from_view, turn_vector
+from ravenjax.train.robot import ARM_COLUMNS, ArmName, Quat, turn_by, unit_quaternion
 from ravenjax.train.scenario import Speeds
 
 STILL = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -118,7 +118,7 @@ class _Hand:
     def aim(self, speeds: tuple[float, ...]) -> None:
         """Set the speeds to reach: move 3 and turn 3 in axes of the view, grasp; each -1 to 1."""
         if any(speeds):
-            move, turn = turned(self._axes, speeds[0:3]), turned(self._axes, speeds[3:6])  # type: ignore[arg-type]
+            move, turn = turn_vector(self._axes, speeds[0:3]), turn_vector(self._axes, speeds[3:6])  # type: ignore[arg-type]
             self._aim, self._moving = (*move, *turn, speeds[6]), True
         else:
             self._aim = STILL
@@ -157,7 +157,7 @@ class _Hand:
             self._grasped = min(max(wanted, min(low, self._grasped)), max(high, self._grasped))
         if v[3] or v[4] or v[5]:
             half = 0.5 * self._turn
-            turn = unit((v[3] * half, v[4] * half, v[5] * half, 1.0))
+            turn = unit_quaternion((v[3] * half, v[4] * half, v[5] * half, 1.0))
             self._quat = turn_by(self._quat, turn)
 
     def has_room(self, increment: Json) -> bool:
@@ -184,7 +184,7 @@ class _Hand:
     def place(self, values: list[float], scale: float) -> None:
         """Take the position from the arm's columns of a row of motion."""
         self._x = [_within(x * scale) for x in values[0:3]]
-        self._quat = unit(tuple(values[3:7]))  # type: ignore[arg-type]
+        self._quat = unit_quaternion(tuple(values[3:7]))  # type: ignore[arg-type]
         self._grasped = _within(values[7])
 
 

@@ -37,12 +37,12 @@ _SINCE = {
 }
 
 
-def lift(since: str = "") -> str:
+def lift_message(since: str = "") -> str:
     """Return that the pedal must be lifted. since: the cause, as in the event "rearm"."""
     return f"{LIFT} ({_SINCE[since]})" if since in _SINCE else LIFT
 
 
-def other(owner: str) -> str:
+def other_console_message(owner: str) -> str:
     """Return that another console drives."""
     return f"{owner} drives: wait until {owner} leaves or control is given to this console"
 
@@ -61,7 +61,7 @@ RELEASED = {
 """Why a pedal that CRTK holds down was raised automatically, by `OperatingState.why`."""
 
 
-def packets(cause: str) -> str:
+def packets_message(cause: str) -> str:
     """Return that the console's packets are refused. cause: one of `packet_filter.CAUSES`."""
     words = {
         "stranger": "another console drives until it is silent for two seconds",

@@ -53,9 +53,9 @@ class SimulatedRobot:
         self.packets = [stepper.entering[series + 1 :] for stepper in (self._own, self._beside)]
         """Where a packet from outside enters the robot and its golden run."""
         self._fresh = self._own.snapshot()
-        places = tree.filled(code.state.record, list(range(len(code.state.layout.types))))
+        places = tree.fill_tree(code.state.record, list(range(len(code.state.layout.types))))
         # Leaves of each slot in the state.
-        self._slots = [tree.leaves(slot) for slot in places.faults.slots]
+        self._slots = [tree.tree_leaves(slot) for slot in places.faults.slots]
         self._fault_inputs = len(code.inputs.layout.types) - len(_FIELDS) * (
             blueprint.fault_slots + 1
         )
@@ -106,7 +106,9 @@ class SimulatedRobot:
 
     def _realign(self) -> None:
         """Start the golden run again at the robot's state: a past hazard has left the two apart."""
-        self._own.change(lambda state: replace(state, monitor=monitor.realigned(state.monitor)))
+        self._own.change(
+            lambda state: replace(state, monitor=monitor.realign_golden(state.monitor))
+        )
         self._beside.restore(self._own.snapshot())
 
     def _part(self, apart: bool) -> None:
@@ -216,7 +218,7 @@ class PacketRobot(SimulatedRobot):
 
     def __init__(self, config: CampaignConfig) -> None:
         """Raises UserError if a hazard of `config` is on the console's side of the network."""
-        super().__init__(blueprint.make(config, packets=True))
+        super().__init__(blueprint.make_blueprint(config, packets=True))
         self.arms = self.blueprint.setup.arms
         self.frame = Frame(self.blueprint.layout)
         self._estop_hold = EstopHold(self.blueprint.layout)
@@ -224,7 +226,7 @@ class PacketRobot(SimulatedRobot):
     def tick(self, packet: Packet | None) -> Frame:
         """Advance by one tick with a packet or None. Returns the same frame each time."""
         if packet is not None:
-            leaves = tree.leaves(packet)
+            leaves = tree.tree_leaves(packet)
             for entering in self.packets:
                 for place, number in zip(entering, leaves, strict=True):
                     place[0] = number

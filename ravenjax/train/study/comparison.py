@@ -112,7 +112,9 @@ class GroupComparison(NamedTuple):
         return min(len(self.first.means), len(self.second.means)) < 2
 
 
-def compare(study: TrainingStudy, confidence: float = 0.95, seed: int = 0) -> list[GroupComparison]:
+def compare_groups(
+    study: TrainingStudy, confidence: float = 0.95, seed: int = 0
+) -> list[GroupComparison]:
     """Compare each group with the reference, the first of `study.labels`, on every outcome."""
     first, *others = study.labels.values()
     comparisons = [
@@ -121,7 +123,7 @@ def compare(study: TrainingStudy, confidence: float = 0.95, seed: int = 0) -> li
         for outcome in OUTCOMES
     ]
     p_values = {str(i): comparison.p for i, comparison in enumerate(comparisons)}
-    findings = multiplicity.holm(p_values, confidence)
+    findings = multiplicity.holm_test(p_values, confidence)
     return [
         comparison._replace(adjusted=findings[str(i)].adjusted, clear=findings[str(i)].rejected)
         for i, comparison in enumerate(comparisons)
@@ -153,7 +155,7 @@ def _compare(
         difference = clustered.mean_difference(
             limited_two, limited_one, confidence, is_paired=is_paired
         )
-    means = clustered.means(limited_one), clustered.means(limited_two)
+    means = clustered.cluster_means(limited_one), clustered.cluster_means(limited_two)
     g, p = _NONE, math.nan
     if min(map(len, means)) > 1:
         standardised = clustered.standardised_difference(means[1], means[0], is_paired=is_paired)

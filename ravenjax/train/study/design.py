@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.errors import UserError, shown
+from ravenjax.errors import UserError, format_value
 from ravenjax.stats.comparison.clustered import DRAWS
 from ravenjax.stats.intervals import alpha_of
 
@@ -31,7 +31,7 @@ class Assignment(NamedTuple):
     block: int
 
 
-def assign(
+def assign_groups(
     participants: Sequence[str], groups: Sequence[str], seed: int, block: int | None = None
 ) -> list[Assignment]:
     """Assign participants to groups in permuted blocks.
@@ -49,7 +49,7 @@ def assign(
     if seed < 0:
         raise UserError(f"seed is {seed}, expected 0 or more")
     if len(groups) < 2:
-        raise UserError(f"groups: got {shown(groups)}, expected at least two to compare")
+        raise UserError(f"groups: got {format_value(groups)}, expected at least two to compare")
     size = 2 * len(groups) if block is None else block
     if size < 1 or size % len(groups):
         raise UserError(
@@ -89,7 +89,7 @@ class StudyPlan(NamedTuple):
     for_effect: int | None
 
 
-def plan(
+def plan_study(
     participants: int,
     *,
     paired: bool = True,

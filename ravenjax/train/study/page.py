@@ -14,7 +14,7 @@ from ravenjax.document.chart import Chart, ChartAxis, Dots
 from ravenjax.store.files import require_writable, write_aside
 from ravenjax.train.recording import hazards as hazard_table
 from ravenjax.train.study import design, sessions
-from ravenjax.train.study.comparison import ComparedGroup, GroupComparison, compare
+from ravenjax.train.study.comparison import ComparedGroup, GroupComparison, compare_groups
 from ravenjax.train.study.sessions import TrainingStudy
 
 PAGE, TABLE, TEXT = "study.html", "study.csv", "study.txt"
@@ -32,7 +32,7 @@ class StudyResult(NamedTuple):
     comparisons: list[GroupComparison]
 
 
-def run(
+def write_study(
     folders: Iterable[Path],
     out: Path,
     by: str | None = None,
@@ -40,12 +40,14 @@ def run(
     unblind: bool = False,
     mixed: bool = False,
 ) -> StudyResult:
-    """Write study.html, study.csv (one row a hazard) and study.txt; see `sessions.collect`."""
+    """Write study.html, study.csv (one row a hazard) and study.txt; see
+    `sessions.collect_sessions`.
+    """
     # jinja takes a while to import.
     from ravenjax.document import html
 
-    study = sessions.collect(folders, by, unblind=unblind, mixed=mixed)
-    comparisons = compare(study)
+    study = sessions.collect_sessions(folders, by, unblind=unblind, mixed=mixed)
+    comparisons = compare_groups(study)
     tested = [comparison for comparison in comparisons if not math.isnan(comparison.p)]
     floors = [design.smallest_p(comparison.people, comparison.paired) for comparison in tested]
     content = {
@@ -65,7 +67,7 @@ def run(
     }
     out = Path(out)
     require_writable(out)
-    environment = html.environment("ravenjax.train")
+    environment = html.template_environment("ravenjax.train")
     page = environment.get_template("study.html.j2").render(
         content,
         charts=_charts(comparisons),

@@ -92,7 +92,7 @@ class TrainingStudy:
         return min(limits, default=DEFAULT_HORIZON_MS)
 
 
-def collect(
+def collect_sessions(
     folders: Iterable[Path], by: str | None = None, *, unblind: bool = False, mixed: bool = False
 ) -> TrainingStudy:
     """Read sessions: each folder is a session, or holds some at any depth.
@@ -149,11 +149,11 @@ def _find_folders(given: Iterable[Path]) -> list[Path]:
 
 def _read_session(folder: Path) -> StudySession:
     """Read a session with the hazards of its table, or else of its recording."""
-    header = description.read(folder)
+    header = description.read_session(folder)
     description.require_unchanged(folder, header)
-    if (folder / hazard_table.FILE).exists() or reader.find(folder) is None:
+    if (folder / hazard_table.FILE).exists() or reader.find_recording(folder) is None:
         return StudySession(folder, header, hazard_table.read_table(folder))
-    hazards = hazard_table.from_recording(reader.read(folder), header)
+    hazards = hazard_table.from_recording(reader.read_recording(folder), header)
     return StudySession(folder, header, hazards, cut_short=True)
 
 

@@ -18,10 +18,10 @@ from ravenjax.train.tasks.path import PathTask
 from ravenjax.train.tasks.pegs import PegTask
 from ravenjax.train.tasks.targets import LevelsTask, ReachTask
 
-__all__ = ["Task", "make"]
+__all__ = ["Task", "make_task"]
 
 
-def make(scenario: Scenario, tips: Mapping[ArmName, Point], seed: int) -> Task:
+def make_task(scenario: Scenario, tips: Mapping[ArmName, Point], seed: int) -> Task:
     """Return the task of a session. tips: where the tips begin, m, frame 0 of their arm."""
     settings = scenario.task
     arms = settings.arms or scenario.arms

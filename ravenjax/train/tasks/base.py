@@ -94,6 +94,6 @@ class Task:
         self._events.append({"tick": tick, "kind": kind, **what})
 
 
-def rounded(point: Point) -> list[float]:
+def round_point(point: Point) -> list[float]:
     """Return a point for the page, rounded to a micrometre."""
     return [round(x, 6) for x in point]

@@ -6,10 +6,10 @@ import math
 
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.protocol.messages import Json
-from ravenjax.train.protocol.world import Point, surface
+from ravenjax.train.protocol.world import Point, tissue_height
 from ravenjax.train.robot import ArmName
 from ravenjax.train.scenario.config import Path
-from ravenjax.train.tasks.base import Field, Task, Tips, Wish, rounded
+from ravenjax.train.tasks.base import Field, Task, Tips, Wish, round_point
 
 POINTS = 200
 """Points of the line; on the largest line they are half a millimetre apart."""
@@ -71,7 +71,7 @@ class PathTask(Task):
 
     def geometry(self) -> Json:
         path = {
-            "points": [rounded(point) for point in (*self.points, self.points[0])],
+            "points": [round_point(point) for point in (*self.points, self.points[0])],
             "radius_m": self._tolerance_m,
             "colour": COLOUR,
         }
@@ -90,4 +90,4 @@ def _point(settings: Path, middle: tuple[float, float], share: float) -> Point:
         y += radius * math.sin(turn)
     elif settings.shape == "eight":
         y += 0.5 * radius * math.sin(2.0 * turn)
-    return x, y, surface(x, y) + settings.height_mm / 1e3
+    return x, y, tissue_height(x, y) + settings.height_mm / 1e3

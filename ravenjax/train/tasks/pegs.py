@@ -14,10 +14,10 @@ import numpy as np
 
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.protocol.messages import Json
-from ravenjax.train.protocol.world import Point, surface
+from ravenjax.train.protocol.world import Point, tissue_height
 from ravenjax.train.robot import ArmName
 from ravenjax.train.scenario.config import PegTransfer
-from ravenjax.train.tasks.base import Field, Task, Tips, Wish, rounded
+from ravenjax.train.tasks.base import Field, Task, Tips, Wish, round_point
 
 CLOSED_RAD, OPEN_RAD = 0.8, 1.1
 """Jaw openings below which jaws hold and above which they release. The opening is 1.57 at home, and
@@ -81,14 +81,14 @@ class PegTask(Task):
             self.placed += 1
             self.progress = self.placed / self.settings.transfers
         else:
-            self.object = (x, y, min(z, surface(x, y) + OBJECT_RADIUS_M))
+            self.object = (x, y, min(z, tissue_height(x, y) + OBJECT_RADIUS_M))
             self.dropped += 1
         self._record_object(tick)
         if self.placed == self.settings.transfers:
             self._finish(tick)
 
     def _record_object(self, tick: int) -> None:
-        self._record(tick, "object", held=self.held or "", at=rounded(self.object))
+        self._record(tick, "object", held=self.held or "", at=round_point(self.object))
 
     def restart(self) -> None:
         """Put a held object back on its peg, because the robot that held it has moved away."""
@@ -113,7 +113,7 @@ class PegTask(Task):
         pegs = [
             {
                 "number": k,
-                "top": rounded(top),
+                "top": round_point(top),
                 "height_m": self.settings.height_mm / 1e3,
                 "radius_m": PEG_RADIUS_M,
                 "colour": COLOURS["peg"],
@@ -122,7 +122,7 @@ class PegTask(Task):
         ]
         thing = {
             "number": len(self.pegs),
-            "at": rounded(self.object),
+            "at": round_point(self.object),
             "radius_m": OBJECT_RADIUS_M,
             "colour": COLOURS["object"],
         }
@@ -142,5 +142,5 @@ def _pegs(settings: PegTransfer, middle: tuple[float, float]) -> list[Point]:
         for k in range(per_row):
             x = middle[0] + spacing * (k - (per_row - 1) / 2.0)
             y = middle[1] + spacing * (row - 0.5)
-            tops.append((x, y, surface(x, y) + settings.height_mm / 1e3))
+            tops.append((x, y, tissue_height(x, y) + settings.height_mm / 1e3))
     return tops

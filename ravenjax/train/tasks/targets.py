@@ -16,10 +16,10 @@ import numpy as np
 
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.protocol.messages import Json
-from ravenjax.train.protocol.world import Point, surface
+from ravenjax.train.protocol.world import Point, tissue_height
 from ravenjax.train.robot import ArmName
 from ravenjax.train.scenario.config import Levels, Reach
-from ravenjax.train.tasks.base import Field, Task, Tips, Wish, rounded
+from ravenjax.train.tasks.base import Field, Task, Tips, Wish, round_point
 
 LEAST_WAY_M = 0.005
 """The least distance from one target to the next, so that the tip must move."""
@@ -69,7 +69,7 @@ class ReachTask(Task):
             {
                 "number": k,
                 "arm": arm,
-                "at": rounded(at),
+                "at": round_point(at),
                 "radius_m": self.settings.tolerance_mm / 1e3,
                 "colour": COLOURS[arm],
             }
@@ -176,7 +176,7 @@ def _draw(
     points = []
     for _ in range(20):
         x, y = (float(middle[axis] + rng.uniform(-extent, extent)) for axis in (0, 1))
-        point = (x, y, surface(x, y) + float(rng.uniform(*settings.height_mm)) / 1e3)
+        point = (x, y, tissue_height(x, y) + float(rng.uniform(*settings.height_mm)) / 1e3)
         if math.dist(point, before) > LEAST_WAY_M:
             return point
         points.append(point)

@@ -42,8 +42,8 @@ def test_hidden_friction_is_found_and_predicts_the_rest() -> None:
 @pytest.mark.slow
 def test_nine_of_ten_hidden_values_of_every_kind_are_inside_their_intervals() -> None:
     """Two logs of the twenty that docs/how-to/calibrate.md counts."""
-    wanted = parameters.unknowns(range(7))
-    base, desired = parameters.believed(PLANT, wanted), virtual_log.swept(10_000)
+    wanted = parameters.select_unknowns(range(7))
+    base, desired = parameters.prior_robot(PLANT, wanted), virtual_log.swept(10_000)
     inside = []
     for seed in (0, 1):
         hidden = np.random.default_rng(seed).standard_normal(len(wanted))

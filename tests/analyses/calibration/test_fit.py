@@ -30,7 +30,7 @@ def measured(truth: np.ndarray, noise: float) -> np.ndarray:
 
 def test_what_a_log_tells_is_found_as_surely_as_least_squares_say() -> None:
     truth, noise = np.array([0.7, -0.4]), 0.01
-    best = fitting.fit(predictor, measured(truth, noise), 2)
+    best = fitting.fit_parameters(predictor, measured(truth, noise), 2)
     slope = np.exp(0.7) * TIME * np.exp(-np.exp(0.7) * TIME)
     expected = noise / np.sqrt([(slope**2).sum(), ROWS])
     deviation = np.sqrt(np.diag(best.covariance))
@@ -40,7 +40,7 @@ def test_what_a_log_tells_is_found_as_surely_as_least_squares_say() -> None:
 
 
 def test_what_a_log_does_not_tell_stays_as_it_was_believed() -> None:
-    best = fitting.fit(
+    best = fitting.fit_parameters(
         lambda steps: predictor(steps)[:, :, [0, 2, 2, 3, 4, 5, 6]],
         measured(np.array([0.7, 0.0]), 0.01),
         2,
@@ -62,5 +62,5 @@ def test_a_joint_that_sticks_is_left_by_a_longer_step(truth) -> None:
         0.0, 0.002, (ROWS, 7)
     )
     measured[:, 1:] = np.nan
-    best = fitting.fit(sticking, measured, 1)
+    best = fitting.fit_parameters(sticking, measured, 1)
     assert best.steps[0] == pytest.approx(truth, abs=0.01)

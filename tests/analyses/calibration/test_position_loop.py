@@ -25,9 +25,9 @@ def replayed(
     desired: np.ndarray, asks: tuple[str, ...] = ("delays",), **changed: float
 ) -> np.ndarray:
     setup = replays.setup_of(
-        virtual_log.SETUP, "gold", position_loop.RAVEN2, parameters.unknowns((), asks)
+        virtual_log.SETUP, "gold", position_loop.RAVEN2, parameters.select_unknowns((), asks)
     )
-    return replays.robots(setup, [replace(BASE, **changed)], log(desired))[0]
+    return replays.replay_robots(setup, [replace(BASE, **changed)], log(desired))[0]
 
 
 @pytest.mark.slow

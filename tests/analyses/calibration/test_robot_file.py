@@ -13,10 +13,12 @@ from ravenjax.robots.raven2.plant import robot
 
 
 def content(draws: np.ndarray) -> dict:
-    wanted = parameters.unknowns((0, 3))
-    base = parameters.believed(robot.params(virtual_log.SETUP, "gold"), wanted)
-    values = parameters.values(base, wanted, draws[:, None] * np.ones(len(wanted)))
-    return tomllib.loads(robot_file.text(values, "gold", "power_consistent", Path("log.bag")))
+    wanted = parameters.select_unknowns((0, 3))
+    base = parameters.prior_robot(robot.params(virtual_log.SETUP, "gold"), wanted)
+    values = parameters.values_by_path(base, wanted, draws[:, None] * np.ones(len(wanted)))
+    return tomllib.loads(
+        robot_file.format_robot_file(values, "gold", "power_consistent", Path("log.bag"))
+    )
 
 
 def test_a_command_is_late_by_whole_cycles_and_the_logs_shift_is_no_robots() -> None:

@@ -51,7 +51,7 @@ def ready(config):
 
 @pytest.fixture(scope="module")
 def description(config):
-    return program.description(config)
+    return program.describe_program(config)
 
 
 @pytest.fixture(scope="module")
@@ -131,7 +131,7 @@ def answers(page, ready, changes, name="engine"):
 
 def unfused():
     """This machine's CPU, its fused multiply-add left alone: WebAssembly has none."""
-    return dataclasses.replace(jit.host(), features=jit.host().features - {"fma"})
+    return dataclasses.replace(jit.host_target(), features=jit.host_target().features - {"fma"})
 
 
 class Unfused(SimdEngine):
@@ -147,7 +147,7 @@ def table(config, ready, engine):
         {name: np.concatenate([part[k][name] for part in parts]) for name in parts[0][k]}
         for k in range(2)
     )
-    return outcomes.frame(config, ready.rows, own, golden)
+    return outcomes.result_frame(config, ready.rows, own, golden)
 
 
 OF_THE_TABLE = ("run_id", "index", "pair", "group", "seed", "operator")
@@ -179,7 +179,7 @@ def test_quick_is_that_of_the_native_engines_word_by_word(page, observe):
     assert len(rows) == len(ours) > 2500
     assert ours["verdict"].nunique() > 20
     same_rows(rows, ours)
-    valid, evades = events.happened(pa.Table.from_pandas(ours), ["evades"], events.Rules())
+    valid, evades = events.events_happened(pa.Table.from_pandas(ours), ["evades"], events.Rules())
     assert [row["evades"] for row in rows] == (valid & evades).tolist()
     assert 0 < evades.sum() < len(rows)
 
@@ -218,7 +218,7 @@ def test_two_arms_with_two_faults_that_repeat_are_those_of_the_native_engine(pag
     ready = program.question_plan(config)
     page.evaluate(
         "async (d) => { window.other = await openEngine(d, { threads: 1 }) }",
-        program.description(config),
+        program.describe_program(config),
     )
     rows = answers(page, ready, {}, "other")
     page.evaluate("other.close()")
@@ -229,7 +229,7 @@ def test_two_arms_with_two_faults_that_repeat_are_those_of_the_native_engine(pag
 
 def test_a_replay_is_the_trace_of_the_run(page, config, ready, description):
     row = ready.rows.words("fault0_site").tolist().index("usb_out")
-    kernel = SimdKernel(traced.printable(ready.program), 1, signals=True, host=unfused())
+    kernel = SimdKernel(traced.printable_program(ready.program), 1, signals=True, host=unfused())
     (varied, faults), (_, harmless) = (
         ready.lanes([row], 1, harmless=free) for free in (False, True)
     )

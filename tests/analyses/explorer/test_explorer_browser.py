@@ -14,7 +14,7 @@ from chromium import NEEDED, PATIENCE_MS
 
 from ravenjax.analyses.explorer import page
 from ravenjax.campaign import loading
-from ravenjax.campaign.file.config import validated
+from ravenjax.campaign.file.config import validate_tables
 from ravenjax.campaign.stop import adaptive
 from ravenjax.store import manifest
 from ravenjax.store.access.results import Results
@@ -60,8 +60,8 @@ duration_ms = [16, 64]
 def place(tmp_path_factory):
     folder = tmp_path_factory.mktemp("explored")
     (folder / "small.toml").write_text(FILE)
-    adaptive.run(loading.load(folder / "small.toml"), folder / "results", "simd")
-    return page.build(folder / "results", folder / "page.html")
+    adaptive.run_adaptively(loading.load(folder / "small.toml"), folder / "results", "simd")
+    return page.build_page(folder / "results", folder / "page.html")
 
 
 @pytest.fixture
@@ -124,7 +124,7 @@ def test_a_new_user_asks_moves_a_control_opens_a_run_and_gets_the_same_natively(
         ["bash", "-ec", command], cwd=tmp_path, env=os.environ | {"PATH": path}, check=True
     )
     folder = tmp_path / "explored"
-    native = Results(manifest.read(folder).shape, folder).frame().iloc[0]
+    native = Results(manifest.read_manifest(folder).shape, folder).frame().iloc[0]
     assert native["verdict"] == verdict
     shown = window.evaluate(CELLS)
     assert float(shown["unintended_mm"]) == pytest.approx(
@@ -148,8 +148,8 @@ def test_an_address_brings_the_same_view_and_the_smallest_harmful_size_is_that_n
     raw = tomllib.loads(_copied(window, "toml"))
     assert raw["group"][0]["fault"][0]["value"] == bad
     raw["group"][0]["fault"][0]["value"] = [safe, bad]
-    adaptive.run(validated(raw), tmp_path / "native", "simd")
-    native = Results(manifest.read(tmp_path / "native").shape, tmp_path / "native").frame()
+    adaptive.run_adaptively(validate_tables(raw), tmp_path / "native", "simd")
+    native = Results(manifest.read_manifest(tmp_path / "native").shape, tmp_path / "native").frame()
     assert (native["unintended_first_ms"] >= 0).tolist() == [False, True]
 
 
@@ -160,7 +160,7 @@ def test_a_folders_runs_are_listed_and_one_of_them_opens_with_its_verdict(window
     window.wait_for_selector("#run:not([hidden])")
     row = int(window.locator("#table-rows th").first.inner_text().split()[0])
     folder = place.parent / "results"
-    native = Results(manifest.read(folder).shape, folder).frame().iloc[row]
+    native = Results(manifest.read_manifest(folder).shape, folder).frame().iloc[row]
     assert window.evaluate("document.body.dataset.verdict") == native["verdict"]
 
 
@@ -190,8 +190,12 @@ def test_another_threshold_of_the_cue_has_another_answer_and_says_where_the_cue_
     window.wait_for_selector("#run:not([hidden])")
     raw = tomllib.loads(_copied(window, "toml"))
     assert raw["haptics"]["threshold_mm"] == [0.5, 2]
-    adaptive.run(validated(raw), tmp_path / "native", "simd")
-    native = Results(manifest.read(tmp_path / "native").shape, tmp_path / "native").frame().iloc[0]
+    adaptive.run_adaptively(validate_tables(raw), tmp_path / "native", "simd")
+    native = (
+        Results(manifest.read_manifest(tmp_path / "native").shape, tmp_path / "native")
+        .frame()
+        .iloc[0]
+    )
     assert native["golden_cue0_first_ms"] > 0
     assert f"the cue comes without a fault, too, at {native['golden_cue0_first_ms']} ms" in said
     assert _felt(window) == 0
@@ -209,8 +213,12 @@ def test_another_motion_of_the_hands_has_another_answer_that_is_the_native_one(w
     assert "motion=circle" in _when(window, "location.hash.includes('ms=') && location.hash")
     raw = tomllib.loads(_copied(window, "toml"))
     assert raw["operator"] == {"motion": "circle", "seed": 1}
-    adaptive.run(validated(raw), tmp_path / "native", "simd")
-    native = Results(manifest.read(tmp_path / "native").shape, tmp_path / "native").frame().iloc[0]
+    adaptive.run_adaptively(validate_tables(raw), tmp_path / "native", "simd")
+    native = (
+        Results(manifest.read_manifest(tmp_path / "native").shape, tmp_path / "native")
+        .frame()
+        .iloc[0]
+    )
     assert window.evaluate("document.body.dataset.verdict") == native["verdict"]
     shown = window.evaluate(CELLS)
     assert float(shown["unintended_mm"]) == pytest.approx(

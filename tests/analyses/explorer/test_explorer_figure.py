@@ -32,12 +32,12 @@ console.log(JSON.stringify(places(bodies, positions).map((place) => Array.from(p
 
 @pytest.fixture(scope="module")
 def description():
-    return figure.description()
+    return figure.describe_figure()
 
 
 @pytest.mark.skipif(NODE is None, reason="no node on the path (apt-get install nodejs)")
 def test_bodies_stand_where_mujoco_puts_them(description):
-    model = arm_model.scene()
+    model = arm_model.operating_scene()
     data = mujoco.MjData(model)
     random = np.random.default_rng(4)
     positions = {arm: random.uniform(-0.6, 0.9, 7).tolist() for arm in ARMS}
@@ -61,7 +61,7 @@ def test_bodies_stand_where_mujoco_puts_them(description):
 
 
 def test_corners_of_shapes_are_the_models_to_20_um(description):
-    model = arm_model.scene()
+    model = arm_model.operating_scene()
     for body, told in enumerate(description["bodies"]):
         groups = body_shapes.geoms_by_look(model, body)
         assert len(told["meshes"]) == len(groups)

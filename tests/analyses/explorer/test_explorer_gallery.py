@@ -40,13 +40,13 @@ def written(folder, name):
 def test_two_campaigns_of_one_name_are_refused(tmp_path):
     path = written(tmp_path, "elbow")
     with pytest.raises(UserError, match="two campaigns are named elbow"):
-        gallery.build(tmp_path / "pages", [path, path])
+        gallery.build_gallery(tmp_path / "pages", [path, path])
     assert not (tmp_path / "pages").exists()
 
 
 def test_a_campaign_without_a_fault_has_no_page_and_says_so(tmp_path):
     with pytest.raises(UserError, match="'healthy_robot' has no fault"):
-        gallery.build(tmp_path, ["healthy_robot"])
+        gallery.build_gallery(tmp_path, ["healthy_robot"])
 
 
 @pytest.mark.slow
@@ -56,7 +56,9 @@ def test_the_index_opens_from_a_file_and_each_link_computes(tmp_path):
         "playwright.sync_api", reason="playwright is not installed (pip install playwright)"
     )
     names = ["elbow", "shoulder"]
-    cards = gallery.build(tmp_path, [*(written(tmp_path, name) for name in names), "seed_burst"])
+    cards = gallery.build_gallery(
+        tmp_path, [*(written(tmp_path, name) for name in names), "seed_burst"]
+    )
     assert [card.file for card in cards] == ["elbow.html", "shoulder.html", ""]
     with sync_api.sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])

@@ -43,7 +43,7 @@ duration_ms = 64
 def place(tmp_path_factory):
     folder = tmp_path_factory.mktemp("used")
     (folder / "small.toml").write_text(FILE)
-    return page.build(folder / "small.toml", folder / "page.html")
+    return page.build_page(folder / "small.toml", folder / "page.html")
 
 
 @pytest.fixture

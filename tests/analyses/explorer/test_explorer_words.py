@@ -9,7 +9,7 @@ import tomllib
 
 from ravenjax.analyses.explorer import program, words
 from ravenjax.campaign import loading
-from ravenjax.campaign.file.config import validated
+from ravenjax.campaign.file.config import validate_tables
 from ravenjax.campaign.stop import adaptive
 from ravenjax.store import manifest
 
@@ -18,9 +18,9 @@ STUCK = {"site": "usb_out", "channel": "elbow", "effect": "stuck", "start_ms": 9
 
 def test_the_file_that_commands_begin_with_says_what_the_campaign_says():
     config = loading.load("quick")
-    told = words.campaign(config)
+    told = words.describe_campaign(config)
     raw = tomllib.loads(told["toml"])
-    again = validated(
+    again = validate_tables(
         raw
         | {
             "haptics": {"combine": "zip", **told["cues"]},
@@ -40,7 +40,7 @@ def test_what_a_campaign_varies_is_left_to_the_page():
         "cross": {"plant.mass_scale": [1, 2]},
         "group": [{"name": "own", "fault": [STUCK]}],
     }
-    told = words.campaign(validated(raw))
+    told = words.describe_campaign(validate_tables(raw))
     assert told["varied"] == ["plant.friction_scale", "plant.mass_scale"]
     assert tomllib.loads(told["toml"]) == {
         "campaign": {"name": "some"},
@@ -52,13 +52,17 @@ def test_what_a_campaign_varies_is_left_to_the_page():
 def test_a_motion_may_be_exchanged_where_hands_are_neither_recorded_nor_own(tmp_path):
     """The page puts the name of another motion on the line below [operator]."""
     raw = {"campaign": {"name": "some"}, "group": [{"name": "own", "fault": [STUCK]}]}
-    assert program.motion_name(validated(raw)) == "suture"
-    assert program.motion_name(validated(raw | {"operator": {"motion": "circle"}})) == "circle"
-    told = words.campaign(validated(raw | {"operator": {"motion": "circle", "seed": 3}}))
+    assert program.motion_name(validate_tables(raw)) == "suture"
+    assert (
+        program.motion_name(validate_tables(raw | {"operator": {"motion": "circle"}})) == "circle"
+    )
+    told = words.describe_campaign(
+        validate_tables(raw | {"operator": {"motion": "circle", "seed": 3}})
+    )
     assert '\n[operator]\nmotion = "circle"\nseed = 3\n' in told["toml"]
     (tmp_path / "hand.csv").write_text("x,y,z\n" + "0,0,0\n" * 3000)
     recorded = {"operator": {"file": str(tmp_path / "hand.csv"), "rate_hz": 1000.0}}
-    assert program.motion_name(validated(raw | recorded)) is None
+    assert program.motion_name(validate_tables(raw | recorded)) is None
 
 
 def test_a_table_has_the_runs_that_a_page_can_ask_for(tmp_path):
@@ -73,9 +77,9 @@ def test_a_table_has_the_runs_that_a_page_can_ask_for(tmp_path):
         "two": [timed, timed | {"channel": "shoulder"}],
     }
     groups = [{"name": name} | ({"fault": own} if own else {}) for name, own in faults.items()]
-    config = validated({"campaign": {"name": "some", "duration_s": 0.1}, "group": groups})
-    adaptive.run(config, tmp_path, "simd")
-    told = words.list_runs(tmp_path, manifest.read(tmp_path))
+    config = validate_tables({"campaign": {"name": "some", "duration_s": 0.1}, "group": groups})
+    adaptive.run_adaptively(config, tmp_path, "simd")
+    told = words.list_runs(tmp_path, manifest.read_manifest(tmp_path))
     assert (told["runs"], told["rows"], told["columns"]["group"]) == (6, 2, ["free", "timed"])
     assert told["columns"]["start_ms"][1] == 20
     assert (told["evading"]["n"], told["evading"]["k"]) == (1, 0)  # encoders rest before the pedal

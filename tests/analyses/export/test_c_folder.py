@@ -21,7 +21,7 @@ needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C 
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    return c_folder.write(tmp_path_factory.mktemp("c"))
+    return c_folder.write_library(tmp_path_factory.mktemp("c"))
 
 
 def lines(written, *flags):
@@ -70,7 +70,7 @@ def test_the_example_has_pythons_bits(written):
 @needs_cc
 def test_native_code_of_one_arm_linked_as_an_object(tmp_path):
     own = rj.ControlSoftware(arms=["green"], policy="hard_regulation")
-    written = c_folder.write(tmp_path, own, cpu="native")
+    written = c_folder.write_library(tmp_path, own, cpu="native")
     assert lines(written, "ravenjax_raven2.o") == list(
         expected(arms=["green"], policy="hard_regulation")
     )
@@ -83,7 +83,7 @@ def test_both_go_on_from_where_they_stand(tmp_path):
     rest = [f"{ms} {line.split(' ', 1)[1]}" for ms, line in enumerate(expected(450)) if ms >= 150]
     for _ in drive(software, robot, 150):
         pass
-    written = c_folder.write(tmp_path, software, robot)
+    written = c_folder.write_library(tmp_path, software, robot)
     text = written.example.read_text().replace("ms = 0; ms < 3000", "ms = 150; ms < 450")
     written.example.write_text(text)
     assert lines(written, "ravenjax_raven2.o") == rest
@@ -100,8 +100,10 @@ def test_what_is_wrong_is_one_line(tmp_path, capsys):
         assert main(["export", *words]) == 2
         assert part in capsys.readouterr().err
     with pytest.raises(UserError, match="expected the same of both"):
-        c_folder.write(tmp_path, rj.ControlSoftware(arms=["gold"]), rj.VirtualRobot(arms=["green"]))
+        c_folder.write_library(
+            tmp_path, rj.ControlSoftware(arms=["gold"]), rj.VirtualRobot(arms=["green"])
+        )
     with pytest.raises(UserError, match="cpu is 'fast', expected one of portable, native"):
-        c_folder.write(tmp_path, cpu="fast")
+        c_folder.write_library(tmp_path, cpu="fast")
     with pytest.raises(UserError, match="absolute"):
-        c_folder.write(tmp_path, rj.ControlSoftware("fork2015", console="absolute"))
+        c_folder.write_library(tmp_path, rj.ControlSoftware("fork2015", console="absolute"))

@@ -24,15 +24,17 @@ VARIED = {
 
 def operations(folder, name, changes, count, seed):
     config = loading.load("drawn_robots", changes)
-    wanted = split_scores(calibrate.chosen(config.robot, calibrate.SIGNALS))
-    design = OperationDesign(calibrate.motions(config), ROBOTS, LENGTH_S, seed)
-    return calibrate.operate(
+    wanted = split_scores(calibrate.choose_candidates(config.robot, calibrate.SIGNALS))
+    design = OperationDesign(calibrate.varying_motions(config), ROBOTS, LENGTH_S, seed)
+    return calibrate.operate_units(
         config, design, wanted, WHOLE, folder / name, count, "simd", lambda *_: None
     )
 
 
 def joint(peaks, scale):
-    return OperationScores(peaks.unit, threshold.joint(peaks.peak[:, :, None], scale), peaks.hours)
+    return OperationScores(
+        peaks.unit, threshold.joint_scores(peaks.peak[:, :, None], scale), peaks.hours
+    )
 
 
 @pytest.mark.slow
@@ -40,7 +42,7 @@ def joint(peaks, scale):
 def test_calibrations_keep_the_risk_with_their_confidence(tmp_path, name):
     peaks = operations(tmp_path, name, VARIED[name], 150, 1)
     learns = peaks.unit < 20
-    scale = threshold.scales(peaks.peak[learns][:, :, None])
+    scale = threshold.signal_scales(peaks.peak[learns][:, :, None])
     population = joint(peaks.taken_from(~learns), scale)
     target, rng, broken, naive = (
         FalseAlarmTarget(80.0, 0.9, LENGTH_S / 3600),
@@ -60,7 +62,7 @@ def test_calibrations_keep_the_risk_with_their_confidence(tmp_path, name):
         own = OperationScores(
             np.repeat(np.arange(UNITS), ROBOTS), population.score[some], population.hours[some]
         )
-        broken += risk(threshold.least(own, target).value) > target.risk
+        broken += risk(threshold.least_threshold(own, target).value) > target.risk
         # the plain quantile of all scores, as if every operation were a unit
         naive += risk(np.quantile(own.score, 1.0 - target.risk, method="higher")) > target.risk
     assert broken <= binom.ppf(0.999, CALIBRATIONS, 0.1) < naive
@@ -71,8 +73,8 @@ def test_a_robot_with_other_friction_is_a_shift(tmp_path):
     first = slice(None, None, ROBOTS)  # of each operator
     same = operations(tmp_path, "same", [], 80, 1)
     worn = operations(tmp_path, "worn", ["parameters.plant.friction_scale=5"], 20, 2)
-    scale = threshold.scales(same.peak[: 10 * ROBOTS][:, :, None])
+    scale = threshold.signal_scales(same.peak[: 10 * ROBOTS][:, :, None])
     own = joint(same, scale).score[first][10:]
-    assert shift.shift(own[:50], own[50:]).p > 0.001
+    assert shift.test_shift(own[:50], own[50:]).p > 0.001
     tip = -1  # the last term: the distance from the nominal model
-    assert shift.shift(same.peak[first, tip][10:], worn.peak[first, tip]).p < 0.01
+    assert shift.test_shift(same.peak[first, tip][10:], worn.peak[first, tip]).p < 0.01

@@ -27,7 +27,7 @@ from ravenjax.analyses.monitors import (
     writing,
 )
 from ravenjax.analyses.monitors.monitor import Monitor, Segments, split_scores
-from ravenjax.analyses.monitors.scores import catalogue
+from ravenjax.analyses.monitors.scores import list_candidates
 from ravenjax.errors import StoreError, UserError
 from ravenjax.robots.raven2 import ROBOT
 
@@ -117,14 +117,14 @@ def test_c_gives_the_bits_of_the_tick(folder, compiler, tmp_path, options):
 )
 def test_every_kind_of_score_gives_the_same_bits_in_c(compiler, tmp_path, kind):
     """All candidates of a kind at once, scales of all sizes."""
-    scores = split_scores([score for score in catalogue(ROBOT) if score.kind == kind])
+    scores = split_scores([score for score in list_candidates(ROBOT) if score.kind == kind])
     rng, segments = np.random.default_rng(1), Segments("tick", (700.0, 1600.0))
     scales = np.exp(rng.normal(0, 4, (len(scores), 3))).astype(np.float32)
     monitor = Monitor(scores, segments, tuple(tuple(map(float, row)) for row in scales), 3.0)
     config = rj.load_campaign(
         {"campaign": {"name": "a"}, "operator": {"motion": "reach"}, "group": [{"name": "f"}]}
     )
-    vector = test_vector.compute(config, monitor, 2, "simd")
+    vector = test_vector.compute_test_vector(config, monitor, 2, "simd")
     assert np.isfinite(vector["score"]).all() and vector["score"].nunique() > 100
     for name, text in code.write_c(monitor, ["a"]).items():
         (tmp_path / name).write_text(text)
@@ -133,12 +133,12 @@ def test_every_kind_of_score_gives_the_same_bits_in_c(compiler, tmp_path, kind):
 
 
 def test_the_record_says_what_the_promise_rests_on(folder):
-    monitor, record = writing.read(folder)
+    monitor, record = writing.read_monitor(folder)
     assert (
         record["promise"]["false_alarms_per_hour"] == 150 and record["promise"]["confidence"] == 0.5
     )
-    peaks = score_folder.read(folder / score_folder.FOLDER)
-    uses = calibration.uses(peaks.unit)
+    peaks = score_folder.read_scores(folder / score_folder.FOLDER)
+    uses = calibration.assign_uses(peaks.unit)
     assert record["calibration"]["operators"] == len(set(peaks.unit[uses.threshold])) > 0
     assert (
         record["calibration"]["operations"]
@@ -148,7 +148,7 @@ def test_the_record_says_what_the_promise_rests_on(folder):
     assert (
         not (uses.scale & uses.threshold).any() and (uses.scale | uses.threshold | uses.test).all()
     )
-    score = calibration.joint(peaks.peak, np.array(monitor.scales, np.float32))
+    score = calibration.joint_scores(peaks.peak, np.array(monitor.scales, np.float32))
     assert (
         record["calibration"]["alarms"]
         == (score[uses.threshold] > np.float32(monitor.threshold)).sum()
@@ -210,19 +210,19 @@ def test_a_shifted_robot_is_reported_and_a_like_one_is_not(folder, tmp_path, cap
 @pytest.mark.slow
 def test_results_and_logs_are_checked(one_arm, tmp_path, capsys):
     folder = one_arm
-    monitor, _ = writing.read(folder)
+    monitor, _ = writing.read_monitor(folder)
     raw = tomllib.loads(CAMPAIGN)
     raw["campaign"] |= {"duration_s": 3.0, "seed": 9}
     raw["detector"] = [{"name": "mine", "file": str(folder / code.PART), "consecutive": [4, 1]}]
     rj.run(raw, tmp_path / "result", engine="simd")
-    assert checking.check(folder, [tmp_path / "result"]).attrs["units"] == 1
+    assert checking.check_exchangeability(folder, [tmp_path / "result"]).attrs["units"] == 1
     log = tmp_path / "log.csv"
     lines = (folder / writing.VECTOR).read_text().splitlines(keepends=True)
     log.write_text("".join(lines))
-    result = checking.check(folder, [log])
+    result = checking.check_exchangeability(folder, [log])
     for twice in (log, tmp_path / "result"):
         with pytest.raises(UserError, match="check each by itself"):
-            checking.check(folder, [twice, twice])
+            checking.check_exchangeability(folder, [twice, twice])
     assert result.attrs["units"] == 1 and set(result["score"]) > {"score"}
     rows = list(csv.DictReader(lines))
     peak = checking.series_scores(
@@ -264,12 +264,12 @@ BAD_SOURCES = {
 def test_what_cannot_be_compared_is_refused(one_arm, tmp_path, case):
     make, message = BAD_SOURCES[case]
     with pytest.raises(UserError, match=message):
-        checking.check(one_arm, [make(one_arm, tmp_path)])
+        checking.check_exchangeability(one_arm, [make(one_arm, tmp_path)])
 
 
 def test_a_log_of_one_arm_is_not_compared_with_two(folder):
     with pytest.raises(UserError, match=r"a log is of one arm, .* the larger of gold and green"):
-        checking.check(folder, [folder / writing.VECTOR])
+        checking.check_exchangeability(folder, [folder / writing.VECTOR])
 
 
 def test_a_changed_file_is_refused(folder, tmp_path):
@@ -278,9 +278,9 @@ def test_a_changed_file_is_refused(folder, tmp_path):
     path = other / code.SOURCE
     path.write_text(path.read_text().replace("score = 0.0f", "score = 1.0f"))
     with pytest.raises(StoreError, match=r"monitor\.c: is not what the calibration wrote"):
-        writing.read(other)
+        writing.read_monitor(other)
     with pytest.raises(StoreError, match=r"none/monitor\.toml: cannot be read"):
-        writing.read(tmp_path / "none")
+        writing.read_monitor(tmp_path / "none")
 
 
 BAD_OPTIONS = {

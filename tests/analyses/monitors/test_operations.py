@@ -8,7 +8,7 @@ import pytest
 import ravenjax as rj
 from ravenjax.analyses.monitors import operations
 from ravenjax.analyses.monitors.operations import OperationDesign, OperationRunner
-from ravenjax.campaign.file.config import validated
+from ravenjax.campaign.file.config import validate_tables
 from ravenjax.errors import UserError
 
 DETECTOR = "def step(params, state, view):\n    return state, view.tip_error * 1000.0\n"
@@ -31,8 +31,8 @@ DESIGN = OperationDesign(("suture", "clutched"), 3, 1.2, 4)
 
 def by_campaigns(whole, design, number):
     """The same operations, each a run of a campaign of its own kind, beside its golden run."""
-    one = operations.of_operator(operations.campaign(whole, design), design, number)
-    return rj.run(validated(one.model_dump(mode="json")), engine="simd")
+    one = operations.of_operator(operations.operator_campaign(whole, design), design, number)
+    return rj.run(validate_tables(one.model_dump(mode="json")), engine="simd")
 
 
 @pytest.mark.parametrize("engine", ["simd", pytest.param("xla", marks=pytest.mark.slow)])

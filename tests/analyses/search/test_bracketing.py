@@ -10,7 +10,7 @@ from ravenjax.analyses.search.boundary.brackets import (
     CROSSING,
     NEVER,
     SearchRange,
-    bracket,
+    find_brackets,
 )
 
 LOG, LINEAR = SearchRange(1.0, 10_000.0, True, 0.01), SearchRange(-5.0, 5.0, False, 0.001)
@@ -34,7 +34,7 @@ def thresholds(values):
 def test_known_thresholds_are_enclosed_to_the_tolerance(within, sections):
     rng = np.random.default_rng(1)
     at = np.exp(rng.uniform(0.1, 9.0, 50)) if within.log else rng.uniform(-4.9, 4.9, 50)
-    found = bracket(thresholds(at), within, np.zeros(50, bool), scan=9, sections=sections)
+    found = find_brackets(thresholds(at), within, np.zeros(50, bool), scan=9, sections=sections)
     assert (found.state == CROSSING).all() and found.monotone.all()
     assert (found.low < at).all() and (at <= found.high).all()
     widest = 0.01 * found.low if within.log else 0.001 * 10.0
@@ -50,7 +50,7 @@ def test_whole_numbers_are_found_exactly():
         return (number >= at[cell]).astype(float)
 
     for sections in (2, 5):
-        found = bracket(
+        found = find_brackets(
             asked,
             SearchRange(1.0, 10_000.0, True, 1e-6),
             np.ones(6, bool),
@@ -63,7 +63,7 @@ def test_whole_numbers_are_found_exactly():
 
 
 def test_cells_without_a_crossing_are_censored():
-    found = bracket(thresholds([1e9, 0.5, 100.0]), LOG, np.zeros(3, bool), scan=5)
+    found = find_brackets(thresholds([1e9, 0.5, 100.0]), LOG, np.zeros(3, bool), scan=5)
     assert found.state.tolist() == [NEVER, ALWAYS, CROSSING]
     assert found.low[0] == 10_000.0 and np.isnan(found.high[0])
     assert np.isnan(found.low[1]) and found.high[1] == 1.0
@@ -74,7 +74,7 @@ def test_a_window_of_harm_is_not_taken_for_a_threshold():
     def asked(cell, number):
         return ((number >= 10) & (number < 100) | (cell == 1) & (number > 1000)).astype(float)
 
-    found = bracket(asked, LOG, np.zeros(2, bool), scan=33)
+    found = find_brackets(asked, LOG, np.zeros(2, bool), scan=33)
     assert not found.monotone.any()
     assert [len(changes) for changes in found.changes] == [2, 3]
     assert (found.low < 10).all() and (found.high >= 10).all() and (found.high < 10.2).all()

@@ -58,7 +58,7 @@ def points(template):
 @pytest.fixture(scope="module")
 def evaluated(template, points):
     """An evaluator that has run the points in batches of unequal sizes, and what it returned."""
-    evaluator = Evaluator(template, [outcome.parse(text) for text in WANTED])
+    evaluator = Evaluator(template, [outcome.parse_outcome(text) for text in WANTED])
     case, values = points
     found = [
         evaluator(case[rows], values[rows]) for rows in (slice(0, 3), slice(3, 4), slice(4, 40))

@@ -41,7 +41,7 @@ CASE, VALUES = np.tile([0, 1], 15), np.arange(30.0)[:, None] * 600
 @contextlib.contextmanager
 def searching(out, checksum=None) -> Iterator[Evaluator]:
     """An evaluator that keeps its runs in `out`."""
-    made = Evaluator(TEMPLATE, [outcome.parse("peak_golden_deviation_mm")], "simd")
+    made = Evaluator(TEMPLATE, [outcome.parse_outcome("peak_golden_deviation_mm")], "simd")
     with Journal(out, "same", checksum) as into:
         made.keep_in(into, 30, None)
         yield made
@@ -77,7 +77,7 @@ def kept(tmp_path, monkeypatch):
     with searching(tmp_path) as made:
         found = ask(made)
     assert stored(made) == 30 and len(np.unique(found)) > 20
-    assert [parts.row_range(path) for path in parts.files(tmp_path / folder.PARTS)] == [
+    assert [parts.row_range(path) for path in parts.part_files(tmp_path / folder.PARTS)] == [
         (0, 9),
         (10, 11),
         (12, 29),
@@ -87,7 +87,7 @@ def kept(tmp_path, monkeypatch):
 
 def test_a_damaged_part_is_set_aside_and_named(kept):
     out, _, _ = kept
-    last = parts.files(out / folder.PARTS)[2]
+    last = parts.part_files(out / folder.PARTS)[2]
     content = bytearray(last.read_bytes())
     content[len(content) // 2] ^= 1
     last.write_bytes(content)
@@ -103,7 +103,7 @@ def test_a_disk_that_refuses_is_told_of(tmp_path, monkeypatch):
         raise StoreError("no space left")
 
     with pytest.raises(StoreError, match="no space left"), searching(tmp_path) as made:
-        monkeypatch.setattr(parts, "put", full)
+        monkeypatch.setattr(parts, "put_part", full)
         ask(made)
     monkeypatch.undo()
     with searching(tmp_path) as again:

@@ -41,17 +41,17 @@ RULES = Rules(cue=1)
     ],
 )
 def test_values(text, expected):
-    values = outcome.parse(text).values(FRAME, RULES)
+    values = outcome.parse_outcome(text).values(FRAME, RULES)
     np.testing.assert_array_equal(values[:3], expected)
     assert np.isnan(values[3]), "a failed run has no valid outcome"
 
 
 def test_margins_are_zero_at_the_bound_and_grow_into_the_event():
     np.testing.assert_allclose(
-        outcome.parse("peak_model_deviation_mm >= 3").margins(FRAME)[:3], [-2.5, 0.0, 1.0]
+        outcome.parse_outcome("peak_model_deviation_mm >= 3").margins(FRAME)[:3], [-2.5, 0.0, 1.0]
     )
     np.testing.assert_allclose(
-        outcome.parse("peak_model_deviation_mm <= 3").margins(FRAME)[:3], [2.5, 0.0, -1.0]
+        outcome.parse_outcome("peak_model_deviation_mm <= 3").margins(FRAME)[:3], [2.5, 0.0, -1.0]
     )
 
 
@@ -70,5 +70,5 @@ def test_margins_are_zero_at_the_bound_and_grow_into_the_event():
     ],
 )
 def test_complaints_say_what_to_write(text, told):
-    (complaint,) = outcome.parse(text).complaints(schema.Shape())
+    (complaint,) = outcome.parse_outcome(text).complaints(schema.Shape())
     assert told in complaint

@@ -55,7 +55,7 @@ def start(out):
 
 def wait_for_parts(process, out, count):
     """Until so many parts are there, or the process has ended."""
-    while process.poll() is None and len(parts.files(out / folder.PARTS)) < count:
+    while process.poll() is None and len(parts.part_files(out / folder.PARTS)) < count:
         time.sleep(0.005)
 
 
@@ -66,7 +66,7 @@ def test_killed_after_each_part(tmp_path):
     moments, killed = random.Random(5), 0
     for _ in range(KILLS):
         process = start(cut)
-        wait_for_parts(process, cut, len(parts.files(cut / folder.PARTS)) + 1)
+        wait_for_parts(process, cut, len(parts.part_files(cut / folder.PARTS)) + 1)
         time.sleep(moments.uniform(0.0, 0.3))
         process.send_signal(signal.SIGKILL)
         killed += process.wait() == -signal.SIGKILL

@@ -44,13 +44,13 @@ def written(tmp_path, old="", new=""):
 
 def refused(path, *overrides):
     with pytest.raises(UserError) as told:
-        loading.load(path, overrides)
+        loading.load_search(path, overrides)
     return str(told.value)
 
 
 def test_a_file_loads_and_overrides_reach_both_parts(tmp_path):
     path = written(tmp_path)
-    config = loading.load(
+    config = loading.load_search(
         path, ["search.tolerance=0.1", "campaign.seed=7", "group.dac.fault.0.start_ms=310"]
     )
     assert (
@@ -117,8 +117,8 @@ def test_other_kinds_are_checked(search, told):
 
 
 def test_bundled_files_are_valid():
-    found = loading.bundled()
+    found = loading.bundled_searches()
     assert len(found) >= 4
     for path in found:
-        config = loading.load(path)
+        config = loading.load_search(path)
         assert config.campaign.campaign.name == path.stem and config.campaign.campaign.description

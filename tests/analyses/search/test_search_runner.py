@@ -65,7 +65,7 @@ BOUNDARY = {
 @pytest.fixture(scope="module")
 def bounded(tmp_path_factory):
     out = tmp_path_factory.mktemp("boundary")
-    return out, runner.run(search(**BOUNDARY), out)
+    return out, runner.run_search(search(**BOUNDARY), out)
 
 
 def test_a_boundary_is_verified_by_a_campaign_of_its_two_sides(bounded):
@@ -89,7 +89,7 @@ def test_a_boundary_is_verified_by_a_campaign_of_its_two_sides(bounded):
 def test_the_same_search_may_come_again_and_another_not(bounded):
     out, before = bounded
     rows = (out / journal.ROWS).read_bytes()
-    again = runner.run(search(**BOUNDARY), out)
+    again = runner.run_search(search(**BOUNDARY), out)
     assert json_values(again.record["result"]) == json_values(before.record["result"])
     assert (out / journal.ROWS).read_bytes() == rows
     assert (
@@ -102,7 +102,7 @@ def test_the_same_search_may_come_again_and_another_not(bounded):
         UserError,
         match=r"(?s)holds another search.*config\.search\.tolerance: 0\.05 here, 0\.1 asked for",
     ):
-        runner.run(search(**BOUNDARY | {"tolerance": 0.1}), out)
+        runner.run_search(search(**BOUNDARY | {"tolerance": 0.1}), out)
 
 
 @pytest.mark.slow
@@ -111,7 +111,7 @@ def test_a_searched_parameter_has_the_golden_run_of_its_own_value(tmp_path):
     fault = {"value": 0, "duration_ms": 1}
     weak = {"plant.friction_scale": {"uniform": [0.5, 2.0]}}
     config = search(fault, weak, kind="boundary", harm="peak_golden_deviation_mm >= 0.001", scan=5)
-    (cell,) = runner.run(config, tmp_path).record["result"]["cells"]
+    (cell,) = runner.run_search(config, tmp_path).record["result"]["cells"]
     assert cell["state"] == "never"
 
 
@@ -126,7 +126,7 @@ def test_sobol_finds_what_decides(tmp_path):
         n=32,
         outcomes=outcomes,
     )
-    runner.run(config, tmp_path)
+    runner.run_search(config, tmp_path)
     record, rows, text = files(tmp_path)
     assert record["result"]["points"] == 32 * 5 and len(rows) <= 160
     assert [one["name"] for one in record["result"]["inputs"]] == [
@@ -155,7 +155,7 @@ def test_morris_ranks_each_case(tmp_path):
         trajectories=6,
         outcomes=["peak_golden_deviation_mm"],
     )
-    runner.run(config, tmp_path)
+    runner.run_search(config, tmp_path)
     record, _, _ = files(tmp_path)
     results = record["result"]["results"]
     assert [one["case"]["fault0_channel"] for one in results] == ["shoulder", "insertion"]
@@ -168,7 +168,7 @@ def test_morris_ranks_each_case(tmp_path):
 def test_a_rare_event_agrees_with_plain_monte_carlo(tmp_path):
     fault = {"value": {"normal": [0, 4000]}, "duration_ms": {"uniform": [1, 20]}}
     config = search(fault, kind="rare", event="peak_golden_deviation_mm >= 1", runs=300, check=1500)
-    runner.run(config, tmp_path)
+    runner.run_search(config, tmp_path)
     record, rows, text = files(tmp_path)
     (found,) = record["result"]["results"]
     assert 0 < found["monte_carlo"]["probability"] < 0.2 and found["consistent"]
@@ -181,8 +181,8 @@ def test_a_rare_event_agrees_with_plain_monte_carlo(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("path", loading.bundled(), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", loading.bundled_searches(), ids=lambda path: path.stem)
 def test_bundled_searches_run(path, tmp_path):
-    record, rows, _ = (runner.run(path, tmp_path), *files(tmp_path)[1:])
+    record, rows, _ = (runner.run_search(path, tmp_path), *files(tmp_path)[1:])
     assert record.record["runs"] == len(rows)
     assert (rows["failed"] == "").all()

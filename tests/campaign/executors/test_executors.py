@@ -70,19 +70,19 @@ def test_shards_hold_every_row_once_and_about_as_many_each(of, runs, chunk):
 @pytest.mark.parametrize("text", ["", "3", "0/3", "4/3", "1/0", "a/b", "-1/3", "1/3/5"])
 def test_no_shard(text):
     with pytest.raises(UserError, match="expected i/N with 1 <= i <= N"):
-        shards.parse(text)
+        shards.parse_shard(text)
 
 
 def test_a_shard():
-    assert shards.parse(" 2/7 ") == Shard(2, 7) and str(Shard(2, 7)) == "2/7"
+    assert shards.parse_shard(" 2/7 ") == Shard(2, 7) and str(Shard(2, 7)) == "2/7"
     assert Shard(2, 7).folder == "shard-2-of-7"
 
 
 @pytest.fixture(scope="module")
 def work():
     plan = make_plan(tiny.config(runs=60))
-    engine = selection.select("simd", plan.program.setup.precision)
-    pack = functools.partial(parts.encode, shape=runner.shape_of(plan), config_hash="tiny")
+    engine = selection.select_engine("simd", plan.program.setup.precision)
+    pack = functools.partial(parts.encode_part, shape=runner.shape_of(plan), config_hash="tiny")
     return Work(plan, engine, pack, lambda _: None, Progress("", 60, 60, plan.program.ticks, None))
 
 

@@ -54,7 +54,7 @@ def test_two_nodes_of_which_one_is_killed_make_the_same_folder(cluster, tmp_path
     runner.run_campaign(tiny.config(**SIZE), there, "simd", executor=ran, on_progress=kill_one)
     assert killed and told[-1].workers == 2 and told[-1].done == SIZE["runs"]
     assert tiny.digest(there) == tiny.digest(tmp_path / "here")
-    for path in parts.files(tmp_path / "here" / "parts"):
+    for path in parts.part_files(tmp_path / "here" / "parts"):
         assert (there / "parts" / path.name).read_bytes() == path.read_bytes()
 
 
@@ -97,7 +97,7 @@ def test_a_chunk_that_always_fails_is_named_and_the_others_are_delivered(cluster
 
     made, _ = cluster
     plan = make_plan(tiny.config(runs=60))
-    engine = selection.select("simd", plan.program.setup.precision)
+    engine = selection.select_engine("simd", plan.program.setup.precision)
     delivered = []
     progress = Progress("", 60, 60, plan.program.ticks, None)
     work = Work(plan, engine, pack, delivered.append, progress)

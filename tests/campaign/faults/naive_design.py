@@ -19,10 +19,10 @@ import numpy as np
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from ravenjax.campaign.file.axis import END, UNTIL_END, Axis, fixed
+from ravenjax.campaign.file.axis import END, UNTIL_END, Axis, fixed_axis
 from ravenjax.robots.raven2.declaration import SITES
 from ravenjax.vocabulary.effects import NETWORK_EFFECTS
-from ravenjax.vocabulary.legal import legal
+from ravenjax.vocabulary.legal import legal_values
 
 FIELDS = (
     "site",
@@ -155,12 +155,12 @@ def axes_of(config, fault):
     site = SITES[fault.site]
     names = [channel.name for channel in site.channels]
     out = {name: getattr(fault, name) for name in FIELDS[1:]}
-    out["arm"] = fault.arm or fixed(config.campaign.arms[0] if site.per_arm else "")
+    out["arm"] = fault.arm or fixed_axis(config.campaign.arms[0] if site.per_arm else "")
     if fault.channel is None:
-        out["channel"] = fixed(names[0] if len(names) == 1 else "")
+        out["channel"] = fixed_axis(names[0] if len(names) == 1 else "")
     elif fault.channel.listed == ("*",):
         out["channel"] = Axis("list", tuple(names))
-    out["value"] = fault.value or fixed(math.nan)
+    out["value"] = fault.value or fixed_axis(math.nan)
     return out
 
 
@@ -236,7 +236,7 @@ def canonical(config, group, slot, fault, axes, cell):
         return out | {"value": math.nan}
     channel = SITES[fault.site].channel(out["channel"])
     beyond = fault.wraps or (fault.site == "usb_out" and config.campaign.dac_words is not None)
-    rule = legal(channel, effect, beyond)
+    rule = legal_values(channel, effect, beyond)
     return out | {"value": float(cell[slot, "value"][rule.rounded])}
 
 

@@ -17,7 +17,7 @@ FAULT = {
 
 
 def expand(*groups, **sections):
-    return design.rows(loading.from_dict({**BASE, "group": list(groups), **sections}))
+    return design.table_columns(loading.from_dict({**BASE, "group": list(groups), **sections}))
 
 
 def group(name="g", **keys):

@@ -111,7 +111,7 @@ def groups(draw, name):
     return group
 
 
-HAZARDS = [row.id for row in library.rows() if row.runnable]
+HAZARDS = [row.id for row in library.all_hazards() if row.runnable]
 
 
 @st.composite
@@ -196,7 +196,7 @@ def test_columns_are_those_written_out_row_by_row(campaign):
     except ValueError:
         assert "lists of one length" in complaint(config)
         return
-    table = design.rows(config)
+    table = design.table_columns(config)
     naive = pd.DataFrame(rows)
     assert list(table.columns) == list(naive.columns)
     for name in table.columns:
@@ -210,7 +210,7 @@ def test_columns_are_those_written_out_row_by_row(campaign):
                 table[name].to_numpy(), naive[name].to_numpy(table[name].dtype), name
             )
     assert table["run_id"].is_unique
-    assert design.count(config) == len(table)
+    assert design.count_rows(config) == len(table)
     if config.stop is not None:
         beginnings(config, table)
 
@@ -223,7 +223,7 @@ def beginnings(config, table):
     assert [of.first for of in draws] == [
         (table["group"] == group.name).argmax() for group in config.group
     ]
-    plain = design.rows(config.model_copy(update={"stop": None}))
+    plain = design.table_columns(config.model_copy(update={"stop": None}))
     assert sorted(table["run_id"]) == sorted(plain["run_id"]), "the order decides no run"
     for group, of in zip(config.group, draws, strict=True):
         assert of.number * of.rows == (table["group"] == group.name).sum()
@@ -238,7 +238,7 @@ def beginnings(config, table):
 
 def complaint(config):
     try:
-        design.rows(config)
+        design.table_columns(config)
     except UserError as error:
         return str(error)
     return "none"

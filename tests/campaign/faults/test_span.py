@@ -65,11 +65,11 @@ def active_ticks(slots, cycles, down):
 @given(st.lists(SLOT, min_size=1, max_size=2), st.integers(1, 3), st.integers(0, 9))
 def test_no_fault_acts_before_and_none_where_a_run_is_cut(slots, cycles, down):
     ticks, faults = active_ticks(slots, cycles, down), faults_of(slots)
-    first = span.acts(faults, TICKS)[0]
+    first = span.first_active_ticks(faults, TICKS)[0]
     assert not ticks or first <= ticks[0]
     of_time = [slot for slot in slots if slot["code"] and slot["trigger"] == TRIGGER_CODES["time"]]
     if len(of_time) == sum(slot["code"] for slot in slots):
         assert first == (ticks[0] if ticks else TICKS), "a time is known exactly"
-    end = span.ends(faults, TICKS, 3)[0]
+    end = span.last_observed_ticks(faults, TICKS, 3)[0]
     assert end == TICKS or end == ticks[-1] + 1 + 3, "so long after the last tick in which one acts"
-    assert span.ends(faults, TICKS, None)[0] == TICKS
+    assert span.last_observed_ticks(faults, TICKS, None)[0] == TICKS

@@ -67,13 +67,13 @@ CONFIG = {
 
 @pytest.fixture(scope="module")
 def runs():
-    return design.rows(loading.from_dict(CONFIG))
+    return design.table_columns(loading.from_dict(CONFIG))
 
 
 def test_arrays_say_what_the_table_says(runs):
     """Each entry read back through the code book is the row it came from."""
-    injection = table.injection(runs, robots.USUAL)
-    targets, arrays = table.targets(injection), table.arrays(runs, injection)
+    injection = table.table_injection(runs, robots.USUAL)
+    targets, arrays = table.injection_targets(injection), table.fault_arrays(runs, injection)
     for row, record in enumerate(runs.to_dict("records")):
         for slot in range(2):
             site = record[f"fault{slot}_site"]
@@ -95,17 +95,17 @@ def test_arrays_say_what_the_table_says(runs):
 
 
 def test_network_effects_are_overwrites(runs):
-    injection = table.injection(runs, robots.USUAL)
+    injection = table.table_injection(runs, robots.USUAL)
     net = runs[runs["group"].array == "net"]
-    arrays, targets = table.arrays(net, injection), table.targets(injection)
+    arrays, targets = table.fault_arrays(net, injection), table.injection_targets(injection)
     assert [targets[code - 1][2] for code in arrays["code"][:, 0]] == ["lost", "lag", "delay"]
     assert arrays["value"][:, 0].tolist() == [1.0, 1.0, 7.0]
     assert set(arrays["effect"][:, 0]) == {EFFECT_CODES["overwrite"]}
 
 
 def test_keys_belong_to_run_and_slot_not_to_the_place(runs):
-    injection = table.injection(runs, robots.USUAL)
-    keys = table.arrays(runs, injection)["key"]
+    injection = table.table_injection(runs, robots.USUAL)
+    keys = table.fault_arrays(runs, injection)["key"]
     assert len(set(keys.ravel().tolist())) == keys.size
-    backwards = table.arrays(runs.iloc[::-1], injection)["key"]
+    backwards = table.fault_arrays(runs.iloc[::-1], injection)["key"]
     assert (backwards[::-1] == keys).all()

@@ -8,7 +8,7 @@ import pytest
 import ravenjax as rj
 from ravenjax.campaign import loading, plan
 from ravenjax.campaign.file import bounds
-from ravenjax.campaign.file.axis import fixed
+from ravenjax.campaign.file.axis import fixed_axis
 from ravenjax.errors import UserError
 from ravenjax.numbers import paths
 from ravenjax.robots.raven2 import ROBOT
@@ -28,7 +28,7 @@ def leaves(**campaign):
     """Every parameter of a campaign with these keys: full path -> number."""
     config = loading.from_dict({**BASE, "campaign": {**BASE["campaign"], **campaign}})
     program = plan.make_plan(config).program
-    known = dict(paths.leaves(program.params, program.setup))
+    known = dict(paths.path_leaves(program.params, program.setup))
     return {path: float(value) for path, value in known.items()}
 
 
@@ -46,8 +46,12 @@ def every():
 )
 def test_a_vector_is_checked_against_the_rows_of_all_its_numbers(path):
     """0.5 suits angles and the insertion, 3 rad no insertion in m."""
-    assert not any(bounds.out_of_range(fixed(0.5), row) for row in bounds.of(ROBOT, path))
-    wrong = [bounds.out_of_range(fixed(3.0), row) for row in bounds.of(ROBOT, path)]
+    assert not any(
+        bounds.out_of_range(fixed_axis(0.5), row) for row in bounds.allowed_values(ROBOT, path)
+    )
+    wrong = [
+        bounds.out_of_range(fixed_axis(3.0), row) for row in bounds.allowed_values(ROBOT, path)
+    ]
     assert any(wrong) is not path.endswith("elbow")
 
 
@@ -95,7 +99,7 @@ def at_the_ends(paths, **own):
     """A short run at each end of the range of each path."""
     groups = [{"name": "free"}]
     for path in sorted(paths):
-        for row in bounds.of(ROBOT, path):
+        for row in bounds.allowed_values(ROBOT, path):
             groups += [
                 {"name": f"{path} = {end}", "parameters": {path: end}}
                 for end in (row.low, row.high)
@@ -116,7 +120,7 @@ def test_the_ends_of_every_range_can_be_run(every):
         "control.teleoperation.grasp_",
         "control.overdrive.dac_max.grasp2",
     )  # not read here, and so refused
-    shown = {paths.shorten(path, ARMS) for path in leaves(console="absolute")}
+    shown = {paths.without_arm(path, ARMS) for path in leaves(console="absolute")}
     shown = {path for path in shown if not path.startswith(idle)}
     drawn = {
         "network.packets"

@@ -59,12 +59,12 @@ def test_dump_loads_again(write):
     """The manifest keeps the dumped config: it must mean the same campaign."""
     config = loading.load(write(GOOD), ['group.dac.fault.0.duration_ms={choice = [3, "end"]}'])
     again = loading.from_dict(config.model_dump(mode="json"))
-    assert design.rows(again).equals(design.rows(config))
+    assert design.table_columns(again).equals(design.table_columns(config))
 
 
 def test_quick_is_what_the_readme_says():
     config = loading.load("quick.toml")
-    table = design.rows(config)
+    table = design.table_columns(config)
     assert (table["fault0_site"] != "").sum() >= 2000 and (table["fault0_site"] == "").sum() >= 10
     assert config.campaign.duration_s == 3.0 and config.campaign.arms == ("gold",)
     from ravenjax.robots.raven2.declaration import SITES
@@ -191,7 +191,7 @@ def test_lists_side_by_side_are_looked_at_pair_by_pair(write):
         '"operator.scale" = [0.05, 0.1]', ""
     )
     config = loading.load(write(text))
-    assert len(design.rows(config)) == 3
+    assert len(design.table_columns(config)) == 3
 
 
 def test_too_many_runs(write):

@@ -26,7 +26,7 @@ LANES = 2
 
 def without_influence(ready: plan.Plan) -> set[str]:
     """Full paths of parameters that no state, outcome or series of a tick depends on."""
-    leaves = dict(paths.leaves(ready.program.params, ready.program.setup))
+    leaves = dict(paths.path_leaves(ready.program.params, ready.program.setup))
     varied = {
         path: np.full(LANES, value)
         for path, value in leaves.items()
@@ -71,12 +71,12 @@ def test_what_nothing_reads_is_refused(campaign):
     components = {"control.overdrive.dac_max.grasp2"}
     refused = {
         path
-        for path, quantity in bounds.rows(ROBOT)
+        for path, quantity in bounds.parameter_bounds(ROBOT)
         if quantity.read_when
         and getattr(config.campaign, quantity.read_when[0]) != quantity.read_when[1]
     }
     silent = {NOISE_KEY, *ROBOT.noise} if not config.campaign.noise else set()
     idle = without_influence(ready) - {DELAY, PACKETS}  # which are read where they are varied
     silent |= {"network.cycles_per_packet"} if config.random_packets else {PACKET_KEY}
-    assert {bounds.plain(ROBOT, path) for path in idle - components} == refused | silent
+    assert {bounds.shorten_path(ROBOT, path) for path in idle - components} == refused | silent
     assert components <= idle

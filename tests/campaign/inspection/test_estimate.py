@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ravenjax.campaign.inspection.estimate import CostFactors, Machine, estimate, tick_ns
+from ravenjax.campaign.inspection.estimate import CostFactors, Machine, estimate_cost, tick_ns
 
 MEASURED = {
     "one site": (78, CostFactors(8192, 1000, 1)),
@@ -30,8 +30,8 @@ def test_the_model_is_near_what_was_measured(name):
 
 def test_machines():
     work = CostFactors(100_000, 3000, 1)
-    simd = estimate(work, Machine("simd", 2)).run_s
-    assert estimate(work, Machine("simd", 4)).run_s == pytest.approx(simd / 2)
-    assert estimate(work, Machine("simd", 2, width=8)).run_s > 1.5 * simd
-    assert estimate(work, Machine("cuda", 16)).run_s < simd / 10
-    assert estimate(work, Machine("xla", 2)).run_s > 100 * simd
+    simd = estimate_cost(work, Machine("simd", 2)).run_s
+    assert estimate_cost(work, Machine("simd", 4)).run_s == pytest.approx(simd / 2)
+    assert estimate_cost(work, Machine("simd", 2, width=8)).run_s > 1.5 * simd
+    assert estimate_cost(work, Machine("cuda", 16)).run_s < simd / 10
+    assert estimate_cost(work, Machine("xla", 2)).run_s > 100 * simd

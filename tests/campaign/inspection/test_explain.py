@@ -16,14 +16,14 @@ from ravenjax.campaign.inspection.explain import Explainer
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block
 from ravenjax.errors import UserError
-from ravenjax.faults.injection import read
+from ravenjax.faults.injection import read_channel
 from ravenjax.hazards import ranges
 from ravenjax.numbers.vec import Vec
-from ravenjax.report.run.chain import signals as signals_of
+from ravenjax.report.run.chain import list_signals as signals_of
 from ravenjax.robots.raven2.declaration import SEAMS, SITES
 from ravenjax.robots.raven2.geometry.mapping import quat_from_matrix
 from ravenjax.robots.raven2.loop import run
-from ravenjax.vocabulary.seams import crossings
+from ravenjax.vocabulary.seams import list_crossings
 from ravenjax.vocabulary.sites import ARM
 
 NO_SITE = {
@@ -86,7 +86,7 @@ def others_of(signals, seam, arm):
 def series(signals, arms):
     """Name of a crossing -> its number in each tick, [ticks]."""
     found, out = sites_of(signals), {}
-    for place in crossings(SEAMS, arms):
+    for place in list_crossings(SEAMS, arms):
         seam, arm = place.seam.name, arms.index(place.arm) if place.arm else 0
         if seam in NO_SITE:
             values = others_of(signals, seam, arm)[place.channel.name]
@@ -99,7 +99,7 @@ def series(signals, arms):
             values = pose.rotation[row][column]
         else:
             path = SITES[seam].channel(place.channel.name).path
-            values = read(found[seam], tuple(arm if step == ARM else step for step in path))
+            values = read_channel(found[seam], tuple(arm if step == ARM else step for step in path))
         out[place.name] = np.asarray(values)
     return out
 
@@ -118,7 +118,7 @@ def offline(signals, golden, arms):
     own, usual = series(signals, arms), series(golden, arms)
     received = np.asarray(signals.control.packet.received) != 0
     out = {}
-    for place in crossings(SEAMS, arms):
+    for place in list_crossings(SEAMS, arms):
         there = (
             received
             if place.seam.name in ("packet", "packet_header")
@@ -127,7 +127,7 @@ def offline(signals, golden, arms):
         differs = first((bits(own[place.name]) != bits(usual[place.name])) & there)
         leaves = -1
         if place.channel.site:
-            span = ranges.normal(place.channel.site, place.channel.name, place.arm)
+            span = ranges.normal_range(place.channel.site, place.channel.name, place.arm)
             low, high = (
                 np.float32(end)
                 for end in (span.low - 5e-6 * abs(span.low), span.high + 5e-6 * abs(span.high))
@@ -145,7 +145,7 @@ def traces(config, rows):
     """(signals, golden run's signals) of each row: whole traces by the ordinary tick."""
     ready = plan.make_plan(config)
     program = config.robot.part("campaign").explained(ready.program)
-    tracer = selection.select("simd", program.setup.precision).tracer(
+    tracer = selection.select_engine("simd", program.setup.precision).tracer(
         dataclasses.replace(program, module=run.__name__), 1
     )
     for row in rows:

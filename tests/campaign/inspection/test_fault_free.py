@@ -15,7 +15,7 @@ from ravenjax.campaign.inspection import fault_free
 from ravenjax.engines import selection
 from ravenjax.errors import UserError
 from ravenjax.store import folder, manifest
-from ravenjax.store.access.fault_free import FOLDER, find
+from ravenjax.store.access.fault_free import FOLDER, find_fault_free
 
 HOUR_MS = 3.6e6
 CAMPAIGN = {
@@ -54,8 +54,9 @@ def result(tmp_path_factory):
     path = tmp_path_factory.mktemp("result") / "small"
     path.mkdir()
     ready = plan.make_plan(rj.load_campaign(CAMPAIGN))
-    manifest.write(
-        path, runner._manifest(ready, selection.select("simd", ready.program.setup.precision))
+    manifest.write_manifest(
+        path,
+        runner._manifest(ready, selection.select_engine("simd", ready.program.setup.precision)),
     )
     return path
 
@@ -64,10 +65,10 @@ def result(tmp_path_factory):
 def test_as_many_hours_as_asked_of_different_motion(result, short):
     told = []
     wanted = 3.0 / 3600  # 3 s in pedal-down, of runs that are so for 1.8 s
-    there = fault_free.extend(
+    there = fault_free.extend_fault_free(
         result, wanted, on_motion=lambda hours, path: told.append((hours, path.name))
     )
-    found = find(result, manifest.read(result))
+    found = find_fault_free(result, manifest.read_manifest(result))
     tables = [folder.read_all(one.path) for one in found.motions]
     assert [one.path.name for one in found.motions] == [
         "reach_5",
@@ -80,14 +81,14 @@ def test_as_many_hours_as_asked_of_different_motion(result, short):
     assert not any(name.startswith("fault") for name in rows)
     assert (rows["failed"] == "").all() and rows["tip_path_mm"].nunique() == len(rows) == 2
     # asked for again there is nothing to do; for more, what is there counts
-    assert fault_free.extend(result, wanted) == there
-    more = fault_free.extend(result, there + 1e-6)
+    assert fault_free.extend_fault_free(result, wanted) == there
+    more = fault_free.extend_fault_free(result, there + 1e-6)
     assert more == pytest.approx(1.5 * there) and (result / FOLDER / "reach_7").is_dir()
 
 
 def changed(result, **sections):
     """The record of a result whose configuration differs."""
-    record = manifest.read(result)
+    record = manifest.read_manifest(result)
     made = copy.deepcopy(record.config)
     for name, keys in sections.items():
         made[name] |= keys
@@ -105,12 +106,14 @@ def changed(result, **sections):
     ],
 )
 def test_an_operator_without_another_motion_is_refused(result, tmp_path, operator, why):
-    manifest.write(tmp_path, changed(result, operator=operator))
+    manifest.write_manifest(tmp_path, changed(result, operator=operator))
     with pytest.raises(UserError, match=why):
-        fault_free.extend(tmp_path, 1.0)
+        fault_free.extend_fault_free(tmp_path, 1.0)
 
 
 def test_a_result_of_another_version_is_refused(result, tmp_path):
-    manifest.write(tmp_path, manifest.read(result).model_copy(update={"code_hash": "0" * 64}))
+    manifest.write_manifest(
+        tmp_path, manifest.read_manifest(result).model_copy(update={"code_hash": "0" * 64})
+    )
     with pytest.raises(UserError, match="computed by another version of the code"):
-        fault_free.extend(tmp_path, 1.0)
+        fault_free.extend_fault_free(tmp_path, 1.0)

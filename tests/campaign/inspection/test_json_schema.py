@@ -24,12 +24,14 @@ FOLDERS = {
     "scenario": "campaigns/training",
 }
 SCHEMAS = {
-    "campaign": campaigns.schema(ROBOT),
+    "campaign": campaigns.campaign_schema(ROBOT),
     "search": searches.json_schema_of(ROBOT),
     "scenario": scenarios.json_schema(),
 }
 FILES = [
-    (kind, path) for kind, folder in FOLDERS.items() for path in resources.bundled(folder, "*.toml")
+    (kind, path)
+    for kind, folder in FOLDERS.items()
+    for path in resources.list_resources(folder, "*.toml")
 ]
 
 CAMPAIGN = """

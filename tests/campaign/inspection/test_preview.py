@@ -21,13 +21,16 @@ def idle(monkeypatch):
 
 
 def view_of(config, folder, engine="auto"):
-    return preview.preview(config, folder, engine)[0]
+    return preview.preview_campaign(config, folder, engine)[0]
 
 
 @pytest.mark.parametrize("name", ["quick.toml", "safecomp45.toml"])
 def test_the_numbers_are_those_of_the_fault_table(name, idle, tmp_path):
     config = loading.load(name)
-    (view, sample), ready = preview.preview(config, tmp_path / "out"), plan.make_plan(config)
+    (view, sample), ready = (
+        preview.preview_campaign(config, tmp_path / "out"),
+        plan.make_plan(config),
+    )
     rows = ready.rows
     assert view["runs"] == view["runs_asked_for"] == len(rows)
     assert {row["name"]: row["runs"] for row in view["groups"]} == rows["group"].value_counts(

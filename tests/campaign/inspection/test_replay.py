@@ -26,7 +26,7 @@ IDS = np.array([0xAB00000000000001, 0xAB10000000000000, 0x1234567890123456, 0x12
     ],
 )
 def test_a_run_is_found_by_index_id_or_beginning(typed, index):
-    assert replay.find(IDS, typed) == index
+    assert replay.find_run(IDS, typed) == index
 
 
 @pytest.mark.parametrize(
@@ -43,7 +43,7 @@ def test_a_run_is_found_by_index_id_or_beginning(typed, index):
 )
 def test_what_is_no_run_is_named(typed, told):
     with pytest.raises(UserError, match=f"run '?{typed}'?: .*{told}"):
-        replay.find(IDS, typed)
+        replay.find_run(IDS, typed)
 
 
 CONFIG = tiny_campaign.config(runs=20)
@@ -65,7 +65,7 @@ def test_a_second_run_compiles_nothing(replayer, monkeypatch):
 def test_every_series_is_described_and_stands_where_its_joints_are(replayer):
     again = replayer.replay(9)
     for name, values in again.series.items():
-        one = time_series.described(name)
+        one = time_series.describe_series(name)
         assert one.meaning and values.ndim == 1 + len(one.axes), name
     without_contact = {name for name in time_series.OF_ARM if not name.startswith("contact_")}
     assert {name.partition("/")[2] for name in again.series if "/" in name} == without_contact

@@ -61,7 +61,7 @@ def wrong(found):
 
 def rewritten(folder, change, place=1):
     """Part number `place` with changed rows, recorded as if a campaign had written it."""
-    record = manifests.read(folder)
+    record = manifests.read_manifest(folder)
     part = record.parts[place]
     frame = read_all(folder).iloc[part.first : part.last + 1].reset_index(drop=True)
     frame = pd.DataFrame({name: np.array(frame[name]) for name in frame})
@@ -69,12 +69,12 @@ def rewritten(folder, change, place=1):
     (folder / "parts" / part.file).unlink()
     new = write_part(folder / "parts", frame, record.shape, record.config_hash)
     listed = (*record.parts[:place], new, *record.parts[place + 1 :])
-    manifests.write(folder, record.model_copy(update={"parts": listed}))
+    manifests.write_manifest(folder, record.model_copy(update={"parts": listed}))
 
 
 def test_runs_made_again_are_equal_to_the_bit(folder):
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-    found = verification.verify(folder, sample=12)
+    found = verification.verify_folder(folder, sample=12)
     assert found.fine and found.rerun is not None and found.rerun.other == []
     assert (
         len(set(found.rerun.rows.tolist())) == found.rerun.verdicts == 12
@@ -88,8 +88,8 @@ def test_one_changed_number_is_found_by_running_it_again(folder):
         frame.loc[3, "tip_path_mm"] = np.nextafter(frame.loc[3, "tip_path_mm"], np.float32(9e9))
 
     rewritten(folder, change)
-    assert wrong(verification.verify(folder, sample=0)) == {}
-    found = verification.verify(folder, sample=99)
+    assert wrong(verification.verify_folder(folder, sample=0)) == {}
+    found = verification.verify_folder(folder, sample=99)
     assert wrong(found) == {"runs made again": ["tip_path_mm: differs in 1 of 40 rows"]}
 
 
@@ -99,9 +99,9 @@ def test_other_code_is_told_and_excuses_outcomes_not_inputs(folder):
         frame.loc[3, "fault0_value"] += 1
 
     rewritten(folder, change)
-    record = manifests.read(folder)
-    manifests.write(folder, record.model_copy(update={"code_hash": "f" * 64}))
-    found = verification.verify(folder, sample=99)
+    record = manifests.read_manifest(folder)
+    manifests.write_manifest(folder, record.model_copy(update={"code_hash": "f" * 64}))
+    found = verification.verify_folder(folder, sample=99)
     assert found.rerun is not None and found.rerun.other == ["another version of the code"]
     apart = {one.name: one.largest for one in found.rerun.differing}
     assert apart == {"tip_path_mm": pytest.approx(1, abs=1e-4), "fault0_value": pytest.approx(1)}
@@ -144,16 +144,16 @@ def test_a_value_that_cannot_be_is_told_with_its_row(folder, column, value, chec
         frame.loc[3, column] = value
 
     rewritten(folder, change)
-    problems = wrong(verification.verify(folder, sample=0))
+    problems = wrong(verification.verify_folder(folder, sample=0))
     assert any(told in problem for problem in problems[check])
 
 
 def test_damaged_missing_and_stray_parts_are_each_named(folder):
-    files = parts.files(folder / "parts")
+    files = parts.part_files(folder / "parts")
     files[0].write_bytes(files[0].read_bytes()[:-50])
     files[1].unlink()
     shutil.copy(files[2], folder / "parts" / "part-000000025-000000034.parquet")
-    problems = wrong(verification.verify(folder, sample=0))["parts"]
+    problems = wrong(verification.verify_folder(folder, sample=0))["parts"]
     assert [problem.partition(":")[0].rpartition("/")[2] for problem in problems] == [
         files[0].name,
         files[1].name,
@@ -163,7 +163,7 @@ def test_damaged_missing_and_stray_parts_are_each_named(folder):
 
 def test_the_command_ends_with_code_1_where_something_is_wrong(folder, capsys):
     assert results.verify(folder, sample=3) == 0
-    path = parts.files(folder / "parts")[0]
+    path = parts.part_files(folder / "parts")[0]
     path.write_bytes(path.read_bytes()[:-50])
     assert results.verify(folder, sample=0) == 1
     told = capsys.readouterr()
@@ -171,16 +171,16 @@ def test_the_command_ends_with_code_1_where_something_is_wrong(folder, capsys):
 
 
 def test_missing_and_double_rows(folder):
-    record, frame = manifests.read(folder), read_all(folder)
-    manifests.write(
+    record, frame = manifests.read_manifest(folder), read_all(folder)
+    manifests.write_manifest(
         folder, record.model_copy(update={"parts": (*record.parts[:1], *record.parts[2:])})
     )
-    problems = wrong(verification.verify(folder, sample=0))
+    problems = wrong(verification.verify_folder(folder, sample=0))
     assert (
         problems["rows"] == ["10 rows are missing: 10 to 19"]
         and "no record names" in problems["parts"][0]
     )
     double = write_part(folder / "parts", frame.iloc[2:5], record.shape, record.config_hash)
-    manifests.write(folder, record.model_copy(update={"parts": (*record.parts, double)}))
-    (problem,) = wrong(verification.verify(folder, sample=0))["rows"]
+    manifests.write_manifest(folder, record.model_copy(update={"parts": (*record.parts, double)}))
+    (problem,) = wrong(verification.verify_folder(folder, sample=0))["rows"]
     assert double.file in problem and "another part holds" in problem

@@ -70,7 +70,7 @@ class Stand:
 def run(monkeypatch):
     def go(config, out=None):
         monkeypatch.setattr(adaptive.runner, "run_campaign", Stand())
-        return adaptive.run(config, out)
+        return adaptive.run_adaptively(config, out)
 
     return go
 
@@ -82,7 +82,7 @@ def test_it_stops_at_the_first_look_at_which_every_interval_is_narrow(
     run, tmp_path, allocation, of
 ):
     results = run(config(allocation, of), tmp_path)
-    looks, rows = decisions.read(tmp_path), results.frame()
+    looks, rows = decisions.read_looks(tmp_path), results.frame()
     assert looks[-1].stop and not looks[-1].waiting and 1 < looks[-1].number < len(LOOKS)
     assert all(look.waiting and look.widest > 0.06 for look in looks[:-1])
     assert all(interval.half_width <= 0.06 for interval in looks[-1].intervals)
@@ -97,7 +97,7 @@ def test_it_stops_at_the_first_look_at_which_every_interval_is_narrow(
 def test_a_look_counts_what_the_table_says(run, tmp_path):
     table = run(config("neyman"), tmp_path).frame().set_index("index")
     first = {of.first: of for of in group_draws(config())}
-    for look in decisions.read(tmp_path):
+    for look in decisions.read_looks(tmp_path):
         for interval in look.intervals:
             start = {"grid": 1, "drawn": 601}[interval.stratum]
             rows = table.loc[[*first[start].rows_of(look.taken[interval.stratum])]]
@@ -116,7 +116,7 @@ def test_lost_decisions_and_lost_parts_are_made_again(run, tmp_path):
             part.unlink()
     run(config(), tmp_path)
     assert (tmp_path / decisions.FILE).read_bytes() == whole and read_all(tmp_path).equals(table)
-    assert manifests.read(tmp_path).finished is not None
+    assert manifests.read_manifest(tmp_path).finished is not None
 
 
 def test_of_repeats_the_first_valid_one_counts(tmp_path):
@@ -140,4 +140,4 @@ def test_a_shard_of_it_is_refused():
     with pytest.raises(
         UserError, match=r"--shard 2/7: a campaign with \[stop\] decides by all its rows"
     ):
-        adaptive.run(config(), shard=Shard(2, 7))
+        adaptive.run_adaptively(config(), shard=Shard(2, 7))

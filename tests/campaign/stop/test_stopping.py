@@ -46,7 +46,7 @@ def config(stop=None, groups=GROUPS, **more):
 
 
 def test_the_beginning_of_a_grid_is_a_sample_of_it():
-    table = design.rows(config())
+    table = design.table_columns(config())
     rows = table[table["group"] == "grid"]
     begun = rows.iloc[:100]
     assert len(begun.groupby(["fault0_value", "fault0_duration_ms"])) == 100
@@ -54,7 +54,7 @@ def test_the_beginning_of_a_grid_is_a_sample_of_it():
         "not a corner of it"
     )
     assert abs(begun["fault0_value"].mean() - 19.5) < 4
-    again = design.rows(config(campaign={"name": "x", "seed": 1}))
+    again = design.table_columns(config(campaign={"name": "x", "seed": 1}))
     assert again["fault0_value"].tolist() != table["fault0_value"].tolist(), (
         "the seed draws the order"
     )
@@ -67,12 +67,12 @@ def test_the_beginning_of_a_grid_is_a_sample_of_it():
 def test_events_are_those_of_the_report(event):
     frame = synthetic.judged(synthetic.frame(3000), cue=2)
     rules = Rules(cue=2, threshold_mm=2.0, jump="jump_text")
-    said = facts.derive(frame, facts.Choices(rules))
+    said = facts.derive_facts(frame, facts.Choices(rules))
     columns = {"evades": "evaded", "unintended_motion": "unintended", "loss_of_motion": "loss"}
     columns |= {"false_report": "misreport", "cue": "cued"}
     expected = said["response"] == event if event == "stopped" else said[columns[event]]
-    rows = pa.Table.from_pandas(frame[events.columns([event], rules)])
-    valid, cases = events.happened(rows, [event], rules)
+    rows = pa.Table.from_pandas(frame[events.event_columns([event], rules)])
+    valid, cases = events.events_happened(rows, [event], rules)
     assert valid.tolist() == (~said["failed"]).tolist() and 0 < valid.sum() < len(frame)
     assert cases[valid].tolist() == expected[valid].tolist()
     assert 0 < expected[valid].sum() < valid.sum(), "the example tells them apart"
@@ -113,14 +113,16 @@ def test_a_limit_and_a_stop_rule_exclude_each_other(tmp_path):
 
 
 def test_decisions_are_read_back_and_a_damaged_file_is_named(tmp_path):
-    assert decisions.read(tmp_path) == [] and decisions.sentence(tmp_path) == ""
+    assert decisions.read_looks(tmp_path) == [] and decisions.describe_stop(tmp_path) == ""
     rule = stop_rule(config())
     look = rule.look(1, rule.first(), np.array([[0, 1, 0], [0, 2, 0]]), rule.first())
-    decisions.write(tmp_path, [look])
-    assert [one.model_dump_json() for one in decisions.read(tmp_path)] == [look.model_dump_json()]
-    assert decisions.sentence(tmp_path).startswith("Not stopped yet: at look 1 of 5")
+    decisions.write_looks(tmp_path, [look])
+    assert [one.model_dump_json() for one in decisions.read_looks(tmp_path)] == [
+        look.model_dump_json()
+    ]
+    assert decisions.describe_stop(tmp_path).startswith("Not stopped yet: at look 1 of 5")
     (tmp_path / decisions.FILE).write_text(look.model_dump_json()[:50])
     with pytest.raises(
         StoreError, match=r"decisions.jsonl: cannot be read .* delete it and start the same"
     ):
-        decisions.read(tmp_path)
+        decisions.read_looks(tmp_path)

@@ -66,7 +66,7 @@ def test_bits_are_chosen_as_the_program_says(width):
     for seed in range(25):
         one = program(seed)
         for number, value in zip(
-            compiled(one, width, inputs), semantics.run(one, inputs), strict=True
+            compiled(one, width, inputs), semantics.run_program(one, inputs), strict=True
         ):
             np.testing.assert_array_equal(
                 number, np.broadcast_to(value, LANES), err_msg=f"seed {seed}"

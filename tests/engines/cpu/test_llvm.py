@@ -16,7 +16,7 @@ from ravenjax.ir import semantics
 def test_every_operation_gives_the_bits_that_it_means(width):
     wide = case("convert", "float32", HARD_FLOATS.astype(np.float64) * 1.0000001)
     for one in (*CASES, *FUSED, case("convert", "float64", HARD_FLOATS), wide):
-        (expected,) = semantics.run(one.program, one.columns)
+        (expected,) = semantics.run_program(one.program, one.columns)
         same_bits(compiled(one.program, width, one.columns)[0], np.asarray(expected))
 
 
@@ -31,10 +31,12 @@ def test_float64_has_half_the_lanes_but_all_operations():
     columns = tuple(x.astype(np.float64) for x in pairs(HARD_FLOATS))
     for name in ("add", "mul", "div", "max", "lt"):
         one = case(name, "bool" if name == "lt" else "float64", *columns)
-        same_bits(compiled(one.program, 8, columns)[0], semantics.run(one.program, columns)[0])
+        same_bits(
+            compiled(one.program, 8, columns)[0], semantics.run_program(one.program, columns)[0]
+        )
 
 
 def test_a_cpu_without_fused_multiply_add_is_refused(monkeypatch):
     monkeypatch.setattr(jit.llvm, "get_host_cpu_features", lambda: {"avx": True, "fma": False})
     with pytest.raises(UserError, match="expected x86-64-v3"):
-        jit.host.__wrapped__()
+        jit.host_target.__wrapped__()

@@ -65,7 +65,7 @@ def ready():
 @pytest.fixture(scope="module")
 def loop(ready):
     block = Block(*ready.lanes([0], 1), None)
-    return traced.trace(ready.program, block, ready.columns)
+    return traced.trace_tick(ready.program, block, ready.columns)
 
 
 class Forced(SimdKernel):
@@ -98,7 +98,9 @@ def same_lanes(a, b, of_a, of_b):
 
 @pytest.fixture(scope="module")
 def whole(ready, loop):
-    return run(Forced(ready.program, loop, jit.host().width, True), ready, np.arange(ready.runs))
+    return run(
+        Forced(ready.program, loop, jit.host_target().width, True), ready, np.arange(ready.runs)
+    )
 
 
 @pytest.mark.slow
@@ -137,7 +139,7 @@ def test_compiled_code_is_kept_and_used_again(ready, loop, whole, monkeypatch):
 
 
 def rows_of(config, engine, monkeypatch) -> pd.DataFrame:
-    monkeypatch.setattr(selection, "select", lambda *_: engine)
+    monkeypatch.setattr(selection, "select_engine", lambda *_: engine)
     return rj.run(config)
 
 

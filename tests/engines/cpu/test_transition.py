@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from jax import lax
 
 from ravenjax.engines.cpu import transition
-from ravenjax.engines.cpu.memory import BufferLayout, buffer
+from ravenjax.engines.cpu.memory import BufferLayout, aligned_buffer
 from ravenjax.engines.cpu.transition import (
     NOTHING,
     Compiled,
@@ -27,7 +27,7 @@ from ravenjax.engines.cpu.transition import (
 )
 from ravenjax.engines.traced import trace_function
 from ravenjax.ir import elementary
-from ravenjax.numbers.vec import rarely, to_int32
+from ravenjax.numbers.vec import if_rarely, to_int32
 
 FUNCTIONS = {
     "sin": jnp.sin,
@@ -62,16 +62,16 @@ def both(function, state, entering):
         for machine in (Compiled(print_module({"f": one}), "f"), Interpreted({"f": one})):
             steps = len(columns[0])
             rooms = ((NOTHING, 1), (own, 1), (one.entering, steps), (one.leaving, steps))
-            memory = Memory(*(buffer(n, layout.bytes) for layout, n in rooms))
-            transition.write(own, memory.state[0], [state])
+            memory = Memory(*(aligned_buffer(n, layout.bytes) for layout, n in rooms))
+            transition.write_row(own, memory.state[0], [state])
             for row, numbers in zip(memory.entering, zip(*columns, strict=True), strict=True):
-                transition.write(one.entering, row, numbers)
+                transition.write_row(one.entering, row, numbers)
             memory = memory._replace(fixed=memory.fixed[0], state=memory.state[0])
             machine.bind("f", memory)()
             results.append(
                 (
-                    transition.read(own, memory.state),
-                    [transition.read(one.leaving, row) for row in memory.leaving],
+                    transition.read_row(own, memory.state),
+                    [transition.read_row(one.leaving, row) for row in memory.leaving],
                 )
             )
     return results
@@ -137,7 +137,7 @@ def test_what_is_rare_is_computed_where_it_is_asked_for():
                 y = jnp.sin(y) * 1.25 + y
             return y
 
-        return state + 1.0, rarely(x > 0.9, rare, x)
+        return state + 1.0, if_rarely(x > 0.9, rare, x)
 
     compiled, interpreted = both(often, np.float64(0), (np.random.default_rng(2).random(400),))
     same(compiled, interpreted)

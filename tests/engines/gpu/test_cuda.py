@@ -14,7 +14,7 @@ from ravenjax.errors import UserError
 @pytest.fixture(scope="module")
 def device():
     try:
-        return cuda_device.devices()[0]
+        return cuda_device.visible_gpus()[0]
     except UserError as error:
         pytest.skip(str(error))
 
@@ -22,7 +22,7 @@ def device():
 @pytest.fixture(scope="module")
 def operations(device):
     return cuda_device.DeviceModule(
-        device, cuda_device.compile(SOURCE, device.architecture, OPTIONS)
+        device, cuda_device.compile_cubin(SOURCE, device.architecture, OPTIONS)
     )
 
 
@@ -49,4 +49,4 @@ def test_a_campaign_has_the_bits_of_engine_simd(device, short):
 
 def test_an_architecture_that_nvrtc_does_not_know_is_refused(device):
     with pytest.raises(UserError, match="cannot compile for sm_35: NVRTC"):
-        cuda_device.compile(SOURCE, "sm_35", OPTIONS)
+        cuda_device.compile_cubin(SOURCE, "sm_35", OPTIONS)

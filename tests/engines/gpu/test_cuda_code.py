@@ -17,8 +17,8 @@ from ravenjax.engines.gpu import code as cuda_code
 from ravenjax.engines.gpu import course as cuda_course
 from ravenjax.engines.gpu import device as cuda_device
 from ravenjax.engines.gpu import engine as cuda
-from ravenjax.engines.gpu.code import CudaCode, words
-from ravenjax.engines.gpu.course import place
+from ravenjax.engines.gpu.code import CudaCode, column_words
+from ravenjax.engines.gpu.course import place_lanes
 from ravenjax.engines.gpu.kernel import Form
 from ravenjax.engines.lanes import Lanes
 from ravenjax.errors import UserError
@@ -42,7 +42,7 @@ def test_a_time_loop_split_into_kernels_is_the_loop(monkeypatch, tmp_path, by_gr
 
     form = Form(32, shared_words, region=3, in_step_from=1)
     code = CudaCode(loop(), 1, by_group, Device(), form)
-    places = place(group if by_group else np.zeros_like(group), form.threads)
+    places = place_lanes(group if by_group else np.zeros_like(group), form.threads)
     entering = series.T[:, :, None] if by_group else given[:, None, :][:, :, places.lane]
     out = np.zeros((ticks, 2, lanes), np.uint32)
     finished = []
@@ -52,8 +52,10 @@ def test_a_time_loop_split_into_kernels_is_the_loop(monkeypatch, tmp_path, by_gr
 
     expected, leaving = in_numpy(loop(), gain, kick, given, ticks)
     for got, column in zip(found, expected, strict=True):
-        np.testing.assert_array_equal(words(got), words(np.broadcast_to(np.asarray(column), lanes)))
-    np.testing.assert_array_equal(out, words(leaving.astype(np.float32)))
+        np.testing.assert_array_equal(
+            column_words(got), column_words(np.broadcast_to(np.asarray(column), lanes))
+        )
+    np.testing.assert_array_equal(out, column_words(leaving.astype(np.float32)))
     assert finished == [4 * lanes, 4 * lanes, 3 * lanes]
 
 
@@ -115,14 +117,14 @@ def striking(ready, rng):
 
 
 def test_what_cannot_be_is_one_line_that_says_so(monkeypatch, short):
-    monkeypatch.setattr(cuda_device, "devices", lambda: (Device(),))
+    monkeypatch.setattr(cuda_device, "visible_gpus", lambda: (Device(),))
     wide = replace(short.program, setup=replace(short.program.setup, precision=REFERENCE))
     with pytest.raises(
         UserError, match="engine 'cuda' computes in float32; for float64 take engine 'xla'"
     ):
         cuda.CudaEngine().compile(wide, 1)
     monkeypatch.undo()
-    cuda_device.devices.cache_clear()
+    cuda_device.visible_gpus.cache_clear()
     monkeypatch.setitem(sys.modules, "cuda.bindings", None)
     with pytest.raises(
         UserError, match=r"needs the package cuda-bindings .*: pip install 'ravenjax\[cuda\]'"

@@ -38,7 +38,7 @@ def results(binary, exported_memory=False):
 
 def test_calls_reach_the_functions_that_they_name():
     names = ["chosen", "twice", "there"]
-    binary = code.link(code.compile(CALLS), names)
+    binary = code.link_module(code.compile_module(CALLS), names)
     assert results(binary) == (42, 43, 7)
     engine = wasmtime.Engine()
     module = wasmtime.Module(engine, binary)
@@ -49,11 +49,11 @@ def test_calls_reach_the_functions_that_they_name():
 @pytest.mark.skipif(WASM_LD is None, reason="no wasm-ld on the path (apt-get install lld)")
 def test_it_does_what_wasm_ld_does(tmp_path):
     path, linked = tmp_path / "o.o", tmp_path / "o.wasm"
-    path.write_bytes(code.compile(CALLS))
+    path.write_bytes(code.compile_module(CALLS))
     names = ["twice", "chosen", "there"]
     exports = [f"--export={name}" for name in names]
     subprocess.run([WASM_LD, path, "-o", linked, "--no-entry", *exports], check=True)
-    ours = code.link(path.read_bytes(), names)
+    ours = code.link_module(path.read_bytes(), names)
     assert results(linked.read_bytes(), exported_memory=True) == results(ours)
 
 
@@ -76,4 +76,4 @@ def test_it_does_what_wasm_ld_does(tmp_path):
 )
 def test_what_it_does_not_know_is_refused(text, told):
     with pytest.raises(code.Unlinkable, match=told):
-        code.link(code.compile(text), ["f"])
+        code.link_module(code.compile_module(text), ["f"])

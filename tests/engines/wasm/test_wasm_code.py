@@ -9,7 +9,7 @@ import pytest
 from compiled_program import printed, same_bits
 from operation_cases import CASES, FUSED, look_ups
 
-from ravenjax.engines.cpu.memory import stored
+from ravenjax.engines.cpu.memory import stored_type
 from ravenjax.engines.wasm import code
 from ravenjax.ir import polynomials, semantics
 
@@ -23,7 +23,7 @@ def wasm_results(program, width, columns, tables=None):
     """Results of a program by WebAssembly, `width` inputs at a time."""
     text, outputs = printed(program, width, code.FEATURES)
     engine = wasmtime.Engine()
-    store, module = wasmtime.Store(engine), wasmtime.Module(engine, code.emit(text, ["f"]))
+    store, module = wasmtime.Store(engine), wasmtime.Module(engine, code.emit_module(text, ["f"]))
     memory = wasmtime.Memory(store, wasmtime.MemoryType(wasmtime.Limits(2, None)))
     function = wasmtime.Instance(store, module, [memory]).exports(store)["f"]
     at_in, at_out, at_tables = 64, 2**15, 2**16
@@ -33,7 +33,7 @@ def wasm_results(program, width, columns, tables=None):
     parts = [[] for _ in program.outputs]
     for start in range(0, length, width):
         rows = np.minimum(np.arange(start, start + width), length - 1)
-        words = b"".join(c[rows].astype(stored(str(c.dtype))).tobytes() for c in columns)
+        words = b"".join(c[rows].astype(stored_type(str(c.dtype))).tobytes() for c in columns)
         memory.write(store, words, at_in)
         function(store, at_in, at_out, at_tables)
         row = np.frombuffer(memory.read(store, at_out, at_out + outputs.bytes), np.uint8)
@@ -49,7 +49,7 @@ def test_every_operation_gives_the_bits_that_it_means(width):
             continue
         # A call takes longer than the operations in it.
         some = tuple(column[:: 1 if width > 1 else 7] for column in columns)
-        (expected,) = semantics.run(program, some)
+        (expected,) = semantics.run_program(program, some)
         same_bits(wasm_results(program, width, some)[0], np.asarray(expected))
 
 
@@ -62,6 +62,6 @@ def test_look_ups(width):
 
 def test_a_multiply_add_is_a_product_and_a_sum_each_rounded():
     for _, program, (a, b, c) in FUSED:
-        product = semantics.evaluate("mul", "float32", (a, b))
-        expected = semantics.evaluate("add", "float32", (product, c))
+        product = semantics.evaluate_operation("mul", "float32", (a, b))
+        expected = semantics.evaluate_operation("add", "float32", (product, c))
         same_bits(wasm_results(program, code.WIDTH, (a, b, c))[0], expected)

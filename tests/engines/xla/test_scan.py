@@ -18,7 +18,7 @@ from ravenjax.engines.xla.engine import LANE_MULTIPLE, ScanEngine
 from ravenjax.numbers.setup import REFERENCE
 from ravenjax.robots.raven2.campaign import hands
 
-compile_cache.enable()
+compile_cache.enable_cache()
 
 FAULTS = (
     ("usb_out", "shoulder", "overwrite", 6000),

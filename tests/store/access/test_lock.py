@@ -40,7 +40,7 @@ def test_the_second_is_told_who_holds_it_and_since_when(tmp_path, holder):
     who = f"process {holder.pid} on {socket.gethostname()}, since {json.loads(before)['since']}"
     with (
         pytest.raises(StoreError, match=re.escape(f"{tmp_path}: is being written by {who}.")),
-        lock.held(tmp_path),
+        lock.hold_lock(tmp_path),
     ):
         pytest.fail("held twice")
     assert (tmp_path / ".lock").read_bytes() == before
@@ -52,6 +52,6 @@ def test_the_lock_of_a_killed_process_does_not_block(tmp_path, holder):
     assert json.loads((tmp_path / ".lock").read_text())["pid"] == holder.pid, (
         "what it wrote is still there"
     )
-    with lock.held(tmp_path):
+    with lock.hold_lock(tmp_path):
         assert json.loads((tmp_path / ".lock").read_text())["pid"] == os.getpid()
     assert (tmp_path / ".lock").read_text() == ""

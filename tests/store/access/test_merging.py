@@ -58,11 +58,11 @@ def test_any_cut_into_parts_and_shards_in_any_order_is_the_same_table(whole, dat
             n: shard(root / str(n), [r for r, o in zip(ranges, owner, strict=True) if o == n])
             for n in set(owner)
         }
-        done = merging.merge(root / "out", [shards[n] for n in order])
+        done = merging.merge_shards(root / "out", [shards[n] for n in order])
         assert done.missing == [] and done.linked == len(ranges)
         pd.testing.assert_frame_equal(read_all(root / "out"), whole)
         assert [part.first for part in done.manifest.parts] == cuts[:-1]
-        again = merging.merge(root / "out", [shards[n] for n in reversed(order)])
+        again = merging.merge_shards(root / "out", [shards[n] for n in reversed(order)])
         assert (again.present, again.linked, again.copied) == (len(ranges), 0, 0)
         pd.testing.assert_frame_equal(read_all(root / "out"), whole)
 
@@ -72,14 +72,17 @@ def test_missing_rows_are_named_unless_a_part_of_the_table_will_do(tmp_path):
     with pytest.raises(
         StoreError, match=r"120 runs; no shard holds 30 of them: rows 30 to 59\..*--partial"
     ):
-        merging.merge(tmp_path / "out", [a])
+        merging.merge_shards(tmp_path / "out", [a])
     assert not (tmp_path / "out").exists()
-    done = merging.merge(tmp_path / "out", [a], partial=True)
-    assert done.missing == [range(30, 60)] and manifests.read(tmp_path / "out").finished is None
+    done = merging.merge_shards(tmp_path / "out", [a], partial=True)
+    assert (
+        done.missing == [range(30, 60)]
+        and manifests.read_manifest(tmp_path / "out").finished is None
+    )
     assert len(read_all(tmp_path / "out")) == 90
-    done = merging.merge(tmp_path / "out", [b])  # what is merged already counts
+    done = merging.merge_shards(tmp_path / "out", [b])  # what is merged already counts
     assert (done.present, done.linked, done.missing) == (2, 1, [])
-    assert manifests.read(tmp_path / "out").finished is not None
+    assert manifests.read_manifest(tmp_path / "out").finished is not None
 
 
 def test_an_interrupted_merge_is_finished_by_the_same_command(tmp_path, monkeypatch, whole):
@@ -94,10 +97,10 @@ def test_an_interrupted_merge_is_finished_by_the_same_command(tmp_path, monkeypa
 
     monkeypatch.setattr(merging, "write_aside", killed)
     with pytest.raises(KeyboardInterrupt):
-        merging.merge(tmp_path / "out", shards)
+        merging.merge_shards(tmp_path / "out", shards)
     (tmp_path / "out" / "parts" / f".{calls[1].name}.tmp").write_bytes(b"half a copy")
     monkeypatch.setattr(merging, "write_aside", real)
-    done = merging.merge(tmp_path / "out", shards)
+    done = merging.merge_shards(tmp_path / "out", shards)
     assert (done.present, done.linked) == (1, 2)
     pd.testing.assert_frame_equal(read_all(tmp_path / "out"), whole)
 
@@ -116,7 +119,7 @@ def test_an_interrupted_merge_is_finished_by_the_same_command(tmp_path, monkeypa
 )
 def test_another_campaign_code_or_engine_is_no_shard(tmp_path, changes, told):
     with pytest.raises(StoreError, match="is no shard of the campaign") as caught:
-        merging.merge(tmp_path / "out", two(tmp_path, **changes))
+        merging.merge_shards(tmp_path / "out", two(tmp_path, **changes))
     assert told in str(caught.value) and not (tmp_path / "out").exists()
 
 
@@ -125,5 +128,5 @@ def test_a_forged_name_of_a_part_leads_nowhere(tmp_path):
     record = shards[1] / manifests.PARTS_FILE
     record.write_text(record.read_text().replace('"file":"part', '"file":"../../../part'))
     with pytest.raises(StoreError, match=r"b: a record names the file '../../../part"):
-        merging.merge(tmp_path / "out", shards)
+        merging.merge_shards(tmp_path / "out", shards)
     assert not (tmp_path / "out").exists()

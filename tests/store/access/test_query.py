@@ -42,12 +42,12 @@ def test_the_relation_is_the_table_whatever_the_parts(chunk):
 
 @pytest.mark.slow
 def test_what_does_not_fit_in_memory_is_spilled_and_what_cannot_be_is_told(tmp_path):
-    with query.empty(tmp_path, memory_mb=60) as table:
+    with query.open_empty(tmp_path, memory_mb=60) as table:
         table.run("CREATE TABLE long AS SELECT i, hash(i) AS h FROM range(6000000) AS made(i)")
         assert table.row("SELECT count(*) FROM (SELECT h FROM long ORDER BY h)") == (6_000_000,)
     assert list(tmp_path.iterdir()) == []
     with (
-        query.empty(tmp_path, memory_mb=40) as table,
+        query.open_empty(tmp_path, memory_mb=40) as table,
         pytest.raises(StoreError, match="RAVENJAX_QUERY_MB=4000"),
     ):
         table.row("SELECT len(list(hash(i))) FROM range(20000000) AS made(i)")

@@ -45,7 +45,7 @@ def put(folder, name, rows=20, **changes):
 
 def test_another_motion_of_the_same_robot_counts_whatever_its_length(tmp_path):
     path = put(tmp_path, "suture_2")
-    companions = fault_free.find(tmp_path, CAMPAIGN)
+    companions = fault_free.find_fault_free(tmp_path, CAMPAIGN)
     assert [one.path for one in companions.motions] == [path] and companions.excluded == ()
 
 
@@ -72,8 +72,8 @@ def test_another_motion_of_the_same_robot_counts_whatever_its_length(tmp_path):
 )
 def test_another_robot_or_the_same_motion_does_not_count_and_says_why(tmp_path, changes, why):
     path = put(tmp_path, "motion")
-    record = manifest.read(path)
-    manifest.write(path, record.model_copy(update=changes))
-    companions = fault_free.find(tmp_path, CAMPAIGN)
+    record = manifest.read_manifest(path)
+    manifest.write_manifest(path, record.model_copy(update=changes))
+    companions = fault_free.find_fault_free(tmp_path, CAMPAIGN)
     assert companions.motions == () and len(companions.excluded) == 1
     assert companions.excluded[0].startswith("motion: ") and why in companions.excluded[0]

@@ -57,7 +57,7 @@ def trace(tmp_path_factory):
         "gold/rotation": np.tile(QUARTER, (T, 1, 1)),
         "runlevel": np.full(T, 3, np.int32),
     }
-    trace_log.write(
+    trace_log.write_trace(
         path, series, events=[{"tick": 7, "kind": "fault", "text": "opens", "level": "info"}]
     )
     return path
@@ -120,7 +120,7 @@ def test_a_trace_begins_a_second_later_in_ros1_where_zero_is_no_time(trace, tmp_
 
 def test_a_bag_of_a_session_drives_a_campaign_as_its_recording_does(session, tmp_path):
     of_bag, of_mcap = (
-        recording.load(path, ("gold",), ReplayOptions())
+        recording.load_recording(path, ("gold",), ReplayOptions())
         for path in (
             bags.write_bag(session, 1, tmp_path / "a.bag").path,
             session / session_log.FILE,

@@ -62,18 +62,18 @@ def test_a_file_cut_anywhere_keeps_every_whole_chunk(whole, tmp_path):
     for cut in sorted(cut for cut in cuts if cut >= ends[0]):
         path.write_bytes(data[:cut])
         chunks = sum(end <= cut for end in ends)
-        log = session_log.read(path)
+        log = session_log.read_session_log(path)
         assert log.complete == (cut == len(data)), cut
         np.testing.assert_array_equal(log.rows, rows[: chunks * BLOCK])
         assert [one["tick"] for one in log.events] == list(range(chunks))
-        told = mcap_records.recover(path, out)
+        told = mcap_records.recover_records(path, out)
         assert seeking(out) == list(range(chunks * BLOCK))
         assert (
             told.seconds == pytest.approx((chunks * BLOCK - 1) * 1e-3)
             and told.complete == log.complete
         )
         assert told.lost_bytes == log.lost_bytes <= max(np.diff([*ends, len(data)]))
-        again = session_log.read(out)
+        again = session_log.read_session_log(out)
         assert again.complete and again.header == log.header and again.events == log.events
 
 
@@ -83,10 +83,10 @@ def test_a_file_without_a_whole_chunk_is_refused(whole, tmp_path):
     for cut in (8, 60, ends[0] - 1):
         path.write_bytes(data[:cut])
         with pytest.raises(StoreError, match=r"cut\.mcap: holds no whole message"):
-            mcap_records.recover(path)
+            mcap_records.recover_records(path)
     path.write_bytes(b"plain text, not a log")
     with pytest.raises(StoreError, match="is no MCAP file"):
-        mcap_records.recover(path)
+        mcap_records.recover_records(path)
     assert list(tmp_path.iterdir()) == [path]
 
 
@@ -111,7 +111,7 @@ def test_damage_anywhere_costs_at_most_the_chunks_that_it_touches(whole, tmp_pat
             data[:at] + bytes(byte ^ 0x5A for byte in data[at : at + size]) + data[at + size :]
         )
         hit = {k for k in range(BLOCKS) if begins[k] < at + size and at < ends[k]}
-        log = session_log.read(path)
+        log = session_log.read_session_log(path)
         assert set(log.numbers.tolist()) >= {
             n for n in range(BLOCKS * BLOCK) if n // BLOCK not in hit
         }, at
@@ -132,7 +132,7 @@ def test_any_mcap_file_is_recovered(tmp_path, chunked):
         writer.finish()
     data = path.read_bytes()
     path.write_bytes(data[: len(data) // 3])
-    told = mcap_records.recover(path)
+    told = mcap_records.recover_records(path)
     with open(told.path, "rb") as file:
         found = [
             (one.log_time, one.publish_time, one.data)
@@ -141,4 +141,4 @@ def test_any_mcap_file_is_recovered(tmp_path, chunked):
     assert 5 < len(found) < 50 and found == [
         (1000 * i, 1000 * i + 7, b"{}" * 10) for i in range(len(found))
     ]
-    assert mcap_records.scan(told.path).channels[channel].metadata == {"unit": "none"}
+    assert mcap_records.scan_records(told.path).channels[channel].metadata == {"unit": "none"}

@@ -58,7 +58,7 @@ def log(written):
 
 
 def test_it_reads_back_exactly(written, rows):
-    log = session_log.read(written)
+    log = session_log.read_session_log(written)
     kept = np.r_[0:60, 70:T]
     assert (
         log.names == LAYOUT.names()
@@ -76,11 +76,11 @@ def test_damage_at_its_head_costs_no_row(written, rows, tmp_path):
     content = bytearray(written.read_bytes())
     content[60:260] = bytes(200)
     damaged.write_bytes(content)
-    log = session_log.read(damaged)
+    log = session_log.read_session_log(damaged)
     assert log.names == LAYOUT.names() and log.header == HEADER and log.lost_bytes
     np.testing.assert_array_equal(log.rows, rows[np.r_[0:60, 70:T]])
-    mcap_records.recover(damaged)
-    assert session_log.read(mcap_records.recovered_path(damaged)).header == HEADER
+    mcap_records.recover_records(damaged)
+    assert session_log.read_session_log(mcap_records.recovered_path(damaged)).header == HEADER
 
 
 EVERY = [*range(0, 60, 10), *range(70, T, 10)]
@@ -132,24 +132,24 @@ def test_a_recorded_session_is_a_motion_for_campaigns(written, rows):
 def test_what_is_no_recording_says_so(tmp_path):
     path = tmp_path / session_log.FILE
     with pytest.raises(StoreError, match="cannot be read"):
-        session_log.read(path)
+        session_log.read_session_log(path)
     path.write_bytes(b"")
     with pytest.raises(StoreError, match="is no MCAP file"):
-        session_log.read(path)
+        session_log.read_session_log(path)
     with pytest.raises(StoreError, match="cannot be written"):
         session_log.SessionWriter(tmp_path / "none" / "s.mcap", LAYOUT.names(), HEADER)
 
 
 def test_session_json_is_merged_and_its_damage_named(tmp_path):
-    description.write(tmp_path, {"name": "a", "summary": {"score": 3}})
-    told = description.update(tmp_path, {"ended": "now", "summary": {"rows": 4}})
-    assert told == description.read(tmp_path)
+    description.write_session(tmp_path, {"name": "a", "summary": {"score": 3}})
+    told = description.update_session(tmp_path, {"ended": "now", "summary": {"rows": 4}})
+    assert told == description.read_session(tmp_path)
     assert told == {"version": 1, "name": "a", "ended": "now", "summary": {"score": 3, "rows": 4}}
     with pytest.raises(StoreError, match="not the folder of a session"):
-        description.read(tmp_path / "elsewhere")
+        description.read_session(tmp_path / "elsewhere")
     (tmp_path / description.FILE).write_text('{"version": 99}')
     with pytest.raises(StoreError, match="version: got 99, expected less than or equal to 1"):
-        description.read(tmp_path)
+        description.read_session(tmp_path)
     (tmp_path / description.FILE).write_text('{"version": ')
     with pytest.raises(StoreError, match="is not valid JSON"):
-        description.read(tmp_path)
+        description.read_session(tmp_path)

@@ -68,7 +68,7 @@ def series():
 @pytest.fixture(scope="module")
 def path(series, tmp_path_factory):
     path = tmp_path_factory.mktemp("trace") / "run.mcap"
-    trace_log.write(path, series, {"run_id": "0123456789abcdef"}, bases=BASES, events=EVENTS)
+    trace_log.write_trace(path, series, {"run_id": "0123456789abcdef"}, bases=BASES, events=EVENTS)
     return path
 
 

@@ -45,7 +45,9 @@ def play(path, arms=("gold",), ticks=None, scale=0.1, bounds=None, **options):
     """What is made of a file."""
     soft = limits.soft_limits("r_grasper")
     usual = Bounds(soft.lower[:5], soft.upper[:5])
-    return replay.replay(path, arms, ReplayOptions(**options), ticks, scale, bounds=bounds or usual)
+    return replay.replay_motion(
+        path, arms, ReplayOptions(**options), ticks, scale, bounds=bounds or usual
+    )
 
 
 def refused(path, *parts, **keys):

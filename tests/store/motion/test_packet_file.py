@@ -39,7 +39,7 @@ def table(path, **changes):
 
 def test_tips_follow_the_recorded_console_in_direction_and_scale(shared_data):
     path = shared_data(FILE)
-    one = recording.load(path, ("gold", "green"), ReplayOptions(max_gap_s=0.2))
+    one = recording.load_recording(path, ("gold", "green"), ReplayOptions(max_gap_s=0.2))
     raw = pd.read_parquet(path)
     sent = np.frombuffer(b"".join(raw["packet"]), U_STRUCT)
     assert any(
@@ -72,7 +72,7 @@ def test_under_another_profile_it_is_refused_and_the_right_one_named(shared_data
     with pytest.raises(
         UserError, match=r"do not fit console raven.*write operator\.console = 'dv_trainer'"
     ):
-        recording.load(shared_data(FILE), ("gold",), ReplayOptions(console="raven"))
+        recording.load_recording(shared_data(FILE), ("gold",), ReplayOptions(console="raven"))
 
 
 def test_packets_that_the_robot_would_drop_move_nothing(tmp_path):

@@ -91,7 +91,7 @@ def trace(path, place, ticks=ROWS, arms=("gold",)):
             f"{arm}/jpos": np.tile([0.5, 1.5, 0.4, 0.0, 0.0, 0.7, 0.8], (ticks, 1)),
             f"{arm}/jpos_d": np.tile([0.5, 1.5, 0.4, 0.0, 0.0, 0.7, 0.8], (ticks, 1)),
         }
-    log.write(path, series)
+    log.write_trace(path, series)
 
 
 def test_a_trace_is_a_recording(tmp_path, parquet):

@@ -51,10 +51,10 @@ def test_every_spike_is_found_where_it_is(row, rows, size_mm, axis):
     place = frame.copy()
     place[row : row + rows, axis] += size_mm * 1e-3
     time_s = np.arange(ROWS) * 1e-3
-    (found,) = spikes.find("gold", ArmTrack(None, place, None, None), time_s, 0.1)
+    (found,) = spikes.find_spikes("gold", ArmTrack(None, place, None, None), time_s, 0.1)
     assert (found.row, found.rows) == (row, rows)
     assert found.time_s == pytest.approx(row * 1e-3)
     assert found.size_mm == pytest.approx(size_mm, abs=0.5)
-    rest, times = spikes.without(ArmTrack(None, place, None, None), time_s, [found])
+    rest, times = spikes.remove_spikes(ArmTrack(None, place, None, None), time_s, [found])
     assert len(rest) == ROWS - rows
     np.testing.assert_array_equal(rest.position, frame[np.rint(times * 1e3).astype(int)])

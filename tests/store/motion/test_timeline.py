@@ -29,7 +29,9 @@ def test_a_recording_that_ends_before_the_campaign_is_refused_with_what_to_write
 @given(cases, st.sampled_from(["hold", "reverse"]))
 def test_a_timeline_never_leaves_the_recording_and_never_jumps(case, at_end):
     rows, ticks, slow_down = case
-    one = timeline.make(Path("m"), rows, ticks, ReplayOptions(slow_down=slow_down, at_end=at_end))
+    one = timeline.make_timeline(
+        Path("m"), rows, ticks, ReplayOptions(slow_down=slow_down, at_end=at_end)
+    )
     assert len(one.row) == len(one.pedal) == ticks
     assert one.row.min() >= 0.0 and one.row.max() <= rows - 1
     assert (one.row[:500] == 0.0).all()

@@ -20,7 +20,7 @@ ONSETS_A = range(1000, 2000, 50)
 
 
 def test_every_cell_of_scenario_a_displaces_three_axes_alike() -> None:
-    rows = design.rows(loading.load("dsn16_a.toml"))
+    rows = design.table_columns(loading.load("dsn16_a.toml"))
     rows = rows[rows["fault0_site"] != ""]
     for column in ("value", "start_ms", "duration_ms"):
         for slot in (1, 2):

@@ -46,7 +46,7 @@ def test_a_joint_that_moves_alone_makes_the_whole_jump(name, kind):
 def test_small_steps_of_several_joints_add_up_as_the_jacobian_says():
     joints = moving(shoulder=0.03, insertion=0.2, wrist=0.05)
     with jax.enable_x64(True):
-        rows = kinematics.jacobian("gold", Vec(joints[0]))
+        rows = kinematics.tip_jacobian("gold", Vec(joints[0]))
     jacobian = np.array([[float(x) for x in rows[i]][:5] for i in range(3)])
     way = joints[1, :5] - joints[0, :5]
     step = jacobian @ way

@@ -30,12 +30,12 @@ def test_lengths_are_recovered_from_the_dac():
 
 def test_the_measured_distribution_is_that_of_the_recorded_robot(shared_data):
     lengths = recording.of_robot(recording.read(shared_data(recording.FILE)))
-    shares = arrivals.shares(lengths)
+    shares = arrivals.length_shares(lengths)
     stated = packets.SHARES[packets.MEASURED]
     assert len(lengths) == 7478
     np.testing.assert_allclose(shares[: len(stated)], stated, atol=5e-4)
     assert shares[len(stated) :].sum() < 1e-3
-    assert lengths.mean() == pytest.approx(packets.mean(stated), abs=0.003)
+    assert lengths.mean() == pytest.approx(packets.mean_cycles(stated), abs=0.003)
 
 
 @pytest.mark.parametrize("phase", [0.0, 0.5])
@@ -43,7 +43,7 @@ def test_bursts_are_those_of_the_recorded_console(shared_data, phase):
     ms = (
         pd.read_parquet(shared_data("console_itp_packets.parquet"))["arrival_us"].to_numpy() * 1e-6
     )  # they are ns
-    shares = arrivals.shares(arrivals.lengths(ms[ms > 200.0] - phase))
+    shares = arrivals.length_shares(arrivals.packet_lengths(ms[ms > 200.0] - phase))
     stated = packets.SHARES[packets.BURSTS]
     np.testing.assert_allclose(shares[: len(stated)], stated, atol=5e-3)
     assert shares[len(stated) :].sum() < 5e-4

@@ -51,7 +51,11 @@ def test_the_choice_weighs_missed_hazards_against_false_cues() -> None:
     # thresholds 1, 3, 8 mm miss 0, 1/4 and 3/4 of 4 hazards, with 20, 1 and 0 false cues an hour
     missed = np.array([[0, 0, 0], [0, 0, 1], [0, 0, 1], [0, 1, 1]], bool)
     counts = haptic_cue.counts(
-        missed, units.units(np.arange(4)), np.array([[20, 1, 0]]), np.array([1.0]), np.array(["a"])
+        missed,
+        units.group_units(np.arange(4)),
+        np.array([[20, 1, 0]]),
+        np.array([1.0]),
+        np.array(["a"]),
     )
     found = haptic_cue.choose(counts, np.array([1.0, 10.0, 1000.0]))
     assert found.cost.tolist() == [[20.0, 1.25, 0.75], [20.0, 3.5, 7.5], [20.0, 251.0, 750.0]]

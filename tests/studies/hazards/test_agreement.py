@@ -22,7 +22,7 @@ def outcome(name: str, *rows: dict[str, Any], **rules: float) -> safecomp45.Haza
     table = result_rows.frame(
         *({"group": f"list/{name}", **row} for row in rows), {"group": "fault_free"}
     )
-    (found,) = safecomp45.hazard_outcomes(table, (library.find(name),), **rules)
+    (found,) = safecomp45.hazard_outcomes(table, (library.find_hazard(name),), **rules)
     return found
 
 

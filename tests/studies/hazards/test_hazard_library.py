@@ -11,7 +11,7 @@ from studies import findings as findings_files
 from studies.hazards import library as hazard_library
 from studies.study import Findings, Table
 
-RUNNABLE = [row for row in library.rows() if row.runnable]
+RUNNABLE = [row for row in library.all_hazards() if row.runnable]
 
 
 def titled(found: Findings, begins: str) -> Table:

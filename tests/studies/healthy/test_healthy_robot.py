@@ -18,7 +18,7 @@ def made_up(extra: int) -> ScaledFaults:
         hit = np.arange(40) % 4 == 0
         hit[np.flatnonzero(~hit)[:more]] = True
         events[scale] = pd.DataFrame(dict.fromkeys(healthy_robot.SHARES, hit))
-    return ScaledFaults(events, units.units(np.arange(40) % 8))
+    return ScaledFaults(events, units.group_units(np.arange(40) % 8))
 
 
 def test_a_change_is_that_of_the_same_faults() -> None:

@@ -28,7 +28,9 @@ from studies.study import Context
 
 def own(ready, path):
     """The robot's own value of the first number that a path names."""
-    return float(next(iter(paths.named(ready.program.params, ready.program.setup, path).values())))
+    return float(
+        next(iter(paths.named_numbers(ready.program.params, ready.program.setup, path).values()))
+    )
 
 
 @pytest.fixture(scope="module")

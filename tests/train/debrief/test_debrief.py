@@ -43,7 +43,7 @@ def folder(tmp_path_factory):
         bases=BASES,
         task={"targets": [TARGET | {"colour": "#d9a441"}]},
     )
-    debrief.write(made)
+    debrief.write_debrief(made)
     return made
 
 
@@ -54,7 +54,7 @@ def text(folder):
 
 @pytest.fixture(scope="module")
 def recording(folder):
-    return reader.read(folder)
+    return reader.read_recording(folder)
 
 
 def text_of(html):
@@ -89,25 +89,27 @@ def test_pauses_are_left_out(tmp_path):
     writer = log.SessionWriter(tmp_path / log.FILE, layout.names(), {})
     writer.add(0, rows)
     writer.close()
-    np.testing.assert_array_equal(reader.read(tmp_path).without_pauses().ms, np.arange(801))
+    np.testing.assert_array_equal(
+        reader.read_recording(tmp_path).without_pauses().ms, np.arange(801)
+    )
 
 
 def test_the_page_is_honest_about_what_is_missing(tmp_path):
     bare = synthetic.write(tmp_path / "bare", None, recorded=False, ended=None, summary={})
-    told = text_of(debrief.write(bare).read_text())
+    told = text_of(debrief.write_debrief(bare).read_text())
     assert "The hazards are not known" in told and "There is no recording" in told
 
     cut = synthetic.write(tmp_path / "cut", [MET, ALARMED], seconds=8.0, cue_threshold_mm=9.0)
     data = (cut / log.FILE).read_bytes()
     (cut / log.FILE).write_bytes(data[: len(data) // 2])
-    told = text_of(debrief.write(cut).read_text())
+    told = text_of(debrief.write_debrief(cut).read_text())
     assert "The recording was cut short" in told and "ravenjax log recover" in told
     assert "The recording ends before this hazard" in told
 
     (cut / log.FILE).write_bytes(b"nothing")
-    assert "cannot be read" in text_of(debrief.write(cut).read_text())
+    assert "cannot be read" in text_of(debrief.write_debrief(cut).read_text())
     with pytest.raises(StoreError, match="not the folder of a session"):
-        debrief.write(tmp_path)
+        debrief.write_debrief(tmp_path)
 
 
 def test_hazards_of_a_killed_session_come_from_its_events(tmp_path):
@@ -133,7 +135,7 @@ def test_hazards_of_a_killed_session_come_from_its_events(tmp_path):
     data = (tmp_path / log.FILE).read_bytes()
     # It never came to its end.
     (tmp_path / log.FILE).write_bytes(data[:-40])
-    first, second = hazard_table.from_recording(reader.read(tmp_path), header)
+    first, second = hazard_table.from_recording(reader.read_recording(tmp_path), header)
     assert first == MET
     assert (second.armed_ms, second.struck_ms, second.outcome) == (3900, 3950, "")
     assert second.score is None and second.response_ms is None
@@ -146,7 +148,7 @@ def test_hazards_of_a_killed_session_come_from_its_events(tmp_path):
 
 def test_a_blinded_session_tells_nothing_of_cue_and_group(tmp_path):
     made = synthetic.write(tmp_path, [MET], seconds=4.0, blinded=True, group="treated", bases=BASES)
-    html = debrief.write(made).read_text()
+    html = debrief.write_debrief(made).read_text()
     told = text_of(html).lower()
     assert "treated" not in html and "90 ms" not in told and "with the cue" not in told
     assert "force felt" not in told and "unintended motion" in told and '"model"' not in html
@@ -156,12 +158,12 @@ def test_text_from_a_session_cannot_become_markup(tmp_path):
     made = synthetic.write(
         tmp_path, [synthetic.hazard(0, title="<script>alert(1)</script>")], participant="<b>P</b>"
     )
-    html = debrief.write(made).read_text()
+    html = debrief.write_debrief(made).read_text()
     assert "<script>alert" not in html.lower() and "<b>P</b>" not in html and "&lt;b&gt;P" in html
 
 
 def test_the_replay_has_the_worlds_places_and_a_mark_for_every_hazard(recording, folder):
-    told = replay.data(recording.without_pauses(), description.read(folder), [MET])
+    told = replay.player_data(recording.without_pauses(), description.read_session(folder), [MET])
     assert told is not None
     ms = np.array(told["ms"])
     assert ms[0] == 0 and ms[-1] == 16_999 and len(ms) < 1500
@@ -177,7 +179,7 @@ def test_the_replay_has_the_worlds_places_and_a_mark_for_every_hazard(recording,
     marks = [(mark["ms"], mark["kind"]) for mark in told["marks"]]
     assert marks == [(2000.0, "strike"), (2430.0, "response")]
     assert told["task"]["targets"][0]["at"] == [0.0, 0.0, 0.19]
-    assert replay.data(recording.without_pauses(), {}, [MET]) is None
+    assert replay.player_data(recording.without_pauses(), {}, [MET]) is None
 
 
 @pytest.mark.slow

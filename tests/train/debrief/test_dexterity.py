@@ -51,9 +51,9 @@ def test_a_circle_and_a_line_have_their_lengths_and_economies():
     circle = np.hstack([np.cos(turn), np.sin(turn), 0 * turn]) * 0.02
     assert dexterity.path_length(circle) == pytest.approx(2 * np.pi * 0.02, rel=1e-6)
     half = circle[:10_001]
-    assert dexterity.economy([half]) == pytest.approx(2 / np.pi, rel=1e-6)
-    assert dexterity.economy([half[:1].repeat(3, axis=0)]) is None
-    assert dexterity.economy([np.linspace(half[0], half[-1], 50), half]) == pytest.approx(
+    assert dexterity.path_economy([half]) == pytest.approx(2 / np.pi, rel=1e-6)
+    assert dexterity.path_economy([half[:1].repeat(3, axis=0)]) is None
+    assert dexterity.path_economy([np.linspace(half[0], half[-1], 50), half]) == pytest.approx(
         4 / (2 + np.pi), rel=1e-6
     )
 
@@ -89,7 +89,7 @@ def test_a_session_of_known_motion_has_its_measures():
     gold = np.concatenate([there, rest, back])
     green = np.concatenate([there, rest, np.repeat(there[-1:], len(back), axis=0)])
     target = np.where(np.arange(len(gold)) < 2000, 0, 1)
-    told = dexterity.measure(session(gold, green, target=target))
+    told = dexterity.measure_dexterity(session(gold, green, target=target))
     gold, green = told["arms"].values()
     assert told["driven_s"] == pytest.approx(4.002) and gold["movements"] == 2
     assert gold["path_mm"] == pytest.approx(100, rel=0.01)
@@ -102,10 +102,10 @@ def test_a_session_of_known_motion_has_its_measures():
 def test_what_is_done_with_the_pedal_up_counts_for_nothing():
     way = np.linspace([0, 0, 0], [0.1, 0, 0], 4000)
     pedal = (np.arange(4000) < 1000).astype(float)
-    told = dexterity.measure(session(way, way, pedal))
+    told = dexterity.measure_dexterity(session(way, way, pedal))
     assert told["driven_s"] == pytest.approx(1.0)
     assert told["arms"]["gold"]["path_mm"] == pytest.approx(25, rel=0.02)
-    none = dexterity.measure(session(way, way, 0 * pedal))
+    none = dexterity.measure_dexterity(session(way, way, 0 * pedal))
     assert none["driven_s"] == 0 and none["idle"] is None and none["arms"]["gold"]["sparc"] is None
 
 
@@ -118,7 +118,7 @@ def attempt(base, name, day, **header):
         "dexterity": {"idle": 0.5, "arms": arms},
         "hazards": {"score": 5 * day, "median_reaction_ms": None},
     }
-    description.update(folder, {"summary": told})
+    description.update_session(folder, {"summary": told})
     return folder
 
 
@@ -130,18 +130,18 @@ def test_a_curve_holds_the_persons_sessions_of_the_scenario_so_far_in_order(tmp_
     attempt(tmp_path, "e", 4)
     told = dexterity.read_attempts(third)
     assert [one["name"] for one in told] == ["b", "a"]
-    drawn = figures.learning(told)
+    drawn = figures.learning_charts(told)
     # No reaction was timed.
     assert [chart.marks[0].y.tolist() for chart in drawn] == [[5, 15], [20.0, 60.0], [-4.0, -2.0]]
-    assert figures.learning(told[:1]) == []
+    assert figures.learning_charts(told[:1]) == []
     assert dexterity.read_attempts(attempt(tmp_path, "f", 1, participant="")) == []
 
 
 def test_the_debrief_keeps_and_shows_the_measures_of_a_recording(tmp_path):
     attempt(tmp_path, "first", 1, participant="P1")
     folder = synthetic.write(tmp_path / "second", [], seconds=4.0)
-    text = page.write(folder).read_text()
-    told = description.read(folder)["summary"]["dexterity"]
+    text = page.write_debrief(folder).read_text()
+    told = description.read_session(folder)["summary"]["dexterity"]
     assert told["driven_s"] == pytest.approx(3.6) and told["both"] > 0.9
     phase = np.arange(400, 4000) / 700
     way = np.stack(

@@ -219,7 +219,7 @@ class FakeSession:
 class _Robot:
     def __init__(self, arms):
         self.arms = tuple(arms)
-        self._model = arm_model.scene()
+        self._model = arm_model.operating_scene()
         self._data = mujoco.MjData(self._model)
         self._jpos = {arm: np.array([0.5236, 1.5708, 0.4, 0, 0, 0.7854, 0.7854]) for arm in arms}
         self._written = dict.fromkeys(arms, ())
@@ -243,7 +243,7 @@ class _Robot:
                 [int(self._model.joint(name).qposadr[0]) for name in arm_model.joint_names(arm)]
             ] = one
             mujoco.mj_kinematics(self._model, self._data)
-            base = self._model.body(arm_model.base(arm)).id
+            base = self._model.body(arm_model.base_body(arm)).id
             turn = self._data.xmat[base].reshape(3, 3)
             tips.append(turn.T @ (self._data.site(f"{arm}_tip").xpos - self._data.xpos[base]))
         for name in ("jpos", "jpos_d", "link_jpos", "virtual_jpos"):

@@ -54,7 +54,7 @@ def became(page, name, value):
 
 
 def events(session, kind):
-    return [one for one in reader.read(session.folder).events if one["kind"] == kind]
+    return [one for one in reader.read_recording(session.folder).events if one["kind"] == kind]
 
 
 def test_handing_over_is_an_act_that_is_seen_and_recorded(browser, session):

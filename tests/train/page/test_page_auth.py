@@ -7,7 +7,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request
 
 from ravenjax.errors import UserError
-from ravenjax.train.page import PageOptions, loopback
+from ravenjax.train.page import PageOptions, is_loopback
 from ravenjax.train.page.auth import Auth
 
 TOKEN = "s3cret-token"
@@ -69,7 +69,7 @@ def test_with_a_token_each_request_carries_it(path, headers, welcome):
     [("127.0.0.1", True), ("::1", True), ("localhost", True), ("0.0.0.0", False), ("x.x", False)],
 )
 def test_only_a_loopback_address_goes_without_a_token(host, is_own):
-    assert loopback(host) == is_own
+    assert is_loopback(host) == is_own
     given = ("frames", "events", "commands", ("gold",), {})
     if not is_own:
         with pytest.raises(UserError, match="token"):

@@ -168,7 +168,7 @@ def test_the_list_of_sessions_starts_the_next_through_the_instructors_panel(brow
         "participant": "P07",
         "started": "2026-01-02T03:04:05+00:00",
     }
-    description.write(Path(session.folder).parent / "earlier", header)
+    description.write_session(Path(session.folder).parent / "earlier", header)
     with Visit(browser, session, f"{AS_INSTRUCTOR}&scene=off") as panel:
         listed = panel.context.new_page()
         listed.set_default_timeout(waiting.DEADLINE_MS)

@@ -15,7 +15,7 @@ from ravenjax.train.protocol import jaws
 def test_closed_jaws_point_where_the_kinematics_has_them(arm):
     for jpos in np.random.default_rng(1).uniform(-2.0, 2.0, (50, 7)):
         np.testing.assert_allclose(
-            jaws.along(arm, jpos.tolist()), jaw_rotation(arm, jpos)[:, 0], atol=1e-12
+            jaws.jaw_direction(arm, jpos.tolist()), jaw_rotation(arm, jpos)[:, 0], atol=1e-12
         )
 
 
@@ -23,7 +23,7 @@ def test_closed_jaws_point_where_the_kinematics_has_them(arm):
 def test_each_jaw_ends_where_contact_has_its_tip(arm):
     for jpos in np.random.default_rng(2).uniform(-1.0, 1.0, (5, 7)):
         tips = instrument.jaw_tips(arm, Vec(jpos.tolist()))
-        axis = kinematics.forward(arm, Vec(jpos.tolist())).position
+        axis = kinematics.forward_pose(arm, Vec(jpos.tolist())).position
         closing = jaws.closing_point(arm, [float(x) for x in axis], jpos.tolist())
         found = jaws.jaw_tips(arm, closing, jpos.tolist())
         expected = [[float(x) for x in tip.at] for tip in tips]

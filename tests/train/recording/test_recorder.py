@@ -52,7 +52,7 @@ class Session:
             self.frames.name, self.events.name, tuple(LAYOUT.names()), folder, HEADER
         )
         context = multiprocessing.get_context("spawn")
-        self.process = context.Process(target=recorder.run, args=(options,), daemon=True)
+        self.process = context.Process(target=recorder.record_session, args=(options,), daemon=True)
 
     def write(self, count):
         for _ in range(count):
@@ -84,7 +84,7 @@ def session(tmp_path):
 
 def test_a_session_is_recorded_to_the_last_row(session):
     session.start()
-    told = description.read(session.folder)
+    told = description.read_session(session.folder)
     assert told["ended"] is None and told["seed"] == 7
     for i in range(10):
         session.write(50)
@@ -93,7 +93,7 @@ def test_a_session_is_recorded_to_the_last_row(session):
     put_json(session.events, {"tick": 500, "kind": "end", "reason": "time"})
     session.process.join(waiting.DEADLINE_S)
     assert session.process.exitcode == 0
-    found = reader.read(session.folder)
+    found = reader.read_recording(session.folder)
     assert found.complete and found.lost_bytes == 0 and found.header["name"] == "synthetic"
     np.testing.assert_array_equal(found.numbers, np.arange(500))
     np.testing.assert_array_equal(found.rows, np.stack([row_of(i) for i in range(500)]))
@@ -101,7 +101,7 @@ def test_a_session_is_recorded_to_the_last_row(session):
         found["gold/tip"][:, 1], found.rows[:, LAYOUT.places["gold/tip"].start + 1]
     )
     assert [one.get("target") for one in found.events] == [*range(10), None]
-    told = description.read(session.folder)
+    told = description.read_session(session.folder)
     assert told["ended"] > told["started"]
     assert told["summary"]["recording"] == {
         "rows": 500,
@@ -120,20 +120,20 @@ def test_rows_that_came_too_fast_are_told_and_leave_a_gap(tmp_path):
         session.write(10)
         session.process.terminate()
         session.process.join(waiting.DEADLINE_S)
-        found = reader.read(session.folder)
+        found = reader.read_recording(session.folder)
         first = int(found.numbers[0])
         assert first >= 1000 - 64 and found.numbers[-1] == 1009
         np.testing.assert_array_equal(found.rows[0], row_of(first))
         lost = sum(one["rows"] for one in found.events if one["kind"] == "lost_rows")
         assert lost + len(found.rows) == 1010
-        assert description.read(session.folder)["summary"]["recording"]["lost_rows"] == lost
+        assert description.read_session(session.folder)["summary"]["recording"]["lost_rows"] == lost
     finally:
         session.close()
 
 
 def holds_a_message(log):
     try:
-        return next(mcap_records.scan(log).messages(), None) is not None
+        return next(mcap_records.scan_records(log).messages(), None) is not None
     except StoreError:
         return False  # its first bytes are on their way
 
@@ -190,9 +190,9 @@ def test_a_kill_at_any_moment_loses_at_most_50_ms(tmp_path, seed):
             metronome.join()
             session.process.join(waiting.DEADLINE_S)
             assert session.process.exitcode == -signal.SIGKILL
-            told = mcap_records.recover(log)
-            found = reader.read(session.folder)
-            assert found.complete and not session_log.read(log).complete
+            told = mcap_records.recover_records(log)
+            found = reader.read_recording(session.folder)
+            assert found.complete and not session_log.read_session_log(log).complete
             np.testing.assert_array_equal(found.numbers, np.arange(len(found.rows)))
             np.testing.assert_array_equal(
                 found.rows, np.stack([row_of(i) for i in range(len(found.rows))])
@@ -210,7 +210,7 @@ def test_a_kill_at_any_moment_loses_at_most_50_ms(tmp_path, seed):
                 "/arm1/measured_js"
             ] == -(-len(found.rows) // 10)
             assert json.loads(metadata["ravenjax"]["header"])["seed"] == 7
-            assert description.read(session.folder)["ended"] is None
+            assert description.read_session(session.folder)["ended"] is None
         finally:
             session.close()
         if (

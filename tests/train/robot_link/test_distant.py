@@ -57,7 +57,7 @@ def driven():
             ],
         }
     )
-    made = blueprint.make(config)
+    made = blueprint.make_blueprint(config)
     far = DistantRobot(made, Wire(PacketRobot(config)))
     rows = []
     for robot in (SimulatedRobot(made), far):
@@ -122,7 +122,7 @@ def test_a_robot_that_nothing_is_heard_of_is_a_lost_link_and_not_a_stop():
     wires = []
 
     def robot(made):
-        wires.append(Wire(PacketRobot(scenario.campaign(chosen, 0))))
+        wires.append(Wire(PacketRobot(scenario.session_campaign(chosen, 0))))
         return DistantRobot(made, wires[0])
 
     session, events = Session(chosen, 0, robot=robot), []
@@ -152,7 +152,7 @@ def test_a_robot_that_nothing_is_heard_of_is_a_lost_link_and_not_a_stop():
 
 def test_the_model_begins_where_the_robot_stands():
     chosen = scenario.from_dict({"name": "far", "duration_s": 30, "task": {"kind": "free"}})
-    robot, number = PacketRobot(scenario.campaign(chosen, 0)), 0
+    robot, number = PacketRobot(scenario.session_campaign(chosen, 0)), 0
     for pedal, ticks, um in ((0, 20, 0), (1, 300, 0), (1, 300, 60), (0, 300, 0)):
         for _ in range(ticks):
             number += 1

@@ -201,14 +201,14 @@ def test_under_a_wrong_profile_a_message_names_the_right_one_once(shared_data):
 
 def test_a_choice_is_said_and_outlives_its_console():
     told = []
-    gate = Gate(BOTH, profiles=consoles.choice("auto"), say=told.append)
+    gate = Gate(BOTH, profiles=consoles.profile_choices("auto"), say=told.append)
     turn = (0.0, math.sin(0.02), 0.0, math.cos(0.02))
     assert sent(gate, 1) == TAKEN
     assert sent(gate, 2, quats=(turn, IDENTITY)) == "undecided"
     assert told == [] and gate.profile is None
     sent(gate, 3, 4, 5, quats=(turn, IDENTITY))
     assert sent(gate, 6, quats=(turn, IDENTITY)) == TAKEN
-    assert gate.profile == consoles.load("raven")
+    assert gate.profile == consoles.load_profile("raven")
     (line,) = told
     assert line.startswith("console: profile raven, ") and "It is not dv_trainer: 4 of" in line
     assert gate.peer(9999.0) is None

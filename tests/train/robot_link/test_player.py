@@ -39,7 +39,7 @@ def test_ahead_goes_what_moves_nothing_with_the_pedal_up(first):
     gate = Gate(BOTH)
     asked = [
         gate.admit(one, ("h", 1), float(n))
-        for n, one in enumerate([*player.lead(packets[0]), *packets])
+        for n, one in enumerate([*player.lead_packets(packets[0]), *packets])
     ]
     assert gate.counts[TAKEN] == len(asked) - 1, "only the first of all is lost, as of any stream"
     ahead, own = asked[1:-3], asked[-3:]
@@ -51,8 +51,8 @@ def test_ahead_goes_what_moves_nothing_with_the_pedal_up(first):
 def test_what_was_recorded_arrives_in_its_order_and_takes_its_time(ear, monkeypatch):
     monkeypatch.setattr(player, "KNOCK_S", 0.01)
     packets = recorded()
-    told = player.play(packets, np.arange(40) * 5e-3, ear.getsockname(), lambda _: None)
-    heard = [ear.recv(2048) for _ in range(1 + len(player.lead(packets[0])) + 40)]
+    told = player.play_packets(packets, np.arange(40) * 5e-3, ear.getsockname(), lambda _: None)
+    heard = [ear.recv(2048) for _ in range(1 + len(player.lead_packets(packets[0])) + 40)]
     assert heard[-40:] == packets
     assert told[:2] == (40, 40) and told.seconds >= 39 * 5e-3
     assert "check that a robot listens there" in str(told)
@@ -73,7 +73,7 @@ def test_a_second_play_waits_until_the_first_is_let_go(monkeypatch):
     thread = threading.Thread(target=robot)
     thread.start()
     for _ in range(2):
-        player.play(recorded(20468), np.arange(40) * 2e-3, server.address, lambda _: None)
+        player.play_packets(recorded(20468), np.arange(40) * 2e-3, server.address, lambda _: None)
     stop.set()
     thread.join()
     downs = [i for i, pedal in enumerate(counted) if pedal]
@@ -106,7 +106,7 @@ def test_the_recorded_console_is_taken_whole(shared_data):
     half = len(packets) // 2
     for begin, end in ((0, half), (half, len(packets)), (5000, 6000), (15900, 16600)):
         for arms in (BOTH, ("gold",), ("green",)):
-            gate = Gate(arms, profiles=loading.choice("dv_trainer"))
+            gate = Gate(arms, profiles=loading.profile_choices("dv_trainer"))
             for packet, at in zip(packets[begin:end], ms[begin:end], strict=True):
                 gate.admit(packet, ("h", 1), at)
             assert gate.counts[TAKEN] >= 0.998 * (end - begin)

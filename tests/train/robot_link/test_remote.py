@@ -197,7 +197,7 @@ def test_a_session_with_its_robot_elsewhere(process):
         robot=lambda made: DistantRobot(made, RemoteRobot("127.0.0.1", *ports, arms=GOLD)),
     )
     link = session.robot.remote
-    assert link.greeting["hazards"] == robot_process.digest(session.hazards), (
+    assert link.greeting["hazards"] == robot_process.hash_hazards(session.hazards), (
         "numbers mean the same on both sides"
     )
     frame, events, peak = session.frame, [], {"error": 0.0, "force": 0.0}

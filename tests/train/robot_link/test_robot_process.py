@@ -168,8 +168,8 @@ def test_hazards_by_schedule(rig):
     rig.machine.arm = lambda row: seen.append((rig.station.ticks, "arm", row))
     rig.machine.disarm = lambda: seen.append((rig.station.ticks, "disarm"))
     strikes = [Strike(1, 5), Strike(0, 2), Strike(2, 20)]
-    orders = process.due(strikes, {0: 30, 1: 10, 2: 100})
-    timing = process.serve(rig.station, orders, seconds=0.04)
+    orders = process.hazard_orders(strikes, {0: 30, 1: 10, 2: 100})
+    timing = process.serve_robot(rig.station, orders, seconds=0.04)
     assert seen == [
         (2, "arm", 0),
         (5, "arm", 1),

@@ -52,20 +52,20 @@ def written(tmp_path, old="", new=""):
 
 def refused(path, *overrides):
     with pytest.raises(UserError) as told:
-        scenario.load(path, overrides)
+        scenario.load_scenario(path, overrides)
     return str(told.value)
 
 
 def table_of(chosen, seed=0):
-    return design.rows(scenario.campaign(chosen, seed))
+    return design.table_columns(scenario.session_campaign(chosen, seed))
 
 
 def test_a_file_becomes_a_campaign_of_one_row_a_hazard_and_the_button_last(tmp_path):
-    chosen = scenario.load(
+    chosen = scenario.load_scenario(
         written(tmp_path), ["task.targets=6", "cue.on=false", "hazard.own.within_s=3"]
     )
     assert chosen.task.kind == "reach" and chosen.task.targets == 6 and not chosen.cue.on
-    config = scenario.campaign(chosen, 4)
+    config = scenario.session_campaign(chosen, 4)
     assert (
         config.campaign.seed == 4
         and config.campaign.duration_s == 40
@@ -83,11 +83,11 @@ def test_a_file_becomes_a_campaign_of_one_row_a_hazard_and_the_button_last(tmp_p
 
 
 def test_the_list_of_hazards_says_what_each_asks(tmp_path):
-    chosen = scenario.load(written(tmp_path), ["hazard.own.within_s=3"])
+    chosen = scenario.load_scenario(written(tmp_path), ["hazard.own.within_s=3"])
     table = table_of(chosen)
-    first, second, own = scenario.armable(chosen, table)
+    first, second, own = scenario.armable_hazards(chosen, table)
     assert (first.number, first.hazard, first.arm) == (0, "B27", "green")
-    assert second.number == 1 and second.title == library.find("B27").title
+    assert second.number == 1 and second.title == library.find_hazard("B27").title
     assert first.when_ms == (5000.0, 20000.0) and first.right_response == ("release",)
     # Bursts again and again have no end.
     assert first.lasts_ms == 5000
@@ -99,19 +99,19 @@ def test_the_list_of_hazards_says_what_each_asks(tmp_path):
     assert first.header() == {
         "number": 0,
         "hazard": "B27",
-        "title": library.find("B27").title,
+        "title": library.find_hazard("B27").title,
         "group": "burst/B27#1",
         "run_id": first.run_id,
         "within_s": 2.0,
         "right_response": ("release",),
-        "layer": library.layers()[library.find("B27").layer],
+        "layer": library.library_layers()[library.find_hazard("B27").layer],
     }
 
 
 @pytest.mark.slow
 def test_all_is_one_row_of_each_case_and_another_seed_takes_others():
     chosen, armable = made(duration_s=5, hazard=[{"name": "library", "hazards": "all"}])
-    runnable = [row for row in library.rows() if row.runnable]
+    runnable = [row for row in library.all_hazards() if row.runnable]
     assert {one.hazard for one in armable} == {row.id for row in runnable}
     assert len(armable) == sum(len(row.case) for row in runnable)
     first, again, other = (table_of(chosen, seed) for seed in (0, 0, 1))
@@ -142,7 +142,10 @@ def test_the_right_response_follows_from_what_the_hazard_does():
         "B27": ("release", "slow", "stop"),  # sudden jump
         "K12": ("continue",),  # nothing
     }
-    assert all(hazards.responses(scenario.Entry(hazards=("B27",)), row) for row in library.rows())
+    assert all(
+        hazards.right_responses(scenario.Entry(hazards=("B27",)), row)
+        for row in library.all_hazards()
+    )
 
 
 WRONG = [
@@ -174,15 +177,15 @@ def test_what_is_wrong_is_told_with_its_place(tmp_path, old, new, told):
         assert words in message, message
 
 
-BUNDLED = scenario.bundled()
+BUNDLED = scenario.bundled_scenarios()
 
 
 @pytest.mark.parametrize("path", BUNDLED, ids=lambda path: path.stem)
 def test_bundled_scenarios_load_by_name_and_make_campaigns(path):
-    chosen = scenario.load(path.stem)
+    chosen = scenario.load_scenario(path.stem)
     assert chosen.name == path.stem and chosen.title and chosen.description
     table = table_of(chosen, chosen.seed)
-    armable = scenario.armable(chosen, table)
+    armable = scenario.armable_hazards(chosen, table)
     assert len(armable) == len(table) - 1 and table["group"].iloc[-1] == "buttons/estop"
     assert all(one.lasts_ms >= one.within_s * 1000 for one in armable)  # the response is seen
     assert (

@@ -49,7 +49,7 @@ def packets(rows, scale):
     table = tuple(jnp.asarray(column, jnp.float32) for column in np.asarray(rows).T)
     params, ticks = operator.params(SETUP, HOME, scale), jnp.arange(1, len(rows), dtype=jnp.int32)
     packet = jax.vmap(
-        lambda tick: operator.packet(SETUP, params, table, operator.row_by_row(tick))
+        lambda tick: operator.make_packet(SETUP, params, table, operator.row_by_row(tick))
     )(ticks)
     return (
         np.moveaxis(np.array(packet.delta), 2, 0),
@@ -66,8 +66,8 @@ def tip_way(arm, rows, scale=0.1):
     """Way of the tip in the world, mm, as robot.mapping and robot.scene have it."""
     hand = (rows[-1] - rows[0])[ARMS.index(arm) * 8 :][:3] * scale
     way = mapping.position_from_itp(arm, Vec(map(float, hand)))
-    origin = scene.world(arm, Vec((0.0, 0.0, 0.0)))
-    return np.array([a - b for a, b in zip(scene.world(arm, way), origin, strict=True)]) * 1e-3
+    origin = scene.to_world(arm, Vec((0.0, 0.0, 0.0)))
+    return np.array([a - b for a, b in zip(scene.to_world(arm, way), origin, strict=True)]) * 1e-3
 
 
 @pytest.mark.slow
@@ -128,7 +128,7 @@ def test_turning_about_the_views_up_turns_the_tip_about_the_worlds_z(arm):
     assert start[at + 3 : at + 7].tolist() == [0, 0, 0, 1]
     x, y, z, w = (float(c) for c in end[at + 3 : at + 7])
     axis = mapping.position_from_itp(arm, Vec((x, y, z)))
-    turned = np.array(scene.frame0(arm)[1]) @ np.array([float(c) for c in axis])
+    turned = np.array(scene.frame0_in_world(arm)[1]) @ np.array([float(c) for c in axis])
     angle = 2 * np.arctan2(np.linalg.norm(turned), w)
     np.testing.assert_allclose(turned / np.linalg.norm(turned), [0, 0, 1], atol=1e-6)
     assert angle == pytest.approx(

@@ -56,7 +56,7 @@ def options(folder, **more):
 
 @pytest.fixture(scope="module")
 def headless(tmp_path_factory):
-    return launch.headless(options(tmp_path_factory.mktemp("sessions") / "one"))
+    return launch.run_headless(options(tmp_path_factory.mktemp("sessions") / "one"))
 
 
 @pytest.mark.slow
@@ -69,7 +69,7 @@ def test_a_session_leaves_a_folder_that_says_everything(headless):
     with open(headless.folder / "hazards.csv", newline="") as file:
         (row,) = csv.DictReader(file)
     assert row["session"] == "one" and row["group"] == "A" and row["response"] == "release"
-    read = reader.read(headless.folder)
+    read = reader.read_recording(headless.folder)
     (started,) = [event for event in read.events if event["kind"] == "started"]
     assert (
         started["by"] == "pedal" and 200 < started["tick"] < 220
@@ -87,8 +87,10 @@ def test_a_session_leaves_a_folder_that_says_everything(headless):
 @pytest.mark.slow
 def test_the_same_commands_again_have_the_same_bits(headless, tmp_path):
     script = str(headless.folder / "commands.jsonl")
-    again = launch.headless(dataclasses.replace(options(tmp_path / "one"), script=script))
-    np.testing.assert_array_equal(reader.read(again.folder).rows, reader.read(headless.folder).rows)
+    again = launch.run_headless(dataclasses.replace(options(tmp_path / "one"), script=script))
+    np.testing.assert_array_equal(
+        reader.read_recording(again.folder).rows, reader.read_recording(headless.folder).rows
+    )
     assert (again.folder / "hazards.csv").read_bytes() == (
         headless.folder / "hazards.csv"
     ).read_bytes()
@@ -96,9 +98,9 @@ def test_the_same_commands_again_have_the_same_bits(headless, tmp_path):
 
 @pytest.mark.slow
 def test_against_the_clock_it_is_the_same_session_but_for_the_timing(headless, tmp_path):
-    found = launch.realtime(options(tmp_path / "one"), with_page=False, say=lambda _: None)
+    found = launch.run_realtime(options(tmp_path / "one"), with_page=False, say=lambda _: None)
     assert found.hazards == headless.hazards and found.ended == "time"
-    real, plain = reader.read(found.folder), reader.read(headless.folder)
+    real, plain = reader.read_recording(found.folder), reader.read_recording(headless.folder)
     assert real.complete and len(real.rows) >= len(plain.rows)
     timing = [
         plain.layout.places[name].start for name in ("compute_us", "lateness_us", "late_ticks")
@@ -112,12 +114,12 @@ def test_against_the_clock_it_is_the_same_session_but_for_the_timing(headless, t
 
 def test_somebody_must_drive_a_headless_session(tmp_path):
     with pytest.raises(UserError, match="commands or one of none, release"):
-        launch.headless(SessionOptions(scenario=CHOSEN, folder=tmp_path / "x", seed=0))
+        launch.run_headless(SessionOptions(scenario=CHOSEN, folder=tmp_path / "x", seed=0))
     assert not (tmp_path / "x").exists()
 
 
 @pytest.mark.parametrize(
-    "how", [launch.headless, lambda one: launch.realtime(one, with_page=False)]
+    "how", [launch.run_headless, lambda one: launch.run_realtime(one, with_page=False)]
 )
 def test_a_script_that_is_none_leaves_no_session(tmp_path, how):
     script = tmp_path / "commands.jsonl"
@@ -136,7 +138,7 @@ def test_a_script_that_is_none_leaves_no_session(tmp_path, how):
 )
 def test_an_address_where_no_page_can_be_is_refused_at_once(tmp_path, wrong, told):
     with pytest.raises(UserError, match=told):
-        launch.realtime(options(tmp_path / "x", **wrong))
+        launch.run_realtime(options(tmp_path / "x", **wrong))
     assert not (tmp_path / "x").exists()
 
 

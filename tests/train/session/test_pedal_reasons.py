@@ -16,7 +16,9 @@ CHOSEN = scenario.from_dict({"name": "pedal", "arms": ["gold"], "duration_s": 60
 
 @pytest.fixture(scope="module")
 def ready():
-    return blueprint.make(scenario.campaign(CHOSEN, 0), limit_mm=CHOSEN.harm.excursion_mm)
+    return blueprint.make_blueprint(
+        scenario.session_campaign(CHOSEN, 0), limit_mm=CHOSEN.harm.excursion_mm
+    )
 
 
 class Told:
@@ -81,7 +83,7 @@ def test_packets_that_are_refused_are_told_and_that_they_are_taken_again(told):
             gate.counts[cause] += count
         return [one for _ in range(STALE_MS) for one in refusals.poll()]
 
-    why = pedal.packets("behind")
+    why = pedal.packets_message("behind")
     assert commands(behind=50) == [{"type": "unheard", "why": why}] and commands(behind=50) == []
     said = {"type": "unheard", "console": "itp", "why": why}
     assert told.run(None, 100, said) == [f"itp: {why}"]

@@ -14,7 +14,7 @@ from ravenjax.train.session.scripts import INPUT_EVERY_MS, Follower
 
 def follower(reaction="release"):
     chosen, _ = made(task={"kind": "reach"})
-    task = tasks.make(chosen, TIPS, 0)
+    task = tasks.make_task(chosen, TIPS, 0)
     return Follower(task, ("gold",), chosen.speeds, reaction), task
 
 

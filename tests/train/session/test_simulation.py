@@ -12,7 +12,7 @@ from ravenjax.campaign import loading
 from ravenjax.campaign.inspection import replay
 from ravenjax.errors import UserError
 from ravenjax.outcomes.verdict import LIMIT_MM
-from ravenjax.robots.raven2.console.operator import lookup, packet
+from ravenjax.robots.raven2.console.operator import look_up_row, make_packet
 from ravenjax.train.judge.watch import Judge
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.session import blueprint
@@ -47,7 +47,7 @@ def config(**fault):
 
 @pytest.fixture(scope="module")
 def made():
-    return blueprint.make(config())
+    return blueprint.make_blueprint(config())
 
 
 def robot_of(made):
@@ -90,7 +90,7 @@ def test_an_armed_row_does_what_it_does_in_its_campaign(made):
     before = run(robot, START)
     robot.arm(0)
     rows = np.concatenate([before, run(robot, TICKS - START)])
-    again = replay.replay(config(), 0, engine="simd")
+    again = replay.replay_run(config(), 0, engine="simd")
     places = made.layout.places
     live = rows[:, places["live"]].ravel() != 0
     np.testing.assert_array_equal(
@@ -136,7 +136,7 @@ def test_an_armed_row_does_what_it_does_in_its_campaign(made):
 @pytest.mark.slow
 @pytest.mark.parametrize("row", range(4), ids=["burst", *FAULTS])
 def test_a_session_says_of_a_hazard_what_the_table_of_its_campaign_says(made, row):
-    again = replay.replay(config(), row, engine="simd").row
+    again = replay.replay_run(config(), row, engine="simd").row
     robot, frame = robot_of(made), Frame(made.layout)
     harm = {"excursion_mm": LIMIT_MM}  # as the campaign has it
     judge = Judge(
@@ -180,7 +180,9 @@ def packets(made, count):
     motion = tuple(map(jnp.asarray, made.plan.columns))
 
     def one(k):
-        return packet(setup, params.operator, lookup(motion, k), lookup(motion, k - 1), k + 1)
+        return make_packet(
+            setup, params.operator, look_up_row(motion, k), look_up_row(motion, k - 1), k + 1
+        )
 
     many = jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(jnp.arange(count, dtype=jnp.int32)))
     return [jax.tree.map(lambda leaf: leaf[k], many) for k in range(count)]  # noqa: B023

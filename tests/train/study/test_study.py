@@ -54,7 +54,7 @@ def missed(number, off=12.0):
 def made(base, both=False, blinded=False, people=PEOPLE):
     """Sessions of three hazards: with the cue 300 ms faster, 3 mm nearer, and none missed."""
     random = np.random.default_rng(4)
-    for one in design.assign(people, ["cue", "control"], seed=3):
+    for one in design.assign_groups(people, ["cue", "control"], seed=3):
         skill = random.normal(0, 40)
         for group in ("cue", "control") if both else (one.group,):
             hazards = []
@@ -79,24 +79,24 @@ def test_sessions_of_other_studies_are_refused(tmp_path):
         UserError,
         match=r"not of one study: they have 2 different scenarios, which differ in name",
     ):
-        study_sessions.collect([tmp_path])
-    assert "different scenarios" in study_sessions.collect([tmp_path], mixed=True).notes[0]
+        study_sessions.collect_sessions([tmp_path])
+    assert "different scenarios" in study_sessions.collect_sessions([tmp_path], mixed=True).notes[0]
 
 
 def test_what_cannot_be_compared_says_why(tmp_path):
     with pytest.raises(UserError, match="contains no session"):
-        study_sessions.collect([tmp_path])
+        study_sessions.collect_sessions([tmp_path])
     one = session(tmp_path, "P1", "cue", [met(0, 500.0)])
     with pytest.raises(
         UserError, match="all 1 sessions have cue 'on', so there is nothing to compare"
     ):
-        study_sessions.collect([tmp_path])
+        study_sessions.collect_sessions([tmp_path])
     shutil.copytree(one, tmp_path / "copy")
     with pytest.raises(UserError, match="is a copy of"):
-        study_sessions.collect([tmp_path])
-    description.update(one, {"sha256": {"hazards.csv": "0" * 64}})
+        study_sessions.collect_sessions([tmp_path])
+    description.update_session(one, {"sha256": {"hazards.csv": "0" * 64}})
     with pytest.raises(StoreError, match=r"hazards\.csv: has changed since the session ended"):
-        study_sessions.collect([one])
+        study_sessions.collect_sessions([one])
 
 
 def test_a_name_is_no_formula_of_a_spreadsheet():
@@ -109,7 +109,7 @@ def test_hazards_that_were_cut_off_count_for_nobody(tmp_path):
     session(tmp_path, "P8", "cue", [synthetic.hazard(0, struck=None)])
     cut_off = dataclasses.replace(met(1, 900.0), outcome="interrupted")
     session(tmp_path, "P7", "cue", [met(0, 500.0), cut_off])
-    found = study_sessions.collect([tmp_path])
+    found = study_sessions.collect_sessions([tmp_path])
     assert [hazard.number for one, _, hazard in found.rows() if one.participant == "P7"] == [0]
     cut, left_out = found.notes
     assert "1 of 14 hazards are left out" in cut and "P8-cue" in left_out
@@ -128,13 +128,13 @@ def test_what_does_not_vary_is_no_part_of_the_family(tmp_path):
                 for k in range(2)
             ]
             session(tmp_path, one, group, hazards)
-    found = comparison.compare(study_sessions.collect([tmp_path]))
+    found = comparison.compare_groups(study_sessions.collect_sessions([tmp_path]))
     right, time, unintended, depth = found
     assert math.isnan(right.p) and math.isnan(depth.p) and not right.clear
     assert time.p == unintended.p == pytest.approx(2 / 2**7)
     # With the other two in the family it would be 8 / 2**7, 0.0625.
     assert time.adjusted == pytest.approx(4 / 2**7) and time.clear
-    text = page.run([tmp_path], tmp_path / "out").text
+    text = page.write_study([tmp_path], tmp_path / "out").text
     assert "the outcome did not vary" in text
     assert "2 of 2 comparisons are clear" in text
 
@@ -145,7 +145,7 @@ def test_what_does_not_vary_is_no_part_of_the_family(tmp_path):
 @pytest.fixture(scope="module")
 def result(tmp_path_factory):
     base = tmp_path_factory.mktemp("study")
-    return page.run([made(base / "in")], base / "out")
+    return page.write_study([made(base / "in")], base / "out")
 
 
 @pytest.mark.slow
@@ -166,7 +166,7 @@ def test_groups_of_different_participants_are_compared(result):
 def test_participants_of_both_conditions_are_compared_with_themselves(tmp_path):
     made(tmp_path, both=True)
     session(tmp_path, "P99", "cue", [met(0, 100.0)])  # did one condition only
-    found = comparison.compare(study_sessions.collect([tmp_path]))
+    found = comparison.compare_groups(study_sessions.collect_sessions([tmp_path]))
     right, time = found[:2]
     assert (
         right.paired
@@ -182,7 +182,7 @@ def test_one_hazard_a_participant_is_the_usual_risk_difference(tmp_path):
     for i in range(8):
         session(tmp_path, f"A{i}", "cue", [met(0, 500.0) if i else missed(0)])
         session(tmp_path, f"B{i}", "control", [met(0, 500.0) if i < 3 else missed(0)])
-    right, time = comparison.compare(study_sessions.collect([tmp_path]))[:2]
+    right, time = comparison.compare_groups(study_sessions.collect_sessions([tmp_path]))[:2]
     expected = intervals.rate_difference(7, 8, 3, 8)
     assert right.difference == pytest.approx([100 * bound for bound in expected])
     assert math.isinf(time.first.median)
@@ -195,7 +195,7 @@ def test_to_carry_on_has_no_time(tmp_path):
     for i in range(3):
         session(tmp_path, f"A{i}", "cue", [met(0, 400.0 + i), carried])
         session(tmp_path, f"B{i}", "control", [met(0, 800.0 + i), carried])
-    right, time = comparison.compare(study_sessions.collect([tmp_path]))[:2]
+    right, time = comparison.compare_groups(study_sessions.collect_sessions([tmp_path]))[:2]
     assert len(right.first.values) == 6 and len(time.first.values) == 3 and right.second.mean == 100
 
 
@@ -205,7 +205,7 @@ def test_to_carry_on_has_no_time(tmp_path):
 @pytest.mark.slow
 def test_a_blinded_study_shows_letters_until_it_is_unblinded(tmp_path):
     base = made(tmp_path / "in", blinded=True)
-    blind = page.run([base], tmp_path / "blind")
+    blind = page.write_study([base], tmp_path / "blind")
     assert {one.first.label for one in blind.comparisons} == {"A"}
     shown = csv.DictReader(io.StringIO(blind.table.read_text(encoding="utf-8")))
     rows = list(shown)
@@ -214,9 +214,9 @@ def test_a_blinded_study_shows_letters_until_it_is_unblinded(tmp_path):
     } == {"A", "B"}
     html = blind.page.read_text(encoding="utf-8").split("<body>")[1]
     assert "control" not in html and "P00-cue" not in html and "control" not in blind.text
-    again = page.run([base], tmp_path / "again")
+    again = page.write_study([base], tmp_path / "again")
     assert again.text == blind.text
-    open_ = page.run([base], tmp_path / "open", unblind=True)
+    open_ = page.write_study([base], tmp_path / "open", unblind=True)
     assert {one.first.label for one in open_.comparisons} == {"control"}
     sizes = [[abs(one.difference.value) for one in run.comparisons] for run in (blind, open_)]
     assert sizes[0] == pytest.approx(sizes[1])

@@ -15,13 +15,13 @@ PEOPLE = [f"P{i:02d}" for i in range(12)]
 
 
 def test_assignment_is_balanced_in_every_block_and_the_same_again():
-    got = design.assign(PEOPLE, ["a", "b", "c"], seed=11)
-    assert got == design.assign(PEOPLE, ["a", "b", "c"], seed=11)
-    assert got != design.assign(PEOPLE, ["a", "b", "c"], seed=12)
+    got = design.assign_groups(PEOPLE, ["a", "b", "c"], seed=11)
+    assert got == design.assign_groups(PEOPLE, ["a", "b", "c"], seed=11)
+    assert got != design.assign_groups(PEOPLE, ["a", "b", "c"], seed=12)
     for block in (0, 1):
         names = [one.group for one in got if one.block == block]
         assert sorted(names) == ["a", "a", "b", "b", "c", "c"]
-    longer = design.assign([*PEOPLE, "late"], ["a", "b", "c"], seed=11)
+    longer = design.assign_groups([*PEOPLE, "late"], ["a", "b", "c"], seed=11)
     assert longer[:12] == got and longer[12].block == 2
     assert [one.participant for one in got] == PEOPLE
 
@@ -43,9 +43,9 @@ def test_the_floor_of_two_groups_is_what_the_test_reaches(n):
 
 
 def test_six_pairs_can_never_be_clear_over_four_outcomes():
-    found = design.plan(6)
+    found = design.plan_study(6)
     assert (found.smallest_p, found.adjusted, found.possible) == (0.03125, 0.125, False)
-    holm = multiplicity.holm({str(i): found.smallest_p for i in range(4)})
+    holm = multiplicity.holm_test({str(i): found.smallest_p for i in range(4)})
     assert [one.adjusted for one in holm.values()] == [pytest.approx(found.adjusted)] * 4
     text = design.describe_plan(found)
     assert (
@@ -55,7 +55,7 @@ def test_six_pairs_can_never_be_clear_over_four_outcomes():
 
 
 def test_an_effect_needs_more_and_a_smaller_one_more_still():
-    large, small = (design.plan(6, effect=effect).for_effect for effect in (1.0, 0.5))
-    assert design.plan(6).needed == 8 < large < small
+    large, small = (design.plan_study(6, effect=effect).for_effect for effect in (1.0, 0.5))
+    assert design.plan_study(6).needed == 8 < large < small
     # 33.4 pairs for d 0.5, power 0.8 and one test (Cohen 1988), so 34
-    assert design.plan(6, outcomes=1, effect=0.5).for_effect == 34
+    assert design.plan_study(6, outcomes=1, effect=0.5).for_effect == 34

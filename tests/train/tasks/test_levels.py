@@ -17,7 +17,7 @@ LEVELS = [
 
 def levels(in_a_row=2):
     chosen, _ = made(arms=["gold"], task={"kind": "levels", "in_a_row": in_a_row, "level": LEVELS})
-    return tasks.make(chosen, {"gold": TIPS["gold"]}, 0), running(("gold",))
+    return tasks.make_task(chosen, {"gold": TIPS["gold"]}, 0), running(("gold",))
 
 
 class Trainee:

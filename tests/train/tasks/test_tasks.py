@@ -7,7 +7,7 @@ import pytest
 from made_frames import TIPS, kinds, made, put, running
 
 from ravenjax.train import tasks
-from ravenjax.train.protocol.world import surface
+from ravenjax.train.protocol.world import tissue_height
 
 BOTH = ("gold", "green")
 OPEN, CLOSED = (0.785, 0.785), (0.3, 0.3)
@@ -15,7 +15,7 @@ OPEN, CLOSED = (0.785, 0.785), (0.3, 0.3)
 
 def task(arms=("gold",), seed=0, **settings):
     chosen, _ = made(arms=list(arms), task=settings)
-    return tasks.make(chosen, {arm: TIPS[arm] for arm in arms}, seed), running(arms)
+    return tasks.make_task(chosen, {arm: TIPS[arm] for arm in arms}, seed), running(arms)
 
 
 def hold(one, frame, ticks, first=0):
@@ -112,7 +112,9 @@ def test_what_is_let_go_elsewhere_drops_and_has_to_be_fetched():
     carried(one, frame, "gold", (0.0, 0.0, 0.205))
     x, y, z = one.object
     assert (
-        one.dropped == 1 and (x, y) == pytest.approx((0, 0), abs=1e-8) and z < surface(0, 0) + 0.003
+        one.dropped == 1
+        and (x, y) == pytest.approx((0, 0), abs=1e-8)
+        and z < tissue_height(0, 0) + 0.003
     )
     assert one.target == len(one.pegs)
     carried(one, frame, "gold", one.pegs[one.ways[1]], 10)

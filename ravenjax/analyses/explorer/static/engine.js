@@ -361,7 +361,7 @@ class Engine {
   }
 }
 
-/** An engine of `threads` workers; all cores but one, if left out. description: from `program.description`, parsed. */
+/** An engine of `threads` workers; all cores but one, if left out. description: from `program.describe_program`, parsed. */
 export async function openEngine(description, { threads } = {}) {
   const count = threads ?? Math.max(1, (navigator.hardwareConcurrency ?? 2) - 1);
   const { programs, motions, worker } = description;

@@ -12,8 +12,8 @@ import numpy as np
 
 from ravenjax.analyses.monitors import code
 from ravenjax.analyses.monitors.scores import Score
-from ravenjax.campaign.file.config import CampaignConfig, validated
-from ravenjax.errors import UserError, shown
+from ravenjax.campaign.file.config import CampaignConfig, validate_tables
+from ravenjax.errors import UserError, format_value
 
 MARGINS = (1.0, 1.1, 1.25, 1.5, 2.0, 3.0, 5.0, 8.0)
 """Factors on the scales at which candidates alarm: the thresholds of every detector."""
@@ -43,7 +43,7 @@ class Question(NamedTuple):
         ):
             if not (isinstance(value, int | float) and math.isfinite(value) and value > low):
                 raise UserError(
-                    f"{name} is {shown(value)}, expected a number above {low:g}, such as 2"
+                    f"{name} is {format_value(value)}, expected a number above {low:g}, such as 2"
                 )
         for name, value, low in (
             ("--lead-ms", self.lead_ms, 0),
@@ -51,7 +51,9 @@ class Question(NamedTuple):
             ("--seed", self.seed, 0),
         ):
             if isinstance(value, bool) or not isinstance(value, int) or value < low:
-                raise UserError(f"{name} is {shown(value)}, expected a whole number from {low} on")
+                raise UserError(
+                    f"{name} is {format_value(value)}, expected a whole number from {low} on"
+                )
 
 
 SMALLEST_SCALE = 1e-9
@@ -81,7 +83,7 @@ class Candidate(NamedTuple):
         )
 
 
-def tables(
+def detector_tables(
     parts: Sequence[Candidate], thresholds: Sequence[float], folder: Path
 ) -> list[dict[str, Any]]:
     """Return the [[detector]] tables of the candidates in order. Their files are written to
@@ -99,11 +101,11 @@ def tables(
     return out
 
 
-def watched(
+def with_detectors(
     raw: Mapping[str, Any], tables: Sequence[Mapping[str, Any]]
 ) -> tuple[CampaignConfig, list[str]]:
     """Return a manifest's campaign with these detectors added, and their columns' prefixes."""
-    config = validated({**raw, "stop": None, "detector": [*raw.get("detector", ()), *tables]})
+    config = validate_tables({**raw, "stop": None, "detector": [*raw.get("detector", ()), *tables]})
     more = sum(len(table["consecutive"]) for table in tables)
     return config, [
         f"detector{number}_"
@@ -111,7 +113,7 @@ def watched(
     ]
 
 
-def singles(scores: Sequence[Score]) -> list[Candidate]:
+def single_channels(scores: Sequence[Score]) -> list[Candidate]:
     """Return every channel of the scores for each of CONSECUTIVE, which varies fastest."""
     return [
         Candidate(single, count)
@@ -121,7 +123,7 @@ def singles(scores: Sequence[Score]) -> list[Candidate]:
     ]
 
 
-def scaled(scores: Sequence[Score], peaks: np.ndarray) -> list[Candidate]:
+def scale_candidates(scores: Sequence[Score], peaks: np.ndarray) -> list[Candidate]:
     """Return candidates whose scales are the values reached in fault-free motion, `peaks`."""
     rest = np.maximum(peaks, SMALLEST_SCALE).reshape(-1, len(CONSECUTIVE))
     out = []

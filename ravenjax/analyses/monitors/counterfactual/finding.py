@@ -19,14 +19,19 @@ from ravenjax.analyses.monitors.counterfactual.candidates import (
     Candidate,
     Question,
 )
-from ravenjax.analyses.monitors.counterfactual.promise import Grounds, Promise, joint, stated
+from ravenjax.analyses.monitors.counterfactual.promise import (
+    Grounds,
+    Promise,
+    false_alarm_rate,
+    join_scores,
+)
 from ravenjax.campaign import loading, runner
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.progress import OnProgress
 from ravenjax.errors import UserError
 from ravenjax.report import wording
 from ravenjax.report.data import draws
-from ravenjax.stats.intervals import Estimate, Rate, rate_difference, wilson
+from ravenjax.stats.intervals import Estimate, Rate, rate_difference, wilson_interval
 
 TIP_ERROR = "tip_error_bound"
 """Name of the candidate that equals the built-in detector `tip_error`, if there is one."""
@@ -79,7 +84,7 @@ class Counterfactual(NamedTuple):
                     if covered[:, number].any()
                     else float("nan")
                 ),
-                stated(joint(grounds.statement, [place]), margin.value).count,
+                false_alarm_rate(join_scores(grounds.statement, [place]), margin.value).count,
             )
             for number, place in enumerate(self.promise.members)
         ]
@@ -97,7 +102,7 @@ class Counterfactual(NamedTuple):
         return sorted((one for one in out if one[1]), key=lambda one: (-one[1], one[0]))
 
 
-def find(
+def find_checks(
     config: CampaignConfig,
     question: Question,
     engine: str = "auto",
@@ -108,8 +113,8 @@ def find(
     question.require()
     hazards.require_groups(config, question.groups)
     raw: dict[str, Any] = config.model_dump(mode="json")
-    every = scores.catalogue(config.robot)
-    course = motions.course(raw, question.hours)
+    every = scores.list_candidates(config.robot)
+    course = motions.plan_motions(raw, question.hours)
     motions.require_rate(question.false_alarms_per_hour, course)
     # A motion is one lane, which a processor core runs faster than a GPU.
     alone = "simd" if engine in ("auto", "cuda") else engine
@@ -121,24 +126,26 @@ def find(
         def motion(
             purposes: tuple[str, ...], parts: list[Candidate], part: str
         ) -> motions.FreeMotion:
-            numbers = [n for purpose in purposes for n in motions.share(purpose, course.motions)]
-            return motions.run(raw, course, numbers, parts, folder / part, alone)
+            numbers = [
+                n for purpose in purposes for n in motions.motions_by_use(purpose, course.motions)
+            ]
+            return motions.run_motions(raw, course, numbers, parts, folder / part, alone)
 
         on_stage(
             f"{course.motions} fault-free motions of {course.seconds} s, a quarter of them for"
             " candidates' scales"
         )
-        pilot = motion(("scales",), candidates.singles(every), "singles")
-        parts = candidates.scaled(every, pilot.peaks.max(axis=(0, 1)))
+        pilot = motion(("scales",), candidates.single_channels(every), "singles")
+        parts = candidates.scale_candidates(every, pilot.peaks.max(axis=(0, 1)))
         on_stage(f"the others, with {len(parts)} candidates")
         free = motion(("calibrated", "stated"), parts, "scaled")
-        first = len(motions.share("calibrated", course.motions))
+        first = len(motions.motions_by_use("calibrated", course.motions))
         calibration, statement = (
             motions.FreeMotion(free.peaks[some], free.hours[some])
             for some in (slice(first), slice(first, None))
         )
         on_stage(f"the campaign's runs, with all of them at {len(MARGINS)} margins")
-        there = hazards.run(
+        there = hazards.run_hazards(
             raw, parts, MARGINS, folder / "scaled", engine, question.groups, on_progress
         )
     halves = there.halves(question.seed)
@@ -205,7 +212,7 @@ class Confirmation(NamedTuple):
         return template.render(one=self).strip()
 
 
-def confirm(
+def confirm_checks(
     one: Counterfactual,
     file: Path,
     seed: int,
@@ -215,10 +222,10 @@ def confirm(
     """Run the campaign that `output` wrote, with another seed. Raises UserError."""
     config = loading.load(file, [f"campaign.seed={seed}"])
     table = runner.run_campaign(config, None, engine, on_progress=on_progress).frame()
-    rules = hazards.choices(config)
-    rows, harm = hazards.evading(table, rules, one.question.groups)
-    in_time = detected(table.loc[rows], harm, config, one) >= one.question.lead_ms
-    sampled = list(draws.groups(config.model_dump(mode="json")) or ())
+    rules = hazards.campaign_choices(config)
+    rows, harm = hazards.evading_faults(table, rules, one.question.groups)
+    in_time = detection_leads(table.loc[rows], harm, config, one) >= one.question.lead_ms
+    sampled = list(draws.drawn_groups(config.model_dump(mode="json")) or ())
     new = table.loc[rows, "group"].astype(str).isin(sampled).to_numpy()
     drawn = one.grounds.statement_half & one.grounds.hazards.sampled
     promised = _rate(one.grounds.covered(one.promise.members)[drawn])
@@ -229,17 +236,17 @@ def confirm(
     return Confirmation(seed, _rate(in_time), anew, promised, bool(sampled), gap)
 
 
-def detected(
+def detection_leads(
     table: pd.DataFrame, harm: np.ndarray, config: CampaignConfig, one: Counterfactual
 ) -> np.ndarray:
     """Return harm minus the first alarm of the last detectors, which are the set; ms [runs]."""
     numbers = range(len(config.detectors) - len(one.promise.members), len(config.detectors))
     each = [
-        hazards.leads(table, f"detector{number}_", config.detectors[number][2], harm)[:, 0]
+        hazards.detector_leads(table, f"detector{number}_", config.detectors[number][2], harm)[:, 0]
         for number in numbers
     ]
     return np.max(each, axis=0)
 
 
 def _rate(hit: np.ndarray) -> Rate:
-    return wilson(int(hit.sum()), len(hit))
+    return wilson_interval(int(hit.sum()), len(hit))

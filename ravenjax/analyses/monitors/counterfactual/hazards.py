@@ -14,11 +14,11 @@ from ravenjax.analyses.monitors.counterfactual.candidates import Candidate
 from ravenjax.campaign import runner
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.progress import OnProgress
-from ravenjax.errors import UserError, suggestion
+from ravenjax.errors import UserError, suggest_name
 from ravenjax.report.data import draws, facts
 from ravenjax.report.sections import robots as drawn_robots
 from ravenjax.stats.bootstrap import units
-from ravenjax.stats.intervals import Rate, wilson
+from ravenjax.stats.intervals import Rate, wilson_interval
 from ravenjax.store import schema
 from ravenjax.vocabulary.reactions import ACTIONS
 
@@ -60,15 +60,15 @@ class Hazards(NamedTuple):
     def rate(self, hit: np.ndarray, rows: np.ndarray) -> Rate:
         """Return the share of some rows, with an interval over faults, or over robots if drawn."""
         if not self.robots:
-            return wilson(int(hit[rows].sum()), int(rows.sum()))
-        return units.rate(hit[rows], units.units(self.unit[rows]))
+            return wilson_interval(int(hit[rows].sum()), int(rows.sum()))
+        return units.rate_band(hit[rows], units.group_units(self.unit[rows]))
 
 
 NEVER = -(2**30)
 """Lead of an alarm that never came."""
 
 
-def run(
+def run_hazards(
     raw: Mapping[str, Any],
     parts: Sequence[Candidate],
     margins: Sequence[float],
@@ -78,16 +78,18 @@ def run(
     on_progress: OnProgress | None = None,
 ) -> Hazards:
     """Compute the campaign and return its evading faults. Raises UserError if no fault evades."""
-    config, prefixes = candidates.watched(raw, candidates.tables(parts, margins, folder))
+    config, prefixes = candidates.with_detectors(
+        raw, candidates.detector_tables(parts, margins, folder)
+    )
     results = runner.run_campaign(config, None, engine, on_progress=on_progress)
-    rules = choices(config)
+    rules = campaign_choices(config)
     names = schema.arrow_schema(results.shape).names
     watching = tuple(prefix for prefix in (*prefixes, *(f"golden_{prefix}" for prefix in prefixes)))
     needed = {name for name in names if name.startswith(watching) and not name.endswith("_alarms")}
     table = results.frame(
-        [name for name in names if name in needed | {*facts.needed(names, rules)}]
+        [name for name in names if name in needed | {*facts.needed_columns(names, rules)}]
     )
-    rows, harm = evading(table, rules, groups)
+    rows, harm = evading_faults(table, rules, groups)
     if not rows.any():
         among = f" of {', '.join(groups)}" if groups else ""
         raise UserError(
@@ -96,15 +98,15 @@ def run(
             " to see"
         )
     some = table.loc[rows]
-    lead = np.stack([leads(some, prefix, margins, harm) for prefix in prefixes], axis=1)
+    lead = np.stack([detector_leads(some, prefix, margins, harm) for prefix in prefixes], axis=1)
     group = some["group"].astype(str).to_numpy()
-    robots = [name for name in drawn_robots.columns(raw) if name in some]
+    robots = [name for name in drawn_robots.robot_columns(raw) if name in some]
     unit = some.groupby(robots, sort=False).ngroup().to_numpy() if robots else np.arange(len(some))
-    random = draws.groups(raw) or frozenset()
+    random = draws.drawn_groups(raw) or frozenset()
     return Hazards(group, np.isin(group, list(random)), unit, bool(robots), harm, lead)
 
 
-def leads(
+def detector_leads(
     table: pd.DataFrame, prefix: str, thresholds: Sequence[float], harm: np.ndarray
 ) -> np.ndarray:
     """Return harm minus first alarm, ms [runs, thresholds], of a detector.
@@ -121,18 +123,18 @@ def leads(
     return out
 
 
-def evading(
+def evading_faults(
     table: pd.DataFrame, rules: facts.Choices, groups: Sequence[str] = ()
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return which rows are evading faults, one of each (bool), and when each harm began, ms."""
-    runs = facts.derive(table, rules)
+    runs = facts.derive_facts(table, rules)
     rows = runs["sample"] & runs["faulty"] & runs["evaded"] & (runs["unintended_ms"] >= 0)
     if groups:
         rows &= table["group"].astype(str).isin(list(groups))
     return rows.to_numpy(bool), runs.loc[rows, "unintended_ms"].to_numpy(np.int64)
 
 
-def choices(config: CampaignConfig) -> facts.Choices:
+def campaign_choices(config: CampaignConfig) -> facts.Choices:
     """Return the campaign's choices in the definitions of outcomes."""
     reaction = config.model_dump(mode="json").get("reaction") or {}
     action = ACTIONS.index(reaction.get("action", "release")) if config.reacts else 0
@@ -145,5 +147,5 @@ def require_groups(config: CampaignConfig, groups: Sequence[str]) -> None:
     for name in groups:
         if name not in names:
             raise UserError(
-                f"--group {name!r}: unknown, expected {', '.join(names)}{suggestion(name, names)}"
+                f"--group {name!r}: unknown, expected {', '.join(names)}{suggest_name(name, names)}"
             )

@@ -15,7 +15,7 @@ from ravenjax.analyses.monitors.counterfactual import candidates
 from ravenjax.analyses.monitors.counterfactual.candidates import Candidate
 from ravenjax.campaign import runner
 from ravenjax.campaign.faults import design
-from ravenjax.campaign.file.config import validated
+from ravenjax.campaign.file.config import validate_tables
 from ravenjax.campaign.inspection import fault_free
 from ravenjax.errors import UserError
 
@@ -50,10 +50,12 @@ class MotionSchedule(NamedTuple):
     motions: int
 
 
-def course(raw: Mapping[str, Any], hours: float) -> MotionSchedule:
+def plan_motions(raw: Mapping[str, Any], hours: float) -> MotionSchedule:
     """Return motions for the requested hours. Raises UserError if there are no other motions."""
     fault_free.require_others(raw)
-    runs = design.count(validated(next(fault_free.campaigns(raw, SHORTEST_S))[1]))
+    runs = design.count_rows(
+        validate_tables(next(fault_free.fault_free_campaigns(raw, SHORTEST_S))[1])
+    )
     seconds = int(np.clip(math.ceil(hours * 3600 / (FEWEST * runs)), SHORTEST_S, LONGEST_S))
     useful = seconds - fault_free.UNTIL_LIVE_S
     return MotionSchedule(seconds, max(FEWEST, math.ceil(hours * 3600 / (useful * runs))))
@@ -70,12 +72,12 @@ def require_rate(per_hour: float, course: MotionSchedule) -> None:
         )
 
 
-def share(name: str, motions: int) -> list[int]:
+def motions_by_use(name: str, motions: int) -> list[int]:
     """Return the numbers of the motions with one use."""
     return [number for number in range(motions) if _SHARES[number % len(_SHARES)] == name]
 
 
-def run(
+def run_motions(
     raw: Mapping[str, Any],
     course: MotionSchedule,
     numbers: Sequence[int],
@@ -85,13 +87,13 @@ def run(
     on_motion: Callable[[], None] = lambda: None,
 ) -> FreeMotion:
     """Compute the motions of these numbers in threads, because a motion fills few lanes."""
-    every = itertools.islice(fault_free.campaigns(raw, course.seconds), course.motions)
+    every = itertools.islice(fault_free.fault_free_campaigns(raw, course.seconds), course.motions)
     campaigns = dict(enumerate(config for _, config in every))
 
-    tables = candidates.tables(parts, (1.0,), folder)
+    tables = candidates.detector_tables(parts, (1.0,), folder)
 
     def one(number: int) -> tuple[np.ndarray, np.ndarray]:
-        config, prefixes = candidates.watched(campaigns[number], tables)
+        config, prefixes = candidates.with_detectors(campaigns[number], tables)
         columns = [f"{prefix}score" for prefix in prefixes]
         results = runner.run_campaign(config, None, engine)
         table = results.frame([*columns, "pedal_down_ms", "failed"])
@@ -101,7 +103,7 @@ def run(
         return table[columns].to_numpy(np.float32), np.where(valid, armed, 0.0) / MS_PER_HOUR
 
     first = [one(numbers[0])]  # compiles the code that the other motions share
-    results = first + threads.mapped(one, numbers[1:])
+    results = first + threads.map_in_threads(one, numbers[1:])
     free = FreeMotion(*map(np.stack, zip(*results, strict=True)))
     if not free.hours.sum() > 0:
         raise UserError(

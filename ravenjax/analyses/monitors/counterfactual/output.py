@@ -23,7 +23,7 @@ from ravenjax.document.figure_style import STYLE
 from ravenjax.report import downloads, wording
 from ravenjax.report.data.fault_free import rounded_up
 from ravenjax.report.drawing import save_figure
-from ravenjax.stats.intervals import bounds
+from ravenjax.stats.intervals import rate_bounds
 from ravenjax.store.files import require_writable, write_text
 
 WIDTH = 6.4  # inches
@@ -31,14 +31,14 @@ SHOWN = 0.95
 """Share of the alarms' leads that fits on the axis."""
 
 
-def draw(one: Counterfactual, path: Path) -> None:
+def draw_figure(one: Counterfactual, path: Path) -> None:
     """Write the figure as SVG."""
     import matplotlib
 
     from ravenjax.document.drawing import print_figure
 
     named: list[tuple[str, Promise]] = [
-        (wording.many(len(one.promise.members), "check"), one.promise),
+        (wording.count_noun(len(one.promise.members), "check"), one.promise),
         (f"best alone: {one.parts[one.best.members[0]].name}", one.best),
         (f"all {len(one.parts)} candidates", one.everything),
     ]
@@ -54,8 +54,10 @@ def draw(one: Counterfactual, path: Path) -> None:
         early = (lead[:, None] >= ms).mean(axis=0)
         low = high = EMPTY
         if not number and not one.grounds.hazards.robots:
-            low, high = bounds(np.round(early * len(lead)), np.full(len(early), len(lead)))
-        curves.append(Curve(name, palette.series(number), ms, early, low, high, dashed=number > 0))
+            low, high = rate_bounds(np.round(early * len(lead)), np.full(len(early), len(lead)))
+        curves.append(
+            Curve(name, palette.series_colour(number), ms, early, low, high, dashed=number > 0)
+        )
     asked = float(one.question.lead_ms) or None
     across = ChartAxis("ms before harm, at least", 0.0, end, unit="ms", line=asked)
     up = ChartAxis("share of faults seen", 0.0, 1.0, share=True)
@@ -72,14 +74,14 @@ TABLE, FIGURE = "counterfactual.csv", "counterfactual.svg"
 FOLDER, CAMPAIGN = "chosen", "campaign.toml"
 
 
-def write(one: Counterfactual, place: Path) -> list[Path]:
+def write_files(one: Counterfactual, place: Path) -> list[Path]:
     """Write all files and return their paths. Raises StoreError if the disk refuses."""
     folder = place / FOLDER
     require_writable(folder)
     paths = [place / TABLE, place / FIGURE]
-    write_text(paths[0], downloads.text(table(one)))
-    draw(one, paths[1])
-    for member, name in zip(one.promise.members, names(one), strict=True):
+    write_text(paths[0], downloads.format_csv(candidate_table(one)))
+    draw_figure(one, paths[1])
+    for member, name in zip(one.promise.members, detector_names(one), strict=True):
         part = one.parts[member]
         paths.append(folder / f"{name}.py")
         title = (
@@ -88,11 +90,11 @@ def write(one: Counterfactual, place: Path) -> list[Path]:
         )
         write_text(paths[-1], code.write_part(part.score.singles, title=title))
     paths.append(folder / CAMPAIGN)
-    write_text(paths[-1], campaign(one))
+    write_text(paths[-1], campaign_with_set(one))
     return paths
 
 
-def names(one: Counterfactual) -> list[str]:
+def detector_names(one: Counterfactual) -> list[str]:
     """Return names for the set's detectors and files that the campaign does not use already."""
     others, out = {own.name for own in one.config.detector}, []
     for member in one.promise.members:
@@ -104,7 +106,7 @@ def names(one: Counterfactual) -> list[str]:
     return out
 
 
-def campaign(one: Counterfactual) -> str:
+def campaign_with_set(one: Counterfactual) -> str:
     """Return the campaign with the set added as detectors, whose files lie beside it."""
     raw: dict[str, Any] = one.config.model_dump(mode="json", exclude_defaults=True)
     raw["campaign"]["name"] = f"{one.config.campaign.name[:90]}_watched"
@@ -117,22 +119,24 @@ def campaign(one: Counterfactual) -> str:
             "threshold": [margin],
             "acts": "watch",
         }
-        for member, name in zip(one.promise.members, names(one), strict=True)
+        for member, name in zip(one.promise.members, detector_names(one), strict=True)
     ]
     own, groups = raw.pop("detector", []), raw.pop("group")
-    head = "".join(f"# {sentence}\n" for sentence in sentences(one))
+    head = "".join(f"# {sentence}\n" for sentence in finding_sentences(one))
     stop = (
         '# acts = "stop" lets a check press the E-stop. Other faults of the same kinds: --set'
         " campaign.seed=N\n"
     )
-    return f"{head}{stop}\n" + writing.text({**raw, "detector": [*own, *more], "group": groups})
+    return f"{head}{stop}\n" + writing.format_toml(
+        {**raw, "detector": [*own, *more], "group": groups}
+    )
 
 
 COLUMNS = ("check", "sees", "adds", "lead ms", "false alarms")
 """Columns of the table of the set, with each check at the margin of the set."""
 
 
-def sentences(one: Counterfactual) -> list[str]:
+def finding_sentences(one: Counterfactual) -> list[str]:
     """Return the findings as sentences, and the limits of their validity."""
     templates = wording.text_templates("ravenjax.analyses.monitors.counterfactual")
     templates.filters |= {"quantile": np.quantile, "listed": _list_names}
@@ -150,38 +154,40 @@ def hours_needed(per_hour: float, runs: int = 1) -> float:
     return rounded_up(2.05 * runs * hours_to_show(per_hour))
 
 
-def rows(one: Counterfactual) -> list[tuple[str, ...]]:
+def set_rows(one: Counterfactual) -> list[tuple[str, ...]]:
     """Return the rows of the table of the set, in the order of selection."""
     return [
         (
             one.parts[member.place].name,
-            wording.percent(member.sees),
-            wording.percent(member.adds),
-            wording.number(member.lead_ms),
-            wording.count(member.false_alarms),
+            wording.format_percent(member.sees),
+            wording.format_percent(member.adds),
+            wording.format_number(member.lead_ms),
+            wording.format_count(member.false_alarms),
         )
         for member in one.members
     ]
 
 
-def checks(one: Counterfactual) -> list[str]:
+def check_lines(one: Counterfactual) -> list[str]:
     """Return one line per check of the set: what it observes, and the size at which it alarms."""
     parts, margin = [one.parts[place] for place in one.promise.members], one.promise.margin.value
-    return [f"{part.name}: {part.words}; above {levels(part, margin)}" for part in parts]
+    return [f"{part.name}: {part.words}; above {alarm_levels(part, margin)}" for part in parts]
 
 
-def levels(part: Candidate, margin: float) -> str:
+def alarm_levels(part: Candidate, margin: float) -> str:
     """Return the size at which each channel alarms: "shoulder 0.12 rad, grasp1 any"."""
     score, out = part.score, []
     for label, unit, scale in zip(score.labels, score.units, score.scales, strict=True):
         size = (
-            "any" if scale <= SMALLEST_SCALE else f"{wording.number(scale * margin)} {unit}".strip()
+            "any"
+            if scale <= SMALLEST_SCALE
+            else f"{wording.format_number(scale * margin)} {unit}".strip()
         )
         out.append(f"{label} {size}".strip())
     return ", ".join(out)
 
 
-def table(one: Counterfactual) -> list[dict[str, object]]:
+def candidate_table(one: Counterfactual) -> list[dict[str, object]]:
     """Return one row per candidate, as in `counterfactual.csv`."""
     return [
         {

@@ -27,7 +27,7 @@ from ravenjax.stats.bootstrap import units
 from ravenjax.stats.intervals import Rate
 
 
-def greedy(
+def select_greedily(
     covered: np.ndarray, most: int, weight: np.ndarray | None = None, least: float = 0.0
 ) -> list[int]:
     """Return the numbers of at most `most` candidates by greedy selection.
@@ -116,7 +116,7 @@ class Grounds(NamedTuple):
         return Promise(
             tuple(members),
             margin,
-            stated(joint(self.statement, members), margin.value),
+            false_alarm_rate(join_scores(self.statement, members), margin.value),
             self.hazards.rate(hit, self.selection_half),
             self.hazards.rate(hit, self.statement_half),
             float(np.median(lead[among])) if among.any() else float("nan"),
@@ -124,7 +124,9 @@ class Grounds(NamedTuple):
 
     def margin(self, members: Sequence[int]) -> Margin:
         """Return the margin that a set needs."""
-        return calibrated(joint(self.calibration, members), self.question.false_alarms_per_hour)
+        return calibrate_margin(
+            join_scores(self.calibration, members), self.question.false_alarms_per_hour
+        )
 
     def leads(self, members: Sequence[int], place: int) -> np.ndarray:
         """Return harm minus the set's first alarm at a margin, ms [runs]."""
@@ -142,7 +144,7 @@ class Grounds(NamedTuple):
             else self.selection_half & (self.hazards.group != without)
         )
         covered = self.hazards.lead_ms[rows, :, PROPOSED] >= self.question.lead_ms
-        return greedy(covered, self.question.most, least=LEAST_GAIN)
+        return select_greedily(covered, self.question.most, least=LEAST_GAIN)
 
     def of_strangers(self) -> Rate | None:
         """Return the share of the statement half that is detected by sets selected without the
@@ -157,7 +159,9 @@ class Grounds(NamedTuple):
         for name in names:
             if members := self.selected(without=str(name)):
                 hit |= (group == name) & self.covered(members)
-        return units.rate(hit[self.statement_half], units.units(group[self.statement_half]))
+        return units.rate_band(
+            hit[self.statement_half], units.group_units(group[self.statement_half])
+        )
 
     def best_single(self) -> int:
         """Return the candidate that covers most of the selection half at its own margin."""
@@ -173,12 +177,12 @@ class Grounds(NamedTuple):
         return np.array([self.covered(one.tolist())[self.statement_half].mean() for one in sets])
 
 
-def joint(motions: FreeMotion, members: Sequence[int]) -> FreeMotion:
+def join_scores(motions: FreeMotion, members: Sequence[int]) -> FreeMotion:
     """Return the same motions with one score, the largest of a set: peaks [motions, runs]."""
     return motions._replace(peaks=motions.peaks[:, :, list(members)].max(axis=2))
 
 
-def calibrated(motions: FreeMotion, per_hour: float) -> Margin:
+def calibrate_margin(motions: FreeMotion, per_hour: float) -> Margin:
     """Return the least margin whose expected rate is at most `per_hour`, or else the least margin
     with the least rate.
 
@@ -197,7 +201,7 @@ def calibrated(motions: FreeMotion, per_hour: float) -> Margin:
     return Margin(place, alarms[place], bounds[place])
 
 
-def stated(motions: FreeMotion, margin: float) -> AlarmRate:
+def false_alarm_rate(motions: FreeMotion, margin: float) -> AlarmRate:
     """Return false alarms at a margin with the exact interval of a Poisson rate. A run counts once.
 
     If a motion has several runs, the sampled units are motions. The upper end then uses motions

@@ -23,7 +23,7 @@ from ravenjax.analyses.search.evaluator import Evaluator
 from ravenjax.analyses.search.file import outcome
 from ravenjax.analyses.search.file.config import Boundary
 from ravenjax.analyses.search.file.template import Template
-from ravenjax.analyses.search.wording import series
+from ravenjax.analyses.search.wording import group_series
 from ravenjax.campaign import runner
 
 FOLDER = "verified"
@@ -43,7 +43,7 @@ class Cells:
         return self.case[cell], (self.sign[cell] * size)[:, None]
 
 
-def cells(template: Template, search: Boundary) -> Cells:
+def list_cells(template: Template, search: Boundary) -> Cells:
     """Return every cell, with signs varying fastest."""
     pairs = list(itertools.product(range(template.cases), search.signs))
     signed = len(search.signs) > 1
@@ -68,7 +68,7 @@ def due(template: Template, search: Boundary) -> int:
 
 def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) -> dict[str, Any]:
     """Return the numbers of search.json. Verifies both sides of every boundary in a campaign."""
-    axis, grid = template.axis(0), cells(template, search)
+    axis, grid = template.axis(0), list_cells(template, search)
     low, high = (float(value) for value in axis.values)
     within = SearchRange(low, high, axis.kind == "loguniform", search.tolerance)
 
@@ -76,7 +76,7 @@ def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) 
         return evaluator(*grid.points(cell, size))[:, 0]
 
     whole = template.whole(grid.case)[:, 0]
-    bounds = brackets.bracket(harm, within, whole, search.scan, search.sections)
+    bounds = brackets.find_brackets(harm, within, whole, search.scan, search.sections)
     sides = _verified(template, search, evaluator, grid, bounds, out)
     records = [_record(grid, bounds, sides, cell) for cell in range(len(grid.case))]
     return {
@@ -134,7 +134,7 @@ def _verified(
     campaign = template.campaign(case, values)
     rows = runner.run_campaign(campaign, out / FOLDER, evaluator.engine.name).frame()
     expected = np.repeat([0.0, 1.0], len(crossed))
-    outcomes = outcome.parse(search.harm).values(rows, campaign.rules)
+    outcomes = outcome.parse_outcome(search.harm).values(rows, campaign.rules)
     if not np.array_equal(outcomes, expected) or rows["run_id"].tolist() != evaluator.ids(
         case, values
     ):
@@ -171,7 +171,7 @@ def _exponents(records: list[dict[str, Any]], along: str | None) -> list[dict[st
     if along is None or not along.endswith("duration_ms"):
         return []
     exponents = []
-    for others, line in series(records, along).items():
+    for others, line in group_series(records, along).items():
         crossed = sorted(
             (r["cell"][along], abs(r["harmful"]))
             for r in line

@@ -67,7 +67,7 @@ class Brackets:
         return np.array(single, bool)
 
 
-def bracket(
+def find_brackets(
     asked: Asked, within: SearchRange, whole: np.ndarray, scan: int, sections: int = 2
 ) -> Brackets:
     """Return the smallest number at which `asked` says yes, for every cell.

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from ravenjax.analyses.search.boundary.brackets import ALWAYS, CROSSING, INVALID, NEVER
 from ravenjax.analyses.search.style import COLOURS, MARKERS
-from ravenjax.analyses.search.wording import short, words
+from ravenjax.analyses.search.wording import describe_case, short_axis_name
 from ravenjax.document.figure_style import INK, SOFT
 
 Record = dict[str, Any]
@@ -33,13 +33,15 @@ def draw(numbers: dict[str, Any]) -> Figure:
             kinds, itertools.cycle(COLOURS), itertools.cycle(MARKERS), strict=False
         ):
             line = [r for r in part if tuple(r["cell"][name] for name in lines) == kind]
-            name = words(dict(zip(lines, kind, strict=True)))
+            name = describe_case(dict(zip(lines, kind, strict=True)))
             _line(axes, line, along, searched, colour, marker, name)
         _scales(axes, along, searched, part)
         if value is not None:
-            axes.set_title(f"{short(panel or '').partition(',')[0]} {value}")
+            axes.set_title(f"{short_axis_name(panel or '').partition(',')[0]} {value}")
     unit = f", {searched['unit']}" if searched["unit"] else ""
-    panes[0].set_ylabel(f"smallest harmful {short(searched['name']).partition(',')[0]}{unit}")
+    panes[0].set_ylabel(
+        f"smallest harmful {short_axis_name(searched['name']).partition(',')[0]}{unit}"
+    )
     _explain(panes[0], cells)
     handles, labels = panes[0].get_legend_handles_labels()
     if any(labels):
@@ -100,7 +102,7 @@ def _scales(axes: Any, along: str | None, searched: dict[str, Any], shown: list[
     if along is None:
         axes.set_xticks([])
         return
-    axes.set_xlabel(short(along))
+    axes.set_xlabel(short_axis_name(along))
     values = sorted({record["cell"][along] for record in shown})
     if len(values) > 2 and values[0] > 0 and values[-1] / values[0] >= 10:
         axes.set_xscale("log")

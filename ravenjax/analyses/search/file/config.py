@@ -16,11 +16,11 @@ from ravenjax.vocabulary.robot import Robot
 
 
 def _outcome(raw: Any) -> Any:
-    return str(outcome.parse(raw)) if isinstance(raw, str) else raw
+    return str(outcome.parse_outcome(raw)) if isinstance(raw, str) else raw
 
 
 Outcome = Annotated[str, BeforeValidator(_outcome)]
-"""A text that `outcome.parse` takes."""
+"""A text that `outcome.parse_outcome` takes."""
 
 
 class Boundary(Section):
@@ -178,10 +178,10 @@ class SearchConfig:
 
 def json_schema_of(robot: Robot) -> dict[str, Any]:
     """JSON Schema of a search file."""
-    whole: dict[str, Any] = {**json_schema.schema(robot), "title": "ravenjax search"}
+    whole: dict[str, Any] = {**json_schema.campaign_schema(robot), "title": "ravenjax search"}
     for name, model in KINDS.items():
         table = model.model_json_schema(ref_template="#/$defs/{model}")
-        json_schema.tidy(table)
+        json_schema.tidy_schema(table)
         table["properties"]["kind"] = {"const": name, "description": "which search"}
         whole["$defs"][model.__name__] = table
     kinds = [{"$ref": f"#/$defs/{model.__name__}"} for model in KINDS.values()]

@@ -18,23 +18,23 @@ from ravenjax.bundled import resources
 from ravenjax.campaign import loading
 from ravenjax.campaign.file import location, overriding
 from ravenjax.campaign.file.location import Complaint
-from ravenjax.errors import UserError, shown, suggestion
+from ravenjax.errors import UserError, format_value, suggest_name
 
 SECTION = "search"
 FOLDER = "campaigns/searches"
 """Folder of the bundled search files."""
 
 
-def load(path: str | Path, overrides: Sequence[str] = ()) -> SearchConfig:
+def load_search(path: str | Path, overrides: Sequence[str] = ()) -> SearchConfig:
     """Return the search of a TOML file, or of a bundled one by name. Raises UserError."""
-    file = location.find(path, FOLDER, "search")
-    raw, text = location.read(file)
+    file = location.find_campaign_file(path, FOLDER, "search")
+    raw, text = location.read_toml(file)
     return from_dict(raw, source=file, text=text, overrides=overrides)
 
 
-def bundled() -> list[Path]:
+def bundled_searches() -> list[Path]:
     """Return the bundled search files."""
-    return resources.bundled(FOLDER, f"*{location.SUFFIX}")
+    return resources.list_resources(FOLDER, f"*{location.SUFFIX}")
 
 
 def from_dict(
@@ -43,12 +43,12 @@ def from_dict(
     """Return the search of nested tables as in TOML. `source`, `text`: origin. Raises UserError."""
     own: list[str] = []
     left: list[str] = []
-    for override in overriding.listed(overrides):
+    for override in overriding.check_overrides(overrides):
         (own if override.partition("=")[0].partition(".")[0].strip() == SECTION else left).append(
             override
         )
     raw, replaced = overriding.all_applied(raw, own)
-    where = location.Where(source, location.lines(text), replaced)
+    where = location.Where(source, location.key_lines(text), replaced)
     messages: list[str] = []
     campaign = None
     try:
@@ -59,7 +59,7 @@ def from_dict(
         messages.append(str(error))
     search, complaints = _section(raw)
     if campaign is not None:
-        complaints += template.complaints(campaign, search)
+        complaints += template.find_search_errors(campaign, search)
     if complaints:
         messages.append(str(where.error(complaints)))
     if campaign is None or search is None or messages:
@@ -71,16 +71,17 @@ def _section(raw: dict[str, Any]) -> tuple[Search | None, list[Complaint]]:
     table = raw.get(SECTION)
     kinds = ", ".join(KINDS)
     if not isinstance(table, dict):
-        got = "missing" if table is None else f"got {shown(table)}"
+        got = "missing" if table is None else f"got {format_value(table)}"
         return None, [((SECTION,), f"{got}: write a section [search] with kind, one of {kinds}")]
     kind = table.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
-        got = "missing" if kind is None else f"got {shown(kind)}"
-        expected = f"expected one of {kinds}{suggestion(kind, KINDS)}"
+        got = "missing" if kind is None else f"got {format_value(kind)}"
+        expected = f"expected one of {kinds}{suggest_name(kind, KINDS)}"
         return None, [((SECTION, "kind"), f"{got}, {expected}")]
     try:
         return KINDS[kind].model_validate(table), []
     except ValidationError as error:
         return None, [
-            ((SECTION, *one["loc"]), location.message(one, KINDS[kind])) for one in error.errors()
+            ((SECTION, *one["loc"]), location.format_error(one, KINDS[kind]))
+            for one in error.errors()
         ]

@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from ravenjax.errors import shown, suggestion
+from ravenjax.errors import format_value, suggest_name
 from ravenjax.outcomes import events, verdict
 from ravenjax.outcomes.events import Rules
 from ravenjax.store import schema
@@ -69,13 +69,17 @@ class Outcome:
 
     def columns(self, rules: Rules) -> list[str]:
         """Return the columns of the result table that `values` and `margins` need."""
-        return events.columns([self.column], rules) if self.named_event else [self.column, "failed"]
+        return (
+            events.event_columns([self.column], rules)
+            if self.named_event
+            else [self.column, "failed"]
+        )
 
     def values(self, columns: pd.DataFrame, rules: Rules) -> np.ndarray:
         """Return float64 [rows] of the result table; NaN: the run failed or has no such number."""
         if self.named_event:
             table = pa.Table.from_pandas(columns[self.columns(rules)], preserve_index=False)
-            valid, cases = events.happened(table, [self.column], rules)
+            valid, cases = events.events_happened(table, [self.column], rules)
             return np.where(valid, cases.astype(np.float64), np.nan)
         if self.word:
             values = np.asarray(pd.Categorical(columns[self.column]) == self.word, np.float64)
@@ -107,9 +111,9 @@ class Outcome:
             if self.column == "cable_overload" and not shape.cables:
                 yield f"got {self.column!r}, {events.UNWATCHED}"
             return
-        dtypes = {c.name: c.dtype for c in schema.columns(shape) if _is_outcome(c.name)}
+        dtypes = {c.name: c.dtype for c in schema.table_columns(shape) if _is_outcome(c.name)}
         if self.column not in dtypes:
-            near = suggestion(self.column, [*dtypes, *events.EVENTS])
+            near = suggest_name(self.column, [*dtypes, *events.EVENTS])
             yield (
                 f"unknown outcome {self.column!r}, expected a column of results/README.md or one of"
                 f" {', '.join(events.EVENTS)}{near}"
@@ -126,7 +130,7 @@ class Outcome:
                 " number"
             )
         elif words and self.word not in words:
-            near = suggestion(self.word, words)
+            near = suggest_name(self.word, words)
             yield f"{self.column} is never {self.word!r}, expected one of {', '.join(words)}{near}"
         if not self.relation and self._may_be_absent:
             yield (
@@ -139,16 +143,18 @@ def _is_outcome(column: str) -> bool:
     return column not in _GIVEN and not re.match(r"fault\d+_|param:", column)
 
 
-def parse(text: str) -> Outcome:
+def parse_outcome(text: str) -> Outcome:
     """Parse the outcome that a text names. Raises ValueError for any other form."""
     match = _FORM.match(text)
     if match is None:
-        raise ValueError(f"got {shown(text)}, expected a column or an event, such as {FORMS}")
+        raise ValueError(
+            f"got {format_value(text)}, expected a column or an event, such as {FORMS}"
+        )
     column, relation, right = match[1], match[2] or "", match[3] or ""
     if relation == "=":
         if not right:
             raise ValueError(
-                f"got {shown(text)}, expected a word after =, such as 'response = stopped'"
+                f"got {format_value(text)}, expected a word after =, such as 'response = stopped'"
             )
         return Outcome(column, relation, word=right)
     if relation:
@@ -156,26 +162,28 @@ def parse(text: str) -> Outcome:
             return Outcome(column, relation, float(right))
         except ValueError:
             raise ValueError(
-                f"got {shown(text)}, expected a number after {relation}, such as {FORMS}"
+                f"got {format_value(text)}, expected a number after {relation}, such as {FORMS}"
             ) from None
     return Outcome(column)
 
 
 def require_event(text: str) -> str:
     """Return `text`. Raises ValueError if it names a number rather than an event."""
-    found = parse(text)
-    truths = {c.name for c in schema.columns(schema.Shape()) if c.dtype == "bool"}
+    found = parse_outcome(text)
+    truths = {c.name for c in schema.table_columns(schema.Shape()) if c.dtype == "bool"}
     if not (found.relation or found.named_event or found.column in truths):
-        raise ValueError(f"got {shown(text)}, a number; expected an event, such as '{text} >= 1'")
+        raise ValueError(
+            f"got {format_value(text)}, a number; expected an event, such as '{text} >= 1'"
+        )
     return text
 
 
 def require_margin(text: str) -> str:
     """Return `text`. Raises ValueError unless it compares a column with a number."""
-    outcome = parse(text)
+    outcome = parse_outcome(text)
     if outcome.relation not in (">=", "<=") or outcome.column.endswith(_TIMES):
         raise ValueError(
-            f"got {shown(text)}, expected a measured number against a bound, such as"
+            f"got {format_value(text)}, expected a measured number against a bound, such as"
             " 'peak_model_deviation_mm >= 10': the search must see how near a run came"
         )
     return text

@@ -23,7 +23,7 @@ from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.vocabulary.effects import NETWORK_EFFECTS, WITHOUT_VALUE
-from ravenjax.vocabulary.legal import legal
+from ravenjax.vocabulary.legal import legal_values
 from ravenjax.vocabulary.sites import Channel
 
 PARAMETER = -1
@@ -32,7 +32,7 @@ PARAMETER = -1
 DESIGNS = ("grid", "zip")
 
 
-def axes(config: CampaignConfig) -> dict[Key, Axis]:
+def template_axes(config: CampaignConfig) -> dict[Key, Axis]:
     """Return every axis of the template, slot by slot, then the parameters, defaults included."""
     group, result = config.group[0], {}
     for f, fault in enumerate(group.fault):
@@ -47,13 +47,13 @@ def axes(config: CampaignConfig) -> dict[Key, Axis]:
     }
 
 
-def label(key: Key) -> str:
+def axis_name(key: Key) -> str:
     """Return the name of an axis: its column in the result table, or the path of a parameter."""
     slot, name = key
     return name if slot == PARAMETER else f"fault{slot}_{name}"
 
 
-def complaints(config: CampaignConfig, search: Search | None) -> Iterator[Complaint]:
+def find_search_errors(config: CampaignConfig, search: Search | None) -> Iterator[Complaint]:
     """Return (key, message) for what a campaign file may contain and a search file may not."""
     if len(config.group) != 1:
         yield (
@@ -93,7 +93,7 @@ def complaints(config: CampaignConfig, search: Search | None) -> Iterator[Compla
             ("stop",),
             "a search decides how many runs it makes; remove the section, and see section [search]",
         )
-    distributions = {key: axis for key, axis in axes(config).items() if axis.drawn}
+    distributions = {key: axis for key, axis in template_axes(config).items() if axis.drawn}
     for key in distributions:
         if key[0] != PARAMETER and key[1] in WORDS:
             yield (
@@ -106,7 +106,7 @@ def complaints(config: CampaignConfig, search: Search | None) -> Iterator[Compla
 
 
 def _inputs(config: CampaignConfig, search: Search | None, drawn: list[Key]) -> Iterator[Complaint]:
-    names = ", ".join(map(label, drawn)) or "none"
+    names = ", ".join(map(axis_name, drawn)) or "none"
     if not isinstance(search, Boundary):
         least = 1 if search is None or search.kind == "rare" else 2
         if search is not None and len(drawn) < least:
@@ -116,7 +116,7 @@ def _inputs(config: CampaignConfig, search: Search | None, drawn: list[Key]) -> 
             )
             yield ("group", 0), f"{what}, such as value = {{uniform = [-2000, 2000]}}; got {names}"
         return
-    if len(drawn) != 1 or axes(config)[drawn[0]].kind not in ("uniform", "loguniform"):
+    if len(drawn) != 1 or template_axes(config)[drawn[0]].kind not in ("uniform", "loguniform"):
         yield (
             ("group", 0),
             (
@@ -127,11 +127,11 @@ def _inputs(config: CampaignConfig, search: Search | None, drawn: list[Key]) -> 
         )
         return
     key = drawn[0]
-    low, high = axes(config)[key].values
+    low, high = template_axes(config)[key].values
     if -1 in search.signs and (key[1] != "value" or low < 0):
         yield (
             ("search", "signs"),
-            f"-1 needs a fault's value with a range from 0 on, got {label(key)} from {low:g}",
+            f"-1 needs a fault's value with a range from 0 on, got {axis_name(key)} from {low:g}",
         )
     if not low < high:
         yield _place(config, key), f"got the range [{low:g}, {high:g}], expected low < high"
@@ -149,11 +149,11 @@ class Template:
     """Converts points of a search to runs."""
 
     def __init__(self, config: CampaignConfig) -> None:
-        """Take a `config` that has no `complaints`."""
+        """Take a `config` that has no `find_search_errors`."""
         self.config = config
-        self._axes = Moments(config).placed(axes(config), config.group[0].name)
+        self._axes = Moments(config).placed(template_axes(config), config.group[0].name)
         undrawn = {key: axis for key, axis in self._axes.items() if not axis.drawn}
-        sample = sampling.sample(
+        sample = sampling.sample_runs(
             config.group[0], undrawn, np.random.default_rng(0)
         )  # nothing in the template is drawn
         self.cases = sample.runs
@@ -172,7 +172,7 @@ class Template:
     @property
     def labels(self) -> tuple[str, ...]:
         """Return the names of the inputs."""
-        return tuple(map(label, self.inputs))
+        return tuple(map(axis_name, self.inputs))
 
     def axis(self, number: int) -> Axis:
         """Return the distribution of an input."""
@@ -187,7 +187,7 @@ class Template:
 
     def case(self, case: int) -> dict[str, Any]:
         """Return what distinguishes a case from the others: the value of each list, by label."""
-        return {label(key): self._values[key][case] for key in self.lists}
+        return {axis_name(key): self._values[key][case] for key in self.lists}
 
     def unit(self, number: int) -> str:
         """Return the unit of an input, "" if the cases differ in it."""
@@ -248,7 +248,9 @@ class Template:
             return True
         channel, effect = self._aim(slot, case)
         return (
-            channel is not None and effect not in WITHOUT_VALUE and legal(channel, effect).rounded
+            channel is not None
+            and effect not in WITHOUT_VALUE
+            and legal_values(channel, effect).rounded
         )
 
     def _aim(self, slot: int, case: int) -> tuple[Channel | None, str]:

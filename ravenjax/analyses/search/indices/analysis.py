@@ -43,7 +43,7 @@ def find(
     points = len(unit)
     case = np.repeat(np.arange(template.cases), points)
     outcomes = evaluator(case, template.values(case, np.tile(unit, (template.cases, 1))))
-    wanted = [outcome.parse(text) for text in search.outcomes]
+    wanted = [outcome.parse_outcome(text) for text in search.outcomes]
     records = []
     for c in range(template.cases):
         for o, one in enumerate(wanted):

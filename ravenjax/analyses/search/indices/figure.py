@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ravenjax.analyses.search.style import COLOURS, MARKERS
-from ravenjax.analyses.search.wording import short, words
+from ravenjax.analyses.search.wording import describe_case, short_axis_name
 from ravenjax.document.figure_style import INK, SOFT
 
 MOST_PANELS = 24
@@ -22,8 +22,8 @@ def draw(numbers: dict[str, Any]) -> Figure:
         :MOST_PANELS
     ]
     outcomes = list(dict.fromkeys(record["outcome"] for record in records))
-    cases = list(dict.fromkeys(words(record["case"]) for record in records))
-    names = [short(one["name"]).removeprefix("plant.") for one in numbers["inputs"]]
+    cases = list(dict.fromkeys(describe_case(record["case"]) for record in records))
+    names = [short_axis_name(one["name"]).removeprefix("plant.") for one in numbers["inputs"]]
     # All of Sobol's indices lie between 0 and 1, but effects have different units.
     shared = numbers["method"] == "sobol"
     rows, columns = max(1, len(cases)), max(1, len(outcomes))
@@ -33,10 +33,10 @@ def draw(numbers: dict[str, Any]) -> Figure:
     for axes in panes.reshape(-1):
         axes.set_visible(False)
     for record in records:
-        axes = panes[cases.index(words(record["case"])), outcomes.index(record["outcome"])]
+        axes = panes[cases.index(describe_case(record["case"])), outcomes.index(record["outcome"])]
         axes.set_visible(True)
         (_bars if shared else _effects)(axes, record["indices"], names)
-        where = f"\n{words(record['case'])}" if record["case"] else ""
+        where = f"\n{describe_case(record['case'])}" if record["case"] else ""
         axes.set_title(f"{record['outcome']}{where}", fontsize=8.5)
     if records and shared:
         handles, labels = panes[0, 0].get_legend_handles_labels()

@@ -20,10 +20,10 @@ from ravenjax.analyses.search.file import outcome
 from ravenjax.analyses.search.file.config import Rare
 from ravenjax.analyses.search.file.template import Template
 from ravenjax.analyses.search.style import COLOURS
-from ravenjax.analyses.search.wording import words
+from ravenjax.analyses.search.wording import describe_case
 from ravenjax.document.figure_style import INK
 from ravenjax.stats.intervals import clopper_pearson
-from ravenjax.stats.rare import LimitState, RareEvent, monte_carlo, subset
+from ravenjax.stats.rare import LimitState, RareEvent, monte_carlo, subset_simulation
 
 
 def draw(numbers: dict[str, Any]) -> Figure:
@@ -34,7 +34,7 @@ def draw(numbers: dict[str, Any]) -> Figure:
         figure.subplots(1, len(results), sharey=True, squeeze=False)[0], results, strict=True
     ):
         _panel(axes, record, numbers)
-        axes.set_title(words(record["case"]))
+        axes.set_title(describe_case(record["case"]))
     first = figure.axes[0]
     first.set_ylabel(
         "probability of that much or " + ("more" if numbers["relation"] == ">=" else "less")
@@ -87,7 +87,7 @@ def find(template: Template, search: Rare, evaluator: Evaluator, _: Path) -> dic
         plain = monte_carlo(g, inputs, search.check, seed=seed) if search.check else None
         sampled = np.concatenate(margins) if margins else np.zeros(0)
         margins.clear()
-        level = subset(g, inputs, search.runs, share=1.0 / search.steps, seed=seed + 1)
+        level = subset_simulation(g, inputs, search.runs, share=1.0 / search.steps, seed=seed + 1)
         failed = int(np.count_nonzero(np.concatenate([sampled, *margins]) >= FAR))
         records.append(
             {
@@ -104,7 +104,7 @@ def find(template: Template, search: Rare, evaluator: Evaluator, _: Path) -> dic
                 "reached": _reached(level, sampled, search),
             }
         )
-    one = outcome.parse(search.event)
+    one = outcome.parse_outcome(search.event)
     return {
         "event": search.event,
         "column": one.column,
@@ -136,7 +136,7 @@ def _of(found: RareEvent) -> dict[str, Any]:
 
 
 def _column(distance: np.ndarray, search: Rare) -> np.ndarray:
-    one = outcome.parse(search.event)
+    one = outcome.parse_outcome(search.event)
     return one.bound - distance if one.relation == ">=" else one.bound + distance
 
 

@@ -17,7 +17,7 @@ import jinja2
 import numpy as np
 
 from ravenjax.engines.cpu import transition
-from ravenjax.engines.cpu.memory import size
+from ravenjax.engines.cpu.memory import stored_size
 from ravenjax.engines.cpu.transition import RecordKind
 from ravenjax.errors import UserError
 from ravenjax.numbers import quantity, tree
@@ -68,7 +68,7 @@ class Struct(NamedTuple):
     unused: int  # padding bytes at its end
 
 
-def library(software: ControlSoftware, robot: VirtualRobot) -> CLibrary:
+def make_library(software: ControlSoftware, robot: VirtualRobot) -> CLibrary:
     """Return the library of this software and robot, with their present settings and state.
 
     Raises UserError if the two do not belong together.
@@ -132,13 +132,13 @@ def _structs(software: ControlSoftware, robot: VirtualRobot) -> dict[str, Struct
     structs = dict[str, Struct]()
     for part, own in (("control", software), ("robot", robot)):
         units: dict[str, dict[str, None]] = {}  # a dict keeps the order
-        for path, limits in quantity.quantities(type(own.params)):
+        for path, limits in quantity.list_quantities(type(own.params)):
             units.setdefault(path, {})[limits.unit] = None
         for what in ("params", "state", "inputs", "signals"):
             if (kind := own.code.kinds.get(what)) is not None:
                 known = units if what == "params" else {}
                 members, layout = members_of(kind, software.setup.arms, known), kind.layout
-                end = layout.offsets[-1] + size(layout.types[-1])
+                end = layout.offsets[-1] + stored_size(layout.types[-1])
                 structs[f"{part}_{what}"] = Struct(members, layout.bytes, layout.bytes - end)
     return structs
 
@@ -153,7 +153,7 @@ def members_of(
     """
 
     def members(place: Any, path: tuple[str, ...]) -> Iterator[Member]:
-        types, shape = {kind.layout.types[k] for k in tree.leaves(place)}, _shape(place)
+        types, shape = {kind.layout.types[k] for k in tree.tree_leaves(place)}, _shape(place)
         if shape is not None and len(types) == 1:
             unit = "; ".join(units.get(".".join(name for name in path if name not in arms), ()))
             dimensions = "".join(f"[{n}]" for n in shape)
@@ -166,7 +166,7 @@ def members_of(
             for field in dataclasses.fields(place):
                 yield from members(getattr(place, field.name), (*path, field.name))
 
-    return list(members(tree.filled(kind.record, list(range(len(kind.layout.types)))), ()))
+    return list(members(tree.fill_tree(kind.record, list(range(len(kind.layout.types)))), ()))
 
 
 def _shape(place: Any) -> tuple[int, ...] | None:

@@ -313,7 +313,7 @@ class RavenConfig(CampaignConfig):
         """Return the mean number of cycles per packet if all runs have the same distribution, else
         1, the least.
         """
-        return 1.0 if self._packets_varied else packets.mean(self.campaign.packet_shares)
+        return 1.0 if self._packets_varied else packets.mean_cycles(self.campaign.packet_shares)
 
     def unread(self, path: str) -> str:
         """Return why the parameter of that path has no effect in this campaign; "" if it
@@ -323,7 +323,7 @@ class RavenConfig(CampaignConfig):
             return "nothing reads it: the original's check never looks at grasp2"
         from ravenjax.campaign.file import bounds  # imported late, because it needs the tick
 
-        for quantity in bounds.of(self.robot, path):
+        for quantity in bounds.allowed_values(self.robot, path):
             key, value = quantity.read_when or ("", "")
             if key and getattr(self.campaign, key) != value:
                 return (
@@ -353,7 +353,7 @@ class RavenConfig(CampaignConfig):
         if self.operator.file is not None:
             operator["file"] = _file_hash(self.operator.file)
         if (hands := self.operator.own) is not None:
-            operator["hands"] = part.digest(hands)
+            operator["hands"] = part.hash_source(hands)
         own = {
             "campaign": {**campaign, "tools": self.tools},
             "operator": operator,
@@ -361,7 +361,7 @@ class RavenConfig(CampaignConfig):
         }
         hand = {} if self.hand is None else {"hand": self.hand.model_dump(mode="json")}
         stages = () if self.controller is None else self.controller.parts()
-        digests = {stage: part.digest(source) for stage, source in stages}
+        digests = {stage: part.hash_source(source) for stage, source in stages}
         return content | own | hand | ({"controller": digests} if digests else {})
 
 

@@ -26,7 +26,7 @@ def operator_replay(config: RavenConfig, ticks: int | None = None) -> OperatorRe
     if operator.file is None:
         return None
     ticks, bounds = ticks or config.campaign.ticks, operator_bounds(config)
-    return recorded.replay(
+    return recorded.replay_motion(
         operator.file, config.campaign.arms, operator.options, ticks, operator.scale, bounds=bounds
     )
 
@@ -40,7 +40,7 @@ def operator_bounds(config: RavenConfig) -> Bounds:
     return Bounds(lower, upper)
 
 
-def scaled(replay: OperatorReplay, scales: np.ndarray | None) -> MotionSummary:
+def scale_hands(replay: OperatorReplay, scales: np.ndarray | None) -> MotionSummary:
     """Return the summary of a replay under the teleoperation scales that a campaign varies.
 
     Raises UserError if a scale takes the replay beyond the limits.
@@ -58,9 +58,9 @@ def operator_motion(config: RavenConfig) -> Motion:
     if (replay := operator_replay(config)) is not None:
         return replay.motion
     name = operator.motion or "suture"
-    generated = motions.generate(name, config.campaign.duration_s, arms, operator.seed).first(
-        config.campaign.ticks
-    )
+    generated = motions.generate_motion(
+        name, config.campaign.duration_s, arms, operator.seed
+    ).first(config.campaign.ticks)
     start = operator.start.si()
     begins = (
         tuple(start.get(joint, q) for joint, q in zip(JOINTS, jpos, strict=True))

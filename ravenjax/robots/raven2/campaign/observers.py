@@ -19,14 +19,14 @@ Ranges are written with six digits; without the margin an end could exclude a me
 """
 
 
-def watched(program: TickProgram) -> TickProgram:
+def watch_signals(program: TickProgram) -> TickProgram:
     """Return a program of the same runs that outputs only the signals of their detectors."""
     return dataclasses.replace(program, module=watched_loop.__name__)
 
 
-def explained(program: TickProgram) -> TickProgram:
+def explain_program(program: TickProgram) -> TickProgram:
     """Return a program of the same runs, each compared with its golden run number by number."""
-    spans = tuple(normal_range(place) for place in explained_loop.listing(program.setup))
+    spans = tuple(normal_range(place) for place in explained_loop.list_numbers(program.setup))
     setup = dataclasses.replace(program.setup, explained=spans)
     return dataclasses.replace(program, module=explained_loop.__name__, setup=setup)
 
@@ -35,5 +35,5 @@ def normal_range(place: Crossing) -> tuple[float, float] | None:
     """Return the normal range of a number in its unit, None if no range was measured."""
     if not place.channel.site:
         return None
-    usual = ranges.normal(place.channel.site, place.channel.name, place.arm)
+    usual = ranges.normal_range(place.channel.site, place.channel.name, place.arm)
     return usual.low - ROUNDED * abs(usual.low), usual.high + ROUNDED * abs(usual.high)

@@ -23,7 +23,7 @@ WINDOW = 20
 """Milliseconds over which a speed is averaged, because a recording's rows are rounded."""
 
 
-def phases(config: RavenConfig) -> dict[str, np.ndarray]:
+def phase_intervals(config: RavenConfig) -> dict[str, np.ndarray]:
     """Return the intervals of each phase, int64 [intervals, 2]: the first tick, and the first tick
     after it.
 
@@ -38,7 +38,7 @@ def phases(config: RavenConfig) -> dict[str, np.ndarray]:
     obeyed = _number(
         config, "control.state_machine.plc_obeyed", config.campaign.software == "raven2"
     )
-    down = pedal.planned(
+    down = pedal.planned_pedal_down(
         config.campaign.software, motion.surgeon_mode > 0, cycles, bool(obeyed), ticks
     )
     scale = _number(config, "operator.scale", config.operator.scale)
@@ -91,7 +91,7 @@ def _speed(way: np.ndarray) -> np.ndarray:
 def _depth(motion: Motion, i: int, arm: ArmName, way: np.ndarray) -> np.ndarray:
     """Return the depth of a tip below the tissue's surface after `way` [rows, 3], m."""
     with at_once():
-        start = kinematics.forward(arm, Vec(map(np.float64, motion.start_jpos[i]))).position
+        start = kinematics.forward_pose(arm, Vec(map(np.float64, motion.start_jpos[i]))).position
         tip = Vec(a + b for a, b in zip(start, position_from_itp(arm, Vec(way.T)), strict=True))
         return np.asarray(scene.tissue_depth(arm, tip))
 

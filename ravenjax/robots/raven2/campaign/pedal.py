@@ -38,7 +38,7 @@ BLOCK = 2**20
 """Number of packets whose lengths are drawn at a time."""
 
 
-def clocks(
+def trigger_clocks(
     program: TickProgram,
     columns: tuple[np.ndarray, ...],
     varied: Mapping[str, np.ndarray],
@@ -95,7 +95,9 @@ def clocks(
     )
 
 
-def planned(software: str, foot: np.ndarray, cycles: int, plc: bool, ticks: int) -> np.ndarray:
+def planned_pedal_down(
+    software: str, foot: np.ndarray, cycles: int, plc: bool, ticks: int
+) -> np.ndarray:
     """Return the ticks in which the robot is in pedal-down if nothing stops it, bool [ticks].
 
     foot: bool [rows of the motion], whether it is on the pedal. cycles: ticks that a packet lasts.
@@ -180,7 +182,9 @@ class DrawnPackets:
             for begin in range(0, most, wide):
                 packet = np.arange(begin, min(begin + wide, most), dtype=np.int32)[None]
                 with at_once():
-                    lasts = packet_clock.length(self.shares, choice, key, packet).astype(np.int64)
+                    lasts = packet_clock.packet_length(self.shares, choice, key, packet).astype(
+                        np.int64
+                    )
                 after = comes[:, None] + np.cumsum(lasts, axis=1)
                 yield some, begin, np.concatenate([comes[:, None], after[:, :-1]], axis=1)
                 comes = after[:, -1]
@@ -208,8 +212,8 @@ def _phases(
 ) -> PedalPhases:
     """Return the phases in which the pedal is down.
 
-    level: run level in which a run begins; foot: as in `planned`; random: whether the packets'
-    lengths are drawn.
+    level: run level in which a run begins; foot: as in `planned_pedal_down`; random: whether the
+    packets' lengths are drawn.
     """
     cycles = 1 if random else way.least
     changes = np.flatnonzero(np.diff(foot.astype(np.int8), prepend=np.int8(0))) * cycles
@@ -229,8 +233,8 @@ def _turns(changes: Sequence[int], level: int, plc: bool, ticks: int) -> Iterato
     alternately.
 
     changes: ticks in which a packet with another position of the foot comes, the first one down.
-    level: run level in which the robot begins. The rules are those of `state_machine.adopt` and
-    `plc.step`, for a robot that nothing stops.
+    level: run level in which the robot begins. The rules are those of `state_machine.adopt_level`
+    and `plc.step`, for a robot that nothing stops.
     """
     foot, plc_level, mismatches, tick = False, level, 0, 0
     if level == PEDAL_DOWN:  # what tick 0 counts is read in tick 1

@@ -43,7 +43,7 @@ SCALE = "operator.scale"
 """Parameter that scales a tip's motion relative to the hands' motion."""
 
 
-def prepare(
+def prepare_campaign(
     config: RavenConfig,
     varied: Mapping[str, np.ndarray],
     injection: Injection,
@@ -85,7 +85,7 @@ def prepare(
         params=_params(config, setup, motion),
         columns=tuple(motion.table().T),
         motion=motion,
-        operator=None if replay is None else hands.scaled(replay, varied.get(SCALE)),
+        operator=None if replay is None else hands.scale_hands(replay, varied.get(SCALE)),
         keys=({NOISE_KEY: "noise"} if setup.noise else {})
         | ({PACKET_KEY: "packets"} if setup.packets else {}),
     )
@@ -131,7 +131,7 @@ def _params(config: RavenConfig, setup: RavenSetup, motion: Motion) -> TickParam
             params, checks=user_files.check_params(setup, [one.threshold for one in config.check])
         )
     for path, value in _written(config).items():
-        params = paths.assign(params, setup, path, value)
+        params = paths.assign_numbers(params, setup, path, value)
     return params
 
 

@@ -15,7 +15,7 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 from ravenjax.campaign.file import own_part
 from ravenjax.campaign.file.section import OneOf, Section
 from ravenjax.campaign.file.sections import CampaignSection
-from ravenjax.errors import shown, suggestion
+from ravenjax.errors import format_value, suggest_name
 from ravenjax.parts import part
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.motions import MOTIONS
@@ -45,7 +45,8 @@ def _packets(raw: Any) -> Any:
     names = ", ".join(map(repr, packets.CHOICES))
     if isinstance(raw, str) and raw not in packets.CHOICES:
         raise ValueError(
-            f"got {raw!r}, expected one of {names}{suggestion(raw, packets.CHOICES)}, or a list of"
+            f"got {raw!r}, expected one of {names}{suggest_name(raw, packets.CHOICES)}, or a list"
+            " of"
             " shares"
         )
     if not isinstance(raw, list | tuple):
@@ -58,7 +59,8 @@ def _packets(raw: Any) -> Any:
     if len(numbers) < len(raw) or abs(math.fsum(numbers) - 1.0) > 1e-6:
         total = f", whose sum is {math.fsum(numbers):g}" if len(numbers) == len(raw) else ""
         raise ValueError(
-            f"got {shown(list(raw))}{total}, expected shares of packets that last 1, 2, 3, .."
+            f"got {format_value(list(raw))}{total}, expected shares of packets that last 1, 2, 3,"
+            " .."
             " cycles, none negative and 1 in all, such as [0.1, 0.8, 0.1]"
         )
     return tuple(float(x) for x in numbers)
@@ -296,7 +298,9 @@ class Operator(Section):
                 # imported late, because the import is slow
             )
 
-            raise ValueError(f"got {shown(str(file))}, expected the path of a {ANY_KIND} file")
+            raise ValueError(
+                f"got {format_value(str(file))}, expected the path of a {ANY_KIND} file"
+            )
         return file
 
     @field_validator("rotation")
@@ -309,7 +313,8 @@ class Operator(Section):
             apart = rows @ rows - 1.0 if rows.ndim == 1 else rows @ rows.T - np.eye(3)
             if np.abs(apart).max() > 0.01 or (rows.ndim == 2 and np.linalg.det(rows) < 0.0):
                 raise ValueError(
-                    f"got {shown(turn)}, expected a rotation: three rows of length 1 at right"
+                    f"got {format_value(turn)}, expected a rotation: three rows of length 1 at"
+                    " right"
                     " angles, without a mirror, or x, y, z, w of length 1"
                 )
         return value
@@ -319,7 +324,8 @@ class Operator(Section):
     def _python(cls, file: Path | None) -> Path | None:
         if file is not None and (file.suffix != ".py" or "\0" in str(file)):
             raise ValueError(
-                f"got {shown(str(file))}, expected the path of a .py file; a recorded motion is"
+                f"got {format_value(str(file))}, expected the path of a .py file; a recorded"
+                " motion is"
                 " `file`"
             )
         return file
@@ -364,12 +370,12 @@ class Operator(Section):
         return (
             None
             if self.hands is None
-            else own_part.source("hands", self.hands, self.hands_sha256, "operator")
+            else own_part.part_source("hands", self.hands, self.hands_sha256, "operator")
         )
 
     def located(self, folder: Path) -> Operator:
         """Return the section with its files taken from `folder` and the code of `hands` read."""
-        there = own_part.located(self, folder, "operator", "hands", "hands", "hands_sha256")
+        there = own_part.locate_part(self, folder, "operator", "hands", "hands", "hands_sha256")
         file = None if self.file is None else (folder / self.file).absolute()
         return there.model_copy(update={"file": file})
 
@@ -470,12 +476,12 @@ class OwnStages(Section):
     def parts(self) -> Iterator[tuple[str, OwnSource]]:
         """Yield (stage, code). Raises UserError for a file that is unusable or has changed."""
         for stage, file in self.files():
-            yield stage, own_part.source(stage, file, self.sha256.get(stage), "stage")
+            yield stage, own_part.part_source(stage, file, self.sha256.get(stage), "stage")
 
     def located(self, folder: Path) -> OwnStages:
         """Return the section with its files taken from `folder` and their content read."""
         there = self.model_copy(
             update={stage: folder.absolute() / file for stage, file in self.files()}
         )
-        hashes = {stage: part.digest(source) for stage, source in there.parts()}
+        hashes = {stage: part.hash_source(source) for stage, source in there.parts()}
         return there.model_copy(update={"sha256": hashes})

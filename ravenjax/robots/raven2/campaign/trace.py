@@ -12,7 +12,7 @@ from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.store.logs.topics import Base
 
 
-def series(
+def trace_series(
     setup: RavenSetup, signals: Any, golden: np.ndarray | None = None
 ) -> dict[str, np.ndarray]:
     """Return the time series of a run from its signals and the golden run's series [ticks,
@@ -43,7 +43,7 @@ def series(
     return {name: np.asarray(values) for name, values in out.items()}
 
 
-def bases(setup: RavenSetup) -> dict[str, Base]:
+def arm_bases(setup: RavenSetup) -> dict[str, Base]:
     """Return position and orientation of each arm's base in the world."""
     return {arm: Base(*scene.base_pose(arm)) for arm in setup.arms}
 

@@ -12,7 +12,7 @@ from ravenjax.vocabulary.packets import MOST_CYCLES
 _PARTS = 1000
 
 
-def lengths(ms: np.ndarray) -> np.ndarray:
+def packet_lengths(ms: np.ndarray) -> np.ndarray:
     """Return the cycles from each cycle that gets datagrams to the next one that does, int.
 
     ms: when each datagram arrives, ascending.
@@ -20,7 +20,7 @@ def lengths(ms: np.ndarray) -> np.ndarray:
     return np.diff(np.unique(np.floor(ms)).astype(int))
 
 
-def shares(cycles: np.ndarray) -> np.ndarray:
+def length_shares(cycles: np.ndarray) -> np.ndarray:
     """Return the share of packets that last 1, 2, 3, .. cycles, from each length (int [n])."""
     return np.bincount(cycles)[1:] / len(cycles)
 
@@ -30,7 +30,7 @@ def as_campaign(cycles: np.ndarray) -> tuple[float, ...]:
 
     Longer packets count as the longest that is allowed.
     """
-    exact = shares(np.minimum(cycles, MOST_CYCLES)) * _PARTS
+    exact = length_shares(np.minimum(cycles, MOST_CYCLES)) * _PARTS
     parts = np.floor(exact).astype(int)
     parts[np.argsort(parts - exact)[: _PARTS - parts.sum()]] += 1
     used = np.flatnonzero(parts)[-1] + 1

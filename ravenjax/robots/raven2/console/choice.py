@@ -117,7 +117,7 @@ class ProfileChoice:
         self._travel = {name: [0] * len(self._arms) for name in names}
 
 
-def fitting(
+def matching_profile(
     packets: Collection[Sequence], profiles: Sequence[ConsoleProfile], arms: Sequence[ArmName]
 ) -> str:
     """Return the name of the first profile that nine in ten packets (their fields) fit; "" if none

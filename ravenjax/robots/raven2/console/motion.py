@@ -26,7 +26,7 @@ ARM_COLUMNS = ("x_um", "y_um", "z_um", "qx", "qy", "qz", "qw", "grasp_mrad")
 PEDAL_COLUMN = "surgeon_mode"
 
 
-def columns(arms: tuple[ArmName, ...]) -> tuple[str, ...]:
+def motion_columns(arms: tuple[ArmName, ...]) -> tuple[str, ...]:
     """Return the names of the columns of `Motion.table`: eight per arm, then the pedal."""
     return (*(f"{arm}_{column}" for arm in arms for column in ARM_COLUMNS), PEDAL_COLUMN)
 

@@ -267,7 +267,7 @@ MOTIONS: dict[str, str] = {
 """Names and descriptions of the motions; sizes and speeds are the tip's at NOMINAL_SCALE."""
 
 
-def generate(
+def generate_motion(
     name: str, duration_s: float, arms: tuple[ArmName, ...] = ("gold",), seed: int = 0
 ) -> Motion:
     """Return the named motion for `duration_s` seconds.

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ravenjax.numbers.lazy import at_once, jnp
-from ravenjax.numbers.quantity import described
-from ravenjax.numbers.setup import per_arm, real
+from ravenjax.numbers.quantity import describe_fields
+from ravenjax.numbers.setup import cast_to_real, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, to_int32, where
 from ravenjax.parts import part
 from ravenjax.robots.raven2.arms import PerArm
@@ -33,7 +33,7 @@ from ravenjax.robots.raven2.geometry.mapping import (
 from ravenjax.robots.raven2.setup import RavenSetup
 
 
-@described
+@describe_fields
 @record
 class OperatorParams:
     """Console parameters that a campaign may vary."""
@@ -55,7 +55,7 @@ def params(
     """
     with at_once():
         poses = per_arm(
-            setup, lambda i, arm: kinematics.forward(arm, Vec(map(np.float64, start_jpos[i])))
+            setup, lambda i, arm: kinematics.forward_pose(arm, Vec(map(np.float64, start_jpos[i])))
         )
         quats = [quat_from_matrix(pose.rotation) for pose in poses]
     return OperatorParams(
@@ -63,7 +63,7 @@ def params(
         start_position=tuple(Vec(float(x) * 1e6 for x in pose.position) for pose in poses),
         start_quat=tuple(Vec(float(x) for x in quat) for quat in quats),
         start_grasp=tuple(float(int((jpos[5] + jpos[6]) * 1000.0)) for jpos in start_jpos),
-        own=None if setup.hands is None else part.parameters((setup.hands,)),
+        own=None if setup.hands is None else part.part_parameters((setup.hands,)),
     )
 
 
@@ -77,7 +77,7 @@ class MotionRow:
     surgeon_mode: Scalar  # int32, 1 pedal down
 
 
-def lookup(table: tuple[Any, ...], k: Scalar) -> MotionRow:
+def look_up_row(table: tuple[Any, ...], k: Scalar) -> MotionRow:
     """Return row `k` of a motion; `k` is clamped to the first and last row.
 
     table: the columns of `Motion.table()`, each a 1-D array. This is the only indexing in the whole
@@ -123,21 +123,23 @@ PLAN = Deviation()
 
 def at_plan(setup: RavenSetup) -> HandOffsets:
     """Return hands without an offset from the plan."""
-    still = per_arm(setup, lambda *_: Vec.full(3, real(setup, 0.0)))
+    still = per_arm(setup, lambda *_: Vec.full(3, cast_to_real(setup, 0.0)))
     return HandOffsets(still, still)
 
 
-def strayed(hands: HandOffsets, motion: PerArm[Vec]) -> HandOffsets:
+def with_stray_motion(hands: HandOffsets, motion: PerArm[Vec]) -> HandOffsets:
     """Return the hands after a motion beyond the plan, um before scaling, axes of an ITP packet."""
     return replace(hands, offset=tuple(a + b for a, b in zip(hands.offset, motion, strict=True)))
 
 
-def steered(
+def with_tip_motion(
     setup: RavenSetup, params: OperatorParams, hands: HandOffsets, tips: PerArm[Vec]
 ) -> HandOffsets:
     """Return the hands after a motion that moves each tip by `tips`, m in frame 0."""
     per_m = 1e6 / params.scale
-    return strayed(hands, per_arm(setup, lambda i, arm: position_to_itp(arm, tips[i]) * per_m))
+    return with_stray_motion(
+        hands, per_arm(setup, lambda i, arm: position_to_itp(arm, tips[i]) * per_m)
+    )
 
 
 def tip_offset(setup: RavenSetup, params: OperatorParams, hands: HandOffsets) -> PerArm[Vec]:
@@ -146,7 +148,7 @@ def tip_offset(setup: RavenSetup, params: OperatorParams, hands: HandOffsets) ->
     return per_arm(setup, lambda i, arm: position_from_itp(arm, hands.offset[i]) * m_each)
 
 
-def sent(hands: HandOffsets, fresh: Scalar) -> HandOffsets:
+def mark_sent(hands: HandOffsets, fresh: Scalar) -> HandOffsets:
     """Return the hands after a tick, in which a packet was made if `fresh` (bool)."""
     return replace(hands, offset_before=where(fresh, hands.offset, hands.offset_before))
 
@@ -167,7 +169,7 @@ def row_by_row(index: Scalar) -> PacketTiming:
     return PacketTiming(index, index, index - 1)
 
 
-def packet(
+def make_packet(
     setup: RavenSetup,
     params: OperatorParams,
     motion: tuple[Any, ...],
@@ -177,15 +179,15 @@ def packet(
 ) -> Packet:
     """Return the packet that the console sends at `timing`.
 
-    motion: the table of `lookup`. While the pedal is up, a console of increments sends no motion,
-    so that the surgeon can reposition the hands.
+    motion: the table of `look_up_row`. While the pedal is up, a console of increments sends no
+    motion, so that the surgeon can reposition the hands.
     """
 
     def sums(values: tuple[Any, ...], more: tuple[Any, ...]) -> tuple[Any, ...]:
         return tuple(a + b for a, b in zip(values, more, strict=True))
 
     def row_at(index: Scalar, lag: Scalar | None, offset: PerArm[Vec]) -> MotionRow:
-        row = lookup(motion, index if lag is None else index - lag)
+        row = look_up_row(motion, index if lag is None else index - lag)
         return replace(row, position=sums(row.position, offset)) if offset else row
 
     row = row_at(timing.row, deviation.lag, hands.offset)
@@ -196,7 +198,7 @@ def packet(
     if deviation.lifted is not None:
         row = replace(row, surgeon_mode=jnp.where(deviation.lifted, 0, row.surgeon_mode))
     sequence, pedal = timing.index + 1, row.surgeon_mode > 0
-    row, row_before, params = real(setup, (row, row_before, replace(params, own=None)))
+    row, row_before, params = cast_to_real(setup, (row, row_before, replace(params, own=None)))
     form = _absolute if setup.console == "absolute" else _increment
     motion = per_arm(setup, lambda i, arm: form(i, arm, params, row, row_before, pedal))
     return Packet(

@@ -24,7 +24,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from ravenjax.numbers.lazy import jnp, lax
-from ravenjax.numbers.setup import per_arm, real
+from ravenjax.numbers.setup import cast_to_real, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, where
 from ravenjax.parts import part
 from ravenjax.parts.part import InPlace, View
@@ -99,10 +99,14 @@ def init(
     file.
     """
     assert setup.hands is not None
-    models = per_arm(setup, lambda i, arm: kinematics.forward(arm, start[i]).position)
-    none, still, zero = real(setup, 0.0), real(setup, Vec.full(3, 0.0)), jnp.int32(0)
+    models = per_arm(setup, lambda i, arm: kinematics.forward_pose(arm, start[i]).position)
+    none, still, zero = (
+        cast_to_real(setup, 0.0),
+        cast_to_real(setup, Vec.full(3, 0.0)),
+        jnp.int32(0),
+    )
     screen = _screen(setup, tips, models, [(still, none)] * len(tips))
-    own = part.loaded(setup.hands).init(params.own.hands, setup.precision.real)
+    own = part.load_part(setup.hands).init(params.own.hands, setup.precision.real)
     plan = tuple((still, none, still) for _ in screen)
     _, keys = _stepped(
         setup, params, own, zero, jnp.int32(runlevel), jnp.bool_(False), plan, screen
@@ -117,7 +121,7 @@ def init(
     )
 
 
-def act(
+def act_as_file(
     setup: RavenSetup,
     params: operator.OperatorParams,
     state: OwnOperatorState,
@@ -129,13 +133,17 @@ def act(
 ) -> tuple[OwnOperatorState, operator.HandOffsets, operator.Deviation]:
     """Compute one millisecond of the file. fresh: bool, whether a packet is made in it."""
     pace = state.pace
-    now = operator.lookup(motion, moment.row if pace is None else moment.row - pace.lag)
-    before = operator.lookup(motion, moment.before if pace is None else moment.before - pace.before)
+    now = operator.look_up_row(motion, moment.row if pace is None else moment.row - pace.lag)
+    before = operator.look_up_row(
+        motion, moment.before if pace is None else moment.before - pace.before
+    )
 
     def planned(i: int, arm: ArmName) -> tuple[Vec, Scalar, Vec]:
-        delta = real(setup, now.position[i]) - real(setup, before.position[i])
-        grasp = real(setup, now.grasp[i]) - real(setup, before.grasp[i])
-        delta, grasp = where(moment.goes_on, (delta, grasp), real(setup, (Vec.full(3, 0.0), 0.0)))
+        delta = cast_to_real(setup, now.position[i]) - cast_to_real(setup, before.position[i])
+        grasp = cast_to_real(setup, now.grasp[i]) - cast_to_real(setup, before.grasp[i])
+        delta, grasp = where(
+            moment.goes_on, (delta, grasp), cast_to_real(setup, (Vec.full(3, 0.0), 0.0))
+        )
         return delta, grasp, hands.offset[i]
 
     plan = per_arm(setup, planned)
@@ -144,7 +152,7 @@ def act(
     )
     state, how = replace(state, own=own), operator.PLAN
     if "delta" in will:
-        hands = operator.strayed(
+        hands = operator.with_stray_motion(
             hands,
             tuple(new - delta for new, (delta, _, _) in zip(will["delta"], plan, strict=True)),
         )
@@ -163,7 +171,7 @@ def act(
     return state, hands, how
 
 
-def see(
+def show_state(
     setup: RavenSetup,
     state: OwnOperatorState,
     tips: PerArm[Vec],
@@ -190,7 +198,7 @@ def _screen(
             position_to_itp(arm, tips[i]), position_to_itp(arm, model_tips[i]), *pulls[i]
         )
 
-    return real(setup, per_arm(setup, shown))
+    return cast_to_real(setup, per_arm(setup, shown))
 
 
 def _stepped(
@@ -219,7 +227,7 @@ def _stepped(
             "tick": tick,
             "runlevel": runlevel,
             "pedal": pedal,
-            "scale": real(setup, params.scale),
+            "scale": cast_to_real(setup, params.scale),
             "arms": arms,
         },
     )
@@ -228,9 +236,9 @@ def _stepped(
         "delta": InPlace(tuple(arm.delta for arm in arms), f"{each}: a Vec of 3 numbers, um"),
         "grasp": InPlace(tuple(arm.grasp for arm in arms), f"{each}: a number, mrad"),
         "pedal": InPlace(pedal, "one truth value"),
-        "pace": InPlace(real(setup, 1.0), "one number, 0 to 1"),
+        "pace": InPlace(cast_to_real(setup, 1.0), "one number, 0 to 1"),
     }
-    return part.loaded(setup.hands).step(
+    return part.load_part(setup.hands).step(
         params.own.hands, own, view, setup.precision.real, hands=like
     )
 

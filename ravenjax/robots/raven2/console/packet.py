@@ -76,7 +76,7 @@ class Packet:
 
 
 @functools.lru_cache(maxsize=16)
-def silence(setup: RavenSetup) -> Packet:
+def empty_packet(setup: RavenSetup) -> Packet:
     """Return the packet of a cycle in which none arrives."""
     arms, zero = range(len(setup.arms)), np.int32(0)
     number = np.dtype(setup.precision.wide).type
@@ -91,7 +91,7 @@ def silence(setup: RavenSetup) -> Packet:
     )
 
 
-def encode(packet: Packet, arms: tuple[ArmName, ...]) -> bytes:
+def encode_packet(packet: Packet, arms: tuple[ArmName, ...]) -> bytes:
     """Return the 124-byte datagram of a packet of increments; an arm that is not in `arms` stays
     still.
 

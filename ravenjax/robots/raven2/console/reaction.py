@@ -30,7 +30,7 @@ import numpy as np
 
 from ravenjax.numbers.algebra import dot
 from ravenjax.numbers.lazy import jnp, lax
-from ravenjax.numbers.quantity import described
+from ravenjax.numbers.quantity import describe_fields
 from ravenjax.numbers.setup import per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
 from ravenjax.robots.raven2.arms import PerArm
@@ -43,7 +43,7 @@ TICK_S = 1e-3
 TINY_M = 1e-9
 
 
-@described
+@describe_fields
 @record
 class ReactionParams:
     """Parameters of the reaction. The defaults are the assumptions above, with no action."""
@@ -83,7 +83,7 @@ def init(setup: RavenSetup) -> ReactionState:
     return ReactionState(jnp.int32(-1), jnp.int32(-1), jnp.int32(-1))
 
 
-def act(
+def react_to_cue(
     setup: RavenSetup, params: ReactionParams, state: ReactionState, tick: Scalar, packet: Scalar
 ) -> ReactionState:
     """Decide whether the action begins in this tick, whose packet has row `packet`."""
@@ -96,7 +96,7 @@ def act(
     )
 
 
-def deviation(
+def packet_deviation(
     setup: RavenSetup, params: ReactionParams, state: ReactionState, row: Scalar, before: Scalar
 ) -> Deviation:
     """Return foot's and hands' deviations in the packet of row `row`, which follows `before`."""
@@ -114,7 +114,7 @@ def deviation(
     return Deviation(lag(row), lag(before), lifted=released)
 
 
-def feel(
+def feel_cue(
     setup: RavenSetup, params: ReactionParams, state: ReactionState, felt: OperatorSenses
 ) -> tuple[ReactionState, PerArm[Vec]]:
     """Return the state after this tick's cue, and the correction of each tip, m in frame 0."""

@@ -20,12 +20,12 @@ MODEL = "raven2/raven2.xml"
 
 
 @functools.cache
-def scene() -> mujoco.MjModel:
+def operating_scene() -> mujoco.MjModel:
     """Return both arms and the operating scene, compiled. Do not write to the model."""
     # imported late: a planned tick that was traced before needs no model
     import mujoco
 
-    return mujoco.MjModel.from_xml_path(str(resources.model(MODEL)))
+    return mujoco.MjModel.from_xml_path(str(resources.find_model(MODEL)))
 
 
 @functools.cache
@@ -36,20 +36,20 @@ def one_arm(arm: ArmName) -> mujoco.MjModel:
     """
     import mujoco
 
-    spec = mujoco.MjSpec.from_file(str(resources.model(MODEL)))
+    spec = mujoco.MjSpec.from_file(str(resources.find_model(MODEL)))
     for key in list(spec.keys):
         spec.delete(key)
     for geom in list(spec.geoms):
         spec.delete(geom)
     for body in list(spec.worldbody.bodies):
-        if body.name != base(arm):
+        if body.name != base_body(arm):
             spec.delete(body)
     for unused in (*spec.meshes, *spec.materials, *spec.textures):
         spec.delete(unused)
     return spec.compile()
 
 
-def base(arm: ArmName) -> str:
+def base_body(arm: ArmName) -> str:
     """Return the name of the fixed body that carries the arm's frame 0."""
     if arm not in ARMS:
         raise ValueError(f"no arm {arm!r}: the robot has {' and '.join(ARMS)}")
@@ -66,5 +66,5 @@ def frame_rotation(arm: ArmName) -> np.ndarray:
     import mujoco
 
     rotation = np.zeros(9)
-    mujoco.mju_quat2Mat(rotation, scene().body(base(arm)).quat)
+    mujoco.mju_quat2Mat(rotation, operating_scene().body(base_body(arm)).quat)
     return rotation.reshape(3, 3)

@@ -86,7 +86,7 @@ def coloured_glb(model: mujoco.MjModel, body: int) -> bytes:
     for geoms in geoms_by_look(model, body):
         mesh = trimesh.graph.smooth_shade(merged_mesh(model, geoms), angle=CREASE)
         material = model.mat(int(model.geom_matid[geoms[0]]))
-        srgb = colour(model, geoms[0])
+        srgb = geom_colour(model, geoms[0])
         # glTF has linear colours, and roughness instead of shininess.
         linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
         is_metal = material.name in ("steel", "silver", "extrusion")
@@ -104,7 +104,7 @@ def coloured_glb(model: mujoco.MjModel, body: int) -> bytes:
     return data
 
 
-def colour(model: mujoco.MjModel, geom: int) -> np.ndarray:
+def geom_colour(model: mujoco.MjModel, geom: int) -> np.ndarray:
     """Return the sRGB colour of a geom, 0 to 1; for a texture the colour of its first pixel."""
     material = model.mat(int(model.geom_matid[geom]))
     textures = [int(texture) for texture in material.texid if texture >= 0]

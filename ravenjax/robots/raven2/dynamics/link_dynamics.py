@@ -13,7 +13,7 @@ import io
 from typing import TYPE_CHECKING, Any
 
 from ravenjax.ir.program import Program
-from ravenjax.ir.symbolic import replay
+from ravenjax.ir.symbolic import replay_program
 from ravenjax.numbers.algebra import mul
 from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.numbers.vec import Scalar, Vec
@@ -43,7 +43,7 @@ def mass_matrix_and_bias(
     mass, bias = evaluate(arm, qpos, qvel, gravity)
     mass = [[mul(x, mass_scale) for x in row] for row in mass]
     bias = [mul(x, mass_scale) for x in bias]
-    for i, link in enumerate(links(arm)):
+    for i, link in enumerate(arm_links(arm)):
         if link.armature:
             mass[i][i] = mass[i][i] + link.armature
     return tuple(Vec(row) for row in mass), Vec(bias)
@@ -80,30 +80,30 @@ def _mjx_model(arm: ArmName, dtype: str) -> tuple[Any, Any, Any]:
 
 
 @functools.cache
-def links(arm: ArmName) -> tuple[Link, ...]:
+def arm_links(arm: ArmName) -> tuple[Link, ...]:
     """Return the arm as a tree of links. Raises ValueError if the model's joints are not those of
     the arm.
     """
     from ravenjax.robots.raven2.dynamics.rigid_tree import read_tree  # imports MuJoCo
 
-    tree = read_tree(arm_model.one_arm(arm), arm_model.base(arm))
+    tree = read_tree(arm_model.one_arm(arm), arm_model.base_body(arm))
     joints, expected = tuple(link.joint for link in tree), arm_model.joint_names(arm)
     if joints != expected:
         raise ValueError(
-            f"{arm_model.MODEL}: joints below {arm_model.base(arm)} are {joints}, expected"
+            f"{arm_model.MODEL}: joints below {arm_model.base_body(arm)} are {joints}, expected"
             f" {expected}"
         )
     return tree
 
 
 @functools.lru_cache(maxsize=64)
-def program(arm: ArmName, known: tuple[float | None, ...]) -> Program:
+def arm_program(arm: ArmName, known: tuple[float | None, ...]) -> Program:
     """Return the arm's straight-line program; `known` as in
     `rigid_program.mass_matrix_and_bias`.
     """
     from ravenjax.robots.raven2.dynamics import rigid_program
 
-    return rigid_program.mass_matrix_and_bias(links(arm), known)
+    return rigid_program.mass_matrix_and_bias(arm_links(arm), known)
 
 
 def _unrolled(
@@ -111,7 +111,7 @@ def _unrolled(
 ) -> tuple[list[list[Scalar]], list[Scalar]]:
     inputs = (*qpos, *qvel, *gravity)
     constants = tuple(float(x) if type(x) in (int, float) else None for x in inputs)
-    out = replay(program(arm, constants), inputs, FUNCTIONS)
+    out = replay_program(arm_program(arm, constants), inputs, FUNCTIONS)
     n = len(qpos)
     triangle = [out[i * (i + 1) // 2 : (i + 1) * (i + 2) // 2] for i in range(n)]
     return [[triangle[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)], out[-n:]

@@ -14,7 +14,7 @@ import math
 from typing import TypeAlias
 
 from ravenjax.ir.program import Program
-from ravenjax.ir.symbolic import Number, cos, program, sin, symbols
+from ravenjax.ir.symbolic import Number, build_program, cos, make_symbols, sin
 from ravenjax.numbers.algebra import cross, matrix
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.dynamics.rigid_tree import Link
@@ -49,7 +49,7 @@ def mass_matrix_and_bias(
     symmetric. Entries that the tree's structure makes constant or zero are Python numbers.
     """
     n = len(links)
-    inputs = symbols(2 * n + 3)
+    inputs = make_symbols(2 * n + 3)
     fixed = known or (None,) * len(inputs)
     values: list[Number] = [
         symbol if x is None else x for symbol, x in zip(inputs, fixed, strict=True)
@@ -58,7 +58,7 @@ def mass_matrix_and_bias(
     bodies = _kinematics(links, qpos, qvel, -Vec(gravity))
     bias = _bias(links, bodies)
     mass = _mass_matrix(links, bodies)
-    return program(inputs, [mass[i][j] for i in range(n) for j in range(i + 1)] + bias)
+    return build_program(inputs, [mass[i][j] for i in range(n) for j in range(i + 1)] + bias)
 
 
 def _kinematics(

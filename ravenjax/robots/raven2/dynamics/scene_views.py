@@ -41,6 +41,6 @@ def view_pose(name: str) -> tuple[np.ndarray, np.ndarray, float]:
         if name.endswith(("_left", "_right")):
             focus[0] = place[0]
         return place, focus, float(_ENDOSCOPE_FOV)
-    camera, (focus, share) = arm_model.scene().camera(name), _CAMERAS[name]
+    camera, (focus, share) = arm_model.operating_scene().camera(name), _CAMERAS[name]
     place = focus + share * (camera.pos - focus)
     return place, np.array(focus), float(np.radians(camera.fovy[0]))

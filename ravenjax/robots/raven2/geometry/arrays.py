@@ -18,7 +18,7 @@ from collections.abc import Generator
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ravenjax.errors import UserError, unknown
+from ravenjax.errors import UserError, describe_unknown_name
 from ravenjax.numbers.lazy import at_once
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS, JOINTS
@@ -38,14 +38,14 @@ def forward_kinematics(jpos: ArrayLike, arm: str) -> tuple[Array, Array]:
     """
     (joints,) = _rows(arm, jpos=(jpos, (7,)))
     with _numpy():
-        pose = kinematics.forward(arm, _vec(joints))
+        pose = kinematics.forward_pose(arm, _vec(joints))
     return _stacked(pose.position), _matrices(pose.rotation)
 
 
 def jaw_rotation(arm: str, jpos: Array) -> Array:
     """Return the rotation [..., 3, 3] of the jaws at `jpos` [..., 7]; NaN if a joint is NaN."""
     with _numpy():
-        return _matrices(kinematics.forward(arm, _vec(np.asarray(jpos, float))).rotation)
+        return _matrices(kinematics.forward_pose(arm, _vec(np.asarray(jpos, float))).rotation)
 
 
 def inverse_kinematics(
@@ -71,7 +71,7 @@ def inverse_kinematics(
     _require_rotations(_checked("rotation", rotation, (3, 3)))
     pose = Pose(_vec(places), Vec(_vec(turns[..., k, :]) for k in range(3)))
     with _numpy():
-        solution = kinematics.inverse(arm, pose, openings[()], _vec(measured))
+        solution = kinematics.inverse_joints(arm, pose, openings[()], _vec(measured))
     jpos_d, status = _stacked(solution.jpos), np.asarray(solution.status)
     jpos_d[status == kinematics.REJECTED] = np.nan
     return jpos_d, status
@@ -122,7 +122,7 @@ def _matrices(rows: Vec) -> Array:
 def _rows(arm: str, **arguments: tuple[ArrayLike, tuple[int, ...]]) -> list[Array]:
     """Check the arguments, each given with the shape of one row; broadcast their leading axes."""
     if arm not in ARMS:
-        raise UserError(unknown("arm", arm, ARMS))
+        raise UserError(describe_unknown_name("arm", arm, ARMS))
     checked = {name: _checked(name, value, row) for name, (value, row) in arguments.items()}
     leading = {name: a.shape[: a.ndim - len(arguments[name][1])] for name, a in checked.items()}
     try:

@@ -1,7 +1,7 @@
 """Tip of an arm whose links differ from the drawings: its Denavit-Hartenberg table with errors.
 
-`kinematics.forward` uses the software's table, in which shoulder, elbow and insertion axes meet in
-one point. Here every link may have its own twist and length. Convention as in `joints`.
+`kinematics.forward_pose` uses the software's table, in which shoulder, elbow and insertion axes
+meet in one point. Here every link may have its own twist and length. Convention as in `joints`.
 """
 
 from __future__ import annotations
@@ -9,12 +9,12 @@ from __future__ import annotations
 from ravenjax.numbers import trigonometry
 from ravenjax.numbers.algebra import add, mul, sub
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import described
+from ravenjax.numbers.quantity import describe_fields
 from ravenjax.numbers.vec import Scalar, Vec, record
 from ravenjax.robots.raven2.geometry.joints import D4, GEOMETRY, LINK12, LINK23, LW, PI
 
 
-@described
+@describe_fields
 @record
 class LinkErrors:
     """True links minus those of the software's table; 0: as drawn."""
@@ -33,7 +33,7 @@ def as_drawn() -> LinkErrors:
     return LinkErrors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def tip(arm: str, jpos: Vec, errors: LinkErrors) -> Vec:
+def tip_position(arm: str, jpos: Vec, errors: LinkErrors) -> Vec:
     """Return the position (3, m, frame 0) of the jaw axis with these links; jpos: rad and m."""
     geometry = GEOMETRY[arm]
     gold = geometry.flip > 0

@@ -13,7 +13,7 @@ from ravenjax.numbers.algebra import add, cross, dot, mul, scale
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec
 from ravenjax.robots.raven2.geometry import kinematics
-from ravenjax.robots.raven2.geometry.joints import D4, GEOMETRY, LW, yaw
+from ravenjax.robots.raven2.geometry.joints import D4, GEOMETRY, LW, jaw_yaw
 from ravenjax.robots.raven2.geometry.kinematics import ChainAxes
 
 # m, jaw axis to jaw tip; models/raven2 PROVENANCE.md: "steel jaw of about 20 mm"
@@ -62,10 +62,10 @@ def jaw_tips(arm: str, jpos: Vec) -> tuple[InstrumentPoint, InstrumentPoint]:
     return _jaw_tip(arm, chain, jpos[5], -1.0, 5), _jaw_tip(arm, chain, jpos[6], 1.0, 6)
 
 
-def line(arm: str, jpos: Vec) -> InstrumentLine:
+def instrument_line(arm: str, jpos: Vec) -> InstrumentLine:
     """Return the instrument's line at `jpos` (7, rad and m)."""
     chain = kinematics.chain_of(arm, jpos)
-    way, turn = _jaw(chain, yaw(jpos))
+    way, turn = _jaw(chain, jaw_yaw(jpos))
     return InstrumentLine(chain, chain.z3 * (jpos[2] + D4), chain.tip + way, turn)
 
 

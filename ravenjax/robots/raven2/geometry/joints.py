@@ -62,7 +62,7 @@ class Theta:
     theta6: Scalar  # rad
 
 
-def yaw(jpos: Vec) -> Scalar:
+def jaw_yaw(jpos: Vec) -> Scalar:
     """Return the jaw yaw, rad, positive toward jaw 2.
 
     The original rounds the difference of the jaws to float32 before halving it.
@@ -70,18 +70,18 @@ def yaw(jpos: Vec) -> Scalar:
     return (jpos[6] - jpos[5]) * 0.5
 
 
-def grasp(jpos: Vec) -> Scalar:
+def jaw_opening(jpos: Vec) -> Scalar:
     """Return the jaw opening, rad, positive open."""
     return jpos[5] + jpos[6]
 
 
-def jaws(yaw_rad: Scalar, grasp_rad: Scalar) -> tuple[Scalar, Scalar]:
+def jaw_angles(yaw_rad: Scalar, grasp_rad: Scalar) -> tuple[Scalar, Scalar]:
     """Return grasp1 and grasp2, rad, from yaw and opening."""
     half = grasp_rad * 0.5
     return half - yaw_rad, half + yaw_rad
 
 
-def wrap(angle: Scalar) -> Scalar:
+def wrap_angle(angle: Scalar) -> Scalar:
     """Return the angle, rad, shifted by whole turns into [-pi, pi]."""
     return angle - 2 * PI * jnp.round(angle * (0.5 / PI))
 
@@ -90,19 +90,19 @@ def theta_from_joint(arm: str, jpos: Vec) -> Theta:
     """Return the DH variables of the joints; every angle in [-pi, pi], roll included."""
     geometry = GEOMETRY[arm]
     return Theta(
-        theta1=wrap(jpos[0] + geometry.zero1),
-        theta2=wrap(jpos[1] + geometry.zero2) if geometry.zero2 else wrap(jpos[1]),
+        theta1=wrap_angle(jpos[0] + geometry.zero1),
+        theta2=wrap_angle(jpos[1] + geometry.zero2) if geometry.zero2 else wrap_angle(jpos[1]),
         d3=jpos[2],
-        theta4=wrap(jpos[3]),
-        theta5=wrap(jpos[4] - PI / 2),
-        theta6=wrap(yaw(jpos)),
+        theta4=wrap_angle(jpos[3]),
+        theta5=wrap_angle(jpos[4] - PI / 2),
+        theta6=wrap_angle(jaw_yaw(jpos)),
     )
 
 
 def joint_from_theta(arm: str, theta: Theta, grasp_rad: Scalar) -> Vec:
     """Return the joints (7) of DH variables in [-pi, pi], all but the roll within [-pi, pi]."""
     geometry = GEOMETRY[arm]
-    grasp1, grasp2 = jaws(theta.theta6, grasp_rad)
+    grasp1, grasp2 = jaw_angles(theta.theta6, grasp_rad)
     return Vec(
         (
             _one_turn(theta.theta1, -geometry.zero1),

@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 from ravenjax.numbers.algebra import cross, dot
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.vec import Scalar, Vec, as_int, rarely, record, where
+from ravenjax.numbers.vec import Scalar, Vec, as_int, if_rarely, record, where
 from ravenjax.robots.raven2.geometry.joints import (
     D4,
     GEOMETRY,
@@ -36,9 +36,9 @@ from ravenjax.robots.raven2.geometry.joints import (
     Geometry,
     Pose,
     Theta,
+    jaw_yaw,
     joint_from_theta,
     theta_from_joint,
-    yaw,
 )
 
 # rad^2 (insertion counted 100 rad/m): a nearest solution that is farther away is rejected
@@ -98,14 +98,14 @@ def chain_of(arm: str, jpos: Vec) -> ChainAxes:
     return ChainAxes(z2, z3, x4, y4, x5, y5, c5, z3 * (jpos[2] + D4) + x5 * LW)
 
 
-def forward(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
+def forward_pose(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
     """Return the pose of the jaw axis at `jpos` (7, rad and m).
 
     The jaws matter only by their yaw. It is (grasp2 - grasp1) / 2 unless `yaw_rad` (rad) is given,
     as the original rounds it to float32.
     """
     chain = chain_of(arm, jpos)
-    theta6 = yaw(jpos) if yaw_rad is None else yaw_rad
+    theta6 = jaw_yaw(jpos) if yaw_rad is None else yaw_rad
     c6, s6 = jnp.cos(theta6), jnp.sin(theta6)
     x6 = chain.x5 * c6 - chain.y4 * s6
     y6 = -(chain.x5 * s6 + chain.y4 * c6)
@@ -113,7 +113,7 @@ def forward(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
     return Pose(chain.tip, Vec(Vec(row) for row in zip(x6, y6, z6, strict=True)))
 
 
-def jacobian(arm: str, jpos: Vec) -> Vec:
+def tip_jacobian(arm: str, jpos: Vec) -> Vec:
     """Return the geometric Jacobian of frame 6.
 
     Rows: vx, vy, vz (m/s), wx, wy, wz (rad/s). Columns: theta1, theta2, d3, theta4, theta5, theta6.
@@ -388,7 +388,7 @@ def _leftover(measured: Theta, insertions: tuple[Scalar, Scalar]) -> _Choice:
     return _Choice(theta, cost + _depth_cost(measured, d3))
 
 
-def inverse(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK:
+def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK:
     """Return the joints that bring the jaw axis to `pose`, nearest to the measured `jpos_ref` (7).
 
     grasp_rad: opening of the jaws, rad. A roll more than 300 deg from the measured one is shifted
@@ -403,7 +403,7 @@ def inverse(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK:
     # The solution of least cost is nearly always found without computing the others, because a
     # lower bound of their costs is known.
     usual, others = _likely(geometry, measured, wrists, axes)
-    nearest = rarely(
+    nearest = if_rarely(
         ~(usual.cost < others), lambda: _nearest_of_all(geometry, measured, wrists, axes), usual
     )
     singular = (insertions[0] <= LW) | (insertions[1] <= LW)

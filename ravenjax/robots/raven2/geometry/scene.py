@@ -49,7 +49,7 @@ class Surface(NamedTuple):
 
 
 @cache
-def frame0(arm: ArmName) -> tuple[Vec, Vec]:
+def frame0_in_world(arm: ArmName) -> tuple[Vec, Vec]:
     """Return origin (m) and rotation rows of the arm's frame 0 in the world, as Python numbers."""
     exact = [
         Vec(float(round(x)) if abs(x - round(x)) < 1e-12 else x for x in row)
@@ -60,38 +60,38 @@ def frame0(arm: ArmName) -> tuple[Vec, Vec]:
 
 def base_pose(arm: ArmName) -> tuple[tuple[float, float, float], tuple[float, float, float, float]]:
     """Return the arm's frame 0 in the world: origin x, y, z (m) and unit quaternion x, y, z, w."""
-    body = arm_model.scene().body(arm_model.base(arm))
+    body = arm_model.operating_scene().body(arm_model.base_body(arm))
     (px, py, pz), (w, x, y, z) = (map(float, numbers) for numbers in (body.pos, body.quat))
     return (px, py, pz), (x, y, z, w)
 
 
-def world(arm: ArmName, position: Vec) -> Vec:
+def to_world(arm: ArmName, position: Vec) -> Vec:
     """Return a point of the arm's frame 0 in the world, m."""
-    origin, rotation = frame0(arm)
+    origin, rotation = frame0_in_world(arm)
     return plus(origin, matvec(rotation, position))
 
 
 def tissue_depth(arm: ArmName, tip: Vec) -> Scalar:
     """Return the depth of `tip` (m, frame 0) below the tissue, m; negative above, -inf beside."""
-    x, y, z = world(arm, tip)
+    x, y, z = to_world(arm, tip)
     return jnp.where(_inside(x, y), _dome(x, y) - z, -jnp.inf)
 
 
-def surface(arm: ArmName, point: Vec) -> Surface:
+def tissue_surface(arm: ArmName, point: Vec) -> Surface:
     """Return the tissue's surface at a point (3, m, frame 0): the dome with the vessel's ridge on
     it.
 
     Beside the tissue the surface is 1 m deep. The ridge is height (1 - (d/r)^2)^2 at the distance d
     from the vessel's axis. It is as wide and high as the drawn vessel, without a vertical flank.
     """
-    x, y, z = world(arm, point)
+    x, y, z = to_world(arm, point)
     course, slope = _course(x)
     off, narrow = y - course, VESSEL_LEAN / VESSEL_RADIUS**2
     share = jnp.maximum(1.0 - narrow * (off * off), 0.0)
     fall = (4.0 * VESSEL_HEIGHT * narrow) * (share * off)  # -dh/dy of the ridge
     depth = _dome(x, y) + VESSEL_HEIGHT * (share * share) - z
     rise = Vec((2.0 * TISSUE_SAG[0] * x - fall * slope, 2.0 * TISSUE_SAG[1] * y + fall, 1.0))
-    _, rotation = frame0(arm)
+    _, rotation = frame0_in_world(arm)
     return Surface(
         jnp.where(_inside(x, y), depth, -1.0), matvec(transpose(rotation), rise), share > 0.0
     )
@@ -123,5 +123,5 @@ def tip_distance(arms: tuple[ArmName, ...], tips: tuple[Vec, ...]) -> Scalar:
     """Return the distance of the two tips, m; infinite with one arm."""
     if len(arms) < 2:
         return jnp.asarray(jnp.inf, tips[0][0].dtype)
-    apart = minus(world(arms[0], tips[0]), world(arms[1], tips[1]))
+    apart = minus(to_world(arms[0], tips[0]), to_world(arms[1], tips[1]))
     return jnp.sqrt(apart[0] * apart[0] + apart[1] * apart[1] + apart[2] * apart[2])

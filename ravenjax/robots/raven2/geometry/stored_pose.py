@@ -7,7 +7,7 @@ int grasp.
 
 from __future__ import annotations
 
-from ravenjax.numbers.setup import narrow, wide
+from ravenjax.numbers.setup import narrow_numbers, widen_numbers
 from ravenjax.numbers.vec import Scalar, Vec, record, to_int32
 from ravenjax.robots.raven2.geometry.kinematics import Pose
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -24,12 +24,14 @@ class StoredPose:
     grasp_mrad: Scalar  # int32, jaw opening, positive open
 
 
-def store(setup: RavenSetup, pose: Pose, grasp_mrad: Scalar) -> StoredPose:
+def store_pose(setup: RavenSetup, pose: Pose, grasp_mrad: Scalar) -> StoredPose:
     """Return a pose (m) truncated toward zero to whole micrometres, with its rotation rounded."""
     position = Vec(to_int32(p * UM_PER_M) for p in pose.position)
-    return StoredPose(position, narrow(setup, pose.rotation), grasp_mrad)
+    return StoredPose(position, narrow_numbers(setup, pose.rotation), grasp_mrad)
 
 
-def load(setup: RavenSetup, stored: StoredPose) -> Pose:
+def load_pose(setup: RavenSetup, stored: StoredPose) -> Pose:
     """Return the pose in metres, in the wide type in which kinematics is evaluated."""
-    return Pose(wide(setup, stored.position_um) / UM_PER_M, wide(setup, stored.rotation))
+    return Pose(
+        widen_numbers(setup, stored.position_um) / UM_PER_M, widen_numbers(setup, stored.rotation)
+    )

@@ -8,7 +8,7 @@ import tomllib
 from typing import Literal
 
 from ravenjax.bundled import resources
-from ravenjax.errors import UserError, unknown
+from ravenjax.errors import UserError, describe_unknown_name
 from ravenjax.numbers.vec import Vec
 
 Style = Literal["raven", "dv", "square_raven"]
@@ -37,7 +37,7 @@ class Tool:
         return (-self.hard_max).replace(0, math.radians(roll))
 
 
-_FILE = tomllib.loads(resources.model("raven2/tools.toml").read_text(encoding="utf-8"))
+_FILE = tomllib.loads(resources.find_model("raven2/tools.toml").read_text(encoding="utf-8"))
 TOOLS = {name: Tool(name, **row) for name, row in _FILE.items()}
 
 DEFAULT_TOOLS = {
@@ -49,5 +49,5 @@ DEFAULT_TOOLS = {
 def find_tool(name: str) -> Tool:
     """Return the tool of that name. Raises UserError, which lists the names."""
     if not isinstance(name, str) or name not in TOOLS:
-        raise UserError(unknown("tool", name, TOOLS))
+        raise UserError(describe_unknown_name("tool", name, TOOLS))
     return TOOLS[name]

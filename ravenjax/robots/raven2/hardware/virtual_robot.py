@@ -21,8 +21,8 @@ from typing import Any, get_args
 import numpy as np
 
 from ravenjax.engines import traced
-from ravenjax.engines.cpu.memory import buffer
-from ravenjax.engines.cpu.transition import Memory, RecordKind, StateTransition, write
+from ravenjax.engines.cpu.memory import aligned_buffer
+from ravenjax.engines.cpu.transition import Memory, RecordKind, StateTransition, write_row
 from ravenjax.numbers import tree
 from ravenjax.numbers.lazy import at_once, jnp
 from ravenjax.numbers.setup import per_arm
@@ -90,13 +90,15 @@ def params(setup: RavenSetup, parameter_set: str = parameter_sets.DEFAULT) -> Ro
     )
 
 
-def begin(
+def begin_robot(
     setup: RavenSetup, params: RobotParams, start: PerArm[Vec], level: Scalar
 ) -> tuple[RobotState, RobotSignals]:
     """Return a robot at rest with joints `start` (rad, m) and the PLC in run level `level`."""
     arms = per_arm(setup, lambda i, arm: plant.init(setup, arm, params.arms[i], start[i]))
     state = RobotState(plc.init(setup, params.plc, level, BOARDS), arms)
-    responses = per_arm(setup, lambda i, arm: plant.observe(setup, arm, params.arms[i], arms[i]))
+    responses = per_arm(
+        setup, lambda i, arm: plant.observe_robot(setup, arm, params.arms[i], arms[i])
+    )
     level = jnp.int32(level)
     relays = plc.PlcOutput(level, plc.brakes_commanded(level))
     return state, _signals(setup, params, state, relays, responses)
@@ -140,18 +142,18 @@ def _signals(
         mvel=tuple(out.mvel for out in arms),
         jpos=tuple(out.jpos for out in arms),
         jvel=tuple(out.jvel for out in arms),
-        tip=plant.tips(setup, params.arms, state.arms, arms),
+        tip=plant.true_tips(setup, params.arms, state.arms, arms),
     )
 
 
 @functools.lru_cache(maxsize=8)
-def code(setup: RavenSetup) -> TransitionCode:
+def robot_code(setup: RavenSetup) -> TransitionCode:
     """Return the code of a setup: transition "robot" is one millisecond."""
-    fixed, zero = numbers(params(setup)), np.int32(0)
+    fixed, zero = plain_numbers(params(setup)), np.int32(0)
     still = RobotInputs(per_arm(setup, lambda *_: Vec.full(7, zero)), zero, zero, zero)
-    home = per_arm(setup, lambda *_: numbers(HOME_JPOS))
+    home = per_arm(setup, lambda *_: plain_numbers(HOME_JPOS))
     with at_once():
-        state, signals = begin(setup, fixed, home, zero)
+        state, signals = begin_robot(setup, fixed, home, zero)
     records = {"params": fixed, "state": state, "inputs": still, "signals": signals}
     kinds = {name: RecordKind.of(record) for name, record in records.items()}
     shapes = (kinds[name].shapes() for name in ("params", "state", "inputs"))
@@ -160,7 +162,7 @@ def code(setup: RavenSetup) -> TransitionCode:
     return TransitionCode({"robot": StateTransition(program, *layouts)}, kinds)
 
 
-def numbers(record: Any) -> Any:
+def plain_numbers(record: Any) -> Any:
     """Return a record of plain numbers, each in its own type: float32, or its integer type."""
 
     def of_type(x: Any) -> Any:
@@ -168,7 +170,7 @@ def numbers(record: Any) -> Any:
         wide = {"f": np.float32, "i": np.int32}
         return number.astype(wide.get(number.dtype.kind, number.dtype))[()]
 
-    return tree.mapped(of_type, record)
+    return tree.map_leaves(of_type, record)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -204,22 +206,22 @@ class VirtualRobot:
         of its PLC, 0 to 3. Raises UserError.
         """
         names = checked.arm_names(arms)
-        checked.known("parameter_set", parameter_set, get_args(parameter_sets.Name))
-        level = checked.whole("runlevel", runlevel, 0, 3)
+        checked.parse_word("parameter_set", parameter_set, get_args(parameter_sets.Name))
+        level = checked.parse_whole_number("runlevel", runlevel, 0, 3)
         self.setup = RavenSetup(arms=names, tools=checked.tool_names(tools, names, "raven2"))
         rest = (
             [list(HOME_JPOS)] * len(names)
             if jpos is None
-            else checked.joints("jpos", jpos, len(names))
+            else checked.parse_joints("jpos", jpos, len(names))
         )
-        self.code, kinds = code(self.setup), code(self.setup).kinds
-        self.params = numbers(params(self.setup, parameter_set))
-        start = tuple(numbers(Vec(row)) for row in rest)
+        self.code, kinds = robot_code(self.setup), robot_code(self.setup).kinds
+        self.params = plain_numbers(params(self.setup, parameter_set))
+        start = tuple(plain_numbers(Vec(row)) for row in rest)
         with at_once():
-            state, signals = begin(self.setup, self.params, start, np.int32(level))
+            state, signals = begin_robot(self.setup, self.params, start, np.int32(level))
         self.reading = self._reading(signals)
         self._inputs, self._out = (
-            buffer(1, kinds[name].layout.bytes) for name in ("inputs", "signals")
+            aligned_buffer(1, kinds[name].layout.bytes) for name in ("inputs", "signals")
         )
         self._state = kinds["state"].row(state)
         memory = Memory(kinds["params"].row(self.params), self._state, self._inputs, self._out)
@@ -234,13 +236,13 @@ class VirtualRobot:
         software wrote. Raises UserError, which names the wrong argument; the state is then
         unchanged.
         """
-        counts = checked.counts("dac", dac, (len(self.setup.arms), 7))
-        pins = checked.whole("output_pins", output_pins, 0, 255)
+        counts = checked.parse_counts("dac", dac, (len(self.setup.arms), 7))
+        pins = checked.parse_whole_number("output_pins", output_pins, 0, 255)
         buttons = (
-            checked.flag("estop_button", estop_button),
-            checked.flag("start_button", start_button),
+            checked.parse_flag("estop_button", estop_button),
+            checked.parse_flag("start_button", start_button),
         )
-        write(self.code.kinds["inputs"].layout, self._inputs[0], [*counts.flat, pins, *buttons])
+        write_row(self.code.kinds["inputs"].layout, self._inputs[0], [*counts.flat, pins, *buttons])
         self._step()
         self.reading = self._reading(self.code.kinds["signals"].read(self._out[0]))
         return self.reading

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.setup import narrow, per_arm
+from ravenjax.numbers.setup import narrow_numbers, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.arms import ArmName, PerArm
@@ -35,7 +35,7 @@ Inject = Callable[..., Any]
 """Returns the signal of a site after faults, as `ravenjax.faults.injection.Injector`."""
 
 
-def unharmed(site: str, signal: Any, present: Scalar = True) -> Any:
+def inject_nothing(site: str, signal: Any, present: Scalar = True) -> Any:
     """Return the signal unchanged: the `Inject` of a robot without faults."""
     return signal
 
@@ -164,23 +164,23 @@ def init(
     )
 
 
-def receive(
+def receive_packet(
     setup: RavenSetup, params: ControlParams, state: ControlState, packet: Packet
 ) -> ControlState:
     """Take one datagram (or none) between two cycles, as the network thread does."""
     net, accepted = network.step(setup, state.network, state.tick, packet)
-    teleop = teleoperation.accumulate(
+    teleop = teleoperation.accumulate_increments(
         setup, params.teleoperation, state.teleoperation, accepted, packet
     )
     return replace(state, network=net, teleoperation=teleop)
 
 
-def cycle(
+def control_cycle(
     setup: RavenSetup,
     params: ControlParams,
     state: ControlState,
     inputs: Inputs,
-    inject: Inject = unharmed,
+    inject: Inject = inject_nothing,
     files: UserFiles | None = None,
 ) -> tuple[ControlState, ControlSignals]:
     """Compute one 1 ms cycle of the control software: packet, USB read, decide, check, write.
@@ -196,16 +196,16 @@ def cycle(
     packet = inject("packet_header", inject("packet", inputs.packet, received), received)
     files.note(runlevel=state.state_machine.runlevel)
     packet = files.check_packet(packet)
-    state = receive(setup, params, state, packet)
+    state = receive_packet(setup, params, state, packet)
     tick = state.tick
 
     # --- sense ---
-    read = inject("usb_in", usb.transfer(state.usb, inputs.usb, inputs.read_ok))
+    read = inject("usb_in", usb.transfer_values(state.usb, inputs.usb, inputs.read_ok))
     desired = inject(
         "runlevel",
         state_machine.desired_runlevel(params.state_machine, state.state_machine, read.pins),
     )
-    machine = state_machine.adopt(state.state_machine, tick, desired)
+    machine = state_machine.adopt_level(state.state_machine, tick, desired)
     level = machine.runlevel
     pedal_down = level == run_levels.PEDAL_DOWN
     active = level >= run_levels.PEDAL_UP
@@ -219,8 +219,8 @@ def cycle(
         tuple(arm.pos_d for arm in state.cartesian),
     )
     cartesian = _changed(state.cartesian, pos_d=poses_d)
-    machine, following = state_machine.initialise(setup, machine)
-    cartesian = cartesian_control.follow(cartesian, following)
+    machine, following = state_machine.advance_sublevel(setup, machine)
+    cartesian = cartesian_control.follow_measured(cartesian, following)
 
     estimates = each(
         lambda i, arm, tool: estimator.step(
@@ -232,19 +232,21 @@ def cycle(
     mvel = inject("mvel", tuple(velocities for _, velocities in measured))
     files.note(runlevel=level, enc_val=read.enc_val, mvel=mvel)
     mpos = files.check("mpos", mpos)
-    jpos = inject("jpos", each(lambda i, arm, tool: estimator.joints(setup, arm, tool, mpos[i])))
+    jpos = inject(
+        "jpos", each(lambda i, arm, tool: estimator.joint_positions(setup, arm, tool, mpos[i]))
+    )
     jvel = inject("jvel", each(lambda i, *_: estimator.joint_velocities(setup, mvel[i])))
     files.note(jvel=jvel)
     jpos = files.check("jpos", jpos)
 
     # --- decide ---
     slave = (level != run_levels.PEDAL_DOWN) & (level != run_levels.INIT)
-    cartesian = cartesian_control.sense(setup, cartesian, jpos)
+    cartesian = cartesian_control.store_measured(setup, cartesian, jpos)
     poses = _struck(inject, ("pos", "ori"), tuple(arm.pos for arm in cartesian))
-    cartesian = cartesian_control.follow(_changed(cartesian, pos=poses), slave)
+    cartesian = cartesian_control.follow_measured(_changed(cartesian, pos=poses), slave)
     poses_d = _struck(inject, ("pos_d", "ori_d"), tuple(arm.pos_d for arm in cartesian))
     cartesian = _changed(cartesian, pos_d=poses_d)
-    cartesian, clamped = cartesian_control.solve(
+    cartesian, clamped = cartesian_control.solve_inverse(
         setup, params.cartesian, cartesian, tick, active, jpos
     )
     teleop = teleoperation.reset_origin(
@@ -260,7 +262,9 @@ def cycle(
 
     mpos_d = inject(
         "mpos_d",
-        each(lambda i, arm, tool: motor_control.targets(setup, arm, tool, jpos_d[i], mpos[i])),
+        each(
+            lambda i, arm, tool: motor_control.motor_targets(setup, arm, tool, jpos_d[i], mpos[i])
+        ),
     )
     if files.replaces(user_files.MOTOR_CONTROL):
         motors = files.torques(
@@ -268,7 +272,7 @@ def cycle(
         )
     else:
         motors = each(
-            lambda i, arm, _: motor_control.torques(
+            lambda i, arm, _: motor_control.motor_torques(
                 setup,
                 arm,
                 params.motor_control[i],
@@ -386,9 +390,14 @@ def _measured(
         return estimates
     tools = [(mpos[3:], mvel[3:]) for mpos, mvel in estimates]
     if setup.build == "dyn_sim":
-        tools = [(motors.mpos_d[3:], (narrow(setup, 0.0),) * 4) for motors in state.motor_control]
+        tools = [
+            (motors.mpos_d[3:], (narrow_numbers(setup, 0.0),) * 4) for motors in state.motor_control
+        ]
     return tuple(
-        (Vec((*narrow(setup, mpos), *tool_mpos)), Vec((*narrow(setup, mvel), *tool_mvel)))
+        (
+            Vec((*narrow_numbers(setup, mpos), *tool_mpos)),
+            Vec((*narrow_numbers(setup, mvel), *tool_mvel)),
+        )
         for (mpos, mvel), (tool_mpos, tool_mvel) in zip(inputs.simulated, tools, strict=True)
     )
 

@@ -22,16 +22,16 @@ from __future__ import annotations
 from typing import Any
 
 from ravenjax.faults import fault
-from ravenjax.faults.injection import read
+from ravenjax.faults.injection import read_channel
 from ravenjax.numbers.lazy import jnp, lax
-from ravenjax.numbers.setup import real, wide
+from ravenjax.numbers.setup import cast_to_real, widen_numbers
 from ravenjax.numbers.vec import Scalar, record
 from ravenjax.robots.raven2.declaration import CHECKS, SEAMS
 from ravenjax.robots.raven2.geometry.mapping import quat_from_matrix
 from ravenjax.robots.raven2.loop import run
 from ravenjax.robots.raven2.loop.records import TickParams, TickSignals, TickState
 from ravenjax.robots.raven2.setup import RavenSetup
-from ravenjax.vocabulary.seams import Crossing, crossings
+from ravenjax.vocabulary.seams import Crossing, list_crossings
 from ravenjax.vocabulary.sites import ARM
 
 DIFFERS, LEAVES, NEAR, GOLDEN_NEAR, NEAR_MS = (
@@ -72,25 +72,27 @@ class ExplainedState:
 
     tick: TickState
     numbers: tuple[NumberHistory, ...]  # in the order of `listing`
-    margins: tuple[MarginHistory, ...]  # in the order of `run.checks`
+    margins: tuple[MarginHistory, ...]  # in the order of `run.check_histories`
     harm: Scalar  # int32, tick of the first harm; -1: none
 
 
-def listing(setup: RavenSetup) -> tuple[Crossing, ...]:
+def list_numbers(setup: RavenSetup) -> tuple[Crossing, ...]:
     """Return every number that is compared, in order."""
-    return crossings(SEAMS, setup.arms)
+    return list_crossings(SEAMS, setup.arms)
 
 
 def init(setup: RavenSetup, params: TickParams) -> ExplainedState:
     """Return the state of `run.init`, with no differences."""
     never, state = jnp.int32(-1), run.init(setup, params)
-    infinite = real(setup, jnp.inf)
+    infinite = cast_to_real(setup, jnp.inf)
     return ExplainedState(
         tick=state,
         numbers=tuple(
             NumberHistory(never, None if span is None else never) for span in _spans(setup)
         ),
-        margins=tuple(MarginHistory(infinite, infinite, never) for _ in run.checks(setup, state)),
+        margins=tuple(
+            MarginHistory(infinite, infinite, never) for _ in run.check_histories(setup, state)
+        ),
         harm=never,
     )
 
@@ -112,7 +114,7 @@ def advance(
     beside, margins_beside = golden[own : own + len(state.numbers)], golden[own:]
     numbers, carried = [], []
     for history, span, (number, present), other in zip(
-        state.numbers, _spans(setup), crossing(setup, signals), beside, strict=True
+        state.numbers, _spans(setup), crossing_numbers(setup, signals), beside, strict=True
     ):
         number = jnp.asarray(number)
         floats = number.dtype == jnp.float32
@@ -131,12 +133,12 @@ def advance(
     live, margins, nearest = state.harm < 0, [], []
     for before, check, other in zip(
         state.margins,
-        run.checks(setup, after).values(),
+        run.check_histories(setup, after).values(),
         margins_beside[len(numbers) :],
         strict=True,
     ):
         # A check counts only before the first harm
-        margin = real(setup, check.margin)
+        margin = cast_to_real(setup, check.margin)
         closer = live & (margin < before.margin)
         nearest.append(
             MarginHistory(
@@ -161,40 +163,42 @@ def series_length(setup: RavenSetup) -> int:
 def outcomes(setup: RavenSetup, params: TickParams, state: ExplainedState) -> dict[str, Scalar]:
     """Return the outcomes of `run.outcomes` and those of the observer."""
     out = run.outcomes(setup, params, state.tick)
-    for place, history in zip(listing(setup), state.numbers, strict=True):
+    for place, history in zip(list_numbers(setup), state.numbers, strict=True):
         out[f"{DIFFERS}{place.name}"] = history.differs
         if history.leaves is not None:
             out[f"{LEAVES}{place.name}"] = history.leaves
-    for name, history in zip(run.checks(setup, state.tick), state.margins, strict=True):
+    for name, history in zip(run.check_histories(setup, state.tick), state.margins, strict=True):
         out |= {f"{NEAR}{name}": history.margin, f"{GOLDEN_NEAR}{name}": history.golden}
         out[f"{NEAR_MS}{name}"] = history.tick
     return out | {HARM: state.harm}
 
 
-def crossing(setup: RavenSetup, signals: TickSignals) -> list[tuple[Scalar, Scalar]]:
-    """Return (number, whether it exists in this tick) in the order of `listing`."""
+def crossing_numbers(setup: RavenSetup, signals: TickSignals) -> list[tuple[Scalar, Scalar]]:
+    """Return (number, whether it exists in this tick) in the order of `list_numbers`."""
     arms, packet = signals.control.arms, signals.control.packet
     assert packet is not None
     rotations: dict[str, Any] = {}
     for name in ("pos", "pos_d"):
         poses = [getattr(arm, name).rotation for arm in arms]
-        rotations[f"{name}_quaternion"] = [quat_from_matrix(wide(setup, pose)) for pose in poses]
+        rotations[f"{name}_quaternion"] = [
+            quat_from_matrix(widen_numbers(setup, pose)) for pose in poses
+        ]
         rotations[f"{name}_matrix"] = [[x for row in pose for x in row] for pose in poses]
     numbers = []
-    for place in listing(setup):
+    for place in list_numbers(setup):
         first, *path = (
             setup.arms.index(place.arm) if step == ARM else step  # type: ignore[arg-type]
             for step in place.channel.path
         )
-        number = read((rotations | vars(signals))[str(first)], tuple(path))
+        number = read_channel((rotations | vars(signals))[str(first)], tuple(path))
         of_packet = place.seam.name in ("packet_header", "packet")
         numbers.append((number, packet.received != 0 if of_packet else True))
     return numbers
 
 
 def _spans(setup: RavenSetup) -> tuple[tuple[float, float] | None, ...]:
-    """Return the normal range of each number of `listing`."""
-    return setup.explained or (None,) * len(listing(setup))
+    """Return the normal range of each number of `list_numbers`."""
+    return setup.explained or (None,) * len(list_numbers(setup))
 
 
 def _outside(number: Scalar, span: tuple[float, float]) -> Scalar:

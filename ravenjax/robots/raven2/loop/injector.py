@@ -10,7 +10,7 @@ from operator import ne, or_
 from typing import Any
 
 from ravenjax.faults import fault, injection
-from ravenjax.numbers.setup import narrow, wide
+from ravenjax.numbers.setup import narrow_numbers, widen_numbers
 from ravenjax.numbers.vec import Scalar, Vec, where
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.geometry.mapping import matrix_from_quat, quat_from_matrix
@@ -31,7 +31,9 @@ class RavenInjector(injection.Injector):
 
     def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any:
         if site in ROTATIONS and self.strikes(site):
-            quats = tuple(quat_from_matrix(wide(self.setup, rotation)) for rotation in signal)
+            quats = tuple(
+                quat_from_matrix(widen_numbers(self.setup, rotation)) for rotation in signal
+            )
             faulty = super().__call__(site, quats, present)
             return tuple(
                 _rotated(self.setup, *of_arm) for of_arm in zip(signal, quats, faulty, strict=True)
@@ -39,7 +41,7 @@ class RavenInjector(injection.Injector):
         return super().__call__(site, signal, present)
 
 
-def seeded(setup: RavenSetup, what: str) -> bool:
+def seeds_network(setup: RavenSetup, what: str) -> bool:
     """Return whether faults seed the network's losses (`bursts`) or delays (`jitter`)."""
     return ("network", "", what) in injection.channel_keys(setup)
 
@@ -51,7 +53,7 @@ ROTATIONS = ("ori", "ori_d")
 def _rotated(setup: RavenSetup, rotation: Vec, quat: Vec, struck: Vec) -> Vec:
     """Return the rotation of a quaternion after faults. An unchanged one keeps every bit."""
     changed = reduce(or_, quat.map(ne, struck))
-    return where(changed, narrow(setup, matrix_from_quat(struck)), rotation)
+    return where(changed, narrow_numbers(setup, matrix_from_quat(struck)), rotation)
 
 
 @cache
@@ -60,7 +62,7 @@ def _paths(setup: RavenSetup) -> dict[injection.ChannelKey, injection.Target]:
     stored = _STORED[setup.dac_words]
     return {
         key: (path, stored if key[0] == "usb_out" else kind)
-        for key, (path, kind) in injection.paths(ROBOT, setup).items()
+        for key, (path, kind) in injection.channel_paths(ROBOT, setup).items()
     }
 
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from ravenjax.numbers import tree
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.setup import per_arm, real
+from ravenjax.numbers.setup import cast_to_real, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, record, replace, where
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.arms import ArmName, PerArm
@@ -72,7 +72,7 @@ def init(
     )
 
 
-def see(
+def update_model_and_cue(
     setup: RavenSetup,
     params: TickParams,
     state: Observed,
@@ -80,7 +80,7 @@ def see(
     fresh: Scalar,
     robot: RobotView,
 ) -> tuple[Observed, Seen]:
-    """Compute one tick of the nominal model and of the cue; `judge` follows.
+    """Compute one tick of the nominal model and of the cue; `update_monitor` follows.
 
     clean: the newest packet as the console sent it, even if it was changed or lost; fresh: whether
     it is of this tick.
@@ -96,16 +96,18 @@ def see(
         return nominal.Clean(delta, quat, grasp, clean.surgeon_mode)
 
     def step_model(i: int, arm: ArmName) -> tuple[nominal.NominalState, nominal.NominalOutput]:
-        jpos = real(setup, robot.jpos[i])
+        jpos = cast_to_real(setup, robot.jpos[i])
         return nominal.step(setup, arm, params.nominal[i], state.nominal[i], asked(i), jpos)
 
     def sense(i: int, arm: ArmName) -> tuple[Any, ...]:
         """Return the reported tip, the state of the haptic device, and the cue."""
         model = models[i][1]
-        jpos, mvel = real(setup, (robot.jpos[i], robot.mvel[i]))
+        jpos, mvel = cast_to_real(setup, (robot.jpos[i], robot.mvel[i]))
         tool, software = setup.tools[i], setup.software
-        jvel = real(setup, transmission.joint_from_motor(arm, tool, mvel, software=software))
-        tip = kinematics.forward(arm, jpos).position
+        jvel = cast_to_real(
+            setup, transmission.joint_from_motor(arm, tool, mvel, software=software)
+        )
+        tip = kinematics.forward_pose(arm, jpos).position
         signal = haptics.HapticSignal(
             model.tip_position, model.tip_velocity, tip, kinematics.tip_velocity(arm, jpos, jvel)
         )
@@ -120,11 +122,11 @@ def see(
         tips,
         per_arm(setup, lambda i, arm: scene.tissue_depth(arm, tips[i])),
         scene.tip_distance(setup.arms, tips),
-        live(robot.runlevel, robot.soft_estopped),
+        is_live(robot.runlevel, robot.soft_estopped),
     )
 
 
-def judge(
+def update_monitor(
     setup: RavenSetup,
     params: TickParams,
     state: monitor.MonitorState,
@@ -137,7 +139,7 @@ def judge(
 ) -> monitor.MonitorState:
     """Return the monitor after a tick. golden: the golden run; None: the model takes its place."""
     model_tips = tuple(out.tip_position for out in seen.models)
-    pos = _um(seen.tips) if robot.pos is None else real(setup, robot.pos)
+    pos = _um(seen.tips) if robot.pos is None else cast_to_real(setup, robot.pos)
     signal = monitor.MonitorSignal(
         tip=seen.tips,
         pos=pos,
@@ -152,16 +154,16 @@ def judge(
     )
     beside = monitor.Reference(model_tips, _um(model_tips))
     if golden is not None:
-        beside = reference(setup, golden, seen.tips, pos)
+        beside = golden_reference(setup, golden, seen.tips, pos)
     return monitor.step(setup, params.monitor, state, signal, beside)
 
 
-def live(runlevel: Scalar, soft_estopped: Scalar) -> Scalar:
+def is_live(runlevel: Scalar, soft_estopped: Scalar) -> Scalar:
     """Return whether the robot is live: in pedal-down without a software E-stop."""
     return (runlevel == run_levels.PEDAL_DOWN) & (soft_estopped == 0)
 
 
-def reference(
+def golden_reference(
     setup: RavenSetup, signal: Input, tips: PerArm[Vec], pos: PerArm[Vec]
 ) -> monitor.Reference:
     """Return the golden run in this tick.
@@ -171,8 +173,8 @@ def reference(
     """
     if signal.apart is None:
         return signal.reference
-    return tree.mapped(
-        lambda golden, own: jnp.where(signal.apart, golden, real(setup, own)),
+    return tree.map_leaves(
+        lambda golden, own: jnp.where(signal.apart, golden, cast_to_real(setup, own)),
         signal.reference,
         monitor.Reference(tips, pos),
     )

@@ -18,7 +18,7 @@ from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console import operator, own_operator, reaction
 from ravenjax.robots.raven2.console.operator import PacketTiming
 from ravenjax.robots.raven2.geometry.mapping import position_to_itp
-from ravenjax.robots.raven2.loop.injector import seeded
+from ravenjax.robots.raven2.loop.injector import seeds_network
 from ravenjax.robots.raven2.loop.records import Input, TickParams, TickSignals
 from ravenjax.robots.raven2.loop.user_files import UserFiles
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -126,7 +126,7 @@ def _draw_length(clock: packet_clock.PacketClock, console: Console) -> packet_cl
         # A simulator's packet generator ends with the robot's software E-stop
         fresh = fresh & (console.soft_estopped == 0) if setup.build != "robot" else fresh
         console.fresh, console.sequence = fresh, console.newest + as_int(fresh)
-        lasts = packet_clock.length(
+        lasts = packet_clock.packet_length(
             setup.packets, network.packets, network.packet_key, console.sequence
         )
         clock = packet_clock.step(clock, now, fresh, lasts)
@@ -144,7 +144,7 @@ def _remember_packet(
     def older(network: Network) -> PacketTiming:
         # An older packet was made in the tick in which it was sent
         count = jnp.maximum(network.lag + network.delay, 0)
-        row, before = (now - packet_history.age(history, n) for n in (count, count + 1))
+        row, before = (now - packet_history.packet_age(history, n) for n in (count, count + 1))
         return PacketTiming(console.sequence - count, row, before)
 
     console.older = older
@@ -155,8 +155,8 @@ def _remember_packet(
 def _react(state: reaction.ReactionState, console: Console) -> reaction.ReactionState:
     setup, reacts = console.setup, console.params.reaction
     assert reacts is not None
-    acting = reaction.act(setup, reacts, state, console.signal.tick, console.timing.row)
-    console.deviate = lambda timing: reaction.deviation(
+    acting = reaction.react_to_cue(setup, reacts, state, console.signal.tick, console.timing.row)
+    console.deviate = lambda timing: reaction.packet_deviation(
         setup, reacts, acting, timing.row, timing.before
     )
     return acting
@@ -166,7 +166,7 @@ def _act_as_file(state: Any, console: Console) -> Any:
     signal = console.signal
     if signal.packet is not None:
         return state
-    state, console.hands, deviation = own_operator.act(
+    state, console.hands, deviation = own_operator.act_as_file(
         console.setup,
         console.params.operator,
         state,
@@ -204,8 +204,8 @@ def _feel(state: Any, sight: Sight) -> Any:
         sight.pedal_down,
         sight.tick,
     )
-    state, correction = reaction.feel(setup, params.reaction, state, senses)
-    sight.hands = operator.steered(setup, params.operator, sight.hands, correction)
+    state, correction = reaction.feel_cue(setup, params.reaction, state, senses)
+    sight.hands = operator.with_tip_motion(setup, params.operator, sight.hands, correction)
     return state
 
 
@@ -221,13 +221,13 @@ def _yield(state: Any, sight: Sight) -> Any:
     moves = tuple(
         (new.displacement - old.displacement) * 1e6 for new, old in zip(pulled, state, strict=True)
     )
-    sight.hands = operator.strayed(sight.hands, moves)
+    sight.hands = operator.with_stray_motion(sight.hands, moves)
     return pulled
 
 
 def _show(state: Any, sight: Sight) -> Any:
     signals, level = sight.signals, sight.signals.control.runlevel
-    return own_operator.see(
+    return own_operator.show_state(
         sight.setup, state, signals.tip, sight.model_tips, signals.haptics, level
     )
 
@@ -244,7 +244,7 @@ def _detect(state: Any, sight: Sight) -> Any:
         tip_error=tuple(cue.distance for cue in cues),
     )
     views: tuple[Any, ...] = ()
-    if detectors.sources(setup):
+    if detectors.detector_files(setup):
         tips = zip(models, cues, strict=True)
         sight.files.note(tip=tuple(model.tip_position - cue.error for model, cue in tips))
         views = sight.files.views("the end", setup.precision.real)
@@ -303,7 +303,7 @@ STAGES: dict[str, Stage] = {
         moves_hands=True,
     ),
     "channel": Stage(
-        present=lambda setup: seeded(setup, "bursts"),
+        present=lambda setup: seeds_network(setup, "bursts"),
         init=lambda start: channel.init(),
         transmit=_lose_bursts,
     ),

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ravenjax.faults import fault
-from ravenjax.numbers.quantity import described
+from ravenjax.numbers.quantity import describe_fields
 from ravenjax.numbers.vec import Scalar, Vec, record
 from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console import operator, reaction
@@ -19,7 +19,7 @@ from ravenjax.stages import detectors, hand, haptics, monitor
 from ravenjax.vocabulary import packets
 
 
-@described
+@describe_fields
 @record
 class TickParams:
     """Everything that a campaign may vary, one sub-record per stage."""
@@ -41,7 +41,7 @@ class TickParams:
     start: PerArm[Vec]  # joints at the start of the run, 7, rad and m
 
 
-@described
+@describe_fields
 @record
 class NetworkParams:
     """Parameters of the channel from console to robot."""
@@ -52,7 +52,7 @@ class NetworkParams:
     packet_key: Scalar = np.uint32(0)  # uint32; a run and its golden run share it
 
 
-@described
+@describe_fields
 @record
 class UsbParams:
     """Parameters of the path from USB board to motor."""

@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import Any
 
 from ravenjax.faults import fault
-from ravenjax.faults.injection import strikes
+from ravenjax.faults.injection import injects_faults
 from ravenjax.numbers.lazy import at_once, jnp
-from ravenjax.numbers.setup import per_arm, real
+from ravenjax.numbers.setup import cast_to_real, per_arm
 from ravenjax.numbers.vec import Scalar, Vec
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.arms import PerArm
@@ -26,7 +26,7 @@ from ravenjax.robots.raven2.loop.records import (
     TickState,
     UsbParams,
 )
-from ravenjax.robots.raven2.loop.tick import boards_apart, each, motors, tick
+from ravenjax.robots.raven2.loop.tick import advance_tick, boards_apart, for_each_arm, motor_angles
 from ravenjax.robots.raven2.plant import contact, nominal, parameter_sets
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -67,26 +67,28 @@ def params(
 def init(setup: RavenSetup, params: TickParams) -> TickState:
     """Return a homed and ready robot at rest at `params.start`, pedal up, its model beside it."""
     ready = run_levels.PEDAL_UP if setup.software == "raven2" else run_levels.PEDAL_DOWN
-    start = real(setup, params.start)
+    start = cast_to_real(setup, params.start)
     plants = per_arm(setup, lambda i, arm: plant.init(setup, arm, params.plant[i], start[i]))
-    robots = per_arm(setup, lambda i, arm: plant.observe(setup, arm, params.plant[i], plants[i]))
-    tips = plant.tips(setup, params.plant, plants, robots)
+    robots = per_arm(
+        setup, lambda i, arm: plant.observe_robot(setup, arm, params.plant[i], plants[i])
+    )
+    tips = plant.true_tips(setup, params.plant, plants, robots)
     beside = observers.init(setup, params, start, tips)
     zero = jnp.int32(0)
     with at_once():  # the start of a run is a constant of the campaign
         software = control.init(setup, params.start, ready)
     stages = find_stages(setup)
-    moves = strikes(setup, "hand") or any(stage.moves_hands for stage in stages.values())
+    moves = injects_faults(setup, "hand") or any(stage.moves_hands for stage in stages.values())
     begin = Start(setup, params, start, tips, ready)
     return TickState(
         faults=fault.init(setup),
         control=software,
         boards=usb.init_out(setup),
-        commands=(each(setup, Vec.full(7, zero)),) * setup.command_delay,
+        commands=(for_each_arm(setup, Vec.full(7, zero)),) * setup.command_delay,
         plc=plc.init(setup, params.plc, ready, boards_apart(setup)),
         plant=plants,
         enc_val=tuple(out.enc_val for out in robots),
-        motors=motors(setup, robots),
+        motors=motor_angles(setup, robots),
         nominal=beside.nominal,
         haptics=beside.haptics,
         hands=operator.at_plan(setup) if moves else operator.ON_PLAN,
@@ -104,7 +106,7 @@ def outcomes(setup: RavenSetup, params: TickParams, state: TickState) -> dict[st
     """Return the outcomes of the run so far: columns of the result table before the verdict."""
     out = (
         fault.outcomes(state.faults)
-        | check.outcomes(checks(setup, state))
+        | check.outcomes(check_histories(setup, state))
         | haptics.outcomes(setup, state.haptics)
     )
     machine = state.control.state_machine
@@ -117,14 +119,14 @@ def outcomes(setup: RavenSetup, params: TickParams, state: TickState) -> dict[st
     return out | monitor.outcomes(setup, state.monitor)
 
 
-def measured(setup: RavenSetup, signals: control.ControlSignals) -> PerArm[Vec]:
+def measured_tips(setup: RavenSetup, signals: control.ControlSignals) -> PerArm[Vec]:
     """Return the measured tip of each arm, whole um."""
-    return tuple(real(setup, arm.pos.position_um) for arm in signals.arms)
+    return tuple(cast_to_real(setup, arm.pos.position_um) for arm in signals.arms)
 
 
 def reference_series(setup: RavenSetup, signals: TickSignals) -> tuple[Scalar, ...]:
     """Return the numbers of a fault-free tick with which its faulty runs are compared."""
-    rows = zip(signals.tip, measured(setup, signals.control), strict=True)
+    rows = zip(signals.tip, measured_tips(setup, signals.control), strict=True)
     return tuple(x for tip, pos in rows for x in (*tip, *pos))
 
 
@@ -138,7 +140,7 @@ def advance(
     golden: tuple[Scalar, ...],
 ) -> tuple[TickState, tuple[Scalar, ...], TickSignals]:
     """Compute one tick; see `ravenjax.engines.interface.Loop`."""
-    state, signals = tick(
+    state, signals = advance_tick(
         setup, params, faults, state, Input(now, motion, reference_from(setup, golden))
     )
     return state, reference_series(setup, signals), signals
@@ -155,19 +157,19 @@ def reference_from(setup: RavenSetup, series: Any) -> monitor.Reference:
     return monitor.Reference(tip=tuple(rows[0::2]), pos=tuple(rows[1::2]))
 
 
-def checks(setup: RavenSetup, state: TickState) -> dict[str, CheckHistory]:
+def check_histories(setup: RavenSetup, state: TickState) -> dict[str, CheckHistory]:
     """Return every check by its name in columns, users' checks first; each for the worse arm."""
     software = state.control
     net, machine, over = software.network, software.state_machine, software.overdrive
-    return user_files.histories(setup, state.files) | {
+    return user_files.own_check_histories(setup, state.files) | {
         "overdrive_instant": over.instant,
         "overdrive_hard": over.hard,
         "overdrive_clip": over.clip,
         "soft_estop": machine.soft_estop,
         "plc_watchdog": state.plc.watchdog_lost,
         "estop": machine.estop,
-        "ik_reject": check.worse([arm.ik_reject for arm in software.cartesian]),
-        "joint_limit": check.worse([arm.joint_limit for arm in software.cartesian]),
+        "ik_reject": check.worst_of_arms([arm.ik_reject for arm in software.cartesian]),
+        "joint_limit": check.worst_of_arms([arm.joint_limit for arm in software.cartesian]),
         "master_timeout": software.teleoperation.timeout,
         "packet_size": net.size,
         "packet_zero": net.zero,

@@ -15,17 +15,17 @@ from typing import Any
 import numpy as np
 
 from ravenjax.faults import fault
-from ravenjax.faults.injection import strikes
+from ravenjax.faults.injection import injects_faults
 from ravenjax.numbers import finite
 from ravenjax.numbers.lazy import jnp, lax
-from ravenjax.numbers.setup import per_arm, real
+from ravenjax.numbers.setup import cast_to_real, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, where
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console import operator, own_operator
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.loop import control, observers, user_files
-from ravenjax.robots.raven2.loop.injector import RavenInjector, seeded
+from ravenjax.robots.raven2.loop.injector import RavenInjector, seeds_network
 from ravenjax.robots.raven2.loop.optional import Console, Network, Sight, Stage, find_stages
 from ravenjax.robots.raven2.loop.records import Input, TickParams, TickSignals, TickState
 from ravenjax.robots.raven2.loop.user_files import UserFiles
@@ -58,7 +58,7 @@ class UsbStatus:
     write_ok: PerArm[Scalar]
 
 
-def tick(
+def advance_tick(
     setup: RavenSetup, params: TickParams, faults: fault.Faults, state: TickState, signal: Input
 ) -> tuple[TickState, TickSignals]:
     """Compute one millisecond of one robot."""
@@ -74,7 +74,7 @@ def tick(
     files = UserFiles(setup, params.checks, params.control.own, state.files, now)
 
     clean, packet, arrives = _send_packet(setup, params, inject, state, present, stages, console)
-    pressed = detectors.stops(setup, stages.get("detectors"))
+    pressed = detectors.detector_stops(setup, stages.get("detectors"))
     state, software, relays, robots = _move_robot(
         setup, params, inject, state, packet, files, pressed
     )
@@ -85,9 +85,9 @@ def tick(
         soft_estopped=state.control.state_machine.soft_estopped,
         dac=state.boards.current_cmd,
         pos=tuple(arm.pos.position_um for arm in software.arms),
-        tips=plant.tips(setup, params.plant, state.plant, robots),
+        tips=plant.true_tips(setup, params.plant, state.plant, robots),
     )
-    state, seen = observers.see(setup, params, state, clean, fresh, robot)
+    state, seen = observers.update_model_and_cue(setup, params, state, clean, fresh, robot)
     signals = TickSignals(
         packet=packet,
         control=software,
@@ -102,7 +102,7 @@ def tick(
         fault_active=tuple(slot.active for slot in inject.state.slots),
     )
     down = software.runlevel == run_levels.PEDAL_DOWN
-    hands = operator.sent(console.hands, fresh)
+    hands = operator.mark_sent(console.hands, fresh)
     sight = Sight(setup, params, now, down, seen.live, signals, files, hands)
 
     def watch(early: bool) -> None:
@@ -111,7 +111,9 @@ def tick(
                 stages[name] = stage.watch(stages[name], sight)
 
     watch(early=True)
-    monitor = observers.judge(setup, params, state.monitor, clean, fresh, robot, seen, signal, now)
+    monitor = observers.update_monitor(
+        setup, params, state.monitor, clean, fresh, robot, seen, signal, now
+    )
     watch(early=False)
     numbers = {"joint": [x for out in robots for x in (*out.jpos, *out.mpos)]}
     for name, stage in present.items():
@@ -187,11 +189,11 @@ def _send_packet(
     """
     signal, sequence = console.signal, console.sequence
     if inject.strikes("hand"):
-        still = each(setup, Vec.full(3, real(setup, 0.0)))
-        console.hands = operator.strayed(console.hands, inject("hand", still))
+        still = for_each_arm(setup, Vec.full(3, cast_to_real(setup, 0.0)))
+        console.hands = operator.with_stray_motion(console.hands, inject("hand", still))
 
     def make(sender: operator.OperatorParams, timing: operator.PacketTiming) -> Packet:
-        return operator.packet(
+        return operator.make_packet(
             setup, sender, signal.motion, timing, console.hands, console.deviate(timing)
         )
 
@@ -199,11 +201,17 @@ def _send_packet(
     seam = inject("console", ConsoleSeam(params.operator.scale))
     network = inject(
         "network",
-        Network(jnp.int32(0), jnp.int32(0), jnp.bool_(False), real(setup, 0.0), real(setup, 0.0)),
+        Network(
+            jnp.int32(0),
+            jnp.int32(0),
+            jnp.bool_(False),
+            cast_to_real(setup, 0.0),
+            cast_to_real(setup, 0.0),
+        ),
     )
     for name, stage in present.items():
         stages[name], network = stage.transmit(stages[name], console, network)
-    if seeded(setup, "jitter"):
+    if seeds_network(setup, "jitter"):
         late = console.packets_in(channel.delay_ms(network.jitter, sequence))
         network = replace(network, delay=network.delay + late)
 
@@ -228,18 +236,20 @@ def _move_robot(
     pressed: Scalar,
 ) -> tuple[TickState, control.ControlSignals, plc.PlcOutput, PerArm[plant.PlantOutput]]:
     """Compute control computer, PLC and robot. pressed: bool, a detector presses the E-stop."""
-    fine = each(setup, jnp.int32(1))
+    fine = for_each_arm(setup, jnp.int32(1))
     status = inject("usb_status", UsbStatus(fine, fine))
     pins = plc.input_pins(inject("plc", state.plc.runlevel))
-    delivered = usb.UsbIn(inject("encoder", state.enc_val), each(setup, pins))
+    delivered = usb.UsbIn(inject("encoder", state.enc_val), for_each_arm(setup, pins))
     inputs = control.Inputs(packet, delivered, status.read_ok, state.motors)
-    software, signals = control.cycle(setup, params.control, state.control, inputs, inject, files)
+    software, signals = control.control_cycle(
+        setup, params.control, state.control, inputs, inject, files
+    )
     message = usb.UsbOut(
         tuple(arm.current_cmd_written for arm in signals.arms),
-        each(setup, signals.pins_out),
+        for_each_arm(setup, signals.pins_out),
     )
     files.note(boards_enc_val=delivered.enc_val, current_cmd_written=message.current_cmd)
-    boards = usb.transfer(state.boards, message, status.write_ok)
+    boards = usb.transfer_values(state.boards, message, status.write_ok)
     boards = files.check_boards(state.boards, boards, state.plc.runlevel)
 
     buttons = inject("buttons", Buttons(pressed, jnp.bool_(False)))
@@ -248,7 +258,7 @@ def _move_robot(
     # Brakes follow the PLC; the simulator builds of the 2015 fork have no PLC
     brakes = inject("brake", relays.brakes if setup.software == "raven2" else jnp.int32(0))
     multipliers = {
-        site: inject(site, each(setup, Vec.full(7, neutral)))
+        site: inject(site, for_each_arm(setup, Vec.full(7, neutral)))
         for site, neutral in _MECHANICS.items()
         if inject.strikes(site)
     }
@@ -272,7 +282,7 @@ def _move_robot(
         plc=controller,
         plant=tuple(new for new, _ in moved),
         enc_val=tuple(out.enc_val for out in robots),
-        motors=motors(setup, robots),
+        motors=motor_angles(setup, robots),
     )
     return state, signals, relays, robots
 
@@ -282,15 +292,19 @@ def boards_apart(setup: RavenSetup) -> int:
 
     All boards are written alike, unless a write can fail or a board can refuse.
     """
-    return len(setup.arms) if strikes(setup, "usb_status") or user_files.refuses(setup) else 1
+    return (
+        len(setup.arms)
+        if injects_faults(setup, "usb_status") or user_files.boards_may_refuse(setup)
+        else 1
+    )
 
 
-def each(setup: RavenSetup, item: Any) -> tuple[Any, ...]:
+def for_each_arm(setup: RavenSetup, item: Any) -> tuple[Any, ...]:
     """Return a tuple with the same item for every arm."""
     return tuple(item for _ in setup.arms)
 
 
-def motors(setup: RavenSetup, robots: PerArm[plant.PlantOutput]) -> PerArm[tuple[Vec, Vec]]:
+def motor_angles(setup: RavenSetup, robots: PerArm[plant.PlantOutput]) -> PerArm[tuple[Vec, Vec]]:
     """Return what a dynamics-simulator build reads in place of encoders: motors 1-3 of each arm."""
     if setup.build == "robot":
         return ()

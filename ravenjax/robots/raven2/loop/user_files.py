@@ -43,7 +43,7 @@ from operator import or_
 from typing import Any
 
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.setup import narrow, per_arm, real
+from ravenjax.numbers.setup import cast_to_real, narrow_numbers, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, cast, record, replace, where
 from ravenjax.parts import part
 from ravenjax.parts.part import SCORE
@@ -198,14 +198,14 @@ class UserFilesState:
 def check_params(setup: RavenSetup, thresholds: Sequence[float]) -> CheckParams:
     """Return the parameters of the checks' files, with these thresholds in the same order."""
     names = tuple(use.name for use in setup.checks)
-    own = part.parameters(tuple(use.part for use in setup.checks))
-    return CheckParams(own, part.named(names, thresholds))
+    own = part.part_parameters(tuple(use.part for use in setup.checks))
+    return CheckParams(own, part.named_parameters(names, thresholds))
 
 
 def stage_params(setup: RavenSetup) -> Any:
     """Return the parameters of the files that replace stages; None if no stage is replaced."""
     files = tuple(source for _, source in setup.controller)
-    return part.parameters(files) if files else None
+    return part.part_parameters(files) if files else None
 
 
 def init(setup: RavenSetup, checks: CheckParams | None, stages: Any) -> UserFilesState:
@@ -213,20 +213,20 @@ def init(setup: RavenSetup, checks: CheckParams | None, stages: Any) -> UserFile
     arms, width = len(setup.arms), setup.precision.real
     remembered = []
     for use, own in zip(setup.checks, () if checks is None else checks.own, strict=True):
-        recent = Vec.full(use.consecutive - 1, real(setup, 0.0))
-        remembered.append((CheckState(part.loaded(use.part).init(own, width), recent),) * arms)
+        recent = Vec.full(use.consecutive - 1, cast_to_real(setup, 0.0))
+        remembered.append((CheckState(part.load_part(use.part).init(own, width), recent),) * arms)
     return UserFilesState(
         tuple(remembered),
         tuple(check.init(setup) for _ in setup.checks),
-        (jnp.bool_(False),) * arms if refuses(setup) else (),
+        (jnp.bool_(False),) * arms if boards_may_refuse(setup) else (),
         tuple(
-            (part.loaded(source).init(own, setup.precision.narrow),) * arms
+            (part.load_part(source).init(own, setup.precision.narrow),) * arms
             for (_, source), own in zip(setup.controller, stages or (), strict=True)
         ),
     )
 
 
-def histories(setup: RavenSetup, state: UserFilesState) -> dict[str, CheckHistory]:
+def own_check_histories(setup: RavenSetup, state: UserFilesState) -> dict[str, CheckHistory]:
     """Return the history of each check, by its name in columns."""
     return {
         f"{OWN}{use.name}": history
@@ -234,7 +234,7 @@ def histories(setup: RavenSetup, state: UserFilesState) -> dict[str, CheckHistor
     }
 
 
-def refuses(setup: RavenSetup) -> bool:
+def boards_may_refuse(setup: RavenSetup) -> bool:
     """Return whether a board may refuse, so that its pins may differ from the other board's."""
     return any(use.at == BOARDS and use.acts == "stop" for use in setup.checks)
 
@@ -302,12 +302,14 @@ class UserFiles:
         self.note(**{name: signal})
         for place, use in self._checks_at(seam):
             floats = name in _FLOATS
-            trips, values = self._look(place, real(self._setup, signal) if floats else signal)
+            trips, values = self._look(
+                place, cast_to_real(self._setup, signal) if floats else signal
+            )
             if use.acts == "limit":
                 if seam in COMMANDS:
                     signal = _limited(trips, values, signal)
                 else:
-                    signal = _chosen(trips, narrow(self._setup, values), signal)
+                    signal = _chosen(trips, narrow_numbers(self._setup, values), signal)
             elif use.acts == "stop":
                 self._stops.append(reduce(or_, trips))
                 if seam in COMMANDS:
@@ -356,7 +358,7 @@ class UserFiles:
         """Return whether a check trips in this millisecond, and the signal if it limits."""
         assert self._checks is not None
         use, width = self._setup.checks[place], self._setup.precision.real
-        code, own = part.loaded(use.part), self._checks.own[place]
+        code, own = part.load_part(use.part), self._checks.own[place]
         threshold, views = self._checks.threshold[place], self.views(use.at, width)
         arms, trips, margins, values = [], [], [], list(crossing)
         for i, before in enumerate(self._state.checks[place]):
@@ -371,7 +373,7 @@ class UserFiles:
             trips.append(lowest > threshold)
             margins.append(threshold - lowest)
         self._after[place] = tuple(arms)
-        self._histories[place] = check.update(
+        self._histories[place] = check.update_check(
             self._histories[place], self._tick, reduce(or_, trips), reduce(jnp.minimum, margins)
         )
         return tuple(trips), tuple(values)
@@ -391,11 +393,13 @@ class UserFiles:
         mpos_d: PerArm[Vec],
         jpos: PerArm[Vec],
     ) -> PerArm[MotorControlState]:
-        """Return the same as `motor_control.torques`, for every arm."""
+        """Return the same as `motor_control.motor_torques`, for every arm."""
         setup, feels_gravity = self._setup, self._setup.software == "raven2"
         still = tuple(Vec.full(3, 0.0) for _ in setup.arms)
         if feels_gravity:
-            still = per_arm(setup, lambda i, arm: motor_control.gravity(setup, arm, jpos[i]))
+            still = per_arm(
+                setup, lambda i, arm: motor_control.gravity_torques(setup, arm, jpos[i])
+            )
         gains = ("kp", "kd", "ki", "mvel_d")
         self.note(
             active=active,
@@ -434,7 +438,7 @@ class UserFiles:
     def _step_stage(self, stage: str, **gives: Sequence[Vec]) -> list[Vec]:
         ((name, like),) = gives.items()
         place = list(dict(self._setup.controller)).index(stage)
-        code, width = part.loaded(self._setup.controller[place][1]), self._setup.precision.narrow
+        code, width = part.load_part(self._setup.controller[place][1]), self._setup.precision.narrow
         after, values = [], []
         for i, view in enumerate(self.views(stage, width)):
             state, value = code.step(

@@ -35,5 +35,5 @@ def advance(
 ) -> tuple[TickState, tuple[Scalar, ...], WatchedSignals]:
     """Compute one tick; see `ravenjax.engines.interface.Loop`."""
     state, series, signals = run.advance(setup, params, faults, state, *inputs)
-    live = observers.live(signals.control.runlevel, state.control.state_machine.soft_estopped)
+    live = observers.is_live(signals.control.runlevel, state.control.state_machine.soft_estopped)
     return state, series, WatchedSignals(state.stages["detectors"], live)

@@ -18,26 +18,26 @@ from ravenjax.robots.raven2.geometry.tools import find_tool
 from ravenjax.robots.raven2.setup import RavenSetup
 
 
-def float32(x: float) -> float:
+def as_float32(x: float) -> float:
     """Return x rounded to float32, as a Python number."""
     return float(np.float32(x))
 
 
-PI = float32(math.pi)
-PERIOD = float32(0.001)  # s, one cycle
-TR = transmission.TR.map(float32)  # motor rad per joint rad (insertion: per m)
+PI = as_float32(math.pi)
+PERIOD = as_float32(0.001)  # s, one cycle
+TR = transmission.TR.map(as_float32)  # motor rad per joint rad (insertion: per m)
 GB_RATIO = (12.25 / (26 / 7)) * (5.005 / 5.675)
 """Insertion motor rad per rad of each tool motor: a double, in the original's order."""
-C01, C02, C12 = (float32(c) for c in (transmission.C01, transmission.C02, transmission.C12))
+C01, C02, C12 = (as_float32(c) for c in (transmission.C01, transmission.C02, transmission.C12))
 TAU_PER_AMP = transmission.TORQUE_PER_AMP.map(
-    lambda torque, gear: float32(torque * gear), transmission.GEARBOX
+    lambda torque, gear: as_float32(torque * gear), transmission.GEARBOX
 )
 """N m at the capstan per A, unsigned."""
 
 
 def wrist_coupling(tool: str) -> float:
     """Return how far each jaw turns with the wrist, rad/rad."""
-    return float32(find_tool(tool).wrist_coupling)
+    return as_float32(find_tool(tool).wrist_coupling)
 
 
 def amps_per_torque(arm: str, tool: str, software: str) -> Vec:
@@ -56,7 +56,9 @@ def joint_limits(setup: RavenSetup) -> tuple[list[tuple[float, float]], float | 
     fork's roll limit: that is a literal in its r2_kinematics.cpp, and a double.
     """
     (*lower, lowest_yaw), upper = limits.soft_limits(setup.tools[0], setup.software)
-    ranges = [(float32(low), float32(high)) for low, high in zip(lower, upper[:5], strict=True)]
+    ranges = [
+        (as_float32(low), as_float32(high)) for low, high in zip(lower, upper[:5], strict=True)
+    ]
     if setup.software == "fork2015":
         ranges[3] = (lower[3], upper[3])
-    return ranges, None if lowest_yaw is None else float32(lowest_yaw)
+    return ranges, None if lowest_yaw is None else as_float32(lowest_yaw)

@@ -3,11 +3,11 @@ double precision.
 
 If the wrist is straight, the original's roll is a quotient of two numbers that are mostly rounding
 error. To reproduce its DAC counts, code must round where the original rounds. `geometry` computes
-the same with a fraction of the operations, and as exactly. `evaluation` selects one of the two: the
-order of the original only helps if results are rounded as there (precision `ORIGINAL`). Sources:
-raven2 `src/raven/r2_kinematics.cpp`, `include/raven/r2_kinematics.h`, `src/raven/grav_comp.cpp`
-(compiled without fused operations); transforms and quaternions are those of ROS tf (ros/geometry
-`tf/LinearMath/{Transform,Matrix3x3,Vector3}.h`).
+the same with a fraction of the operations, and as exactly. `select_evaluation` selects one of the
+two: the order of the original only helps if results are rounded as there (precision `ORIGINAL`).
+Sources: raven2 `src/raven/r2_kinematics.cpp`, `include/raven/r2_kinematics.h`,
+`src/raven/grav_comp.cpp` (compiled without fused operations); transforms and quaternions are those
+of ROS tf (ros/geometry `tf/LinearMath/{Transform,Matrix3x3,Vector3}.h`).
 
 Products with a literal 0 or 1 are left out, which changes no bit but the sign of a zero. Products
 of quaternions and their matrices are those of `mapping`, which already has tf's order.
@@ -48,8 +48,8 @@ from ravenjax.robots.raven2.geometry.joints import (
     LW,
     PI,
     Pose,
-    jaws,
-    yaw,
+    jaw_angles,
+    jaw_yaw,
 )
 from ravenjax.robots.raven2.geometry.kinematics import (
     AT_REMOTE_CENTRE,
@@ -77,12 +77,12 @@ class Transform(NamedTuple):
     origin: Vec  # 3, m
 
 
-def product(a: Transform, b: Transform) -> Transform:
+def multiply_literally(a: Transform, b: Transform) -> Transform:
     """Return a b."""
-    return Transform(matmul(a.rotation, b.rotation), apply(a, b.origin))
+    return Transform(matmul(a.rotation, b.rotation), transform_point(a, b.origin))
 
 
-def apply(transform: Transform, point: Vec) -> Vec:
+def transform_point(transform: Transform, point: Vec) -> Vec:
     """Return the point (3, m) in the other frame."""
     return plus(matvec(transform.rotation, point), transform.origin)
 
@@ -231,12 +231,12 @@ def _link5(theta5: Scalar) -> Transform:
 
 def _chain(*links: Transform) -> Transform:
     """Return the product of links. It starts from the last, as the original's recursion does."""
-    return reduce(lambda rest, link: product(link, rest), reversed(links))
+    return reduce(lambda rest, link: multiply_literally(link, rest), reversed(links))
 
 
-def forward(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
-    """Return the same as `kinematics.forward`."""
-    theta6 = yaw(jpos) if yaw_rad is None else yaw_rad
+def forward_pose(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
+    """Return the same as `kinematics.forward_pose`."""
+    theta6 = jaw_yaw(jpos) if yaw_rad is None else yaw_rad
     th = _thetas(arm, Vec((*jpos[:5], theta6)))
     links = (
         _link1(arm, th[0]),
@@ -249,9 +249,9 @@ def forward(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
     return Pose(tip.origin, tip.rotation)
 
 
-def inverse(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK:
-    """Return the same as `kinematics.inverse`."""
-    measured = _thetas(arm, Vec((*jpos_ref[:5], yaw(jpos_ref))))
+def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK:
+    """Return the same as `kinematics.inverse_joints`."""
+    measured = _thetas(arm, Vec((*jpos_ref[:5], jaw_yaw(jpos_ref))))
     solutions, at_remote_centre = _solutions(arm, Transform(pose.rotation, pose.position))
     least = NO_SOLUTION_COST
     best = Vec.full(6, 0.0)
@@ -268,7 +268,9 @@ def inverse(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK:
     status = jnp.where(
         least > COST_LIMIT, REJECTED, jnp.where(at_remote_centre, AT_REMOTE_CENTRE, OK)
     )
-    return IK(Vec((*joints[:5], *jaws(joints[5], grasp_rad))), joints[5], least, as_int(status))
+    return IK(
+        Vec((*joints[:5], *jaw_angles(joints[5], grasp_rad))), joints[5], least, as_int(status)
+    )
 
 
 def _solutions(arm: str, tip: Transform) -> tuple[list[tuple[Vec, Scalar]], Scalar]:
@@ -284,7 +286,7 @@ def _solutions(arm: str, tip: Transform) -> tuple[list[tuple[Vec, Scalar]], Scal
     for side in (-1.0, 1.0):
         # In place: the second side normalises what the first side has normalised.
         toward = scale(1.0 / norm(toward), toward)
-        wrists.append(apply(tip, scale(side * LW, toward)))
+        wrists.append(transform_point(tip, scale(side * LW, toward)))
     insertions = [norm(wrist) for wrist in wrists]
     at_centre = [insertion <= LW for insertion in insertions]
     stopped = at_centre[0] | at_centre[1]
@@ -318,7 +320,7 @@ def _angles(arm: str, tip: Transform, wrist: Vec, d3: Scalar, theta2: Scalar) ->
     theta1 = _theta1(arm, wrist, d3 + D4, cos2, sin2)
     t03 = _chain(_link1(arm, theta1), _link2(cos2, sin2), _link3(arm, d3))
     (_, _, r02), (_, _, r12), (r20, r21, r22) = (
-        t36 := product(inverse_transform(t03), tip)
+        t36 := multiply_literally(inverse_transform(t03), tip)
     ).rotation
 
     c5, s5 = -r22, (t36.origin[2] - D4) / LW
@@ -327,7 +329,7 @@ def _angles(arm: str, tip: Transform, wrist: Vec, d3: Scalar, theta2: Scalar) ->
     s4 = jnp.where(bent, t36.origin[1] / (LW * c5), r12 / s5)
     theta4, theta5 = jnp.atan2(s4, c4), jnp.atan2(s5, c5)
 
-    t05 = product(t03, _chain(_link4(theta4), _link5(theta5)))
+    t05 = multiply_literally(t03, _chain(_link4(theta4), _link5(theta5)))
     turned, _, across = matvec(transpose(t05.rotation), transpose(tip.rotation)[0])
     crossed = jnp.abs(s5) > SINGULAR
     c6, s6 = jnp.where(crossed, r20 / s5, turned), jnp.where(crossed, -r21 / s5, across)
@@ -352,12 +354,12 @@ def gravity_torque(arm: str, jpos: Vec) -> Vec:
     operations are those of raven2 `src/raven/grav_comp.cpp`, in their order. Rotations are inverted
     by cofactors. Transmission ratios are the float32 numbers to which `defines.h` casts them.
     """
-    theta1, theta2, d3, *_ = _thetas(arm, Vec((*jpos[:5], yaw(jpos))))
+    theta1, theta2, d3, *_ = _thetas(arm, Vec((*jpos[:5], jaw_yaw(jpos))))
     t01, t12, t23 = _link1(arm, theta1), _link2(jnp.cos(theta2), jnp.sin(theta2)), _link3(arm, d3)
 
     centres, (_, m2, m3) = CENTRES[arm], MASSES
     com2, com3 = Vec(centres.link2), t23.origin  # in frame 2
-    in_frame1 = (Vec(centres.link1), apply(t12, com2), apply(t12, com3))
+    in_frame1 = (Vec(centres.link1), transform_point(t12, com2), transform_point(t12, com3))
 
     g1 = matvec(inverse_matrix(t01.rotation), Vec((-GRAVITY_AS_STORED, 0.0, 0.0)))
     g2 = matvec(inverse_matrix(t12.rotation), g1)
@@ -388,15 +390,15 @@ class Evaluation(NamedTuple):
 
 
 SHARING = Evaluation(
-    kinematics.forward,
-    kinematics.inverse,
+    kinematics.forward_pose,
+    kinematics.inverse_joints,
     partial(gravity.gravity_torque, gravity=gravity.GRAVITY_AS_STORED),
     mapping.quat_from_matrix,
 )
-LITERAL = Evaluation(forward, inverse, gravity_torque, quat_from_matrix)
+LITERAL = Evaluation(forward_pose, inverse_joints, gravity_torque, quat_from_matrix)
 
 
-def evaluation(setup: RavenSetup) -> Evaluation:
+def select_evaluation(setup: RavenSetup) -> Evaluation:
     """Return LITERAL if the number widths are the original's, else SHARING."""
     precision = setup.precision
     return LITERAL if (precision.narrow, precision.wide) == ("float32", "float64") else SHARING

@@ -42,7 +42,7 @@ from typing import NamedTuple
 
 from ravenjax.numbers.algebra import add, dot, matvec, mul, norm, transpose
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import described
+from ravenjax.numbers.quantity import describe_fields
 from ravenjax.numbers.vec import Scalar, Vec, record, where
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import instrument, scene
@@ -52,7 +52,7 @@ CREEP_M_S = 1e-3
 _HERTZ = 16.0 / 9.0  # 4/3 / (1 - nu^2) with nu = 0.5
 
 
-@described
+@describe_fields
 @record
 class ContactParams:
     """Parameters of tissue, vessel and instruments, the same for every arm; see the module."""
@@ -82,7 +82,7 @@ class Law(NamedTuple):
     rate: Scalar  # N s/m
 
 
-def law(spring: Scalar, slope: Scalar, damping: Scalar, closing: Scalar, dt: float) -> Law:
+def spring_law(spring: Scalar, slope: Scalar, damping: Scalar, closing: Scalar, dt: float) -> Law:
     """Return the law of a spring.
 
     Its force (N) and stiffness (N/m) are those at the end of `dt` (s) if the closing speed (m/s)
@@ -94,7 +94,7 @@ def law(spring: Scalar, slope: Scalar, damping: Scalar, closing: Scalar, dt: flo
     return Law(spring * jnp.maximum(grows, 0.0), rate)
 
 
-def stiffness(params: ContactParams) -> Scalar:
+def hertz_stiffness(params: ContactParams) -> Scalar:
     """Return k of Hertz's law, N/m^1.5."""
     return (_HERTZ * params.tissue_modulus) * jnp.sqrt(params.tip_radius)
 
@@ -136,7 +136,7 @@ class TipContact(NamedTuple):
         return velocity - self.rise * (dot(self.rise, velocity) * self.inverse)
 
 
-def tips(
+def jaw_tips(
     arm: ArmName, params: ContactParams, jpos: Vec, jvel: Vec, dt: float
 ) -> tuple[TipContact, ...]:
     """Return both jaw tips at `jpos` (7, rad and m) and `jvel` over the coming `dt` (s)."""
@@ -146,13 +146,13 @@ def tips(
 def _tip(
     arm: ArmName, params: ContactParams, tip: instrument.InstrumentPoint, jvel: Vec, dt: float
 ) -> TipContact:
-    surface, velocity = scene.surface(arm, tip.at), tip.velocity(jvel)
+    surface, velocity = scene.tissue_surface(arm, tip.at), tip.velocity(jvel)
     rise = surface.rise
     closing = -dot(rise, velocity)
     depth = jnp.maximum(surface.depth + closing * dt, 0.0)
     root = jnp.sqrt(depth)
-    k = stiffness(params)
-    normal = law(k * depth * root, 1.5 * k * root, params.damping, closing, dt)
+    k = hertz_stiffness(params)
+    normal = spring_law(k * depth * root, 1.5 * k * root, params.damping, closing, dt)
     steep = dot(rise, rise)
     inverse = 1.0 / steep
     sliding = jnp.maximum(dot(velocity, velocity) - closing * closing * inverse, 0.0)
@@ -161,7 +161,7 @@ def _tip(
     return TipContact(tip, rise, surface.vessel, normal, drag, inverse, velocity)
 
 
-def felt(contacts: tuple[TipContact, ...], gained: Vec) -> Touch:
+def contact_forces(contacts: tuple[TipContact, ...], gained: Vec) -> Touch:
     """Return the tissue's forces in a step in which the joints gained these speeds."""
     forces = [one.after(gained) for one in contacts]
     whole = forces[0] + forces[1]
@@ -196,7 +196,7 @@ class Meeting(NamedTuple):
         return jnp.maximum(self.normal.force - rate * lost / (1.0 + rate * gives), 0.0)
 
 
-def meeting(
+def instruments_meeting(
     arms: tuple[ArmName, ArmName],
     params: ContactParams,
     jpos: tuple[Vec, Vec],
@@ -204,7 +204,9 @@ def meeting(
     dt: float,
 ) -> Meeting:
     """Return how two instruments meet at `jpos` and `jvel` (7 each) over the coming `dt` (s)."""
-    lines = tuple(instrument.line(arm, joints) for arm, joints in zip(arms, jpos, strict=True))
+    lines = tuple(
+        instrument.instrument_line(arm, joints) for arm, joints in zip(arms, jpos, strict=True)
+    )
     pieces = [_pieces(arm, line) for arm, line in zip(arms, lines, strict=True)]
     best: _Pair | None = None
     for one in pieces[0]:
@@ -215,7 +217,7 @@ def meeting(
     apart = best.away * (1.0 / jnp.maximum(best.distance, 1e-9))
     ways, frames = [], []
     for i, sense in enumerate((1.0, -1.0)):
-        origin, rotation = scene.frame0(arms[i])
+        origin, rotation = scene.frame0_in_world(arms[i])
         back = transpose(rotation)
         at = matvec(back, best.at[i] - origin)
         way = matvec(back, apart * sense)
@@ -225,7 +227,7 @@ def meeting(
     depth = jnp.maximum(best.depth + closing * dt, 0.0)
     k = params.instrument_stiffness
     slope = jnp.where(depth > 0.0, k, 0.0)
-    normal = law(k * depth, slope, params.instrument_damping, closing, dt)
+    normal = spring_law(k * depth, slope, params.instrument_damping, closing, dt)
     return Meeting((ways[0], ways[1]), normal, (frames[0], frames[1]))
 
 
@@ -250,8 +252,8 @@ class _Pair(NamedTuple):
 
 
 def _pieces(arm: ArmName, line: instrument.InstrumentLine) -> tuple[_Piece, _Piece]:
-    origin, _ = scene.frame0(arm)
-    wrist, end = scene.world(arm, line.wrist), scene.world(arm, line.end)
+    origin, _ = scene.frame0_in_world(arm)
+    wrist, end = scene.to_world(arm, line.wrist), scene.to_world(arm, line.end)
     return (
         _Piece(origin, wrist - origin, instrument.SHAFT_RADIUS, False),
         _Piece(wrist, end - wrist, instrument.JAW_RADIUS, True),

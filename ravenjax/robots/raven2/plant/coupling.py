@@ -106,7 +106,7 @@ def _terms(own: Sequence[Vec], i: int, j: int) -> list[tuple[int, int, float]]:
 
 
 @cache
-def coupling(arm: ArmName, tool: str, software: str) -> Coupling:
+def arm_coupling(arm: ArmName, tool: str, software: str) -> Coupling:
     """Return the coupling of an arm with a tool; `software` decides the sign of the first jaw."""
     matrix = transmission.motor_matrix(arm, tool, software)
     ratio = tuple(matrix[i][Z] / matrix[Z][Z] if i > Z else 0.0 for i in range(N))

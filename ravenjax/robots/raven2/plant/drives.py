@@ -76,7 +76,7 @@ import math
 
 from ravenjax.numbers.algebra import add, mul
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import described
+from ravenjax.numbers.quantity import describe_fields
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record
 from ravenjax.robots.raven2.geometry import limits
 from ravenjax.robots.raven2.geometry.tools import find_tool
@@ -112,14 +112,14 @@ def at_angle(angle: Scalar) -> Angle:
     return Angle(count=as_int(whole), fraction=counts - whole)
 
 
-def advance(angle: Angle, turned: Scalar) -> Angle:
+def advance_angle(angle: Angle, turned: Scalar) -> Angle:
     """Return the angle after turning by `turned` (rad)."""
     moved = angle.fraction + turned * COUNTS_PER_RAD
     whole = jnp.floor(moved + 0.5)
     return Angle(count=angle.count + as_int(whole), fraction=moved - whole)
 
 
-def radians(angle: Angle, dtype: str) -> Scalar:
+def angle_in_radians(angle: Angle, dtype: str) -> Scalar:
     """Return the angle in rad; it is rounded to `dtype` once, so no error accumulates."""
     return (angle.count.astype(dtype) + angle.fraction) * RAD_PER_COUNT
 
@@ -136,12 +136,14 @@ class Linear:
         return (self.force + self.damping * rate) * (1.0 / arm)
 
 
-def tension(stiffness: Scalar, damping: Scalar, delta: Scalar, rate: Scalar) -> Scalar:
+def cable_tension(stiffness: Scalar, damping: Scalar, delta: Scalar, rate: Scalar) -> Scalar:
     """Return gamma (N) at stretch `delta` (m) and `rate` (m/s)."""
     return 2.0 * stiffness * _sinh(delta) + 2.0 * damping * rate
 
 
-def linearise(arm: float, stiffness: Scalar, damping: Scalar, stretch: Scalar, dt: float) -> Linear:
+def linearise_cable(
+    arm: float, stiffness: Scalar, damping: Scalar, stretch: Scalar, dt: float
+) -> Linear:
     """Return force and implicit damping over `dt` (s). arm: lever (m/rad); stretch: rad."""
     delta = arm * stretch
     slope = 2.0 * stiffness * _cosh(delta)
@@ -169,7 +171,7 @@ def _cosh(x: Scalar) -> Scalar:
     return 1.0 + square * 0.5 * (1.0 + square * (1.0 / 12.0))
 
 
-@described
+@describe_fields
 @record
 class ActuatorParams:
     """Parameters of seven motors."""
@@ -199,7 +201,7 @@ class Eliminated:
     stiffening: Scalar  # N m s/rad, loss of that force per gain of link speed
 
 
-def limited(
+def limit_torque(
     torque: Scalar, speed: Scalar, torque_limit: Scalar, stall_torque: Scalar, back_emf: Scalar
 ) -> Scalar:
     """Return the part of a commanded `torque` (N m) that amplifier and supply allow at `speed`
@@ -214,7 +216,7 @@ def limited(
     return jnp.minimum(jnp.maximum(torque, -torque_limit), torque_limit)
 
 
-def eliminate(
+def eliminate_motor(
     inertia_rate: Scalar,
     viscous: Scalar,
     coulomb: Scalar,
@@ -247,7 +249,7 @@ def eliminate(
     )
 
 
-@described
+@describe_fields
 @record
 class BrakeParams:
     # N m; assumption: maxon AB 28, 0.4 N m at the shaft, times 12.25
@@ -283,7 +285,7 @@ _MARGIN = (math.radians(2.5), math.radians(2.5), 2e-3)  # rad, rad, m
 SETTLING_S = 5e-3  # s, damping over stiffness
 
 
-@described
+@describe_fields
 @record
 class StopParams:
     lower: Vec  # rad; insertion m

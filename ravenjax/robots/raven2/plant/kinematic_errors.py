@@ -4,7 +4,7 @@ their drawings.
 Three arms are distinguished:
 
 - The **true** arm: its links are at angles that nobody measures, and have the lengths and twists
-  with which they were built. `robot.PlantOutput` has its joints, `tip` its tip.
+  with which they were built. `robot.PlantOutput` has its joints, `true_tip` its tip.
 - The **reported** arm: the software turns encoder counts into joints by the drawings' ratios and by
   the zero that homing found. It turns joints into a tip by the drawings' links. Controller, checks,
   report and cue know this arm only.
@@ -36,7 +36,7 @@ import numpy as np
 from ravenjax.numbers import tree
 from ravenjax.numbers.algebra import add, dot, matmul, matrix, matvec, mul
 from ravenjax.numbers.lazy import at_once, jnp
-from ravenjax.numbers.quantity import described
+from ravenjax.numbers.quantity import describe_fields
 from ravenjax.numbers.vec import Scalar, Vec, record, where
 from ravenjax.robots.raven2.geometry import built_links, kinematics, limits, mapping
 from ravenjax.robots.raven2.geometry.built_links import LinkErrors
@@ -44,7 +44,7 @@ from ravenjax.robots.raven2.geometry.built_links import LinkErrors
 _DEG = math.pi / 180.0
 
 
-@described
+@describe_fields
 @record
 class KinematicErrors:
     """Kinematic errors of one arm. All but `scale` are 0 in the robot that its software assumes."""
@@ -85,7 +85,7 @@ axis.
 """
 
 
-def exact() -> KinematicErrors:
+def no_errors() -> KinematicErrors:
     """Return zero errors."""
     zero = Vec.full(7, 0.0)
     return KinematicErrors(1.0, zero, zero, built_links.as_drawn(), np.int32(0))
@@ -93,11 +93,11 @@ def exact() -> KinematicErrors:
 
 def is_exact(errors: KinematicErrors) -> bool:
     """Return whether all errors are known to be 0 in this trace."""
-    numbers = tree.leaves((errors.joint_offset, errors.ratio_error, errors.links))
+    numbers = tree.tree_leaves((errors.joint_offset, errors.ratio_error, errors.links))
     return all(type(number) in (int, float) and number == 0 for number in numbers)
 
 
-def gain(errors: KinematicErrors) -> Vec:
+def motion_gain(errors: KinematicErrors) -> Vec:
     """Return the true motion of each joint per motion that the software assumes, 7."""
     return Vec(add(1.0, mul(errors.scale, error)) for error in errors.ratio_error)
 
@@ -113,25 +113,25 @@ def true_joints(errors: KinematicErrors, reported: Vec) -> Vec:
     return Vec(out)
 
 
-def register(arm: str, errors: KinematicErrors) -> Registration | None:
+def register_frame(arm: str, errors: KinematicErrors) -> Registration | None:
     """Return the registration of the arm's frame 0; None: it is where the software assumes it."""
     if is_exact(errors) or (isinstance(errors.registered, np.integer) and not errors.registered):
         return None
     true = [_tip(arm, true_joints(errors, pose), errors) for pose in POSES]
-    return where(errors.registered != 0, fit(arm, true), _same())
+    return where(errors.registered != 0, fit_registration(arm, true), _same())
 
 
-def tip(arm: str, errors: KinematicErrors, frame: Registration | None, jpos: Vec) -> Vec:
+def true_tip(arm: str, errors: KinematicErrors, frame: Registration | None, jpos: Vec) -> Vec:
     """Return the true tip (3, m) with the links at the true joints `jpos` (7, rad and m)."""
     position = _tip(arm, jpos, errors)
-    return position if frame is None else seen(frame, position)
+    return position if frame is None else in_registered_frame(frame, position)
 
 
 def _tip(arm: str, jpos: Vec, errors: KinematicErrors) -> Vec:
     if is_exact(errors):
-        return kinematics.forward(arm, jpos).position
-    links = tree.mapped(lambda error: mul(errors.scale, error), errors.links)
-    return built_links.tip(arm, jpos, links)
+        return kinematics.forward_pose(arm, jpos).position
+    links = tree.map_leaves(lambda error: mul(errors.scale, error), errors.links)
+    return built_links.tip_position(arm, jpos, links)
 
 
 # --- registration ---
@@ -168,18 +168,20 @@ class Registration:
     translation: Vec  # m, 3
 
 
-def seen(frame: Registration, point: Vec) -> Vec:
+def in_registered_frame(frame: Registration, point: Vec) -> Vec:
     """Return a point (3, m) of the true arm's frame 0 in the registered frame."""
     return matvec(frame.rotation, point) + frame.translation
 
 
-def fit(arm: str, true: list[Vec]) -> Registration:
+def fit_registration(arm: str, true: list[Vec]) -> Registration:
     """Return the registration from true tips (m) at POSES."""
     reported, solve = _normal_equations(arm)
     frame = _same()
     for _ in range(STEPS):
         residual = Vec(
-            x for p, r in zip(true, reported, strict=True) for x in Vec(r) - seen(frame, p)
+            x
+            for p, r in zip(true, reported, strict=True)
+            for x in Vec(r) - in_registered_frame(frame, p)
         )
         small = Vec(dot(Vec(row), residual) for row in solve)
         turn = mapping.matrix_from_quat(Vec((small[0] * 0.5, small[1] * 0.5, small[2] * 0.5, 1.0)))
@@ -204,7 +206,7 @@ def _normal_equations(arm: str) -> tuple[list[list[float]], list[list[float]]]:
     The matrix [6, 3 poses] maps residuals to rotation (rad) and displacement (m).
     """
     with at_once():  # a trace may call this function
-        tips = np.array([kinematics.forward(arm, pose).position for pose in POSES])
+        tips = np.array([kinematics.forward_pose(arm, pose).position for pose in POSES])
     design = np.zeros((len(tips), 3, 6))
     for one, (x, y, z) in zip(design, tips, strict=True):
         one[:, :3] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]  # rotation x tip

@@ -18,9 +18,10 @@ the model gets the same natural frequency, damping and friction dead band:
 
 with J = Im + rho M / TR^2. KP and KD are those of raven2's r2params.yaml. g is the gain from
 commanded to real torque. Im, tau, F and the reaction share rho are those of the robot's parameter
-set (`parameter_sets.nominal`). Nothing is fitted to a published outcome. `Kv` and `Kc` of a jaw are
-zero; its viscous part is in its kd. ki: the robot's insertion has no integral. A slow one (time
-constant 4 s) removes the remainder of the dead band without changing the lag on surgical motion.
+set (`parameter_sets.nominal_set`). Nothing is fitted to a published outcome. `Kv` and `Kc` of a
+jaw are zero; its viscous part is in its kd. ki: the robot's insertion has no integral. A slow one
+(time constant 4 s) removes the remainder of the dead band without changing the lag on surgical
+motion.
 
 Integration is linearly implicit in gains and friction, and stable at 1 kHz for any of them.
 
@@ -40,8 +41,8 @@ import numpy as np
 from ravenjax.numbers.algebra import mul
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.linear_solve import solve_spd
-from ravenjax.numbers.quantity import described
-from ravenjax.numbers.setup import real
+from ravenjax.numbers.quantity import describe_fields
+from ravenjax.numbers.setup import cast_to_real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, to_int32, where
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.dynamics import link_dynamics
@@ -65,7 +66,7 @@ INTEGRAL_RATE = 0.25  # 1/s, ki / kp of the insertion
 UM_PER_M = 1e6
 
 
-@described
+@describe_fields
 @record
 class TargetParams:
     """Limits to which targets are clamped: the software's joint limits, the same for every arm."""
@@ -93,7 +94,7 @@ class TargetState:
     jpos_d: Vec  # rad; insertion m: target joints
 
 
-@described
+@describe_fields
 @record
 class NominalParams:
     kp: Vec  # N m/rad; insertion N/m; jaws 1/s2
@@ -127,7 +128,7 @@ def params(
     setup: RavenSetup, arm: ArmName, parameter_set: str = parameter_sets.DEFAULT
 ) -> NominalParams:
     """Return the gains derived above. `parameter_set`: see `parameter_sets.Name`."""
-    values = parameter_sets.parameter_set(parameter_sets.nominal(parameter_set))
+    values = parameter_sets.parameter_set(parameter_sets.nominal_set(parameter_set))
     # As in the software, the first arm's tool limits the joints of every arm
     allowed = limits.soft_limits(setup.tools[0], setup.software)
     motor = values.actuators
@@ -160,7 +161,7 @@ def params(
 
 def init(setup: RavenSetup, arm: ArmName, params: NominalParams, jpos0: Vec) -> NominalState:
     """Return the state at rest at `jpos0` (rad, m), which is also its target."""
-    jpos, still = real(setup, (jpos0, Vec.full(7, 0.0)))
+    jpos, still = cast_to_real(setup, (jpos0, Vec.full(7, 0.0)))
     return NominalState(
         jpos=jpos, jvel=still, integral=still[0], target=init_target(setup, arm, jpos)
     )
@@ -185,24 +186,24 @@ def step(
     stands = (params.resync != 0) & (clean.engaged == 0)
     state = replace(state, jpos=where(stands, measured, state.jpos))
     target = step_target(setup, arm, params.target, state.target, clean, state.jpos)
-    moved = replace(track(setup, arm, params, state, target.jpos_d), target=target)
+    moved = replace(track_target(setup, arm, params, state, target.jpos_d), target=target)
     still = replace(state, jvel=state.jvel * 0.0, target=target)
     state = where(clean.engaged != 0, moved, still)
-    state = replace(real(setup, replace(state, target=None)), target=state.target)
-    return state, observe(arm, state)
+    state = replace(cast_to_real(setup, replace(state, target=None)), target=state.target)
+    return state, observe_model(arm, state)
 
 
-def observe(arm: ArmName, state: NominalState) -> NominalOutput:
+def observe_model(arm: ArmName, state: NominalState) -> NominalOutput:
     """Return tip and joints of a state."""
     return NominalOutput(
         jpos=state.jpos,
-        tip_position=kinematics.forward(arm, state.jpos).position,
+        tip_position=kinematics.forward_pose(arm, state.jpos).position,
         tip_velocity=kinematics.tip_velocity(arm, state.jpos, state.jvel),
         jpos_d=state.target.jpos_d,
     )
 
 
-def track(
+def track_target(
     setup: RavenSetup, arm: ArmName, params: NominalParams, state: NominalState, jpos_d: Vec
 ) -> NominalState:
     """Compute the dynamics alone: one tick towards the joint target `jpos_d` (rad, m)."""
@@ -243,11 +244,11 @@ def track(
 
 def init_target(setup: RavenSetup, arm: ArmName, jpos: Vec) -> TargetState:
     """Return a target at the joints' own pose."""
-    pose = kinematics.forward(arm, jpos)
+    pose = kinematics.forward_pose(arm, jpos)
     return TargetState(
         position_um=pose.position.map(lambda p: to_int32(p * UM_PER_M)),
         quat=mapping.quat_from_matrix(pose.rotation),
-        grasp_mrad=to_int32(joints.grasp(jpos) * 1000.0),
+        grasp_mrad=to_int32(joints.jaw_opening(jpos) * 1000.0),
         jpos_d=jpos,
     )
 
@@ -268,7 +269,7 @@ def step_target(
         rotation=mapping.matrix_from_quat(quat),
     )
     grasp_rad = grasp_mrad.astype(setup.precision.real) / 1000.0
-    solved = kinematics.inverse(arm, pose, grasp_rad, jpos)
+    solved = kinematics.inverse_joints(arm, pose, grasp_rad, jpos)
     allowed, clamped = _clamp(setup, params, solved.jpos, solved.yaw)
     reachable = solved.status != -1
 

@@ -11,7 +11,7 @@ import tomllib
 from typing import Any, Literal, NamedTuple, get_args
 
 from ravenjax.bundled import resources
-from ravenjax.errors import UserError, unknown
+from ravenjax.errors import UserError, describe_unknown_name
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.plant.drives import ActuatorParams
 
@@ -38,7 +38,7 @@ class ParameterSet(NamedTuple):
 def parameter_set(name: str) -> ParameterSet:
     """Return the set of that name. Raises UserError, which lists the names."""
     if name not in get_args(Name):
-        raise UserError(unknown("parameter set", name, get_args(Name)))
+        raise UserError(describe_unknown_name("parameter set", name, get_args(Name)))
     file = _file()
     rows = dict(file["published" if name in PUBLISHED else name])
     if name in PUBLISHED:
@@ -55,11 +55,11 @@ def parameter_set(name: str) -> ParameterSet:
 
 @functools.cache
 def _file() -> dict[str, Any]:
-    path = resources.model("raven2/mechanics.toml")
+    path = resources.find_model("raven2/mechanics.toml")
     return tomllib.loads(path.read_text(encoding="utf-8"))
 
 
-def nominal(name: str) -> str:
+def nominal_set(name: str) -> str:
     """Return the set from which the nominal model of a robot with set `name` takes gains and
     friction.
 

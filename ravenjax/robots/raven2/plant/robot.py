@@ -28,14 +28,14 @@ from ravenjax.numbers import counter_random, tree
 from ravenjax.numbers.algebra import add, mul, sub
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.linear_solve import solve_spd
-from ravenjax.numbers.quantity import described
-from ravenjax.numbers.setup import per_arm, real
+from ravenjax.numbers.quantity import describe_fields
+from ravenjax.numbers.setup import cast_to_real, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, cast, record, replace
 from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import contact, drives, kinematic_errors, parameter_sets
-from ravenjax.robots.raven2.plant.coupling import Coupling, coupling
+from ravenjax.robots.raven2.plant.coupling import Coupling, arm_coupling
 from ravenjax.robots.raven2.setup import RavenSetup
 
 TICK_S = 1e-3
@@ -45,7 +45,7 @@ TORQUE_CHANNEL = 8  # noise channels of an arm: 0-6 encoders, 8-14 torques
 ARM_CHANNELS = 16
 
 
-@described
+@describe_fields
 @record
 class PlantParams:
     """Parameters of one arm, which may vary from run to run; quantities.toml has their ranges."""
@@ -128,7 +128,7 @@ def params(
         **parameter_sets.parameter_set(parameter_set)._asdict(),
         brakes=drives.BrakeParams(),
         stops=drives.stop_params(_tool(setup, arm)),
-        kinematic_errors=kinematic_errors.exact(),
+        kinematic_errors=kinematic_errors.no_errors(),
         friction_scale=1.0,
         cable_stiffness_scale=1.0,
         motor_constant_scale=1.0,
@@ -148,13 +148,13 @@ def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> Pl
     The software assumes the links at `jpos0` (rad, m); kinematic errors may move them from there.
     """
     geometry, errors = _coupling(setup, arm, params), params.kinematic_errors
-    dtype, jpos0 = setup.precision.real, real(setup, jpos0)
+    dtype, jpos0 = setup.precision.real, cast_to_real(setup, jpos0)
     links = kinematic_errors.true_joints(errors, jpos0)
     at_rest = Vec.full(N, 0.0)
     _, weight = link_dynamics.mass_matrix_and_bias(
         setup, arm, links, at_rest, params.gravity, params.mass_scale
     )
-    still = real(setup, at_rest)
+    still = cast_to_real(setup, at_rest)
     carried = geometry.carried(weight)
     stretch = Vec(
         drives.resting_stretch(
@@ -177,11 +177,11 @@ def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> Pl
         mvel=still,
         jvel=still,
         brakes=drives.BrakeState(jnp.int32(1), zero),
-        intact=real(setup, Vec.full(N, 1.0)) if setup.cables == "break" else None,
+        intact=cast_to_real(setup, Vec.full(N, 1.0)) if setup.cables == "break" else None,
         tick=zero,
         jpos_ref=cast(links - geometry.joints(fractions - stretch), dtype),
         count_ref=Vec(motor.count for motor in motors),
-        frame=cast(kinematic_errors.register(arm, errors), dtype),
+        frame=cast(kinematic_errors.register_frame(arm, errors), dtype),
     )
 
 
@@ -226,7 +226,7 @@ def step_all(
     one, other = both
     for _ in range(setup.substeps):
         jpos, jvel = (one.jpos(), other.jpos()), (one.state.jvel, other.state.jvel)
-        pair = contact.meeting((arms[0], arms[1]), touched, jpos, jvel, one.dt)
+        pair = contact.instruments_meeting((arms[0], arms[1]), touched, jpos, jvel, one.dt)
         ready = [arm.equations(pair.ways[i] * pair.normal.force) for i, arm in enumerate(both)]
         yielding = [solve_spd(ready[i][0], pair.ways[i]) for i in (0, 1)]
         gained = [solve_spd(system, right) for system, right in ready]
@@ -278,7 +278,7 @@ class _ArmTick:
         self._link_speed = self._geometry.motors(jvel)
         scale = _whole(state, signal.cable_scale)
         self._springs = [
-            drives.linearise(
+            drives.linearise_cable(
                 transmission.CABLE_PER_MOTOR[i],
                 _stiffness(params, i, scale[i]),
                 mul(scale[i], params.cable_damping[i]),
@@ -291,7 +291,7 @@ class _ArmTick:
         for i in range(N):
             coulomb = motor.coulomb[i] * friction[i]
             self._solved.append(
-                drives.eliminate(
+                drives.eliminate_motor(
                     inertia_rate=motor.inertia[i] * (1.0 / dt),
                     viscous=motor.viscous[i] * friction[i],
                     coulomb=coulomb + self._holding if i < POSITIONING else coulomb,
@@ -306,7 +306,7 @@ class _ArmTick:
         loads = self._geometry.loads(Vec(item.force for item in self._solved))
         self._tips = ()
         if self.touched is not None:
-            self._tips = contact.tips(self.arm, self.touched, jpos, jvel, dt)
+            self._tips = contact.jaw_tips(self.arm, self.touched, jpos, jvel, dt)
             for one in self._tips:
                 one.stiffen(system)
                 loads = loads + one.tip.along(one.force())
@@ -335,7 +335,7 @@ class _ArmTick:
         """
         state = self.state
         if self._tips:
-            touch = contact.felt(self._tips, gained)
+            touch = contact.contact_forces(self._tips, gained)
             if pressed is not None:
                 way, force = pressed
                 touch = replace(touch, force=touch.force + way * force, instrument=force)
@@ -348,7 +348,7 @@ class _ArmTick:
             rate = item.stretch_rate - item.resistance * item.inverse * pulled[i]
             mvel.append(speed)
             stretch.append(state.stretch[i] + self.dt * rate)
-            motors.append(drives.advance(state.motors[i], self.dt * speed))
+            motors.append(drives.advance_angle(state.motors[i], self.dt * speed))
             carried.append(self._springs[i].carried(transmission.CABLE_PER_MOTOR[i], rate))
         intact = state.intact
         if intact is not None:
@@ -378,18 +378,18 @@ class _ArmTick:
             intact=cast(state.intact, dtype),
             tick=state.tick + 1,
         )
-        out = observe(self.setup, self.arm, self.params, state, self.signal.cable_scale)
+        out = observe_robot(self.setup, self.arm, self.params, state, self.signal.cable_scale)
         carried = functools.reduce(lambda a, b: a.map(jnp.maximum, b), self._carried)
         touch = self._touches[0] if self._touches else None
         if len(self._touches) > 1:
             share = 1.0 / len(self._touches)
-            touch = tree.mapped(
+            touch = tree.map_leaves(
                 lambda *parts: functools.reduce(lambda a, b: a + b, parts) * share, *self._touches
             )
         return state, replace(out, carried=carried, touch=touch)
 
 
-def observe(
+def observe_robot(
     setup: RavenSetup,
     arm: ArmName,
     params: PlantParams,
@@ -399,7 +399,7 @@ def observe(
     """Return the outputs of a state. cable_scale: as in `PlantSignal`; None: whole cables."""
     scale = _whole(state, Vec.full(N, 1.0) if cable_scale is None else cable_scale)
     tension = Vec(
-        drives.tension(
+        drives.cable_tension(
             _stiffness(params, i, scale[i]),
             0.0,
             transmission.CABLE_PER_MOTOR[i] * state.stretch[i],
@@ -409,7 +409,7 @@ def observe(
     )
     dtype = setup.precision.real
     signs = transmission.encoder_signs(arm, _tool(setup, arm), setup.software)
-    turned = Vec(drives.radians(motor, dtype) for motor in state.motors)
+    turned = Vec(drives.angle_in_radians(motor, dtype) for motor in state.motors)
     counts = [
         motor.count + reference
         for motor, reference in zip(state.motors, state.count_ref, strict=True)
@@ -417,7 +417,7 @@ def observe(
     if setup.noise:
         errors = (
             params.encoder_noise
-            * counter_random.normal(params.noise_key, state.tick, _channel(arm, i))
+            * counter_random.random_normal(params.noise_key, state.tick, _channel(arm, i))
             for i in range(N)
         )
         counts = [
@@ -440,7 +440,7 @@ def observe(
     )
 
 
-def tips(
+def true_tips(
     setup: RavenSetup,
     params: PerArm[PlantParams],
     states: PerArm[PlantState],
@@ -449,7 +449,7 @@ def tips(
     """Return the true tip of each arm, m in registered frame 0."""
     return per_arm(
         setup,
-        lambda i, arm: kinematic_errors.tip(
+        lambda i, arm: kinematic_errors.true_tip(
             arm, params[i].kinematic_errors, states[i].frame, robots[i].jpos
         ),
     )
@@ -476,12 +476,12 @@ def _drive(
         per_count = motor.torque_per_count[i] * motor.gain[i] * params.motor_constant_scale
         command = mul(float(signs[i]), signal.current_cmd[i].astype(setup.precision.real))
         torque = mul(signal.torque_scale[i], per_count) * command + motor.bias[i]
-        torque = drives.limited(
+        torque = drives.limit_torque(
             torque, state.mvel[i], motor.torque_limit[i], motor.stall_torque[i], motor.back_emf[i]
         )
         if setup.noise:
             channel = _channel(arm, TORQUE_CHANNEL + i)
-            torque = torque + params.torque_noise * counter_random.normal(
+            torque = torque + params.torque_noise * counter_random.random_normal(
                 params.noise_key, state.tick, channel
             )
         drive.append(torque)
@@ -489,18 +489,18 @@ def _drive(
 
 
 def _jpos(geometry: Coupling, state: PlantState, dtype: str) -> Vec:
-    turned = Vec(drives.radians(motor, dtype) for motor in state.motors)
+    turned = Vec(drives.angle_in_radians(motor, dtype) for motor in state.motors)
     return state.jpos_ref + geometry.joints(turned - state.stretch)
 
 
 def _coupling(setup: RavenSetup, arm: ArmName, params: PlantParams) -> Coupling:
-    gain = kinematic_errors.gain(params.kinematic_errors)
+    gain = kinematic_errors.motion_gain(params.kinematic_errors)
     return dataclasses.replace(_nominal_coupling(setup, arm), gain=gain)
 
 
 def _nominal_coupling(setup: RavenSetup, arm: ArmName) -> Coupling:
     """Return the coupling that the software assumes."""
-    return coupling(arm, _tool(setup, arm), setup.software)
+    return arm_coupling(arm, _tool(setup, arm), setup.software)
 
 
 def _tool(setup: RavenSetup, arm: ArmName) -> str:

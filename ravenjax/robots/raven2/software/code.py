@@ -65,11 +65,11 @@ class TransitionCode:
         if self.arithmetic == "interpreted":
             return Interpreted(self.transitions)
         text = print_module(self.transitions)
-        return Compiled(text, self.transitions, compile_cache.objects())
+        return Compiled(text, self.transitions, compile_cache.object_cache())
 
 
 @functools.lru_cache(maxsize=16)
-def code(
+def software_code(
     setup: RavenSetup, params: RecordKind, state: RecordKind, arithmetic: str
 ) -> TransitionCode:
     """Return the code of a setup whose parameters and state are of these kinds.
@@ -81,12 +81,12 @@ def code(
     shapes = params.shapes(), state.shapes(), entering.shapes()
 
     def run_cycle(params: Any, state: Any, inputs: control.Inputs) -> Any:
-        return control.cycle(setup, params, state, inputs)
+        return control.control_cycle(setup, params, state, inputs)
 
     def receive(params: Any, state: Any, inputs: control.Inputs) -> Any:
-        return control.receive(setup, params, state, inputs.packet)
+        return control.receive_packet(setup, params, state, inputs.packet)
 
-    with traced.x64(setup):
+    with traced.x64_context(setup):
         cycle, (_, signals) = traced.trace_function(run_cycle, *shapes, functions="library")
         reception, _ = traced.trace_function(receive, *shapes, functions="library")
     transitions = {

@@ -29,9 +29,9 @@ from typing import Any, Literal
 import numpy as np
 
 from ravenjax.engines import traced
-from ravenjax.engines.cpu.memory import buffer
+from ravenjax.engines.cpu.memory import aligned_buffer
 from ravenjax.engines.cpu.transition import Memory, RecordKind
-from ravenjax.errors import UserError, shown
+from ravenjax.errors import UserError, format_value
 from ravenjax.numbers.setup import ORIGINAL, Precision
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2 import run_levels
@@ -42,7 +42,7 @@ from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
 from ravenjax.robots.raven2.loop import control
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.software import inputs as checked
-from ravenjax.robots.raven2.software.code import ARITHMETICS, Output, Outputs, code
+from ravenjax.robots.raven2.software.code import ARITHMETICS, Output, Outputs, software_code
 from ravenjax.robots.raven2.software.rows import InputRows
 from ravenjax.robots.raven2.stages import overdrive
 from ravenjax.robots.raven2.stages.estimator import RAD_PER_COUNT
@@ -93,16 +93,18 @@ class ControlSoftware:
         instance, which is continued bit for bit. `arithmetic`: "interpreted" gives the same bits,
         100 times slower. Raises UserError.
         """
-        checked.known("software", software, DEFAULT_TOOLS)
-        checked.known("policy", policy, overdrive.POLICIES)
-        checked.known("console", console, SIZE_BYTES)
-        checked.known("arithmetic", arithmetic, ARITHMETICS)
+        checked.parse_word("software", software, DEFAULT_TOOLS)
+        checked.parse_word("policy", policy, overdrive.POLICIES)
+        checked.parse_word("console", console, SIZE_BYTES)
+        checked.parse_word("arithmetic", arithmetic, ARITHMETICS)
         if level is not None:
-            checked.known("level", level, overdrive.LEVELS)
+            checked.parse_word("level", level, overdrive.LEVELS)
         if runlevel is not None:
-            runlevel = checked.whole("runlevel", runlevel, 0, 3)
+            runlevel = checked.parse_whole_number("runlevel", runlevel, 0, 3)
         if not isinstance(precision, Precision):
-            raise UserError(f"precision is {shown(precision)}, expected a ravenjax.Precision")
+            raise UserError(
+                f"precision is {format_value(precision)}, expected a ravenjax.Precision"
+            )
         starts = {"jpos": jpos, "encoders": encoders, "state": state}
         given = [name for name, value in starts.items() if value is not None]
         if len(given) > 1:
@@ -122,8 +124,8 @@ class ControlSoftware:
             console=console,
             precision=precision,
         )
-        offsets = checked.counts("enc_offset", enc_offset, (len(names), 7), (7,), ())
-        with traced.x64(setup):
+        offsets = checked.parse_counts("enc_offset", enc_offset, (len(names), 7), (7,), ())
+        with traced.x64_context(setup):
             self.params = _parameters(
                 setup, level, policy, np.broadcast_to(offsets, (len(names), 7))
             )
@@ -132,12 +134,16 @@ class ControlSoftware:
                 self.params = _changed(self.params, params)
             initial = control.init(setup, runlevel=runlevel)
         if jpos is not None:
-            encoders = _encoders_at(setup, self.params, checked.joints("jpos", jpos, len(names)))
+            encoders = _encoders_at(
+                setup, self.params, checked.parse_joints("jpos", jpos, len(names))
+            )
         if encoders is not None:
-            encoders = checked.counts(given[0], encoders, (len(names), 7))
+            encoders = checked.parse_counts(given[0], encoders, (len(names), 7))
         if state is not None:
             initial = checked.record_like("state", state, initial)
-        self.code = code(setup, RecordKind.of(self.params), RecordKind.of(initial), arithmetic)
+        self.code = software_code(
+            setup, RecordKind.of(self.params), RecordKind.of(initial), arithmetic
+        )
         """Its transitions and records, for code that prints them."""
         if encoders is not None:
             machine = replace(initial.state_machine, runlevel=np.int32(run_levels.E_STOP))
@@ -150,7 +156,7 @@ class ControlSoftware:
         """Allocate memory for the state and for one cycle's rows."""
         kinds = self.code.kinds
         self._state, self._row = kinds["state"].row(initial), InputRows(self.setup)
-        self._out = buffer(1, kinds["signals"].layout.bytes)
+        self._out = aligned_buffer(1, kinds["signals"].layout.bytes)
         self._written: control.ControlSignals = kinds["signals"].views(self._out[0])
         self._fixed = kinds["params"].row(self.params)
         memory = Memory(self._fixed, self._state, self._row.bytes, self._out)
@@ -175,7 +181,7 @@ class ControlSoftware:
         which names the wrong argument; the state is then unchanged.
         """
         row, arms = self._row, len(self.setup.arms)
-        counts = checked.counts("encoders", encoders, (arms, 7))
+        counts = checked.parse_counts("encoders", encoders, (arms, 7))
         bytes_in = checked.per_board("pins", pins, 255, (arms,))
         flags = checked.per_board("read_ok", read_ok, 1, (arms,))
         *earlier, last = self._packets(packet)
@@ -201,13 +207,13 @@ class ControlSoftware:
         wrong argument; the state is then unchanged.
         """
         arms = len(self.setup.arms)
-        counts = checked.counts("encoders", encoders, (None, arms, 7))
+        counts = checked.parse_counts("encoders", encoders, (None, arms, 7))
         cycles = len(counts)
         rows = InputRows(self.setup, cycles)
         rows.enc_val[...] = counts
         rows.pins[...] = checked.per_board("pins", pins, 255, (cycles,), (cycles, arms))
         rows.read_ok[...] = checked.per_board("read_ok", read_ok, 1, (cycles,), (cycles, arms))
-        packets = checked.listed(
+        packets = checked.require_list(
             "packets",
             (None,) * cycles if packets is None else packets,
             cycles,
@@ -219,7 +225,7 @@ class ControlSoftware:
             rows.enter(last, cycle)
             if earlier:
                 several[cycle] = earlier
-        out = buffer(cycles, self.code.kinds["signals"].layout.bytes)
+        out = aligned_buffer(cycles, self.code.kinds["signals"].layout.bytes)
         begin = 0
         for cycle in (*several, cycles):
             part = Memory(self._fixed, self._state, rows.bytes[begin:cycle], out[begin:cycle])
@@ -259,7 +265,7 @@ class ControlSoftware:
         if given is None:
             return None
         if isinstance(given, Packet):
-            return checked.packet(self.setup, given)
+            return checked.parse_packet(self.setup, given)
         if not isinstance(given, Datagram):
             kind = type(given).__name__
             raise UserError(
@@ -291,13 +297,15 @@ def _changed(own: control.ControlParams, change: Any) -> control.ControlParams:
     """Return the parameters that `change` returns, each number in its own type."""
     if not callable(change):
         raise UserError(
-            f"params is {shown(change)}, expected a function that takes the ControlParams and"
+            f"params is {format_value(change)}, expected a function that takes the ControlParams"
+            " and"
             " returns changed ones"
         )
     new = change(own)
     if not isinstance(new, control.ControlParams):
         raise UserError(
-            f"params returned {shown(new)}, expected the ControlParams it was given, with numbers"
+            f"params returned {format_value(new)}, expected the ControlParams it was given, with"
+            " numbers"
             " replaced"
         )
     return checked.record_like("params", new, own, finite=True)

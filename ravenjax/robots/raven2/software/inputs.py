@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.errors import UserError, shown, suggestion
+from ravenjax.errors import UserError, format_value, suggest_name
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS, JOINTS, LINEAR
-from ravenjax.robots.raven2.console.packet import Packet, silence
+from ravenjax.robots.raven2.console.packet import Packet, empty_packet
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS, find_tool
 from ravenjax.robots.raven2.setup import RavenSetup
 
@@ -25,13 +25,13 @@ _POSITIONS = (-6.3, 6.3, "rad", "degrees"), (0.0, 1.0, "m", "millimetres")
 """Range of the position of a joint that turns, and of one that slides; as in quantities.toml."""
 
 
-def known(what: str, word: Any, words: Iterable[str]) -> Any:
+def parse_word(what: str, word: Any, words: Iterable[str]) -> Any:
     """Return the word if it is one of `words`. Raises UserError otherwise."""
     words = list(words)
     if not isinstance(word, str) or word not in words:
         raise UserError(
-            f"{what} is {shown(word)}, expected one of"
-            f" {', '.join(words)}{suggestion(str(word), words)}"
+            f"{what} is {format_value(word)}, expected one of"
+            f" {', '.join(words)}{suggest_name(str(word), words)}"
         )
     return word
 
@@ -40,10 +40,12 @@ def arm_names(given: Any) -> tuple[Any, ...]:
     """Return the arms, each once, in mechanism order."""
     expected = f"expected a list of {' and '.join(ARMS)}, each at most once, {ARMS[0]} first"
     if isinstance(given, str | bytes) or not isinstance(given, Iterable):
-        raise UserError(f"arms is {shown(given)}, {expected}; write arms=['{ARMS[0]}'] for one arm")
-    arms = tuple(known("arm", arm, ARMS) for arm in given)
+        raise UserError(
+            f"arms is {format_value(given)}, {expected}; write arms=['{ARMS[0]}'] for one arm"
+        )
+    arms = tuple(parse_word("arm", arm, ARMS) for arm in given)
     if not arms or list(arms) != [arm for arm in ARMS if arm in arms]:
-        raise UserError(f"arms is {shown(list(arms))}, {expected}")
+        raise UserError(f"arms is {format_value(list(arms))}, {expected}")
     return arms
 
 
@@ -51,38 +53,38 @@ def tool_names(given: Any, arms: Sequence[str], software: str) -> tuple[str, ...
     """Return one tool per arm; None gives the software's own tools."""
     if given is None:
         return tuple(DEFAULT_TOOLS[software][arm] for arm in arms)
-    tools = listed("tools", given, len(arms), f"a list with one tool per arm {list(arms)}")
+    tools = require_list("tools", given, len(arms), f"a list with one tool per arm {list(arms)}")
     return tuple(find_tool(tool).name for tool in tools)
 
 
-def listed(what: str, given: Any, count: int, expected: str) -> Any:
+def require_list(what: str, given: Any, count: int, expected: str) -> Any:
     """Return the list if it has `count` entries."""
     is_list = isinstance(given, list | tuple | np.ndarray)
     if not is_list or len(given) != count:
-        got = f"has {len(given)} entries" if is_list else f"is {shown(given)}"
+        got = f"has {len(given)} entries" if is_list else f"is {format_value(given)}"
         raise UserError(f"{what} {got}, expected {expected}")
     return given
 
 
-def whole(what: str, given: Any, low: int, high: int) -> int:
+def parse_whole_number(what: str, given: Any, low: int, high: int) -> int:
     """Return a whole number from `low` to `high`; truth values are refused."""
     try:
         number = operator.index(given)
     except TypeError:
         number = None
     if number is None or isinstance(given, bool | np.bool_) or not low <= number <= high:
-        raise UserError(f"{what} is {shown(given)}, expected a whole number {low}..{high}")
+        raise UserError(f"{what} is {format_value(given)}, expected a whole number {low}..{high}")
     return number
 
 
-def flag(what: str, given: Any) -> int:
+def parse_flag(what: str, given: Any) -> int:
     """Return 0 or 1."""
     if not isinstance(given, bool | np.bool_ | int | np.integer) or given not in (0, 1):
-        raise UserError(f"{what} is {shown(given)}, expected True or False")
+        raise UserError(f"{what} is {format_value(given)}, expected True or False")
     return int(given)
 
 
-def counts(what: str, given: Any, *shapes: Shape) -> np.ndarray:
+def parse_counts(what: str, given: Any, *shapes: Shape) -> np.ndarray:
     """Return whole numbers of 32 bits, an array of one of these shapes. None: any length."""
     if type(given) is np.ndarray and given.dtype == np.int32 and given.shape == shapes[0]:
         return given  # returned early, because a robot's clock ticks
@@ -126,7 +128,7 @@ def _array(what: str, given: Any, shapes: Sequence[Shape], kinds: str, numbers: 
         for shape in shapes:
             if len(shape) == array.ndim and all(map(_fits, shape, array.shape)):
                 return array
-    got = f"is {shown(given)}"
+    got = f"is {format_value(given)}"
     if array is not None and array.ndim:
         got = f"has shape {array.shape} of {array.dtype}"
     texts = [
@@ -141,7 +143,7 @@ def _fits(wanted: int | None, length: int) -> bool:
     return wanted in (None, length)
 
 
-def joints(what: str, given: Any, arms: int) -> list[list[float]]:
+def parse_joints(what: str, given: Any, arms: int) -> list[list[float]]:
     """Return [arms, 7] joint positions, rad and m, anywhere within a turn and within a metre."""
     array = _array(what, given, [(arms, 7)], "iuf", "numbers in rad and m")
     for place, value in np.ndenumerate(array):
@@ -155,16 +157,16 @@ def joints(what: str, given: Any, arms: int) -> list[list[float]]:
     return array.astype(np.float64).tolist()
 
 
-def packet(setup: RavenSetup, given: Packet) -> Packet:
+def parse_packet(setup: RavenSetup, given: Packet) -> Packet:
     """Return a packet's numbers; quaternions may hold any number, also NaN, as in a datagram."""
-    sequence = whole("packet.sequence", given.sequence, INT32[0], 2**32 - 1)
+    sequence = parse_whole_number("packet.sequence", given.sequence, INT32[0], 2**32 - 1)
     plain = dataclasses.replace(
         given,
-        received=flag("packet.received", given.received),
-        size=whole("packet.size", given.size, 0, INT32[1]),
+        received=parse_flag("packet.received", given.received),
+        size=parse_whole_number("packet.size", given.size, 0, INT32[1]),
         sequence=(sequence + 2**31) % 2**32 - 2**31,
     )
-    return record_like("packet", plain, silence(setup))
+    return record_like("packet", plain, empty_packet(setup))
 
 
 def record_like(what: str, given: Any, example: Any, finite: bool = False) -> Any:
@@ -172,7 +174,7 @@ def record_like(what: str, given: Any, example: Any, finite: bool = False) -> An
     if dataclasses.is_dataclass(example):
         kind: Any = type(example)
         if type(given) is not kind:
-            raise UserError(f"{what} is {shown(given)}, expected a {kind.__name__}")
+            raise UserError(f"{what} is {format_value(given)}, expected a {kind.__name__}")
         names = [field.name for field in dataclasses.fields(example)]
         return kind(
             *(
@@ -181,7 +183,7 @@ def record_like(what: str, given: Any, example: Any, finite: bool = False) -> An
             )
         )
     if isinstance(example, tuple):
-        given = listed(what, given, len(example), str(len(example)))
+        given = require_list(what, given, len(example), str(len(example)))
         items = [
             record_like(f"{what}[{k}]", *pair, finite)
             for k, pair in enumerate(zip(given, example, strict=True))
@@ -191,8 +193,8 @@ def record_like(what: str, given: Any, example: Any, finite: bool = False) -> An
         return None
     dtype = np.asarray(example).dtype
     if dtype.kind != "f":
-        return dtype.type(whole(what, given, *INT32))
+        return dtype.type(parse_whole_number(what, given, *INT32))
     is_number = isinstance(given, int | float | np.number) and not isinstance(given, bool)
     if not is_number or (finite and not abs(given) <= float(np.finfo(dtype).max)):
-        raise UserError(f"{what} is {shown(given)}, expected a {'finite ' * finite}number")
+        raise UserError(f"{what} is {format_value(given)}, expected a {'finite ' * finite}number")
     return dtype.type(given)

@@ -20,8 +20,8 @@ from ravenjax.robots.raven2.console.packet import (
     TURNS,
     U_STRUCT,
     Packet,
+    empty_packet,
     fill_fields,
-    silence,
 )
 from ravenjax.robots.raven2.loop.control import Inputs
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -69,9 +69,9 @@ def row_kind(setup: RavenSetup) -> RecordKind:
         tuple(place["read_ok"]),
     )
     read = usb.init(setup)
-    record = RecordKind.of(Inputs(silence(setup), read, read.pins)).record
-    types = tuple(map(str, tree.leaves(record)))
-    places = tuple(map(int, tree.leaves(offsets)))
+    record = RecordKind.of(Inputs(empty_packet(setup), read, read.pins)).record
+    types = tuple(map(str, tree.tree_leaves(record)))
+    places = tuple(map(int, tree.tree_leaves(offsets)))
     return RecordKind(record, BufferLayout(types, places, row.itemsize))
 
 

@@ -14,15 +14,15 @@ from operator import or_
 import numpy as np
 
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import described
-from ravenjax.numbers.setup import narrow, per_arm, real, wide
-from ravenjax.numbers.vec import Scalar, Vec, rarely, record, replace, to_int32, where
+from ravenjax.numbers.quantity import describe_fields
+from ravenjax.numbers.setup import cast_to_real, narrow_numbers, per_arm, widen_numbers
+from ravenjax.numbers.vec import Scalar, Vec, if_rarely, record, replace, to_int32, where
 from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.geometry import stored_pose
 from ravenjax.robots.raven2.geometry.kinematics import COST_LIMIT, REJECTED
 from ravenjax.robots.raven2.geometry.stored_pose import StoredPose
 from ravenjax.robots.raven2.original.constants import joint_limits
-from ravenjax.robots.raven2.original.literal import evaluation
+from ravenjax.robots.raven2.original.literal import select_evaluation
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import check
 from ravenjax.stages.check import CheckHistory
@@ -43,7 +43,7 @@ class Arm:
 State = PerArm[Arm]
 
 
-@described
+@describe_fields
 @record
 class CartesianParams:
     """Software joint limits, the same for every arm, as float32 numbers."""
@@ -67,39 +67,39 @@ def init(setup: RavenSetup, jpos: PerArm[Vec]) -> State:
 
     def at_rest(i: int, arm: ArmName) -> Arm:
         rest = Vec(number(float(j)) for j in jpos[i])
-        pose = measure(setup, arm, rest)
+        pose = measure_pose(setup, arm, rest)
         return Arm(pose, pose, rest, check.init(setup), check.init(setup))
 
     return per_arm(setup, at_rest)
 
 
-def measure(setup: RavenSetup, arm: ArmName, jpos: Vec) -> StoredPose:
+def measure_pose(setup: RavenSetup, arm: ArmName, jpos: Vec) -> StoredPose:
     """Return the pose of the tip at measured joints, as stored; rounded jaws give its yaw."""
-    pose = evaluation(setup).forward(arm, wide(setup, jpos), _yaw(setup, jpos))
-    return stored_pose.store(setup, pose, to_int32((jpos[5] + jpos[6]) * 1000.0))
+    pose = select_evaluation(setup).forward(arm, widen_numbers(setup, jpos), _yaw(setup, jpos))
+    return stored_pose.store_pose(setup, pose, to_int32((jpos[5] + jpos[6]) * 1000.0))
 
 
 def _yaw(setup: RavenSetup, jpos: Vec) -> Scalar:
-    return wide(setup, jpos[6] - jpos[5]) * 0.5
+    return widen_numbers(setup, jpos[6] - jpos[5]) * 0.5
 
 
 def _reference(setup: RavenSetup, jpos: Vec) -> Vec:
     """Return the measured joints, with jaws that give the rounded yaw."""
     yaw = _yaw(setup, jpos)
-    return Vec((*wide(setup, Vec(jpos[:5])), -yaw, yaw))
+    return Vec((*widen_numbers(setup, Vec(jpos[:5])), -yaw, yaw))
 
 
-def follow(state: State, condition: Scalar) -> State:
+def follow_measured(state: State, condition: Scalar) -> State:
     """Return the state in which the desired poses are those last measured, if `condition` holds."""
     return tuple(replace(arm, pos_d=where(condition, arm.pos, arm.pos_d)) for arm in state)
 
 
-def sense(setup: RavenSetup, state: State, jpos: PerArm[Vec]) -> State:
+def store_measured(setup: RavenSetup, state: State, jpos: PerArm[Vec]) -> State:
     """Store this cycle's measured poses."""
-    return per_arm(setup, lambda i, arm: replace(state[i], pos=measure(setup, arm, jpos[i])))
+    return per_arm(setup, lambda i, arm: replace(state[i], pos=measure_pose(setup, arm, jpos[i])))
 
 
-def solve(
+def solve_inverse(
     setup: RavenSetup,
     params: CartesianParams,
     state: State,
@@ -108,14 +108,14 @@ def solve(
     jpos: PerArm[Vec],
 ) -> tuple[State, Scalar]:
     """Solve all arms if `active`. Return the state, and whether any target was clamped."""
-    forward, inverse, *_ = evaluation(setup)
+    forward, inverse, *_ = select_evaluation(setup)
     proceed = active
     clamped = []
     arms = []
     for i, arm in enumerate(setup.arms):
         old = state[i]
-        opening = wide(setup, old.pos_d.grasp_mrad) / 1000.0
-        target = stored_pose.load(setup, old.pos_d)
+        opening = widen_numbers(setup, old.pos_d.grasp_mrad) / 1000.0
+        target = stored_pose.load_pose(setup, old.pos_d)
         ik = inverse(arm, target, opening, _reference(setup, jpos[i]))
         accepted = ik.status != REJECTED
         rejected = proceed & ~accepted
@@ -124,18 +124,20 @@ def solve(
         limited = solved & beyond
 
         def held(old: Arm = old, within: Vec = within, arm: ArmName = arm) -> StoredPose:
-            return stored_pose.store(setup, forward(arm, within, within[5]), old.pos_d.grasp_mrad)
+            return stored_pose.store_pose(
+                setup, forward(arm, within, within[5]), old.pos_d.grasp_mrad
+            )
 
-        targets = narrow(setup, Vec((*within[:5], *ik.jpos[5:])))
-        reject_margin = jnp.where(proceed, real(setup, COST_LIMIT - ik.cost), np.inf)
-        limit_margin = jnp.where(solved, real(setup, spare), np.inf)
+        targets = narrow_numbers(setup, Vec((*within[:5], *ik.jpos[5:])))
+        reject_margin = jnp.where(proceed, cast_to_real(setup, COST_LIMIT - ik.cost), np.inf)
+        limit_margin = jnp.where(solved, cast_to_real(setup, spare), np.inf)
         arms.append(
             Arm(
                 old.pos,
-                rarely(limited, held, old.pos_d),
+                if_rarely(limited, held, old.pos_d),
                 where(solved, targets, old.jpos_d),
-                check.update(old.ik_reject, tick, rejected, reject_margin),
-                check.update(old.joint_limit, tick, limited, limit_margin),
+                check.update_check(old.ik_reject, tick, rejected, reject_margin),
+                check.update_check(old.joint_limit, tick, limited, limit_margin),
             )
         )
         clamped.append(limited)

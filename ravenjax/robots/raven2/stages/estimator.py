@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ravenjax.numbers.quantity import described
-from ravenjax.numbers.setup import narrow, wide
+from ravenjax.numbers.quantity import describe_fields
+from ravenjax.numbers.setup import narrow_numbers, widen_numbers
 from ravenjax.numbers.vec import Scalar, Vec, record, where
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import transmission
@@ -27,7 +27,7 @@ Source: raven2 state_estimate.cpp.
 """
 
 
-@described
+@describe_fields
 @record
 class EstimatorParams:
     enc_offset: Vec  # 7, int32
@@ -64,8 +64,11 @@ def step(
 ) -> tuple[EstimatorState, Vec, Vec]:
     """Process one sample of one arm. Return the state, mpos (rad) and mvel (rad/s)."""
     signs = transmission.encoder_signs(arm, tool, setup.software)
-    counts = narrow(setup, enc_val) * signs
-    angle = narrow(setup, RAD_PER_COUNT * wide(setup, counts - narrow(setup, params.enc_offset)))
+    counts = narrow_numbers(setup, enc_val) * signs
+    angle = narrow_numbers(
+        setup,
+        RAD_PER_COUNT * widen_numbers(setup, counts - narrow_numbers(setup, params.enc_offset)),
+    )
     started = state.started != 0
     filled = [where(started, old, angle) for old in (*state.inputs, *state.outputs)]
     if setup.software == "raven2":
@@ -87,7 +90,7 @@ def step(
     )
 
 
-def joints(setup: RavenSetup, arm: ArmName, tool: str, mpos: Vec) -> Vec:
+def joint_positions(setup: RavenSetup, arm: ArmName, tool: str, mpos: Vec) -> Vec:
     """Return joint positions (rad, m).
 
     Products with a reciprocal ratio, and sums, are computed in the wide type. Products of a
@@ -96,30 +99,32 @@ def joints(setup: RavenSetup, arm: ArmName, tool: str, mpos: Vec) -> Vec:
     """
     per, kappa = stored.TR.map(lambda ratio: 1.0 / ratio), stored.wrist_coupling(tool)
     signs = transmission.coupling_signs(arm, tool, setup.software)
-    motor = wide(setup, mpos)
+    motor = widen_numbers(setup, mpos)
     share = motor[2] / stored.GB_RATIO
 
     def rounded(value: Scalar) -> Scalar:
-        return narrow(setup, value)
+        return narrow_numbers(setup, value)
 
     def tool_joint(i: int) -> Scalar:
         return per[i] * (motor[i] - share if signs[i - 3] > 0 else motor[i] + share)
 
     shoulder = rounded(per[0] * motor[0])
-    elbow = rounded(per[1] * motor[1] - wide(setup, stored.C01 * shoulder))
+    elbow = rounded(per[1] * motor[1] - widen_numbers(setup, stored.C01 * shoulder))
     insertion = rounded(
-        per[2] * motor[2] - wide(setup, stored.C02 * shoulder) - wide(setup, stored.C12 * elbow)
+        per[2] * motor[2]
+        - widen_numbers(setup, stored.C02 * shoulder)
+        - widen_numbers(setup, stored.C12 * elbow)
     )
     roll = rounded(tool_joint(3))
     wrist = rounded(tool_joint(4))
     grasp1, grasp2 = tool_joint(5), tool_joint(6)
     if kappa:
-        bend = wide(setup, kappa * wrist)
+        bend = widen_numbers(setup, kappa * wrist)
         grasp1, grasp2 = grasp1 - bend, grasp2 + bend
     return Vec((shoulder, elbow, insertion, roll, wrist, rounded(grasp1), rounded(grasp2)))
 
 
 def joint_velocities(setup: RavenSetup, mvel: Vec) -> Vec:
     """Return joint velocities (rad/s, m/s): without coupling, 0 for tools, as in the original."""
-    zero = narrow(setup, 0.0)
+    zero = narrow_numbers(setup, 0.0)
     return Vec((*(mvel[i] / stored.TR[i] for i in range(3)), *(zero,) * 4))

@@ -9,17 +9,17 @@ from __future__ import annotations
 import numpy as np
 
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import described
-from ravenjax.numbers.setup import narrow, wide
+from ravenjax.numbers.quantity import describe_fields
+from ravenjax.numbers.setup import narrow_numbers, widen_numbers
 from ravenjax.numbers.vec import Scalar, Vec, record, where
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.original import constants as stored
-from ravenjax.robots.raven2.original.literal import evaluation
+from ravenjax.robots.raven2.original.literal import select_evaluation
 from ravenjax.robots.raven2.setup import RavenSetup
 
 
-@described
+@describe_fields
 @record
 class MotorControlParams:
     """Gains of seven motors, from motor angle to torque (raven2: params/r2params.yaml)."""
@@ -61,14 +61,14 @@ def init(setup: RavenSetup, arm: ArmName, tool: str, jpos: Vec) -> MotorControlS
     number = np.dtype(setup.precision.narrow).type
     rest, zero = Vec(number(float(j)) for j in jpos), number(0.0)
     # the tool motors then follow the insertion motor
-    positioning = targets(setup, arm, tool, rest, Vec.full(7, zero))
-    motors = targets(setup, arm, tool, rest, positioning)
+    positioning = motor_targets(setup, arm, tool, rest, Vec.full(7, zero))
+    motors = motor_targets(setup, arm, tool, rest, positioning)
     return MotorControlState(
         motors.map(number), Vec.full(7, zero), Vec.full(7, zero), Vec.full(3, zero)
     )
 
 
-def targets(setup: RavenSetup, arm: ArmName, tool: str, jpos_d: Vec, mpos: Vec) -> Vec:
+def motor_targets(setup: RavenSetup, arm: ArmName, tool: str, jpos_d: Vec, mpos: Vec) -> Vec:
     """Return desired motor positions (rad).
 
     The joints' contributions are computed in the narrow type, that of the *measured* insertion
@@ -80,11 +80,11 @@ def targets(setup: RavenSetup, arm: ArmName, tool: str, jpos_d: Vec, mpos: Vec) 
     if kappa:
         bend = kappa * wrist
         grasp1, grasp2 = grasp1 + bend, grasp2 - bend
-    share = wide(setup, mpos[2]) / stored.GB_RATIO
+    share = widen_numbers(setup, mpos[2]) / stored.GB_RATIO
 
     def tool_motor(i: int, joint: Scalar) -> Scalar:
-        own = wide(setup, ratio[i] * joint)
-        return narrow(setup, own + share if signs[i - 3] > 0 else own - share)
+        own = widen_numbers(setup, ratio[i] * joint)
+        return narrow_numbers(setup, own + share if signs[i - 3] > 0 else own - share)
 
     return Vec(
         (
@@ -99,7 +99,7 @@ def targets(setup: RavenSetup, arm: ArmName, tool: str, jpos_d: Vec, mpos: Vec) 
     )
 
 
-def torques(
+def motor_torques(
     setup: RavenSetup,
     arm: ArmName,
     params: MotorControlParams,
@@ -121,7 +121,7 @@ def torques(
     tau = law.map(lambda t: jnp.where(pedal_down, t, 0.0))
     tau_g = state.tau_g
     if setup.software == "raven2":
-        lift = gravity(setup, arm, jpos)
+        lift = gravity_torques(setup, arm, jpos)
         tau = Vec((*(Vec(tau[:3]) + lift), *tau[3:]))
         tau_g = where(active, lift, tau_g)
     return MotorControlState(
@@ -129,6 +129,8 @@ def torques(
     )
 
 
-def gravity(setup: RavenSetup, arm: ArmName, jpos: Vec) -> Vec:
+def gravity_torques(setup: RavenSetup, arm: ArmName, jpos: Vec) -> Vec:
     """Return the torque that holds joints 1-3 against gravity, N m at the capstan."""
-    return narrow(setup, evaluation(setup).gravity_torque(arm, wide(setup, jpos)))
+    return narrow_numbers(
+        setup, select_evaluation(setup).gravity_torque(arm, widen_numbers(setup, jpos))
+    )

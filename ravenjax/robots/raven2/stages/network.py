@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.setup import real
+from ravenjax.numbers.setup import cast_to_real
 from ravenjax.numbers.vec import INT32_MIN, Scalar, record
 from ravenjax.robots.raven2.console.packet import SIZE_BYTES, Packet
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -63,16 +63,16 @@ def step(
     far = (_below(RESET_GAP, last)) & _below(number, last - RESET_GAP)
     reset = behind & far
     new_last = jnp.where(accepted | skip | reset, number, last)
-    margin = jnp.where(received, real(setup, spare), np.inf)
+    margin = jnp.where(received, cast_to_real(setup, spare), np.inf)
     return (
         NetworkState(
             new_last,
-            check.update(state.size, tick, short, margin),
-            check.update(state.zero, tick, zero),
-            check.update(state.skip, tick, skip),
-            check.update(state.duplicate, tick, duplicate),
-            check.update(state.reset, tick, reset),
-            check.update(state.out_of_sequence, tick, behind & ~far),
+            check.update_check(state.size, tick, short, margin),
+            check.update_check(state.zero, tick, zero),
+            check.update_check(state.skip, tick, skip),
+            check.update_check(state.duplicate, tick, duplicate),
+            check.update_check(state.reset, tick, reset),
+            check.update_check(state.out_of_sequence, tick, behind & ~far),
         ),
         accepted,
     )

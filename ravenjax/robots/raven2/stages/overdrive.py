@@ -15,8 +15,8 @@ from operator import or_
 import numpy as np
 
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import described
-from ravenjax.numbers.setup import real
+from ravenjax.numbers.quantity import describe_fields
+from ravenjax.numbers.setup import cast_to_real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
 from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -44,7 +44,7 @@ HARD_SAMPLES = 10
 CHECKED_JOINTS = 6
 
 
-@described
+@describe_fields
 @record
 class OverdriveParams:
     policy: Scalar  # int32; unused by the 2015 fork
@@ -111,19 +111,21 @@ def step(
             sizes.append(size)
             spares.append(limit - size)
         checked.append(Vec((*joints, *commands[CHECKED_JOINTS:])))
-    instant_trip, spare = reduce(or_, instants), real(setup, reduce(jnp.minimum, spares))
-    instant_spare = real(setup, params.max_inst_dac - reduce(jnp.maximum, sizes))
+    instant_trip, spare = reduce(or_, instants), cast_to_real(setup, reduce(jnp.minimum, spares))
+    instant_spare = cast_to_real(setup, params.max_inst_dac - reduce(jnp.maximum, sizes))
     state = OverdriveState(
         counter,
-        check.update(state.instant, tick, instant_trip, instant_spare),
-        check.update(state.clip, tick, reduce(or_, clips), jnp.where(regulated, spare, np.inf)),
+        check.update_check(state.instant, tick, instant_trip, instant_spare),
+        check.update_check(
+            state.clip, tick, reduce(or_, clips), jnp.where(regulated, spare, np.inf)
+        ),
         state.hard,
     )
     if hard is None:
         return state, tuple(checked), instant_trip
     hard_trip = reduce(or_, trips)
-    left = jnp.where(hard, real(setup, HARD_SAMPLES + 1 - counter), np.inf)
-    state = replace(state, hard=check.update(state.hard, tick, hard_trip, left))
+    left = jnp.where(hard, cast_to_real(setup, HARD_SAMPLES + 1 - counter), np.inf)
+    state = replace(state, hard=check.update_check(state.hard, tick, hard_trip, left))
     return state, tuple(checked), instant_trip | hard_trip
 
 

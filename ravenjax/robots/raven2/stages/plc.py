@@ -26,8 +26,8 @@ import operator
 from functools import reduce
 
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import described
-from ravenjax.numbers.setup import real
+from ravenjax.numbers.quantity import describe_fields
+from ravenjax.numbers.setup import cast_to_real
 from ravenjax.numbers.vec import Scalar, as_int, record
 from ravenjax.robots.raven2.run_levels import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -42,7 +42,7 @@ PIN_RUNLEVEL = 6
 CAUSE_NONE, CAUSE_WATCHDOG, CAUSE_BUTTON = 0, 1, 2
 
 
-@described
+@describe_fields
 @record
 class PlcParams:
     watchdog_ticks: Scalar = 75  # int32; assumption: 1.5 periods of 50 ms
@@ -146,11 +146,11 @@ def step(
         quiet_ticks=tuple(map(as_int, quiet_ticks)),
         alive_ticks=as_int(alive_ticks),
         trip_cause=as_int(jnp.where(tripped_now, cause, latched)),
-        watchdog_lost=check.update(
+        watchdog_lost=check.update_check(
             state.watchdog_lost,
             state.tick,
             tripped_now & ~button,
-            jnp.where(watched, real(setup, margin), jnp.inf),
+            jnp.where(watched, cast_to_real(setup, margin), jnp.inf),
         ),
     )
     return state, PlcOutput(runlevel=runlevel, brakes=brakes_commanded(runlevel))

@@ -13,7 +13,7 @@ from functools import reduce
 import numpy as np
 
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import described
+from ravenjax.numbers.quantity import describe_fields
 from ravenjax.numbers.vec import Scalar, as_int, record, replace
 from ravenjax.robots.raven2.run_levels import E_STOP, INIT
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -27,7 +27,7 @@ SETTLING_CYCLES = 11
 """Cycles of sublevel 2; raven2: init.cpp."""
 
 
-@described
+@describe_fields
 @record
 class StateMachineParams:
     plc_obeyed: Scalar  # int32; 0 in the simulator builds of the 2015 fork
@@ -68,7 +68,7 @@ def desired_runlevel(
     return jnp.where(params.plc_obeyed != 0, lowest, state.runlevel)
 
 
-def adopt(state: StateMachineState, tick: Scalar, desired: Scalar) -> StateMachineState:
+def adopt_level(state: StateMachineState, tick: Scalar, desired: Scalar) -> StateMachineState:
     """Adopt the desired run level on the fourth mismatching cycle since the last adoption."""
     mismatch = desired != state.runlevel
     count = state.mismatches + as_int(mismatch)
@@ -82,11 +82,13 @@ def adopt(state: StateMachineState, tick: Scalar, desired: Scalar) -> StateMachi
         sublevel=state.sublevel * running,
         initialized=state.initialized * running,
         soft_estopped=state.soft_estopped * running,
-        estop=check.update(state.estop, tick, stopped),
+        estop=check.update_check(state.estop, tick, stopped),
     )
 
 
-def initialise(setup: RavenSetup, state: StateMachineState) -> tuple[StateMachineState, Scalar]:
+def advance_sublevel(
+    setup: RavenSetup, state: StateMachineState
+) -> tuple[StateMachineState, Scalar]:
     """Advance the sublevels.
 
     Returns the state, and whether the desired pose follows the last measured one in this cycle
@@ -119,5 +121,5 @@ def raise_soft_estop(state: StateMachineState, tick: Scalar, tripped: Scalar) ->
     return replace(
         state,
         soft_estopped=state.soft_estopped | as_int(tripped),
-        soft_estop=check.update(state.soft_estop, tick, tripped),
+        soft_estop=check.update_check(state.soft_estop, tick, tripped),
     )

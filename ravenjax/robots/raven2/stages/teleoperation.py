@@ -14,14 +14,14 @@ import math
 import numpy as np
 
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import described
-from ravenjax.numbers.setup import narrow, per_arm, real, wide
+from ravenjax.numbers.quantity import describe_fields
+from ravenjax.numbers.setup import cast_to_real, narrow_numbers, per_arm, widen_numbers
 from ravenjax.numbers.vec import INT32_MIN, Scalar, Vec, as_int, record, replace, where
 from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry import mapping
 from ravenjax.robots.raven2.geometry.stored_pose import StoredPose
-from ravenjax.robots.raven2.original.literal import evaluation
+from ravenjax.robots.raven2.original.literal import select_evaluation
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import check
 from ravenjax.stages.check import CheckHistory
@@ -33,7 +33,7 @@ NO_PACKET_SEQUENCE = 111
 """last_seq before the first packet; raven2: local_io.cpp."""
 
 
-@described
+@describe_fields
 @record
 class TeleoperationParams:
     grasp_gain: Scalar  # raven2: local_io.cpp
@@ -82,10 +82,10 @@ def init(setup: RavenSetup, poses: PerArm[StoredPose]) -> TeleoperationState:
 
 
 def _quaternion(setup: RavenSetup, pose: StoredPose) -> Vec:
-    return evaluation(setup).quat_from_matrix(wide(setup, pose.rotation))
+    return select_evaluation(setup).quat_from_matrix(widen_numbers(setup, pose.rotation))
 
 
-def accumulate(
+def accumulate_increments(
     setup: RavenSetup,
     params: TeleoperationParams,
     state: TeleoperationState,
@@ -113,7 +113,7 @@ def _added(
     i: int,
 ) -> Accumulator:
     increment = mapping.rotation_from_itp(
-        arm, mapping.matrix_from_quat(wide(setup, packet.quat[i]))
+        arm, mapping.matrix_from_quat(widen_numbers(setup, packet.quat[i]))
     )
     # The original conjugates a homogeneous transform: a row of NaN makes its translation NaN, which
     # is cast to INT32_MIN.
@@ -121,14 +121,16 @@ def _added(
     moves = moves.map(
         lambda p, row: jnp.where((row[0] + row[1] + row[2]) * 0.0 == 0.0, p, INT32_MIN), increment
     )
-    quaternion = mapping.quat_mul(evaluation(setup).quat_from_matrix(increment), old.quaternion)
+    quaternion = mapping.quat_mul(
+        select_evaluation(setup).quat_from_matrix(increment), old.quaternion
+    )
     opening = old.pose.grasp_mrad - params.grasp_gain * packet.grasp[i]
     opening = jnp.where(
         opening > params.grasp_max_mrad,
         params.grasp_max_mrad,
         jnp.where(opening < params.grasp_min_mrad, params.grasp_min_mrad, opening),
     )
-    rotation = narrow(setup, mapping.matrix_from_quat(quaternion))
+    rotation = narrow_numbers(setup, mapping.matrix_from_quat(quaternion))
     return Accumulator(StoredPose(old.pose.position_um + moves, rotation, opening), quaternion)
 
 
@@ -140,7 +142,7 @@ def _taken_absolute(
     packet: Packet,
     i: int,
 ) -> Accumulator:
-    rotation = narrow(setup, mapping.matrix_from_quat(wide(setup, packet.quat[i])))
+    rotation = narrow_numbers(setup, mapping.matrix_from_quat(widen_numbers(setup, packet.quat[i])))
     return Accumulator(StoredPose(packet.delta[i], rotation, packet.grasp[i]), old.quaternion)
 
 
@@ -161,14 +163,14 @@ def hand_over(
     engaged = state.surgeon_mode != 0
     silent = ~fresh & engaged & (age > params.timeout_ticks)
     take = (fresh | silent) & pedal_down
-    margin = jnp.where(engaged, real(setup, params.timeout_ticks - age), np.inf)
+    margin = jnp.where(engaged, cast_to_real(setup, params.timeout_ticks - age), np.inf)
     desired = per_arm(setup, lambda i, _: where(take, state.arms[i].pose, desired[i]))
     state = replace(
         state,
         updated=state.updated & 0,
         age_ticks=jnp.where(silent, 0, age),
         surgeon_mode=jnp.where(silent, 0, state.surgeon_mode),
-        timeout=check.update(state.timeout, tick, silent, margin),
+        timeout=check.update_check(state.timeout, tick, silent, margin),
     )
     return state, desired
 

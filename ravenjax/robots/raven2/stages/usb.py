@@ -50,7 +50,7 @@ def init_out(setup: RavenSetup) -> UsbOut:
     return UsbOut(per_arm(setup, lambda *_: Vec.full(7, zero)), per_arm(setup, lambda *_: zero))
 
 
-def transfer(held: AnyUsb, message: AnyUsb, ok: PerArm[Scalar]) -> AnyUsb:
+def transfer_values(held: AnyUsb, message: AnyUsb, ok: PerArm[Scalar]) -> AnyUsb:
     """Return the values on the receiving side after this cycle.
 
     They are those of the message where the board's transfer succeeded (int32 1), else unchanged.

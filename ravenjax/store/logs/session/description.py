@@ -14,8 +14,8 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from ravenjax.errors import StoreError, shown
-from ravenjax.store.files import inside, parsed, require_writable, sha256, write_aside
+from ravenjax.errors import StoreError, format_value
+from ravenjax.store.files import hash_file, parse_json, path_inside, require_writable, write_aside
 
 FILE = "session.json"
 VERSION = 1
@@ -74,7 +74,7 @@ class SessionHeader(HeaderTable):
     sha256: dict[str, str] | None = None
 
 
-def write(folder: Path, header: Mapping[str, Any]) -> None:
+def write_session(folder: Path, header: Mapping[str, Any]) -> None:
     """Create the folder if needed and replace its session.json. Raises StoreError if the disk
     refuses.
     """
@@ -84,7 +84,7 @@ def write(folder: Path, header: Mapping[str, Any]) -> None:
     write_aside(folder / FILE, lambda target: target.write_bytes(text.encode()))
 
 
-def read(folder: Path) -> dict[str, Any]:
+def read_session(folder: Path) -> dict[str, Any]:
     """Return the session description of a folder.
 
     Raises StoreError if the folder holds no description, or one that is damaged or newer than this
@@ -92,7 +92,7 @@ def read(folder: Path) -> dict[str, Any]:
     """
     path = Path(folder) / FILE
     try:
-        header = parsed(path.read_text(encoding="utf-8"))
+        header = parse_json(path.read_text(encoding="utf-8"))
         SessionHeader.model_validate(header)
     except FileNotFoundError as error:
         raise StoreError(
@@ -106,7 +106,8 @@ def read(folder: Path) -> dict[str, Any]:
         key = ".".join(map(str, first["loc"])) or "the file"
         expected = first["msg"].removeprefix("Input should be ")
         raise StoreError(
-            f"{path}: {key}: got {shown(first['input'])}, expected {expected}; the recording beside"
+            f"{path}: {key}: got {format_value(first['input'])}, expected {expected}; the"
+            " recording beside"
             " it holds a copy"
         ) from None
     except ValueError as error:
@@ -116,14 +117,14 @@ def read(folder: Path) -> dict[str, Any]:
     return header
 
 
-def update(folder: Path, changes: Mapping[str, Any]) -> dict[str, Any]:
+def update_session(folder: Path, changes: Mapping[str, Any]) -> dict[str, Any]:
     """Change some keys of the folder's session.json, tables key by key; return the whole
     description.
 
     Only one process may write at a time.
     """
-    header = _merged(read(folder), changes)
-    write(folder, header)
+    header = _merged(read_session(folder), changes)
+    write_session(folder, header)
     return header
 
 
@@ -132,8 +133,8 @@ def require_unchanged(folder: Path, header: Mapping[str, Any]) -> None:
     session ended.
     """
     for name, digest in (header.get("sha256") or {}).items():
-        path = inside(folder, name)
-        if path.is_file() and sha256(path) != digest:
+        path = path_inside(folder, name)
+        if path.is_file() and hash_file(path) != digest:
             raise StoreError(
                 f"{path}: has changed since the session ended (its sha256 is not that of {FILE}):"
                 " restore it, or leave this session out"

@@ -53,7 +53,7 @@ _TIPS = {
     "model_tip": ("model_position", "model_rotation", "model_jpos"),
 }
 """For each channel: the series of its position and of its orientation as named in
-`topics.standard`, and the joints at which the orientation is computed.
+`topics.standard_topics`, and the joints at which the orientation is computed.
 """
 
 
@@ -82,7 +82,7 @@ class SessionWriter:
         }
         # This also runs slow imports, which must not delay a recording that has begun.
         standard = [topic for topic, _ in self._standard(np.zeros((1, len(names))))]
-        self._flat = topics.signals([topics.field(name) for name in names], single=True)
+        self._flat = topics.signals_topic([topics.field_name(name) for name in names], single=True)
         self._metadata = {"header": json.dumps(header), "channels": json.dumps(list(names))}
         self._log = topics.LogWriter(self._file, [self._flat, *standard], self._metadata)
         self._next = 0
@@ -141,7 +141,7 @@ class SessionWriter:
                     series[f"{arm}/{rotation}"] = jaw_rotation(arm, own[joints])
             if "force" in own:
                 series[f"{arm}/haptic_force"] = own["force"]
-        return topics.standard(ROBOT, series, self._bases)
+        return topics.standard_topics(ROBOT, series, self._bases)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,12 +158,12 @@ class SessionLog:
     lost_bytes: int
 
 
-def read(path: Path) -> SessionLog:
+def read_session_log(path: Path) -> SessionLog:
     """Read the recording of a session, as far as it is complete.
 
     Raises StoreError if it is not the recording of a session.
     """
-    content = mcap_records.scan(path)
+    content = mcap_records.scan_records(path)
     metadata = next((one.metadata for one in content.metadata if one.name == METADATA), {})
     if "channels" not in metadata:
         raise StoreError(
@@ -181,7 +181,7 @@ def read(path: Path) -> SessionLog:
             numbers.append(message.sequence)
             data.append(message.data[-width:])
         elif channel is not None and channel.topic == EVENTS:
-            events.append(json.loads(topics.types().decode(message.data, topics.TEXT).data))
+            events.append(json.loads(topics.ros2_types().decode(message.data, topics.TEXT).data))
     rows = np.frombuffer(b"".join(data), "<f4").reshape(-1, len(names))
     return SessionLog(
         header,

@@ -42,7 +42,7 @@ BLOCK = 64  # ticks that are written together
 _ALSO_SIGNALS = {"tip", "golden_tip"}
 
 
-def write(
+def write_trace(
     path: Path,
     series: Mapping[str, np.ndarray],
     metadata: Mapping[str, str] | None = None,
@@ -60,8 +60,8 @@ def write(
     refuses.
     """
     arrays = {name: np.asarray(values) for name, values in series.items()}
-    ticks = time_series.check(arrays, str(path))
-    filled = [*topics.standard(robot, arrays, bases or {}), *_signals(robot, arrays)]
+    ticks = time_series.check_series(arrays, str(path))
+    filled = [*topics.standard_topics(robot, arrays, bases or {}), *_signals(robot, arrays)]
     events_of: dict[int, list[Mapping[str, Any]]] = {}
     for event in events:
         events_of.setdefault(max(0, int(event["tick"])), []).append(event)
@@ -94,11 +94,11 @@ def _signals(robot: Robot, arrays: Mapping[str, np.ndarray]) -> Iterator[tuple[T
         names += _scalar_names(robot, name, flat.shape[1])
         columns.append(flat)
     if columns:
-        yield topics.signals(names), np.concatenate(columns, axis=1, dtype=float)
+        yield topics.signals_topic(names), np.concatenate(columns, axis=1, dtype=float)
 
 
 def _scalar_names(robot: Robot, name: str, width: int) -> list[str]:
-    base = topics.field(name)
+    base = topics.field_name(name)
     if width == 1:
         return [base]
     return [f"{base}_{robot.joints[i] if width == len(robot.joints) else i}" for i in range(width)]

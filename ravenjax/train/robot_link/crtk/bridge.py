@@ -51,7 +51,7 @@ class Transport(Protocol):
     def close(self) -> None: ...
 
 
-def connect(ros: Ros, published: list[str], subscribed: list[str]) -> Transport:
+def connect_transport(ros: Ros, published: list[str], subscribed: list[str]) -> Transport:
     """Return the transport of this ROS. Raises UserError if it is not available."""
     if ros == "ros2":
         try:
@@ -130,7 +130,7 @@ class BridgeOptions:
     contact: bool  # whether the contact force is known
 
 
-def spawn(
+def spawn_bridge(
     stack: contextlib.ExitStack,
     ros: Ros,
     blueprint: Blueprint,
@@ -153,7 +153,7 @@ def spawn(
         int(control.teleoperation.grasp_gain),
         setup.contact and not elsewhere,
     )
-    helper = processes.Helper(stack, run)
+    helper = processes.Helper(stack, run_bridge)
     helper.begin(options)
     if trouble := helper.answer():
         raise UserError(trouble)
@@ -198,7 +198,7 @@ class RobotRings:
         self._commands.close()
 
 
-def run(robot: Connection) -> None:
+def run_bridge(robot: Connection) -> None:
     """Speak CRTK until this process is terminated or the robot's process is gone.
 
     This is the entry point of a spawned process. robot: delivers `BridgeOptions`, and receives None
@@ -210,8 +210,11 @@ def run(robot: Connection) -> None:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
     arms, contact = options.arms, options.contact
     try:
-        topics = messages.published(arms, options.ros, contact), messages.subscribed(arms)
-        transport = connect(options.ros, *topics)
+        topics = (
+            messages.published_topics(arms, options.ros, contact),
+            messages.command_topics(arms),
+        )
+        transport = connect_transport(options.ros, *topics)
     except UserError as error:
         robot.send(str(error))
         return

@@ -41,8 +41,8 @@ class DdsTransport:
 
     def __init__(self, published: Sequence[str], subscribed: Sequence[str]) -> None:
         """Raises UserError if the domain is invalid."""
-        self.types = messages.types("ros2")
-        self._participant = DomainParticipant(domain())
+        self.types = messages.message_types("ros2")
+        self._participant = DomainParticipant(ros_domain())
         self._writers: dict[str, tuple[Any, Any]] = {}
         self._readers: list[tuple[str, Any]] = []
         for name in published:
@@ -91,7 +91,7 @@ class DdsTransport:
         del self._participant
 
 
-def domain() -> int:
+def ros_domain() -> int:
     """Return the domain in ROS_DOMAIN_ID; 0 if it is not set. Raises UserError if it is invalid."""
     text = os.environ.get(DOMAIN, "0") or "0"
     if not text.isdecimal() or int(text) > 232:
@@ -113,7 +113,9 @@ def _quality(*, reliable: bool = True, latched: bool = False) -> Any:
 def _data_type(kind: str) -> Any:
     """Return the DDS type of a message. A sample holds the serialised bytes."""
     package, _, word = kind.split("/")
-    fields = {name: _idl(node) for name, node in messages.types("ros2").store.fielddefs[kind][1]}
+    fields = {
+        name: _idl(node) for name, node in messages.message_types("ros2").store.fielddefs[kind][1]
+    }
 
     def of(cls: Any, content: bytes, *_: Any, **__: Any) -> Any:
         sample = cls.__new__(cls)

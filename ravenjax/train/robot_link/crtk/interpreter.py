@@ -110,7 +110,7 @@ class Interpreter:
     # --- messages from ROS ---
 
     def hear(self, name: str, message: Any, now_ms: float) -> None:
-        """Process a message on a topic of `messages.subscribed`."""
+        """Process a message on a topic of `messages.command_topics`."""
         place, _, word = name.partition("/")
         if name.endswith("state_command"):
             self._command(message.string.strip(), now_ms)

@@ -44,20 +44,20 @@ def is_latched(topic: str) -> bool:
     return kind_of(topic) == OPERATING_STATE
 
 
-def published(arms: Sequence[ArmName], ros: Ros, contact: bool = False) -> list[str]:
+def published_topics(arms: Sequence[ArmName], ros: Ros, contact: bool = False) -> list[str]:
     """Return the topics of a robot with these arms. contact: whether it knows its contact force."""
     words = [*_TOPICS["state"], *_TOPICS["measured"], *(_TOPICS["contact"] if contact else ())]
     of_robot = [*_TOPICS["state"], *(_TOPICS["ros1"] if ros == "ros1" else ())]
     return [*of_robot, *_of_arms(arms, words)]
 
 
-def subscribed(arms: Sequence[ArmName]) -> list[str]:
+def command_topics(arms: Sequence[ArmName]) -> list[str]:
     """Return the topics that command a robot with these arms."""
     words = [*_TOPICS["command"], *_TOPICS["servo"]]
     return ["state_command", *_TOPICS["pedal"], *_of_arms(arms, words)]
 
 
-def reported(arms: Sequence[ArmName], ros: Ros) -> list[str]:
+def state_topics(arms: Sequence[ArmName], ros: Ros) -> list[str]:
     """Return the topics on which a remote robot reports its state: raven2's own, or CRTK's."""
     words = ("measured_js", "setpoint_js", "operating_state")
     return ["ravenstate"] if ros == "ros1" else _of_arms(arms, words)
@@ -68,7 +68,7 @@ def _of_arms(arms: Sequence[ArmName], words: Sequence[str]) -> list[str]:
 
 
 @cache
-def types(ros: Ros) -> MessageTypes:
+def message_types(ros: Ros) -> MessageTypes:
     """Return the message types of this ROS, including those of CRTK and raven2."""
     beside = _DEFINITIONS["ros1"] if ros == "ros1" else {}
     return MessageTypes(ros, _DEFINITIONS["ros2"] | beside)

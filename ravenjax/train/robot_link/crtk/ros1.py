@@ -31,7 +31,7 @@ class Ros1Transport:
 
     def __init__(self, published: Sequence[str], subscribed: Sequence[str]) -> None:
         """Raises UserError if rospy or its master is missing."""
-        self.types = messages.types("ros1")
+        self.types = messages.message_types("ros1")
         self._published, self._subscribed = list(published), list(subscribed)
         self._connected, self._is_ready = 0, False
         # Types as their publishers define them.

@@ -65,14 +65,14 @@ class RosRobot(RobotLink):
             arm: np.array([motors_of_joints(arm, tool, row) for row in np.eye(7)]).T
             for arm, tool in zip(arms, tools, strict=True)
         }
-        self._missing = set(messages.reported(arms, transport.types.ros))
+        self._missing = set(messages.state_topics(arms, transport.types.ros))
         self._levels: dict[ArmName, int] = {}
         self._began_ns = 0
 
     @staticmethod
     def topics(arms: Arms, ros: messages.Ros) -> tuple[list[str], list[str]]:
         """Return the topics to publish to such a robot, and the topics to subscribe to."""
-        return ["state_command"], messages.reported(arms, ros)
+        return ["state_command"], messages.state_topics(arms, ros)
 
     def order(self, content: Json) -> None:
         """Send the order's state command. Orders without one are ignored."""

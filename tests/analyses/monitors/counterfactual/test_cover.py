@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from ravenjax.analyses.monitors.counterfactual.promise import greedy
+from ravenjax.analyses.monitors.counterfactual.promise import select_greedily
 
 INSTANCES = arrays.arrays(bool, st.tuples(st.integers(1, 12), st.integers(1, 6)))
 
@@ -24,7 +24,7 @@ def weight_of(covered, members, weight):
 def test_it_covers_its_share_of_what_the_best_set_of_its_size_does(covered, most, data):
     weights = st.lists(st.integers(0, 9), min_size=len(covered), max_size=len(covered))
     weight = np.array(data.draw(weights), float)
-    members = greedy(covered, most, weight)
+    members = select_greedily(covered, most, weight)
     assert len(set(members)) == len(members) <= most
     sets = itertools.combinations(range(covered.shape[1]), min(most, covered.shape[1]))
     best = max(weight_of(covered, one, weight) for one in sets)
@@ -34,7 +34,7 @@ def test_it_covers_its_share_of_what_the_best_set_of_its_size_does(covered, most
 @pytest.mark.slow
 @given(INSTANCES)
 def test_with_room_for_all_it_covers_all_and_holds_nothing_superfluous(covered):
-    members = greedy(covered, covered.shape[1])
+    members = select_greedily(covered, covered.shape[1])
     ones = np.ones(len(covered))
     assert weight_of(covered, members, ones) == covered.any(axis=1).sum()
     for one in members:
@@ -46,4 +46,4 @@ def test_with_room_for_all_it_covers_all_and_holds_nothing_superfluous(covered):
 def test_a_candidate_that_adds_too_little_is_not_taken(least, size):
     covered = np.zeros((10, 2), bool)
     covered[:9, 0] = covered[9, 1] = True
-    assert len(greedy(covered, 2, least=least)) == size
+    assert len(select_greedily(covered, 2, least=least)) == size

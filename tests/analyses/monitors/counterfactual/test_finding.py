@@ -56,19 +56,19 @@ def tables(**changes):
 )
 def test_what_cannot_be_asked_is_refused_before_anything_runs(changes, complaint):
     with pytest.raises(UserError, match=re.escape(complaint)):
-        finding.find(rj.load_campaign(tables()), Question()._replace(**changes))
+        finding.find_checks(rj.load_campaign(tables()), Question()._replace(**changes))
 
 
 @pytest.mark.slow
 def test_the_set_as_real_detectors_keeps_its_promise(tmp_path):
-    one = finding.find(rj.load_campaign(tables()), Question(hours=0.05, lead_ms=5))
-    paths = output.write(one, tmp_path)
+    one = finding.find_checks(rj.load_campaign(tables()), Question(hours=0.05, lead_ms=5))
+    paths = output.write_files(one, tmp_path)
     both = one.promise.selected.k + one.promise.covered.k
-    same = finding.confirm(
+    same = finding.confirm_checks(
         one, paths[-1], seed=4
     )  # the same faults: what was computed offline happens, to the run
     assert (same.every.k, same.every.n) == (both, one.grounds.hazards.count)
-    other = finding.confirm(one, paths[-1], seed=5)
+    other = finding.confirm_checks(one, paths[-1], seed=5)
     assert other.verdict == "as" and "as promised" in other.sentence
     assert other.anew.n > 20 and other.anew == other.every and other.promised == one.promise.covered
     assert one.promise.covered.value > one.best.covered.value - 1e-9
@@ -78,7 +78,7 @@ def test_the_set_as_real_detectors_keeps_its_promise(tmp_path):
     assert len(table) == len(one.parts) and table["chosen"].sum() == len(one.promise.members)
     assert set(table["kind"]) == {"bound", "rate", "residual"}
     ElementTree.parse(tmp_path / output.FIGURE)
-    said = " ".join(output.sentences(one))
+    said = " ".join(output.finding_sentences(one))
     assert f"{one.promise.covered.k} of {one.promise.covered.n} (" in said and "too few for" in said
 
 

@@ -24,12 +24,12 @@ def test_the_least_margin_that_keeps_the_rate_is_taken():
     peaks = np.full((99, 1), 0.5)
     peaks[:3, 0] = 1.05, 1.3, 4.0
     assert (
-        promise.calibrated(motion(peaks), 0.41).value == 1.0
+        promise.calibrate_margin(motion(peaks), 0.41).value == 1.0
     )  # (3 alarms + 1) / 100 motions / 0.1 h
-    assert promise.calibrated(motion(peaks), 0.39).value == 1.1
-    assert promise.calibrated(motion(peaks), 0.21).value == 1.5
-    assert promise.calibrated(motion(peaks), 0.11).value == 5.0
-    assert promise.calibrated(motion(peaks), 100.0).value == 1.0
+    assert promise.calibrate_margin(motion(peaks), 0.39).value == 1.1
+    assert promise.calibrate_margin(motion(peaks), 0.21).value == 1.5
+    assert promise.calibrate_margin(motion(peaks), 0.11).value == 5.0
+    assert promise.calibrate_margin(motion(peaks), 100.0).value == 1.0
 
 
 def test_one_motion_more_keeps_the_rate_at_the_mean_whatever_the_scores():
@@ -38,7 +38,7 @@ def test_one_motion_more_keeps_the_rate_at_the_mean_whatever_the_scores():
     for _ in range(2000):
         operator = rng.lognormal(-0.4, 0.5, (20, 1))  # the runs of a motion resemble each other
         peaks = operator * rng.uniform(0.8, 1.25, (20, 2))
-        margin = promise.calibrated(motion(peaks[:-1]), asked)
+        margin = promise.calibrate_margin(motion(peaks[:-1]), asked)
         assert margin.bound <= asked
         alarms += int((np.float32(peaks[-1]) > np.float32(margin.value)).sum())
         hours += 0.2
@@ -50,7 +50,7 @@ def test_one_motion_more_keeps_the_rate_at_the_mean_whatever_the_scores():
 def test_stated_alarms_have_the_exact_poisson_interval():
     peaks = np.full((50, 1), 0.9)
     peaks[:4] = 2.0
-    rate = promise.stated(motion(peaks), 1.5)
+    rate = promise.false_alarm_rate(motion(peaks), 1.5)
     assert (rate.count, rate.hours, rate.per_hour) == (4, pytest.approx(5.0), pytest.approx(0.8))
     assert rate.low == pytest.approx(stats.chi2.ppf(0.025, 8) / 2 / 5)
     assert rate.high == pytest.approx(stats.chi2.ppf(0.975, 10) / 2 / 5)
@@ -59,18 +59,23 @@ def test_stated_alarms_have_the_exact_poisson_interval():
 def test_runs_of_one_motion_are_no_further_motions():
     peaks = np.full((10, 4), 0.9)
     peaks[0] = 2.0  # one operator's motion, all its robots
-    together, alone = promise.stated(motion(peaks), 1.5), promise.stated(motion(peaks[:, :1]), 1.5)
+    together, alone = (
+        promise.false_alarm_rate(motion(peaks), 1.5),
+        promise.false_alarm_rate(motion(peaks[:, :1]), 1.5),
+    )
     assert together.count == 4 and together.per_hour == pytest.approx(alone.per_hour)
     assert (together.low, together.high) == pytest.approx((alone.low, alone.high))
 
 
 def test_hours_that_show_a_rate_show_it():
     hours = promise.hours_to_show(0.5)
-    assert promise.stated(motion(np.zeros((10, 1)), hours / 10), 1.0).high == pytest.approx(0.5)
+    assert promise.false_alarm_rate(
+        motion(np.zeros((10, 1)), hours / 10), 1.0
+    ).high == pytest.approx(0.5)
     for rate in (0.1, 0.5, 4.0, 30.0):
         assert output.hours_needed(rate) >= 2 * promise.hours_to_show(rate)
     enough = output.hours_needed(2.0, runs=4) / 2  # of the half that states
-    assert promise.stated(motion(np.zeros((10, 4)), enough / 40), 1.0).high <= 2.0
+    assert promise.false_alarm_rate(motion(np.zeros((10, 4)), enough / 40), 1.0).high <= 2.0
 
 
 def grounds(lead, lead_ms=10, groups=None, robots=None):

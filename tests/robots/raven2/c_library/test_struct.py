@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 import ravenjax as rj
-from ravenjax.robots.raven2.c_library.library import library, members_of
+from ravenjax.robots.raven2.c_library.library import make_library, members_of
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
 def test_members_lie_where_code_finds_them(tmp_path):
     software, robot = rj.ControlSoftware(arms=["gold"]), rj.VirtualRobot(arms=["gold"])
-    (tmp_path / "robot.h").write_text(library(software, robot).header)
+    (tmp_path / "robot.h").write_text(make_library(software, robot).header)
     asks, expected = "", []
     for part, kinds in (("control", software.code.kinds), ("robot", robot.code.kinds)):
         for what in ("params", "state", "signals"):

@@ -47,7 +47,7 @@ def windows_of(campaign=None, motion="clutched", **sections):
 
 
 def ends_of(ready, observe=1):
-    return span.ends(ready.faults, TICKS, observe, ready.clocks)
+    return span.last_observed_ticks(ready.faults, TICKS, observe, ready.clocks)
 
 
 @pytest.mark.slow

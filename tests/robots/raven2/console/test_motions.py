@@ -25,22 +25,22 @@ def tip_path(motion, arm, scale=0.1):
 
 @pytest.mark.parametrize("name", motions.MOTIONS)
 def test_same_seed_same_motion(name):
-    first, again = (motions.generate(name, 5.0, BOTH, seed=7) for _ in range(2))
+    first, again = (motions.generate_motion(name, 5.0, BOTH, seed=7) for _ in range(2))
     assert (first.table() == again.table()).all()
-    longer = motions.generate(name, 8.0, BOTH, seed=7)
+    longer = motions.generate_motion(name, 8.0, BOTH, seed=7)
     assert (longer.table()[: len(first)] == first.table()).all()
 
 
 @pytest.mark.parametrize("name", motions.MOTIONS)
 def test_begins_at_rest_with_the_pedal_up(name):
-    motion = motions.generate(name, 3.0, BOTH, seed=3)
+    motion = motions.generate_motion(name, 3.0, BOTH, seed=3)
     assert (motion.surgeon_mode[:200] == 0).all() and (motion.surgeon_mode[200:500] == 1).all()
     assert (motion.position_um[:500] == 0).all() and (motion.quat[:500] == [0, 0, 0, 1]).all()
 
 
 @pytest.mark.parametrize("name", MOVING)
 def test_surgical_in_speed_and_size(name):
-    motion = motions.generate(name, 30.0, BOTH, seed=11)
+    motion = motions.generate_motion(name, 30.0, BOTH, seed=11)
     for arm in BOTH:
         tip = tip_path(motion, arm)
         speed = np.linalg.norm(np.diff(tip, axis=0), axis=1) * 1e3  # m/s
@@ -57,13 +57,13 @@ def test_twice_differentiable(name):
     100 m/s3: an acceleration then changes by at most 0.1 m/s2 within a millisecond; a kink in
     velocity of 1 mm/s would be 1 m/s2.
     """
-    tip = tip_path(motions.generate(name, 20.0, seed=2), "gold")
+    tip = tip_path(motions.generate_motion(name, 20.0, seed=2), "gold")
     acceleration = np.diff(tip, n=2, axis=0) * 1e6  # m/s2
     assert np.abs(np.diff(acceleration, axis=0)).max() < 0.1
 
 
 def test_both_arms_share_the_pedal():
-    motion = motions.generate("clutched", 20.0, BOTH, seed=4)
+    motion = motions.generate_motion("clutched", 20.0, BOTH, seed=4)
     hands = np.abs(np.diff(motion.position_um, axis=0)).max(axis=2)
     up = motion.surgeon_mode[1:] == 0
     repositioned = up & (hands > 0).any(axis=1)
@@ -83,7 +83,7 @@ def solve():
         def step(reference, now):
             turn = jnp.array(matrix_from_quat(Vec(now[1]))) @ rotation
             pose = kinematics.Pose(Vec(now[0]), Vec(Vec(row) for row in turn))
-            ik = kinematics.inverse(arm, pose, jnp.float64(np.pi / 2), Vec(reference))
+            ik = kinematics.inverse_joints(arm, pose, jnp.float64(np.pi / 2), Vec(reference))
             joints = jnp.where(ik.status == 0, jnp.array(ik.jpos), reference)
             return joints, (joints, ik.status)
 
@@ -96,7 +96,7 @@ def solve():
         axes = np.array(ITP_AXES[arm])
         with jax.enable_x64(True):
             start = jnp.array([float(q) for q in motion.start_jpos[i]])
-            home = kinematics.forward(arm, Vec(start))
+            home = kinematics.forward_pose(arm, Vec(start))
             position = np.array(home.position) + tip_path(motion, arm, scale)
             quat = np.concatenate([motion.quat[:, i, :3] @ axes.T, motion.quat[:, i, 3:]], axis=1)
             thin = slice(None, None, 5)  # 5 ms apart is dense enough for a pose
@@ -110,7 +110,7 @@ def solve():
 @functools.cache
 def long_motion(name, seed):
     """40 s of it."""
-    return motions.generate(name, 40.0, BOTH, seed=seed)
+    return motions.generate_motion(name, 40.0, BOTH, seed=seed)
 
 
 @pytest.mark.slow

@@ -25,7 +25,7 @@ def packets(setup, motion, scale):
     params = operator.params(setup, motion.start_jpos, scale)
 
     def one(k):
-        return operator.packet(setup, params, table, operator.row_by_row(k))
+        return operator.make_packet(setup, params, table, operator.row_by_row(k))
 
     return jax.tree.map(
         np.asarray, jax.jit(jax.vmap(one))(jnp.arange(len(motion), dtype=jnp.int32))
@@ -34,7 +34,7 @@ def packets(setup, motion, scale):
 
 @pytest.fixture(scope="module")
 def motion():
-    return motions.generate("suture", 6.0, BOTH, seed=5)
+    return motions.generate_motion("suture", 6.0, BOTH, seed=5)
 
 
 @pytest.mark.parametrize("scale", [0.05, 0.1, 0.2])
@@ -65,7 +65,7 @@ def test_increment_quaternions_compose_to_the_hand(motion):
 
 
 def test_pedal_up_sends_no_motion():
-    motion = motions.generate("clutched", 8.0, BOTH, seed=1)
+    motion = motions.generate_motion("clutched", 8.0, BOTH, seed=1)
     sent = packets(make_setup(), motion, 0.1)
     up = motion.surgeon_mode == 0
     assert up[200:].any()
@@ -124,10 +124,10 @@ def test_what_hands_do_beyond_the_plan_is_sent_once_and_adds_up(motion):
         hands, total, rng = operator.at_plan(setup), np.zeros((2, 3)), np.random.default_rng(4)
         for k in range(300, 330):
             stray = rng.uniform(-50.0, 50.0, (2, 3))
-            hands = operator.strayed(hands, vectors(*stray))
+            hands = operator.with_stray_motion(hands, vectors(*stray))
             timing = operator.row_by_row(k)
-            total += numbers(operator.packet(setup, params, table, timing, hands).delta)
-            hands = operator.sent(hands, jnp.bool_(True))
+            total += numbers(operator.make_packet(setup, params, table, timing, hands).delta)
+            hands = operator.mark_sent(hands, jnp.bool_(True))
         begun = np.trunc(motion.position_um[299].astype(np.float32).astype(float) * 0.1)
         whole = np.trunc((motion.position_um[329].astype(np.float32) + numbers(hands.offset)) * 0.1)
         assert np.abs(numbers(hands.offset)).max() > 100.0

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from ravenjax.ir.symbolic import replay
+from ravenjax.ir.symbolic import replay_program
 from ravenjax.numbers.linear_solve import solve_spd
 from ravenjax.numbers.setup import REFERENCE
 from ravenjax.numbers.vec import Vec, replace
@@ -82,7 +82,7 @@ def test_random_trees_equal_mujoco(seed):
     gravity = data.body("base").xmat.reshape(3, 3).T @ model.opt.gravity
     with jax.enable_x64(True):
         program_ = rigid_program.mass_matrix_and_bias(tree)
-        out = np.array(replay(program_, [*qpos, *qvel, *gravity], FUNCTIONS), dtype=float)
+        out = np.array(replay_program(program_, [*qpos, *qvel, *gravity], FUNCTIONS), dtype=float)
         lower = np.zeros((n, n))
         lower[np.tril_indices(n)] = out[:-n]
         found = lower + np.tril(lower, -1).T + np.diag([link.armature for link in tree])
@@ -95,7 +95,7 @@ def test_random_trees_equal_mujoco(seed):
 
 
 def within_range(rng: np.random.Generator, count: int) -> np.ndarray:
-    low, high = arm_model.scene().jnt_range[:7].T
+    low, high = arm_model.operating_scene().jnt_range[:7].T
     return rng.uniform(low, high, size=(count, 7))
 
 
@@ -114,7 +114,7 @@ def stacked(setup: RavenSetup, arm, mass_scale=1.0):
 
 @pytest.mark.parametrize("arm", ARMS)
 def test_both_arms_equal_mujoco(arm):
-    model = arm_model.scene()
+    model = arm_model.operating_scene()
     first = 7 * ARMS.index(arm)
     own = slice(first, first + 7)
     rng = np.random.default_rng(7)

@@ -26,7 +26,7 @@ ROOT = Path(__file__).resolve().parents[4]
 
 @pytest.fixture(scope="module")
 def model() -> mujoco.MjModel:
-    return arm_model.scene()
+    return arm_model.operating_scene()
 
 
 def own(arm) -> slice:
@@ -61,7 +61,7 @@ def test_tip_site_is_dh_frame_6(model, arm):
             [[math.cos(yaw), -math.sin(yaw), 0], [math.sin(yaw), math.cos(yaw), 0], [0, 0, 1]]
         )
         with jax.enable_x64(True):
-            pose = kinematics.forward(arm, Vec(np.float64(x) for x in qpos))
+            pose = kinematics.forward_pose(arm, Vec(np.float64(x) for x in qpos))
         np.testing.assert_allclose(
             to_base @ (tip.xpos - base.xpos), np.array(pose.position), atol=1e-9
         )

@@ -12,7 +12,7 @@ from ravenjax.numbers.lazy import at_once
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.geometry import kinematics
-from ravenjax.robots.raven2.geometry.joints import Pose, wrap
+from ravenjax.robots.raven2.geometry.joints import Pose, wrap_angle
 
 DEG = np.pi / 180
 
@@ -99,14 +99,14 @@ def pose_of(position, rotation) -> Pose:
 
 def forward(arm, jpos, dtype=np.float64):
     """Positions and rotations."""
-    pose = kinematics.forward(arm, vec(np.asarray(jpos, dtype)))
+    pose = kinematics.forward_pose(arm, vec(np.asarray(jpos, dtype)))
     return stacked(pose.position), np.stack([stacked(row) for row in pose.rotation], axis=-2)
 
 
 def inverse(arm, *rows, dtype=np.float64):
     """Joints, status, cost and yaw for position, rotation, opening and measured joints."""
     position, rotation, opening, measured = (np.asarray(row, dtype) for row in rows)
-    ik = kinematics.inverse(arm, pose_of(position, rotation), opening, vec(measured))
+    ik = kinematics.inverse_joints(arm, pose_of(position, rotation), opening, vec(measured))
     return stacked(ik.jpos), ik.status, ik.cost, ik.yaw
 
 
@@ -118,7 +118,7 @@ def candidates(arm, t06):
 
 
 def jacobian(arm, jpos):
-    return np.stack([stacked(row) for row in kinematics.jacobian(arm, vec(jpos))], axis=-2)
+    return np.stack([stacked(row) for row in kinematics.tip_jacobian(arm, vec(jpos))], axis=-2)
 
 
 @pytest.fixture(autouse=True)
@@ -383,7 +383,7 @@ def test_tip_velocity_is_the_jacobians(arm):
 
 @given(st.floats(-50, 50))
 def test_wrap_brings_into_half_a_turn(angle):
-    wrapped = float(wrap(np.float64(angle)))
+    wrapped = float(wrap_angle(np.float64(angle)))
     assert abs(wrapped) <= np.pi + 1e-12
     turns = (angle - wrapped) / (2 * np.pi)
     assert turns == pytest.approx(round(turns), abs=1e-12)

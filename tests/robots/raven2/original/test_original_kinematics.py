@@ -48,7 +48,7 @@ def printed(function, arm, *sizes):
 
 
 def forward_numbers(arm, joints):
-    pose = literal.forward(arm, Vec((*joints[:5], 0.0, 0.0)), joints[5])
+    pose = literal.forward_pose(arm, Vec((*joints[:5], 0.0, 0.0)), joints[5])
     return pose.position, pose.rotation
 
 

@@ -19,7 +19,7 @@ from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import instrument, scene, transmission
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.plant import contact, robot
-from ravenjax.robots.raven2.plant.coupling import coupling
+from ravenjax.robots.raven2.plant.coupling import arm_coupling
 from ravenjax.robots.raven2.setup import RavenSetup
 
 TOUCH = contact.ContactParams()
@@ -39,14 +39,14 @@ def at_depth(depth_m: float, jaws: float = 0.0, roll: float = 0.0) -> np.ndarray
     jpos = np.array([*HOME_JPOS[:3], roll, HOME_JPOS[4], jaws, jaws], float)
     for _ in range(20):
         tip, _ = instrument.jaw_tips("gold", numbers(jpos))
-        surface = scene.surface("gold", tip.at)
+        surface = scene.tissue_surface("gold", tip.at)
         jpos[2] += (depth_m - float(surface.depth)) / -float(tip.along(surface.rise)[2])
     return jpos
 
 
 @quickly.jit
 def felt(touched, jpos, jvel):
-    one, other = contact.tips("gold", touched, Vec(jpos), Vec(jvel), 1e-3)
+    one, other = contact.jaw_tips("gold", touched, Vec(jpos), Vec(jvel), 1e-3)
     return [(c.force(), c.rise, c.normal, c.drag, c.velocity, c.vessel) for c in (one, other)]
 
 
@@ -144,7 +144,8 @@ def begun(arms, jpos, jvel, change=lambda p: p):
         params.append(own)
         states.append(
             replace(
-                state, mvel=numbers(coupling(arm, "r_grasper", "raven2").motors(Vec(map(float, v))))
+                state,
+                mvel=numbers(arm_coupling(arm, "r_grasper", "raven2").motors(Vec(map(float, v)))),
             )
         )
     return tuple(params), tuple(states)
@@ -161,7 +162,13 @@ def toward(arm: ArmName, way) -> np.ndarray:
     tip, _ = instrument.jaw_tips(arm, numbers(CLOSED))
     columns_ = np.array([[*map(float, column)] for column in tip.columns[:3]]).T
     return np.array(
-        [*np.linalg.solve(columns_, np.array(scene.frame0(arm)[1]).T @ np.array(way)), 0, 0, 0, 0]
+        [
+            *np.linalg.solve(columns_, np.array(scene.frame0_in_world(arm)[1]).T @ np.array(way)),
+            0,
+            0,
+            0,
+            0,
+        ]
     )
 
 
@@ -172,7 +179,7 @@ def stored(arm: ArmName, jpos: np.ndarray) -> np.ndarray:
     def deep(q):
         return jax.vmap(
             lambda row: jnp.stack(
-                [scene.surface(arm, t.at).depth for t in instrument.jaw_tips(arm, Vec(row))]
+                [scene.tissue_surface(arm, t.at).depth for t in instrument.jaw_tips(arm, Vec(row))]
             )
         )(q)
 
@@ -202,7 +209,7 @@ def test_pressed_with_a_known_motor_torque_the_arm_comes_to_rest_where_statics_s
         jpos, force = columns(out.jpos)[-1], columns(out.touch.force)[-1]
         assert np.abs(columns(out.jvel)[-1]).max() < 0.05 and np.linalg.norm(force) > 0.1
         tips = instrument.jaw_tips("gold", numbers(jpos))
-        surfaces = [scene.surface("gold", tip.at) for tip in tips]
+        surfaces = [scene.tissue_surface("gold", tip.at) for tip in tips]
         each = [
             HERTZ * max(float(s.depth), 0.0) ** 1.5 * np.array([*map(float, s.rise)])
             for s in surfaces
@@ -219,7 +226,7 @@ def test_pressed_with_a_known_motor_torque_the_arm_comes_to_rest_where_statics_s
             a * t
             for a, t in zip(transmission.CABLE_PER_MOTOR, columns(out.tension)[-1], strict=True)
         )
-        pulled = np.array([*map(float, coupling("gold", "r_grasper", "raven2").loads(torque))])
+        pulled = np.array([*map(float, arm_coupling("gold", "r_grasper", "raven2").loads(torque))])
         np.testing.assert_allclose(pulled, -load, rtol=5e-2, atol=3e-2 * np.abs(load[:3]).max())
         counts = held.actuators.torque_per_count[2] * 15
         carried = (
@@ -265,7 +272,7 @@ def test_two_arms_that_collide_push_each_other_alike_and_gain_no_energy(seed) ->
         np.testing.assert_array_equal(force, outs[1].touch.instrument)
         assert force.max() > 1.0 and force.min() == 0.0
         world = [
-            columns(out.touch.force) @ np.array(scene.frame0(arm)[1]).T
+            columns(out.touch.force) @ np.array(scene.frame0_in_world(arm)[1]).T
             for arm, out in zip(ARMS, outs, strict=True)
         ]
         np.testing.assert_allclose(world[0], -world[1], atol=1e-9)

@@ -15,12 +15,12 @@ from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.geometry import kinematics, transmission
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.plant import kinematic_errors, robot
-from ravenjax.robots.raven2.plant.coupling import coupling
+from ravenjax.robots.raven2.plant.coupling import arm_coupling
 from ravenjax.robots.raven2.plant.kinematic_errors import KinematicErrors
 from studies.healthy_robot import rigid
 
 START = Vec((0.6, 1.4, 0.37, 0.3, 0.2, 0.7, 0.9))
-EXACT = kinematic_errors.exact()
+EXACT = kinematic_errors.no_errors()
 
 
 def with_errors(**fields) -> robot.PlantParams:
@@ -33,13 +33,13 @@ def at_start(one: robot.PlantParams, start=START) -> tuple[np.ndarray, np.ndarra
     """Joints that the software computes from the encoders, true joints, true tip."""
     with jax.enable_x64(True):
         state = robot.init(setup(), "gold", one, start)
-        out = robot.observe(setup(), "gold", one, state)
+        out = robot.observe_robot(setup(), "gold", one, state)
         signs = transmission.encoder_signs("gold", "r_grasper")
         mpos = Vec(
             s * float(c) * transmission.ENCODER_RAD for s, c in zip(signs, out.enc_val, strict=True)
         )
         reported = transmission.joint_from_motor("gold", "r_grasper", mpos)
-        (tip,) = robot.tips(setup(), (one,), (state,), (out,))
+        (tip,) = robot.true_tips(setup(), (one,), (state,), (out,))
         return np.array(reported, float), np.array(out.jpos, float), np.array(tip, float)
 
 
@@ -51,7 +51,7 @@ def test_an_offset_moves_the_true_tip_by_its_jacobian_and_the_report_not_at_all(
         with_errors(joint_offset=Vec.full(7, 0.0).replace(joint, offset))
     )
     with jax.enable_x64(True):
-        column = np.array(kinematics.jacobian("gold", START), float)[:3, joint]
+        column = np.array(kinematics.tip_jacobian("gold", START), float)[:3, joint]
     assert np.array_equal(reported, reported_too)
     np.testing.assert_allclose(moved_links - links, offset * np.eye(7)[joint], atol=1e-12)
     np.testing.assert_allclose(moved_tip - tip, offset * column, atol=2e-8)
@@ -69,7 +69,10 @@ def test_a_larger_drum_moves_its_joint_further_from_home_by_its_share() -> None:
 
 def test_a_built_coupling_is_the_product_of_its_matrices() -> None:
     rng = np.random.default_rng(3)
-    drawn, gain = coupling("gold", "large_needle", "raven2"), Vec(1.0 + rng.uniform(-0.1, 0.1, N))
+    drawn, gain = (
+        arm_coupling("gold", "large_needle", "raven2"),
+        Vec(1.0 + rng.uniform(-0.1, 0.1, N)),
+    )
     matrix = np.array(transmission.motor_matrix("gold", "large_needle")) / np.array(gain)
     one, x = dataclasses.replace(drawn, gain=gain), rng.normal(size=N)
     np.testing.assert_allclose(one.motors(Vec(x)), matrix @ x, rtol=1e-12)
@@ -92,17 +95,20 @@ def test_registration_is_the_rigid_motion_that_another_method_finds() -> None:
         for _ in range(3):
             errors = _drawn(rng)
             true = [
-                kinematic_errors.tip(
+                kinematic_errors.true_tip(
                     "gold", errors, None, kinematic_errors.true_joints(errors, pose)
                 )
                 for pose in kinematic_errors.POSES
             ]
-            frame = kinematic_errors.fit("gold", true)
+            frame = kinematic_errors.fit_registration("gold", true)
             ours = np.array(
-                [[float(x) for x in kinematic_errors.seen(frame, point)] for point in true]
+                [
+                    [float(x) for x in kinematic_errors.in_registered_frame(frame, point)]
+                    for point in true
+                ]
             )
             reported = np.array(
-                [kinematics.forward("gold", pose).position for pose in kinematic_errors.POSES],
+                [kinematics.forward_pose("gold", pose).position for pose in kinematic_errors.POSES],
                 float,
             )
             left = np.square(ours - reported).sum()

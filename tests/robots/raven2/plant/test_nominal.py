@@ -46,7 +46,7 @@ def by_targets(setup: RavenSetup, targets: np.ndarray, params=None) -> np.ndarra
     params = params or nominal.params(setup, "gold")
 
     def tick(state, row):
-        state = nominal.track(setup, "gold", params, state, Vec(row[i] for i in range(7)))
+        state = nominal.track_target(setup, "gold", params, state, Vec(row[i] for i in range(7)))
         return state, jnp.stack(state.jpos)
 
     start = nominal.init(setup, "gold", params, HOME_JPOS)
@@ -128,7 +128,7 @@ def compiled_step(setup: RavenSetup):
 def test_it_follows_increments_to_where_they_lead() -> None:
     with jax.enable_x64(True):
         state, out = run(SETUP, [clean((20, -10, 5))] * 300 + [clean()] * 1200)
-        start = np.array(kinematics.forward("gold", HOME_JPOS).position)
+        start = np.array(kinematics.forward_pose("gold", HOME_JPOS).position)
         # ITP axes to frame 0 of gold: (-z, -x, y); um add up as whole numbers.
         expected = start + 300e-6 * np.array([-5, -20, -10])
         np.testing.assert_allclose(np.array(state.target.position_um) * 1e-6, expected, atol=2e-6)
@@ -183,8 +183,8 @@ def test_targets_stop_at_the_soft_limits_and_the_console_slips() -> None:
     with jax.enable_x64(True):
         start = HOME_JPOS.replace(2, 0.555)
         away = (
-            kinematics.forward("gold", start).position,
-            kinematics.forward("gold", start.replace(2, 0.556)).position,
+            kinematics.forward_pose("gold", start).position,
+            kinematics.forward_pose("gold", start.replace(2, 0.556)).position,
         )
         direction = np.array(away[1]) - np.array(away[0])
         x, y, z = direction / np.linalg.norm(direction)

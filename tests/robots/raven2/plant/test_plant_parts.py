@@ -14,7 +14,7 @@ import pytest
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import drives
-from ravenjax.robots.raven2.plant.coupling import coupling
+from ravenjax.robots.raven2.plant.coupling import arm_coupling
 
 ARMS, TOOLS = ("gold", "green"), ("r_grasper", "large_needle", "r_sq_grasper")
 CASES = list(itertools.product(ARMS, TOOLS, ("raven2", "fork2015")))
@@ -23,7 +23,7 @@ CASES = list(itertools.product(ARMS, TOOLS, ("raven2", "fork2015")))
 @pytest.mark.parametrize(("arm", "tool", "software"), CASES)
 def test_the_split_coupling_is_the_motor_matrix(arm, tool, software) -> None:
     matrix = np.array(transmission.motor_matrix(arm, tool, software))
-    split = coupling(arm, tool, software)
+    split = arm_coupling(arm, tool, software)
     rng = np.random.default_rng(1)
     x, weights = rng.normal(size=7), rng.uniform(0.1, 2.0, 7)
     np.testing.assert_allclose(split.motors(Vec(x)), matrix @ x, rtol=1e-12, atol=1e-9)
@@ -43,15 +43,15 @@ def test_the_cable_law_is_the_exponential_one() -> None:
         for delta in (-5e-4, 1e-9, 3e-3, 0.05):
             expected = stiffness * (np.exp(delta) - np.exp(-delta)) + 2 * damping * 0.3
             np.testing.assert_allclose(
-                drives.tension(stiffness, damping, delta, 0.3), expected, rtol=1e-7
+                drives.cable_tension(stiffness, damping, delta, 0.3), expected, rtol=1e-7
             )
             resting = arm * stiffness * (np.exp(delta) - np.exp(-delta))
             found = drives.resting_stretch(arm, stiffness, jnp.float64(resting))
             np.testing.assert_allclose(found, delta / arm, rtol=1e-5)
 
         # implicit damping = damping plus the spring's slope over the step
-        linear, dt, bit = drives.linearise(arm, stiffness, damping, 0.4, 1e-3), 1e-3, 1e-6
-        further = drives.linearise(arm, stiffness, damping, 0.4 + bit, 1e-3)
+        linear, dt, bit = drives.linearise_cable(arm, stiffness, damping, 0.4, 1e-3), 1e-3, 1e-6
+        further = drives.linearise_cable(arm, stiffness, damping, 0.4 + bit, 1e-3)
         slope = (further.force - linear.force) / bit
         np.testing.assert_allclose(linear.damping, dt * slope + 2 * damping * arm**2, rtol=1e-6)
 

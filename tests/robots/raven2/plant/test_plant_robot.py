@@ -40,7 +40,7 @@ def test_encoders_links_and_control_software_agree_at_rest(arm, software, jpos0)
         one = setup(arm, software=software)
         params = weightless(robot.params(one, arm))
         state = robot.init(one, arm, params, jpos0)
-        out = robot.observe(one, arm, params, state)
+        out = robot.observe_robot(one, arm, params, state)
         signs = np.array(transmission.encoder_signs(arm, "r_grasper", software))
         measured = signs * np.array(out.enc_val) * RAD_PER_COUNT
         expected = np.array(
@@ -190,7 +190,7 @@ def test_the_motor_angle_keeps_tiny_increments() -> None:
     """0.01 rad/s at 900 rad for 10 s in float32: plain accumulation would not move at all."""
 
     def creep(angle, _):
-        return drives.advance(angle, jnp.float32(1e-5)), None
+        return drives.advance_angle(angle, jnp.float32(1e-5)), None
 
     start = drives.at_angle(jnp.float32(899.6370423253))
     end, _ = jax.jit(lambda angle: jax.lax.scan(creep, angle, None, length=10_000))(start)

@@ -25,7 +25,7 @@ from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.plant import robot
-from ravenjax.robots.raven2.plant.coupling import coupling
+from ravenjax.robots.raven2.plant.coupling import arm_coupling
 
 
 def params(name: str = "power_consistent") -> robot.PlantParams:
@@ -59,7 +59,7 @@ def test_a_load_on_the_joint_is_balanced_by_its_torque_through_the_gear() -> Non
         sign = transmission.tau_signs("gold", "r_grasper", "raven2")[joint]
         shaft = int(sign) * counts * TORQUE_PER_COUNT / transmission.GEARBOX[joint]
         pull = Vec.full(N, 0.0).replace(joint, -shaft)
-        load = coupling("gold", "r_grasper", "raven2").loads(pull)
+        load = arm_coupling("gold", "r_grasper", "raven2").loads(pull)
         command = constant([0, counts, 0, 0, 0, 0, 0], 400)
         _, balanced = simulate(setup(), command, free, external_torque=load)
         _, unbalanced = simulate(setup(), command, free)

@@ -32,7 +32,7 @@ def same_bits(kind: RecordKind, one: np.ndarray | bytes, other: np.ndarray | byt
     """Whether two rows hold the same numbers; a NaN is a NaN whatever its bits."""
     if bytes(one) == bytes(other):
         return True
-    a, b = (transition.read(kind.layout, row) for row in (one, other))
+    a, b = (transition.read_row(kind.layout, row) for row in (one, other))
     return all(
         x.hex() == y.hex() or x != x != y != y if isinstance(x, float) else _single(x, y)
         for x, y in zip(a, b, strict=True)

@@ -127,7 +127,7 @@ def test_poses_are_cut_to_micrometres_and_opening_to_milliradians_in_float32():
             (15 * oracle.DEG, 60 * oracle.DEG, 0.30, -40 * oracle.DEG, 20 * oracle.DEG, 0.3, 0.7),
         )
     )
-    pose = cartesian_control.measure(SETUP, "gold", jpos)
+    pose = cartesian_control.measure_pose(SETUP, "gold", jpos)
     assert [int(x) for x in pose.position_um] == [-176273, 21667, -40995]
     sums = [
         (float32(a / 1000), float32(b / 1000)) for a in range(0, 900, 7) for b in range(0, 900, 7)
@@ -135,7 +135,7 @@ def test_poses_are_cut_to_micrometres_and_opening_to_milliradians_in_float32():
     cut = [int(float32((a + b) * float32(1000))) for a, b in sums]
     in_double = [int((float(a) + float(b)) * 1000) for a, b in sums]
     place = next(i for i in range(len(sums)) if cut[i] != in_double[i])
-    pose = cartesian_control.measure(
+    pose = cartesian_control.measure_pose(
         SETUP, "gold", jpos.replace(5, sums[place][0]).replace(6, sums[place][1])
     )
     assert int(pose.grasp_mrad) == cut[place]

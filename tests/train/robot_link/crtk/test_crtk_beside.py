@@ -20,7 +20,7 @@ class Transport:
     """What a robot tells, as its bytes would bring it."""
 
     def __init__(self, ros):
-        self.ros, self.types, self.arrivals, self.sent = ros, messages.types(ros), [], []
+        self.ros, self.types, self.arrivals, self.sent = ros, messages.message_types(ros), [], []
 
     def poll(self):
         if self.arrivals is None:

@@ -217,7 +217,7 @@ def test_a_peer_that_stops_leaves_the_pedal_up(ros, robot, end):
 
 def recorded(folder):
     """Events and columns of a session."""
-    found = session_log.read(folder / session_log.FILE)
+    found = session_log.read_session_log(folder / session_log.FILE)
     return found.events, dict(zip(found.names, np.asarray(found.rows).T, strict=True))
 
 

@@ -172,10 +172,10 @@ def test_a_pedal_is_held_by_somebody_or_comes_up():
 
 @pytest.mark.parametrize("ros", ["ros1", "ros2"])
 def test_every_message_comes_back_from_its_bytes(ros):
-    types = messages.types(ros)
+    types = messages.message_types(ros)
     interpreter = Interpreter(BOTH, TOOLS, types)
     row = robot_row()
-    published = messages.published(BOTH, ros)
+    published = messages.published_topics(BOTH, ros)
     interpreter.observe(row, True, row.clock_ns * 1e-6)
     told = [*interpreter.readings(row), *interpreter.states(row.stamp_ns)]
     assert {name for name, _ in told} == set(published)
@@ -221,7 +221,7 @@ def robot_row(runlevel=2, taken=0):
 def test_readings_are_the_kinematics_and_their_derivative(arm):
     row, base = robot_row(), motion.BASE[arm]
     row.frame[f"{arm}/mvel"] = np.random.default_rng(3).normal(size=7)
-    told = dict(Interpreter(BOTH, TOOLS, messages.types("ros2")).readings(row))
+    told = dict(Interpreter(BOTH, TOOLS, messages.message_types("ros2")).readings(row))
     joints = told[f"{messages.ARM_NAMES[arm]}/measured_js"]
     twist = told[f"{messages.ARM_NAMES[arm]}/measured_cv"].twist
     h = 1e-6
@@ -241,12 +241,12 @@ DOCUMENTED = {"gold": lambda x, y, z: (-y, -z, x), "green": lambda x, y, z: (y, 
 
 @pytest.mark.parametrize("ros", ["ros1", "ros2"])
 def test_the_force_on_the_environment_is_told_against_the_one_that_is_felt(ros):
-    types, row = messages.types(ros), robot_row()
+    types, row = messages.message_types(ros), robot_row()
     felt = {"gold": (0.5, -1.25, 2.0), "green": (0.0, 3.0, -0.75)}
     for arm, force in felt.items():
         row.frame[f"{arm}/contact"] = force
     told = dict(Interpreter(BOTH, TOOLS, types, contact=True).readings(row))
-    offered = messages.published(BOTH, ros, contact=True)
+    offered = messages.published_topics(BOTH, ros, contact=True)
     assert set(told) == {name for name in offered if not name.endswith("operating_state")}
     for arm, name in messages.ARM_NAMES.items():
         content = types.encode(told[f"{name}/measured_cf"])
@@ -261,7 +261,7 @@ def test_the_force_on_the_environment_is_told_against_the_one_that_is_felt(ros):
 
 
 def test_a_servo_command_becomes_increments_that_add_up():
-    types = messages.types("ros2")
+    types = messages.message_types("ros2")
     interpreter = Interpreter(BOTH, TOOLS, types)
     row = robot_row(2)
     ms = row.clock_ns * 1e-6
