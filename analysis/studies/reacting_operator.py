@@ -22,7 +22,7 @@ from ravenjax.report import wording
 from ravenjax.report.data import draws
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.sections import reaction as reactions
-from ravenjax.report.sections.reaction import EXCURSION, Pairs
+from ravenjax.report.sections.reaction import EXCURSION
 from ravenjax.stats import latency
 from ravenjax.stats.alarms.false_alarms import AlarmRate, alarm_rate
 from ravenjax.stats.bootstrap import units
@@ -62,7 +62,6 @@ class Measure(NamedTuple):
     hits: Callable[
         [pd.DataFrame, pd.DataFrame], np.ndarray
     ]  # maps (result table, its facts) to bool [runs]
-    fair: tuple[int, ...]  # actions for which it means the same as without one
 
 
 def excursion(size_mm: float) -> Measure:
@@ -70,7 +69,6 @@ def excursion(size_mm: float) -> Measure:
     return Measure(
         f"unintended motion of more than {size_mm:g} mm, live or not",
         lambda frame, facts: (frame[EXCURSION] > size_mm).to_numpy(),
-        (RELEASE, CORRECT),
     )
 
 
@@ -83,13 +81,12 @@ def live(size_mm: float) -> Measure:
         here, golden = frame["peak_live_deviation_mm"], frame["golden_peak_live_deviation_mm"]
         return ((here > size_mm) & ~(golden > size_mm)).to_numpy()
 
-    return Measure(f"off the model by more than {size_mm:g} mm, live", hits, (RELEASE, SLOW))
+    return Measure(f"off the model by more than {size_mm:g} mm, live", hits)
 
 
 INJURY = Measure(
     f"injury-capable motion (jump, unintended motion of {LIMIT_MM:g} mm live or not, or deeper)",
     lambda frame, facts: severity.injury_capable(frame).to_numpy(),
-    (RELEASE, CORRECT),
 )
 
 
@@ -104,6 +101,19 @@ class ReactionRuns(NamedTuple):
     def where(self, chosen: np.ndarray) -> ReactionRuns:
         """Return the runs that `chosen` selects (bool [runs])."""
         return self._replace(frame=self.frame.loc[chosen], facts=self.facts.loc[chosen])
+
+
+class Pairs(NamedTuple):
+    """Each run with an action beside the run in which nobody reacts: result tables and facts."""
+
+    with_facts: pd.DataFrame
+    without_facts: pd.DataFrame
+    with_frame: pd.DataFrame
+    without_frame: pd.DataFrame
+
+    def where(self, chosen: np.ndarray) -> Pairs:
+        """Return the pairs that `chosen` marks (bool [pairs])."""
+        return Pairs(*(side.loc[chosen] for side in self))
 
 
 class Contrast(NamedTuple):
@@ -140,7 +150,10 @@ def read(path: Path) -> ReactionRuns:
 
 def paired(runs: ReactionRuns, action: int) -> Pairs:
     """Return every fault that changed a bit if nobody reacts, with this action and without one."""
-    every = reactions.paired_runs(runs.frame, runs.facts, action)
+    frame, facts = runs.frame, runs.facts
+    joined = frame.drop(columns=frame.columns.intersection(facts.columns)).join(facts)
+    sides = [side.index for side in reactions.paired_runs(joined, action)]
+    every = Pairs(*(facts.loc[side] for side in sides), *(frame.loc[side] for side in sides))
     return every.where(every.without_facts["activated"].to_numpy())
 
 

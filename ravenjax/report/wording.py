@@ -217,21 +217,18 @@ def _magnitude(robot: Robot, site: str, channel: str, effect: str, value: float)
 
 
 FILTERS = {
-    word.__name__: word
-    for word in (
-        format_count,
-        count_noun,
-        format_number,
-        format_hours,
-        format_percent,
-        format_interval,
-        format_estimate,
-        format_bounds,
-        format_hundredths,
-        format_points,
-        signed_points,
-        point_bounds,
-    )
+    "count": format_count,
+    "many": count_noun,
+    "number": format_number,
+    "hours": format_hours,
+    "percent": format_percent,
+    "interval": format_interval,
+    "estimate": format_estimate,
+    "bounds": format_bounds,
+    "hundredths": format_hundredths,
+    "points": format_points,
+    "signed_points": signed_points,
+    "point_bounds": point_bounds,
 }
 """The functions of this module that templates use as filters."""
 

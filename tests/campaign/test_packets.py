@@ -143,7 +143,7 @@ def test_what_is_no_distribution_is_refused(value, words):
         ),
         (
             {"parameters": {"network.packets": 3}},
-            "which is the shares in campaign.packets, but there are none",
+            "which means the shares in campaign.packets: write them there",
         ),
     ],
 )

@@ -13,5 +13,5 @@ def test_a_campaign_with_noise_is_refused_before_anything_is_written(capsys, tmp
     )
     page = tmp_path / "page.html"
     assert main(["explore", str(file), "-o", str(page)]) == 2
-    assert "drawn anew in each run" in capsys.readouterr().err
+    assert "drawn again in each run" in capsys.readouterr().err
     assert not page.exists()

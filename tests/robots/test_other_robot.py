@@ -175,7 +175,7 @@ def test_results_are_reported_verified_and_traced(file, tmp_path, capsys):
     out = tmp_path / "result"
     assert main(["run", str(file), "--out", str(out), "--engine", "simd"]) == 0
     page = words(Page((out / "report.html").read_text()))
-    assert "planar" in page and "torque_limit" in page and "s in live motion together" in page
+    assert "planar" in page and "torque_limit" in page and "s in live motion in total" in page
     assert not re.findall(r"(?i)pedal|tissue|e-stop|surgeon|raven-|\b(?:gold|green)\b", page)
     assert main(["verify", str(out)]) == 0
     capsys.readouterr()

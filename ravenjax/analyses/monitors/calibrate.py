@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from ravenjax import interruption
+from ravenjax import consent, interruption
 from ravenjax.analyses.monitors import calibration, code, score_folder, writing
 from ravenjax.analyses.monitors.calibration import Calibrated
 from ravenjax.analyses.monitors.monitor import WHOLE, Segments, split_scores
@@ -109,9 +109,10 @@ def operate_units(
     """Return the operations of `units` operators. Computes those that are missing in `out`."""
     folder = out / FOLDER
     score_folder.open_folder(folder, describe_design(config, design, wanted, segments))
-    measured = with_measuring_detectors(config, wanted, segments, folder / "detectors")
     if missing := score_folder.list_missing(folder, units):
-        with interruption.held_back():
+        place = folder / "detectors"
+        with consent.given_for(place), interruption.held_back():
+            measured = with_measuring_detectors(config, wanted, segments, place)
             for operator in OperationRunner(measured, design, engine).compute(missing):
                 score_folder.add_scores(folder, operator)
                 on_operator(operator.operator + 1, units)

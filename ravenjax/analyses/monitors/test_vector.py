@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ravenjax import consent
 from ravenjax.analyses.monitors import code
 from ravenjax.analyses.monitors.monitor import Monitor, list_reads
 from ravenjax.campaign import compile_cache, plan
@@ -47,7 +48,7 @@ def compute_test_vector(
             " vector: expected a robot whose part `campaign` has `watched`, as raven2"
         )
     compile_cache.enable_cache()
-    with TemporaryDirectory() as folder:
+    with TemporaryDirectory() as folder, consent.given_for(Path(folder)):
         file = Path(folder) / "monitor.py"
         text = code.write_part(monitor.terms, monitor.segments, monitor.scales, records=True)
         file.write_text(text, encoding="utf-8")

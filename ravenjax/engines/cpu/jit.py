@@ -20,7 +20,7 @@ _OPTIMISATION = 1
 _OPTIONS = ("-pre-RA-sched=source", "-enable-misched=false")
 """Options of the whole process that keep operations in the order of `schedule`."""
 
-_FUSED = frozenset(("fma", "neon", "fp-armv8"))
+FUSED = frozenset(("fma", "neon", "fp-armv8"))
 """CPU features that provide a fused multiply-add."""
 
 
@@ -55,7 +55,7 @@ def host_target() -> Host:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     features = frozenset(name for name, there in llvm.get_host_cpu_features().items() if there)
-    if not features & _FUSED:
+    if not features & FUSED:
         raise UserError(
             f"CPU {llvm.get_host_cpu_name()} has no fused multiply-add, so its results would differ"
             " from those of other machines: expected x86-64-v3 (Intel or AMD since 2013) or"

@@ -2,9 +2,9 @@
 lanes.
 
 `Place`s give the locations of numbers in memory. Every float operation is printed as it is. LLVM
-may neither fuse nor reassociate, so that all widths and CPUs give the same bits. A program that was
-lowered with functions of the C library calls them, one lane wide. They are the same functions of
-this process that Python's `math` calls.
+may neither fuse nor reassociate, so that all widths and CPUs give the same bits. The exception is
+WebAssembly, where `fma` rounds twice. A program that was lowered with functions of the C library
+calls them, one lane wide. They are the same functions of this process that Python's `math` calls.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ravenjax.engines.cpu.jit import FUSED
 from ravenjax.engines.cpu.memory import Place, stored_size
 from ravenjax.engines.printing import Printing
 from ravenjax.ir import elementary
@@ -213,6 +214,10 @@ class LlvmPrinter(Printing[Place]):
                 return self.op(f"fdiv {wide} {', '.join(x)}")
             case "div" | "rem" if not real and stored_size(dtype) == 4:
                 return self._divided(name, dtype, x)
+            case "fma" if not self.features & FUSED:
+                # WebAssembly has no fused multiply-add.
+                product = self.op(f"fmul {wide} {x[0]}, {x[1]}")
+                return self.op(f"fadd {wide} {product}, {x[2]}")
             case "fma":
                 return self.intrinsic("fma", dtype, *x)
             case "neg":

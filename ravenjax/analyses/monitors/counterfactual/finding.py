@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from ravenjax import consent
 from ravenjax.analyses.monitors import scores
 from ravenjax.analyses.monitors.counterfactual import candidates, hazards, motions
 from ravenjax.analyses.monitors.counterfactual.candidates import (
@@ -118,7 +119,10 @@ def find_checks(
     motions.require_rate(question.false_alarms_per_hour, course)
     # A motion is one lane, which a processor core runs faster than a GPU.
     alone = "simd" if engine in ("auto", "cuda") else engine
-    with tempfile.TemporaryDirectory(prefix="ravenjax_candidates_") as name:
+    with (
+        tempfile.TemporaryDirectory(prefix="ravenjax_candidates_") as name,
+        consent.given_for(Path(name)),
+    ):
         folder = Path(name)
         for part in ("singles", "scaled"):
             (folder / part).mkdir()

@@ -12,13 +12,13 @@ from typing import Any
 _HOMES = {
     "Config": ("campaign.config", "RavenConfig"),
     "Params": ("loop.records", "TickParams"),
-    "bases": ("campaign.trace", "bases"),
-    "clocks": ("campaign.pedal", "clocks"),
-    "explained": ("campaign.observers", "explained"),
-    "phases": ("campaign.operation", "phases"),
-    "prepare": ("campaign.program", "prepare"),
-    "series": ("campaign.trace", "series"),
-    "watched": ("campaign.observers", "watched"),
+    "bases": ("campaign.trace", "arm_bases"),
+    "clocks": ("campaign.pedal", "trigger_clocks"),
+    "explained": ("campaign.observers", "explain_program"),
+    "phases": ("campaign.operation", "phase_intervals"),
+    "prepare": ("campaign.program", "prepare_campaign"),
+    "series": ("campaign.trace", "trace_series"),
+    "watched": ("campaign.observers", "watch_signals"),
 }
 
 
