@@ -108,6 +108,7 @@ def test_faults_as_json(command_line):
     assert told["site"][0]["is"].startswith("L7: ") and told["channels"][0]["number"] == "int16"
     assert {one["effect"] for one in told["effects"]} == set(EFFECTS) - {
         "drop",
+        "lose",
         "duplicate",
         "delay",
     }
