@@ -29,8 +29,6 @@ WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding=
 """Names of sites, effects and units that a reader understands without the manual."""
 UNASKED = ("periodic", "random", "lose")
 """Effects without a control on the page. Random numbers depend on the row."""
-WIDER = 5.0
-"""Factor by which a value's range on the page exceeds the range of the channel without a fault."""
 
 
 def describe_campaign(config: CampaignConfig) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import pytest
 
 from ravenjax.analyses.search.file import loading
 from ravenjax.analyses.search.file.template import Template
+from ravenjax.bundled import resources
 from ravenjax.errors import UserError
 
 FILE = """
@@ -117,7 +118,7 @@ def test_other_kinds_are_checked(search, told):
 
 
 def test_bundled_files_are_valid():
-    found = loading.bundled_searches()
+    found = resources.list_resources(loading.FOLDER, "*.toml")
     assert len(found) >= 4
     for path in found:
         config = loading.load_search(path)

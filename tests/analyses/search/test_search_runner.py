@@ -12,6 +12,7 @@ import pytest
 from ravenjax.analyses.search import journal, output, runner
 from ravenjax.analyses.search.boundary import bisection
 from ravenjax.analyses.search.file import loading
+from ravenjax.bundled import resources
 from ravenjax.errors import UserError
 from ravenjax.store import folder
 from ravenjax.store.files import json_values
@@ -181,7 +182,9 @@ def test_a_rare_event_agrees_with_plain_monte_carlo(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("path", loading.bundled_searches(), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path", resources.list_resources(loading.FOLDER, "*.toml"), ids=lambda path: path.stem
+)
 def test_bundled_searches_run(path, tmp_path):
     record, rows, _ = (runner.run_search(path, tmp_path), *files(tmp_path)[1:])
     assert record.record["runs"] == len(rows)

@@ -14,7 +14,6 @@ from pydantic import ValidationError
 
 from ravenjax.analyses.search.file import template
 from ravenjax.analyses.search.file.config import KINDS, Search, SearchConfig
-from ravenjax.bundled import resources
 from ravenjax.campaign import loading
 from ravenjax.campaign.file import location, overriding
 from ravenjax.campaign.file.location import Complaint
@@ -30,11 +29,6 @@ def load_search(path: str | Path, overrides: Sequence[str] = ()) -> SearchConfig
     file = location.find_campaign_file(path, FOLDER, "search")
     raw, text = location.read_toml(file)
     return from_dict(raw, source=file, text=text, overrides=overrides)
-
-
-def bundled_searches() -> list[Path]:
-    """Return the bundled search files."""
-    return resources.list_resources(FOLDER, f"*{location.SUFFIX}")
 
 
 def from_dict(

@@ -23,13 +23,6 @@ NOMINAL_SCALE = 0.1
 ARM_COLUMNS = ("x_um", "y_um", "z_um", "qx", "qy", "qz", "qw", "grasp_mrad")
 """Columns of one arm in the engine's table."""
 
-PEDAL_COLUMN = "surgeon_mode"
-
-
-def motion_columns(arms: tuple[ArmName, ...]) -> tuple[str, ...]:
-    """Return the names of the columns of `Motion.table`: eight per arm, then the pedal."""
-    return (*(f"{arm}_{column}" for arm in arms for column in ARM_COLUMNS), PEDAL_COLUMN)
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Motion:
