@@ -8,9 +8,9 @@
 
 Parameters are a dict of path -> number, faults a record of numbers. Both are pytrees.
 `Model.params` and `Model.faults` hold those of all runs of the campaign, each leaf [runs], so
-`jax.vmap` computes the campaign. Parts of a Raven-II also work alone: `nominal` (`init`, `step` and
-`track`), `control` (`init` and `cycle`) and `inject`. They take `Model.setup` and the parts of
-`Model.record`.
+`jax.vmap` computes the campaign. Parts of a Raven-II also work alone: `nominal` (`init`, `step`,
+`track_target`), `control` (`init`, `control_cycle`) and `inject`. They take `Model.setup` and the
+parts of `Model.record`.
 
 Encoder counts and DAC commands are whole numbers, whose derivative is 0 in JAX. So a derivative is
 exact for the nominal model and for what follows the DAC within a tick. It does not pass through the

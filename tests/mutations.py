@@ -17,10 +17,10 @@ from ravenjax.bundled import resources
 from ravenjax.campaign import loading as campaigns
 from ravenjax.train.scenario import loading as scenarios
 
-KINDS: dict[str, tuple[str, Any]] = {
-    "campaign": ("campaigns", campaigns),
-    "search": (searches.FOLDER, searches),
-    "scenario": (scenarios.FOLDER, scenarios),
+KINDS: dict[str, tuple[str, Any, Any]] = {
+    "campaign": ("campaigns", campaigns, campaigns.load_campaign),
+    "search": (searches.FOLDER, searches, searches.load_search),
+    "scenario": (scenarios.FOLDER, scenarios, scenarios.load_scenario),
 }
 """What is mutated: the folder of its bundled files, and what reads them."""
 
@@ -82,12 +82,12 @@ class Mutant(NamedTuple):
 
     def read(self, folder: Path) -> Any:
         """What is made of it: UserError where it is refused."""
-        module = KINDS[self.kind][1]
+        _, module, load = KINDS[self.kind]
         if not isinstance(self.raw, bytes):
             return module.from_dict(self.raw, overrides=self.overrides)
         path = folder / f"{self.kind}.toml"
         path.write_bytes(self.raw)
-        return module.load(path, self.overrides)
+        return load(path, self.overrides)
 
 
 def mutant(number: int) -> Mutant:

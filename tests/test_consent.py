@@ -48,11 +48,11 @@ def place(tmp_path, monkeypatch):
 def test_a_computed_campaign_runs_the_code_in_its_folder_and_later_files_what_ran_before(place):
     campaign = place / "campaign" / "own.toml"
     with pytest.raises(UserError, match=r"part.py: is Python code.*--trust"):
-        loading.load(campaign, runs=False)
+        loading.load_campaign(campaign, runs=False)
     with pytest.raises(UserError, match="is Python code"):
-        loading.load(campaign.with_name("outside.toml"))
+        loading.load_campaign(campaign.with_name("outside.toml"))
     assert not (place / "ran").exists()
-    config = loading.load(campaign)
+    config = loading.load_campaign(campaign)
     assert (place / "ran").read_text() == "part beside "
     own_part._KNOWN.clear()
     assert loading.validate_tables(config.model_dump(mode="json")).detectors
@@ -64,14 +64,14 @@ def test_a_computed_campaign_runs_the_code_in_its_folder_and_later_files_what_ra
 
 def test_trust_lets_any_code_run(place, monkeypatch):
     monkeypatch.setenv(consent.VARIABLE, "1")
-    loading.load(place / "campaign" / "outside.toml", runs=False)
+    loading.load_campaign(place / "campaign" / "outside.toml", runs=False)
     assert (place / "ran").exists()
 
 
 def test_code_of_another_user_is_not_the_users_own(place, monkeypatch):
     monkeypatch.setattr(consent, "OWNERS", (os.geteuid() + 1,))
     with pytest.raises(UserError, match="of another user"):
-        loading.load(place / "campaign" / "own.toml")
+        loading.load_campaign(place / "campaign" / "own.toml")
 
 
 def test_a_result_imports_no_module_as_its_robot(tmp_path, monkeypatch):

@@ -27,12 +27,12 @@ SHIFT = "parameters.plant.friction_scale=4"
 def campaign(name: str) -> CampaignConfig:
     """Return the campaign of a pool."""
     if name == "one":
-        config = loading.load("drawn_robots", ["campaign.kinematic_errors=none"])
+        config = loading.load_campaign("drawn_robots", ["campaign.kinematic_errors=none"])
         kept = {
             path: value for path, value in config.parameters.items() if path == "operator.scale"
         }
         return config.model_copy(update={"parameters": kept})
-    return loading.load("drawn_robots", [SHIFT] if name == "shifted" else [])
+    return loading.load_campaign("drawn_robots", [SHIFT] if name == "shifted" else [])
 
 
 def main() -> None:

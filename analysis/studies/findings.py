@@ -42,7 +42,7 @@ def reproduce(
     """
     folder = out / study.name
     configs = {
-        variant.name: loading.load(variant.campaign, variant.overrides)
+        variant.name: loading.load_campaign(variant.campaign, variant.overrides)
         for variant in study.variants
     }
     if len(configs) < len(study.variants):

@@ -43,9 +43,6 @@ def load_campaign(
         return _from_dict(raw, file, text, overrides)
 
 
-load = load_campaign
-
-
 def load_source(source: str | Path, overrides: Sequence[str] = ()) -> CampaignConfig:
     """Return the campaign of a file, a bundled one, or a result folder, which takes no overrides.
 

@@ -23,7 +23,8 @@ def campaigns(*, as_json: AsJson = False) -> None:
     from ravenjax.train import scenario
 
     files = [
-        (path.name, loading.load(path)) for path in resources.list_resources("campaigns", "*.toml")
+        (path.name, loading.load_campaign(path))
+        for path in resources.list_resources("campaigns", "*.toml")
     ]
     templates = [
         (path.name, searches.load_search(path))
@@ -204,7 +205,7 @@ def parameters(
 
     plain = {"campaign": {"name": "plain"}, "group": [{"name": "plain"}]}
     config = (
-        loading.load(file, overrides or (), runs=False)
+        loading.load_campaign(file, overrides or (), runs=False)
         if file is not None
         else loading.from_dict(plain, overrides=overrides or ())
     )

@@ -42,7 +42,7 @@ def check(
     from ravenjax.report import wording
 
     sizes = [] if limit is None else [f"campaign.limit={limit}"]
-    config = loading.load(file, [*(overrides or ()), *sizes], runs=False)
+    config = loading.load_campaign(file, [*(overrides or ()), *sizes], runs=False)
     view, sample = preview_campaign(config, out or Path("results") / config.campaign.name, engine)
     view["sample"] = [
         {

@@ -133,7 +133,7 @@ def _campaigns_load() -> str:
 
     files = resources.list_resources("campaigns", "*.toml")
     for path in files:
-        loading.load(path)
+        loading.load_campaign(path)
     return f"{len(files)} bundled campaigns are valid"
 
 

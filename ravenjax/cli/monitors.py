@@ -76,7 +76,7 @@ def calibrate(
     from ravenjax.analyses.monitors import calibrate as calibration
     from ravenjax.campaign import loading
 
-    config = loading.load(file, overrides or ())
+    config = loading.load_campaign(file, overrides or ())
     request = calibration.Request(
         config,
         signals or (),
@@ -208,7 +208,7 @@ def signals(
     from ravenjax.campaign import loading
 
     robot = (
-        loading.load(file, runs=False).robot
+        loading.load_campaign(file, runs=False).robot
         if file is not None
         else robots.find_robot(robots.DEFAULT)
     )

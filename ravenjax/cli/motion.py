@@ -95,14 +95,14 @@ def _config(
         }
         whole = not any(text.startswith("campaign.duration_s") for text in overrides)
         return of_raven(loading.from_dict(raw, overrides=overrides)), whole
-    base = of_raven(loading.load(campaign))
+    base = of_raven(loading.load_campaign(campaign))
     replaced = [f"operator.file={file.absolute()}"]
     # The options of the generated motion are then dropped.
     if base.operator.file is None:
         replaced = ["operator={}", f"operator.scale={base.operator.scale}", *replaced]
     if arms:
         replaced.append(f"campaign.arms={arms}")
-    return of_raven(loading.load(campaign, [*replaced, *overrides])), False
+    return of_raven(loading.load_campaign(campaign, [*replaced, *overrides])), False
 
 
 def _table(summary: MotionSummary, to: Console) -> None:

@@ -77,7 +77,7 @@ def run(
     ]
     share = shards.parse_shard(shard) if shard is not None else None
     who = choose_executor(executor, workers, ray_address)
-    config = loading.load(file, changes)
+    config = loading.load_campaign(file, changes)
     folder = out or Path("results") / config.campaign.name / (
         share.folder if share is not None else ""
     )

@@ -122,10 +122,10 @@ def test_its_code_is_part_of_what_a_folder_holds(tmp_path):
     (tmp_path / "mine.py").write_text(BOARDS)
     own = '[[detector]]\nname = "mine"\nfile = "mine.py"'
     campaign.write_text(f'[campaign]\nname = "x"\nduration_s = 0.2\n{own}\n[[group]]\nname = "a"\n')
-    rj.run(loading.load(campaign), out=tmp_path / "out", engine="simd")
+    rj.run(loading.load_campaign(campaign), out=tmp_path / "out", engine="simd")
     (tmp_path / "mine.py").write_text(BOARDS.replace("6000.0", "7000.0"))
     with pytest.raises(StoreError, match=r"config\.detector\[0\]\.sha256"):
-        rj.run(loading.load(campaign), out=tmp_path / "out", engine="simd")
+        rj.run(loading.load_campaign(campaign), out=tmp_path / "out", engine="simd")
     verified = verification.verify_folder(tmp_path / "out", 1)
     assert not verified.fine and "has changed since" in verified.checks[-1].problems[0]
 

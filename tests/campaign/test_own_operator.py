@@ -257,9 +257,9 @@ def test_a_campaign_with_one_is_verified_and_alike_in_python(tmp_path):
         ' "mine.py"\n[[group]]\nname = "a"\n[[group.fault]]\nsite = "packet"\nchannel = "delx"\narm'
         ' = "gold"\neffect = "offset"\nvalue = [20, 40]\nstart_ms = 550\nduration_ms = 150\n'
     )
-    rj.run(loading.load(campaign), out=tmp_path / "out", engine="simd")
+    rj.run(loading.load_campaign(campaign), out=tmp_path / "out", engine="simd")
     assert verification.verify_folder(tmp_path / "out", 1).fine
-    config = loading.load(campaign)
+    config = loading.load_campaign(campaign)
     assert re.match(
         r"suture, generated; .*mine\.py has the hands; scale 0\.1", dict(config.lines())["operator"]
     )
@@ -270,7 +270,7 @@ def test_a_campaign_with_one_is_verified_and_alike_in_python(tmp_path):
         group=[rj.Group(name="a", fault=[rj.Fault(**FAULT, duration_ms=150)])],
     )
     (tmp_path / "again.toml").write_text(declared.to_toml())
-    for again in (declared.config, loading.load(tmp_path / "again.toml")):
+    for again in (declared.config, loading.load_campaign(tmp_path / "again.toml")):
         assert again.model_dump() == config.model_dump()
     (tmp_path / "mine.py").write_text(HEAD + TIRED)
     assert not verification.verify_folder(tmp_path / "out", 1).fine

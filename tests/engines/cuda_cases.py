@@ -60,7 +60,9 @@ SOURCE = PRELUDE + "".join(printed(k, program) for k, (_, program, _) in enumera
 
 def cut(ticks: int) -> plan.Plan:
     """A plan of every fault site, cut to its first ticks."""
-    ready = plan.make_plan(loading.load(resources.find_resource("campaigns", "quick.toml")))
+    ready = plan.make_plan(
+        loading.load_campaign(resources.find_resource("campaigns", "quick.toml"))
+    )
     columns = tuple(column[:ticks] for column in ready.columns)
     return replace(ready, program=replace(ready.program, ticks=ticks), columns=columns)
 

@@ -151,7 +151,7 @@ hazards = ["C09", "L7"]
 start_ms = START
 """
     file.write_text(text.replace("START", "900"))
-    found = loading.load(file)
+    found = loading.load_campaign(file)
     assert found.group[0].name == "free" and {
         g.name.partition("/")[0] for g in found.group[1:]
     } == {"some"}
@@ -160,10 +160,10 @@ start_ms = START
     )
     file.write_text(text.replace("START", "-900"))
     with pytest.raises(UserError, match=rf"{file}:1\d: group.1..*start_ms"):
-        loading.load(file)
+        loading.load_campaign(file)
     file.write_text(text.replace('"C09"', '"C9"').replace("START", "900"))
     with pytest.raises(UserError, match=rf"{file}:14: group.1..hazards.*C9"):
-        loading.load(file)
+        loading.load_campaign(file)
 
 
 @pytest.mark.parametrize(

@@ -186,9 +186,9 @@ WITHOUT_LOCKS = (
     "import time\n"
     "from ravenjax.cli import main\n"
     "from ravenjax.store import parts\n"
-    "put = parts.put\n"
+    "put = parts.put_part\n"
     "def slowly(*some): time.sleep(0.05); return put(*some)\n"
-    "parts.put = slowly\n"
+    "parts.put_part = slowly\n"
     "sys.exit(main(sys.argv[1:]))"
 )
 """The command line on a file system that offers no locks, as one does that has lost them, and that

@@ -29,7 +29,7 @@ def test_a_bundled_campaign_goes_through_python_and_back(file):
     text = campaign.to_toml()
     assert (
         plain(loading.from_dict(tomllib.loads(text)))
-        == plain(loading.load(file))
+        == plain(loading.load_campaign(file))
         == plain(campaign.config)
     )
     assert (

@@ -198,7 +198,7 @@ def test_parameters_travel_to_a_process_that_has_no_files(tmp_path):
     shutil.rmtree(tmp_path)
     code = (
         "import pickle, sys; from ravenjax.parts import part; sources, own ="
-        " pickle.load(sys.stdin.buffer); mine = part.loaded(sources[0]);"
+        " pickle.load(sys.stdin.buffer); mine = part.load_part(sources[0]);"
         " memory = mine.init(own.mine, 'float32');"
         " score = mine.step(own.mine, memory, 0.0, 'float32', score=part.SCORE)[1];"
         " print(own.mine.most, score * 0, own._fields)"

@@ -12,18 +12,18 @@ from ravenjax.report.data import draws
 
 def groups(campaign):
     """Of a bundled campaign, by what its manifest would hold."""
-    return draws.drawn_groups(json.loads(json.dumps(loading.load(campaign).model_dump())))
+    return draws.drawn_groups(json.loads(json.dumps(loading.load_campaign(campaign).model_dump())))
 
 
 def test_a_group_draws_its_faults_or_enumerates_them():
-    config = loading.load("quick.toml")
+    config = loading.load_campaign("quick.toml")
     drawn = groups("quick.toml")
     by_name = {group.name: group for group in config.group}
     assert {"dac_unchecked", "packet_offset"} <= drawn
     assert "console_scale" not in drawn and by_name["console_scale"].design == "grid"
     assert "fault_free" not in drawn  # nothing that strikes
     assert groups("uncertain_robot.toml") == {
-        group.name for group in loading.load("uncertain_robot.toml").group if group.fault
+        group.name for group in loading.load_campaign("uncertain_robot.toml").group if group.fault
     }  # listed values, picked at random
 
 

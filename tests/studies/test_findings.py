@@ -82,7 +82,7 @@ def test_every_variant_of_a_study_is_a_campaign_of_its_own(name):
     assert len({variant.name for variant in variants}) == len(variants)
     for variant in variants:
         if not variant.name.startswith("recorded"):
-            loading.load(variant.campaign, variant.overrides)
+            loading.load_campaign(variant.campaign, variant.overrides)
 
 
 def test_a_study_without_campaigns_is_compared_and_written_and_kept(tmp_path):

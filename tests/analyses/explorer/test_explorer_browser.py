@@ -60,7 +60,9 @@ duration_ms = [16, 64]
 def place(tmp_path_factory):
     folder = tmp_path_factory.mktemp("explored")
     (folder / "small.toml").write_text(FILE)
-    adaptive.run_adaptively(loading.load(folder / "small.toml"), folder / "results", "simd")
+    adaptive.run_adaptively(
+        loading.load_campaign(folder / "small.toml"), folder / "results", "simd"
+    )
     return page.build_page(folder / "results", folder / "page.html")
 
 

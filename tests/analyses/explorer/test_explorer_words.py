@@ -17,7 +17,7 @@ STUCK = {"site": "usb_out", "channel": "elbow", "effect": "stuck", "start_ms": 9
 
 
 def test_the_file_that_commands_begin_with_says_what_the_campaign_says():
-    config = loading.load("quick")
+    config = loading.load_campaign("quick")
     told = words.describe_campaign(config)
     raw = tomllib.loads(told["toml"])
     again = validate_tables(

@@ -23,7 +23,7 @@ VARIED = {
 
 
 def operations(folder, name, changes, count, seed):
-    config = loading.load("drawn_robots", changes)
+    config = loading.load_campaign("drawn_robots", changes)
     wanted = split_scores(calibrate.choose_candidates(config.robot, calibrate.SIGNALS))
     design = OperationDesign(calibrate.varying_motions(config), ROBOTS, LENGTH_S, seed)
     return calibrate.operate_units(

@@ -44,7 +44,7 @@ import sys
 from pathlib import Path
 from ravenjax.analyses.search import runner
 from ravenjax.analyses.search.file import loading
-runner.run(loading.from_dict({json.dumps(SEARCH)}), Path(sys.argv[1]))
+runner.run_search(loading.from_dict({json.dumps(SEARCH)}), Path(sys.argv[1]))
 """
 KILLS = 10
 

@@ -51,19 +51,21 @@ def write(tmp_path):
 
 def complaint(path, *overrides):
     with pytest.raises(UserError) as error:
-        loading.load(path, overrides)
+        loading.load_campaign(path, overrides)
     return str(error.value)
 
 
 def test_dump_loads_again(write):
     """The manifest keeps the dumped config: it must mean the same campaign."""
-    config = loading.load(write(GOOD), ['group.dac.fault.0.duration_ms={choice = [3, "end"]}'])
+    config = loading.load_campaign(
+        write(GOOD), ['group.dac.fault.0.duration_ms={choice = [3, "end"]}']
+    )
     again = loading.from_dict(config.model_dump(mode="json"))
     assert design.table_columns(again).equals(design.table_columns(config))
 
 
 def test_quick_is_what_the_readme_says():
-    config = loading.load("quick.toml")
+    config = loading.load_campaign("quick.toml")
     table = design.table_columns(config)
     assert (table["fault0_site"] != "").sum() >= 2000 and (table["fault0_site"] == "").sum() >= 10
     assert config.campaign.duration_s == 3.0 and config.campaign.arms == ("gold",)
@@ -166,7 +168,7 @@ def test_a_field_that_is_written_anew_holds_what_it_can(write, site, channel, va
     text = GOOD.replace('"usb_out"', f'"{site}"').replace('["shoulder", "elbow"]', f'"{channel}"')
     message = complaint(write(text.replace("[100, 200]", value)))
     assert what in message and ":22: group[1].fault[0].value" in message
-    assert loading.load(write(text.replace("[100, 200]", "1")))
+    assert loading.load_campaign(write(text.replace("[100, 200]", "1")))
 
 
 def test_one_table_where_several_are_expected(write):
@@ -190,7 +192,7 @@ def test_lists_side_by_side_are_looked_at_pair_by_pair(write):
     text = text.replace('name = "dac"', 'name = "dac"\ndesign = "zip"').replace(
         '"operator.scale" = [0.05, 0.1]', ""
     )
-    config = loading.load(write(text))
+    config = loading.load_campaign(write(text))
     assert len(design.table_columns(config)) == 3
 
 
@@ -228,24 +230,26 @@ def test_missing_file_is_told_in_one_line_with_the_nearest_name(name):
 
 
 def test_bundled_campaigns_need_no_suffix(tmp_path, monkeypatch):
-    assert loading.load("quick") == loading.load("quick.toml")
+    assert loading.load_campaign("quick") == loading.load_campaign("quick.toml")
     monkeypatch.chdir(tmp_path)
     (tmp_path / "quick").mkdir()
-    assert loading.load("quick").campaign.name == "quick", "a folder of that name is no campaign"
+    assert loading.load_campaign("quick").campaign.name == "quick", (
+        "a folder of that name is no campaign"
+    )
     (tmp_path / "mine.toml").write_text(GOOD)
-    assert loading.load("mine").campaign.name == "x"
+    assert loading.load_campaign("mine").campaign.name == "x"
 
 
 def test_a_byte_order_mark_is_skipped(tmp_path):
     path = tmp_path / "c.toml"
     path.write_bytes(b"\xef\xbb\xbf" + GOOD.encode())
-    assert loading.load(path).campaign.name == "x"
+    assert loading.load_campaign(path).campaign.name == "x"
     path.write_bytes(GOOD.encode("utf-16"))
     assert "Expected a TOML file in UTF-8" in complaint(path)
 
 
 def test_unknown_parameters(write):
-    config = loading.load(write(GOOD))
+    config = loading.load_campaign(write(GOOD))
     loading.check_parameters(config, ["plant.friction_scale", "operator.scale"])
     with pytest.raises(UserError) as error:
         loading.check_parameters(config, ["plant.friction_scal", "operator.scale"])
@@ -257,7 +261,7 @@ def test_unknown_parameters(write):
 
 def test_overrides(write):
     path = write(GOOD)
-    config = loading.load(
+    config = loading.load_campaign(
         path,
         [
             "campaign.duration_s=3",

@@ -120,7 +120,7 @@ def test_a_wrong_value_is_located(tmp_path_factory, number, wrong):
     path = tmp_path_factory.mktemp("c", numbered=True) / "c.toml"
     path.write_text("\n".join(rows))
     try:
-        loading.load(path)
+        loading.load_campaign(path)
     except UserError as error:
         for complaint in str(error).splitlines():
             assert complaint.startswith(f"{path}:") and any(word in complaint for word in SAYS), (

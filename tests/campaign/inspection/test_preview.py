@@ -26,7 +26,7 @@ def view_of(config, folder, engine="auto"):
 
 @pytest.mark.parametrize("name", ["quick.toml", "safecomp45.toml"])
 def test_the_numbers_are_those_of_the_fault_table(name, idle, tmp_path):
-    config = loading.load(name)
+    config = loading.load_campaign(name)
     (view, sample), ready = (
         preview.preview_campaign(config, tmp_path / "out"),
         plan.make_plan(config),
@@ -56,8 +56,8 @@ def test_the_numbers_are_those_of_the_fault_table(name, idle, tmp_path):
 
 
 def test_a_limit_asks_for_less_of_the_same(idle, tmp_path):
-    view = view_of(loading.load("quick.toml", ["campaign.limit=64"]), tmp_path)
-    whole = view_of(loading.load("quick.toml"), tmp_path)
+    view = view_of(loading.load_campaign("quick.toml", ["campaign.limit=64"]), tmp_path)
+    whole = view_of(loading.load_campaign("quick.toml"), tmp_path)
     assert (view["runs"], view["runs_asked_for"]) == (2571, 64)
     assert view["expected"]["run_s"] < whole["expected"]["run_s"]
 
@@ -93,7 +93,7 @@ def test_a_folder_that_holds_a_part_says_how_fast_it_was(tmp_path):
     assert basis.endswith("200 of 300 runs left")
     assert "measured at the folder's last start" in basis
     assert view_of(few, tmp_path, "simd")["expected"]["run_s"] == 0.0
-    other = view_of(loading.load("quick.toml"), tmp_path, "simd")
+    other = view_of(loading.load_campaign("quick.toml"), tmp_path, "simd")
     assert other["expected"]["basis"] == preview.BASIS, "another campaign says nothing of this one"
 
 

@@ -57,7 +57,7 @@ def replayer():
 @pytest.mark.slow
 def test_a_second_run_compiles_nothing(replayer, monkeypatch):
     replayer.replay(4)
-    for step in ("traced.trace", "cpu.jit.compile"):
+    for step in ("traced.trace_tick", "cpu.jit.compile_functions"):
         monkeypatch.setattr(f"ravenjax.engines.{step}", None)
     assert replayer.replay(5).row["index"] == 5
 

@@ -42,7 +42,7 @@ import sys
 from pathlib import Path
 from ravenjax.campaign import loading
 from ravenjax.campaign.stop import adaptive
-adaptive.run(loading.from_dict({json.dumps(CAMPAIGN)}), Path(sys.argv[1]))
+adaptive.run_adaptively(loading.from_dict({json.dumps(CAMPAIGN)}), Path(sys.argv[1]))
 """
 
 

@@ -101,7 +101,7 @@ def test_a_limit_and_a_stop_rule_exclude_each_other(tmp_path):
     fault = "".join(f"{key} = {value!r}\n" for key, value in FAULT.items())
     group = f'[[group]]\nname = "g"\n[[group.fault]]\n{fault}value = 1\n'
     path.write_text(f'[campaign]\nname = "x"\n\n[stop]\nhalf_width = 0.1\n\n{group}')
-    assert loading.load(path).stop is not None
+    assert loading.load_campaign(path).stop is not None
     with pytest.raises(
         UserError,
         match=(
@@ -109,7 +109,7 @@ def test_a_limit_and_a_stop_rule_exclude_each_other(tmp_path):
             r" 0.05\]"
         ),
     ):
-        loading.load(path, ["campaign.limit=5"])
+        loading.load_campaign(path, ["campaign.limit=5"])
 
 
 def test_decisions_are_read_back_and_a_damaged_file_is_named(tmp_path):

@@ -18,7 +18,7 @@ from ravenjax.store.access import lock
 HOLD = """
 import sys, time, pathlib
 from ravenjax.store.access import lock
-with lock.held(pathlib.Path(sys.argv[1])):
+with lock.hold_lock(pathlib.Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(60)
 """

@@ -50,5 +50,5 @@ def table(jumps: Mapping[tuple[float, int], int]) -> pd.DataFrame:
 
 def runs_of(jumps: Mapping[tuple[float, int], int], name: str = "made_up") -> VariantRuns:
     """The runs of such a table."""
-    config, frame = loading.load("dsn16_b.toml"), table(jumps)
+    config, frame = loading.load_campaign("dsn16_b.toml"), table(jumps)
     return attacks.runs_of(name, config, frame, attacks.regular(len(frame), config.campaign.ticks))

@@ -20,7 +20,7 @@ ONSETS_A = range(1000, 2000, 50)
 
 
 def test_every_cell_of_scenario_a_displaces_three_axes_alike() -> None:
-    rows = design.table_columns(loading.load("dsn16_a.toml"))
+    rows = design.table_columns(loading.load_campaign("dsn16_a.toml"))
     rows = rows[rows["fault0_site"] != ""]
     for column in ("value", "start_ms", "duration_ms"):
         for slot in (1, 2):
@@ -80,7 +80,9 @@ def smaller(study: Study, overrides: dict[str, tuple[str, ...]], out: Path) -> F
     folders = {}
     for variant in study.variants:
         if variant.name in overrides:
-            config = loading.load(variant.campaign, (*variant.overrides, *overrides[variant.name]))
+            config = loading.load_campaign(
+                variant.campaign, (*variant.overrides, *overrides[variant.name])
+            )
             folders[variant.name] = out / variant.name
             runner.run_campaign(config, folders[variant.name])
     return study.compare(Context(folders))

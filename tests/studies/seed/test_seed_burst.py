@@ -35,7 +35,7 @@ def own(ready, path):
 
 @pytest.fixture(scope="module")
 def ready():
-    return plan.make_plan(loading.load(burst.CAMPAIGN))
+    return plan.make_plan(loading.load_campaign(burst.CAMPAIGN))
 
 
 def test_the_campaign_is_the_published_burst(ready):

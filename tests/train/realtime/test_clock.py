@@ -80,7 +80,7 @@ def now():
     return os.sched_getaffinity(0), os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
 
 before, others = now(), clock.other_cpus()
-with clock.realtime() as granted:
+with clock.use_realtime_priority() as granted:
     print(granted)
     assert len(now()[0]) == 1 and not others & now()[0]
 assert now() == before

@@ -224,7 +224,7 @@ def confirm_checks(
     on_progress: OnProgress | None = None,
 ) -> Confirmation:
     """Run the campaign that `output` wrote, with another seed. Raises UserError."""
-    config = loading.load(file, [f"campaign.seed={seed}"])
+    config = loading.load_campaign(file, [f"campaign.seed={seed}"])
     table = runner.run_campaign(config, None, engine, on_progress=on_progress).frame()
     rules = hazards.campaign_choices(config)
     rows, harm = hazards.evading_faults(table, rules, one.question.groups)

@@ -54,7 +54,7 @@ def forward_numbers(arm, joints):
 
 def inverse_numbers(module, arm, position, rotation, ref):
     rows = Vec(Vec(rotation[3 * i : 3 * i + 3]) for i in range(3))
-    ik = module.inverse(arm, Pose(position, rows), 0.7, Vec((*ref[:5], -ref[5], ref[5])))
+    ik = module.inverse_joints(arm, Pose(position, rows), 0.7, Vec((*ref[:5], -ref[5], ref[5])))
     return ik.jpos, ik.status
 
 
