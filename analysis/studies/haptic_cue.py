@@ -431,8 +431,7 @@ def false_time(free: FreeCues, k: int, robot: str) -> str:
         return f"{wording.format_percent(value)} of {hours:.1f} h"
     return (
         f"{wording.format_percent(value)} ({wording.format_percent(band.low)} to"
-        f" {wording.format_percent(band.high)}) of"
-        f" {hours:.1f} h"
+        f" {wording.format_percent(band.high)}) of {hours:.1f} h"
     )
 
 

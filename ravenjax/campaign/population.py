@@ -49,8 +49,7 @@ def with_population(raw: dict[str, Any], where: Where, source: Path | None) -> d
         if campaign.get(name, value) != value:
             refuse(
                 f"got {format_value(campaign[name])}, but the numbers of {path} hold for"
-                f" {format_value(value)}:"
-                " remove one of the two",
+                f" {format_value(value)}: remove one of the two",
                 "campaign",
                 name,
             )

@@ -11,6 +11,7 @@ import jinja2
 
 from ravenjax import robots
 from ravenjax.stats.intervals import Estimate, Rate
+from ravenjax.vocabulary.effects import FIELDS
 from ravenjax.vocabulary.robot import Robot
 
 NARROW = "\u202f"
@@ -156,7 +157,7 @@ def describe_fault(row: Mapping[str, Any], robot: Robot = robots.USUAL) -> str:
 def fault_in_slot(row: Mapping[str, Any], slot: int, robot: Robot) -> str:
     """Describe one fault of a result row in a phrase; "" if the slot is empty."""
     site, arm, channel, effect, value, trigger, start, length, every, period = (
-        row[f"fault{slot}_{key}"] for key in _FAULT_KEYS
+        row[f"fault{slot}_{key}"] for key in FIELDS
     )
     if not site:
         return ""
@@ -182,18 +183,6 @@ def fault_in_slot(row: Mapping[str, Any], slot: int, robot: Robot) -> str:
     )
 
 
-_FAULT_KEYS = (
-    "site",
-    "arm",
-    "channel",
-    "effect",
-    "value",
-    "trigger",
-    "start_ms",
-    "duration_ms",
-    "every_ms",
-    "period_ms",
-)
 _UNIT_WORDS = {"cnt": "counts", "1": "", "bits": ""}
 
 

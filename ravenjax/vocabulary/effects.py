@@ -9,6 +9,20 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple
 
+FIELDS = (
+    "site",
+    "arm",
+    "channel",
+    "effect",
+    "value",
+    "trigger",
+    "start_ms",
+    "duration_ms",
+    "every_ms",
+    "period_ms",
+)
+"""Columns of a slot in order. In the table they are prefixed with fault0_, fault1_, ..."""
+
 Value = Literal["number", "change", "amount", "factor", "bit", "packets", "probability", ""]
 """What the value of an effect is.
 

@@ -65,7 +65,7 @@ def test_interrupt_says_how_to_go_on(command_line, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(loading, "load", interrupted)
+    monkeypatch.setattr(loading, "load_campaign", interrupted)
     code, _, err = command_line("run", "quick.toml")
     assert code == 130 and "same command goes on" in err
 

@@ -245,8 +245,7 @@ def _refusal(lost: Mapping[range, str], delivered: int) -> UserError:
     rest = "every other chunk is finished and kept" if delivered else "no chunk was finished"
     return UserError(
         f"{len(lost)} chunk(s) failed; {rest}:\n{list_lines(lines)}\nStart the same command again"
-        " to"
-        " try these alone; with --executor local the error itself comes to light."
+        " to try these alone; with --executor local the error itself comes to light."
     )
 
 

@@ -22,12 +22,13 @@ import pandas as pd
 from ravenjax.campaign.faults import run_id, sampled_order, sampling
 from ravenjax.campaign.faults.moments import Moments
 from ravenjax.campaign.faults.sampling import Key
-from ravenjax.campaign.faults.slot import FIELDS, NUMBERS, fill_slot, words_of
+from ravenjax.campaign.faults.slot import NUMBERS, fill_slot, words_of
 from ravenjax.campaign.faults.table import SHARED
 from ravenjax.campaign.file.axis import Axis, fixed_axis
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Fault, Group, Run
 from ravenjax.store.words import word_column
+from ravenjax.vocabulary.effects import FIELDS
 
 MOST_RUNS = 100_000_000
 """Largest number of rows of a fault table."""

@@ -18,6 +18,7 @@ from ravenjax.campaign.file.axis import END, UNTIL_END, Axis
 from ravenjax.campaign.file.group import Fault
 from ravenjax.vocabulary.effects import (
     EFFECTS,
+    FIELDS,
     NETWORK_EFFECTS,
     TRIGGERS,
     WITH_PERIOD,
@@ -52,20 +53,6 @@ NUMBERS: dict[str, tuple[type[np.number], float]] = {
     "period_ms": (np.int32, 0),
 }
 """Columns of numbers: type, and value in an empty slot."""
-
-FIELDS = (
-    "site",
-    "arm",
-    "channel",
-    "effect",
-    "value",
-    "trigger",
-    "start_ms",
-    "duration_ms",
-    "every_ms",
-    "period_ms",
-)
-"""Columns of a slot in order. In the table they are prefixed with fault0_, fault1_, ..."""
 
 
 def fill_slot(

@@ -314,8 +314,7 @@ def _cues(row: Mapping[str, Any], rules: Rules, series: Series | None) -> Iterat
             peak = wording.format_number(float(force[start:end].max()))
             text = (
                 f"{name} on for {wording.format_count(end - start)} ms, at most {peak} device"
-                " units: the"
-                f" reported {arm} tip is {far} mm from the nominal model{too}"
+                f" units: the reported {arm} tip is {far} mm from the nominal model{too}"
             )
             pulses.append(RunEvent(start, "cue", text, level))
         yield from _first_few(pulses, MOST_WINDOWS, f"{name}: {{}} more pulses")

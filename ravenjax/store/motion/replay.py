@@ -248,8 +248,7 @@ def _require_inside(
     )
     advice = (
         f"Reachable stretches, longest first: {format_spans(usable, 4)}; write one, or a part of"
-        " one,"
-        " as operator.window_s"
+        " one, as operator.window_s"
         if usable
         else "No row lies inside the joint limits of every arm. If positions are of another frame,"
         " write operator.frame, operator.rotation and operator.offset_mm, or operator.place ="
@@ -259,8 +258,7 @@ def _require_inside(
     raise UserError(
         f"{recording.path}: at {bad * TICK_S:.3f} s an arm cannot reach the pose inside its soft"
         f" joint limits: {unreached_reason(recording.poses, bad, bounds)}. That is so for"
-        f" {100 * share:.3g} %"
-        f" {where}. {advice}"
+        f" {100 * share:.3g} % {where}. {advice}"
     )
 
 

@@ -17,12 +17,11 @@ from ravenjax.analyses.search.file.config import Boundary, Search
 from ravenjax.campaign.faults import sampling
 from ravenjax.campaign.faults.moments import Moments
 from ravenjax.campaign.faults.sampling import Key
-from ravenjax.campaign.faults.slot import FIELDS
 from ravenjax.campaign.faults.table import WORDS
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.location import Complaint
-from ravenjax.vocabulary.effects import NETWORK_EFFECTS, WITHOUT_VALUE
+from ravenjax.vocabulary.effects import FIELDS, NETWORK_EFFECTS, WITHOUT_VALUE
 from ravenjax.vocabulary.legal import legal_values
 from ravenjax.vocabulary.sites import Channel
 

@@ -46,8 +46,7 @@ def _packets(raw: Any) -> Any:
     if isinstance(raw, str) and raw not in packets.CHOICES:
         raise ValueError(
             f"got {raw!r}, expected one of {names}{suggest_name(raw, packets.CHOICES)}, or a list"
-            " of"
-            " shares"
+            " of shares"
         )
     if not isinstance(raw, list | tuple):
         return raw
@@ -60,8 +59,7 @@ def _packets(raw: Any) -> Any:
         total = f", whose sum is {math.fsum(numbers):g}" if len(numbers) == len(raw) else ""
         raise ValueError(
             f"got {format_value(list(raw))}{total}, expected shares of packets that last 1, 2, 3,"
-            " .."
-            " cycles, none negative and 1 in all, such as [0.1, 0.8, 0.1]"
+            " .. cycles, none negative and 1 in all, such as [0.1, 0.8, 0.1]"
         )
     return tuple(float(x) for x in numbers)
 
@@ -314,8 +312,7 @@ class Operator(Section):
             if np.abs(apart).max() > 0.01 or (rows.ndim == 2 and np.linalg.det(rows) < 0.0):
                 raise ValueError(
                     f"got {format_value(turn)}, expected a rotation: three rows of length 1 at"
-                    " right"
-                    " angles, without a mirror, or x, y, z, w of length 1"
+                    " right angles, without a mirror, or x, y, z, w of length 1"
                 )
         return value
 
@@ -325,8 +322,7 @@ class Operator(Section):
         if file is not None and (file.suffix != ".py" or "\0" in str(file)):
             raise ValueError(
                 f"got {format_value(str(file))}, expected the path of a .py file; a recorded"
-                " motion is"
-                " `file`"
+                " motion is `file`"
             )
         return file
 

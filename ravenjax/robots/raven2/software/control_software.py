@@ -298,15 +298,13 @@ def _changed(own: control.ControlParams, change: Any) -> control.ControlParams:
     if not callable(change):
         raise UserError(
             f"params is {format_value(change)}, expected a function that takes the ControlParams"
-            " and"
-            " returns changed ones"
+            " and returns changed ones"
         )
     new = change(own)
     if not isinstance(new, control.ControlParams):
         raise UserError(
             f"params returned {format_value(new)}, expected the ControlParams it was given, with"
-            " numbers"
-            " replaced"
+            " numbers replaced"
         )
     return checked.record_like("params", new, own, finite=True)
 

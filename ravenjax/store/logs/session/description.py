@@ -107,8 +107,7 @@ def read_session(folder: Path) -> dict[str, Any]:
         expected = first["msg"].removeprefix("Input should be ")
         raise StoreError(
             f"{path}: {key}: got {format_value(first['input'])}, expected {expected}; the"
-            " recording beside"
-            " it holds a copy"
+            " recording beside it holds a copy"
         ) from None
     except ValueError as error:
         raise StoreError(
