@@ -63,7 +63,8 @@ def join_computed(
 ) -> Computed:
     """Join the golden runs of `parts` and those of `earlier` that are among `numbers`.
 
-    `numbers` are the numbers of all of them. Empties `parts`, because series are large.
+    `numbers`: ascending numbers of all golden runs of the result. Empties `parts`, because series
+    are large.
     """
     some = [part.result() for part in parts]
     parts.clear()

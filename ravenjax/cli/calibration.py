@@ -137,7 +137,9 @@ def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, Loo
     for rows in (*judged, tables.tabulate_parameters("What the log determines", calibrated)):
         console.print_table(rows.title, rows.columns, rows.cells)
     for one, other, correlation in calibrated.confounded:
-        console.print_text(f"told together: {one} and {other}, correlation {correlation:.2f}")
+        console.print_text(
+            f"not separable by this log: {one} and {other}, correlation {correlation:.2f}"
+        )
     for one, steps in calibrated.unlikely:
         console.print_text(
             f"unlikely before the log, by {abs(steps):.1f} standard deviations: {one}; what else is"

@@ -19,7 +19,7 @@ def schema(kind: Kind = "campaign", *, out: Path | None = None) -> None:
     Parameters
     ----------
     kind
-        Of which files.
+        Kind of file that the schema describes.
     out
         write it to this file; default: print it
     """

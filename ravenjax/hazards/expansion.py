@@ -179,11 +179,11 @@ def _groups(
     overrides = {key: group[key] for key in OVERRIDES if key in group}
     per_arm = any(SITES[fault.site].per_arm for fault in case.fault)
     arm = overrides.pop("arm", None)
-    turns = _turns(hazard, arm, arms) if per_arm else [("", ())]
-    for suffix, together in turns:
-        _check(name, case, overrides, together)
-        slots = [slot for fault in case.fault for slot in _slots(fault, overrides, together)]
-        side_by_side = case.fault[0].along or len(together) > 1
+    choices = _arm_choices(hazard, arm, arms) if per_arm else [("", ())]
+    for suffix, faulty in choices:
+        _check(name, case, overrides, faulty)
+        slots = [slot for fault in case.fault for slot in _slots(fault, overrides, faulty)]
+        side_by_side = case.fault[0].along or len(faulty) > 1
         design = "zip" if side_by_side else case.design
         table: dict[str, Any] = {
             "name": f"{group['name']}/{name}{suffix}",
@@ -195,7 +195,9 @@ def _groups(
         yield table | {key: group[key] for key in PASSED_ON if key in group}
 
 
-def _turns(hazard: Hazard, arm: Any, arms: Sequence[str]) -> list[tuple[str, tuple[Any, ...]]]:
+def _arm_choices(
+    hazard: Hazard, arm: Any, arms: Sequence[str]
+) -> list[tuple[str, tuple[Any, ...]]]:
     """Return (suffix of the group's name, its `arm` values) for each group of a case.
 
     Several values are arms with faults in the same run.

@@ -1,9 +1,9 @@
 """Remembers when the newest packets were sent, one bit per tick, so that an older packet can be
 sent again.
 
-If packets last different numbers of cycles, the tick of a packet follows only from the lengths of
-all later packets. A network that delivers older packets must therefore remember when they were
-sent. It uses words of 32 bits that shift by one in each tick. The packet after which n others were
+If the intervals between packets vary, the number of packets sent since does not give the tick in
+which an older packet was sent. A network that delivers older packets must therefore remember these
+ticks. It uses words of 32 bits that shift by one in each tick. The packet after which n others were
 sent is the set bit that has n set bits below it. It is found by sums over pairs, fours, eights and
 halves of a word (S. E. Anderson, Bit Twiddling Hacks: counting bits set, in parallel; selecting the
 position of a bit with a given count).

@@ -1,4 +1,4 @@
-"""Writes the words of a page as JSON: sites, effects, checks, ranges, the campaign and the runs."""
+"""Writes what a page shows as JSON: names of sites, effects and checks, ranges, and the runs."""
 
 from __future__ import annotations
 

@@ -172,8 +172,8 @@ def _of_result(source: Path, monitor: Monitor, record: dict[str, Any]) -> pd.Dat
     number = next(places, None)
     if number is None:
         raise UserError(
-            f"{source}: detector {names[0]!r} alarms after several milliseconds in a row alone,"
-            " which is another score than the calibration's: run with consecutive = 1"
+            f"{source}: detector {names[0]!r} raises an alarm only after several milliseconds above"
+            " its threshold, so its score is not the calibrated one: run with consecutive = 1"
         )
     slots = " AND ".join(
         ["failed = ''", *(f"fault{slot}_site = ''" for slot in range(own.shape.slots))]

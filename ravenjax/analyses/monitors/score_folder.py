@@ -87,7 +87,7 @@ def read_design(folder: Path) -> dict[str, Any]:
     except (OSError, ValueError) as error:
         raise StoreError(f"{folder / DESIGN}: cannot be read ({error})") from None
     if not isinstance(content, dict):
-        raise StoreError(f"{folder / DESIGN}: is no design of operations")
+        raise StoreError(f"{folder / DESIGN}: holds no JSON object, as `monitor calibrate` writes")
     return content
 
 

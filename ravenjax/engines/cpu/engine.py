@@ -1,10 +1,10 @@
 """Engine `simd`: the tick and its time loop as generated vector code, compiled in process, with one
 robot per vector lane.
 
-Lanes that share their varied parameters form a group. What does not differ between them (the clean
-packet, the nominal model, clocks) is computed once for the group. If groups would be too small,
-every lane computes everything. Both ways give the same bits, as do all vector widths, so a lane's
-result depends only on its inputs.
+Lanes with equal values of all varied parameters form a group. What does not differ between them
+(the clean packet, the nominal model, clocks) is computed once for the group. If groups would be too
+small, every lane computes everything. Both ways give the same bits, as do all vector widths, so a
+lane's result depends only on its inputs.
 """
 
 from __future__ import annotations

@@ -75,7 +75,7 @@ def _choose_lanes(runs: int, cores: int) -> int:
 def _place(array: Any, axis: int = 0) -> Any:
     """Put an array on the accelerators, divided along its axis of lanes if that is possible."""
     devices = _accelerators()
-    # Few lanes, as of a single trace, stay on the first device.
+    # Lanes that cannot be divided evenly, such as the one of a trace, stay on the first device.
     if len(devices) < 2 or np.shape(array)[axis] % len(devices):
         return jnp.asarray(array)
     mesh = jax.sharding.Mesh(np.array(devices), ("lanes",))

@@ -2,7 +2,7 @@
 
 A *unit* is what was chosen independently of the others, such as a kind of fault, an operator or a
 recording. Its rows resemble each other. The unit is the highest level that was sampled. A *stratum*
-is a part of the units that the design fixes, so that no resample mixes two of them.
+is a subset of the units that the design fixes. Units are resampled only within their stratum.
 
 The bootstrap is that of Rao and Wu (J. Am. Stat. Assoc. 83, 1988) with m = n - 1. It draws
 n - 1 of the n units of a stratum with replacement, each with weight n / (n - 1). The variance of a

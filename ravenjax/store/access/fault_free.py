@@ -1,5 +1,5 @@
-"""Finds fault-free motion of a campaign's robot beside its result, from which rates of false cues
-are computed.
+"""Finds the fault-free runs that are stored in a campaign's result folder. Rates of false cues are
+computed from them.
 
 A result folder may contain a folder FOLDER with one result folder per additional motion. `ravenjax
 fault-free` computes them. Results of any fault-free campaign with the same robot, cues and

@@ -1,16 +1,16 @@
 """Runs a user's file as the operator: what the file sees, and how its hands change the plan.
-Traced.
 
 The plan is the motion that a campaign names, generated or recorded. In each millisecond the file
 gets how far the plan moves each hand, and what the screen and the haptic device showed a
-millisecond before. It returns a dict; for missing keys the operator follows the plan:
+millisecond before. JAX traces the file. It returns a dict; for missing keys the operator follows
+the plan:
 
     delta   how far each hand moves in this millisecond, in place of the plan's motion
     grasp   how much each hand closes in this millisecond, in place of the plan's closing
     pedal   whether the foot stays on the pedal; it may leave the pedal and come back, but
             never press it where the plan does not
-    pace    share of its speed at which the plan continues from the next millisecond, for hands
-            and pedal alike: 0 waits
+    pace    factor on the speed of the plan from the next millisecond on, for hands and pedal
+            alike; at 0 the plan pauses
 
 A hand that moves otherwise than planned is off its plan by the difference (`operator.HandOffsets`)
 and stays so until the file reverses it. Robot and nominal model follow it alike. The hand's

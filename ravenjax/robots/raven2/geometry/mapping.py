@@ -82,8 +82,7 @@ def quat_from_matrix(rotation: Vec) -> Vec:
     trace = m00 + m11 + m22
     dx, dy, dz = m21 - m12, m02 - m20, m10 - m01
     sxy, sxz, syz = m01 + m10, m02 + m20, m12 + m21
-    # Four multiples of the same quaternion, each with 4 times the square of one component in the
-    # place of that component.
+    # by_x is the quaternion times 4 x, by_y times 4 y, and so on.
     by_x = _multiple(1.0 + m00 - m11 - m22, (sxy, sxz, dx), 0)
     by_y = _multiple(1.0 + m11 - m00 - m22, (sxy, syz, dy), 1)
     by_z = _multiple(1.0 + m22 - m00 - m11, (sxz, syz, dz), 2)

@@ -88,7 +88,7 @@ def parse_counts(what: str, given: Any, *shapes: Shape) -> np.ndarray:
     """Return whole numbers of 32 bits, an array of one of these shapes. None: any length."""
     if type(given) is np.ndarray and given.dtype == np.int32 and given.shape == shapes[0]:
         return given  # returned early, because a robot's clock ticks
-    return _wholes(what, given, shapes, INT32)
+    return _integers(what, given, shapes, INT32)
 
 
 def per_board(what: str, given: Any, highest: int, *shapes: Shape) -> np.ndarray:
@@ -98,16 +98,18 @@ def per_board(what: str, given: Any, highest: int, *shapes: Shape) -> np.ndarray
     """
     if type(given) in (int, bool) and 0 <= given <= highest and (highest == 1 or given is not True):
         return np.asarray(given, np.int32)
-    array = _wholes(what, given, ((), *shapes), (0, highest))
+    array = _integers(what, given, ((), *shapes), (0, highest))
     return array[:, np.newaxis] if len(shapes) > 1 and array.ndim == 1 else array
 
 
-def _wholes(what: str, given: Any, shapes: Sequence[Shape], limits: tuple[int, int]) -> np.ndarray:
+def _integers(
+    what: str, given: Any, shapes: Sequence[Shape], limits: tuple[int, int]
+) -> np.ndarray:
     array = _array(what, given, shapes, "iub" if limits == (0, 1) else "iu", "integers")
     low, high = limits
     if array.size and (array.min() < low or array.max() > high):
         place = tuple(int(k) for k in np.argwhere((array < low) | (array > high))[0])
-        size = "a number of 32 bits" if limits == INT32 else f"a whole number {low}..{high}"
+        size = "a 32-bit integer" if limits == INT32 else f"a whole number {low}..{high}"
         raise UserError(f"{what}{_index(place)} is {array[place]}, expected {size}")
     return array
 

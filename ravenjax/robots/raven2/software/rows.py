@@ -31,8 +31,8 @@ from ravenjax.robots.raven2.stages import usb
 def row_type(setup: RavenSetup) -> np.dtype:
     """Return the type of one row.
 
-    Quaternions have the width in which they are evaluated, which in the original is that of a
-    datagram.
+    Quaternions have the floating-point type in which they are evaluated. In the original software
+    that is the type in the datagram.
     """
     arms, wide = len(setup.arms), np.dtype(setup.precision.wide)
     fields: list[Any] = [
@@ -47,7 +47,7 @@ def row_type(setup: RavenSetup) -> np.dtype:
         ("read_ok", "<i4", arms),
     ]
     plain = np.dtype(row)
-    return np.dtype([*row, ("rest", "u1", -plain.itemsize % 8)])
+    return np.dtype([*row, ("padding", "u1", -plain.itemsize % 8)])
 
 
 def row_kind(setup: RavenSetup) -> RecordKind:
