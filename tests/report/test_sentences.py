@@ -51,18 +51,6 @@ def test_which_came_first(text):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("cue", "threshold", "limit"), [(0, 3, 3.0), (6, 5, 3.0), (0, 3, 2.0)])
-def test_a_cue_at_the_limit_or_beyond_is_no_warning(cue, threshold, limit):
-    manifest = synthetic.manifest(RUNS, verdict_cue=cue, limit_mm=limit)
-    text = text_of(synthetic.judged(FRAME, cue), manifest)
-    assert f"A cue at {threshold} mm cannot warn of a motion of {limit:g} mm" in text
-    assert (
-        f"the {threshold} mm cue cannot warn of it, because its threshold is not smaller." in text
-    )
-    assert f"The {threshold} mm cue comes before the motion" not in text
-
-
-@pytest.mark.slow
 def test_enumerated_faults_have_no_interval_in_any_section():
     config = {"group": [{"name": name, "design": "grid"} for name in FRAME["group"].unique()]}
     html = rendered(FRAME, synthetic.manifest(RUNS, config=config))
