@@ -33,13 +33,6 @@ def share(hit):
     return f"{100 * hit.mean():.1f}\u202f%"
 
 
-def test_losses_and_wrong_reports_that_no_check_told_of(text):
-    lost = UNTOLD & (VALID["hazard"] == "loss of motion")
-    assert f"In {lost.sum()} ({share(lost)}) the robot did not follow the operator" in text
-    wrong = UNTOLD & (VALID["hazard"] == "false report")
-    assert f"In {wrong.sum()} ({share(wrong)}) only the robot's report of its tip" in text
-
-
 def test_which_came_first(text):
     both = VALID[(VALID["cue0_first_ms"] >= 0) & (VALID["told_ms"] >= 0)]
     lead = both["told_ms"] - both["cue0_first_ms"]

@@ -64,16 +64,6 @@ def test_dump_loads_again(write):
     assert design.table_columns(again).equals(design.table_columns(config))
 
 
-def test_quick_is_what_the_readme_says():
-    config = loading.load_campaign("quick.toml")
-    table = design.table_columns(config)
-    assert (table["fault0_site"] != "").sum() >= 2000 and (table["fault0_site"] == "").sum() >= 10
-    assert config.campaign.duration_s == 3.0 and config.campaign.arms == ("gold",)
-    from ravenjax.robots.raven2.declaration import SITES
-
-    assert set(table["fault0_site"]) - {""} == set(SITES)
-
-
 @pytest.mark.parametrize(
     ("old", "new", "parts"),
     [
