@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
-from ravenjax.faults.fault import Faults, FaultSlot
-from ravenjax.numbers.setup import Setup
+from ravenjax.faults.fault import FaultSlot
 
 
 def no_fault() -> FaultSlot:
@@ -14,8 +13,3 @@ def no_fault() -> FaultSlot:
     return FaultSlot(
         zero, zero, jnp.float32(0.0), zero, zero, zero, zero, jnp.int32(1), jnp.uint32(0)
     )
-
-
-def no_faults(setup: Setup) -> Faults:
-    """A run without faults: the golden run."""
-    return Faults(tuple(no_fault() for _ in range(setup.injection.slots)))

@@ -77,17 +77,6 @@ def test_peers_step_the_arm():
     assert np.abs(np.asarray(there.qvel) - data.qvel).max() < 1e-4 * np.abs(data.qvel).max()
 
 
-def test_steps_of_peers_are_counted():
-    row, _ = peers.measure_rollout(0.1, batches=(4, 8), steps=5)
-    assert row["steps_per_s"] * min(row["seconds"]) == pytest.approx(20)
-    assert row["us_per_step"] * row["steps_per_s"] == pytest.approx(1e6)
-
-
-def test_a_step_of_the_published_model_is_timed():
-    (row,) = peers.measure_published_model(0.01, 50)
-    assert row["peer"] == peers.PUBLISHED and row["us_per_step"] > 0.0
-
-
 @pytest.mark.parametrize("start", [0, 6000])
 def test_faults_strike_when_they_are_said_to(start):
     ready = plan.make_plan(loading.from_dict(campaigns.fault_campaign(4, start, 200)))

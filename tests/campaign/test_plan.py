@@ -79,48 +79,19 @@ def test_a_group_that_leaves_a_vector_alone_keeps_the_robots_own():
 
 
 KP = [199.4, 104.5, 195.2, 0.0046, 0.0044, 3924.6, 3924.7]
-PER_JOINT = (
-    "nominal.gold.kp.shoulder = 199.4, nominal.gold.kp.elbow = 104.5, nominal.gold.kp.insertion ="
-    " 195.2"
-)
 
 
 @pytest.mark.parametrize(
-    ("table", "path", "values", "parts"),
+    ("table", "path", "values", "told"),
     [
-        (
-            "parameters",
-            "nominal.gold.kp",
-            KP,
-            [
-                "parameters.nominal.gold.kp: got a list of 7 for a vector of 7 numbers,",
-                "which may be meant in two ways",
-                f"One number each: write {PER_JOINT}",
-                (
-                    "7 levels, each for all of them: write { list = [199.4, 104.5, 195.2, 0.0046,"
-                    " 0.0044, 3924.6,"
-                ),
-            ],
-        ),
-        (
-            "cross",
-            "plant.gravity",
-            [0, 1, -9],
-            ["plant.gravity.x = 0, plant.gravity.y = 1, plant.gravity.z = -9"],
-        ),
-        (
-            "parameters",
-            "reaction.delay_ms",
-            200,
-            ["this campaign has no part 'reaction': add the section"],
-        ),
+        ("parameters", "nominal.gold.kp", KP, "may be meant in two ways.*write { list = "),
+        ("cross", "plant.gravity", [0, 1, -9], "gravity.x = 0, .*y = 1, .*z = -9"),
+        ("parameters", "reaction.delay_ms", 200, "no part 'reaction': add the section"),
     ],
 )
-def test_what_a_list_for_a_vector_may_mean_is_asked(table, path, values, parts):
-    with pytest.raises(UserError) as error:
+def test_what_a_list_for_a_vector_may_mean_is_asked(table, path, values, told):
+    with pytest.raises(UserError, match=f"(?s){told}"):
         plan.make_plan(rj.load_campaign({**CAMPAIGN, table: {path: values}}))
-    for part in parts:
-        assert part in str(error.value), str(error.value)
 
 
 @pytest.mark.parametrize("values", [{"list": KP}, KP[:5], {"choice": KP}])

@@ -87,7 +87,6 @@ def test_without_an_evading_fault_it_answers_at_once(said, folder, tmp_path):
             ("FOLDER", "--group", "dak"),
             "--group 'dak': unknown, expected dac, free; did you mean dac?",
         ),
-        (("FOLDER", "--worst", "0"), "--worst 0: expected a number of runs, 1 or more"),
         (
             ("FOLDER", "7", "--engine", "mjx"),
             "engine 'mjx' cannot explain runs: expected auto or simd, xla, cuda",

@@ -175,7 +175,6 @@ def test_runs_that_are_missing_leave_a_goal_open(tmp_path, said):
         (["nowhere"], "is not a result folder"),
         (["--check", "nowhere"], "holds no evidence.json"),
         (["somewhere", "--check", "nowhere"], "--check FOLDER stands alone"),
-        (["--xlsx", "--check", "nowhere"], "--check FOLDER stands alone"),
     ],
 )
 def test_bad_input_is_one_clear_error(said, tmp_path, monkeypatch, words, complaint):

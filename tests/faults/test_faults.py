@@ -175,17 +175,6 @@ def test_two_slots_on_one_channel_act_in_order():
     assert [int(row[3]) for row in rows] == expected
 
 
-@pytest.mark.parametrize(("code", "bit"), [(3, 15), (3, 0), (4, 30), (4, 31), (4, 24), (5, 0)])
-def test_bits_of_whole_numbers_flip_exactly(code, bit):
-    rows, slot = run(make(code, "bit_flip", bit, "time", 5, 6, 0))
-    for tick in range(5, 11):
-        x = clean(tick)[code - 1]
-        wide = (int(x) ^ (1 << bit)) & 0xFFFFFFFF
-        signed = wide - 2**32 if wide >= 2**31 else wide
-        assert int(rows[tick][code - 1]) == stored(signed, list(PATHS.values())[code - 1][1])
-    assert int(slot.changed_ticks) == 6
-
-
 def struck_from_5(slot, level, ticks):
     """The slot after so many ticks of a signal that stands still."""
     faults, state = fault.Faults((slot, no_fault())), fault.init(SETUP)

@@ -112,26 +112,6 @@ def test_scenario_a_strikes_three_axes_together() -> None:
     assert sorted(table["fault0_value"].unique())[0] == math.floor(250 / math.sqrt(3))
 
 
-@pytest.mark.parametrize(
-    ("group", "message"),
-    [
-        (
-            {"hazards": "C9"},
-            r"^hazards: unknown hazard 'C9', expected an id, a layer or 'all'. Did you mean 'C\d9'",
-        ),
-        (
-            {"hazards": ["M04"]},
-            r"^hazards: M04 \(piece of an instrument lost\) cannot be run: instruments that break",
-        ),
-        ({"hazards": "C09", "start": 1}, r"^start: unknown key .* Did you mean 'start_ms'"),
-        ({"hazards": "C19", "value": 1}, r"^value: C19 has effect 'drop', which takes none"),
-    ],
-)
-def test_what_is_wrong_is_told_with_its_key(group: dict[str, Any], message: str) -> None:
-    with pytest.raises(WrongGroup, match=message):
-        expand_group({"name": "g", **group})
-
-
 def test_a_campaign_names_hazards_and_its_mistakes_are_told_where_they_stand(tmp_path):
     file = tmp_path / "mine.toml"
     text = """

@@ -123,12 +123,6 @@ def test_simplifying_changes_no_bit(monkeypatch):
     assert shorter > 100
 
 
-KINDS = (
-    *("neg", "abs", "add", "sub", "mul", "div", "select"),
-    *("lt", "le", "eq", "and", "or", "not", "chosen"),
-)
-
-
 def random_program(seed: int) -> Program:
     rng, builder = np.random.default_rng(seed), Builder()
     floats = [builder.input("float32"), builder.input("float32")]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ravenjax import robots
-from ravenjax.outcomes import definitions, events, verdict
+from ravenjax.outcomes import definitions, events
 from ravenjax.outcomes.events import Rules
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -23,9 +23,3 @@ def test_the_page_holds_every_definition_and_event():
     page = (DOCS / "outcomes.md").read_text(encoding="utf-8")
     assert table() in page, f"write this table into docs/outcomes.md:\n{table()}"
     assert ", ".join(f"`{name}`" for name in events.EVENTS) in page
-
-
-def test_the_figure_names_every_word():
-    figure = (DOCS / "outcomes.svg").read_text(encoding="utf-8")
-    for word in (*verdict.RESPONSES, *verdict.HAZARDS, *verdict.CUES):
-        assert f">{word}</text>" in figure, word

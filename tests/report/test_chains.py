@@ -12,7 +12,6 @@ from rendered_page import Page, rendered, words
 
 from ravenjax import robots
 from ravenjax.errors import StoreError
-from ravenjax.report import wording
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.run import chain
 from ravenjax.report.sections import chains
@@ -131,21 +130,6 @@ def test_shares_are_of_groups_that_are_explained_whole():
         one.partial == ["encoder"] and one.runs == len(rest) and one.evading == len(evading(FRAME))
     )
     assert "These groups are not: encoder" in " ".join(chains.chain_sentences(one))
-
-
-def without(condition):
-    """The campaign without some of its runs."""
-    return FRAME[~condition].reset_index(drop=True)
-
-
-def test_the_sentences_have_the_numbers_of_the_loops(monkeypatch):
-    _, hidden, best = naive(FRAME, TICKS)
-    n = len(evading(FRAME))
-    text = " ".join(chains.chain_sentences(propagation(FRAME, DRAWN, TICKS)))
-    assert f"{n} faults evade the checks." in text
-    assert f"In {n - hidden} of {n} (" in text and f"In {hidden} of {n} (" in text
-    median = np.quantile(best, 0.5, method="inverted_cdf")
-    assert f"The median lead was {wording.format_number(median)} ms (" in text
 
 
 @pytest.mark.slow

@@ -33,13 +33,6 @@ def share(hit):
     return f"{100 * hit.mean():.1f}\u202f%"
 
 
-def test_losses_and_wrong_reports_that_no_check_told_of(text):
-    lost = UNTOLD & (VALID["hazard"] == "loss of motion")
-    assert f"In {lost.sum()} ({share(lost)}) the robot did not follow the operator" in text
-    wrong = UNTOLD & (VALID["hazard"] == "false report")
-    assert f"In {wrong.sum()} ({share(wrong)}) only the robot's report of its tip" in text
-
-
 def test_which_came_first(text):
     both = VALID[(VALID["cue0_first_ms"] >= 0) & (VALID["told_ms"] >= 0)]
     lead = both["told_ms"] - both["cue0_first_ms"]
@@ -48,18 +41,6 @@ def test_which_came_first(text):
     assert f"Where both came, {said}" in text
     when = "before" if lead.median() > 0 else "after"
     assert f"at the median it came {abs(lead.median()):g} ms {when} the check" in text
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("cue", "threshold", "limit"), [(0, 3, 3.0), (6, 5, 3.0), (0, 3, 2.0)])
-def test_a_cue_at_the_limit_or_beyond_is_no_warning(cue, threshold, limit):
-    manifest = synthetic.manifest(RUNS, verdict_cue=cue, limit_mm=limit)
-    text = text_of(synthetic.judged(FRAME, cue), manifest)
-    assert f"A cue at {threshold} mm cannot warn of a motion of {limit:g} mm" in text
-    assert (
-        f"the {threshold} mm cue cannot warn of it, because its threshold is not smaller." in text
-    )
-    assert f"The {threshold} mm cue comes before the motion" not in text
 
 
 @pytest.mark.slow

@@ -12,36 +12,18 @@ from ravenjax.robots.raven2.arms import JOINTS
 TICKS = 3000
 
 
-def series(arms=("gold",)):
-    random = np.random.default_rng(5)
-    time = np.arange(TICKS)
-    fault = (time >= 1200) & (time < 1500)
-    kick = np.where(
-        time >= 1200,
-        np.exp(-np.maximum(time - 1350, 0) / 200.0) * np.minimum((time - 1200) / 150.0, 1),
-        0,
-    )
+def series():
+    """One arm, whose shoulder gets most current while the fault acts."""
+    random, time = np.random.default_rng(5), np.arange(TICKS)
     made = {
         "runlevel": np.where(time < 1700, 3, 0),
         "pedal": (time > 100) * 1,
-        "fault_active": fault,
+        "fault_active": (time >= 1200) & (time < 1500),
     }
-    for k, arm in enumerate(arms):
-        model = np.stack(
-            [0.01 * np.sin(time / 300.0), 0.02 * np.cos(time / 400.0), 0 * time], axis=1
-        )
-        offset = (0.6e-3 + 6e-3 * kick * (k == 0))[:, None] * np.array([0.6, 0.8, 0.0])
-        error = np.linalg.norm(offset, axis=1) * 1000
-        made[f"{arm}/model_position"], made[f"{arm}/position"] = model, model + offset
-        made[f"{arm}/tip"] = model + 2.0 * offset
-        made[f"{arm}/haptic_force"] = (np.where(error > 3, 0.0045 * error, 0)[:, None]) * np.array(
-            [0, 0, 1.0]
-        )
-        dac = 800 * np.sin(time[:, None] / np.arange(120, 190, 10)) + random.normal(
-            0, 60, (TICKS, 7)
-        )
-        dac[fault, 0] = 14000 if k == 0 else dac[fault, 0]
-        made[f"{arm}/current_cmd"] = dac.astype(int)
+    for name in ("model_position", "position", "tip", "haptic_force"):
+        made[f"gold/{name}"] = random.normal(0, 0.01, (TICKS, 3))
+    made["gold/current_cmd"] = random.integers(-100, 100, (TICKS, 7)) * np.arange(1, 8)
+    made["gold/current_cmd"][made["fault_active"], 0] = 14000
     return made
 
 
@@ -80,7 +62,8 @@ def test_values_events_and_windows_stand_where_they_belong(tmp_path, figures, su
     for label, name in (("gold, true", "tip"), ("gold, as reported", "position")):
         off = given[f"gold/{name}"] - given["gold/model_position"]
         np.testing.assert_allclose(lines(error)[label], 1e3 * np.sqrt((off**2).sum(axis=1)))
-    np.testing.assert_allclose(force.lines[0].get_ydata(), given["gold/haptic_force"][:, 2])
+    size = np.linalg.norm(given["gold/haptic_force"], axis=1)
+    np.testing.assert_allclose(force.lines[0].get_ydata(), size)
     peaks = np.abs(given["gold/current_cmd"]).max(axis=0)
     assert set(lines(dac)) == {
         JOINTS[joint] for joint in np.argsort(peaks)[-3:]

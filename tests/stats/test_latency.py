@@ -33,14 +33,6 @@ def lead_time(alarm, harm, end):
     return latency.lead_time(Delays(lag, came[harmed], np.ones(len(lag), int)))
 
 
-def test_textbook_curve():
-    curve = incidence(DRUG, DRUG_ENDED)
-    survival = {6: 0.8571, 7: 0.8067, 10: 0.7529, 13: 0.6902, 16: 0.6275, 22: 0.5378, 23: 0.4482}
-    at = dict(zip(curve.time, 1 - curve.fraction, strict=True))
-    assert {time: at[time] for time in survival} == pytest.approx(survival, abs=5e-5)
-    assert curve.quantile(0.5) == 23 and (curve.events, curve.n) == (9, 21)
-
-
 def test_textbook_median_interval():
     # survival::survfit(conf.type = "log-log"): placebo median 8, 4 to 11; drug 23, 13 to unknown
     assert incidence(PLACEBO, np.ones(21, bool)).quantile_interval(0.5) == (8, 4, 11)

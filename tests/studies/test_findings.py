@@ -12,7 +12,6 @@ import studies
 from ravenjax.bundled import resources
 from ravenjax.campaign import loading
 from ravenjax.cli import main
-from ravenjax.errors import UserError
 from ravenjax.store import manifest
 from studies import claims, findings
 from studies.claims import Quotation
@@ -67,12 +66,6 @@ TWO = dataclasses.replace(
         Variant("faster", "seed_fault_free.toml", (*SHORT, "operator.seed=2"), "another motion"),
     ),
 )
-
-
-def test_every_study_is_found_by_its_name():
-    assert [studies.find(name).name for name in studies.NAMES] == list(studies.NAMES)
-    with pytest.raises(UserError, match="seed_burst"):
-        studies.find("seed_brust")
 
 
 @pytest.mark.slow

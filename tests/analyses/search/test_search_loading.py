@@ -68,30 +68,14 @@ def test_a_file_loads_and_overrides_reach_both_parts(tmp_path):
     ("old", "new", "told"),
     [
         (
-            'kind = "boundary"',
-            'kind = "boundery"',
-            ":10: search.kind: got 'boundery', expected one of boundary, sobol",
-        ),
-        (
             "_mm >= 1",
             "_mm",
             ":11: search.harm: got 'peak_golden_deviation_mm', a number; expected an event",
         ),
-        ("loguniform = [100, 30000]", "normal = [0, 300]", "needs one uniform or loguniform"),
         (
             "loguniform = [100,",
             "uniform = [-100,",
             "search.signs: -1 needs a fault's value with a range from 0 on",
-        ),
-        (
-            '"offset"',
-            '{ choice = ["offset", "scale"] }',
-            ":19: group[0].fault[0].effect: a search has no distribution",
-        ),
-        (
-            'name = "dac"',
-            'name = "dac"\ndesign = "lhs"\nruns = 5',
-            "group[0].design: got 'lhs', expected grid or zip",
         ),
         ("[[group]]", '[[group]]\nname = "free"\n[[group]]', "got 2 groups, expected one"),
     ],

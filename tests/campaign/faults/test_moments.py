@@ -101,27 +101,9 @@ def test_shares_are_places_among_the_ticks_of_a_phase():
     assert starts(10, run).tolist() == [ticks[-1]]
 
 
-@pytest.mark.parametrize(
-    ("start", "fault", "words"),
-    [
-        (
-            {"phase": "fsat", "share": 0.1},
-            {},
-            ["unknown phase 'fsat'", "expected one of pedal_down", "mean 'fast'"],
-        ),
-        ({"uniform": [{"phase": "fast", "share": 0}, 9]}, {}, ["expected a number"]),
-        (
-            {"phase": "fast", "share": 0.1},
-            {"trigger": "pedal"},
-            ["got phase 'fast'", "expected trigger = 'time'"],
-        ),
-    ],
-)
-def test_what_is_wrong_is_told_with_what_to_write(start, fault, words):
-    with pytest.raises(UserError) as error:
-        rj.load_campaign(campaign(start, fault=fault))
-    for word in words:
-        assert word in str(error.value)
+def test_a_moment_of_a_phase_needs_the_trigger_time():
+    with pytest.raises(UserError, match=r"(?s)got phase 'fast'.*expected trigger = 'time'"):
+        rj.load_campaign(campaign({"phase": "fast", "share": 0.1}, fault={"trigger": "pedal"}))
 
 
 def test_a_phase_that_never_comes_is_refused_before_anything_runs():

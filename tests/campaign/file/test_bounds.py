@@ -59,10 +59,8 @@ def test_a_vector_is_checked_against_the_rows_of_all_its_numbers(path):
     "path, value, words",
     [
         ("plant.friction_scale", -1, ("got -1, expected 0..100", "opposes motion")),
-        ("plant.cable_stiffness.elbow", 1e300, ("got 1e+300",)),
         ("network.cycles_per_packet", 0, ("got 0, expected 1..1000 cycles, whole",)),
         ("network.cycles_per_packet", {"uniform": [1, 4]}, ("uniform draws fractions", "choice")),
-        ("plant.gold.friction_scale", {"uniform": [-0.5, 2]}, ("uniform = [-0.5, 2]", "-0.5")),
         (
             "plant.friction_scale",
             {"normal": [1, 0.2]},
@@ -70,7 +68,6 @@ def test_a_vector_is_checked_against_the_rows_of_all_its_numbers(path):
         ),
         ("haptics.cues.0.threshold_m", 0.02, ("cannot be set", "write [haptics] threshold_mm")),
         ("monitor.limit", 0.02, ("cannot be set", "write [outcomes] limit_mm")),
-        ("plant.noise_key", 7, ("cannot be set", "campaign.noise = true")),
     ],
 )
 def test_what_is_out_of_range_is_refused(path, value, words):

@@ -61,10 +61,6 @@ def load(text: str) -> Any:
             "cross.plant.mass_scale: stands in parameters, too: remove one of the two",
         ),
         (
-            "[parameters]\noperator.start_grasp = 500\n" + PLAIN,
-            "operator.start_grasp: nothing reads it but with console = 'absolute'",
-        ),
-        (
             "software = 'fork2015'\npolicy = 'hard_regulation'\n" + PLAIN,
             "campaign.policy: got 'hard_regulation', but the 2015 fork has no policy",
         ),

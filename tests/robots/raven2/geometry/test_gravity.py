@@ -9,8 +9,6 @@ from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.geometry import gravity
 
-DEG = np.pi / 180
-
 
 def height_energy(arm: str, jpos: np.ndarray) -> float:
     """Potential energy (J) of the three links along +x0, from the chain's own matrices."""
