@@ -162,7 +162,6 @@ class Campaign:
 
 
 def _campaign_keys(model: type[CampaignConfig]) -> list[str]:
-    """Return the keys of the table [campaign]."""
     return list(next(models_in(model.model_fields[SECTION].annotation)).model_fields)
 
 

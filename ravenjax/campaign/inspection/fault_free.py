@@ -163,7 +163,6 @@ def _record(path: Path) -> Manifest | None:
 
 
 def _length_s(record: Manifest, hours: float) -> int:
-    """Return the length of each run, s."""
     config = validate_tables(next(fault_free_campaigns(record.config, SHORTEST_S))[1])
     wanted = hours * 3600 / (MOTIONS * design.count_rows(config))
     return math.ceil(min(max(wanted + UNTIL_LIVE_S, SHORTEST_S), LONGEST_S))

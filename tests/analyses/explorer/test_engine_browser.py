@@ -228,7 +228,7 @@ def test_two_arms_with_two_faults_that_repeat_are_those_of_the_native_engine(pag
 
 
 def test_a_replay_is_the_trace_of_the_run(page, config, ready, description):
-    row = ready.rows.words("fault0_site").tolist().index("usb_out")
+    row = ready.rows["fault0_site"].tolist().index("usb_out")
     kernel = SimdKernel(traced.printable_program(ready.program), 1, signals=True, host=unfused())
     (varied, faults), (_, harmless) = (
         ready.lanes([row], 1, harmless=free) for free in (False, True)
