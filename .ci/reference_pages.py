@@ -30,7 +30,7 @@ from ravenjax.vocabulary.robot import Robot
 
 COMMAND = "python .ci/reference_pages.py"
 CHECKOUT = Path(__file__).resolve().parents[1]
-_WRITTEN = f"*Written by `{COMMAND}`; a test holds it up to date.*"
+_WRITTEN = f"*Written by `{COMMAND}`; a test checks that it is up to date.*"
 
 COLUMNS = ("key", "type", "unit", "range", "default", "meaning")
 """Of `keys`."""
@@ -93,7 +93,8 @@ def _campaign_parts(robot: Robot) -> Iterator[str]:
     config = config_class_of(robot)
     yield "# Campaign files: every key"
     yield (
-        f"Written by `{COMMAND}` from what is checked; a test holds it up to date. `ravenjax check"
+        f"Written by `{COMMAND}` from what is checked; a test checks that it is up to date."
+        " `ravenjax check"
         " FILE` says what a file would run, `ravenjax faults` and `ravenjax parameters` list the"
         " words below with more about each.\n\nA campaign is a TOML file. Its tables stand in any"
         " order; a table in double brackets may come several times. `--set key.path=value` on the"

@@ -142,6 +142,6 @@ def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, Loo
         )
     for one, steps in calibrated.unlikely:
         console.print_text(
-            f"unlikely before the log, by {abs(steps):.1f} standard deviations: {one}; what else is"
-            " different?"
+            f"unlikely: {one} is {abs(steps):.1f} standard deviations from its value before the"
+            " log; check whether something else differs between robot and model"
         )

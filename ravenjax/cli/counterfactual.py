@@ -25,8 +25,8 @@ def counterfactual(
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
-    """Select a few additional checks that would detect the faults that evade, and their false
-    alarms.
+    """Select a few additional checks that would detect the faults that evade the robot's checks,
+    and estimate their false alarms.
 
     Candidates are bounds, rates and residuals of every signal of the robot. All observe the
     same runs. Half of the faults selects the checks, and the other half measures them. Separate
@@ -41,7 +41,7 @@ def counterfactual(
     false_alarms_per_hour
         of all chosen checks together, at most
     lead_ms
-        an alarm counts so long before harm begins, or longer
+        an alarm counts only if it comes at least this many ms before harm begins
     hours
         hours of fault-free motion to compute
     most

@@ -151,7 +151,7 @@ def check(
         Folders of `ravenjax monitor operate`, or of `ravenjax run` with monitor.py as a
         detector, or logs: CSV with the columns of test_vector.csv.
     level
-        chance to call a shift where nothing changed
+        probability of reporting a shift although nothing changed
     seed
         that breaks ties between scores
     """

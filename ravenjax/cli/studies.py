@@ -25,7 +25,7 @@ def reproduce(
     name
         The study, or "all". Without one: list them.
     out
-        folder; each study has one inside
+        folder for the results; each study gets its own folder in it
     keep
         also copy the findings, without pictures, into this folder
     """

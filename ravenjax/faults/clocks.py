@@ -2,10 +2,10 @@
 only.
 
 A clock counts up by at most one per tick. The time starts at 0 in tick 0, and the packets at 1 in
-tick 0. The pedal clock starts at 0 in each phase in which the pedal is down. A fault's window is
-open, as in `window`, from the reading `start` on. Take the reading minus `start`, modulo `every` if
-that is not 0: the window is open while the result is less than `duration`. This module does not
-depend on the robot.
+tick 0. The pedal clock starts at 0 in each phase in which the pedal is down. A fault's window
+follows the rule of `window`. It is not open before the clock reads `start`. From then on, take the
+reading minus `start`, modulo `every` if `every` is not 0. The window is open while the result is
+less than `duration`. This module does not depend on the robot.
 """
 
 from __future__ import annotations

@@ -127,7 +127,7 @@ def load(name: str) -> Any:
     """
     if not _READERS:
         raise UserError(
-            f"load({name!r}) was called outside a part's file, or in its functions; call it at"
+            f"load({name!r}) was called outside a part's file or inside a function; call it at"
             " its top"
         )
     reader = _READERS[-1]

@@ -6,11 +6,11 @@ p_robot, d = e/|e| and v the tip velocities from the Jacobian:
     |e| >  threshold:  force = min(cap, max(0, kp |e| + kd (v_model - v_robot) . d))
     |e| <= threshold:  force = 0
 
-The printed equation has two cases but states a condition at the constant 0.05 only. Its Figure 5
-settles the interpretation. It shows single pulses of different height (0.013 to 0.030 device units)
-at tip errors of 3.3 to 5 mm, nothing below 3 mm, and one pulse flat at 0.0500. The force is thus
-proportional above the threshold, and is capped, not set, at 0.05. A haptic device can only pull
-towards the model, so the force is never negative.
+The printed equation has two cases, but gives a condition only for the case in which the force is
+the constant 0.05. Its Figure 5 settles the interpretation. It shows single pulses of different
+height (0.013 to 0.030 device units) at tip errors of 3.3 to 5 mm, nothing below 3 mm, and one pulse
+flat at 0.0500. The force is thus proportional above the threshold, and is capped, not set, at 0.05.
+A haptic device can only pull towards the model, so the force is never negative.
 
 Several (threshold, kp, kd, cap) sets are evaluated side by side (`Setup.cues`). With an operator
 who does not react they all see the same motion.

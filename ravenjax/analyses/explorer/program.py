@@ -1,7 +1,6 @@
 """Compiles a campaign's tick to WebAssembly, and returns it as JSON with all data to run it on a page.
 
-`describe_program` returns the object. Numbers are single precision or 32-bit integers, binaries and motion base64
-of little-endian words. `static/engine.js` reads it:
+`describe_program` returns the object. Numbers are in single precision or are 32-bit integers. Binaries and motions are little-endian words in base64. `static/engine.js` reads it:
 
     {
       "arms": ["gold"],
@@ -15,7 +14,7 @@ of little-endian words. `static/engine.js` reads it:
       "channels": [                  where faults act; a fault's code is the channel's place in this list, from 1
         {"site": "usb_out", "arm": "gold", "channel": "shoulder", "effects": ["overwrite", "latch_offset"]}, ..],
       "effects": {"overwrite": {"code": 0}, ..},
-                                     "channel", "plain", "constant" where an effect of the network stands for another
+                                     a network effect also has "channel", "plain" and "constant": the channel it is injected at, the effect there, and its value
       "triggers": {"time": 0}, "fields": {"code": "int32", .., "key": "uint32"}, "forever": 1073741824,
       "motion": "suture",            the campaign's own, a key of `list_motions`; "" for a recording
       "motions": {"suture": ".."},   base64, operators' motions: float32 columns one after the other

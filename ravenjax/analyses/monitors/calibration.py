@@ -1,5 +1,5 @@
-"""Calibrates a monitor on scores of operations: some operators give the scales, some the threshold,
-some test the monitor.
+"""Calibrates a monitor on scores of operations: some operators determine the scale of each score,
+some the threshold, and some test the monitor.
 
 Operators are assigned to these three uses by their number and not by their scores. So additional
 operators do not change the use of earlier ones.
@@ -99,10 +99,11 @@ def units_within(target: FalseAlarmTarget, robots: int, hours: float | None) -> 
     if units < fewest:
         least = fewest * robots * target.length_h
         raise UserError(
-            f"{hours:g} h are {units} operators with {robots} operations of"
-            f" {target.length_h * 60:g} min each; {target.per_hour:g} false alarms an hour with"
-            f" {target.confidence:.0%} confidence need {fewest}, {target.fewest_clusters} of them"
-            f" to set the threshold: --hours {np.ceil(least):g} or more. "
+            f"{hours:g} h are enough for {units} operators with {robots} operations of"
+            f" {target.length_h * 60:g} min each. {target.per_hour:g} false alarms an hour with"
+            f" {target.confidence:.0%} confidence need {fewest} operators, of whom"
+            f" {target.fewest_clusters} set the threshold: write --hours {np.ceil(least):g} or"
+            " more. "
             + (f"With --robots 1 it would be {np.ceil(least / robots):g}" if robots > 1 else "")
         )
     return units

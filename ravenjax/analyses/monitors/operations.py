@@ -1,5 +1,5 @@
-"""Computes many fault-free operations and keeps only their scores. Operators differ in motion, and
-operations in robot.
+"""Computes many fault-free operations and keeps only their scores. Each operator has a different
+motion, and each operation of an operator a different robot.
 
 A detector's input in a fault-free run does not depend on a golden run, because the run is its own
 golden run. So each operation is computed once, without comparison, and only its row of outcomes is

@@ -97,7 +97,7 @@ def _fault(config: CampaignConfig, group: Group, fault: Fault) -> Iterator[tuple
 
 
 def _place(config: CampaignConfig, fault: Fault, site: Site) -> Iterator[tuple[str, str]]:
-    """Check arm, channel, and effects that belong to another site."""
+    """Check the arm and the channel, and that no effect belongs to another site."""
     arms = config.campaign.arms
     if fault.arm is not None and not site.per_arm:
         yield "arm", f"site {site.name} belongs to no arm: remove the key"
@@ -177,7 +177,9 @@ def _combinations(axes: tuple[Axis, ...], paired: bool) -> Iterator[tuple[str, s
 def _misfit(
     site: Site, channel: Channel, effect: str, value: float, axis: Axis, beyond: bool
 ) -> str | None:
-    """Return why a channel cannot take a value of an axis, or an end of it; None if it can."""
+    """Return why a channel cannot take `value`, which an axis lists or which ends its range; None
+    if it can.
+    """
     if not abs(value) <= LARGEST:
         return (
             f"got {format_value(value)}, expected a number of single precision, at most"

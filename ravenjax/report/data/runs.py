@@ -93,8 +93,8 @@ class Runs:
 
     @property
     def cue_leads(self) -> bool:
-        """Return whether there are cues, and whether it is a finding that the cue of the verdicts
-        comes before the motion.
+        """Return whether there are cues, and whether it is a finding that the cue that the verdicts
+        use comes before the motion.
         """
         manifest = self.manifest
         return bool(manifest.cues) and cue_leads(manifest, manifest.verdict_cue)

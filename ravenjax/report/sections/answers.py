@@ -103,7 +103,7 @@ class Changed(NamedTuple):
     """
 
     pairs: list[Difference]  # over all faults, one for each reaction
-    # By the cue of the verdicts; None: no cue, or nothing evaded.
+    # By the cue that the verdicts use; None: no cue, or nothing evaded.
     announced: Announced | None
     # True if it is a finding that this cue comes before the motion, not a consequence of the
     # definitions.

@@ -102,7 +102,7 @@ class DetectorRow(NamedTuple):
 
 def list_alarms(runs: Runs) -> list[ThresholdAlarms]:
     """Return every source of alarms at each threshold: the campaign's detectors, the checks, and
-    the cue of the verdicts.
+    the cue that the verdicts use.
     """
     manifest, free, result = runs.manifest, runs.motions(), []
     for d, detector in enumerate(manifest.detectors):

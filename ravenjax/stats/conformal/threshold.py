@@ -189,11 +189,11 @@ def excess_p(losses: np.ndarray, risk: float, confidence: float, exact: bool = F
     [units] in 0..1.
 
     The order of the units must not depend on their losses. `exact`: losses are 0 or 1, so their sum
-    is binomial. Otherwise the test bets against the hypothesis unit by unit, and the capital grows
-    by 1 - bet (loss - risk). If the mean were above the risk, the capital would reach 20 at any
-    time with a chance of at most 1 in 20 (Waudby-Smith, Ramdas, J. R. Stat. Soc. B 86, 2024, with
-    their predictable plug-in bets of at most 1, aimed at this confidence). So few units are needed
-    if their losses differ little.
+    is binomial. Otherwise the test bets against the hypothesis, one unit after the other. It starts
+    with capital 1, and each unit multiplies the capital by 1 - bet * (loss - risk). If the mean
+    were above the risk, the chance that the capital ever reaches 20 would be at most 1 in 20
+    (Waudby-Smith, Ramdas, J. R. Stat. Soc. B 86, 2024, with their predictable plug-in bets of at
+    most 1, aimed at this confidence). If the losses differ little, few units are enough.
     """
     from scipy.stats import binom  # slow to import
 

@@ -7,11 +7,12 @@ or a bag. A campaign names it.
     file = "hands.csv"            # relative to the campaign file's folder
     window_s = [18.2, 47.9]       # part of it, s from its first row. Default: from its first row.
 
-`ravenjax motion hands.csv` shows the content of the file, the motion made of it and the parts that
-the arm can reach, and draws it before and after. `--campaign FILE` uses the options of a campaign.
-`ravenjax run` prints the same before it computes, manifest.json keeps it under "operator", and the
-report shows it. Every change of a recording has a key in [operator] and is reported. What no key
-allows is refused, with row and time, and with what to write instead.
+`ravenjax motion hands.csv` shows the content of the file, the motion made from it and the parts
+that the arm can reach. It draws the recording and the motion. `--campaign FILE` uses the options of
+a campaign. `ravenjax run` prints the same before it computes, manifest.json keeps it under
+"operator", and the report shows it. Every change of a recording has a key in [operator] and is
+reported. A recording that needs a change that no key allows is refused. The message names the row
+and the time, and what to write instead.
 
 Columns. Only the suffix gives the unit. Other columns are not read, but are named in the output.
 `columns` maps the names of a file to these, or names all columns of a file without a header line.
@@ -39,8 +40,9 @@ also such a stream.
 
 MCAP files and bags of ROS 1 (.bag) and ROS 2 (.db3) have geometry_msgs/PoseStamped on
 /arm1/setpoint_cp, else measured_cp (arm1 is gold, arm2 green), in any namespace. `topics` names
-others. The jaws are sensor_msgs/JointState: their opening on jaw/setpoint_js, or grasp1 and grasp2
-on setpoint_js, as `ravenjax trace` writes them, or the same with `measured`.
+others. The jaws are read from sensor_msgs/JointState: either their opening on jaw/setpoint_js, or
+the joints grasp1 and grasp2 on setpoint_js, as `ravenjax trace` writes them. Topics with `measured`
+in place of `setpoint` are read too.
 
 Time. Samples are taken at their stamps and interpolated to 1 000 per second, so uneven stamps do no
 harm. A gap of more than `max_gap_s` (0.1 s) is refused; `max_gap_s = 0.5` bridges longer ones.
@@ -50,13 +52,13 @@ rate in the campaign: `rate_hz = 1000` means one row per millisecond.
 
 Filter. By default tremor stays. `cutoff_hz = 5` removes faster motion with a low-pass filter
 without phase shift; the amount is reported. A tip that jumps (more than 1 mm, faster than 0.5 m/s)
-is refused with its row. `spikes = "remove"` interpolates over samples that return at once, and
-`spikes = "replay"` plays what was recorded.
+is refused with its row. `spikes = "remove"` interpolates over a jump from which the tip returns at
+once, and `spikes = "replay"` plays what was recorded.
 
-Reach. With the `scale` of [operator] the tip moves as recorded, whatever the scale; hands move 1 /
-scale as far. If a campaign varies the parameter `operator.scale`, the tip moves in proportion. The
-replayed part must lie inside the joint limits of the campaign, less 1 degree and 2 mm. Otherwise it
-is refused, with the stretches that do.
+Reach. `scale` in [operator] does not change the motion of the tip, which is as recorded. The hands
+move 1 / scale times as far. If a campaign varies the parameter `operator.scale`, the tip moves in
+proportion. The replayed part must lie inside the joint limits of the campaign, less 1 degree and 2
+mm. Otherwise it is refused, and the message lists the stretches that do.
 
 Length. Hands rest for 0.5 s, accelerate within 0.5 s, then move as recorded. A recording that ends
 before the campaign is refused. `at_end = "hold"` lets the hands slow down and rest, `at_end =

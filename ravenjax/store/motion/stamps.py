@@ -76,7 +76,7 @@ def sample_times(
         raise UserError(
             f"{path}: {rate} makes {stated:.4g} s of {rows} rows, {clock} says {span:.4g} s"
             f" ({mean}); expected them to agree within {100 * RATES_AGREE:g} %. Write the rate of"
-            " the recording, or drop its times. A replay has a speed of its own, operator.slow_down"
+            " the recording, or drop its times. To replay more slowly, set operator.slow_down"
         )
     note = f"{clock} is not used, {rate} spaces rows evenly; it says {span:.3f} s in all"
     return None, rate, (note,)

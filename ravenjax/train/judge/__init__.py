@@ -1,1 +1,3 @@
-"""Judges each hazard of a session: effects on the robot, first knowledge, response and score."""
+"""Judges each hazard of a session: its effects on the robot, when the trainee could first know of
+it, the response and the score.
+"""

@@ -1,1 +1,1 @@
-"""The clock, the realtime loop, and rings of memory between processes."""
+"""The clock, the realtime loop, and ring buffers in memory that processes share."""

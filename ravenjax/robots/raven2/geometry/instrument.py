@@ -1,8 +1,9 @@
 """Parts of an instrument that can touch something, and their motion: two jaw tips, shaft, wrist and
 jaws.
 
-Frame 0 of the arm, m and rad. The axes are those of `kinematics`, so links are as drawn. Columns of
-a Jacobian are the seven joints of `raven2.arms.JOINTS`; structural zeros are Python numbers.
+Frame 0 of the arm, m and rad. The axes are those of `kinematics`, so no link has a kinematic error.
+Columns of a Jacobian are the seven joints of `raven2.arms.JOINTS`; structural zeros are Python
+numbers.
 """
 
 from __future__ import annotations

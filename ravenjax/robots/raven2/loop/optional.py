@@ -2,7 +2,7 @@
 `present`.
 
 To add a stage, add a value to STAGES. Its state is in `TickState.stages`, and its outcomes are in
-the result table. A run fails if one of its `numbers` is not finite.
+the result table. A run fails if one of the stage's `numbers` is not finite.
 """
 
 from __future__ import annotations
@@ -142,7 +142,7 @@ def _remember_packet(
     now, history = console.signal.tick, packet_history.step(history, console.fresh)
 
     def older(network: Network) -> PacketTiming:
-        # An older packet was made in the tick in which it was sent
+        # A late packet keeps the row of the tick in which it was sent.
         count = jnp.maximum(network.lag + network.delay, 0)
         row, before = (now - packet_history.packet_age(history, n) for n in (count, count + 1))
         return PacketTiming(console.sequence - count, row, before)

@@ -146,7 +146,9 @@ def _fits(wanted: int | None, length: int) -> bool:
 
 
 def parse_joints(what: str, given: Any, arms: int) -> list[list[float]]:
-    """Return [arms, 7] joint positions, rad and m, anywhere within a turn and within a metre."""
+    """Return [arms, 7] joint positions: angles of at most a turn, rad, and travels of at most a
+    metre.
+    """
     array = _array(what, given, [(arms, 7)], "iuf", "numbers in rad and m")
     for place, value in np.ndenumerate(array):
         is_linear = JOINTS[place[1]] in LINEAR

@@ -156,7 +156,8 @@ def hand_over(
 ) -> tuple[TeleoperationState, PerArm[StoredPose]]:
     """Apply the master timeout, and return the device's desired poses. Call once per cycle.
 
-    The desired poses are the sum if the robot is in pedal-down and the sum was updated.
+    In pedal-down the desired poses are the accumulated ones if those were updated, or if the
+    timeout has just tripped. Otherwise they stay as they are.
     """
     fresh = state.updated != 0
     age = jnp.where(fresh, 0, state.age_ticks + 1)
