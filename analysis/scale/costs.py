@@ -71,8 +71,7 @@ def least(
 def bytes_of(ready: Plan) -> int:
     """Return the bytes that a plan holds for its runs."""
     arrays = [*ready.faults.values(), *ready.varied.values(), ready.golden]
-    columns = [getattr(values, "codes", values) for values in ready.rows.columns.values()]
-    return sum(array.nbytes for array in (*arrays, *columns))
+    return sum(array.nbytes for array in arrays) + int(ready.rows.memory_usage(deep=True).sum())
 
 
 def main(folder: Path) -> dict[str, Any]:

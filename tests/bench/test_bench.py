@@ -86,7 +86,7 @@ def test_faults_strike_when_they_are_said_to(start):
 
 @pytest.mark.slow
 def test_campaigns_are_timed_by_size_and_by_fault_time(own_cache, monkeypatch):
-    monkeypatch.setattr(campaigns.selection, "fastest", lambda _: ("simd", ""))
+    monkeypatch.setattr(campaigns.selection, "fastest_engine", lambda _: ("simd", ""))
     for name, value in {
         "SIZES": {"simd": (16, 32)},
         "TICKS": {"simd": 20},
