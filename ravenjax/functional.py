@@ -142,7 +142,7 @@ def load(
     varied, faults = plan.lanes(range(plan.runs), plan.runs)
     for path in vary:
         found = paths.named_numbers(plan.program.params, plan.program.setup, path)
-        varied |= {name: np.full(plan.runs, value) for name, value in found.items()}
+        varied = {name: np.full(plan.runs, value) for name, value in found.items()} | varied
     params, faults = jax.tree.map(jnp.asarray, (varied, faults))
     return Model(plan.program, tuple(map(jnp.asarray, plan.columns)), params, faults)
 

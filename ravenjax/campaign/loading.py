@@ -39,8 +39,10 @@ def load_campaign(
         return from_dict(campaign, overrides=overrides)
     file = location.find_campaign_file(campaign, "campaigns", "campaign", "ravenjax campaigns")
     raw, text = location.read_toml(file)
-    with consent.given_for(*[file.parent] * runs):
-        return _from_dict(raw, file, text, overrides)
+    # A name without a path may mean a file in ./campaigns, which somebody else may have written.
+    given = runs and file.parent == Path(campaign).parent
+    with consent.given_for(*[file.parent] * given):
+        return from_record(raw, overrides, file, text)
 
 
 def load_source(source: str | Path, overrides: Sequence[str] = ()) -> CampaignConfig:
@@ -74,12 +76,13 @@ def from_dict(
     run; without a file, a program wrote the tables, and any code may. Raises UserError.
     """
     with consent.given_for(consent.EVERYWHERE if source is None else source.parent):
-        return _from_dict(raw, source, text, overrides)
+        return from_record(raw, overrides, source, text)
 
 
-def _from_dict(
-    raw: dict[str, Any], source: Path | None, text: str, overrides: Sequence[str]
+def from_record(
+    raw: dict[str, Any], overrides: Sequence[str], source: Path | None = None, text: str = ""
 ) -> CampaignConfig:
+    """Return the same for tables that a file of somebody else may hold: no code may run anew."""
     raw, replaced = overriding.all_applied(raw, overrides)
     where = location.Where(source, location.key_lines(text), replaced)
     raw = population.with_population(raw, where, source)

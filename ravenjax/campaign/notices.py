@@ -8,7 +8,6 @@ each run.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,7 +18,7 @@ from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.campaign.plan import Plan
 from ravenjax.numbers import paths
-from ravenjax.vocabulary.effects import EFFECT_CODES, TRIGGER_CODES
+from ravenjax.vocabulary.effects import EFFECT_CODES, RANDOM, TRIGGER_CODES
 
 MOST_COMPARED = 2**20
 """Largest number of runs of which equal ones are looked for, which takes seconds from there on."""
@@ -105,7 +104,7 @@ def _of_faults(plan: Plan) -> Iterator[str]:
     start, length, every = (
         faults[name].astype(np.int64) for name in ("start", "duration", "every")
     )
-    clocks, there = _clocks(plan), faults["code"] > 0
+    clocks, there = plan.any_clocks, faults["code"] > 0
     closes = span.last_window_ends(faults, ticks, clocks)
     opens = there & (closes > 0)
     lasts = opens & (every == 0) & (length < table.FOREVER_TICKS)
@@ -114,10 +113,11 @@ def _of_faults(plan: Plan) -> Iterator[str]:
     targets = table.injection_targets(plan.program.setup.injection)
     unread = np.array([False, *(plan.config.robot.sites[site].unread for site, *_ in targets)])
     columns = [values for name, values in faults.items() if name != "key"]
-    twice = np.zeros_like(there)
+    twice, drawn = np.zeros_like(there), [EFFECT_CODES[name] for name in RANDOM]
     for slot in range(1, there.shape[1]):
         same = [values[:, :slot] == values[:, slot : slot + 1] for values in columns]
-        twice[:, slot] = there[:, slot] & np.logical_and.reduce(same).any(axis=1)
+        fixed = there[:, slot] & ~np.isin(faults["effect"][:, slot], drawn)
+        twice[:, slot] = fixed & np.logical_and.reduce(same).any(axis=1)
     early, down = np.zeros_like(there), ticks
     if clocks is not None:
         first = np.array([min((*phases.begins, ticks)) for phases in clocks.phases])[clocks.kind]
@@ -150,14 +150,6 @@ def _of_faults(plan: Plan) -> Iterator[str]:
         ("site", twice, "is the same fault as another one of the run"),
     ):
         yield from _grouped(plan, key, which, words)
-
-
-def _clocks(plan: Plan) -> Any:
-    """Return when packets arrive and the pedal is down; None if the robot does not say it."""
-    robot = plan.config.robot.part("campaign")
-    if not hasattr(robot, "clocks"):
-        return None
-    return robot.clocks(plan.program, plan.columns, plan.varied, plan.runs)
 
 
 def _idle(plan: Plan) -> np.ndarray:

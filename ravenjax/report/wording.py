@@ -128,11 +128,6 @@ def format_bounds(value: Estimate, decimals: int | None = None) -> str:
     return format_span(low, high) if math.isfinite(low) or math.isfinite(high) else ""
 
 
-def format_hundredths(value: float) -> str:
-    """Write a number with at most two decimals: −0.04."""
-    return format_number(round(value, 2)) if math.isfinite(value) else DASH
-
-
 def format_span(low: float, high: float) -> str:
     """Write a range: 9–15, or −4 to 2 if a bound is negative. An unknown bound is left open."""
     if math.isfinite(low) and math.isfinite(high):
@@ -214,7 +209,6 @@ FILTERS = {
     "interval": format_interval,
     "estimate": format_estimate,
     "bounds": format_bounds,
-    "hundredths": format_hundredths,
     "points": format_points,
     "signed_points": signed_points,
     "point_bounds": point_bounds,

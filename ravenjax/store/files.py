@@ -27,6 +27,8 @@ def write_aside(path: Path, write: Callable[[Path], object]) -> None:
     """
     temporary = path.with_name(f".{path.name}.tmp")
     try:
+        # A link of that name would lead out of the folder.
+        temporary.unlink(missing_ok=True)
         write(temporary)
         with open(temporary, "rb+") as file:
             os.fsync(file.fileno())
@@ -53,6 +55,7 @@ def replace_file(path: Path, text: str) -> None:
     OSError if the disk refuses.
     """
     temporary = path.with_name(f".{path.name}.tmp")
+    temporary.unlink(missing_ok=True)
     temporary.write_text(text, encoding="utf-8")
     os.replace(temporary, path)
 
@@ -180,6 +183,7 @@ def require_writable(folder: Path) -> None:
     probe = folder / ".write-test"
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        probe.unlink(missing_ok=True)
         probe.write_bytes(b"")
         probe.unlink()
     except OSError as error:

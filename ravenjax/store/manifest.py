@@ -121,7 +121,7 @@ class Manifest(BaseModel):
     # Number of the haptic set that the column `verdict` uses.
     verdict_cue: int = 0
     # Column of the campaign's jump rule.
-    verdict_jump: str = "jump_code"
+    verdict_jump: str = Field(default="jump_code", pattern="^jump_[a-z]+$")
     # Limit of a hazard, mm.
     limit_mm: float = LIMIT_MM
     engine: str

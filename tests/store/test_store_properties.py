@@ -70,7 +70,9 @@ class Histories(RuleBasedStateMachine):
             self.asked = set(range(RUNS))
         else:
             rows = manifests.join_ranges(tuple(rows))
-            self.asked |= {row for first, last in rows for row in range(first, last + 1)}
+            # A start that stored nothing does not decide what the folder is for.
+            kept = self.asked if self._parts() else set()
+            self.asked = kept | {row for first, last in rows for row in range(first, last + 1)}
         self.folder = ResultFolder.open(self.path, wanted(rows))
         assert {row for span in self.folder.manifest.wanted for row in span} == self.asked
 
@@ -132,7 +134,7 @@ class Histories(RuleBasedStateMachine):
         frame, of = (OTHER, "another campaign") if foreign else (FRAME, wanted().config_hash)
         synthetic.write_part(self.path / "parts", frame.iloc[span[0] : span[1] + 1], SHAPE, of)
 
-    @precondition(lambda self: self.folder is None and self._known())
+    @precondition(lambda self: self.folder is None and self._known() and self._parts())
     @rule()
     def another_campaign(self):
         """A start with another config changes nothing."""

@@ -162,7 +162,7 @@ def loop(rows: Rows, params: robot.PlantParams, cables: Any = 1.0) -> Run:
         )
 
     def run(angle, speed, rows):
-        start = position_loop.start_state(SETUP, ARM, CONTROLLER, started(params, angle, speed))
+        start = position_loop.start_state(SETUP, CONTROLLER, started(params, angle, speed))
         return jax.lax.scan(tick, start, rows)[1]
 
     return run

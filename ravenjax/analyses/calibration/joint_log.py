@@ -129,7 +129,7 @@ def read_joint_log(
         raise UserError(f"{path}: expected the file of a log ({kinds}) or a folder of ROS 2")
     samples = _pedal_down(samples)
     times = _regular_times(samples, options)
-    desired, measured = _joints(samples, arm, tool, software, controller)
+    desired, measured = _joints(samples, times, arm, tool, software, controller)
     times = times - times[0]
     cycles = np.round(times * 1e3).astype(int)
     whole = np.arange(cycles[-1] + 1)
@@ -180,7 +180,12 @@ def _regular_times(samples: Samples, options: ReplayOptions) -> np.ndarray:
 
 
 def _joints(
-    samples: Samples, arm: ArmName, tool: str, software: str, controller: Controller
+    samples: Samples,
+    times: np.ndarray,
+    arm: ArmName,
+    tool: str,
+    software: str,
+    controller: Controller,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return desired [n, 7] and measured joints [n, 7]. A joint that lacks one of them is measured
     as NaN and desired at home.
@@ -192,7 +197,7 @@ def _joints(
         if motors is not None and targets is None and counts is not None:
             # The PD law is solved for the desired angle. An integral term would prevent this.
             speed = _quantity(samples, "mvel")
-            speed = np.gradient(motors, 1e-3, axis=0) if speed is None else speed
+            speed = np.gradient(motors, times, axis=0) if speed is None else speed
             signs = np.array([*transmission.tau_signs(arm, tool, software)], float)
             torque = counts * signs / np.array([*transmission.COUNTS_PER_NM])
             kp, kd, ki = (

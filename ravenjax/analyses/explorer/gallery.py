@@ -36,7 +36,7 @@ def build_gallery(folder: Path, sources: Sequence[str | Path] = ()) -> list[Card
     campaigns of one name, and if no campaign can become a page.
     """
     configs = [
-        loading.load_campaign(source)
+        loading.load_campaign(source, runs=False)
         for source in sources or resources.list_resources("campaigns", "*.toml")
     ]
     names = [config.campaign.name for config in configs]

@@ -42,7 +42,7 @@ def build_page(source: str | Path, out: Path | None = None) -> Path:
         config, table = validate_tables(record.config), words.list_runs(folder, record)
         place = folder / FILE
     else:
-        config, table = loading.load_campaign(source), None
+        config, table = loading.load_campaign(source, runs=False), None
         place = Path(config.campaign.name + SUFFIX)
     path = out or place
     files.write_text(path, render_page(config, table))

@@ -206,7 +206,7 @@ def operate_afresh(
         "campaign": campaign["campaign"] | {"name": "fresh"},
         "group": [{"name": "fresh"}],
     }
-    config = loading.from_dict(raw, overrides=overrides)
+    config = loading.from_record(raw, overrides)
     own = OperationDesign(
         tuple(design["motions"]),
         robots or design["robots"],

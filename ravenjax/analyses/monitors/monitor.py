@@ -26,7 +26,8 @@ class Segments:
     def __post_init__(self) -> None:
         numbers = np.asarray(self.edges, np.float32)
         if (
-            bool(self.field) != bool(self.edges)
+            not re.fullmatch("[a-z_0-9]*", self.field)
+            or bool(self.field) != bool(self.edges)
             or not np.isfinite(numbers).all()
             or (np.diff(numbers) <= 0).any()
         ):

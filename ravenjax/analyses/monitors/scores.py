@@ -47,11 +47,12 @@ class Score:
     against: str = ""  # other field of a residual, with the same channels
 
     def __post_init__(self) -> None:
-        # A robot of another package chooses the names of its signals.
-        if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", self.name):
-            raise ValueError(
-                f"score {self.name!r}: its name must be letters, digits and _, a letter first"
-            )
+        # A robot or a file of somebody else chooses these words, which become code.
+        for word in (self.name, self.signal, *filter(None, (self.against, *self.labels))):
+            if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", word):
+                raise ValueError(
+                    f"score {self.name!r}: {word!r} must be letters, digits and _, a letter first"
+                )
 
     @property
     def words(self) -> str:

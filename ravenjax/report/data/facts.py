@@ -296,7 +296,7 @@ def _number(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
         for name in inputs
         if not name.endswith(("_duration_ms", "_every_ms"))
     ]
-    for slot in {name.partition("_")[0] for name in inputs if name.startswith("fault")}:
+    for slot in {name.partition("_")[0] for name in inputs if name[5:6].isdigit()}:
         start, again = f"{slot}_start_ms::BIGINT", f"{slot}_every_ms"
         again = f"CASE WHEN {start} + {again} < {end_ms} THEN {again} ELSE 0 END"
         # Packet numbers begin at 1.

@@ -39,7 +39,7 @@ MOST_DRAWN = 20_000
 """Largest number of runs for a curve. Of more runs, about this number is drawn, which makes bands
 too wide rather than too narrow.
 """
-SCORED = "plain AND faulty AND NOT failed"
+SCORED = "plain AND faulty AND activated AND NOT failed"
 MOST_THRESHOLDS = 12
 """Thresholds of a detector in the table. Of more, this number is taken at even spacing, and the
 quiet one.

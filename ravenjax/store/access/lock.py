@@ -33,7 +33,7 @@ def hold_lock(folder: Path) -> Iterator[None]:
     """
     path = folder / FILE
     try:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
     except OSError as error:
         raise StoreError(
             f"{path}: cannot be written ({error.strerror or error}). Expected a folder that this"

@@ -84,6 +84,9 @@ class ResultTable:
     def _told(self, sql: str, given: Sequence[Any] = ()) -> duckdb.DuckDBPyConnection:
         import duckdb
 
+        # A name in somebody else's file must not add a statement that writes.
+        if self._connection.extract_statements(sql)[1:]:
+            raise StoreError("a name in the result holds SQL; nothing was computed: it is forged")
         try:
             return self._connection.execute(sql, list(given))
         except duckdb.OutOfMemoryException as error:

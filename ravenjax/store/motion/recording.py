@@ -76,6 +76,11 @@ def _packets(path: Path) -> bool:
 
 def _read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> Track:
     if path.suffix.lower() in CAPTURES or _packets(path):
+        if options.frame or options.rotation or options.offset_mm:
+            raise UserError(
+                f"{path}: operator.frame, rotation and offset_mm are of recorded tips, this file"
+                " holds packets: remove them"
+            )
         return packet_file.read_track(
             path, arms, options.console, {arm: _home(arm) for arm in arms}
         )

@@ -22,7 +22,7 @@ from ravenjax.store.logs import bags
 from ravenjax.store.logs.bags import TopicMessages
 from ravenjax.store.logs.topics import ARM_TOPICS, JOINT_STATE, POSE, frame0_name
 from ravenjax.store.motion import stamps
-from ravenjax.store.motion.options import Frame, ReplayOptions
+from ravenjax.store.motion.options import Frame, ReplayOptions, of_arm
 from ravenjax.store.motion.summary import list_names
 from ravenjax.store.motion.track import LENGTHS, ArmTrack, Track
 
@@ -435,7 +435,8 @@ def _frame(
         if own:
             return "frame0", []
         return "arm_base", [f"{tip.topic} is in frame {name}; it is turned into frame 0"]
-    if (options.rotation, options.offset_mm, options.place) == (None, None, "recorded"):
+    turned, moved = of_arm(options.rotation, arm), of_arm(options.offset_mm, arm)
+    if (turned, moved, options.place) == (None, None, "recorded"):
         raise UserError(
             f"{path}: {tip.topic} is in frame {names[0]!r}, which is not known here; expected"
             f" frame 0 of {arm}, or {ARM_TOPICS[arm]}_base of CRTK. Write operator.frame ="

@@ -176,7 +176,8 @@ def test_public_recording(shared_data):
     assert np.abs(np.diff(speed)).max() < 3e-3  # smooth: below 3 m/s2
     summary = one.summary
     assert summary.notes == (
-        "column time_ns is not used, operator.rate_hz spaces rows evenly; it says 60.942 s in all",
+        "column time_ns is not used, operator.rate_hz = 1000 spaces rows evenly; it says 60.942 s"
+        " in all",
     )
     assert summary.ignored == ("time_ns", "green_x_um", "green_y_um", "green_z_um")
     assert summary.arms[0].inside == pytest.approx(0.927, abs=1e-3)
