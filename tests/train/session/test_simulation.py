@@ -12,7 +12,7 @@ from ravenjax.campaign import loading
 from ravenjax.campaign.inspection import replay
 from ravenjax.errors import UserError
 from ravenjax.outcomes.verdict import LIMIT_MM
-from ravenjax.robots.raven2.console.operator import look_up_row, make_packet
+from ravenjax.robots.raven2.console.operator import make_packet, row_by_row
 from ravenjax.train.judge.watch import Judge
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.session import blueprint
@@ -142,7 +142,7 @@ def test_a_session_says_of_a_hazard_what_the_table_of_its_campaign_says(made, ro
     judge = Judge(
         *made_scenario(hazard=[{"fault": [{**FAULTS["stop"], "value": 0}]}], harm=harm),
         cue_on=True,
-        tell=lambda *_, **__: None,
+        record=lambda *_, **__: None,
     )
     frame["pedal"] = frame["console_alive"] = 1
     for now in range(TICKS):
@@ -180,9 +180,7 @@ def packets(made, count):
     motion = tuple(map(jnp.asarray, made.plan.columns))
 
     def one(k):
-        return make_packet(
-            setup, params.operator, look_up_row(motion, k), look_up_row(motion, k - 1), k + 1
-        )
+        return make_packet(setup, params.operator, motion, row_by_row(k))
 
     many = jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(jnp.arange(count, dtype=jnp.int32)))
     return [jax.tree.map(lambda leaf: leaf[k], many) for k in range(count)]  # noqa: B023
