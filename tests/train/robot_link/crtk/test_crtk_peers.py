@@ -99,8 +99,8 @@ class LiveRobot:
             env=network.environ,
         )
         threading.Thread(target=self._listen, daemon=True).start()
-        begin = "realtime" if words else "CRTK"
-        here = lambda: any(line.startswith(begin) for line in self.lines)  # noqa: E731
+        begins = ["realtime"] if words else ["CRTK", "console: ITP", "joint state"]
+        here = lambda: all(any(li.startswith(b) for li in self.lines) for b in begins)  # noqa: E731
         waiting.until(lambda: here() or self._process.poll() is not None)
         assert here(), "".join(self.lines)
         self.itp_port, self.joint_port = self._port("console: ITP"), self._port("joint state")
