@@ -155,7 +155,8 @@ import json, sys
 from ravenjax.train import scenario
 from ravenjax.train.robot_link import process as robot_process
 say = lambda line: print(line, flush=True)
-robot_process.run_robot(scenario.from_dict(json.loads(sys.argv[1])), itp_port=0, joint_port=0, say=say)
+loop = scenario.from_dict(json.loads(sys.argv[1]))
+robot_process.run_robot(loop, itp_port=0, joint_port=0, say=say)
 """
 
 
