@@ -2,8 +2,8 @@
 
 The user agrees to code in one of these ways:
 
-- A command computes a campaign file, and the code lies in the folder of that file and belongs to
-  the user. A robot's module may lie wherever Python finds it.
+- A command computes a campaign file that it names by its path, and the code lies in the folder of
+  that file and belongs to the user. A robot's module may lie wherever Python finds it.
 - `--trust` is on the command line, or RAVENJAX_TRUST=1 in the environment.
 - The same content has run before for this user, who agreed then. Its hash is remembered.
 

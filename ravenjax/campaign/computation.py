@@ -166,9 +166,9 @@ class Computation:
             watches = name.startswith(("cue", "detector")) and name.endswith("_first_ms")
             if watches and (first >= 0).all():
                 self.progress.note(
-                    f"{name.removesuffix('_first_ms')} is on in every golden run, in the last one"
-                    f" from {first.max()} ms on: after that it shows no fault. Take a larger"
-                    " threshold"
+                    f"{name.removesuffix('_first_ms')} is on in every golden run, from"
+                    f" {first.max()} ms on at the latest. It cannot show a later fault: take a"
+                    " larger threshold"
                 )
 
     def _count(self, ticks: int) -> None:

@@ -90,7 +90,7 @@ def _of_parameters(plan: Plan) -> Iterator[str]:
         elif count := int((free & ~same).sum()):
             yield (
                 f"parameters.{path}: differs from the robot's own value in {count} runs without a"
-                " fault. Their golden runs have it, too, so that no outcome shows its effect"
+                " fault. Their golden runs have the same value, so no outcome shows its effect"
             )
     if program.ends and bool((plan.ends == program.ticks).all()):
         yield "campaign.observe_ms: ends no run before campaign.duration_s"

@@ -80,7 +80,7 @@ def calibrate(
     from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
     from ravenjax.robots.raven2.plant import robot
     from ravenjax.robots.raven2.setup import RavenSetup
-    from ravenjax.store.files import write_aside
+    from ravenjax.store.files import write_text
 
     if draws < 1:
         raise UserError(f"--draws {draws}: expected at least 1 robot")
@@ -108,12 +108,7 @@ def calibrate(
         calibrated.base, calibrated.unknowns, calibrated.draws(draws)
     )
     out.parent.mkdir(parents=True, exist_ok=True)
-    write_aside(
-        out,
-        lambda target: target.write_text(
-            robot_file.format_robot_file(values, arm, SET, log), encoding="utf-8"
-        ),
-    )
+    write_text(out, robot_file.format_robot_file(values, arm, SET, log))
     pictures = out.with_suffix(".svg"), out.with_name(f"{out.stem}_parameters.svg")
     whole = logged.log.compared(0, len(logged.log.desired))
     replayed = logged.replayed(whole, [calibrated.robot])[0]

@@ -110,7 +110,7 @@ def _one_by_one(place: Path, record: Manifest, explanation: Explained, as_json: 
     """Print each run's chain, and write it as CSV and SVG."""
     from ravenjax.report import downloads
     from ravenjax.report.run import chain, chain_words
-    from ravenjax.store.files import write_aside
+    from ravenjax.store.files import write_text
 
     records = []
     for row, ticks in zip(
@@ -118,8 +118,7 @@ def _one_by_one(place: Path, record: Manifest, explanation: Explained, as_json: 
     ):
         one = chain.trace_chain(row, ticks, record.robot, record.shape.arms, record.rules.cue)  # type: ignore[arg-type]
         table, plot = (place / f"{one.run_id}.{kind}" for kind in ("csv", "svg"))
-        text = downloads.format_csv(one.links) or "layer,signal\n"
-        write_aside(table, lambda target, text=text: target.write_text(text, encoding="utf-8"))
+        write_text(table, downloads.format_csv(one.links) or "layer,signal\n")
         paths = [table] if chain_words.draw_timeline(one, plot) is None else [table, plot]
         records.append(chain_words.as_dict(one) | {"files": [str(path) for path in paths]})
         if not as_json:
@@ -153,7 +152,7 @@ def _together(folder: Path, place: Path, record: Manifest, as_json: bool) -> Non
     from ravenjax.report.data.runs import Runs
     from ravenjax.report.sections import chains
     from ravenjax.store.access import explained
-    from ravenjax.store.files import write_aside
+    from ravenjax.store.files import write_text
 
     ticks = explained.read_explained(place, record)
     assert ticks is not None
@@ -162,7 +161,7 @@ def _together(folder: Path, place: Path, record: Manifest, as_json: bool) -> Non
     paths = [place / explained.FILE]
     if text := downloads.format_csv(one.carriers):
         paths.append(place / "signals.csv")
-        write_aside(paths[-1], lambda target: target.write_text(text, encoding="utf-8"))
+        write_text(paths[-1], text)
     if chains.draw_charts(one, place / "signals.svg") is not None:
         paths.append(place / "signals.svg")
     if as_json:

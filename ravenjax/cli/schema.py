@@ -44,5 +44,5 @@ def schema(kind: Kind = "campaign", *, out: Path | None = None) -> None:
     if out is None:
         print(text, end="", file=console.out.file)
         return
-    files.write_aside(out, lambda target: target.write_text(text, encoding="utf-8"))
+    files.write_text(out, text)
     console.print_text(f"wrote {out}")

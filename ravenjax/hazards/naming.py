@@ -1,4 +1,4 @@
-"""Finds the hazards that a campaign's group represents, from its name alone.
+"""Finds the hazards that a campaign's group represents, and their titles, from its name alone.
 
 Reports only have the name, so nothing else may be needed.
 """
@@ -7,6 +7,10 @@ from __future__ import annotations
 
 import re
 
+from ravenjax.hazards import library
+
+MOST = 3
+"""Largest number of titles that are listed for a group; further titles are counted."""
 _ID = re.compile(r"[A-Z]\d\d")
 _IDS = re.compile(r"(?:.*/)?([A-Z]\d\d(?:[-,][A-Z]\d\d)*)(?![A-Za-z0-9])")
 """Patterns of one id, and of the ids with which a group's name begins."""
@@ -33,3 +37,11 @@ def hazards_of(group: str) -> tuple[str, ...]:
 def kind_of(group: str) -> str:
     """Return the kind of a group's faults, an author's choice: its hazards, or the group itself."""
     return ",".join(hazards_of(group)) or group
+
+
+def titles_of(group: str) -> str:
+    """Return the titles of these hazards; "" if the name begins with no known hazard."""
+    names = hazards_of(group)
+    titles = [row.title for row in library.all_hazards() if row.id in names]
+    more = f"; {len(titles) - MOST} more" if len(titles) > MOST else ""
+    return "; ".join(titles[:MOST]) + more

@@ -114,7 +114,7 @@ class Campaign:
             return str(Path(file).relative_to(folder)) if lies_in else file
 
         text = writing.format_toml(_with_files(self._tables, relative))
-        files.write_aside(Path(path), lambda target: target.write_text(text, encoding="utf-8"))
+        files.write_text(Path(path), text)
         return text
 
     def plain(self) -> dict[str, Any]:

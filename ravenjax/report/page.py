@@ -11,12 +11,12 @@ import jinja2
 from markupsafe import Markup
 
 from ravenjax.document import html
-from ravenjax.hazards import titles
+from ravenjax.hazards import naming
 from ravenjax.report import downloads, wording
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import Section, all_sections, answers, tables
 from ravenjax.store import manifest as manifests
-from ravenjax.store.files import write_aside
+from ravenjax.store.files import write_text
 from ravenjax.store.manifest import Manifest
 
 FILE = "report.html"
@@ -32,7 +32,7 @@ def build_report(folder: Path) -> Path:
     with contextlib.closing(Runs.open(folder, manifest)) as runs:
         text = render_report(runs, manifest, folder)
     path = folder / FILE
-    write_aside(path, lambda target: target.write_bytes(text.encode()))
+    write_text(path, text)
     return path
 
 
@@ -77,6 +77,6 @@ def _environment() -> jinja2.Environment:
     environment.filters |= wording.FILTERS | {
         "as_json": json.dumps,
         "csv": downloads.format_csv,
-        "hazard_titles": titles.of_group,
+        "hazard_titles": naming.titles_of,
     }
     return environment

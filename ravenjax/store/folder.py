@@ -63,6 +63,8 @@ class ResultFolder:
         another are moved to `SET_ASIDE` and noted. Raises StoreError, before any change, if the
         folder cannot be written to or holds another campaign.
         """
+        if (path / PARTS).is_symlink():
+            raise StoreError(f"{path / PARTS}: is a link; expected a folder inside {path}")
         require_writable(path / PARTS)
         there = parts.part_files(path / PARTS)
         # A start that stored nothing, as of a campaign with a mistake, does not decide the folder.

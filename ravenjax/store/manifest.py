@@ -29,7 +29,7 @@ from ravenjax.errors import StoreError
 from ravenjax.outcomes.events import Rules
 from ravenjax.outcomes.verdict import LIMIT_MM, PUBLISHED_CUE_MM
 from ravenjax.store import schema
-from ravenjax.store.files import parse_json, path_inside, write_aside
+from ravenjax.store.files import parse_json, path_inside, write_text
 from ravenjax.store.motion.summary import MotionSummary
 from ravenjax.store.parts import Part, require_version
 from ravenjax.vocabulary.checks import built_in_column
@@ -305,8 +305,8 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
     """Replace the folder's manifest and its list of parts, each atomically."""
     lines = "".join(f"{part.model_dump_json()}\n" for part in manifest.parts)
     text = manifest.model_dump_json(indent=2, exclude={"parts"}) + "\n"
-    write_aside(folder / PARTS_FILE, lambda target: target.write_bytes(lines.encode()))
-    write_aside(folder / FILE, lambda target: target.write_bytes(text.encode()))
+    write_text(folder / PARTS_FILE, lines)
+    write_text(folder / FILE, text)
 
 
 def record_part(folder: Path, part: Part) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from ravenjax.errors import StoreError
 from ravenjax.stats.sample_size import sequential
 from ravenjax.stats.sample_size.sequential import Look
-from ravenjax.store.files import write_aside
+from ravenjax.store.files import write_text
 
 FILE = "decisions.jsonl"
 
@@ -16,7 +16,7 @@ FILE = "decisions.jsonl"
 def write_looks(folder: Path, looks: Sequence[Look]) -> None:
     """Write all looks so far, atomically. Raises StoreError if the disk refuses."""
     text = "".join(f"{look.model_dump_json()}\n" for look in looks)
-    write_aside(folder / FILE, lambda target: target.write_text(text, encoding="utf-8"))
+    write_text(folder / FILE, text)
 
 
 def read_looks(folder: Path) -> list[Look]:

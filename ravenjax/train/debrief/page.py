@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ravenjax.errors import StoreError
-from ravenjax.store.files import write_aside
+from ravenjax.store.files import write_text
 from ravenjax.store.logs.session import description
 from ravenjax.train.debrief import dexterity, figures, replay
 from ravenjax.train.protocol.messages import Json
@@ -76,5 +76,5 @@ def write_debrief(folder: Path) -> Path:
         contact=contact,
     )
     path = folder / FILE
-    write_aside(path, lambda target: target.write_bytes(html.with_scopes(page).encode()))
+    write_text(path, html.with_scopes(page))
     return path

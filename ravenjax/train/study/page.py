@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ravenjax.document.chart import Chart, ChartAxis, Dots
-from ravenjax.store.files import require_writable, write_aside
+from ravenjax.store.files import require_writable, write_text
 from ravenjax.train.recording import hazards as hazard_table
 from ravenjax.train.study import design, sessions
 from ravenjax.train.study.comparison import ComparedGroup, GroupComparison, compare_groups
@@ -75,8 +75,7 @@ def write_study(
     )
     text = environment.overlay(autoescape=False).get_template("study.txt.j2").render(content)
     for name, written in ((PAGE, html.with_scopes(page)), (TABLE, _table(study)), (TEXT, text)):
-        data = written.encode()
-        write_aside(out / name, lambda target, data=data: target.write_bytes(data))
+        write_text(out / name, written)
     return StudyResult(out / PAGE, out / TABLE, text, comparisons)
 
 

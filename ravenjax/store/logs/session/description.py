@@ -15,7 +15,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ravenjax.errors import StoreError, format_value
-from ravenjax.store.files import hash_file, parse_json, path_inside, require_writable, write_aside
+from ravenjax.store.files import hash_file, parse_json, path_inside, require_writable, write_text
 
 FILE = "session.json"
 VERSION = 1
@@ -81,7 +81,7 @@ def write_session(folder: Path, header: Mapping[str, Any]) -> None:
     require_writable(folder)
     content = {"version": VERSION, **header}
     text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    write_aside(folder / FILE, lambda target: target.write_bytes(text.encode()))
+    write_text(folder / FILE, text)
 
 
 def read_session(folder: Path) -> dict[str, Any]:
