@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from evidence.sources import EXAMPLE_RUNS, Source, interval_in_words
-from ravenjax.hazards import naming, titles
+from ravenjax.hazards import naming
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.sections import tables
 from ravenjax.stats.intervals import Rate
@@ -87,7 +87,7 @@ def _row(source: Source, line: tuple[Any, ...], n: int, failed: int) -> FailureM
         source.record.campaign,
         group,
         " ".join(naming.hazards_of(group)),
-        titles.of_group(group),
+        naming.titles_of(group),
         site,
         effect,
         f"{layer}: {EFFECTS[effect].meaning}" if effect in EFFECTS else layer,
