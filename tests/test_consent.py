@@ -45,14 +45,18 @@ def place(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_a_computed_campaign_runs_the_code_in_its_folder_and_later_files_what_ran_before(place):
+def test_a_computed_campaign_runs_the_code_in_its_folder_and_later_files_what_ran_before(
+    place, monkeypatch
+):
     campaign = place / "campaign" / "own.toml"
     with pytest.raises(UserError, match=r"part.py: is Python code.*--trust"):
         loading.load_campaign(campaign, runs=False)
     with pytest.raises(UserError, match="is Python code"):
         loading.load_campaign(campaign.with_name("outside.toml"))
     assert not (place / "ran").exists()
-    config = loading.load_campaign(campaign)
+    # A name without a folder means the current one.
+    monkeypatch.chdir(campaign.parent)
+    config = loading.load_campaign(campaign.name)
     assert (place / "ran").read_text() == "part beside "
     own_part._KNOWN.clear()
     assert loading.validate_tables(config.model_dump(mode="json")).detectors

@@ -40,7 +40,7 @@ def load_campaign(
     file = location.find_campaign_file(campaign, "campaigns", "campaign", "ravenjax campaigns")
     raw, text = location.read_toml(file)
     # A name without a path may mean a file in ./campaigns, which somebody else may have written.
-    given = runs and file.parent == Path(campaign).parent
+    given = runs and file.parent.resolve() == Path(campaign).parent.resolve()
     with consent.given_for(*[file.parent] * given):
         return from_record(raw, overrides, file, text)
 
