@@ -24,7 +24,17 @@ Objects = MutableMapping[str, bytes]
 Code = TypeVar("Code")
 
 _PACKAGE = Path(__file__).resolve().parents[1]
-_FLOORS = ("engines", "stages", "faults", "ir", "numbers", "parts", "vocabulary", "robots")
+_FLOORS = (
+    "engines",
+    "stages",
+    "faults",
+    "ir",
+    "mechanics",
+    "numbers",
+    "parts",
+    "vocabulary",
+    "robots",
+)
 _PACKAGES = ("ravenjax", "jax", "jaxlib", "mujoco", "numpy")
 
 

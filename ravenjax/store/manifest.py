@@ -42,6 +42,7 @@ _DECIDING = [
     "faults/**",
     "hazards/**",
     "ir/**",
+    "mechanics/**",
     "numbers/**",
     "outcomes/**",
     "parts/**",

@@ -22,7 +22,7 @@ from ravenjax.robots.raven2.dynamics import arm_model
 from ravenjax.robots.raven2.setup import RavenSetup
 
 if TYPE_CHECKING:
-    from ravenjax.robots.raven2.dynamics.rigid_tree import Link
+    from ravenjax.mechanics.rigid_tree import Link
 
 FUNCTIONS = {"sin": lambda x: jnp.sin(x), "cos": lambda x: jnp.cos(x)}
 """Functions that the program calls."""
@@ -84,7 +84,7 @@ def arm_links(arm: ArmName) -> tuple[Link, ...]:
     """Return the arm as a tree of links. Raises ValueError if the model's joints are not those of
     the arm.
     """
-    from ravenjax.robots.raven2.dynamics.rigid_tree import read_tree  # imports MuJoCo
+    from ravenjax.mechanics.rigid_tree import read_tree  # imports MuJoCo
 
     tree = read_tree(arm_model.one_arm(arm), arm_model.base_body(arm))
     joints, expected = tuple(link.joint for link in tree), arm_model.joint_names(arm)
@@ -101,7 +101,7 @@ def arm_program(arm: ArmName, known: tuple[float | None, ...]) -> Program:
     """Return the arm's straight-line program; `known` as in
     `rigid_program.mass_matrix_and_bias`.
     """
-    from ravenjax.robots.raven2.dynamics import rigid_program
+    from ravenjax.mechanics import rigid_program
 
     return rigid_program.mass_matrix_and_bias(arm_links(arm), known)
 

@@ -12,16 +12,17 @@ import numpy as np
 import pytest
 
 from ravenjax.ir.symbolic import replay_program
+from ravenjax.mechanics import rigid_program
+from ravenjax.mechanics.rigid_tree import read_tree
 from ravenjax.numbers.linear_solve import solve_spd
 from ravenjax.numbers.setup import REFERENCE
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.arms import ARMS
-from ravenjax.robots.raven2.dynamics import arm_model, rigid_program
+from ravenjax.robots.raven2.dynamics import arm_model
 from ravenjax.robots.raven2.dynamics.link_dynamics import (
     FUNCTIONS,
     mass_matrix_and_bias,
 )
-from ravenjax.robots.raven2.dynamics.rigid_tree import read_tree
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.plant import robot
 from ravenjax.robots.raven2.setup import RavenSetup

@@ -15,9 +15,9 @@ from typing import TypeAlias
 
 from ravenjax.ir.program import Program
 from ravenjax.ir.symbolic import Number, build_program, cos, make_symbols, sin
+from ravenjax.mechanics.rigid_tree import Link
 from ravenjax.numbers.algebra import cross, matrix
 from ravenjax.numbers.vec import Vec
-from ravenjax.robots.raven2.dynamics.rigid_tree import Link
 
 Matrix: TypeAlias = list[list[Number]]
 Turn: TypeAlias = tuple[int, Number, Number]  # axis (0: x, 2: z), cosine, sine
