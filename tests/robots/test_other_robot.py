@@ -184,6 +184,7 @@ def test_results_are_reported_verified_and_traced(file, tmp_path, capsys):
     assert "the nominal model" in text and " arm " in text
     (trace,) = (out / "traces").glob("*.csv")
     assert "arm/jpos/elbow [rad]" in trace.read_text().splitlines()[0]
+    assert main(["explore", str(file), "--out", str(tmp_path / "page.html")]) == 0
 
 
 def test_series_have_names_and_units(file):
@@ -211,14 +212,15 @@ def test_what_the_robot_has_not_is_refused(file, override, complaint):
 
 def test_the_code_and_the_model_of_a_robot_of_ones_own_count(tmp_path, monkeypatch):
     """Results of one version are not continued by another."""
-    source, model = tmp_path / "own_arm.py", tmp_path / "arm.xml"
-    text = Path(planar_arm.__file__).read_text()
+    source, model, beside = (tmp_path / name for name in ("own_arm.py", "arm.xml", "gains.py"))
+    text = "import gains\n" + Path(planar_arm.__file__).read_text()
     monkeypatch.syspath_prepend(tmp_path)
     own = dataclasses.replace(planar_arm.ROBOT, package="own_arm", files=("arm.xml",))
     hashes = []
-    for kp, mass in (("40.0", 1.0), ("41.0", 1.0), ("41.0", 1.1), ("41.0", 1.0)):
+    for kp, mass, kd in ((40, 1.0, 2), (41, 1.0, 2), (41, 1.1, 2), (41, 1.0, 2), (41, 1.0, 3)):
         source.write_text(text.replace("Params(40.0", f"Params({kp}"))
+        beside.write_text(f"KD = {kd}")
         model.write_text(f'<mujoco><geom mass="{mass}"/></mujoco>')
         manifest.code_hash.cache_clear()
         hashes.append(manifest.code_hash(own))
-    assert len({*hashes, manifest.code_hash()}) == 4 and hashes[1] == hashes[3]
+    assert len({*hashes, manifest.code_hash()}) == 5 and hashes[1] == hashes[3]

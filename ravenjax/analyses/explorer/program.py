@@ -368,7 +368,9 @@ def _series(ready: Plan, tick: TracedTick) -> list[dict[str, Any]]:
     for leaf, values in enumerate(probe):
         values[leaf + 1] = 1
     named = ready.config.robot.part("campaign").series(
-        ready.program.setup, tree.fill_tree(tick.signals, list(probe))
+        ready.program.setup,
+        tree.fill_tree(tick.signals, list(probe)),
+        np.zeros((len(dtypes) + 1, tick.series), np.float32),
     )
     rows = []
     for name, values in named.items():

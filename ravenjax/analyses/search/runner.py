@@ -97,7 +97,7 @@ def _identity(config: SearchConfig, evaluator: Evaluator) -> dict[str, Any]:
         {
             "config": config.resolved(),
             "config_hash": manifest.config_hash(config.resolved()),
-            "code": manifest.code_hash()[:16],
+            "code": manifest.code_hash(config.campaign.robot)[:16],
             "engine": evaluator.engine.name,
             "device": evaluator.engine.device,
             "versions": manifest.package_versions(),
