@@ -20,7 +20,7 @@ sys.path.append(str(Path(__file__).resolve().parents[1]))
 from bench.workload import Workload
 from ravenjax.engines import traced
 from ravenjax.ir.regions import Region, arrange_regions
-from ravenjax.ir.time_loop import Split, split_loop
+from ravenjax.ir.time_loop import Split, split_lanes
 
 _FREE = ("neg", "bitcast", "constant", "input")
 """Operations without a cost: they become part of others, or disappear."""
@@ -47,9 +47,7 @@ def count(workload: Workload) -> Operations:
     """Count the operations of the workload's tick."""
     program = workload.program
     trace = traced.trace_tick(program, workload.golden_runs(1), workload.motion, stage)
-    parts = by_stage(
-        split_loop(trace.without_signals(), range(len(program.varied)), range(1 + trace.series))
-    )
+    parts = by_stage(split_lanes(trace.without_signals(), len(program.varied), True))
     return Operations(
         *(
             {name or "tick.glue": n for name, n in parts[k].most_common()}

@@ -24,17 +24,8 @@ Objects = MutableMapping[str, bytes]
 Code = TypeVar("Code")
 
 _PACKAGE = Path(__file__).resolve().parents[1]
-_FLOORS = (
-    "engines",
-    "stages",
-    "faults",
-    "ir",
-    "mechanics",
-    "numbers",
-    "parts",
-    "vocabulary",
-    "robots",
-)
+_FLOORS = ("engines", "stages", "faults", "parts", "vocabulary", "robots")
+_MATHEMATICS = ("ir", "mechanics", "numbers")
 _PACKAGES = ("ravenjax", "jax", "jaxlib", "mujoco", "numpy")
 
 
@@ -82,7 +73,7 @@ def hash_files() -> str:
     """Return the sha256 of the files that decide code: this package's lower layers, and models."""
     files = [
         path
-        for floor in _FLOORS
+        for floor in _FLOORS + _MATHEMATICS
         for suffix in ("py", "j2", "toml")
         for path in sorted((_PACKAGE / floor).rglob(f"*.{suffix}"))
     ]

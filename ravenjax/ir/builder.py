@@ -9,7 +9,7 @@ operations.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -52,15 +52,9 @@ class Builder:
 
     def emit(self, name: str, dtype: str, *operands: int) -> int:
         """Add an operation, unless there is an equal or simpler one; return its result's number."""
-        constants = self.constants
-        for o in operands:
-            if o not in constants:
-                break
-        else:
-            return self.constant(
-                dtype,
-                semantics.evaluate_operation(name, dtype, tuple(constants[o] for o in operands)),
-            )
+        if all(o in self.constants for o in operands):
+            known = tuple(self.constants[o] for o in operands)
+            return self.constant(dtype, semantics.evaluate_operation(name, dtype, known))
         if name in COMMUTATIVE and operands[0] > operands[1]:
             operands = (operands[1], operands[0])
         simpler = _simplified(self, name, dtype, operands)
@@ -72,13 +66,9 @@ class Builder:
 
     def program(self, outputs: Sequence[int]) -> Program:
         """Return the program written so far."""
-        return Program(
-            tuple(self.operations),
-            tuple(self.inputs),
-            tuple(outputs),
-            tuple(self.tables),
-            tuple(self.origins),
-        )
+        operations, inputs = tuple(self.operations), tuple(self.inputs)
+        tables, origins = tuple(self.tables), tuple(self.origins)
+        return Program(operations, inputs, tuple(outputs), tables, origins)
 
     def _write(self, operation: Operation) -> int:
         place = self._numbers.get(operation)
@@ -118,7 +108,6 @@ def _operands_of(b: Builder, i: int, name: str) -> tuple[int, ...] | None:
 
 
 def _negated(b: Builder, i: int) -> int | None:
-    """Return the operand of operation `i` if that is a negation, else None."""
     operands = _operands_of(b, i, "neg")
     return operands[0] if operands else None
 
@@ -186,7 +175,6 @@ def _extreme(b: Builder, name: str, dtype: str, x: int, y: int) -> int | None:
 
 
 def _logic(b: Builder, name: str, x: int, y: int) -> int | None:
-    """Simplify a logical operation with one known operand."""
     for p, q in ((x, y), (y, x)):
         if p in b.constants:
             if name == "xor":
@@ -225,13 +213,11 @@ def _converted(b: Builder, name: str, dtype: str, x: int) -> int | None:
     return None
 
 
-def remove_unused(
-    program: Program, change: Callable[[Builder, int, tuple[int, ...]], int | None]
-) -> Program:
-    """Rewrite `program` without the operations that no result needs.
+def contract_to_fma(program: Program) -> Program:
+    """Combine each sum with a product into one `fma`, and drop what no result needs: fewer
+    operations and roundings, equally on every engine.
 
-    change(builder, i, operands) may return another result for operation `i`; None copies the
-    operation.
+    The decision depends on nothing else in the program, so leaving other parts out changes no bit.
     """
     builder = Builder()
     builder.inputs, builder.tables = list(program.inputs), list(program.tables)
@@ -240,9 +226,8 @@ def remove_unused(
         name, dtype, operands, detail = program.operations[i]
         builder.origin = program.origins[i]
         moved = tuple(new[o] for o in operands)
-        changed = change(builder, i, moved)
-        if changed is not None:
-            new[i] = changed
+        if (fused := _fused(builder, name, dtype, moved)) is not None:
+            new[i] = fused
         elif name == "constant":
             new[i] = builder.constant(dtype, from_bits(dtype, detail))
         elif name in ("input", "lookup"):
@@ -252,26 +237,17 @@ def remove_unused(
     return builder.program([new[i] for i in program.outputs])
 
 
-def contract_to_fma(program: Program) -> Program:
-    """Combine each sum with a product into one `fma`: fewer operations and roundings, equally on
-    every engine.
-
-    The decision depends on nothing else in the program, so leaving other parts out changes no bit.
-    """
-
-    def fused(builder: Builder, i: int, operands: tuple[int, ...]) -> int | None:
-        name, dtype, _, _ = program.operations[i]
-        if name not in ("add", "sub") or dtype not in ("float32", "float64"):
-            return None
-        for k in (0, 1):
-            product, c = builder.operations[operands[k]], operands[1 - k]
-            if product.name == "mul":
-                x, y = product.operands
-                if name == "sub" and k == 0:
-                    c = builder.emit("neg", dtype, c)
-                elif name == "sub":
-                    x = builder.emit("neg", dtype, x)
-                return builder.emit("fma", dtype, x, y, c)
+def _fused(b: Builder, name: str, dtype: str, operands: tuple[int, ...]) -> int | None:
+    """Return the `fma` of a sum or difference with a product; None for any other operation."""
+    if name not in ("add", "sub") or dtype not in FLOATS:
         return None
-
-    return remove_unused(program, fused)
+    for k in (0, 1):
+        product, c = b.operations[operands[k]], operands[1 - k]
+        if product.name == "mul":
+            x, y = product.operands
+            if name == "sub" and k == 0:
+                c = b.emit("neg", dtype, c)
+            elif name == "sub":
+                x = b.emit("neg", dtype, x)
+            return b.emit("fma", dtype, x, y, c)
+    return None

@@ -2,9 +2,6 @@
 
 jit-like calls are inlined, and look-ups are clamped to their table. Anything that is not an
 operation on single numbers, or on 1-D tables read at one index, is refused by name.
-
-`lower_sign` and `lower_power` write one operation of JAX as several of the intermediate
-representation.
 """
 
 from __future__ import annotations
@@ -15,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from ravenjax.ir import elementary, polynomials
+from ravenjax.ir import polynomials, semantics
 from ravenjax.ir.builder import Builder
 from ravenjax.ir.program import TYPES, WIDE_INTEGERS, Program
 from ravenjax.numbers.lazy import lax
@@ -24,7 +21,7 @@ if TYPE_CHECKING:
     from jax.extend import core
 
 
-def lower_sign(b: Builder, dtype: str, x: int) -> int:
+def _sign(b: Builder, dtype: str, x: int) -> int:
     """Return -1, 0 or 1. A zero keeps its sign, and NaN stays NaN."""
     zero, one = b.constant(dtype, 0), b.constant(dtype, 1)
     if dtype == "uint32":
@@ -33,7 +30,7 @@ def lower_sign(b: Builder, dtype: str, x: int) -> int:
     return b.emit("select", dtype, b.emit("lt", "bool", zero, x), one, below)
 
 
-def lower_power(b: Builder, dtype: str, x: int, exponent: int) -> int:
+def _power(b: Builder, dtype: str, x: int, exponent: int) -> int:
     """Return an integer power by repeated squaring, as JAX expands it."""
     result, square = None, x
     for k in range(abs(exponent).bit_length()):
@@ -46,43 +43,15 @@ def lower_power(b: Builder, dtype: str, x: int, exponent: int) -> int:
     return result if exponent > 0 else b.emit("div", dtype, one, result)
 
 
-_ALIASES = (
-    "copy",
-    "copy_p",
-    "squeeze",
-    "reshape",
-    "broadcast_in_dim",
-    "stop_gradient",
-)
-_SAME = (
-    "add",
-    "sub",
-    "mul",
-    "div",
-    "and",
-    "or",
-    "xor",
-    "not",
-    "neg",
-    "abs",
-    "sqrt",
-    "floor",
-    "ceil",
-    "max",
-    "min",
-)
-_COMPARISONS = {"eq": "eq", "ne": "ne", "lt": "lt", "le": "le", "gt": "lt", "ge": "le"}
-_SHIFTS = {"shift_left": "shl", "shift_right_logical": "shr", "shift_right_arithmetic": "sar"}
-_CALLS = {
-    "jit": "jaxpr",
-    "pjit": "jaxpr",
-    "closed_call": "call_jaxpr",
-    "core_call": "call_jaxpr",
-    "custom_jvp_call": "call_jaxpr",
-    "custom_vjp_call": "call_jaxpr",
-    "remat": "jaxpr",
-    "checkpoint": "jaxpr",
+_ALIASES = ("copy", "copy_p", "squeeze", "reshape", "broadcast_in_dim", "stop_gradient")
+_RENAMED = {
+    "shift_left": "shl",
+    "shift_right_logical": "shr",
+    "shift_right_arithmetic": "sar",
+    "add_any": "add",  # arises from derivatives
 }
+_CALLS = ("jit", "pjit", "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call")
+_REMATERIALISED = ("remat", "checkpoint")
 
 Origin = Callable[["core.JaxprEqn"], str]
 Functions = Literal["polynomials", "library"]
@@ -163,7 +132,6 @@ class _Walk:
         return _Table(len(value), lambda index: self._chosen(dtype, value, index))
 
     def _chosen(self, dtype: str, values: np.ndarray, index: int) -> int:
-        """Select one of several constants, with one choice per constant."""
         b, result = self.builder, self.builder.constant(dtype, values[0])
         for k, value in enumerate(values[1:], 1):
             here = b.emit("eq", "bool", index, b.constant("int32", k))
@@ -177,15 +145,16 @@ class _Walk:
         values.update(zip(jaxpr.invars, inputs, strict=True))
 
         def read(atom: Any) -> _Value:
-            if hasattr(atom, "val"):  # a literal
-                return self.constant(np.asarray(atom.val, np.dtype(atom.aval.dtype)))
-            return values[atom]
+            if not hasattr(atom, "val"):
+                return values[atom]
+            # a literal
+            return self.constant(np.asarray(atom.val, np.dtype(atom.aval.dtype)))
 
         for eqn in jaxpr.eqns:
             operands = [read(atom) for atom in eqn.invars]
             name = eqn.primitive.name
-            if name in _CALLS:
-                closed: Any = eqn.params[_CALLS[name]]
+            if name in _CALLS + _REMATERIALISED:
+                closed: Any = eqn.params.get("jaxpr") or eqn.params["call_jaxpr"]
                 consts = [self.constant(value) for value in getattr(closed, "consts", ())]
                 results = self.body(getattr(closed, "jaxpr", closed), consts, operands)
             elif name == "cond":
@@ -199,11 +168,8 @@ class _Walk:
 
     def _branches(self, eqn: core.JaxprEqn, operands: list[_Value]) -> list[_Value]:
         """Compute both branches, of which the first is the usual one; choose between results."""
-        if len(eqn.params["branches"]) != 2:
-            raise UnknownPrimitive(
-                f"a choice of {len(eqn.params['branches'])} branches is not known; nest two-way"
-                " ones"
-            )
+        if (count := len(eqn.params["branches"])) != 2:
+            raise UnknownPrimitive(f"a choice of {count} branches is not known; nest two-way ones")
         b, index = self.builder, _single(operands[0])
         condition = b.emit("ne", "bool", index, b.constant(b.operations[index].dtype, 0))
         usual, rare = (
@@ -232,40 +198,28 @@ class _Walk:
         name, params, b = eqn.primitive.name, eqn.params, self.builder
         if name in _ALIASES:
             return x[0]
-        if name in _SAME:
-            return b.emit(name, dtype, *x)
-        if name in _COMPARISONS:
-            return b.emit(_COMPARISONS[name], "bool", *(reversed(x) if name in ("gt", "ge") else x))
-        if name in _SHIFTS:
-            return b.emit(_SHIFTS[name], dtype, *x)
-        if self.functions == "library" and name in elementary.FUNCTIONS:
-            return b.emit(name, dtype, *x)
-        if name in polynomials.FUNCTIONS:
-            if dtype not in polynomials.TYPES:
-                raise UnknownPrimitive(
-                    f"{name} of {dtype} is not known; known are {', '.join(polynomials.TYPES)}"
-                )
-            return polynomials.FUNCTIONS[name](
-                polynomials.Arithmetic(b.emit, b.constant, dtype), *x
-            )
+        if self.functions == "polynomials" and name in polynomials.FUNCTIONS:
+            if dtype != "float32":
+                raise UnknownPrimitive(f"{name} of {dtype} is not known; float32 is")
+            arithmetic = polynomials.Arithmetic(b.emit, b.constant)
+            return polynomials.FUNCTIONS[name](arithmetic, *x)
         match name:
-            case "rem" if not dtype.startswith("float"):
-                return b.emit("rem", dtype, *x)
-            case "rem" if self.functions == "library":
-                return b.emit("fmod", dtype, *x)
-            # Arises from derivatives.
-            case "add_any":
-                return b.emit("add", dtype, *x)
+            case "gt" | "ge":
+                return b.emit("lt" if name == "gt" else "le", dtype, x[1], x[0])
+            case "rem" if dtype.startswith("float"):
+                if self.functions == "library":
+                    return b.emit("fmod", dtype, *x)
+            case "round":
+                if int(params["rounding_method"]) == 1:
+                    return b.emit("round", dtype, x[0])
             case "square":
                 return b.emit("mul", dtype, x[0], x[0])
             case "integer_pow":
-                return lower_power(b, dtype, x[0], params["y"])
+                return _power(b, dtype, x[0], params["y"])
             case "rsqrt":
                 return b.emit("div", dtype, b.constant(dtype, 1.0), b.emit("sqrt", dtype, x[0]))
-            case "round" if int(params["rounding_method"]) == 1:
-                return b.emit("round", dtype, x[0])
             case "sign":
-                return lower_sign(b, dtype, x[0])
+                return _sign(b, dtype, x[0])
             case "is_finite":
                 source = b.operations[x[0]].dtype
                 return b.emit("lt", "bool", b.emit("abs", source, x[0]), b.constant(source, np.inf))
@@ -277,6 +231,10 @@ class _Walk:
                 return b.emit("convert", dtype, x[0])
             case "bitcast_convert_type":
                 return b.emit("bitcast", dtype, x[0])
+            case _ if (own := _RENAMED.get(name, name)) in semantics.MEANING:
+                return b.emit(own, dtype, *x)
+            case _ if self.functions == "library" and name in semantics.LIBRARY:
+                return b.emit(name, dtype, *x)
         raise UnknownPrimitive(
             f"primitive {name!r} of {dtype} {params.get('rounding_method', '')} is not an operation"
             " on single numbers that is known here"

@@ -27,7 +27,6 @@ from typing import Any
 import numpy as np
 
 Number = Any
-TYPES = ("float32",)
 
 _LEAST = float(np.finfo(np.float32).smallest_subnormal)
 _TINY = float(np.finfo(np.float32).tiny)
@@ -36,23 +35,22 @@ _SIGN = -(2**31)
 
 @dataclasses.dataclass(frozen=True)
 class Arithmetic:
-    """Operations on numbers of one float type, with `emit` and `constant` of `builder.Builder`."""
+    """Operations on float32 numbers, with `emit` and `constant` of `builder.Builder`."""
 
     emit: Callable[..., Number]
     constant: Callable[[str, Any], Number]
-    dtype: str = "float32"
 
     def __getattr__(self, name: str) -> Callable[..., Number]:
         """Return operation `name` of floats; a Python number among its operands is a constant."""
 
         def operation(*operands: Number) -> Number:
-            return self.emit(name.rstrip("_"), self.dtype, *map(self.number, operands))
+            return self.emit(name.rstrip("_"), "float32", *map(self.number, operands))
 
         return operation
 
     def number(self, value: Number) -> Number:
         """Return the constant for a Python float, and other numbers unchanged."""
-        return self.constant(self.dtype, value) if type(value) is float else value
+        return self.constant("float32", value) if type(value) is float else value
 
     def less(self, a: Number, b: Number) -> Number:
         """Return whether a < b."""
@@ -64,7 +62,7 @@ class Arithmetic:
 
     def from_bits(self, pattern: Number) -> Number:
         """Return the float of a bit pattern."""
-        return self.emit("bitcast", self.dtype, pattern)
+        return self.emit("bitcast", "float32", pattern)
 
     def integer(self, name: str, a: Number, b: int) -> Number:
         """Return operation `name` of an int32 and a constant int32."""
@@ -236,7 +234,7 @@ def log(m: Arithmetic, x: Number) -> Number:
     shifted = m.integer("sub", pattern, 0x3F3504F3)
     exponent = m.integer("sar", shifted, 23)
     mantissa = m.emit("sub", "int32", pattern, m.integer("shl", exponent, 23))
-    power = m.add(m.emit("convert", m.dtype, exponent), m.select(subnormal, -23.0, 0.0))
+    power = m.add(m.emit("convert", "float32", exponent), m.select(subnormal, -23.0, 0.0))
     rest = m.sub(m.from_bits(mantissa), 1.0)
     square = m.mul(rest, rest)
     tail = m.polynomial(

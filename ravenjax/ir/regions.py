@@ -8,7 +8,7 @@ choice itself stays.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence, Set
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 from ravenjax.ir.program import Operation
@@ -28,19 +28,14 @@ class Region(NamedTuple):
     def reads(self, operations: Sequence[Operation]) -> list[int]:
         """Return the operations outside that the region reads."""
         here = set(self.operations)
-        inputs = dict.fromkeys(
-            o for i in self.operations for o in operations[i].operands if o not in here
-        )
-        return list(inputs)
+        inputs = (o for i in self.operations for o in operations[i].operands if o not in here)
+        return list(dict.fromkeys(inputs))
 
 
 def flatten_regions(arranged: Iterable[int | Region]) -> Iterator[int]:
     """Yield every operation, those of regions at the region's position."""
     for item in arranged:
-        if isinstance(item, Region):
-            yield from item.operations
-        else:
-            yield item
+        yield from item.operations if isinstance(item, Region) else (item,)
 
 
 def arrange_regions(
@@ -66,26 +61,20 @@ def arrange_regions(
             continue
         if any(o in label and o in missing for o in operations[i].operands):
             condition = operations[i].operands[0]
-            members = [
-                member for member in order if member in missing and label.get(member) == condition
-            ]
-            ready = _ready(operations, members, missing)
+            # Members that depend only on each other and on placed operations.
+            ready: dict[int, None] = {}
+            for member in order:
+                here = member in missing and label.get(member) == condition
+                if here and all(
+                    o in ready or o not in missing for o in operations[member].operands
+                ):
+                    ready[member] = None
             missing.difference_update(ready)
-            inside = set(ready)
-            read = tuple(member for member in ready if not inside.issuperset(readers[member]))
+            read = tuple(member for member in ready if not ready.keys() >= {*readers[member]})
             arranged += ready if len(ready) < least else [Region(condition, tuple(ready), read)]
         missing.discard(i)
         arranged.append(i)
     return arranged
-
-
-def _ready(operations: Sequence[Operation], members: Sequence[int], missing: Set[int]) -> list[int]:
-    """Return those of `members` that depend only on each other and on placed operations."""
-    ready: dict[int, None] = {}
-    for i in members:
-        if all(o in ready or o not in missing for o in operations[i].operands):
-            ready[i] = None
-    return list(ready)
 
 
 def _labels(

@@ -11,12 +11,12 @@ to their type.
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
-from ravenjax.ir import elementary
 from ravenjax.ir.program import Program, from_bits
 
 Array = Any
@@ -33,7 +33,7 @@ def _result(name: str, dtype: str, *operands: Array) -> Array:
         return (_convert if name == "convert" else _bitcast)(operands[0], np.dtype(dtype))
     if name == "div" and np.dtype(dtype).kind in "iu":
         return _quotient(*operands)
-    return np.asarray(_MEANING[name](*operands)).astype(dtype)[()]
+    return np.asarray(_FUNCTIONS[name](*operands)).astype(dtype)[()]
 
 
 def run_program(program: Program, inputs: Sequence[Any], tables: Sequence[Array] = ()) -> list[Any]:
@@ -134,11 +134,7 @@ def _logical(x: Array, by: Array) -> Array:
     return (np.asarray(x).view(unsigned) >> by.astype(unsigned)).view(np.asarray(x).dtype)
 
 
-def _elementwise(function: Callable[..., float]) -> Callable[..., Array]:
-    return lambda *x: np.frompyfunc(function, len(x), 1)(*x)
-
-
-_MEANING: dict[str, Callable[..., Array]] = {
+MEANING: dict[str, Callable[..., Array]] = {
     "add": np.add,
     "sub": np.subtract,
     "mul": np.multiply,
@@ -167,5 +163,22 @@ _MEANING: dict[str, Callable[..., Array]] = {
     "select": np.where,
     "rarely": np.where,
     "truncate": _truncate,
-    **{name: _elementwise(function) for name, function in elementary.FUNCTIONS.items()},
 }
+"""Operations by name, but `convert`, `bitcast` and those of `LIBRARY`."""
+
+_C_LIBRARY = ctypes.CDLL(None)
+
+
+def _library_function(name: str, arguments: int) -> Callable[..., Array]:
+    function = getattr(_C_LIBRARY, name)
+    function.restype, function.argtypes = ctypes.c_double, [ctypes.c_double] * arguments
+    return np.frompyfunc(function, arguments, 1)
+
+
+_UNARY = ("sin", "cos", "tan", "asin", "acos", "atan", "tanh", "exp", "expm1", "log", "log1p")
+LIBRARY: dict[str, Callable[..., Array]] = {
+    **{name: _library_function(name, 1) for name in _UNARY},
+    **{name: _library_function(name, 2) for name in ("atan2", "fmod", "pow")},
+}
+"""Functions of this process's C library by JAX's names of the operations, except for `fmod`."""
+_FUNCTIONS = MEANING | LIBRARY

@@ -33,11 +33,9 @@ class Term:
 
     def __add__(self, other: Term | float) -> Term | float:
         if not isinstance(other, Term):
-            return (
-                self
-                if other == 0.0
-                else self._operation("add", self._constant(other * self.sign), self.sign)
-            )
+            if other == 0.0:
+                return self
+            return self._operation("add", self._constant(other * self.sign), self.sign)
         a, b = (self, other) if self.number <= other.number else (other, self)
         if a.number == b.number:
             return 0.0 if a.sign != b.sign else a * 2.0
@@ -78,11 +76,9 @@ class Term:
         """Return x and the positive constant c of a term c x; itself and None for any other."""
         operation = self.builder.operations[self.number]
         if operation.name == "mul":
-            for constant, rest in (operation.operands, operation.operands[::-1]):
-                if constant in self.builder.constants:
-                    return Term(self.builder, rest, self.sign), float(
-                        self.builder.constants[constant]
-                    )
+            for number, rest in (operation.operands, operation.operands[::-1]):
+                if (constant := self.builder.constants.get(number)) is not None:
+                    return Term(self.builder, rest, self.sign), float(constant)
         return self, None
 
 
@@ -97,20 +93,16 @@ def make_symbols(count: int) -> list[Term]:
 
 def sin(x: Number) -> Number:
     """Return the sine of a term or Python number."""
-    return (
-        Term(x.builder, x.builder.emit("sin", _REAL, x.number), x.sign)
-        if isinstance(x, Term)
-        else trigonometry.sin(x)
-    )
+    if not isinstance(x, Term):
+        return trigonometry.sin(x)
+    return Term(x.builder, x.builder.emit("sin", _REAL, x.number), x.sign)
 
 
 def cos(x: Number) -> Number:
     """Return the cosine of a term or Python number."""
-    return (
-        Term(x.builder, x.builder.emit("cos", _REAL, x.number))
-        if isinstance(x, Term)
-        else trigonometry.cos(x)
-    )
+    if not isinstance(x, Term):
+        return trigonometry.cos(x)
+    return Term(x.builder, x.builder.emit("cos", _REAL, x.number))
 
 
 def build_program(inputs: Sequence[Term], outputs: Sequence[Number]) -> Program:
@@ -129,13 +121,9 @@ def replay_program(
     program: Program, inputs: Sequence[Any], functions: Mapping[str, Callable[[Any], Any]]
 ) -> list[Any]:
     """Return the results of such a program on numbers of any kind, including tracers."""
-    apply = {
-        "add": operator.add,
-        "sub": operator.sub,
-        "mul": operator.mul,
-        "neg": operator.neg,
-        **functions,
-    }
+    apply = {name: getattr(operator, name) for name in ("add", "sub", "mul", "neg")} | dict(
+        functions
+    )
     values: dict[int, Any] = {}
     for i in program.needed():
         name, dtype, operands, detail = program.operations[i]

@@ -82,22 +82,15 @@ def split_lanes(loop: TimeLoop, shared: int, grouped: bool) -> Split:
     """Split `loop` for lanes that share the tick's number and, if `grouped`, all inputs of a tick
     and their own first `shared` inputs.
     """
-    ticks = loop.tick_inputs
-    return split_loop(loop, range(shared) if grouped else (), ticks if grouped else ticks[:1])
-
-
-def split_loop(loop: TimeLoop, shared_inputs: Iterable[int], shared_ticks: Iterable[int]) -> Split:
-    """Split `loop`, given the inputs and the tick inputs that are equal in a group."""
-    shared_inputs, shared_ticks = frozenset(shared_inputs), frozenset(shared_ticks)
     step, first = loop.step, loop.lane_inputs
     live = _live_state(loop)
     own = {k: i for i, k in step.reads.items()}
     frozen = {k for k in live if step.outputs[k] == own.get(first + k)}
-    lanes = {i: 0 if i in shared_inputs else LANE for i in range(first)}
+    lanes = {i: 0 if grouped and i < shared else LANE for i in range(first)}
     begins = _rates(loop.begin, lanes)
     state = {k: begins[loop.begin.outputs[k]] | (0 if k in frozen else TICK) for k in live}
     ticks = {
-        first + loop.states + i: TICK | (0 if i in shared_ticks else LANE) for i in loop.tick_inputs
+        first + loop.states + i: TICK | (0 if grouped or i == 0 else LANE) for i in loop.tick_inputs
     }
     while True:
         rates = _rates(step, lanes | ticks | {first + k: rate for k, rate in state.items()})
@@ -127,14 +120,13 @@ def split_loop(loop: TimeLoop, shared_inputs: Iterable[int], shared_ticks: Itera
             reads.add(i)
         elif not rates[i] & LANE:
             row.add(i)
-    shared_state = [k for k in sorted(live) if not state[k] & LANE]
-    shared = step.needed([*row, *(step.outputs[k] for k in shared_state)])
+    shared_state = tuple(k for k in sorted(live) if not state[k] & LANE)
     return Split(
         loop,
         tuple(k for k in sorted(live) if state[k] == LANE | TICK),
         tuple(k for k in sorted(live) if state[k] == LANE),
-        tuple(shared_state),
-        tuple(shared),
+        shared_state,
+        tuple(step.needed([*row, *(step.outputs[k] for k in shared_state)])),
         tuple(step.needed(reads)),
         tuple(i for i in needed if i in both and step.operations[i].name != "input"),
         tuple(sorted(row)),
@@ -146,13 +138,10 @@ def _rates(program: Program, inputs: dict[int, int]) -> list[int]:
     """Return what each operation depends on: LANE, TICK, both or neither."""
     rates: list[int] = []
     for operation in program.operations:
-        if operation.name == "input":
-            rates.append(inputs.get(operation.detail, 0))
-        else:
-            rate = 0
-            for operand in operation.operands:
-                rate |= rates[operand]
-            rates.append(rate)
+        rate = inputs.get(operation.detail, 0) if operation.name == "input" else 0
+        for operand in operation.operands:
+            rate |= rates[operand]
+        rates.append(rate)
     return rates
 
 

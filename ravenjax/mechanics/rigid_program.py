@@ -11,18 +11,24 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TypeAlias
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ravenjax.ir.program import Program
-from ravenjax.ir.symbolic import Number, build_program, cos, make_symbols, sin
-from ravenjax.mechanics.rigid_tree import Link
+from ravenjax.ir.symbolic import Number, build_program, cos, make_symbols, replay_program, sin
 from ravenjax.numbers.algebra import cross, matrix
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Vec
+
+if TYPE_CHECKING:
+    from ravenjax.mechanics.rigid_tree import Link  # imports MuJoCo
 
 Matrix: TypeAlias = list[list[Number]]
 Turn: TypeAlias = tuple[int, Number, Number]  # axis (0: x, 2: z), cosine, sine
 
 ZERO = Vec.full(3, 0.0)
+FUNCTIONS = {"sin": lambda x: jnp.sin(x), "cos": lambda x: jnp.cos(x)}
+"""Functions that programs of links call."""
 
 
 @dataclasses.dataclass
@@ -61,6 +67,41 @@ def mass_matrix_and_bias(
     return build_program(inputs, [mass[i][j] for i in range(n) for j in range(i + 1)] + bias)
 
 
+def evaluate_program(program: Program, inputs: Sequence[Any]) -> tuple[list[list[Any]], list[Any]]:
+    """Return the rows of M, and the bias, of a program of `mass_matrix_and_bias`."""
+    out = replay_program(program, inputs, FUNCTIONS)
+    n = (len(inputs) - 3) // 2
+    triangle = [out[i * (i + 1) // 2 : (i + 1) * (i + 2) // 2] for i in range(n)]
+    return [[triangle[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)], out[-n:]
+
+
+def carried_point(links: tuple[Link, ...], qpos: Vec, index: int, point: Vec) -> Vec:
+    """Return where a point of link `index` is in the frame of the base, m."""
+    symbols = make_symbols(len(links))
+    moved = point
+    while index >= 0:
+        turns, position = _pose(links[index], symbols[index])
+        moved, index = position + _rotate(turns, moved), links[index].parent
+    return Vec(replay_program(build_program(symbols, list(moved)), qpos, FUNCTIONS))
+
+
+def point_in_link(links: tuple[Link, ...], qpos: Vec, index: int, point: Vec) -> Vec:
+    """Return where a point of the base is in the frame of link `index`, m; for plain numbers."""
+    if index < 0:
+        return point
+    turns, position = _pose(links[index], qpos[index])
+    return _rotate_back(turns, point_in_link(links, qpos, links[index].parent, point) - position)
+
+
+def _pose(link: Link, q: Number) -> tuple[list[Turn], Vec]:
+    """Return the rotations of a link to its parent, and the position of its origin there."""
+    travel = q - link.reference if link.slide else 0.0
+    last = _turn(2, link.offset) if link.slide else _turn(2, link.offset, q)
+    turns = [_turn(2, link.beta), _turn(0, link.alpha), last]
+    turns = [turn for turn in turns if turn[1:] != (1.0, 0.0)]
+    return turns, Vec(link.position) + _rotate(turns, Vec((0.0, 0.0, travel)))
+
+
 def _kinematics(
     links: tuple[Link, ...], qpos: list[Number], qvel: list[Number], upward: Vec
 ) -> list[_Body]:
@@ -68,11 +109,7 @@ def _kinematics(
     # angular acceleration, acceleration of the origin, at qacc = 0
     rates: list[tuple[Vec, Vec]] = []
     for link, q, rate in zip(links, qpos, qvel, strict=True):
-        travel = q - link.reference if link.slide else 0.0
-        last = _turn(2, link.offset) if link.slide else _turn(2, link.offset, q)
-        turns = [_turn(2, link.beta), _turn(0, link.alpha), last]
-        turns = [turn for turn in turns if turn[1:] != (1.0, 0.0)]
-        position = Vec(link.position) + _rotate(turns, Vec((0.0, 0.0, travel)))
+        turns, position = _pose(link, q)
         if link.parent < 0:
             omega, alpha, accel = ZERO, ZERO, upward
         else:

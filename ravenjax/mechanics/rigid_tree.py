@@ -25,7 +25,6 @@ import math
 import mujoco
 import numpy as np
 
-HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 _PARALLEL = 1e-9  # sine of the angle below which two axes count as parallel
 # relative size below which a number is the rounding of an exact zero
 _SNAP = 1e-13
@@ -57,7 +56,7 @@ def read_tree(model: mujoco.MjModel, base: str) -> tuple[Link, ...]:
     freedom.
 
     `base` counts as fixed: joint coordinates are the model's, vectors of the base are in its frame.
-    Raises ValueError for a joint that is neither hinge nor slide.
+    All joints are hinges and slides.
     """
     joints = _home_joints(model, model.body(base).id)
     return _regrouped(_framed(joints))
@@ -100,18 +99,11 @@ def _home_joints(model: mujoco.MjModel, base: int) -> list[_HomeJoint]:
         carrier[body] = carrier[parent]
         first = int(model.body_jntadr[body])
         for joint in range(first, first + int(model.body_jntnum[body])):
-            kind = int(model.jnt_type[joint])
-            if kind not in (HINGE, SLIDE):
-                raise ValueError(
-                    f"joint {model.joint(joint).name!r} of body {model.body(body).name!r} is of"
-                    f" type {mujoco.mjtJoint(kind).name}; an unrolled tree takes hinges and slides:"
-                    " write it as some of them"
-                )
             joints.append(
                 _HomeJoint(
                     name=model.joint(joint).name,
                     parent=carrier[body],
-                    slide=kind == SLIDE,
+                    slide=int(model.jnt_type[joint]) == mujoco.mjtJoint.mjJNT_SLIDE,
                     axis=rotation @ model.jnt_axis[joint],
                     anchor=position + rotation @ model.jnt_pos[joint],
                     pseudo_inertia=np.zeros((4, 4)),

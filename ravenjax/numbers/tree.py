@@ -59,15 +59,6 @@ def tree_filler(tree: Any) -> Callable[[Sequence[Any]], Any]:
     return of(tree)
 
 
-def tree_structure(tree: Any) -> Any:
-    """Return all of a tree but its numbers: equal for trees that JAX considers alike."""
-    branches = _branches(tree)
-    if branches is None:
-        return ()
-    keys = tuple(sorted(tree)) if isinstance(tree, dict) else ()
-    return type(tree), keys, tuple(map(tree_structure, branches))
-
-
 def _branches(tree: Any) -> list[Any] | None:
     """Return the branches of a tree; None for a leaf."""
     if tree is None:

@@ -28,7 +28,7 @@ from ravenjax.errors import UserError, format_value, suggest_name
 from ravenjax.numbers import quantity, tree
 from ravenjax.numbers.lazy import lax
 from ravenjax.numbers.quantity import Quantity
-from ravenjax.numbers.vec import Scalar, Vec
+from ravenjax.numbers.vec import Scalar
 from ravenjax.parts.reading import Reader
 from ravenjax.vocabulary.parts import OwnSource
 
@@ -123,9 +123,7 @@ def _run(
     known: Mapping[str, bytes] | None,
     require: Callable[[Path, bytes], None] = lambda *_: None,
 ) -> tuple[types.ModuleType, dict[str, bytes]]:
-    """Return the module of a source, and the files of its folder that it uses; known: as for
-    `Reader`.
-    """
+    """Return the module of a source, and the files of its folder that it uses."""
     # So that a traceback shows the line even if the file has changed or is on another machine
     lines = source.text.splitlines(keepends=True)
     linecache.cache[source.path] = (len(source.text), None, lines, source.path)
@@ -154,7 +152,7 @@ def _blame(source: OwnSource, where: str) -> Iterator[None]:
         if isinstance(error, SyntaxError) and is_own(error.filename):
             place, trouble = f"{error.filename}:{error.lineno}", f"is no Python ({error.msg})"
             raise UserError(f"{place}: {trouble}") from None
-        frames = [one for one in traceback.extract_tb(error.__traceback__) if is_own(one.filename)]
+        frames = [f for f in traceback.extract_tb(error.__traceback__) if is_own(f.filename)]
         place = f"{frames[-1].filename}:{frames[-1].lineno}" if frames else source.path
         if any(kind.__name__ in _BRANCHES for kind in type(error).__mro__):
             trouble = (
@@ -213,16 +211,12 @@ class Part:
         """
         with _blame(self.source, STEP):
             result = self._call("step", params, state, view)
-            if (
-                not isinstance(result, tuple)
-                or isinstance(result, Vec)
-                or len(result) != 1 + len(gives)
-            ):
-                expected = ", ".join(("state", *gives))
+            wanted = ("state", *gives)
+            if type(result) is not tuple or len(result) != len(wanted):
+                expected = ", ".join(wanted)
                 raise self._error(STEP, f"gives {format_value(result)}, expected ({expected})")
-            after = self._numbers(STEP, result[0], width)
-            self._require_alike(state, after)
-            out = [after]
+            names = ", ".join(name or "one number" for name, _ in _named(state)) or "nothing"
+            out = [self._like("state", state, result[0], width, f"{names}, as init begins")]
             for (name, like), value in zip(gives.items(), result[1:], strict=True):
                 if like is SCORE:
                     number = self._number(STEP, name, value, width)
@@ -242,19 +236,13 @@ class Part:
     ) -> dict[str, Any]:
         keys = ", ".join(like)
         if not isinstance(values, dict):
-            raise self._error(
-                STEP,
-                f"gives {format_value(values)} for {name}, expected a dict with some of the keys"
-                f" {keys}",
-            )
+            expected = f"expected a dict with some of the keys {keys}"
+            raise self._error(STEP, f"gives {format_value(values)} for {name}, {expected}")
         numbers = {}
         for key, value in values.items():
             if key not in like:
-                raise self._error(
-                    STEP,
-                    f"gives the key {key!r} in {name}, expected some of"
-                    f" {keys}{suggest_name(key, like)}",
-                )
+                expected = f"expected some of {keys}{suggest_name(key, like)}"
+                raise self._error(STEP, f"gives the key {key!r} in {name}, {expected}")
             place = like[key]
             new = self._like(key, place.like, value, width, place.words)
             pairs = zip(tree.tree_leaves(value), tree.tree_leaves(place.like), strict=True)
@@ -274,51 +262,26 @@ class Part:
             what = f"{name}[{place}]" if place else name
             number, kind = self._number(STEP, what, value, width), _kind(wanted)
             if _kind(number) != kind:
-                raise self._error(
-                    STEP,
-                    f"gives a {_kind(number)} for {what}, expected"
-                    f" {kind}{_CONVERSIONS.get(str(kind), '')}",
-                )
+                expected = f"expected {kind}{_CONVERSIONS.get(str(kind), '')}"
+                raise self._error(STEP, f"gives a {_kind(number)} for {what}, {expected}")
             numbers.append(number)
         return tree.fill_tree(like, numbers)
 
     def _numbers(self, where: str, state: Any, width: str) -> Any:
-        numbers = [
-            self._number(where, f"the state's {name or 'number'}", value, width)
-            for name, value in _named(state)
-        ]
-        return tree.fill_tree(state, numbers)
+        named = ((f"the state's {name or 'number'}", value) for name, value in _named(state))
+        return tree.fill_tree(state, [self._number(where, *pair, width) for pair in named])
 
     def _number(self, where: str, what: str, value: Any, width: str) -> Scalar:
         """Return a single number as a float of `width`, int32 or bool."""
         if shape := getattr(value, "shape", ()):
-            raise self._error(
-                where,
-                f"gives an array of shape {shape} for {what}, expected a single number: take Vec"
-                " for several",
-            )
+            expected = "expected a single number: take Vec for several"
+            raise self._error(where, f"gives an array of shape {shape} for {what}, {expected}")
         kind = _kind(value)
         if kind is None:
-            raise self._error(
-                where,
-                f"gives {format_value(value)} for {what}, expected a number: float, int or bool",
-            )
+            expected = "expected a number: float, int or bool"
+            raise self._error(where, f"gives {format_value(value)} for {what}, {expected}")
         dtype = {"float": width, "int": "int32", "bool": "bool"}[kind]
         return lax.convert_element_type(value, dtype)
-
-    def _require_alike(self, before: Any, after: Any) -> None:
-        """Raise UserError if a state has other numbers than before, or numbers of another kind."""
-        own, new = dict(_named(before)), dict(_named(after))
-        if list(own) != list(new) or type(before) is not type(after):
-            gave, expected = (", ".join(names) or "nothing" for names in (new, own))
-            raise self._error(STEP, f"gives a state of {gave}; init began with one of {expected}")
-        for name, old in own.items():
-            if _kind(old) != (kind := _kind(new[name])):
-                raise self._error(
-                    STEP,
-                    f"makes the state's {name} a {kind}, it began as {_kind(old)}: write it so in"
-                    " init, or convert it",
-                )
 
     def _require_ranges(self) -> None:
         """Raise UserError for a parameter without a Quantity, or outside its range."""
@@ -326,18 +289,14 @@ class Part:
         if record is None:
             return
         if not dataclasses.is_dataclass(record) or isinstance(record, type):
-            raise self._error(
-                PARAMS,
-                f"gives {format_value(record)}, expected a record of numbers, made with @record",
-            )
+            expected = "expected a record of numbers, made with @record"
+            raise self._error(PARAMS, f"gives {format_value(record)}, {expected}")
         ranges = dict(quantity.list_quantities(type(record)))
         for name, value in _named(record):
             limits = ranges.get(".".join(word for word in name.split(".") if not word.isdecimal()))
             if limits is None:
-                trouble = (
-                    f"has {name} without a range: annotate it with Quantity(unit, low, high,"
-                    " meaning)"
-                )
+                remedy = "annotate it with Quantity(unit, low, high, meaning)"
+                trouble = f"has {name} without a range: {remedy}"
             elif not isinstance(value, int | float | np.number) or not math.isfinite(value):
                 trouble = f"gives {format_value(value)} for {name}, expected a number"
             elif not limits.low <= float(value) <= limits.high:

@@ -19,7 +19,7 @@ from ravenjax.engines import trace_key, traced
 from ravenjax.engines.cpu.kernel import print_kernel
 from ravenjax.engines.gpu.kernel import Form, print_loop
 from ravenjax.engines.interface import Block
-from ravenjax.ir.time_loop import split_loop
+from ravenjax.ir.time_loop import split_lanes
 
 FAULT = {
     "site": "usb_out",
@@ -166,7 +166,7 @@ def test_what_is_no_trace_is_traced_anew(made, fresh, counted, content):
 
 
 def test_printed_code_comes_back(made, fresh, counted):
-    parts = split_loop(fresh.without_signals(), range(1), range(len(fresh.loop.step.inputs)))
+    parts = split_lanes(fresh.without_signals(), 1, True)
     objects, calls = {}, []
     for printed in (print_kernel(parts, 8, frozenset()), print_loop(parts, Form(), True)):
         for width in (8, 8, 4):

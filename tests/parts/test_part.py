@@ -86,7 +86,7 @@ WRONG = {
     ),
     "kind": (
         "def init(params):\n    return (0,)\n" + STEP + "return (state[0] + view,), view",
-        r"makes the state's 0 a float, it began as int",
+        r"gives a float for state\[0\], expected int",
     ),
     "no range": (
         "@record\nclass P:\n    a: Scalar\n\ndef params():\n    return P(1.0)\n"

@@ -12,8 +12,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from ravenjax.numbers.algebra import solve_spd
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.linear_solve import solve_spd
 from ravenjax.numbers.vec import Scalar, Vec, record
 from ravenjax.robots.raven2.plant import parameter_sets
 

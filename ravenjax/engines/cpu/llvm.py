@@ -18,8 +18,8 @@ import numpy as np
 from ravenjax.engines.cpu.jit import FUSED
 from ravenjax.engines.cpu.memory import Place, stored_size
 from ravenjax.engines.printing import Printing
-from ravenjax.ir import elementary
 from ravenjax.ir.program import Program, from_bits
+from ravenjax.ir.semantics import LIBRARY
 
 _STORED = {
     "float32": "float",
@@ -31,7 +31,7 @@ _STORED = {
     "bool": "i32",
 }
 _TYPES = {**_STORED, "bool": "i1"}
-_ARITHMETIC = ("add", "sub", "mul")
+_PLAIN = ("add", "sub", "mul", "and", "or", "xor")
 _COMPARED = {
     "eq": ("oeq", "eq", "eq"),
     "ne": ("une", "ne", "ne"),
@@ -86,13 +86,10 @@ class LlvmPrinter(Printing[Place]):
     def _end_region(self, begun: tuple[str, str, list[str]], results: list[str]) -> list[str]:
         outer, after, types = begun
         self.lines += [f"br label %{after}", f"{after}:"]
-        values = [
-            self.op(
-                f"phi {self.type(dtype)} [ {x}, %{self.block} ], [ {self._constant(dtype, 0)},"
-                f" %{outer} ]"
-            )
-            for dtype, x in zip(types, results, strict=True)
-        ]
+        values = []
+        for dtype, x in zip(types, results, strict=True):
+            sources = f"[ {x}, %{self.block} ], [ {self._constant(dtype, 0)}, %{outer} ]"
+            values.append(self.op(f"phi {self.type(dtype)} {sources}"))
         self.block = after
         return values
 
@@ -117,11 +114,8 @@ class LlvmPrinter(Printing[Place]):
 
     def call(self, result: str, name: str, *arguments: tuple[str, str]) -> str:
         """Call a function or intrinsic, given type and text of each argument; return the value."""
-        types = ", ".join(dtype for dtype, _ in arguments)
-        self.declared.add(f"declare {result} @{name}({types})")
-        return self.op(
-            f"call {result} @{name}({', '.join(f'{dtype} {text}' for dtype, text in arguments)})"
-        )
+        self.declared.add(f"declare {result} @{name}({', '.join(kind for kind, _ in arguments)})")
+        return self.op(f"call {result} @{name}({', '.join(map(' '.join, arguments))})")
 
     def select(self, dtype: str, condition: str, yes: str, no: str) -> str:
         """Return a value that is `yes` or `no`, by lane."""
@@ -143,24 +137,19 @@ class LlvmPrinter(Printing[Place]):
 
     def address(self, place: Place) -> str:
         """Return a pointer to a place."""
-        return (
-            self.op(f"getelementptr i8, ptr {place.pointer}, i64 {place.offset}")
-            if place.offset
-            else place.pointer
-        )
+        if not place.offset:
+            return place.pointer
+        return self.op(f"getelementptr i8, ptr {place.pointer}, i64 {place.offset}")
 
     def _load(self, dtype: str, place: Place) -> str:
-        scalar = _STORED[dtype]
-        address = self.address(place)
+        scalar, wide, address = _STORED[dtype], self._wide(_STORED[dtype]), self.address(place)
         if place.splat and self.width > 1:
-            one = self.op(f"load {scalar}, ptr {address}, align {stored_size(dtype)}")
-            start = self.op(f"insertelement {self._wide(scalar)} poison, {scalar} {one}, i64 0")
+            number = self.op(f"load {scalar}, ptr {address}, align {stored_size(dtype)}")
+            start = self.op(f"insertelement {wide} poison, {scalar} {number}, i64 0")
             order = f"<{self.width} x i32> zeroinitializer"
-            value = self.op(
-                f"shufflevector {self._wide(scalar)} {start}, {self._wide(scalar)} poison, {order}"
-            )
+            value = self.op(f"shufflevector {wide} {start}, {wide} poison, {order}")
         else:
-            value = self.op(f"load {self._wide(scalar)}, ptr {address}, align {stored_size(dtype)}")
+            value = self.op(f"load {wide}, ptr {address}, align {stored_size(dtype)}")
         if dtype != "bool":
             return value
         return self.op(f"icmp ne {self._wide('i32')} {value}, {self._constant('int32', 0)}")
@@ -181,33 +170,26 @@ class LlvmPrinter(Printing[Place]):
         """
         wide, real = self.type(dtype), self.type("float32")
         sides = [self.op(f"bitcast {wide} {x} to {real}") for x in inputs[1:]]
-        result = self.select("float32", inputs[0], *sides)
-        return self.op(f"bitcast {real} {result} to {wide}")
+        return self.op(f"bitcast {real} {self.select('float32', inputs[0], *sides)} to {wide}")
 
     def _computed(self, name: str, dtype: str, source: str, x: list[str], known: list[bool]) -> str:
         real = dtype.startswith("float")
         wide = self.type(dtype)
-        if name in _ARITHMETIC:
+        if name in _PLAIN:
             return self.op(f"{'f' if real else ''}{name} {wide} {', '.join(x)}")
         if name in _COMPARED:
             return self._compared(name, source, x)
-        if name in ("and", "or", "xor"):
-            return self.op(f"{name} {wide} {', '.join(x)}")
         if name == "not":
-            return self.op(
-                f"xor {wide} {x[0]}, {self._constant(dtype, True if dtype == 'bool' else -1)}"
-            )
+            return self.op(f"xor {wide} {x[0]}, {self._constant(dtype, -1)}")
         if name == "bitcast":
-            return (
-                x[0]
-                if not real and not source.startswith("float")
-                else self.op(f"bitcast {self.type(source)} {x[0]} to {wide}")
-            )
+            if not real and not source.startswith("float"):
+                return x[0]
+            return self.op(f"bitcast {self.type(source)} {x[0]} to {wide}")
         if real and name in _ROUNDED:
             return self.intrinsic(_ROUNDED[name], dtype, x[0])
         if name in _SHIFTED:
             return self._shifted(name, dtype, x, known[1])
-        if name in elementary.FUNCTIONS and self.width == 1:
+        if name in LIBRARY and self.width == 1:
             return self._library(name, dtype, x)
         match name:
             case "div" if real:
@@ -221,20 +203,15 @@ class LlvmPrinter(Printing[Place]):
             case "fma":
                 return self.intrinsic("fma", dtype, *x)
             case "neg":
-                return self.op(
-                    f"fneg {wide} {x[0]}"
-                    if real
-                    else f"sub {wide} {self._constant(dtype, 0)}, {x[0]}"
-                )
+                zero = "" if real else f"{self._constant(dtype, 0)}, "
+                return self.op(f"{'fneg' if real else 'sub'} {wide} {zero}{x[0]}")
             case "abs":
                 return self.call(
                     wide, f"llvm.abs.{self._suffix(dtype)}", (wide, x[0]), ("i1", "false")
                 )
             case "max" | "min" if real:
-                condition = self.op(
-                    f"fcmp {'ogt' if name == 'max' else 'olt'} {wide} {x[0]}, {x[1]}"
-                )
-                best = self.select(dtype, condition, *x)
+                ahead = self.op(f"fcmp o{'gt' if name == 'max' else 'lt'} {wide} {', '.join(x)}")
+                best = self.select(dtype, ahead, *x)
                 if known[0]:
                     return best
                 unknown = self.op(f"fcmp uno {wide} {x[0]}, {x[0]}")
@@ -296,12 +273,9 @@ class LlvmPrinter(Printing[Place]):
         if not source.startswith("float"):
             return self._resized(dtype, source, x)
         if dtype != "int32":
+            suffix = f"{self._suffix(dtype)}.{self._suffix(source)}"
             kind = "si" if _signed(dtype) else "ui"
-            return self.call(
-                wide,
-                f"llvm.fpto{kind}.sat.{self._suffix(dtype)}.{self._suffix(source)}",
-                (before, x),
-            )
+            return self.call(wide, f"llvm.fpto{kind}.sat.{suffix}", (before, x))
         # Right except for NaN and values that are too large.
         best = self._truncated(source, x)
         for condition, value in (
@@ -314,15 +288,10 @@ class LlvmPrinter(Printing[Place]):
 
     def _resized(self, dtype: str, source: str, x: str) -> str:
         """Return an integer wrapped to another width."""
-        if stored_size(dtype) == stored_size(source):
+        size, before = stored_size(dtype), stored_size(source)
+        if size == before:
             return x
-        name = (
-            "trunc"
-            if stored_size(dtype) < stored_size(source)
-            else "sext"
-            if _signed(source)
-            else "zext"
-        )
+        name = "trunc" if size < before else "sext" if _signed(source) else "zext"
         return self.op(f"{name} {self.type(source)} {x} to {self.type(dtype)}")
 
     def _library(self, name: str, dtype: str, x: list[str]) -> str:
@@ -342,29 +311,27 @@ class LlvmPrinter(Printing[Place]):
             return self.call(wide, "llvm.x86.avx.cvtt.ps2dq.256", (before, x))
         if source == "float32" and self.width == 4 and "sse2" in self.features:
             return self.call(wide, "llvm.x86.sse2.cvttps2dq", (before, x))
-        near = self.call(
-            wide, f"llvm.fptosi.sat.{self._suffix('int32')}.{self._suffix(source)}", (before, x)
-        )
+        suffix = f"{self._suffix('int32')}.{self._suffix(source)}"
+        near = self.call(wide, f"llvm.fptosi.sat.{suffix}", (before, x))
         fits = self.op(f"fcmp olt {before} {x}, {self._constant(source, 2147483648.0)}")
         return self.select("int32", fits, near, self._constant("int32", -(2**31)))
 
     def _lookup(self, program: Program, table: int, index: str, tables: str) -> str:
         """Return one number of a table. The tables are consecutive in memory."""
         dtype = program.tables[table][0]
-        start = self.address(
-            Place(tables, sum(stored_size(d) * length for d, length in program.tables[:table]))
-        )
-        scalar = _STORED[dtype]
+        offset = sum(stored_size(kind) * length for kind, length in program.tables[:table])
+        start, scalar = self.address(Place(tables, offset)), _STORED[dtype]
         at = self.op(f"getelementptr {scalar}, ptr {start}, {self.type('int32')} {index}")
         if self.width == 1:
             return self.op(f"load {scalar}, ptr {at}, align {stored_size(dtype)}")
         value = self._constant(dtype, 0)
-        vector = self._wide(scalar)
         # This is rare, and every CPU supports it.
         for lane in range(self.width):
-            one = self.op(f"extractelement <{self.width} x ptr> {at}, i64 {lane}")
-            loaded = self.op(f"load {scalar}, ptr {one}, align {stored_size(dtype)}")
-            value = self.op(f"insertelement {vector} {value}, {scalar} {loaded}, i64 {lane}")
+            address = self.op(f"extractelement <{self.width} x ptr> {at}, i64 {lane}")
+            loaded = self.op(f"load {scalar}, ptr {address}, align {stored_size(dtype)}")
+            value = self.op(
+                f"insertelement {self._wide(scalar)} {value}, {scalar} {loaded}, i64 {lane}"
+            )
         return value
 
 
@@ -381,16 +348,20 @@ def repeat_lines(
     The pointers of `steps` begin at their parameter, whose name ends in 0. Each advances by the
     given number of bytes per iteration.
     """
-    body = "\n".join(f"  {line}" for line in printer.lines)
-    pointers = "".join(
-        f"  %{p} = phi ptr [ %{p}0, %entry ], [ %{p}1, %{printer.block} ]\n" for p in steps
-    )
-    moved = "".join(f"  %{p}1 = getelementptr i8, ptr %{p}, i64 {by}\n" for p, by in steps.items())
+    last = printer.block
+    lines = [
+        f"%tick = phi i64 [ 0, %entry ], [ %next, %{last} ]",
+        *(f"%{p} = phi ptr [ %{p}0, %entry ], [ %{p}1, %{last} ]" for p in steps),
+        *printer.lines,
+        *(f"%{p}1 = getelementptr i8, ptr %{p}, i64 {by}" for p, by in steps.items()),
+        "%next = add i64 %tick, 1",
+        "%more = icmp ult i64 %next, %count",
+        "br i1 %more, label %again, label %end",
+    ]
+    body = "".join(f"  {line}\n" for line in lines)
     return (
-        f"define void @{name}({parameters}){attributes} {{\nentry:\n  br label"
-        f" %again\nagain:\n  %tick = phi i64 [ 0, %entry ], [ %next, %{printer.block}"
-        f" ]\n{pointers}{body}\n{moved}  %next = add i64 %tick, 1\n  %more = icmp ult i64 %next,"
-        " %count\n  br i1 %more, label %again, label %end\nend:\n  ret void\n}\n"
+        f"define void @{name}({parameters}){attributes} {{\nentry:\n  br label %again\n"
+        f"again:\n{body}end:\n  ret void\n}}\n"
     )
 
 

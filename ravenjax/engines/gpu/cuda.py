@@ -123,7 +123,17 @@ class CudaPrinter(Printing[str]):
         return "".join(f"{line}\n" for line in self.lines)
 
     def _constant(self, dtype: str, value: Any) -> str:
-        return constant_text(dtype, value)
+        if dtype == "bool":
+            return "true" if value else "false"
+        if dtype == "int32":
+            return f"(int)0x{int(value) & 0xFFFFFFFF:x}u" if value < 0 else str(int(value))
+        if dtype == "uint32":
+            return f"{int(value)}u"
+        if np.isfinite(value):
+            # Nine digits distinguish all float32 numbers.
+            text = f"{float(value):.9g}"
+            return f"({text}{'' if set(text) & set('.e') else '.'}f)"
+        return f"__uint_as_float(0x{int(np.asarray(value).view(np.uint32)):x}u)"
 
     def _load(self, dtype: str, place: str) -> str:
         return self._new(dtype, _READ[dtype].format(place))
@@ -139,7 +149,7 @@ class CudaPrinter(Printing[str]):
             return self._new(dtype, _READ[dtype].format(f"__ldg({tables} + {start} + {inputs[0]})"))
         literal = from_bits(first.dtype, first.detail) if first.name == "constant" else None
         types = [program.operations[o].dtype for o in operands]
-        return self._new(dtype, operation_text(name, dtype, types, inputs, literal))
+        return self._new(dtype, _operation_text(name, dtype, types, inputs, literal))
 
     def _begin_region(self, condition: str, types: list[str]) -> list[str]:
         names = [self._name() for _ in types]
@@ -164,29 +174,10 @@ class CudaPrinter(Printing[str]):
         return name
 
 
-def constant_text(dtype: str, value: Any) -> str:
-    """Return the text of a constant."""
-    if dtype == "bool":
-        return "true" if value else "false"
-    if dtype == "int32":
-        return f"(int)0x{int(value) & 0xFFFFFFFF:x}u" if value < 0 else str(int(value))
-    if dtype == "uint32":
-        return f"{int(value)}u"
-    if np.isfinite(value):
-        # Nine digits distinguish all float32 numbers.
-        text = f"{float(value):.9g}"
-        return f"({text}{'' if set(text) & set('.e') else '.'}f)"
-    return f"__uint_as_float(0x{int(np.asarray(value).view(np.uint32)):x}u)"
-
-
-def operation_text(
-    name: str, dtype: str, sources: Sequence[str], x: Sequence[str], known: Any = None
+def _operation_text(
+    name: str, dtype: str, sources: Sequence[str], x: Sequence[str], known: Any
 ) -> str:
-    """Return the text of one operation on operands `x` of types `sources`.
-
-    known: value of the first operand if it is a constant. Raises NotImplementedError for an
-    operation that CUDA C cannot express here.
-    """
+    """Return an operation on `x` of types `sources`. known: the first operand if a constant."""
     real, source = dtype == "float32", sources[0]
     if "float64" in (dtype, *sources):
         raise NotImplementedError(f"operation {name!r} of float64 has no CUDA form")

@@ -7,6 +7,7 @@ LLVM writes an object file. `link_module` makes it a module that runtimes load, 
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Sequence
 
 import llvmlite.binding as llvm
@@ -17,8 +18,6 @@ MAGIC = b"\0asm\1\0\0\0"
 MEMORY = ("env", "__linear_memory")
 """Module and name under which an object file imports its memory."""
 _CUSTOM, _TYPE, _IMPORT, _FUNCTION, _EXPORT, _CODE = 0, 1, 2, 3, 7, 10
-_SYMBOL_TABLE = 8  # subsection of "linking"
-_UNDEFINED = 0x10  # flag of a symbol
 
 
 class Unlinkable(ValueError):
@@ -50,8 +49,10 @@ def encode_leb128(value: int) -> bytes:
     return bytes([*out, value])
 
 
-def link_module(code: bytes, names: Sequence[str]) -> bytes:
+def link_module(code: bytes, defined: Sequence[str], names: Sequence[str]) -> bytes:
     """Return the module of an object file, with its functions `names` exported. Raises Unlinkable.
+
+    defined: names of all its functions, in order.
 
     The code calls no outside function, holds no data and needs no stack: it imports only its
     memory. Therefore LLVM has already written the final number of each function into its calls. The
@@ -62,16 +63,11 @@ def link_module(code: bytes, names: Sequence[str]) -> bytes:
     if reader.read(len(MAGIC)) != MAGIC:
         raise Unlinkable(f"this is no WebAssembly object: it begins with {code[: len(MAGIC)]!r}")
     sections: dict[int, bytes] = {}
-    numbers: dict[str, int] = {}
     while kind := reader.read(1):
         content = reader.content()
-        if kind[0] == _CUSTOM:
-            custom = _Reader(content)
-            if custom.content() == b"linking":
-                numbers = _functions(custom)
-        elif kind[0] in (_TYPE, _IMPORT, _FUNCTION, _CODE):
+        if kind[0] in (_TYPE, _IMPORT, _FUNCTION, _CODE):
             sections[kind[0]] = content
-        else:
+        elif kind[0] != _CUSTOM:
             raise Unlinkable(
                 f"the object has a section {kind[0]}, expected types, imports, functions and code"
                 " alone"
@@ -82,10 +78,8 @@ def link_module(code: bytes, names: Sequence[str]) -> bytes:
         raise Unlinkable(
             f"the object imports {count} things, first {'.'.join(name)}, expected its memory alone"
         )
-    if absent := [name for name in names if name not in numbers]:
-        raise Unlinkable(f"the object defines no {', '.join(absent)}; it has {', '.join(numbers)}")
     exports = [
-        encode_leb128(len(name)) + name.encode() + b"\0" + encode_leb128(numbers[name])
+        encode_leb128(len(name)) + name.encode() + b"\0" + encode_leb128(defined.index(name))
         for name in names
     ]
     sections[_EXPORT] = encode_leb128(len(names)) + b"".join(exports)
@@ -93,25 +87,6 @@ def link_module(code: bytes, names: Sequence[str]) -> bytes:
         bytes([kind]) + encode_leb128(len(sections[kind])) + sections[kind]
         for kind in sorted(sections)
     )
-
-
-def _functions(linking: _Reader) -> dict[str, int]:
-    """Return the number of each function by its name."""
-    if linking.number() != 2:
-        raise Unlinkable("the object's section 'linking' is not of version 2")
-    numbers: dict[str, int] = {}
-    while part := linking.read(1):
-        content = _Reader(linking.content())
-        if part[0] != _SYMBOL_TABLE:
-            continue
-        for _ in range(content.number()):
-            kind, flags = content.number(), content.number()
-            if kind != 0:
-                raise Unlinkable(f"the object has a symbol of kind {kind}, expected functions")
-            place = content.number()
-            if not flags & _UNDEFINED:
-                numbers[content.content().decode()] = place
-    return numbers
 
 
 TRIPLE = "wasm32-unknown-unknown"
@@ -129,7 +104,8 @@ _OPTIMISATION = 2
 
 def emit_module(text: str, names: Sequence[str]) -> bytes:
     """Return the module of a text's functions `names`."""
-    return link_module(compile_module(text), names)
+    defined = re.findall(r"^define [^@]*@(\w+)\(", text, re.MULTILINE)
+    return link_module(compile_module(text), defined, names)
 
 
 def compile_module(text: str) -> bytes:

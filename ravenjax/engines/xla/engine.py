@@ -93,26 +93,17 @@ def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> 
     # The last segment extends beyond the run.
     overshoots = program.ticks % length != 0
 
-    def values(varied: Any) -> list[Any]:
-        return [varied[path] for path in program.varied]
-
-    def begin(varied: Any) -> Any:
-        return program.begin(values(varied))
-
     def advance(
         varied: Any, faults: Any, end: Any, state: Any, now: Any, reference: Any, motion: Any
     ) -> Any:
         end = end or ((program.ticks,) if overshoots else ())
-        moved = program.step(values(varied), faults, end, state, now, reference, motion)
+        moved = program.step(varied, faults, end, state, now, reference, motion)
         return moved if keep_signals else (*moved[:2], ())
-
-    def finish(varied: Any, state: Any) -> Any:
-        return program.finish(values(varied), state)
 
     def segment(
         varied: Any, faults: Any, ends: Any, state: Any, first: Any, reference: Any, motion: Any
     ) -> Any:
-        fresh = jax.vmap(begin, axis_size=reference.shape[2])(varied)
+        fresh = jax.vmap(program.begin, axis_size=reference.shape[2])(varied)
         state = jax.tree.map(lambda a, b: jnp.where(first == 0, a, b), fresh, state)
 
         def body(carry: Any, x: Any) -> Any:
@@ -126,10 +117,10 @@ def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> 
         state, (series, signals) = lax.scan(
             body, state, (first + jnp.arange(length, dtype=jnp.int32), reference)
         )
-        return state, jax.vmap(finish)(varied, state), series, signals
+        return state, jax.vmap(program.finish)(varied, state), series, signals
 
     def shapes(varied: Any, lanes: int) -> Any:
-        return jax.eval_shape(lambda v: jax.vmap(begin, axis_size=lanes)(v), varied)
+        return jax.eval_shape(jax.vmap(program.begin, axis_size=lanes), varied)
 
     return segment, shapes
 
@@ -176,7 +167,7 @@ class ScanKernel:
     ) -> tuple[int, tuple[Any, ...]]:
         """Return the lanes of the block, and the arguments of the segment function."""
         lanes = block.lanes or self.lanes
-        varied = {p: _place(block.varied[p]) for p in self.program.varied}
+        varied = [_place(block.varied[path]) for path in self.program.varied]
         faults = jax.tree.map(_place, block.faults)
         shapes = self.shapes(varied, lanes)
         state = jax.tree.map(lambda s: _place(np.zeros(s.shape, s.dtype)), shapes)

@@ -13,7 +13,7 @@ import io
 from typing import TYPE_CHECKING, Any
 
 from ravenjax.ir.program import Program
-from ravenjax.ir.symbolic import replay_program
+from ravenjax.mechanics import rigid_program
 from ravenjax.numbers.algebra import mul
 from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.numbers.vec import Scalar, Vec
@@ -23,9 +23,6 @@ from ravenjax.robots.raven2.setup import RavenSetup
 
 if TYPE_CHECKING:
     from ravenjax.mechanics.rigid_tree import Link
-
-FUNCTIONS = {"sin": lambda x: jnp.sin(x), "cos": lambda x: jnp.cos(x)}
-"""Functions that the program calls."""
 
 
 def mass_matrix_and_bias(
@@ -101,8 +98,6 @@ def arm_program(arm: ArmName, known: tuple[float | None, ...]) -> Program:
     """Return the arm's straight-line program; `known` as in
     `rigid_program.mass_matrix_and_bias`.
     """
-    from ravenjax.mechanics import rigid_program
-
     return rigid_program.mass_matrix_and_bias(arm_links(arm), known)
 
 
@@ -111,7 +106,4 @@ def _unrolled(
 ) -> tuple[list[list[Scalar]], list[Scalar]]:
     inputs = (*qpos, *qvel, *gravity)
     constants = tuple(float(x) if type(x) in (int, float) else None for x in inputs)
-    out = replay_program(arm_program(arm, constants), inputs, FUNCTIONS)
-    n = len(qpos)
-    triangle = [out[i * (i + 1) // 2 : (i + 1) * (i + 2) // 2] for i in range(n)]
-    return [[triangle[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)], out[-n:]
+    return rigid_program.evaluate_program(arm_program(arm, constants), inputs)

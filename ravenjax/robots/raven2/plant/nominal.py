@@ -38,9 +38,8 @@ import math
 
 import numpy as np
 
-from ravenjax.numbers.algebra import mul
+from ravenjax.numbers.algebra import mul, solve_spd
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.linear_solve import solve_spd
 from ravenjax.numbers.quantity import describe_fields
 from ravenjax.numbers.setup import cast_to_real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, to_int32, where

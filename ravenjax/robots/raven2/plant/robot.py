@@ -25,9 +25,8 @@ import functools
 import numpy as np
 
 from ravenjax.numbers import counter_random, tree
-from ravenjax.numbers.algebra import add, mul, sub
+from ravenjax.numbers.algebra import add, mul, solve_spd, sub
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.linear_solve import solve_spd
 from ravenjax.numbers.quantity import describe_fields
 from ravenjax.numbers.setup import cast_to_real, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, cast, record, replace
