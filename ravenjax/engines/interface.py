@@ -251,23 +251,11 @@ class Engine(Protocol):
         ...
 
 
-class SignalKernel(Protocol):
-    """A compiled program that can keep every signal."""
-
-    def run(self, block: Block, motion: Motion) -> BlockResult:
-        """See `Kernel`."""
-        ...
-
-    def run_signals(self, block: Block, motion: Motion) -> tuple[BlockResult, Any]:
-        """Run as `run`, and return also every signal of the first lane: a record of [ticks]."""
-        ...
-
-
 @dataclasses.dataclass(frozen=True)
 class Tracer:
     """Runs blocks one after the other with the same compiled code."""
 
-    kernel: SignalKernel
+    kernel: Any  # of an engine; its `run_signals` also returns every signal of the first lane
 
     def run(
         self, golden: Block, block: Block, motion: Motion

@@ -111,13 +111,9 @@ class Printing(ABC, Generic[Where]):
             end = self._begin_region(condition, [types[i] for i in region.results])
             for i in region.operations:
                 compute(i)
-            before |= zip(
-                region.results,
-                self._end_region(end, [values[i] for i in region.results]),
-                strict=True,
-            )
+            results = self._end_region(end, [values[i] for i in region.results])
             values.clear()
-            values.update(before)
+            values.update(before | dict(zip(region.results, results, strict=True)))
 
         for item in operations:
             if isinstance(item, Region):

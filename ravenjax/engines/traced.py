@@ -49,11 +49,9 @@ class TracedTick:
 
     def without_signals(self) -> TimeLoop:
         """The loop whose only outputs are its reference series."""
-        step = self.loop.step
-        return dataclasses.replace(
-            self.loop,
-            step=dataclasses.replace(step, outputs=step.outputs[: self.loop.states + self.series]),
-        )
+        kept = self.loop.step.outputs[: self.loop.states + self.series]
+        step = dataclasses.replace(self.loop.step, outputs=kept)
+        return dataclasses.replace(self.loop, step=step)
 
     def signals_of(
         self, out: np.ndarray, typed: Callable[[np.ndarray, np.dtype], np.ndarray]
@@ -63,11 +61,8 @@ class TracedTick:
         typed: converts a column of `out` to a type.
         """
         columns = np.ascontiguousarray(out[:, self.series :, 0].T)
-        dtypes = tree.tree_leaves(self.signals)
-        return tree.fill_tree(
-            self.signals,
-            [typed(column, dtype) for column, dtype in zip(columns, dtypes, strict=True)],
-        )
+        numbers = map(typed, columns, tree.tree_leaves(self.signals))
+        return tree.fill_tree(self.signals, list(numbers))
 
 
 class Forms:
@@ -102,17 +97,9 @@ def traced_forms(
         tree.map_leaves(lambda leaf: np.zeros(0, np.asarray(leaf).dtype), block.faults),
         None,
     )
-    decides = (
-        program.module,
-        program.setup,
-        program.params,
-        program.varied,
-        program.ends,
-        none.varied,
-        none.faults,
-        [(column.shape, column.dtype.str) for column in motion],
-    )
-    key = trace_key.hash_values(*decides)
+    shapes = none.varied, none.faults, [(column.shape, column.dtype.str) for column in motion]
+    decides = program.module, program.setup, program.params, program.varied, program.ends
+    key = trace_key.hash_values(*decides, *shapes)
     # A second caller waits instead of tracing the same program.
     with _TRACING:
         if key not in _FORMS:

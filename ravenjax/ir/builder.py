@@ -83,7 +83,6 @@ FLOATS = ("float32", "float64")
 
 
 def _simplified(b: Builder, name: str, dtype: str, operands: tuple[int, ...]) -> int | None:
-    """Return the number of a simpler operation with an equal result, or None."""
     if name in ("convert", "bitcast"):
         return _converted(b, name, dtype, operands[0])
     if name == "select":
@@ -113,7 +112,6 @@ def _negated(b: Builder, i: int) -> int | None:
 
 
 def _is(b: Builder, i: int, value: float) -> bool:
-    """Return whether an operation is this constant, with the same sign of zero."""
     constant = b.constants.get(i)
     return (
         constant is not None

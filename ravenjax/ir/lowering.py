@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 
 def _sign(b: Builder, dtype: str, x: int) -> int:
-    """Return -1, 0 or 1. A zero keeps its sign, and NaN stays NaN."""
     zero, one = b.constant(dtype, 0), b.constant(dtype, 1)
     if dtype == "uint32":
         return b.emit("min", dtype, x, one)
@@ -31,7 +30,6 @@ def _sign(b: Builder, dtype: str, x: int) -> int:
 
 
 def _power(b: Builder, dtype: str, x: int, exponent: int) -> int:
-    """Return an integer power by repeated squaring, as JAX expands it."""
     result, square = None, x
     for k in range(abs(exponent).bit_length()):
         square = square if k == 0 else b.emit("mul", dtype, square, square)

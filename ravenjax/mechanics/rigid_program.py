@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ravenjax.ir.program import Program
@@ -67,9 +67,15 @@ def mass_matrix_and_bias(
     return build_program(inputs, [mass[i][j] for i in range(n) for j in range(i + 1)] + bias)
 
 
-def evaluate_program(program: Program, inputs: Sequence[Any]) -> tuple[list[list[Any]], list[Any]]:
-    """Return the rows of M, and the bias, of a program of `mass_matrix_and_bias`."""
-    out = replay_program(program, inputs, FUNCTIONS)
+def evaluate_program(
+    program_for: Callable[[tuple[float | None, ...]], Program], inputs: Sequence[Any]
+) -> tuple[list[list[Any]], list[Any]]:
+    """Return the rows of M, and the bias, of `mass_matrix_and_bias` of these inputs.
+
+    program_for(known) returns the program; Python numbers among the inputs are known.
+    """
+    known = tuple(float(x) if type(x) in (int, float) else None for x in inputs)
+    out = replay_program(program_for(known), inputs, FUNCTIONS)
     n = (len(inputs) - 3) // 2
     triangle = [out[i * (i + 1) // 2 : (i + 1) * (i + 2) // 2] for i in range(n)]
     return [[triangle[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)], out[-n:]
@@ -168,7 +174,6 @@ def _mass_matrix(links: tuple[Link, ...], bodies: list[_Body]) -> Matrix:
 
 
 def _join(parent: _Body, child: _Body) -> None:
-    """Add the child's composite body to the parent's."""
     p = child.position
     moments = child.moments
     for turn in reversed(child.turns):
@@ -211,7 +216,6 @@ def _rotate_back(turns: list[Turn], v: Vec) -> Vec:
 
 
 def _turn_moments(turn: Turn, J: Matrix) -> Matrix:
-    """Return R J R^T for a symmetric J and a rotation R about one axis."""
     axis, c, s = turn
     x, y = (axis + 1) % 3, (axis + 2) % 3
     turned = [list(row) for row in J]

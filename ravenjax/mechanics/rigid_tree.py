@@ -38,6 +38,7 @@ class Link:
     """
 
     joint: str
+    number: int  # of the joint in the model
     parent: int  # index of the parent link; -1: the fixed base
     slide: bool
     beta: float  # constant rotation to the parent: Rz(beta) Rx(alpha) Rz(offset + q) for a hinge,
@@ -67,6 +68,7 @@ class _HomeJoint:
     """A joint at q = qpos0 in the coordinates of the base."""
 
     name: str
+    number: int
     parent: int
     slide: bool
     axis: np.ndarray
@@ -91,10 +93,8 @@ def _home_joints(model: mujoco.MjModel, base: int) -> list[_HomeJoint]:
         if parent not in poses:
             continue
         position, rotation = poses[parent]
-        position, rotation = (
-            position + rotation @ model.body_pos[body],
-            rotation @ _matrix(model.body_quat[body]),
-        )
+        position = position + rotation @ model.body_pos[body]
+        rotation = rotation @ _matrix(model.body_quat[body])
         poses[body] = position, rotation
         carrier[body] = carrier[parent]
         first = int(model.body_jntadr[body])
@@ -102,6 +102,7 @@ def _home_joints(model: mujoco.MjModel, base: int) -> list[_HomeJoint]:
             joints.append(
                 _HomeJoint(
                     name=model.joint(joint).name,
+                    number=joint,
                     parent=carrier[body],
                     slide=int(model.jnt_type[joint]) == mujoco.mjtJoint.mjJNT_SLIDE,
                     axis=rotation @ model.jnt_axis[joint],
@@ -223,6 +224,7 @@ def _regrouped(joints: list[_HomeJoint]) -> tuple[Link, ...]:
         links.append(
             Link(
                 joint=joint.name,
+                number=joint.number,
                 parent=joint.parent,
                 slide=joint.slide,
                 beta=beta,
@@ -238,9 +240,6 @@ def _regrouped(joints: list[_HomeJoint]) -> tuple[Link, ...]:
 
 
 def _moved(rotation: np.ndarray, position: np.ndarray, inertia: np.ndarray) -> np.ndarray:
-    """Return the pseudo-inertia in a frame in which the old frame has this rotation and
-    position.
-    """
     transform = np.eye(4)
     transform[:3, :3], transform[:3, 3] = rotation, position
     return transform @ inertia @ transform.T
@@ -265,7 +264,6 @@ def _zxz(rotation: np.ndarray) -> tuple[float, float, float]:
 
 
 def _exact(angle: float) -> float:
-    """Return the angle without the rounding error if it is a multiple of a right angle."""
     turns = round(angle / (math.pi / 2))
     return turns * (math.pi / 2) if abs(angle - turns * (math.pi / 2)) < 1e-12 else angle
 

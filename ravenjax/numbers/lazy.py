@@ -36,17 +36,14 @@ class Numpy:
 
     @staticmethod
     def sin(x: Any) -> Any:
-        """Return the sine of a number or array."""
         return _as(x, trigonometry.sin)
 
     @staticmethod
     def cos(x: Any) -> Any:
-        """Return the cosine of a number or array."""
         return _as(x, trigonometry.cos)
 
     @staticmethod
     def where(condition: Any, yes: Any, no: Any) -> Any:
-        """Return `yes` or `no`, in the type that the two promote to."""
         return np.where(condition, yes, no)[()]
 
 
@@ -55,7 +52,6 @@ class Lax:
 
     @staticmethod
     def convert_element_type(x: Any, dtype: Any) -> Any:
-        """Return `x` converted to `dtype`."""
         return np.asarray(x).astype(dtype)[()]
 
     @staticmethod
@@ -65,7 +61,6 @@ class Lax:
 
 
 def _as(x: Any, function: Callable[[Any], Any]) -> Any:
-    """Return the function's value in the type of `x`."""
     if np.ndim(x):
         return function(x.astype(np.float64)).astype(x.dtype)
     return (type(x) if isinstance(x, np.floating) else float)(function(float(x)))

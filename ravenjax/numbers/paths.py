@@ -28,7 +28,6 @@ class _Step(NamedTuple):
 
 
 def _entries(node: Any, setup: Setup) -> tuple[dict[str, Any], bool] | None:
-    """Return the entries of `node` by name, and whether a path may omit them; None: a number."""
     fields = getattr(node, "_fields", ())
     if dataclasses.is_dataclass(node):
         fields = [field.name for field in dataclasses.fields(node)]

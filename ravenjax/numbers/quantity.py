@@ -107,7 +107,6 @@ def list_reserved(params: type) -> Iterator[tuple[str, str]]:
 
 
 def _fields(params: type, above: str = "") -> Iterator[tuple[str, list[Any]]]:
-    """Yield (path, annotations) for each field of a record class, and of the records in it."""
     hints = typing.get_type_hints(params, include_extras=True)
     for field in dataclasses.fields(params):
         inner, notes = _opened(hints[field.name])
@@ -118,7 +117,6 @@ def _fields(params: type, above: str = "") -> Iterator[tuple[str, list[Any]]]:
 
 
 def _opened(hint: Any) -> tuple[Any, list[Any]]:
-    """Return the type of a field's entries, and all annotations around it."""
     notes: list[Any] = []
     while True:
         kind, parts = typing.get_origin(hint), typing.get_args(hint)

@@ -60,7 +60,6 @@ def tree_filler(tree: Any) -> Callable[[Sequence[Any]], Any]:
 
 
 def _branches(tree: Any) -> list[Any] | None:
-    """Return the branches of a tree; None for a leaf."""
     if tree is None:
         return []
     if isinstance(tree, tuple | list):
@@ -73,7 +72,6 @@ def _branches(tree: Any) -> list[Any] | None:
 
 
 def _joined(tree: Any, branches: list[Any]) -> Any:
-    """Return a container of the same type as `tree`, with these branches."""
     if tree is None:
         return None
     if isinstance(tree, dict):

@@ -123,7 +123,6 @@ def _run(
     known: Mapping[str, bytes] | None,
     require: Callable[[Path, bytes], None] = lambda *_: None,
 ) -> tuple[types.ModuleType, dict[str, bytes]]:
-    """Return the module of a source, and the files of its folder that it uses."""
     # So that a traceback shows the line even if the file has changed or is on another machine
     lines = source.text.splitlines(keepends=True)
     linecache.cache[source.path] = (len(source.text), None, lines, source.path)
@@ -251,7 +250,6 @@ class Part:
         return numbers
 
     def _like(self, name: str, like: Any, values: Any, width: str, words: str = "") -> Any:
-        """Return numbers with the structure of `like`, each converted to its kind."""
         expected, given = list(_named(like)), list(_named(values))
         if [place for place, _ in expected] != [place for place, _ in given]:
             several = f"{len(expected)} numbers, a Vec or a record as view has them"
@@ -272,7 +270,6 @@ class Part:
         return tree.fill_tree(state, [self._number(where, *pair, width) for pair in named])
 
     def _number(self, where: str, what: str, value: Any, width: str) -> Scalar:
-        """Return a single number as a float of `width`, int32 or bool."""
         if shape := getattr(value, "shape", ()):
             expected = "expected a single number: take Vec for several"
             raise self._error(where, f"gives an array of shape {shape} for {what}, {expected}")
@@ -284,7 +281,6 @@ class Part:
         return lax.convert_element_type(value, dtype)
 
     def _require_ranges(self) -> None:
-        """Raise UserError for a parameter without a Quantity, or outside its range."""
         record = self.params()
         if record is None:
             return
@@ -313,7 +309,6 @@ class Part:
 
 
 def _kind(value: Any) -> str | None:
-    """Return "float", "int" or "bool"; None for any other value."""
     if isinstance(value, bool | int | float):
         return type(value).__name__
     dtype = getattr(value, "dtype", None)
@@ -351,7 +346,8 @@ def part_parameters(sources: tuple[OwnSource, ...]) -> Any:
 
     The tuple can travel between processes together with the files' code. Raises UserError.
     """
-    return _kind_of(sources)(*(load_part(source).params() for source in sources))
+    records = (load_part(source).params() for source in sources)
+    return _named_kind(tuple(source.name for source in sources), sources)(*records)
 
 
 def named_parameters(names: tuple[str, ...], numbers: Any) -> Any:
@@ -360,20 +356,14 @@ def named_parameters(names: tuple[str, ...], numbers: Any) -> Any:
 
 
 @functools.lru_cache(maxsize=256)
-def _named_kind(names: tuple[str, ...]) -> type[Any]:
-    kind = collections.namedtuple("Named", names)
-    kind.__reduce__ = lambda own: (named_parameters, (names, tuple(own)))  # type: ignore[method-assign]
-    return kind
-
-
-@functools.lru_cache(maxsize=256)
-def _kind_of(sources: tuple[OwnSource, ...]) -> type[Any]:
+def _named_kind(names: tuple[str, ...], sources: tuple[OwnSource, ...] = ()) -> type[Any]:
     # Classes of a file's records exist in this process only. Another process rebuilds them from the
     # file's text, and receives the numbers from here.
-    kind = collections.namedtuple("Own", [source.name for source in sources])
-    kind.__reduce__ = lambda own: (_restored, (sources, tree.tree_leaves(own)))  # type: ignore[method-assign]
+    kind = collections.namedtuple("Named", names)
+    kind.__reduce__ = lambda own: (_restored, (names, sources, tree.tree_leaves(own)))  # type: ignore[method-assign]
     return kind
 
 
-def _restored(sources: tuple[OwnSource, ...], numbers: list[Any]) -> Any:
-    return tree.fill_tree(part_parameters(sources), numbers)
+def _restored(names: tuple[str, ...], sources: tuple[OwnSource, ...], numbers: list[Any]) -> Any:
+    like = part_parameters(sources) if sources else named_parameters(names, numbers)
+    return tree.fill_tree(like, numbers)

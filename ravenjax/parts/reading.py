@@ -92,9 +92,6 @@ class Reader:
         return beside or builtins.__import__(name, globals, locals, fromlist, level)
 
     def _beside(self, name: str) -> types.ModuleType | None:
-        """Return the module of that name beside the part, run once; None if there is no
-        such file.
-        """
         path = self.folder / f"{name}.py"
         if name in self._modules:
             return self._modules[name]

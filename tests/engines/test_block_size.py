@@ -15,28 +15,13 @@ from ravenjax.engines.gpu import engine as cuda
 from ravenjax.engines.interface import Block
 from ravenjax.engines.xla.engine import ScanEngine
 
-FAULT = {
-    "site": "usb_out",
-    "channel": "elbow",
-    "effect": "overwrite",
-    "start_ms": 3,
-    "duration_ms": 9,
-}
+FAULT = {"site": "usb_out", "channel": "elbow", "effect": "overwrite", "start_ms": 3}
+FAULT |= {"duration_ms": 9, "value": [-9000, 0, 100, 5000, 20000]}
+SCALES = {"plant.cable_stiffness_scale": [0.5, 1.0, 2.0]}
 CAMPAIGN = {
     "campaign": {"name": "sizes", "duration_s": 0.02},
-    "group": [
-        {
-            "name": "a",
-            "fault": [{**FAULT, "value": [-9000, 0, 100, 5000, 20000]}],
-            "parameters": {"plant.cable_stiffness_scale": [0.5, 1.0, 2.0]},
-        }
-    ],
+    "group": [{"name": "a", "fault": [FAULT], "parameters": SCALES}],
 }
-ENGINES = [
-    "simd",
-    pytest.param("cuda", marks=pytest.mark.slow),
-    pytest.param("xla", marks=pytest.mark.slow),
-]
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +38,7 @@ def engine(request, monkeypatch, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("engine", ENGINES, indirect=True)
+@pytest.mark.parametrize("engine", ["simd", "cuda", "xla"], indirect=True)
 def test_small_blocks_give_the_bits_of_a_large_one(engine, ready):
     """Runs of three golden runs: at once with a series a lane, and a few at a time with a series
     a golden run.

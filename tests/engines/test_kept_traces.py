@@ -21,13 +21,8 @@ from ravenjax.engines.gpu.kernel import Form, print_loop
 from ravenjax.engines.interface import Block
 from ravenjax.ir.time_loop import split_lanes
 
-FAULT = {
-    "site": "usb_out",
-    "channel": "elbow",
-    "effect": "offset",
-    "value": [0, 4000],
-    "start_ms": 20,
-}
+FAULT = {"site": "usb_out", "channel": "elbow", "effect": "offset"}
+FAULT |= {"value": [0, 4000], "start_ms": 20}
 
 
 def ready(**changes):

@@ -22,10 +22,8 @@ def chain(*links: str, tip: str, after: str = "") -> str:
 
 
 def link(place: str, joint: str, mass: float, com: str, inertia: str) -> str:
-    return (
-        f"<body {place}><joint {joint}/><inertial mass='{mass}' pos='{com}'"
-        f" diaginertia='{inertia}'/>"
-    )
+    body = f"mass='{mass}' pos='{com}' diaginertia='{inertia}'"
+    return f"<body {place}><joint {joint}/><inertial {body}/>"
 
 
 # Universal Robots: "DH parameters for calculations of kinematics and dynamics" (inertias assumed).
@@ -69,11 +67,11 @@ def test_its_step_is_that_of_mujoco(text, kp, kv, most):
     """400 steps under a position controller whose velocity gain the step takes implicitly."""
     spec = mujoco.MjSpec.from_string(text)
     for k, joint in enumerate(spec.joints):
-        joint.name = joint.name or f"j{k}"
+        joint.name = joint.name or f"j{k}"  # for its actuator
         actuator = spec.add_actuator(target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         actuator.set_to_position(kp=kp, kv=kv)
     model = spec.compile()
-    data, mechanism = mujoco.MjData(model), read_mechanism(model, tip="tip")
+    data, mechanism = mujoco.MjData(model), read_mechanism(model, "tip")
     n = model.nv
     goal = np.linspace(0.1, 0.4, n)
     data.ctrl[:] = goal
@@ -100,6 +98,6 @@ def test_what_it_has_not_is_named():
         "<equality><weld name='w' body1='b'/></equality></mujoco>"
     )
     with pytest.raises(UserError) as error:
-        read_mechanism(mujoco.MjModel.from_xml_string(text))
+        read_mechanism(mujoco.MjModel.from_xml_string(text), "tip")
     for word in ("joints (f)", "tendons (t)", "(w)", "touch (g, number 1)", "density"):
         assert word in str(error.value)

@@ -93,13 +93,11 @@ def test_only_the_thread_that_asked_computes_at_once():
 
 @pytest.mark.parametrize("first", ["jax", "ravenjax"])
 def test_records_are_known_to_jax_whichever_is_imported_first(first):
-    code = (
-        "import sys\nfrom ravenjax.robots.raven2.loop import tick\nassert 'jax' not in"
-        " sys.modules\n"
-        if first == "ravenjax"
-        else "import jax\nfrom ravenjax.robots.raven2.loop import tick\n"
+    before, after = (
+        ("import jax", "") if first == "jax" else ("", "assert 'jax' not in sys.modules")
     )
-    code += (
+    code = (
+        f"import sys\n{before}\nfrom ravenjax.robots.raven2.loop import tick\n{after}\n"
         "from ravenjax.numbers.lazy import jax\nfrom ravenjax.numbers.vec import Vec\n"
         "from ravenjax.robots.raven2.geometry.joints import Pose\n"
         "assert jax.tree.leaves(Pose(Vec((1, 2, 3)), Vec(()))) == [1, 2, 3]\n"

@@ -10,9 +10,7 @@ from ravenjax.campaign import loading, plan
 from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.axis import fixed_axis
 from ravenjax.numbers import paths
-from ravenjax.numbers.quantity import list_quantities
 from ravenjax.robots.raven2 import ROBOT
-from ravenjax.robots.raven2.loop.records import TickParams
 
 # --- the Raven-II ---
 
@@ -52,18 +50,6 @@ def test_the_robots_own_numbers_lie_within(every):
     for path, value in every:
         for row in bounds.allowed_values(ROBOT, path):
             assert row.low <= value <= row.high and (not row.whole or value == int(value)), path
-
-
-def test_what_is_said_makes_sense():
-    said = list(list_quantities(TickParams))
-    assert len(said) > 70
-    for path, row in said:
-        assert row.low < row.high and row.meaning, path
-        assert abs(row.low) <= 1e9 and abs(row.high) <= 1e9, path  # far within single precision
-        assert {*row.joints} <= {*ROBOT.joints}, path
-        if row.whole:
-            assert row.low == int(row.low) and row.high == int(row.high), path
-    assert len({(path, row.joints) for path, row in said}) == len(said)
 
 
 @given(data=st.data())

@@ -127,13 +127,10 @@ class LaneGroup:
         else:
             to = row_address(out, first - self.lanes.first) + lane * out.itemsize
             leaving = to, *out.strides[:2]
+        places = self._inputs, self._prologue, self.state
         self._call(
             "lane_run",
-            *(
-                row_address(self._inputs, v),
-                row_address(self._prologue, v),
-                row_address(self.state, v),
-            ),
+            *(row_address(place, v) for place in places),
             *(row_address(self.lanes.tables), *self._entering(first, lane)),
             *(row_address(self._rows, first - self._row_tick), *leaving, until - first),
         )
@@ -196,10 +193,6 @@ class VectorCode:
         """How many numbers each tick returns."""
         return self.kernel.outputs
 
-    def group(self, lanes: Lanes, vectors: int, rows: int, results: int) -> LaneGroup:
-        """Return lanes before their first tick; see `LaneGroup`."""
-        return LaneGroup(self.kernel, self._make_calls, lanes, vectors, rows, results)
-
     def run(self, lanes: Lanes, ticks: int, progress: Progress | None = None) -> list[np.ndarray]:
         """Run one group from the beginning; return its results, each [lanes]."""
         size = len(lanes.inputs[0]) if lanes.inputs else self.width
@@ -212,15 +205,14 @@ class VectorCode:
         """Run one group along `course`; return its results at each lane's end, each [lanes]."""
         vectors = len(course.begins)
         of_lane = np.repeat(np.arange(vectors), self.width)
-        pairs, place = np.unique(
-            np.stack([of_lane, course.ends], axis=1), axis=0, return_inverse=True
-        )
+        lane_ends = np.stack([of_lane, course.ends], axis=1)
+        pairs, place = np.unique(lane_ends, axis=0, return_inverse=True)
         # For each vector: (tick, row of the results).
         stops: list[list[tuple[int, int]]] = [[] for _ in range(vectors)]
         for row, (v, end) in enumerate(pairs.tolist()):
             stops[v].append((end, row))
         ends, begins, done = np.unique(course.ends).tolist(), course.begins.tolist(), 0
-        group = self.group(lanes, vectors, CHUNK, len(pairs))
+        group = LaneGroup(self.kernel, self._make_calls, lanes, vectors, CHUNK, len(pairs))
         kept = aligned_buffer(len(ends), self.kernel.group_state.bytes)
         kept_at = {end: row_address(kept, row) for row, end in enumerate(ends)}
         if course.trunk is not None:
@@ -262,7 +254,7 @@ class VectorCode:
         """
         words, shared_words = self._state_words[0], self.kernel.group_state.bytes // 4
         every = snapshot_spacing(last, len(words) + shared_words)
-        group = self.group(lanes, 1, every, max(1, len(ends)))
+        group = LaneGroup(self.kernel, self._make_calls, lanes, 1, every, max(1, len(ends)))
         state, shared = (rows.view(np.uint32)[0] for rows in (group.state, group.group_state))
         snapshots = Trunk.room(every, max(1, -(-last // every)), shared_words, len(words))
         row_of = {end: row for row, end in enumerate(ends.tolist())}
@@ -289,7 +281,6 @@ class VectorCode:
         return np.stack([self.kernel.state.words(lane) for lane in range(self.width)])
 
     def _go_on(self, group: LaneGroup, course: LaneCourse, golden_run: Trunk) -> None:
-        """Set each vector, and the group, to its golden run's state where it begins."""
         if course.first:
             row = course.first // golden_run.every
             group.group_state.view(np.uint32)[0] = golden_run.group[row]

@@ -87,7 +87,6 @@ class SimdKernel(traced.PrintedKernel):
     def _run(
         self, block: Block, motion: Motion, progress: Progress | None
     ) -> tuple[BlockResult, np.ndarray]:
-        """Return also the outputs of each tick, [ticks, numbers, lanes]."""
         tick, ticks = self.forms(block, motion).traced, self.program.ticks
         inputs, group, grouped = self._groups(block)
         code, tables = self._code(block, motion, grouped), traced.motion_tables(motion)
@@ -131,7 +130,6 @@ class SimdKernel(traced.PrintedKernel):
         return inputs, group if grouped else np.zeros_like(group), grouped
 
     def _course(self, block: Block, lanes: np.ndarray, grouped: bool) -> LaneCourse:
-        """Return the first and last ticks of whole vectors of lanes with one golden run."""
         ends = np.full(len(lanes), self.program.ticks) if block.ends is None else block.ends[lanes]
         begins = np.zeros(len(lanes) // self.width, np.int64)
         trunk = block.trunk(int(lanes[0])) if grouped else None
@@ -142,14 +140,12 @@ class SimdKernel(traced.PrintedKernel):
     def _given(
         self, block: Block, lanes: np.ndarray, grouped: bool, first: int, last: int
     ) -> np.ndarray:
-        """Return the golden runs' series in these ticks: of the group if shared, else per lane."""
         if not block.compared or block.reference is None:
             series = self.program.loop.series_length(self.program.setup)
             return np.zeros((1, series) if grouped else (1, series, len(lanes)), self._dtype)
         some = dataclasses.replace(block, reference=block.reference[first:last])
-        return np.ascontiguousarray(
-            some.series(lanes[:1])[:, :, 0] if grouped else some.series(lanes)
-        )
+        series = some.series(lanes[:1])[:, :, 0] if grouped else some.series(lanes)
+        return np.ascontiguousarray(series)
 
     def _code(self, block: Block, motion: Motion, grouped: bool) -> VectorCode:
         forms, host = self.forms(block, motion), self._host
@@ -165,9 +161,8 @@ class SimdKernel(traced.PrintedKernel):
 
 def _from_slots(column: np.ndarray, dtype: np.dtype) -> np.ndarray:
     """Return the numbers of a column that is stored in slots of 64 bits."""
-    return column.view(np.int32 if dtype.kind == "b" else dtype)[
-        :: 8 // max(4, dtype.itemsize)
-    ].astype(dtype)
+    numbers = column.view(np.int32 if dtype.kind == "b" else dtype)
+    return numbers[:: 8 // max(4, dtype.itemsize)].astype(dtype)
 
 
 def lanes_of_block(runs: int, threads: int, width: int) -> int:

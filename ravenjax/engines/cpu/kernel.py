@@ -26,29 +26,15 @@ from ravenjax.ir.time_loop import Split
 
 WINDOW = 200
 """Operations, counted from the earliest that is not placed yet, among which the next is chosen."""
-LATENCIES = {
-    "fma": 6,
-    "mul": 6,
-    "add": 5,
-    "sub": 5,
-    "div": 20,
-    "sqrt": 30,
-    "select": 3,
-    "rarely": 3,
-    "abs": 2,
-    "neg": 0,
-    "bitcast": 0,
-    "rem": 60,
-}
-"""Cycles until the result of a 512-bit operation is available, with its loads and stores."""
-_SLOW = frozenset(
-    ("lt", "le", "eq", "ne", "max", "min", "convert", "truncate", "round", "floor", "ceil")
+LATENCIES = (
+    {"fma": 6, "mul": 6, "add": 5, "sub": 5, "div": 20, "sqrt": 30, "rem": 60}
+    | {"select": 3, "rarely": 3, "neg": 0, "bitcast": 0}
+    | dict.fromkeys(("lt", "le", "eq", "ne", "max", "min", "convert", "truncate"), 6)
+    | dict.fromkeys(("round", "floor", "ceil"), 6)
 )
-
-
-def operation_latency(name: str) -> int:
-    """Return the cycles until the result of an operation is available."""
-    return LATENCIES.get(name, 6 if name in _SLOW else 2)
+"""Cycles until the result of a 512-bit operation is available, with its loads and stores; of other
+operations 2.
+"""
 
 
 def schedule_operations(
@@ -109,7 +95,7 @@ def _straight(
             k = min(candidates, key=ready.__getitem__)
         candidates.remove(k)
         result.append(order[k])
-        cycles = operation_latency(operations[order[k]].name)
+        cycles = LATENCIES.get(operations[order[k]].name, 2)
         now = max(now, ready[k])
         for reader in readers[k]:
             ready[reader] = max(ready[reader], now + cycles)
@@ -197,20 +183,11 @@ class _LlvmModule:
         self._lane_run()
         self._lane_finish()
         bits = self.width * 32
-        attributes = (
-            f'attributes #0 = {{ nounwind "min-legal-vector-width"="{bits}"'
-            f' "prefer-vector-width"="{bits}" }}'
-        )
-        text = "\n".join(
-            [
-                *self.functions,
-                render_template("cpu/calls.ll.j2", arguments=ARGUMENTS, call_words=CALL_WORDS),
-                *sorted(self.declared),
-                attributes,
-                BRANCH_WEIGHTS,
-            ]
-        )
-        return dataclasses.replace(self.buffers, text=text)
+        widths = f'"min-legal-vector-width"="{bits}" "prefer-vector-width"="{bits}"'
+        calls = render_template("cpu/calls.ll.j2", arguments=ARGUMENTS, call_words=CALL_WORDS)
+        attributes = f"attributes #0 = {{ nounwind {widths} }}"
+        lines = [*self.functions, calls, *sorted(self.declared), attributes, BRANCH_WEIGHTS]
+        return dataclasses.replace(self.buffers, text="\n".join(lines))
 
     # --- addresses of inputs ---
 
@@ -319,7 +296,6 @@ class _LlvmModule:
 def _places(
     numbers: Iterable[int], layout: BufferLayout, pointer: str, splat: bool = False
 ) -> dict[int, Place]:
-    """Return the place of each number, which are in the order of the layout."""
     return dict(zip(numbers, layout.places(pointer, splat), strict=True))
 
 

@@ -70,7 +70,6 @@ class LlvmPrinter(Printing[Place]):
         return self._computed(name, dtype, sources[0].dtype, inputs, known)
 
     def _begin_region(self, condition: str, types: list[str]) -> tuple[str, str, list[str]]:
-        """Begin a block that is entered if the condition holds in any lane."""
         if self.width > 1:
             name = f"llvm.vector.reduce.or.v{self.width}i1"
             condition = self.call("i1", name, (self.type("bool"), condition))
@@ -287,7 +286,6 @@ class LlvmPrinter(Printing[Place]):
         return best
 
     def _resized(self, dtype: str, source: str, x: str) -> str:
-        """Return an integer wrapped to another width."""
         size, before = stored_size(dtype), stored_size(source)
         if size == before:
             return x

@@ -45,14 +45,10 @@ class BufferLayout:
     @property
     def dtype(self) -> np.dtype:
         """NumPy's type of a row with one lane: one field per number."""
-        return np.dtype(
-            {
-                "names": [f"f{k}" for k in range(len(self.types))],
-                "formats": [stored_type(dtype) for dtype in self.types],
-                "offsets": list(self.offsets),
-                "itemsize": self.bytes,
-            }
-        )
+        names = [f"f{k}" for k in range(len(self.types))]
+        formats = list(map(stored_type, self.types))
+        places = {"offsets": list(self.offsets), "itemsize": self.bytes}
+        return np.dtype({"names": names, "formats": formats, **places})
 
     def places(self, pointer: str, splat: bool = False) -> list[Place]:
         """Return the place of each number."""

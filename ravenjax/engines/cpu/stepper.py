@@ -8,7 +8,6 @@ row as it happens.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -27,14 +26,6 @@ from ravenjax.engines.cpu.transition import (
 )
 from ravenjax.numbers import lazy, tree
 from ravenjax.numbers.lazy import jax
-
-
-@dataclasses.dataclass(frozen=True)
-class _Form:
-    text: str
-    state: RecordKind
-    outcomes: RecordKind
-    outputs: int  # how many numbers each tick returns
 
 
 class StepCode:
@@ -62,7 +53,7 @@ class StepCode:
         self.entering = RecordKind.of((np.int32(0), entering))
         self.tables = tuple(tables)
 
-        def make() -> _Form:
+        def make() -> tuple[str, RecordKind, RecordKind, int]:
             first, state = traced.trace_function(begin, self.inputs.shapes())
             columns = tuple(jax.ShapeDtypeStruct((n,), np.float32) for n in self.tables)
             middle, (_, out) = traced.trace_function(
@@ -80,17 +71,17 @@ class StepCode:
                 "step": StateTransition(middle, fixed, kind.layout, self.entering.layout),
                 "finish": StateTransition(last, fixed, NOTHING, kind.layout),
             }
-            named = RecordKind.of(outcomes)
-            return _Form(print_module(transitions), kind, named, len(tree.tree_leaves(out)))
+            named, outputs = RecordKind.of(outcomes), len(tree.tree_leaves(out))
+            return print_module(transitions), kind, named, outputs
 
         # The generated code depends on the CPU's instructions.
         types = [str(kind.layout) + repr(kind.record) for kind in (self.inputs, self.entering)]
         key = key and trace_key.persistent_key(
             "step", key, types, self.tables, jit.host_target().text
         )
-        form = trace_key.load_or_make(objects, key, make)
-        self.state, self.outcomes, self.outputs = form.state, form.outcomes, form.outputs
-        self.machine = Compiled(form.text, ("begin", "step", "finish"), objects)
+        made = trace_key.load_or_make(objects, key, make)
+        text, self.state, self.outcomes, self.outputs = made
+        self.machine = Compiled(text, ("begin", "step", "finish"), objects)
 
 
 class Stepper:

@@ -90,10 +90,7 @@ def read_row(layout: BufferLayout, row: np.ndarray | bytes) -> list[Any]:
         return []
     (numbers,) = np.frombuffer(row, layout.dtype).tolist()
     ways: dict[str, Any] = {"float32": np.float32, "bool": bool}
-    return [
-        ways[dtype](x) if dtype in ways else x
-        for dtype, x in zip(layout.types, numbers, strict=True)
-    ]
+    return [ways.get(dtype, lambda x: x)(x) for dtype, x in zip(layout.types, numbers, strict=True)]
 
 
 def write_row(layout: BufferLayout, row: np.ndarray, numbers: Sequence[Any]) -> None:
@@ -193,7 +190,6 @@ class BoundTransition:
         )
 
     def __call__(self) -> None:
-        """Make the transition once for each row."""
         if self._steps:
             self._function(*self._arguments)
 
@@ -217,13 +213,10 @@ def print_module(
 
 def _printed(transition: StateTransition, features: Set[str]) -> LlvmPrinter:
     program = transition.program
-    sources_of = [
-        *transition.fixed.places("%fixed"),
-        *transition.state.places("%state"),
-        *transition.entering.places("%entering"),
-    ]
-    sources = {i: sources_of[k] for i, k in program.reads.items()}
-    targets = [*transition.state.places("%state"), *transition.leaving.places("%leaving")]
+    state = transition.state.places("%state")
+    given = [*transition.fixed.places("%fixed"), *state, *transition.entering.places("%entering")]
+    sources = {i: given[k] for i, k in program.reads.items()}
+    targets = [*state, *transition.leaving.places("%leaving")]
     results = list(zip(program.outputs, targets, strict=True))
     order = [i for i in program.needed() if program.operations[i].name not in ("input", "constant")]
     printer = LlvmPrinter(1, frozenset(features), "again")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -39,11 +40,9 @@ def form_for(device: Device) -> Form:
 
 def column_words(column: np.ndarray) -> np.ndarray:
     """Return a column as 32-bit words."""
-    return (
-        column.astype(np.uint32)
-        if column.dtype == bool
-        else np.ascontiguousarray(column).view(np.uint32)
-    )
+    if column.dtype == bool:
+        return column.astype(np.uint32)
+    return np.ascontiguousarray(column).view(np.uint32)
 
 
 def typed_column(column: np.ndarray, dtype: str) -> np.ndarray:
@@ -78,13 +77,9 @@ class CudaCode:
         cubin = cuda_device.compile_cubin(self.source.text, device.architecture, OPTIONS, objects)
         module = cuda_device.DeviceModule(device, cubin)
         self.lane_run = module.function("lane_run", self.source.shared_bytes)
-        self.functions = {
-            name: module.function(name)
-            for name in (
-                *("shared_begin", "shared_run", "lane_begin", "lane_finish"),
-                *("lane_branch", "group_snapshot", "lane_snapshot"),
-            )
-        }
+        names = ("shared_begin", "shared_run", "group_snapshot")
+        names += ("lane_begin", "lane_branch", "lane_finish", "lane_snapshot")
+        self.functions = {name: module.function(name) for name in names}
 
     def whole(self, places: Places, ticks: int) -> BlockCourse:
         """Return the course of every lane from the first tick to before tick `ticks`."""
@@ -97,7 +92,9 @@ class CudaCode:
         at_once = self.grouped and course.scattered and lanes.out is None
         chunk = course.last - course.first if at_once else CHUNK
         with DeviceSession(self.device) as session:
-            return _Run(self, session, lanes, places, course, chunk).results(progress)
+            run = _Run(self, session, lanes, places, course, chunk)
+            run.run(progress)
+            return run.finish()
 
     def trunk(self, lanes: Lanes, places: Places, last: int) -> Trunk:
         """Return the snapshots of a golden run before tick `last`; all lanes are that run."""
@@ -107,8 +104,6 @@ class CudaCode:
 
 
 class _Run:
-    """One pass of lanes through the ticks."""
-
     def __init__(
         self,
         code: CudaCode,
@@ -122,7 +117,7 @@ class _Run:
         self.code, self.session, self.lanes = code, session, lanes
         self.places, self.course = places, course
         source = code.source
-        self.threads = source.form.threads
+        self.threads = code.form.threads
         self.total, self.blocks = len(places.lane), len(places.lane) // self.threads
         self.groups = len(places.first)
         ticks = course.last - course.first
@@ -134,12 +129,10 @@ class _Run:
             np.take(column, places.lane, out=packed[k])
             of_groups[:, k] = column[places.first]
         self.inputs, self.group_inputs = session.upload(packed), session.upload(of_groups)
-        self.tables, self.group = (
-            session.upload(column_words(lanes.tables)),
-            session.upload(places.group.view(np.uint32)),
-        )
-        self.spans, self.ends = (
-            session.upload(ticks.view(np.uint32)) for ticks in (course.spans, course.ends)
+        self.tables = session.upload(column_words(lanes.tables))
+        self.group, self.spans, self.ends = (
+            session.upload(column.view(np.uint32))
+            for column in (places.group, course.spans, course.ends)
         )
         self.saved = session.room(self.total * source.saved)
         self.state = session.room(self.blocks * source.state * self.threads)
@@ -147,18 +140,10 @@ class _Run:
         self.rows = [session.room(self.groups * self.chunk * source.row) for _ in range(2)]
         entering = self.groups if code.grouped else self.total
         self.given = [session.room(entering * self.chunk * source.tick_inputs) for _ in range(2)]
-        self.out = (
-            session.room(self.total * self.chunk * len(source.outputs))
-            if lanes.out is not None
-            else None
-        )
+        out_words = self.total * self.chunk * source.outputs
+        self.out = None if lanes.out is None else session.room(out_words)
         # Device memory for the snapshots of the group and of the lane.
         self.snapshots: dict[str, object] = {}
-
-    def results(self, progress: Progress | None) -> list[np.ndarray]:
-        """Run the lanes; return the results, each [lanes]."""
-        self._run(progress)
-        return self._finish()
 
     def trunk(self) -> Trunk:
         """Run the lanes; return the states of the first lane and of its group before each chunk."""
@@ -167,21 +152,20 @@ class _Run:
         snapshots = Trunk.room(self.chunk, count, source.group_state, source.state)
         own = {"group": snapshots.group, "lane": snapshots.lane}
         self.snapshots = {what: session.room(states.size) for what, states in own.items()}
-        self._run(None)
+        self.run(None)
         for what, states in own.items():
             session.read(states, self.snapshots[what], session.main)
         return snapshots
 
-    def _run(self, progress: Progress | None) -> None:
+    def run(self, progress: Progress | None) -> None:
+        """Run the lanes through all their ticks."""
         session, code, course = self.session, self.code, self.course
         main = session.main
         self._begin()
         # Count also the ticks that no lane has to run.
-        if progress is not None:
-            idle = course.last * len(self.places.thread) - course.lane_ticks(
-                self.places, 0, course.last
-            )
-            progress(idle) if idle else None
+        running = course.lane_ticks(self.places, 0, course.last)
+        if progress is not None and (idle := course.last * len(self.places.thread) - running):
+            progress(idle)
         starts = range(course.first, course.last, self.chunk)
         marks = [self._make_rows(0, course.first)]
         finished = []
@@ -209,7 +193,6 @@ class _Run:
                 progress(course.lane_ticks(self.places, first, first + count))
 
     def _begin(self) -> None:
-        """Set groups and lanes to their initial state, or to that of their golden runs."""
         session, code, course = self.session, self.code, self.course
         if course.group_state is None:
             self._by_group("shared_begin", self.group_inputs, self.group_state, self.groups)
@@ -222,9 +205,7 @@ class _Run:
             own = session.upload(course.snapshot.view(np.uint32))
             session.launch(code.functions["lane_branch"], *where, snapshots, own, self.state)
 
-    def _leave_snapshot(
-        self, what: str, words: int, stream: object, state: object, row: int
-    ) -> None:
+    def _leave_snapshot(self, what: str, words: int, stream: Any, state: Any, row: int) -> None:
         """Copy a state of "group" or "lane" to the snapshots, if these are collected."""
         if self.snapshots and words:
             self.session.launch(
@@ -240,29 +221,25 @@ class _Run:
 
     def _make_rows(self, k: int, first: int) -> object:
         """Start computing the rows of chunk `k`; return a mark that is reached when they exist."""
-        count, given, rows = (
-            min(self.chunk, self.course.last - first),
-            self.given[k % 2],
-            self.rows[k % 2],
-        )
+        count, given = min(self.chunk, self.course.last - first), self.given[k % 2]
         urgent, entering, source = self.session.urgent, self.lanes.tick_inputs, self.code.source
         self._leave_snapshot("group", source.group_state, urgent, self.group_state, k)
         if source.tick_inputs and len(entering):
             ticks = slice(first, first + count)
             here = entering[:, ticks] if self.code.grouped else entering[ticks]
             self.session.write(given, column_words(np.ascontiguousarray(here)), urgent)
-        buffers = self.group_inputs, self.group_state, self.tables, given, rows
+        buffers = self.group_inputs, self.group_state, self.tables, given, self.rows[k % 2]
         self._by_group("shared_run", *buffers, self.groups, first, count)
         return self.session.mark(urgent)
 
     def _take_out(self, first: int, count: int) -> None:
-        """Copy the outputs of a chunk to the host, in the order of lanes."""
         assert self.lanes.out is not None
-        block = np.empty((count, len(self.code.source.outputs), self.total), np.uint32)
+        block = np.empty((count, self.code.source.outputs, self.total), np.uint32)
         self.session.read(block, self.out, self.session.main)
         self.lanes.out[first : first + count] = block[:, :, self.places.thread]
 
-    def _finish(self) -> list[np.ndarray]:
+    def finish(self) -> list[np.ndarray]:
+        """Return the results, each [lanes]."""
         session, types = self.session, self.code.source.results
         results = session.room(len(types) * self.total)
         buffers = self.inputs, self.state, self.saved, results

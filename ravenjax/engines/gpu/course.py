@@ -83,12 +83,8 @@ class BlockCourse:
         """Return the number of lane ticks from tick `first` to before `until`."""
         blocks = len(self.spans)
         lanes = np.bincount(places.thread // (len(places.lane) // blocks), minlength=blocks)
-        return int(
-            lanes
-            @ np.maximum(
-                np.minimum(self.spans[:, 1], until) - np.maximum(self.spans[:, 0], first), 0
-            )
-        )
+        begins, ends = np.clip(self.spans, first, until).T
+        return int(lanes @ np.maximum(ends - begins, 0))
 
 
 def plan_course(
@@ -118,16 +114,10 @@ def plan_course(
 
     at = np.repeat(begins // EVERY, threads // WARP)
     pairs, snapshot = np.unique(np.stack([places.group, at], axis=1), axis=0, return_inverse=True)
-    states = [
-        trunk.lane[row]
-        for group, row in pairs.tolist()
-        if row and (trunk := trunks[group]) is not None
-    ]
+    states = [trunks[group].lane[row] for group, row in pairs.tolist() if row]
     order = np.cumsum(pairs[:, 1] > 0) - 1
     snapshot = np.where(at > 0, order[snapshot.reshape(-1)], -1).astype(np.int32)
     first = int(begins.min()) // EVERY
-    shared = (
-        np.stack([trunk.group[first] for trunk in trunks if trunk is not None]) if first else None
-    )
+    shared = np.stack([trunk.group[first] for trunk in trunks if trunk]) if first else None
     snapshots = np.stack(states) if states else np.zeros((0, 0), np.uint32)
     return BlockCourse(spans, own_ends, snapshots, snapshot, shared)

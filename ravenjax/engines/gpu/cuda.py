@@ -18,19 +18,14 @@ from ravenjax.ir.program import Program, from_bits
 OPTIONS = ("--fmad=false", "--ftz=false", "--prec-div=true", "--prec-sqrt=true")
 """Options of the compiler that keep each operation's rounding."""
 
-TYPES = {"float32": "float", "int32": "int", "uint32": "unsigned", "bool": "bool"}
-_READ = {
-    "float32": "__uint_as_float({})",
-    "int32": "(int)({})",
-    "uint32": "{}",
-    "bool": "({}) != 0u",
+_TYPES = {"float32": "float", "int32": "int", "uint32": "unsigned", "bool": "bool"}
+_WORDS = {
+    "float32": ("__uint_as_float({})", "__float_as_uint({})"),
+    "int32": ("(int)({})", "(unsigned)({})"),
+    "uint32": ("{}", "{}"),
+    "bool": ("({}) != 0u", "(unsigned)({})"),
 }
-_WRITTEN = {
-    "float32": "__float_as_uint({})",
-    "int32": "(unsigned)({})",
-    "uint32": "{}",
-    "bool": "(unsigned)({})",
-}
+"""How a number is read from a word, and how it is written to one."""
 _SIGNS = {"eq": "==", "ne": "!=", "lt": "<", "le": "<=", "and": "&", "or": "|", "xor": "^"}
 _ANY = {
     **{name: f"{{0}} {sign} {{1}}" for name, sign in _SIGNS.items()},
@@ -136,17 +131,17 @@ class CudaPrinter(Printing[str]):
         return f"__uint_as_float(0x{int(np.asarray(value).view(np.uint32)):x}u)"
 
     def _load(self, dtype: str, place: str) -> str:
-        return self._new(dtype, _READ[dtype].format(place))
+        return self._new(dtype, _WORDS[dtype][0].format(place))
 
     def _store(self, dtype: str, value: str, place: str) -> None:
-        self.line(f"{place} = {_WRITTEN[dtype].format(value)};")
+        self.line(f"{place} = {_WORDS[dtype][1].format(value)};")
 
     def _operation(self, program: Program, i: int, inputs: list[str], tables: str) -> str:
         name, dtype, operands, detail = program.operations[i]
         first = program.operations[operands[0]]
         if name == "lookup":
             start = sum(length for _, length in program.tables[:detail])
-            return self._new(dtype, _READ[dtype].format(f"__ldg({tables} + {start} + {inputs[0]})"))
+            return self._load(dtype, f"__ldg({tables} + {start} + {inputs[0]})")
         literal = from_bits(first.dtype, first.detail) if first.name == "constant" else None
         types = [program.operations[o].dtype for o in operands]
         return self._new(dtype, _operation_text(name, dtype, types, inputs, literal))
@@ -154,7 +149,7 @@ class CudaPrinter(Printing[str]):
     def _begin_region(self, condition: str, types: list[str]) -> list[str]:
         names = [self._name() for _ in types]
         for dtype, name in zip(types, names, strict=True):
-            self.line(f"{TYPES[dtype]} {name} = 0;")
+            self.line(f"{_TYPES[dtype]} {name} = 0;")
         self.line(f"if ({condition}) {{")
         return names
 
@@ -170,7 +165,7 @@ class CudaPrinter(Printing[str]):
 
     def _new(self, dtype: str, text: str) -> str:
         name = self._name()
-        self.line(f"const {TYPES[dtype]} {name} = {text};")
+        self.line(f"const {_TYPES[dtype]} {name} = {text};")
         return name
 
 
@@ -195,5 +190,5 @@ def _operation_text(
             return f"{function}{'_than' if plain else ''}({x[0]}, {x[1]})"
         case "bitcast" | "convert":
             casts = _BITCASTS if name == "bitcast" else _CONVERTED
-            return f"{casts.get((source, dtype), f'({TYPES[dtype]})')}({x[0]})"
+            return f"{casts.get((source, dtype), f'({_TYPES[dtype]})')}({x[0]})"
     raise NotImplementedError(f"operation {name!r} of {dtype} has no CUDA form")

@@ -87,7 +87,8 @@ class Device:
     @cached_property
     def architecture(self) -> str:
         """Architecture in NVRTC's format, such as "sm_90"."""
-        return f"sm_{self._attribute('COMPUTE_CAPABILITY_MAJOR')}{self._attribute('COMPUTE_CAPABILITY_MINOR')}"  # noqa: E501
+        major, minor = (self._attribute(f"COMPUTE_CAPABILITY_{x}") for x in ("MAJOR", "MINOR"))
+        return f"sm_{major}{minor}"
 
     @cached_property
     def multiprocessors(self) -> int:

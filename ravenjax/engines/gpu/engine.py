@@ -75,10 +75,8 @@ class CudaKernel(traced.PrintedKernel):
         with self._seat() as device:
             inputs, places, _ = self._placed(golden_run, device)
             code = self._code(golden_run, motion, True, device)
-            given = _given(golden_run, places, True)
-            trunk = code.trunk(
-                Lanes(inputs, given, traced.motion_tables(motion), None), places, last
-            )
+            tables, given = traced.motion_tables(motion), _given(golden_run, places, True)
+            trunk = code.trunk(Lanes(inputs, given, tables, None), places, last)
         if len(ends):
             return trunk, self.run(_repeated(block, ends), motion).outcomes
         none = [typed_column(np.zeros(0, np.uint32), dtype) for dtype in code.source.results]
@@ -86,7 +84,6 @@ class CudaKernel(traced.PrintedKernel):
 
     @contextlib.contextmanager
     def _seat(self) -> Iterator[Device]:
-        """Yield a device on which one more thread may work."""
         device = self._seats.get()
         try:
             yield device
@@ -99,13 +96,9 @@ class CudaKernel(traced.PrintedKernel):
             inputs, places, grouped = self._placed(block, device)
             code = self._code(block, motion, grouped, device)
             ticks = self.program.ticks if block.reference is None else 0
-            shape = ticks, len(code.source.outputs), len(places.thread)
-            out = np.empty(shape, np.uint32)
-            lanes = Lanes(
-                inputs,
-                _given(block, places, grouped),
-                *(traced.motion_tables(motion), out if ticks else None),
-            )
+            out = np.empty((ticks, code.source.outputs, len(places.thread)), np.uint32)
+            tables, given = traced.motion_tables(motion), _given(block, places, grouped)
+            lanes = Lanes(inputs, given, tables, out if ticks else None)
             course = self._course(block, places, grouped, code)
             outcomes = code.follow(lanes, places, course, progress)
         names = self.forms(block, motion).traced.outcomes
@@ -122,11 +115,8 @@ class CudaKernel(traced.PrintedKernel):
         warps = int((-(-np.bincount(group) // WARP)).sum())
         at_once = device.multiprocessors * form.threads // WARP
         grouped = warps <= max(at_once, 2 * -(-len(group) // WARP))
-        return (
-            inputs,
-            place_lanes(group if grouped else np.zeros_like(group), form.threads),
-            grouped,
-        )
+        placed = place_lanes(group if grouped else np.zeros_like(group), form.threads)
+        return inputs, placed, grouped
 
     def _course(self, block: Block, places: Places, grouped: bool, code: CudaCode) -> BlockCourse:
         ends = np.full(len(places.thread), self.program.ticks) if block.ends is None else block.ends
@@ -153,7 +143,6 @@ def lanes_per_wave(devices: tuple[Device, ...]) -> int:
 
 
 def _repeated(block: Block, ends: np.ndarray) -> Block:
-    """Return a block with its first lane repeated once for each of `ends`."""
     repeated = block.picked(np.zeros(len(ends), np.int64))
     return dataclasses.replace(repeated, acts=None, ends=None if block.ends is None else ends)
 

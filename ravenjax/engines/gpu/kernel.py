@@ -58,21 +58,14 @@ class Form:
     # Operations of a tick from which on warps begin it together, to share fetched instructions.
     in_step_from: int = 5000
 
-    @property
-    def bounds(self) -> str:
-        """Launch bounds that limit the registers to what a block of this many threads may have."""
-        return f"__launch_bounds__({self.threads}, 1)"
-
 
 @dataclasses.dataclass(frozen=True)
 class KernelSource:
     """The module's text and the layout of its buffers, in words per lane or group."""
 
     text: str
-    form: Form
-    inputs: tuple[str, ...]  # types
     results: tuple[str, ...]  # types
-    outputs: tuple[str, ...]  # types of the outputs of each tick
+    outputs: int  # how many numbers leave each tick
     # How many numbers enter each tick, besides the tick's number.
     tick_inputs: int
     state: int
@@ -107,13 +100,11 @@ class _CudaModule:
                 )
 
     def source(self) -> KernelSource:
-        def types(program: Program, numbers: tuple[int, ...]) -> tuple[str, ...]:
-            return tuple(program.operations[i].dtype for i in numbers)
-
         text = render_template(
             "gpu/kernel.cu.j2",
             prelude=PRELUDE,
-            bounds=self.form.bounds,
+            # Registers are limited to what a block of this many threads may have.
+            bounds=f"__launch_bounds__({self.form.threads}, 1)",
             threads=self.form.threads,
             warp=WARP,
             vector=VECTOR,
@@ -131,10 +122,8 @@ class _CudaModule:
         )
         return KernelSource(
             text=text,
-            form=self.form,
-            inputs=self.begin.inputs,
-            results=types(self.finish, self.finish.outputs),
-            outputs=types(self.step, self.outputs),
+            results=tuple(self.finish.operations[i].dtype for i in self.finish.outputs),
+            outputs=len(self.outputs),
             tick_inputs=self.tick_inputs,
             state=len(self.lane_state),
             group_state=len(self.split.shared_state),
@@ -146,7 +135,6 @@ class _CudaModule:
     # --- words ---
 
     def _words(self, program: Program, inputs: str, state: dict[int, str]) -> dict[int, str]:
-        """Return the words of a program's inputs: the lane's by template, the state's by number."""
         places = {k: inputs.format(k) for k in range(self.inputs)}
         places |= {self.inputs + k: word for k, word in state.items()}
         return {i: places[k] for i, k in program.reads.items() if k in places}
@@ -160,7 +148,6 @@ class _CudaModule:
 
     @staticmethod
     def _of_lane(name: str) -> str:
-        """Return a template of the words of a lane's inputs or results."""
         return f"{name}[{{}} * (size_t)lanes]"
 
     def _reads(self) -> tuple[collections.Counter[int], dict[int, int]]:
@@ -183,11 +170,11 @@ class _CudaModule:
         numbers = (*self.split.lane_state, *self.split.held_state)
         order = sorted(numbers, key=lambda k: times[at.get(k, -1)])
         far = max(0, len(order) - self.form.shared_words)
-        parts = (
-            sorted(part, key=lambda k: first.get(at.get(k, -1), -1))
+        device, shared = (
+            tuple(sorted(part, key=lambda k: first.get(at.get(k, -1), -1)))
             for part in (order[:far], order[far:])
         )
-        return tuple(next(parts)), tuple(next(parts))
+        return device, shared
 
     def _row_order(self) -> tuple[int, ...]:
         """Return the numbers of a row: those that a tick reads, in order, then those only saved."""
@@ -202,18 +189,15 @@ class _CudaModule:
         return tuple(k for k in self.split.shared_state if k in read)
 
     def _state_in_loop(self) -> dict[int, str]:
-        """Return the word of each number of a lane's state in the loop."""
         template = "state[{} * {}]" if len(self.far) <= _MOST_PLAIN else "Far{{state + {} * {}}}"
-        places = {
-            k: template.format(position, self.form.threads) for position, k in enumerate(self.far)
-        }
+        threads = self.form.threads
+        places = {k: template.format(position, threads) for position, k in enumerate(self.far)}
         for position, k in enumerate(self.in_shared):
             group, member = divmod(position, VECTOR)
-            places[k] = f"room[{group * self.form.threads * VECTOR + member}]"
+            places[k] = f"room[{group * threads * VECTOR + member}]"
         return places
 
     def _stored(self, position: int) -> str:
-        """Return the word of a number of a lane's state in device memory."""
         return f"state[{position} * {self.form.threads}]"
 
     # --- statements of kernels ---
@@ -252,7 +236,6 @@ class _CudaModule:
         return self._statements(self.begin, sources, results)
 
     def _lane_run(self) -> dict[str, Any]:
-        """Return the statements of `lane_run` and the values of its template."""
         step, split, form = self.step, self.split, self.form
         state = self._state_in_loop()
         inputs = self._words(step, "in{}", state)

@@ -55,7 +55,6 @@ def segment_ticks(ticks: int, longest: int = MAX_SEGMENT) -> int:
 
 @functools.cache
 def _accelerators() -> tuple[Any, ...]:
-    """Return the devices that JAX computes on, unless that is the CPU."""
     return () if jax.default_backend() == "cpu" else tuple(jax.devices())
 
 
@@ -93,25 +92,20 @@ def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> 
     # The last segment extends beyond the run.
     overshoots = program.ticks % length != 0
 
-    def advance(
-        varied: Any, faults: Any, end: Any, state: Any, now: Any, reference: Any, motion: Any
-    ) -> Any:
+    def advance(varied, faults, end, state, now, reference, motion):
         end = end or ((program.ticks,) if overshoots else ())
         moved = program.step(varied, faults, end, state, now, reference, motion)
         return moved if keep_signals else (*moved[:2], ())
 
-    def segment(
-        varied: Any, faults: Any, ends: Any, state: Any, first: Any, reference: Any, motion: Any
-    ) -> Any:
+    def segment(varied, faults, ends, state, first, reference, motion):
         fresh = jax.vmap(program.begin, axis_size=reference.shape[2])(varied)
         state = jax.tree.map(lambda a, b: jnp.where(first == 0, a, b), fresh, state)
 
-        def body(carry: Any, x: Any) -> Any:
+        def body(carry, x):
             now, row = x
-            moved = jax.vmap(advance, in_axes=(0, 0, 0, 0, None, 1, None))(
+            new, series, signals = jax.vmap(advance, in_axes=(0, 0, 0, 0, None, 1, None))(
                 varied, faults, ends, carry, now, row, motion
             )
-            new, series, signals = moved
             return new, (jnp.stack(series), jax.tree.map(lambda leaf: leaf[0], signals))
 
         state, (series, signals) = lax.scan(
@@ -119,7 +113,7 @@ def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> 
         )
         return state, jax.vmap(program.finish)(varied, state), series, signals
 
-    def shapes(varied: Any, lanes: int) -> Any:
+    def shapes(varied, lanes):
         return jax.eval_shape(jax.vmap(program.begin, axis_size=lanes), varied)
 
     return segment, shapes
@@ -131,7 +125,7 @@ class ScanKernel:
     branches = 0
 
     def __init__(self, program: TickProgram, lanes: int, keep_signals: bool = False) -> None:
-        self.program, self.lanes, self.keep_signals = program, lanes, keep_signals
+        self.program, self.lanes = program, lanes
         self.series = program.loop.series_length(program.setup)
         self.dtype = np.dtype(program.setup.precision.real)
         longest = SERIES_BYTES // (lanes * self.series * self.dtype.itemsize)
@@ -165,7 +159,6 @@ class ScanKernel:
     def _arguments(
         self, block: Block, motion: tuple[np.ndarray, ...]
     ) -> tuple[int, tuple[Any, ...]]:
-        """Return the lanes of the block, and the arguments of the segment function."""
         lanes = block.lanes or self.lanes
         varied = [_place(block.varied[path]) for path in self.program.varied]
         faults = jax.tree.map(_place, block.faults)

@@ -25,37 +25,28 @@ def columns():
 def program(seed):
     """Two numbers made of others by logic and choices."""
     rng, builder = random.Random(seed), Builder()
-    numbers, truths = (
-        [builder.input("int32") for _ in range(4)],
-        [builder.input("bool") for _ in range(3)],
-    )
+    numbers = [builder.input("int32") for _ in range(4)]
+    truths = [builder.input("bool") for _ in range(3)]
 
     def mixed(depth):
         """Some bits of one number, the others of another; or that, or one of the two."""
         x, y, mask = number(depth - 1), number(depth - 1), rng.choice(MASKS)
-        sides = (
-            builder.emit("and", "int32", z, builder.constant("int32", m))
-            for z, m in ((x, mask), (y, ~mask))
-        )
+        masks = [builder.constant("int32", m) for m in (mask, ~mask)]
+        sides = (builder.emit("and", "int32", z, m) for z, m in zip((x, y), masks, strict=True))
         mix = builder.emit("or", "int32", *sides)
-        return builder.emit(
-            "select", "int32", rng.choice(truths), *rng.sample([mix, rng.choice([x, y])], 2)
-        )
+        some = rng.choice(truths), *rng.sample([mix, rng.choice([x, y])], 2)
+        return builder.emit("select", "int32", *some)
 
     def number(depth):
         if depth == 0 or rng.random() < 0.15:
-            return (
-                rng.choice(numbers)
-                if rng.random() < 0.7
-                else builder.constant("int32", rng.choice([16, -17, 1]))
-            )
+            known = builder.constant("int32", rng.choice([16, -17, 1]))
+            return rng.choice(numbers) if rng.random() < 0.7 else known
         kind = rng.choice(["mixed", "and", "or", "xor", "select"])
         if kind == "mixed":
             return mixed(depth)
         sides = number(depth - 1), number(depth - 1)
-        return builder.emit(
-            kind, "int32", *([rng.choice(truths)] if kind == "select" else []), *sides
-        )
+        condition = [rng.choice(truths)] if kind == "select" else []
+        return builder.emit(kind, "int32", *condition, *sides)
 
     return builder.program([number(4), mixed(3)])
 
@@ -65,9 +56,7 @@ def test_bits_are_chosen_as_the_program_says(width):
     inputs = columns()
     for seed in range(25):
         one = program(seed)
-        for number, value in zip(
-            compiled(one, width, inputs), semantics.run_program(one, inputs), strict=True
-        ):
-            np.testing.assert_array_equal(
-                number, np.broadcast_to(value, LANES), err_msg=f"seed {seed}"
-            )
+        both = compiled(one, width, inputs), semantics.run_program(one, inputs)
+        for number, value in zip(*both, strict=True):
+            expected = np.broadcast_to(value, LANES)
+            np.testing.assert_array_equal(number, expected, err_msg=f"seed {seed}")

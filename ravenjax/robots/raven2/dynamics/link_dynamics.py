@@ -36,8 +36,11 @@ def mass_matrix_and_bias(
     of the tool spindles on the diagonal. Entries of M that never change are Python numbers. Python
     numbers among the arguments are folded as constants.
     """
-    evaluate = _by_mjx if setup.link_dynamics == "mjx" else _unrolled
-    mass, bias = evaluate(arm, qpos, qvel, gravity)
+    if setup.link_dynamics == "mjx":
+        mass, bias = _by_mjx(arm, qpos, qvel, gravity)
+    else:
+        program = functools.partial(arm_program, arm)
+        mass, bias = rigid_program.evaluate_program(program, (*qpos, *qvel, *gravity))
     mass = [[mul(x, mass_scale) for x in row] for row in mass]
     bias = [mul(x, mass_scale) for x in bias]
     for i, link in enumerate(arm_links(arm)):
@@ -99,11 +102,3 @@ def arm_program(arm: ArmName, known: tuple[float | None, ...]) -> Program:
     `rigid_program.mass_matrix_and_bias`.
     """
     return rigid_program.mass_matrix_and_bias(arm_links(arm), known)
-
-
-def _unrolled(
-    arm: ArmName, qpos: Vec, qvel: Vec, gravity: Vec
-) -> tuple[list[list[Scalar]], list[Scalar]]:
-    inputs = (*qpos, *qvel, *gravity)
-    constants = tuple(float(x) if type(x) in (int, float) else None for x in inputs)
-    return rigid_program.evaluate_program(arm_program(arm, constants), inputs)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -78,8 +79,8 @@ def test_random_trees_equal_mujoco(seed):
     tree = read_tree(model, "base")
     gravity = data.body("base").xmat.reshape(3, 3).T @ model.opt.gravity
     with jax.enable_x64(True):
-        program_ = rigid_program.mass_matrix_and_bias(tree)
-        rows, out = rigid_program.evaluate_program(program_, [*qpos, *qvel, *gravity])
+        program = functools.partial(rigid_program.mass_matrix_and_bias, tree)
+        rows, out = rigid_program.evaluate_program(program, [*qpos, *qvel, *gravity])
         found = np.array(rows, float) + np.diag([link.armature for link in tree])
         acceleration = solve_spd(tuple(map(Vec, found)), Vec(applied - np.array(out)))
     assert relative(found, mass) < 1e-10
