@@ -47,8 +47,8 @@ class BufferLayout:
         """NumPy's type of a row with one lane: one field per number."""
         names = [f"f{k}" for k in range(len(self.types))]
         formats = list(map(stored_type, self.types))
-        places = {"offsets": list(self.offsets), "itemsize": self.bytes}
-        return np.dtype({"names": names, "formats": formats, **places})
+        offsets, size = list(self.offsets), self.bytes
+        return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})
 
     def places(self, pointer: str, splat: bool = False) -> list[Place]:
         """Return the place of each number."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ravenjax.bundled import resources
-from ravenjax.robots.raven2.arms import ARMS, JOINTS, ArmName
+from ravenjax.robots.raven2.arms import JOINTS, ArmName
 
 if TYPE_CHECKING:
     import mujoco
@@ -51,8 +51,6 @@ def one_arm(arm: ArmName) -> mujoco.MjModel:
 
 def base_body(arm: ArmName) -> str:
     """Return the name of the fixed body that carries the arm's frame 0."""
-    if arm not in ARMS:
-        raise ValueError(f"no arm {arm!r}: the robot has {' and '.join(ARMS)}")
     return f"{arm}_frame0"
 
 
