@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.analyses.search import style
+from ravenjax.analyses import panels
 from ravenjax.analyses.search.wording import (
     describe_case,
     describe_inputs,
@@ -18,6 +18,7 @@ from ravenjax.analyses.search.wording import (
     short_axis_name,
 )
 from ravenjax.document import html
+from ravenjax.document.chart import Chart
 from ravenjax.errors import UserError, list_lines
 from ravenjax.report import wording
 from ravenjax.store import files, manifest
@@ -54,15 +55,18 @@ def open_folder(out: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def write_search(
-    out: Path, record: dict[str, Any], template: str, draw: Callable[[dict[str, Any]], Any]
+    out: Path,
+    record: dict[str, Any],
+    template: str,
+    draw: Callable[[dict[str, Any]], Sequence[Chart]],
 ) -> list[str]:
     """Write all files of a search, each atomically, and return the sentences of its page. Raises
     StoreError if the disk refuses.
 
-    `draw`: makes the figure of the result.
+    `draw`: makes the charts of the result.
     """
     figure = f"{record['kind']}.svg"
-    style.save_svg(draw, record["result"], out / figure)
+    panels.save_panels(out / figure, draw(record["result"]))
     text = _render(template, record=record, numbers=record["result"], figure=figure)
     files.write_text(out / TEXT, text)
     drawing = (out / figure).read_text(encoding="utf-8")

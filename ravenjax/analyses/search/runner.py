@@ -3,36 +3,29 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ravenjax.analyses.search import output
+from ravenjax.analyses.search import indices, output, rare
 from ravenjax.analyses.search.boundary import bisection
-from ravenjax.analyses.search.boundary import figure as boundary_figure
 from ravenjax.analyses.search.evaluator import Evaluator
 from ravenjax.analyses.search.file import loading
 from ravenjax.analyses.search.file import outcome as outcomes
 from ravenjax.analyses.search.file.config import Rare, SearchConfig
 from ravenjax.analyses.search.file.template import Template
-from ravenjax.analyses.search.indices import analysis
-from ravenjax.analyses.search.indices import figure as indices_figure
 from ravenjax.analyses.search.journal import Journal
-from ravenjax.analyses.search.rare import simulation
 from ravenjax.campaign.progress import OnProgress, ProgressFile
 from ravenjax.store import files, manifest
 from ravenjax.store.access import lock
 
-INDICES = analysis.due, analysis.find, "indices.md.j2", indices_figure.draw
-KINDS: dict[
-    str, tuple[Callable[..., int], Callable[..., dict[str, Any]], str, Callable[..., Any]]
-] = {
-    "boundary": (bisection.due, bisection.find, "boundary.md.j2", boundary_figure.draw),
-    "sobol": INDICES,
-    "morris": INDICES,
-    "rare": (simulation.due, simulation.find, "rare.md.j2", simulation.draw),
+KINDS: dict[str, tuple[Any, str]] = {
+    "boundary": (bisection, "boundary.md.j2"),
+    "sobol": (indices, "indices.md.j2"),
+    "morris": (indices, "indices.md.j2"),
+    "rare": (rare, "rare.md.j2"),
 }
-"""For each kind of search: estimate of its runs, search, template and figure."""
+"""For each kind of search: the module with `due`, `find` and `draw`, and the template."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,18 +67,18 @@ def _into(
     search, identity = config.search, _identity(config, evaluator)
     earlier = output.open_folder(folder, identity)
     journal = Journal(folder, manifest.config_hash(identity), earlier.get("rows_sha256"))
-    estimate, find, template, draw = KINDS[search.kind]
-    due = estimate(evaluator.template, search)
+    kind, template = KINDS[search.kind]
+    due = kind.due(evaluator.template, search)
     evaluator.keep_in(journal, due, ProgressFile(folder, on_progress))
     try:
         with journal:
-            result = find(evaluator.template, search, evaluator, folder)
+            result = kind.find(evaluator.template, search, evaluator, folder)
     except BaseException:
         evaluator.progress.tell("stopped")
         raise
     rows = {"rows_sha256": journal.conclude(evaluator.rows())}
     record = identity | _record(config, evaluator) | rows | {"result": result}
-    sentences = output.write_search(folder, record, template, draw)
+    sentences = output.write_search(folder, record, template, kind.draw)
     journal.forget()
     evaluator.progress.tell("done")
     return SearchResult(folder, record, sentences)

@@ -18,13 +18,21 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.analyses.search.boundary import brackets
-from ravenjax.analyses.search.boundary.brackets import CROSSING, Brackets, SearchRange
+from ravenjax.analyses.search.boundary.brackets import (
+    ALWAYS,
+    CROSSING,
+    NEVER,
+    Brackets,
+    SearchRange,
+)
 from ravenjax.analyses.search.evaluator import Evaluator
 from ravenjax.analyses.search.file import outcome
 from ravenjax.analyses.search.file.config import Boundary
 from ravenjax.analyses.search.file.template import Template
-from ravenjax.analyses.search.wording import group_series
+from ravenjax.analyses.search.wording import describe_case, group_series, short_axis_name
 from ravenjax.campaign import runner
+from ravenjax.document import palette
+from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots
 
 FOLDER = "verified"
 """Subfolder of the search for the campaign with both sides of every bracket."""
@@ -183,3 +191,66 @@ def _exponents(records: list[dict[str, Any]], along: str | None) -> list[dict[st
             )
             exponents.append({"cell": dict(others), "from_ms": x0, "to_ms": x1, "exponent": slope})
     return exponents
+
+
+def draw(numbers: dict[str, Any]) -> list[Chart]:
+    """Return one chart per value of the first list of the numbers of `find`, with the boundary
+    over `along`, and a series for each other case.
+    """
+    cells, along = numbers["cells"], numbers["along"]
+    names = [name for name in cells[0]["cell"] if name != along]
+    panel = names[0] if len(names) > 1 else None
+    panels: dict[Any, list[dict[str, Any]]] = {}
+    for record in cells:
+        panels.setdefault(record["cell"].get(panel), []).append(record)
+    return [
+        _chart("" if panel is None else describe_case({panel: value}), part, numbers)
+        for value, part in panels.items()
+    ]
+
+
+def _chart(title: str, cells: list[dict[str, Any]], numbers: dict[str, Any]) -> Chart:
+    searched, along = numbers["searched"], numbers["along"]
+    ends = {NEVER: searched["high"], ALWAYS: searched["low"]}
+    signs = {NEVER: ">", ALWAYS: "<="}
+    marks: list[Curve | Dots] = []
+    for number, (others, series) in enumerate(group_series(cells, along or "").items()):
+        shown = [record for record in series if record["state"] in (CROSSING, *ends)]
+        shown.sort(key=lambda record: record["cell"].get(along, 0))
+        x = np.array([record["cell"].get(along, 0) for record in shown], float)
+        low, high = (
+            np.abs([ends.get(record["state"], record[side]) for record in shown])
+            for side in ("harmless", "harmful")
+        )
+        texts = tuple(
+            signs.get(record["state"], "") + ("" if record["monotone"] else "†") for record in shown
+        )
+        name = describe_case(dict(others[1:] if title else others))
+        style = name, palette.series_colour(number)
+        crossed = np.array([record["state"] == CROSSING for record in shown], bool)
+        marks += [
+            Curve(*style, x[crossed], high[crossed]),
+            Dots(*style, x, high, y_low=low, y_high=high, texts=texts),
+        ]
+    values = [record["cell"].get(along, 0) for record in cells]
+    least, most = min(values), max(values)
+    log = least > 0 and most >= 10 * least
+    room = 0.5 if least == most else 0.05 * (most - least)
+    unit = f", {searched['unit']}" if searched["unit"] else ""
+    word = short_axis_name(searched["name"]).partition(",")[0]
+    return Chart(
+        title,
+        ChartAxis(
+            short_axis_name(along or ""),
+            least / 1.2 if log else least - room,
+            most * 1.2 if log else most + room,
+            log=log,
+        ),
+        ChartAxis(
+            f"smallest harmful {word}{unit}",
+            searched["low"],
+            searched["high"],
+            log=searched["scale"] == "log",
+        ),
+        tuple(marks),
+    )
