@@ -71,13 +71,23 @@ def _into(
     due = kind.due(evaluator.template, search)
     evaluator.keep_in(journal, due, ProgressFile(folder, on_progress))
     try:
-        with journal:
-            result = kind.find(evaluator.template, search, evaluator, folder)
+        result = kind.find(evaluator.template, search, evaluator, folder)
     except BaseException:
         evaluator.progress.tell("stopped")
         raise
-    rows = {"rows_sha256": journal.conclude(evaluator.rows())}
-    record = identity | _record(config, evaluator) | rows | {"result": result}
+    campaign = config.campaign.campaign
+    record = identity | {
+        "kind": search.kind,
+        "name": campaign.name,
+        "file": str(config.source) if config.source is not None else None,
+        "seed": campaign.seed,
+        "runs": evaluator.runs,
+        "batches": evaluator.batches,
+        # Runs that this start has computed.
+        "computed": evaluator.progress.status.computed,
+        "rows_sha256": journal.conclude(evaluator.rows()),
+        "result": result,
+    }
     sentences = output.write_search(folder, record, template, kind.draw)
     journal.forget()
     evaluator.progress.tell("done")
@@ -96,20 +106,3 @@ def _identity(config: SearchConfig, evaluator: Evaluator) -> dict[str, Any]:
             "versions": manifest.package_versions(),
         }
     )
-
-
-def _record(config: SearchConfig, evaluator: Evaluator) -> dict[str, Any]:
-    status = evaluator.progress.status
-    return {
-        "kind": config.search.kind,
-        "name": config.campaign.campaign.name,
-        "file": str(config.source) if config.source is not None else None,
-        "seed": config.campaign.campaign.seed,
-        "runs": evaluator.runs,
-        "batches": evaluator.batches,
-        # Runs of the last start, to which the following times refer.
-        "computed": status.computed,
-        "compile_s": status.compile_s,
-        "run_s": evaluator.run_s,
-        "runs_per_s": status.computed / evaluator.run_s if evaluator.run_s else None,
-    }

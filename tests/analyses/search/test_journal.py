@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator
-
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
-from ravenjax.analyses.search import journal
 from ravenjax.analyses.search.evaluator import Evaluator
 from ravenjax.analyses.search.file import loading, outcome
 from ravenjax.analyses.search.file.template import Template
@@ -38,20 +32,11 @@ TEMPLATE = Template(
 CASE, VALUES = np.tile([0, 1], 15), np.arange(30.0)[:, None] * 600
 
 
-@contextlib.contextmanager
-def searching(out, checksum=None) -> Iterator[Evaluator]:
+def searching(out) -> Evaluator:
     """An evaluator that keeps its runs in `out`."""
     made = Evaluator(TEMPLATE, [outcome.parse_outcome("peak_golden_deviation_mm")], "simd")
-    with Journal(out, "same", checksum) as into:
-        made.keep_in(into, 30, None)
-        yield made
-
-
-def content(rows: pa.Table) -> bytes:
-    """Every byte of a table, types and words included."""
-    sink = pa.BufferOutputStream()
-    pq.write_table(rows, sink)
-    return sink.getvalue().to_pybytes()
+    made.keep_in(Journal(out, "same"), 30, None)
+    return made
 
 
 def ask(evaluator) -> np.ndarray:
@@ -71,11 +56,10 @@ def stored(search):
 
 
 @pytest.fixture
-def kept(tmp_path, monkeypatch):
+def kept(tmp_path):
     """A folder with three batches, each in a part of its own; what they returned; their rows."""
-    monkeypatch.setattr(journal, "EVERY_S", 0.0)
-    with searching(tmp_path) as made:
-        found = ask(made)
+    made = searching(tmp_path)
+    found = ask(made)
     assert stored(made) == 30 and len(np.unique(found)) > 20
     assert [parts.row_range(path) for path in parts.part_files(tmp_path / folder.PARTS)] == [
         (0, 9),
@@ -102,11 +86,12 @@ def test_a_disk_that_refuses_is_told_of(tmp_path, monkeypatch):
     def full(*_):
         raise StoreError("no space left")
 
-    with pytest.raises(StoreError, match="no space left"), searching(tmp_path) as made:
-        monkeypatch.setattr(parts, "put_part", full)
+    made = searching(tmp_path)
+    monkeypatch.setattr(parts, "put_part", full)
+    with pytest.raises(StoreError, match="no space left"):
         ask(made)
     monkeypatch.undo()
-    with searching(tmp_path) as again:
-        assert again.held == 0
-        ask(again)
+    again = searching(tmp_path)
+    assert again.held == 0
+    ask(again)
     assert stored(again) == 30

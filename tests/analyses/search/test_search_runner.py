@@ -98,7 +98,7 @@ def test_the_same_search_may_come_again_and_another_not(bounded):
         and again.record["runs"] == before.record["computed"] == before.record["runs"]
     )
     text = (out / output.TEXT).read_text()
-    assert "runs/s" not in text and f"- {before.record['runs']} different runs" in text
+    assert f"- {before.record['runs']} different runs" in text
     with pytest.raises(
         UserError,
         match=r"(?s)holds another search.*config\.search\.tolerance: 0\.05 here, 0\.1 asked for",

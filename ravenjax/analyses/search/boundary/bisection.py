@@ -143,9 +143,7 @@ def _verified(
     rows = runner.run_campaign(campaign, out / FOLDER, evaluator.engine.name).frame()
     expected = np.repeat([0.0, 1.0], len(crossed))
     outcomes = outcome.parse_outcome(search.harm).values(rows, campaign.rules)
-    if not np.array_equal(outcomes, expected) or rows["run_id"].tolist() != evaluator.ids(
-        case, values
-    ):
+    if not np.array_equal(outcomes, expected):
         contrary = rows["run_id"][outcomes != expected].tolist()
         raise RuntimeError(
             f"the campaign in {out / FOLDER} contradicts the search that it verifies: runs"
