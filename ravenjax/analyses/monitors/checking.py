@@ -18,14 +18,13 @@ import pandas as pd
 
 from ravenjax.analyses.monitors import calibration, code, score_folder, writing
 from ravenjax.analyses.monitors.monitor import Monitor, list_reads, name_read
+from ravenjax.analyses.monitors.operations import MS_PER_HOUR
+from ravenjax.analyses.monitors.writing import SCORE
 from ravenjax.errors import StoreError, UserError
 from ravenjax.stats.conformal import shift
 from ravenjax.stats.multiplicity import holm_test
 from ravenjax.store import files, manifest
 from ravenjax.store.access import query
-
-SCORE = "score"
-MS_PER_HOUR = 3.6e6
 
 
 def check_exchangeability(
@@ -109,7 +108,7 @@ def series_scores(monitor: Monitor, live: np.ndarray, inputs: dict[str, np.ndarr
 
 def _fresh(source: Path, folder: Path, monitor: Monitor, record: dict[str, Any]) -> pd.DataFrame:
     """Return fresh operations, one row each: unit, hours, SCORE, and the available columns of
-    `writing.measured_names`.
+    `writing.score_columns`.
 
     attrs: origin, which is equal for sources that share operators. The first operation of each unit
     is tested.
@@ -234,9 +233,8 @@ def _table(
     monitor: Monitor, unit: np.ndarray, hours: np.ndarray, peak: np.ndarray, origin: str
 ) -> pd.DataFrame:
     """Return the table of `_fresh`. `peak`: largest value of each term in each segment."""
-    score = calibration.joint_scores(peak, np.array(monitor.scales, np.float32))
-    columns = dict(zip(writing.measured_names(monitor), peak.T, strict=True))
-    table = pd.DataFrame({"unit": unit, "hours": hours, SCORE: score, **columns})
+    columns = writing.score_columns(monitor, peak)
+    table = pd.DataFrame({"unit": unit, "hours": hours, **columns})
     table.attrs["origin"] = origin
     return table
 

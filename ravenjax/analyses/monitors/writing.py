@@ -18,8 +18,10 @@ from ravenjax.analyses.monitors.operations import OperationDesign
 from ravenjax.analyses.monitors.scores import Score
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.errors import StoreError
+from ravenjax.report import wording
 from ravenjax.store import files, manifest
 
+SCORE = "score"
 RECORD, VECTOR, REFERENCE = "monitor.toml", "test_vector.csv", "reference.csv"
 DETECTOR = "detector.toml"
 """File of the part as a campaign names it, with its threshold."""
@@ -34,19 +36,18 @@ def write_monitor(
     monitor, notes = result.monitor, describe_promise(result, design)
     detector = {"name": "monitor", "file": code.PART, "threshold": [_short(monitor.threshold)]}
     title = f"{' '.join(notes)} As a detector: threshold = {detector['threshold']}"
-    operations = out / score_folder.FOLDER
+    operations = score_folder.read_scores(out / score_folder.FOLDER)
     texts = {
         code.PART: code.write_part(monitor.terms, monitor.segments, monitor.scales, title),
         DETECTOR: "# Copy this into a campaign; file is taken from its folder on.\n"
         + tomlkit.dumps({"detector": [detector]}),
         **code.write_c(monitor, notes),
         VECTOR: _csv(test_vector.compute_test_vector(config, monitor, design.seed, ENGINE)),
-        REFERENCE: _csv(_reference(score_folder.read_scores(operations), monitor, result)),
+        REFERENCE: _csv(_reference(operations, monitor)),
     }
     for name, text in texts.items():
         files.write_text(out / name, text)
     record = _record(config, design, result)
-    record["design"]["operations_sha256"] = score_folder.hash_scores(operations)
     record["sha256"] = {name: files.hash_file(out / name) for name in texts}
     head = "# Written by `ravenjax monitor calibrate`.\n\n"
     files.write_text(out / RECORD, head + tomlkit.dumps(record))
@@ -54,28 +55,15 @@ def write_monitor(
 
 def describe_promise(result: Calibrated, design: OperationDesign) -> list[str]:
     """Return the promise, its scope and its basis, as lines."""
-    target, own = result.target, result.threshold
-    return [
-        (
-            f"At most {target.per_hour:g} false alarms an hour in which the robot follows the"
-            f" operator, with {target.confidence:.4g} confidence, where an alarm ends an operation"
-            f" of {design.length_s:g} s."
-        ),
-        (
-            f"Threshold from {own.operations} operations, {own.hours:.4g} h, of {own.units}"
-            f" operators ({', '.join(design.motions)}), each with {design.robots}"
-            f" robot{'s' if design.robots > 1 else ''} of the campaign."
-        ),
-        (
-            "It is the mean over operators and robots drawn so, in simulation; of one robot it may"
-            " be more."
-        ),
-    ]
+    template = wording.text_templates(__package__).get_template("promise.txt.j2")
+    return template.render(
+        target=result.target, threshold=result.threshold, design=design
+    ).splitlines()
 
 
 def _record(config: CampaignConfig, design: OperationDesign, result: Calibrated) -> dict[str, Any]:
     """Return the tables of monitor.toml that depend only on the result."""
-    own, tested, monitor = result.threshold, result.test, result.monitor
+    tested, monitor = result.test, result.monitor
     return {
         "monitor": {
             "robot": config.campaign.robot,
@@ -91,35 +79,11 @@ def _record(config: CampaignConfig, design: OperationDesign, result: Calibrated)
             "operation_s": design.length_s,
             "words": " ".join(describe_promise(result, design)),
         },
-        "calibration": {
-            "operators": own.units,
-            "operations": own.operations,
-            "hours": own.hours,
-            "alarms": own.alarms,
-            "p": own.p,
-            "operators_for_scales": result.learned_units,
-            "method": (
-                "risk-controlling threshold of the maximum over an operation, operators as units"
-            ),
-        },
-        "test": {
-            "operators": tested.units,
-            "operations": tested.operations,
-            "hours": tested.hours,
-            "alarms": tested.alarms,
-            "alarms_per_hour": tested.per_hour,
-            "one_each_alarms": tested.one_each.count,
-            "one_each_hours": tested.one_each.hours,
-            "one_each_low": tested.one_each.low,
-            "one_each_high": tested.one_each.high,
-        },
-        "design": {
-            "campaign": config.campaign.name,
-            "motions": list(design.motions),
-            "robots": design.robots,
-            "seed": design.seed,
-            "code": manifest.code_hash(config.robot),
-        },
+        "calibration": result.threshold._asdict() | {"units_for_scales": result.learned_units},
+        "test": tested._asdict()
+        | {"alarms_per_hour": tested.per_hour, "one_each": tested.one_each._asdict()},
+        "design": dataclasses.asdict(design)
+        | {"campaign": config.campaign.name, "code": manifest.code_hash(config.robot)},
         "term": [
             dataclasses.asdict(term)
             | {"scales": list(map(_short, scales)), "alarm_above": list(map(_short, limits))}
@@ -136,10 +100,9 @@ def read_monitor(folder: Path) -> tuple[Monitor, dict[str, Any]]:
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
         terms = tuple(_term(table) for table in content["term"])
-        words = content["monitor"]["segments"]
         monitor = Monitor(
             terms,
-            Segments.parsed(words) if words else Segments(),
+            Segments.parsed(content["monitor"]["segments"]),
             tuple(tuple(map(_float32, one["scales"])) for one in content["term"]),
             _float32(content["monitor"]["threshold"]),
         )
@@ -164,30 +127,29 @@ def read_monitor(folder: Path) -> tuple[Monitor, dict[str, Any]]:
 
 def _term(table: dict[str, Any]) -> Score:
     lists = {key: tuple(table[key]) for key in ("channels", "labels", "units")}
-    fields: dict[str, Any] = {key: value for key, value in table.items() if key != "alarm_above"}
-    fields |= lists | {"scales": (1.0,)}
-    return Score(**fields)
+    fields = {key: value for key, value in table.items() if key != "alarm_above"}
+    return Score(**fields | lists | {"scales": (1.0,)})
 
 
-def _reference(peaks: score_folder.Peaks, monitor: Monitor, result: Calibrated) -> pd.DataFrame:
+def _reference(peaks: score_folder.Peaks, monitor: Monitor) -> pd.DataFrame:
     """Return the first operation of each operator that provided no scale, for tests for a shift."""
     _, first = np.unique(peaks.unit, return_index=True)
     some = peaks.taken_from(first)
     some = some.taken_from(~calibration.assign_uses(some.unit).scale)
-    score = calibration.joint_scores(some.peak, np.array(monitor.scales, np.float32))
-    columns = dict(zip(measured_names(monitor), some.peak.T, strict=True))
-    return pd.DataFrame({"operator": some.unit, "score": score, **columns})
+    return pd.DataFrame({"operator": some.unit, **score_columns(monitor, some.peak)})
 
 
-def measured_names(monitor: Monitor) -> list[str]:
-    """Return the name of each term in each segment, in the order of the operations' columns."""
-    if monitor.segments.count == 1:
-        return [term.name for term in monitor.terms]
-    return [
-        f"{term.name}/{segment}"
+def score_columns(monitor: Monitor, peak: np.ndarray) -> dict[str, np.ndarray]:
+    """Return SCORE, the joint score of each operation, and the columns of `peak` by the name of
+    their term and segment.
+    """
+    names = [
+        term.name if monitor.segments.count == 1 else f"{term.name}/{segment}"
         for term in monitor.terms
         for segment in range(monitor.segments.count)
     ]
+    joint = calibration.joint_scores(peak, np.array(monitor.scales, np.float32))
+    return {SCORE: joint, **dict(zip(names, peak.T, strict=True))}
 
 
 def _csv(table: pd.DataFrame) -> str:

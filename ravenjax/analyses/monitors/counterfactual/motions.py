@@ -13,6 +13,7 @@ import numpy as np
 from ravenjax import threads
 from ravenjax.analyses.monitors.counterfactual import candidates
 from ravenjax.analyses.monitors.counterfactual.candidates import Candidate
+from ravenjax.analyses.monitors.operations import MS_PER_HOUR
 from ravenjax.campaign import runner
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file.config import validate_tables
@@ -27,7 +28,6 @@ MOST_ALARMS = 0.2
 """Largest expected number of alarms per run at the target rate; a run counts at most one."""
 _SHARES = ("stated", "scales", "stated", "calibrated")
 """Use of each motion, in turn."""
-MS_PER_HOUR = 3.6e6
 
 
 class FreeMotion(NamedTuple):
