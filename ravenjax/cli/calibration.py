@@ -131,6 +131,16 @@ def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, Loo
     ]
     for rows in (*judged, tables.tabulate_parameters("What the log determines", calibrated)):
         console.print_table(rows.title, rows.columns, rows.cells)
+    integrated = [
+        unknown.path
+        for unknown in calibrated.unknowns
+        if unknown.name == "offset" and logged.controller.ki[unknown.joint or 0] > 0.0
+    ]
+    if integrated:
+        console.print_text(
+            f"{', '.join(integrated)}: includes what the controller's integral held at the start of"
+            " the log"
+        )
     for one, other, correlation in calibrated.confounded:
         console.print_text(
             f"not separable by this log: {one} and {other}, correlation {correlation:.2f}"
