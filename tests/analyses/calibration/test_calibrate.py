@@ -97,7 +97,7 @@ def test_a_log_of_the_full_simulator_is_replayed_to_a_count(tmp_path) -> None:
 
 def fitted(covariance: np.ndarray, steps: np.ndarray) -> Calibration:
     """Without a replay."""
-    fit = Fit(steps, covariance, np.ones(7), np.ones(7), ())
+    fit = Fit(steps, covariance)
     coulomb = Vec((0.02, 0.08, 0.0, 0.03, 0.0, 0.0, 0.0))
     plant = replace(PLANT, actuators=replace(PLANT.actuators, coulomb=coulomb))
     return Calibration(FRICTION, position_loop.params(plant), fit)
