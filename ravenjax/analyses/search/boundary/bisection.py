@@ -83,7 +83,7 @@ def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) 
     def harm(cell: np.ndarray, size: np.ndarray) -> np.ndarray:
         return evaluator(*grid.points(cell, size))[:, 0]
 
-    whole = template.whole(grid.case)[:, 0]
+    whole = template.whole[grid.case, 0]
     bounds = brackets.find_brackets(harm, within, whole, search.scan, search.sections)
     sides = _verified(template, search, evaluator, grid, bounds, out)
     records = [_record(grid, bounds, sides, cell) for cell in range(len(grid.case))]
