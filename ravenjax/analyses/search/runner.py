@@ -1,26 +1,42 @@
-"""Runs a search file, or continues an interrupted search."""
+"""Runs a search file, or continues an interrupted search, and writes search.json, search.md,
+search.html and the figure.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ravenjax.analyses.search import indices, output, rare
-from ravenjax.analyses.search.boundary import bisection
+import numpy as np
+
+from ravenjax.analyses import panels
+from ravenjax.analyses.search import boundary, indices, rare
 from ravenjax.analyses.search.evaluator import Evaluator
 from ravenjax.analyses.search.file import loading
 from ravenjax.analyses.search.file import outcome as outcomes
 from ravenjax.analyses.search.file.config import Rare, SearchConfig
 from ravenjax.analyses.search.file.template import Template
 from ravenjax.analyses.search.journal import Journal
+from ravenjax.analyses.search.wording import (
+    describe_case,
+    describe_inputs,
+    format_number,
+    group_series,
+    short_axis_name,
+)
 from ravenjax.campaign.progress import OnProgress, ProgressFile
+from ravenjax.document import html
+from ravenjax.errors import UserError, list_lines
+from ravenjax.report import wording
 from ravenjax.store import files, manifest
 from ravenjax.store.access import lock
 
+NUMBERS, TEXT, PAGE = "search.json", "search.md", "search.html"
 KINDS: dict[str, tuple[Any, str]] = {
-    "boundary": (bisection, "boundary.md.j2"),
+    "boundary": (boundary, "boundary.md.j2"),
     "sobol": (indices, "indices.md.j2"),
     "morris": (indices, "indices.md.j2"),
     "rare": (rare, "rare.md.j2"),
@@ -65,9 +81,9 @@ def _into(
     folder: Path, config: SearchConfig, evaluator: Evaluator, on_progress: OnProgress | None
 ) -> SearchResult:
     search, identity = config.search, _identity(config, evaluator)
-    earlier = output.open_folder(folder, identity)
+    earlier = _open_folder(folder, identity)
     journal = Journal(folder, manifest.config_hash(identity), earlier.get("rows_sha256"))
-    kind, template = KINDS[search.kind]
+    kind, _ = KINDS[search.kind]
     due = kind.due(evaluator.template, search)
     evaluator.keep_in(journal, due, ProgressFile(folder, on_progress))
     try:
@@ -88,7 +104,7 @@ def _into(
         "rows_sha256": journal.conclude(evaluator.rows()),
         "result": result,
     }
-    sentences = output.write_search(folder, record, template, kind.draw)
+    sentences = _write_search(folder, record)
     journal.forget()
     evaluator.progress.tell("done")
     return SearchResult(folder, record, sentences)
@@ -106,3 +122,74 @@ def _identity(config: SearchConfig, evaluator: Evaluator) -> dict[str, Any]:
             "versions": manifest.package_versions(),
         }
     )
+
+
+def _open_folder(out: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
+    """Begin a search in `out`, or continue it, and return what search.json says of the earlier
+    start.
+
+    `identity`: the part of search.json that decides the result. Raises UserError if the folder
+    holds another search, and StoreError if it cannot be written to.
+    """
+    path = out / NUMBERS
+    if not path.exists():
+        _json(path, dict(identity))
+        return {}
+    try:
+        earlier = files.parse_json(path.read_text(encoding="utf-8"))
+        differences = manifest.find_differences(
+            {name: earlier[name] for name in identity}, dict(identity)
+        )
+    except (OSError, ValueError, KeyError, TypeError):
+        raise UserError(
+            f"{path}: cannot be read as a search; delete it, or give another folder with --out"
+        ) from None
+    if differences:
+        raise UserError(
+            f"{out}: holds another search, which differs:\n{list_lines(differences)}\n"
+            "Nothing was changed. Give another folder with --out, or delete this one"
+        )
+    return earlier
+
+
+def _write_search(out: Path, record: dict[str, Any]) -> list[str]:
+    """Write all files of a search, each atomically, and return the sentences of its page. Raises
+    StoreError if the disk refuses.
+    """
+    (kind, template), figure = KINDS[record["kind"]], f"{record['kind']}.svg"
+    panels.save_panels(out / figure, kind.draw(record["result"]))
+    templates = wording.text_templates(__package__)
+    templates.filters |= FILTERS
+    templates.globals |= {"series": group_series}
+    page = templates.get_template(template)
+    text = page.render(record=record, numbers=record["result"], figure=figure)
+    files.write_text(out / TEXT, text)
+    drawing = (out / figure).read_text(encoding="utf-8")
+    files.write_text(out / PAGE, html.from_markdown(text, {figure: drawing}))
+    _json(out / NUMBERS, record)
+    return [line[2:] for line in text.splitlines() if line.startswith("- ")]
+
+
+def _json(path: Path, record: dict[str, Any]) -> None:
+    files.write_text(path, json.dumps(files.json_values(record), indent=1) + "\n")
+
+
+def _header(names: Sequence[str]) -> str:
+    row = " | ".join(name.replace("|", r"\|") for name in names)
+    return f"| {row} |\n|{'---|' * len(names)}"
+
+
+FILTERS = {
+    "cell": lambda value: str(value).replace("|", r"\|"),
+    "general": "{:g}".format,
+    "header": _header,
+    "largest": lambda values, most: np.argsort(-values)[:most],
+    "laws": describe_inputs,
+    "number": format_number,
+    "short": short_axis_name,
+    "step": lambda step: f"{step[0]:g} to {step[1]:g} ms",
+    "steps": lambda slopes: sorted({(one["from_ms"], one["to_ms"]) for one in slopes}),
+    "values": lambda cells, name: sorted({record["cell"][name] for record in cells}),
+    "smallest": lambda cells: min(cells, key=lambda record: abs(record["harmful"])),
+    "words": describe_case,
+}
