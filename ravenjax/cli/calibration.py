@@ -73,7 +73,6 @@ def calibrate(
         joint_log,
         parameters,
         position_loop,
-        robot_file,
     )
     from ravenjax.analyses.calibration.calibrate import LoggedRobot
     from ravenjax.errors import UserError
@@ -108,7 +107,7 @@ def calibrate(
         calibrated.base, calibrated.unknowns, calibrated.draws(draws)
     )
     out.parent.mkdir(parents=True, exist_ok=True)
-    write_text(out, robot_file.format_robot_file(values, arm, SET, log))
+    write_text(out, parameters.format_robot_file(values, arm, SET, log))
     pictures = out.with_suffix(".svg"), out.with_name(f"{out.stem}_parameters.svg")
     whole = logged.log.compared(0, len(logged.log.desired))
     replayed = logged.replayed(whole, [calibrated.robot])[0]

@@ -23,7 +23,6 @@ from ravenjax.analyses.monitors import (
     checking,
     code,
     score_folder,
-    test_vector,
     writing,
 )
 from ravenjax.analyses.monitors.monitor import Monitor, Segments, split_scores
@@ -124,7 +123,7 @@ def test_every_kind_of_score_gives_the_same_bits_in_c(compiler, tmp_path, kind):
     config = rj.load_campaign(
         {"campaign": {"name": "a"}, "operator": {"motion": "reach"}, "group": [{"name": "f"}]}
     )
-    vector = test_vector.compute_test_vector(config, monitor, 2, "simd")
+    vector = writing.compute_test_vector(config, monitor, 2, "simd")
     assert np.isfinite(vector["score"]).all() and vector["score"].nunique() > 100
     for name, text in code.write_c(monitor, ["a"]).items():
         (tmp_path / name).write_text(text)
