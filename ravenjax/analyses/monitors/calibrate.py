@@ -89,9 +89,7 @@ def calibrate_monitor(
     peaks = operate_units(
         request.config, design, wanted, request.stretches, out, units, engine, on_operator
     )
-    result = calibration.calibrate_thresholds(
-        peaks, wanted, request.stretches, request.target, request.robots
-    )
+    result = calibration.calibrate_thresholds(peaks, wanted, request.stretches, request.target)
     writing.write_monitor(out, request.config, design, result)
     return result
 

@@ -214,7 +214,6 @@ def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) 
         "steps": bounds.steps,
         "scan": search.scan,
         "cells": records,
-        "exponents": _exponents(records, _along(grid.labels)),
         "verified": {
             "cells": int(np.count_nonzero(bounds.state == CROSSING)),
             "runs": len(sides),
@@ -283,25 +282,6 @@ def _record(grid: Cells, found: Brackets, sides: pd.DataFrame, cell: int) -> dic
             for column in ("peak_model_deviation_mm", "peak_golden_deviation_mm"):
                 record[f"{name}_{column}"] = float(row[column])
     return record
-
-
-def _exponents(records: list[dict[str, Any]], along: str | None) -> list[dict[str, Any]]:
-    """Return d log(boundary) / d log(duration) between durations; -1: only the impulse counts."""
-    if along is None or not along.endswith("duration_ms"):
-        return []
-    exponents = []
-    for others, line in group_series(records, along).items():
-        crossed = sorted(
-            (r["cell"][along], abs(r["harmful"]))
-            for r in line
-            if r["state"] == CROSSING and r["monotone"]
-        )
-        for (x0, y0), (x1, y1) in itertools.pairwise(crossed):
-            slope = (
-                math.log(y1 / y0) / math.log(x1 / x0) if min(y0, y1) > 0 and x1 > x0 else math.nan
-            )
-            exponents.append({"cell": dict(others), "from_ms": x0, "to_ms": x1, "exponent": slope})
-    return exponents
 
 
 def draw(numbers: dict[str, Any]) -> list[Chart]:

@@ -20,7 +20,6 @@ from ravenjax.analyses.search.file.config import Rare
 from ravenjax.analyses.search.file.template import Template
 from ravenjax.analyses.search.wording import describe_case
 from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots
-from ravenjax.stats.intervals import clopper_pearson
 from ravenjax.stats.rare import LimitState, RareEvent, monte_carlo, subset_simulation
 
 FAR = 1e6
@@ -59,7 +58,7 @@ def find(template: Template, search: Rare, evaluator: Evaluator, _: Path) -> dic
                 ),
                 "invalid": failed,
                 "exceedance": _exceedance(sampled, search),
-                "reached": _reached(level, sampled, search),
+                "reached": _reached(level, search),
             }
         )
     one = outcome.parse_outcome(search.event)
@@ -110,24 +109,16 @@ def _exceedance(sampled: np.ndarray, search: Rare) -> dict[str, list[float]]:
     }
 
 
-def _reached(found: RareEvent, sampled: np.ndarray, search: Rare) -> list[dict[str, Any]]:
+def _reached(found: RareEvent, search: Rare) -> list[dict[str, float]]:
     """Return what subset simulation reached, level by level, and its probability, with the event
     last.
-
-    Each level also has the share of plain Monte Carlo that got as far.
     """
-    distances = [level for level in found.levels if level > 0.0]
-    likely = [search.steps ** -(i + 1.0) for i in range(len(distances))]
-    reached = []
-    for distance, probability in zip([*distances, 0.0], [*likely, found.probability], strict=True):
-        value = float(_column(np.array(distance), search))
-        record: dict[str, Any] = {"value": value, "probability": probability}
-        if len(sampled):
-            record["monte_carlo"] = clopper_pearson(
-                int(np.count_nonzero(sampled <= distance)), len(sampled)
-            )._asdict()
-        reached.append(record)
-    return reached
+    levels = [level for level in found.levels if level > 0.0]
+    likely = [search.steps ** -(i + 1.0) for i in range(len(levels))]
+    return [
+        {"value": float(_column(np.array(distance), search)), "probability": probability}
+        for distance, probability in zip([*levels, 0.0], [*likely, found.probability], strict=True)
+    ]
 
 
 def draw(numbers: dict[str, Any]) -> list[Chart]:

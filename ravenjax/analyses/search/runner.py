@@ -187,8 +187,6 @@ FILTERS = {
     "laws": describe_inputs,
     "number": format_number,
     "short": short_axis_name,
-    "step": lambda step: f"{step[0]:g} to {step[1]:g} ms",
-    "steps": lambda slopes: sorted({(one["from_ms"], one["to_ms"]) for one in slopes}),
     "values": lambda cells, name: sorted({record["cell"][name] for record in cells}),
     "smallest": lambda cells: min(cells, key=lambda record: abs(record["harmful"])),
     "words": describe_case,
