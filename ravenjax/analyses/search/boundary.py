@@ -329,6 +329,9 @@ def _chart(title: str, cells: list[dict[str, Any]], numbers: dict[str, Any]) -> 
     room = 0.5 if least == most else 0.05 * (most - least)
     unit = f", {searched['unit']}" if searched["unit"] else ""
     word = short_axis_name(searched["name"]).partition(",")[0]
+    low, high = searched["low"], searched["high"]
+    # Room for the marks of cells without a boundary.
+    top = high * 1.3 if searched["scale"] == "log" else high + 0.08 * (high - low)
     return Chart(
         title,
         ChartAxis(
@@ -337,11 +340,6 @@ def _chart(title: str, cells: list[dict[str, Any]], numbers: dict[str, Any]) -> 
             most * 1.2 if log else most + room,
             log=log,
         ),
-        ChartAxis(
-            f"smallest harmful {word}{unit}",
-            searched["low"],
-            searched["high"],
-            log=searched["scale"] == "log",
-        ),
+        ChartAxis(f"smallest harmful {word}{unit}", low, top, log=searched["scale"] == "log"),
         tuple(marks),
     )
