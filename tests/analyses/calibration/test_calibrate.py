@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -70,10 +72,9 @@ def test_a_log_of_the_full_simulator_is_replayed_to_a_count(tmp_path) -> None:
     logs = []
     for names in (("jpos_d", "jpos"), ("dac_cnt", "mpos", "mvel")):
         columns = {"time_s": run["time"].values, "runlevel": run["runlevel"].values}
-        for name in names:
-            for joint in run["joint"].values:
-                column = f"{name.removesuffix('_cnt')}_{joint}"
-                columns[column] = run[name].sel(joint=joint).values.astype(float)
+        for name, joint in itertools.product(names, run["joint"].values):
+            values = run[name].sel(joint=joint).values.astype(float)
+            columns[f"{name.removesuffix('_cnt')}_{joint}"] = values
         pd.DataFrame(columns).to_parquet(tmp_path / "log.parquet")
         logs.append(
             joint_log.read_joint_log(
