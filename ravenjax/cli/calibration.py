@@ -73,7 +73,6 @@ def calibrate(
         joint_log,
         parameters,
         position_loop,
-        robot_file,
     )
     from ravenjax.analyses.calibration.calibrate import LoggedRobot
     from ravenjax.errors import UserError
@@ -108,7 +107,7 @@ def calibrate(
         calibrated.base, calibrated.unknowns, calibrated.draws(draws)
     )
     out.parent.mkdir(parents=True, exist_ok=True)
-    write_text(out, robot_file.format_robot_file(values, arm, SET, log))
+    write_text(out, parameters.format_robot_file(values, arm, SET, log))
     pictures = out.with_suffix(".svg"), out.with_name(f"{out.stem}_parameters.svg")
     whole = logged.log.compared(0, len(logged.log.desired))
     replayed = logged.replayed(whole, [calibrated.robot])[0]
@@ -131,6 +130,16 @@ def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, Loo
     ]
     for rows in (*judged, tables.tabulate_parameters("What the log determines", calibrated)):
         console.print_table(rows.title, rows.columns, rows.cells)
+    integrated = [
+        unknown.path
+        for unknown in calibrated.unknowns
+        if unknown.name == "offset" and logged.controller.ki[unknown.joint or 0] > 0.0
+    ]
+    if integrated:
+        console.print_text(
+            f"{', '.join(integrated)}: includes what the controller's integral held at the start of"
+            " the log"
+        )
     for one, other, correlation in calibrated.confounded:
         console.print_text(
             f"not separable by this log: {one} and {other}, correlation {correlation:.2f}"

@@ -248,7 +248,7 @@ def search(
     engine
         auto, cuda, simd, xla or mjx
     """
-    from ravenjax.analyses.search import output, runner
+    from ravenjax.analyses.search import runner
     from ravenjax.analyses.search.file import loading
     from ravenjax.cli import terminal
 
@@ -257,10 +257,10 @@ def search(
     with _ended_by_signals(), terminal.Watch(screen) as watch:
         result = runner.run_search(file, out, engine, overrides or (), watch)
     if as_json:
-        numbers = json.loads((result.out / output.NUMBERS).read_text(encoding="utf-8"))
+        numbers = json.loads((result.out / runner.NUMBERS).read_text(encoding="utf-8"))
         console.emit_json({"folder": result.out} | numbers)
         return
     for sentence in result.sentences:
         console.print_text(f"- {sentence}")
     console.print_text(f"search: {result.out}")
-    console.print_text(f"page: {result.out / output.PAGE}")
+    console.print_text(f"page: {result.out / runner.PAGE}")

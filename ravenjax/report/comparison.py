@@ -51,8 +51,9 @@ class ComparedPairs(NamedTuple):
     by_run_id: int
     by_fault: int
     unpaired: tuple[int, int]  # runs without a partner in each folder
-    # pairs that have a fault and a valid outcome on both sides
+    # pairs with two valid outcomes of a fault that changed a bit in at least one of both runs
     compared: int
+    inactive: int = 0  # pairs with two valid outcomes of a fault that changed no bit in either run
     faults: int = 0  # different faults among the compared pairs
     sampled: bool = False  # True if both campaigns drew their faults
 
@@ -123,7 +124,13 @@ def compare_folders(first: Path, second: Path, most: int = 10) -> FolderComparis
         compared = table.frame(f"SELECT a.fault AS fault FROM {_JOINED} ORDER BY pairs.first")
         faults, sampled = compared["fault"].to_numpy(), _sampled(table, records)
         among = pair_intervals.pair_faults(faults, sampled)
-        pairs = pairs._replace(compared=len(faults), faults=len(np.unique(faults)), sampled=sampled)
+        (inactive,) = table.row(f"SELECT count(*) FROM {_VALID} AND NOT {_ACTING}")
+        pairs = pairs._replace(
+            compared=len(faults),
+            inactive=inactive,
+            faults=len(np.unique(faults)),
+            sampled=sampled,
+        )
         return FolderComparison(
             (first, second),
             (records[0].campaign, records[1].campaign),
@@ -226,16 +233,20 @@ def _judge(table: ResultTable, side: str, record: Manifest, key: str) -> None:
         "verdict::VARCHAR AS verdict, "
         "response::VARCHAR AS response, hazard::VARCHAR AS hazard, "
         f"CASE WHEN {happened['cue']} THEN 'cue' ELSE 'no cue' END AS cue, "
+        "activated::BOOLEAN AS activated, "
         f"unintended_mm::DOUBLE AS unintended_mm, {events.VALID_SQL} AND {faulty_sql(names)} AS"
         f" counts, {listed} "
         f"FROM runs_{side}"
     )
 
 
-_JOINED = (
+_VALID = (
     "pairs JOIN judged_first AS a ON a.row = pairs.first JOIN judged_second AS b ON b.row ="
     " pairs.second WHERE a.counts AND b.counts"
 )
+# A change of the robot may end a run before its fault acts. Such a pair counts.
+_ACTING = "(a.activated OR b.activated)"
+_JOINED = f"{_VALID} AND {_ACTING}"
 
 
 def _sampled(table: ResultTable, records: tuple[Manifest, Manifest]) -> bool:

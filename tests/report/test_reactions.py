@@ -50,6 +50,16 @@ def test_unintended_motions_with_and_without(action, told):
     assert row.p == mcnemar_test(with_, without).p
 
 
+def test_faults_that_never_act_are_left_out():
+    idle = (FRAME["fault0_site"] != "") & (FRAME["pair"] % 4 == 0)
+    one_side = (FRAME["pair"] % 4 == 1) & (FRAME["param:reaction.action"] == 1)
+    rows = differences(FRAME.assign(activated=FRAME["activated"] & ~idle & ~one_side))
+    row = next(row for row in rows if row.action == "lift the pedal")
+    left_out = sides(0, ["moved"])[0].index.to_numpy() % 4 == 0
+    assert row.inactive == left_out.sum() > 0
+    assert row.n + row.inactive == WHOLE["lift the pedal"].n
+
+
 def test_pairs_of_one_fault_count_as_one_unit():
     """Three copies of every pair say no more than one does."""
     parts = [FRAME.assign(**{"param:plant.friction_scale": value}) for value in (0.7, 1.0, 1.4)]

@@ -9,12 +9,12 @@ each enters as one more squared residual.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
+from scipy import signal
 
-from ravenjax.analyses.calibration.position_loop import JOINTS
 from ravenjax.robots.raven2.geometry import transmission
 
 # Spreads, to both sides. The interaction of two parameters is a small difference of their separate
@@ -37,29 +37,13 @@ Predictor = Callable[[np.ndarray], np.ndarray]
 """Maps steps [K, k] (in spreads) to joints [K, n, 7] at the times of measurement; rad and m."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Fit:
+class Fit(NamedTuple):
     """The most probable parameters, in spreads from their values before, and the covariance around
     them.
     """
 
     steps: np.ndarray  # [k]
     covariance: np.ndarray  # [k, k]
-    # [7] root mean square of each joint's residual, at least FINEST; rad and m.
-    scale: np.ndarray
-    independent: np.ndarray  # [7] number of independent samples of each joint's residual
-    costs: tuple[
-        tuple[float, float], ...
-    ]  # Costs before and after each iteration, both in the same weights.
-
-    def weight(self, measured: np.ndarray) -> np.ndarray:
-        """Return the weight of each residual [n, 7], chosen so that a joint's squares add up to its
-        number of independent samples.
-        """
-        there = ~np.isnan(measured)
-        return np.where(
-            there, np.sqrt(self.independent / there.sum(axis=0).clip(1)) / self.scale, 0.0
-        )
 
 
 def fit_parameters(
@@ -79,59 +63,30 @@ def fit_parameters(
     there = ~np.isnan(measured)
     smooth = smooth or predict
     probes = DIFFERENCE * np.vstack([np.eye(unknowns), -np.eye(unknowns)])
-    count = replays_per_batch(unknowns)
-    best = Fit(
-        _start(predict, measured, unknowns, count),
-        np.eye(unknowns),
-        np.ones(JOINTS),
-        np.ones(JOINTS),
-        (),
-    )
+    # Batches of one size, as many as a slope needs, so that nothing is compiled again.
+    rows = max(1 + unknowns, len(CANDIDATES))
+    steps, covariance = _start(predict, measured, unknowns, rows), np.eye(unknowns)
     for _ in range(ITERATIONS):
-        predicted = predict_in_batches(predict, best.steps[None], count)
+        predicted = predict_in_batches(predict, steps[None], rows)
         residual = np.where(there, measured - predicted[0], 0.0)
-        moved = predict_in_batches(smooth, best.steps + probes, count)
+        moved = predict_in_batches(smooth, steps + probes, rows)
         slopes = np.where(there, (moved[:unknowns] - moved[unknowns:]) / (2.0 * DIFFERENCE), 0.0)
-        scale, independent = _noise(_unexplained(residual, slopes), there)
-        best = dataclasses.replace(best, scale=scale, independent=independent)
-        slope = (slopes * best.weight(measured)).reshape(unknowns, -1)
+        weight = _weight(_unexplained(residual, slopes), there)
+        slope = (slopes * weight).reshape(unknowns, -1)
         covariance = np.linalg.inv(slope @ slope.T + np.eye(unknowns))
-        move = covariance @ (slope @ (residual * best.weight(measured)).ravel() - best.steps)
-        best = dataclasses.replace(best, covariance=covariance)
-        before = compute_costs(best, measured, predicted, best.steps[None])[0]
-        candidates = best.steps + np.outer(CANDIDATES, move)
-        after = compute_costs(
-            best, measured, predict_in_batches(predict, candidates, count), candidates
-        )
-        best = dataclasses.replace(
-            best, costs=(*best.costs, (before, float(min(before, after.min()))))
-        )
-        if after.min() > before * (1.0 - ENOUGH):
-            further = np.concatenate([best.steps + far * np.eye(unknowns) for far in FURTHER])
-            candidates = np.vstack([best.steps, further])
-            after = _blind(measured, predict_in_batches(predict, candidates, count), candidates)
-            if after.min() > after[0] - WORTH:
+        move = covariance @ (slope @ (residual * weight).ravel() - steps)
+        candidates = np.vstack([steps, steps + np.outer(CANDIDATES, move)])
+        tried = predict_in_batches(predict, candidates[1:], rows)
+        errors = (measured - np.concatenate([predicted, tried])) * weight
+        costs = np.nansum(errors**2, axis=(1, 2)) + (candidates**2).sum(axis=1)
+        if costs.min() > costs[0] * (1.0 - ENOUGH):
+            further = np.concatenate([steps + far * np.eye(unknowns) for far in FURTHER])
+            candidates = np.vstack([steps, further])
+            costs = _blind(measured, predict_in_batches(predict, candidates, rows), candidates)
+            if costs.min() > costs[0] - WORTH:
                 break
-        best = dataclasses.replace(best, steps=candidates[int(np.argmin(after))])
-    return best
-
-
-def replays_per_batch(unknowns: int) -> int:
-    """Return the number of replays that run side by side: as many as a slope needs."""
-    return max(1 + unknowns, len(CANDIDATES))
-
-
-def compute_costs(
-    at: Fit, measured: np.ndarray, predicted: np.ndarray, steps: np.ndarray
-) -> np.ndarray:
-    """Return the costs of predictions [K, n, 7] and their steps [K, k], in the weights of `at`."""
-    weight = at.weight(measured)
-    return np.array(
-        [
-            sum_squares(measured, joints, weight) + one @ one
-            for joints, one in zip(predicted, steps, strict=True)
-        ]
-    )
+        steps = candidates[int(np.argmin(costs))]
+    return Fit(steps, covariance)
 
 
 def _blind(measured: np.ndarray, predicted: np.ndarray, steps: np.ndarray) -> np.ndarray:
@@ -163,13 +118,6 @@ def predict_in_batches(predict: Predictor, steps: np.ndarray, rows: int) -> np.n
     return np.concatenate([predict(part) for part in filled])[: len(steps)]
 
 
-def sum_squares(measured: np.ndarray, joints: np.ndarray, weight: np.ndarray) -> float:
-    """Return the sum of weighted squares of measured minus replayed joints [n, 7]. NaN is not
-    compared.
-    """
-    return float((np.where(weight > 0.0, measured - joints, 0.0) ** 2 * weight**2).sum())
-
-
 def _unexplained(residual: np.ndarray, slopes: np.ndarray) -> np.ndarray:
     """Return the part of the residual [n, 7] that no step of the unknowns removes, with equal
     weight on each joint: the noise of the fit.
@@ -183,29 +131,25 @@ def _unexplained(residual: np.ndarray, slopes: np.ndarray) -> np.ndarray:
     return residual - np.tensordot(step, slopes, axes=1)
 
 
-def _noise(residual: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the root mean square of each joint's residual, at least FINEST, and its number of
-    independent samples; [7] each.
+def _weight(residual: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """Return the weight of each residual [n, 7]. A joint's squares over its mean square, at least
+    FINEST, add up to its number of independent samples.
     """
-    count = there.sum(axis=0)
-    scale = np.sqrt((residual**2).sum(axis=0) / count.clip(1))
+    count = there.sum(axis=0).clip(1)
+    scale = np.sqrt((residual**2).sum(axis=0) / count)
     times = np.array(
         [_autocorrelation_time(residual[there[:, j], j]) for j in range(residual.shape[-1])]
     )
-    return np.maximum(scale, FINEST), np.maximum(count / times, 1.0)
+    independent = np.maximum(count / times, 1.0)
+    return there * np.sqrt(independent / count) / np.maximum(scale, FINEST)
 
 
 def _autocorrelation_time(series: np.ndarray) -> float:
     """Return the integrated autocorrelation time of [n], in samples, summed up to the first sign
     change.
     """
-    spectrum = np.abs(np.fft.rfft(series, 2 * len(series))) ** 2 if len(series) else np.zeros(1)
-    correlation = (
-        np.fft.irfft(spectrum, 2 * len(series))[: len(series)] if len(series) else np.zeros(1)
-    )
-    if correlation[0] <= 0.0:
+    if not series.any():
         return 1.0
-    correlation = correlation / correlation[0]
-    below = np.flatnonzero(correlation <= 0.0)
-    end = int(below[0]) if len(below) else len(correlation)
-    return float(1.0 + 2.0 * correlation[1:end].sum())
+    correlation = signal.correlate(series, series, method="fft")[len(series) - 1 :]
+    end = np.argmax(np.append(correlation, 0.0) <= 0.0)
+    return float(1.0 + 2.0 * correlation[1:end].sum() / correlation[0])

@@ -37,6 +37,8 @@ from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS, JOINTS, LINEAR, ArmName
 from ravenjax.robots.raven2.geometry import limits, transmission
 from ravenjax.robots.raven2.run_levels import PEDAL_DOWN
+from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.stages.motor_control import gravity_torques
 from ravenjax.store import files
 from ravenjax.store.logs import bags
 from ravenjax.store.motion import source, stamps
@@ -200,6 +202,11 @@ def _joints(
             speed = np.gradient(motors, times, axis=0) if speed is None else speed
             signs = np.array([*transmission.tau_signs(arm, tool, software)], float)
             torque = counts * signs / np.array([*transmission.COUNTS_PER_NM])
+            if software == "raven2":
+                jpos = np.array(transmission.joint_from_motor(arm, tool, Vec(motors.T), software))
+                known = np.where(np.isnan(jpos), np.array([*limits.HOME_JPOS])[:, None], jpos)
+                lift = gravity_torques(RavenSetup(software=software), arm, Vec(known))
+                torque[:, :3] -= np.array(lift).T
             kp, kd, ki = (
                 np.array([*gain]) for gain in (controller.kp, controller.kd, controller.ki)
             )

@@ -1,10 +1,11 @@
 """Defines the parameters that a log can estimate: numbers of `LoopParams` with their prior
-distributions.
+distributions. Writes calibrated robots as TOML, for `[parameters] from` of a campaign.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +15,7 @@ from ravenjax.analyses.calibration.position_loop import LoopParams
 from ravenjax.errors import UserError, suggest_name
 from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.numbers.vec import Vec, replace
-from ravenjax.robots.raven2.arms import JOINTS
+from ravenjax.robots.raven2.arms import JOINTS, ArmName
 from ravenjax.robots.raven2.plant import robot
 
 COMMAND_DELAY, SETPOINT_DELAY = "command_delay", "setpoint_delay"
@@ -155,3 +156,45 @@ def _with(params: Any, names: list[str], joint: int | None, value):
     if rest:
         return replace(params, **{name: _with(inner, rest, joint, value)})
     return replace(params, **{name: value if joint is None else Vec(inner).replace(joint, value)})
+
+
+DELAY = "usb.command_delay"
+"""Name of COMMAND_DELAY in a campaign, where it is in whole cycles."""
+
+
+def format_robot_file(
+    values: Mapping[str, np.ndarray], arm: ArmName, parameter_set: str, log: Path
+) -> str:
+    """Return TOML of numbers [n] by path in `LoopParams`. The n-th numbers together are one robot.
+
+    SETPOINT_DELAY belongs to the log and is left out.
+    """
+    number = len(next(iter(values.values())))
+    rows = [
+        (
+            f"# {number} robots that {log.name} leaves likely: the n-th values of all lists belong"
+            " to one. In a campaign:"
+        ),
+        '# [parameters] from = "this file". Written by `ravenjax calibrate`.',
+        "",
+        "[campaign]",
+        f'parameter_set = "{parameter_set}"',
+        "",
+        "[parameters]",
+    ]
+    for path, draws in values.items():
+        if path == COMMAND_DELAY:
+            cycles = np.clip(np.round(draws), 0, LONGEST_DELAY_MS).astype(int)
+            rows.append(f'"{DELAY}" = {{ together = {cycles.tolist()} }}')
+        elif path != SETPOINT_DELAY:
+            listed = ", ".join(map(_decimal, draws.tolist()))
+            rows.append(
+                f'"plant.{arm}.{path.removeprefix("plant.")}" = {{ together = [{listed}] }}'
+            )
+    return "\n".join(rows) + "\n"
+
+
+def _decimal(value: float) -> str:
+    """Write a number so that TOML reads it as a float."""
+    word = f"{value:.6g}"
+    return word if "." in word or "e" in word else f"{value:.1f}"

@@ -19,6 +19,7 @@ from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import robot
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages.estimator import LOW_PASS_INPUT, LOW_PASS_OUTPUT
+from ravenjax.robots.raven2.stages.motor_control import gravity_torques
 
 JOINTS = 7
 READINGS = 3
@@ -160,6 +161,10 @@ def advance_cycle(
     integral = state.integral + apart * robot.TICK_S
     torque = apart.map(mul, controller.kp) - speed.map(mul, controller.kd)
     torque = torque.map(add, integral.map(mul, controller.ki))
+    if setup.software == "raven2":
+        jpos = transmission.joint_from_motor(arm, tool, angle, setup.software)
+        lift = gravity_torques(setup, arm, jpos)
+        torque = Vec((*(Vec(torque[:3]) + lift), *torque[3:]))
     counts = torque * transmission.COUNTS_PER_NM * transmission.tau_signs(arm, tool, setup.software)
     counts = counts.map(jnp.trunc) if whole else counts
     counts = counts if written is None else written(counts)

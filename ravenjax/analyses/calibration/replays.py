@@ -60,9 +60,11 @@ class ReplayParams:
 
 
 def init(setup: ReplaySetup, params: ReplayParams) -> LoopState:
-    """Return the state at rest at the joints first measured, with brakes off."""
-    (arm,) = setup.arms
-    plant = robot.init(setup, arm, params.loop.plant, params.first)
+    """Return the state at rest with brakes off. The motors are at the joints first measured."""
+    (arm,), links = setup.arms, params.first
+    plant = robot.init(setup, arm, params.loop.plant, links)
+    # Gravity stretches the cables, so the motors are not where the links are.
+    plant = robot.init(setup, arm, params.loop.plant, links * 2.0 - _shown(setup, plant, False))
     plant = replace(plant, brakes=replace(plant.brakes, engaged=jnp.int32(0)))
     return position_loop.start_state(setup, setup.controller, plant, whole=setup.whole)
 
@@ -91,9 +93,13 @@ def advance(
     state, _, _ = position_loop.advance_cycle(
         setup, arm, setup.controller, params.loop, state, desired, whole=setup.whole
     )
-    motors = position_loop.read_encoders(setup, state.plant, setup.whole)
-    joints = transmission.joint_from_motor(arm, tool, motors, setup.software)
-    return state, tuple(joints), ()
+    return state, tuple(_shown(setup, state.plant, setup.whole)), ()
+
+
+def _shown(setup: ReplaySetup, plant: robot.PlantState, whole: bool) -> Vec:
+    """Return the joints as the motors show them, rad and m."""
+    motors = position_loop.read_encoders(setup, plant, whole)
+    return transmission.joint_from_motor(setup.arms[0], setup.tools[0], motors, setup.software)
 
 
 def series_length(setup: ReplaySetup) -> int:

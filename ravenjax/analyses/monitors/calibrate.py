@@ -11,7 +11,7 @@ from typing import Any
 from ravenjax import consent, interruption
 from ravenjax.analyses.monitors import calibration, code, score_folder, writing
 from ravenjax.analyses.monitors.calibration import Calibrated
-from ravenjax.analyses.monitors.monitor import WHOLE, Segments, split_scores
+from ravenjax.analyses.monitors.monitor import Segments, split_scores
 from ravenjax.analyses.monitors.operations import FRESH, OperationDesign, OperationRunner
 from ravenjax.analyses.monitors.score_folder import FOLDER, Peaks, read_design
 from ravenjax.analyses.monitors.scores import Score, list_candidates
@@ -53,7 +53,7 @@ class Request:
         self.target = FalseAlarmTarget(self.per_hour, self.confidence, self.length_s / 3600)
         try:
             _ = self.target.fewest_units
-            self.stretches = Segments.parsed(self.segments) if self.segments else WHOLE
+            self.stretches = Segments.parsed(self.segments)
         except ValueError as error:
             raise UserError(str(error)) from None
         # The campaign's own detectors are left out, and their parameters with them.
@@ -89,9 +89,7 @@ def calibrate_monitor(
     peaks = operate_units(
         request.config, design, wanted, request.stretches, out, units, engine, on_operator
     )
-    result = calibration.calibrate_thresholds(
-        peaks, wanted, request.stretches, request.target, request.robots
-    )
+    result = calibration.calibrate_thresholds(peaks, wanted, request.stretches, request.target)
     writing.write_monitor(out, request.config, design, result)
     return result
 

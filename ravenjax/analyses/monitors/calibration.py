@@ -98,13 +98,11 @@ def units_within(target: FalseAlarmTarget, robots: int, hours: float | None) -> 
     units = int(hours / (robots * target.length_h) + 1e-9)
     if units < fewest:
         least = fewest * robots * target.length_h
+        fewer = f". With --robots 1 it would be {np.ceil(least / robots):g}" if robots > 1 else ""
         raise UserError(
-            f"{hours:g} h are enough for {units} operators with {robots} operations of"
-            f" {target.length_h * 60:g} min each. {target.per_hour:g} false alarms an hour with"
-            f" {target.confidence:.0%} confidence need {fewest} operators, of whom"
-            f" {target.fewest_clusters} set the threshold: write --hours {np.ceil(least):g} or"
-            " more. "
-            + (f"With --robots 1 it would be {np.ceil(least / robots):g}" if robots > 1 else "")
+            f"{hours:g} h are enough for {units} operators. {target.per_hour:g} false alarms an"
+            f" hour with {target.confidence:.0%} confidence need {fewest}: write --hours"
+            f" {np.ceil(least):g} or more{fewer}"
         )
     return units
 
@@ -114,7 +112,6 @@ def calibrate_thresholds(
     terms: tuple[Score, ...],
     segments: Segments,
     target: FalseAlarmTarget,
-    robots: int,
 ) -> Calibrated:
     """Return the monitor of `terms`. Raises UserError if operations do not support the promise."""
     by = assign_uses(peaks.unit)
@@ -131,12 +128,14 @@ def calibrate_thresholds(
     try:
         result = threshold.least_threshold(calibrating, target)
     except TooFewUnits as error:
-        start = (
-            f"{error.units} operators do not carry {target.per_hour:g} false alarms an hour with "
-            f"{target.confidence:.0%} confidence"
-        )
+        lost = 1.0 - float(calibrating.hours.mean()) / target.length_h
+        failed = float((~np.isfinite(calibrating.score)).mean())
         raise UserError(
-            f"{start}. {_reason(calibrating, len(peaks.unit), target, robots)}"
+            f"{error.units} operators do not carry {target.per_hour:g} false alarms an hour with"
+            f" {target.confidence:.0%} confidence. {failed:.2%} of the operations failed, which is"
+            f" an alarm at every threshold, and in {lost:.0%} of the time the robot does not follow"
+            " the operator. Give more --hours (what is computed stays), allow more alarms, or let"
+            " the campaign draw robots that work"
         ) from None
     monitor = Monitor(terms, segments, tuple(tuple(map(float, row)) for row in scale), result.value)
     tested = OperationScores(*(values[by.test] for values in whole))
@@ -146,28 +145,6 @@ def calibrate_thresholds(
         result,
         len(np.unique(peaks.unit[by.scale])),
         count_test_alarms(tested, result.value),
-    )
-
-
-def _reason(
-    calibrating: OperationScores, operations: int, target: FalseAlarmTarget, robots: int
-) -> str:
-    """Return why no threshold keeps the target. `operations`: their total number."""
-    failed = float((~np.isfinite(calibrating.score)).mean())
-    if failed:
-        return (
-            f"{failed:.2%} of the operations failed or had a number that is not finite, which is an"
-            f" alarm at every threshold, and {target.risk:.2%} with an alarm are promised at most:"
-            " let the campaign draw robots that work, or allow more alarms"
-        )
-    lost = 1.0 - calibrating.hours.mean() / target.length_h
-    follows = max(1.0 - lost, 0.1)
-    wanted = units_for(int(np.ceil(ROOM * target.fewest_clusters / follows))) * robots
-    enough = np.ceil(max(wanted, 1.1 * operations) * target.length_h)
-    return (
-        f"At least {target.fewest_clusters} are needed where the robot follows the operator all the"
-        f" time, and more here, where it does not for {lost:.0%} of it: give more --hours, as"
-        f" {enough:.0f} (what is computed stays), or allow more alarms"
     )
 
 

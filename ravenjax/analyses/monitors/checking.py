@@ -18,14 +18,15 @@ import pandas as pd
 
 from ravenjax.analyses.monitors import calibration, code, score_folder, writing
 from ravenjax.analyses.monitors.monitor import Monitor, list_reads, name_read
+from ravenjax.analyses.monitors.operations import MS_PER_HOUR
+from ravenjax.analyses.monitors.writing import SCORE
 from ravenjax.errors import StoreError, UserError
+from ravenjax.outcomes import events
+from ravenjax.report.data.facts import faulty_sql
 from ravenjax.stats.conformal import shift
 from ravenjax.stats.multiplicity import holm_test
 from ravenjax.store import files, manifest
 from ravenjax.store.access import query
-
-SCORE = "score"
-MS_PER_HOUR = 3.6e6
 
 
 def check_exchangeability(
@@ -109,7 +110,7 @@ def series_scores(monitor: Monitor, live: np.ndarray, inputs: dict[str, np.ndarr
 
 def _fresh(source: Path, folder: Path, monitor: Monitor, record: dict[str, Any]) -> pd.DataFrame:
     """Return fresh operations, one row each: unit, hours, SCORE, and the available columns of
-    `writing.measured_names`.
+    `writing.score_columns`.
 
     attrs: origin, which is equal for sources that share operators. The first operation of each unit
     is tested.
@@ -150,38 +151,27 @@ def _of_operations(
 def _of_result(source: Path, monitor: Monitor, record: dict[str, Any]) -> pd.DataFrame:
     """Read a campaign's fault-free runs with the monitor as a detector. They are one unit."""
     own = manifest.read_manifest(source)
-    digest = record["sha256"][code.PART]
-    detectors = {one["name"]: Path(one.get("file") or "") for one in own.config.get("detector", ())}
-    names = [
-        name
-        for name, file in detectors.items()
-        if file.is_file() and files.hash_file(file) == digest
-    ]
-    if not names:
-        got = ", ".join(str(file) for file in detectors.values() if file.name) or "none"
-        raise UserError(
-            f"{source}: none of its detectors is the monitor's {code.PART} (got {got}); "
-            "name it in the campaign: [[detector]] file"
-        )
     _require_length(source, own.duration_ms / 1e3, record)
-    places = (
-        d
-        for d, one in enumerate(own.detectors)
-        if one.name.split("/")[0] == names[0] and one.consecutive == 1
+    parts = {one["name"]: Path(one.get("file") or "") for one in own.config.get("detector", ())}
+    digest = record["sha256"][code.PART]
+    same = {
+        name for name, file in parts.items() if file.is_file() and files.hash_file(file) == digest
+    }
+    numbers = (
+        number
+        for number, detector in enumerate(own.detectors)
+        if detector.consecutive == 1 and detector.name.split("/")[0] in same
     )
-    number = next(places, None)
-    if number is None:
+    if (number := next(numbers, None)) is None:
         raise UserError(
-            f"{source}: detector {names[0]!r} raises an alarm only after several milliseconds above"
-            " its threshold, so its score is not the calibrated one: run with consecutive = 1"
+            f"{source}: none of its detectors ({', '.join(parts) or 'none'}) is the monitor's"
+            f" {code.PART} with consecutive = 1, as in the calibration; name it in the campaign:"
+            " [[detector]] file"
         )
-    slots = " AND ".join(
-        ["failed = ''", *(f"fault{slot}_site = ''" for slot in range(own.shape.slots))]
-    )
     with query.open_folder(source) as table:
         rows = table.rows(
-            f"SELECT detector{number}_score, pedal_down_ms FROM {query.RESULTS} WHERE {slots} ORDER"
-            " BY index"
+            f"SELECT detector{number}_score, pedal_down_ms FROM {query.RESULTS} WHERE"
+            f" {events.VALID_SQL} AND NOT {faulty_sql(list(table.types()))} ORDER BY index"
         )
     if not rows:
         raise UserError(f"{source}: has no run without a fault")
@@ -234,9 +224,8 @@ def _table(
     monitor: Monitor, unit: np.ndarray, hours: np.ndarray, peak: np.ndarray, origin: str
 ) -> pd.DataFrame:
     """Return the table of `_fresh`. `peak`: largest value of each term in each segment."""
-    score = calibration.joint_scores(peak, np.array(monitor.scales, np.float32))
-    columns = dict(zip(writing.measured_names(monitor), peak.T, strict=True))
-    table = pd.DataFrame({"unit": unit, "hours": hours, SCORE: score, **columns})
+    columns = writing.score_columns(monitor, peak)
+    table = pd.DataFrame({"unit": unit, "hours": hours, **columns})
     table.attrs["origin"] = origin
     return table
 
@@ -248,9 +237,8 @@ def _require_different(sources: Sequence[Path], some: Sequence[pd.DataFrame]) ->
         origin = one.attrs["origin"]
         if origin in first:
             raise UserError(
-                f"{source}: its operations are of the same operators as those of"
-                f" {first[origin]} ({origin}), and of each operator one operation counts:"
-                " check each by itself"
+                f"{source}: has the same operators as {first[origin]} ({origin}), and of each"
+                " operator one operation counts: check each by itself"
             )
         first[origin] = source
 

@@ -26,15 +26,12 @@ class Segments:
     def __post_init__(self) -> None:
         numbers = np.asarray(self.edges, np.float32)
         if (
-            not re.fullmatch("[a-z_0-9]*", self.field)
+            not re.fullmatch(r"([A-Za-z]\w*)?", self.field)
             or bool(self.field) != bool(self.edges)
             or not np.isfinite(numbers).all()
             or (np.diff(numbers) <= 0).any()
         ):
-            raise ValueError(
-                f"segments {self.words!r}: expected a field and ascending numbers, as"
-                " tick=1000,5000"
-            )
+            raise ValueError("expected a field and ascending numbers")
         object.__setattr__(self, "edges", tuple(float(number) for number in numbers))
 
     @property
@@ -51,14 +48,12 @@ class Segments:
 
     @staticmethod
     def parsed(text: str) -> Segments:
-        """Parse `FIELD=EDGE,EDGE`. Raises ValueError for anything else."""
-        match = re.fullmatch(r"([A-Za-z]\w*)=(.+)", text.strip())
+        """Parse `FIELD=EDGE,EDGE`; "" is WHOLE. Raises ValueError for anything else."""
+        if not text:
+            return WHOLE
+        field, _, edges = text.strip().partition("=")
         try:
-            return (
-                Segments(match[1], tuple(float(edge) for edge in match[2].split(",")))
-                if match
-                else Segments("?")
-            )
+            return Segments(field or "?", tuple(map(float, edges.split(","))))
         except ValueError:
             raise ValueError(
                 f"segments {text!r}: expected a field and ascending numbers, as tick=1000,5000"

@@ -6,7 +6,6 @@ the finished operators and computes the others.
 
 from __future__ import annotations
 
-import hashlib
 import json
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -68,7 +67,7 @@ def add_scores(folder: Path, operator: OperatorScores) -> None:
 
 def read_scores(folder: Path, units: int | None = None) -> Peaks:
     """Return the operations in a folder, of operators below `units`. Raises StoreError."""
-    paths = _list_files(folder)
+    paths = sorted((folder / PARTS).glob("operator-*.parquet"))
     if not paths:
         raise StoreError(f"{folder}: holds no operations yet")
     try:
@@ -91,15 +90,5 @@ def read_design(folder: Path) -> dict[str, Any]:
     return content
 
 
-def hash_scores(folder: Path) -> str:
-    """Return the sha256 over the operators in order."""
-    sums = (bytes.fromhex(files.hash_file(path)) for path in _list_files(folder))
-    return hashlib.sha256(b"".join(sums)).hexdigest()
-
-
 def _file(folder: Path, operator: int) -> Path:
     return folder / PARTS / f"operator-{operator:07d}.parquet"
-
-
-def _list_files(folder: Path) -> list[Path]:
-    return sorted((folder / PARTS).glob("operator-*.parquet"))

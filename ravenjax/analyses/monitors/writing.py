@@ -5,21 +5,29 @@ from __future__ import annotations
 import dataclasses
 import tomllib
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import tomlkit
 
-from ravenjax.analyses.monitors import calibration, code, score_folder, test_vector
+from ravenjax import consent
+from ravenjax.analyses.monitors import calibration, code, score_folder
 from ravenjax.analyses.monitors.calibration import Calibrated
 from ravenjax.analyses.monitors.monitor import Monitor, Segments, list_reads
 from ravenjax.analyses.monitors.operations import OperationDesign
 from ravenjax.analyses.monitors.scores import Score
-from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.errors import StoreError
+from ravenjax.campaign import compile_cache, plan
+from ravenjax.campaign.file.config import CampaignConfig, validate_tables
+from ravenjax.campaign.inspection.replay import LANES
+from ravenjax.engines import selection
+from ravenjax.engines.interface import Block
+from ravenjax.errors import StoreError, UserError
+from ravenjax.report import wording
 from ravenjax.store import files, manifest
 
+SCORE = "score"
 RECORD, VECTOR, REFERENCE = "monitor.toml", "test_vector.csv", "reference.csv"
 DETECTOR = "detector.toml"
 """File of the part as a campaign names it, with its threshold."""
@@ -34,19 +42,18 @@ def write_monitor(
     monitor, notes = result.monitor, describe_promise(result, design)
     detector = {"name": "monitor", "file": code.PART, "threshold": [_short(monitor.threshold)]}
     title = f"{' '.join(notes)} As a detector: threshold = {detector['threshold']}"
-    operations = out / score_folder.FOLDER
+    operations = score_folder.read_scores(out / score_folder.FOLDER)
     texts = {
         code.PART: code.write_part(monitor.terms, monitor.segments, monitor.scales, title),
         DETECTOR: "# Copy this into a campaign; file is taken from its folder on.\n"
         + tomlkit.dumps({"detector": [detector]}),
         **code.write_c(monitor, notes),
-        VECTOR: _csv(test_vector.compute_test_vector(config, monitor, design.seed, ENGINE)),
-        REFERENCE: _csv(_reference(score_folder.read_scores(operations), monitor, result)),
+        VECTOR: _csv(compute_test_vector(config, monitor, design.seed, ENGINE)),
+        REFERENCE: _csv(_reference(operations, monitor)),
     }
     for name, text in texts.items():
         files.write_text(out / name, text)
     record = _record(config, design, result)
-    record["design"]["operations_sha256"] = score_folder.hash_scores(operations)
     record["sha256"] = {name: files.hash_file(out / name) for name in texts}
     head = "# Written by `ravenjax monitor calibrate`.\n\n"
     files.write_text(out / RECORD, head + tomlkit.dumps(record))
@@ -54,28 +61,15 @@ def write_monitor(
 
 def describe_promise(result: Calibrated, design: OperationDesign) -> list[str]:
     """Return the promise, its scope and its basis, as lines."""
-    target, own = result.target, result.threshold
-    return [
-        (
-            f"At most {target.per_hour:g} false alarms an hour in which the robot follows the"
-            f" operator, with {target.confidence:.4g} confidence, where an alarm ends an operation"
-            f" of {design.length_s:g} s."
-        ),
-        (
-            f"Threshold from {own.operations} operations, {own.hours:.4g} h, of {own.units}"
-            f" operators ({', '.join(design.motions)}), each with {design.robots}"
-            f" robot{'s' if design.robots > 1 else ''} of the campaign."
-        ),
-        (
-            "It is the mean over operators and robots drawn so, in simulation; of one robot it may"
-            " be more."
-        ),
-    ]
+    template = wording.text_templates(__package__).get_template("promise.txt.j2")
+    return template.render(
+        target=result.target, threshold=result.threshold, design=design
+    ).splitlines()
 
 
 def _record(config: CampaignConfig, design: OperationDesign, result: Calibrated) -> dict[str, Any]:
     """Return the tables of monitor.toml that depend only on the result."""
-    own, tested, monitor = result.threshold, result.test, result.monitor
+    tested, monitor = result.test, result.monitor
     return {
         "monitor": {
             "robot": config.campaign.robot,
@@ -91,35 +85,11 @@ def _record(config: CampaignConfig, design: OperationDesign, result: Calibrated)
             "operation_s": design.length_s,
             "words": " ".join(describe_promise(result, design)),
         },
-        "calibration": {
-            "operators": own.units,
-            "operations": own.operations,
-            "hours": own.hours,
-            "alarms": own.alarms,
-            "p": own.p,
-            "operators_for_scales": result.learned_units,
-            "method": (
-                "risk-controlling threshold of the maximum over an operation, operators as units"
-            ),
-        },
-        "test": {
-            "operators": tested.units,
-            "operations": tested.operations,
-            "hours": tested.hours,
-            "alarms": tested.alarms,
-            "alarms_per_hour": tested.per_hour,
-            "one_each_alarms": tested.one_each.count,
-            "one_each_hours": tested.one_each.hours,
-            "one_each_low": tested.one_each.low,
-            "one_each_high": tested.one_each.high,
-        },
-        "design": {
-            "campaign": config.campaign.name,
-            "motions": list(design.motions),
-            "robots": design.robots,
-            "seed": design.seed,
-            "code": manifest.code_hash(config.robot),
-        },
+        "calibration": result.threshold._asdict() | {"units_for_scales": result.learned_units},
+        "test": tested._asdict()
+        | {"alarms_per_hour": tested.per_hour, "one_each": tested.one_each._asdict()},
+        "design": dataclasses.asdict(design)
+        | {"campaign": config.campaign.name, "code": manifest.code_hash(config.robot)},
         "term": [
             dataclasses.asdict(term)
             | {"scales": list(map(_short, scales)), "alarm_above": list(map(_short, limits))}
@@ -136,10 +106,9 @@ def read_monitor(folder: Path) -> tuple[Monitor, dict[str, Any]]:
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
         terms = tuple(_term(table) for table in content["term"])
-        words = content["monitor"]["segments"]
         monitor = Monitor(
             terms,
-            Segments.parsed(words) if words else Segments(),
+            Segments.parsed(content["monitor"]["segments"]),
             tuple(tuple(map(_float32, one["scales"])) for one in content["term"]),
             _float32(content["monitor"]["threshold"]),
         )
@@ -164,30 +133,30 @@ def read_monitor(folder: Path) -> tuple[Monitor, dict[str, Any]]:
 
 def _term(table: dict[str, Any]) -> Score:
     lists = {key: tuple(table[key]) for key in ("channels", "labels", "units")}
-    fields: dict[str, Any] = {key: value for key, value in table.items() if key != "alarm_above"}
-    fields |= lists | {"scales": (1.0,)}
+    fields: dict[str, Any] = table | lists | {"scales": (1.0,)}
+    fields.pop("alarm_above")
     return Score(**fields)
 
 
-def _reference(peaks: score_folder.Peaks, monitor: Monitor, result: Calibrated) -> pd.DataFrame:
+def _reference(peaks: score_folder.Peaks, monitor: Monitor) -> pd.DataFrame:
     """Return the first operation of each operator that provided no scale, for tests for a shift."""
     _, first = np.unique(peaks.unit, return_index=True)
     some = peaks.taken_from(first)
     some = some.taken_from(~calibration.assign_uses(some.unit).scale)
-    score = calibration.joint_scores(some.peak, np.array(monitor.scales, np.float32))
-    columns = dict(zip(measured_names(monitor), some.peak.T, strict=True))
-    return pd.DataFrame({"operator": some.unit, "score": score, **columns})
+    return pd.DataFrame({"operator": some.unit, **score_columns(monitor, some.peak)})
 
 
-def measured_names(monitor: Monitor) -> list[str]:
-    """Return the name of each term in each segment, in the order of the operations' columns."""
-    if monitor.segments.count == 1:
-        return [term.name for term in monitor.terms]
-    return [
-        f"{term.name}/{segment}"
+def score_columns(monitor: Monitor, peak: np.ndarray) -> dict[str, np.ndarray]:
+    """Return SCORE, the joint score of each operation, and the columns of `peak` by the name of
+    their term and segment.
+    """
+    names = [
+        term.name if monitor.segments.count == 1 else f"{term.name}/{segment}"
         for term in monitor.terms
         for segment in range(monitor.segments.count)
     ]
+    joint = calibration.joint_scores(peak, np.array(monitor.scales, np.float32))
+    return {SCORE: joint, **dict(zip(names, peak.T, strict=True))}
 
 
 def _csv(table: pd.DataFrame) -> str:
@@ -202,3 +171,94 @@ def _short(value: float) -> float:
 
 def _float32(value: Any) -> float:
     return float(np.float32(value))
+
+
+SECONDS = 3.0
+FAULT = {
+    "site": "usb_out",
+    "effect": "overwrite",
+    "value": 20000,
+    "start_ms": 1500,
+    "duration_ms": 100,
+}
+"""Fault that causes an alarm if a robot has this site, which is after every software check."""
+_NAME, _SAME_LANES = "monitor", 2
+
+
+def compute_test_vector(
+    config: CampaignConfig, monitor: Monitor, seed: int, engine: str = "auto"
+) -> pd.DataFrame:
+    """Return a monitor's inputs and scores in each millisecond, to test its C code: one row per
+    millisecond of the first arm of `config`'s robot.
+
+    Columns: ms, live, the monitor's inputs, score (0 while not live), alarm. The run has a fault if
+    the robot has the site of FAULT. Raises UserError for a robot that does not show what its
+    detectors read.
+    """
+    robot = config.robot
+    part: Any = robot.part("campaign")
+    if not hasattr(part, "watched"):
+        raise UserError(
+            f"robot {robot.name!r} does not show what its detectors see, so there is no test"
+            " vector: expected a robot whose part `campaign` has `watched`, as raven2"
+        )
+    compile_cache.enable_cache()
+    with TemporaryDirectory() as folder, consent.given_for(Path(folder)):
+        file = Path(folder) / "monitor.py"
+        text = code.write_part(monitor.terms, monitor.segments, monitor.scales, records=True)
+        file.write_text(text, encoding="utf-8")
+        ready = plan.make_plan(_campaign(config, monitor, seed, file))
+        program = part.watched(ready.program)
+        tracer = selection.select_engine(
+            engine, program.setup.precision, compile_cache.object_cache()
+        ).tracer(program, LANES)
+        golden, block = (
+            Block(*ready.lanes([0], LANES, harmless=harmless), None) for harmless in (True, False)
+        )
+        *_, signals = tracer.run(golden, block, ready.columns)
+    own, before = signals.detectors.own[0][0], signals.detectors.detectors[0].recent[0]
+    armed_after = ready.program.params.detectors.armed_after
+    live = np.asarray(signals.live).astype(bool) & (np.arange(len(before)) >= armed_after)
+    score = np.asarray(before, np.float32)
+    inputs = {
+        name: np.asarray(getattr(own, f"read_{name}"), np.float32)
+        for name in list_reads(monitor.terms, monitor.segments)
+    }
+    alarm = score > np.float32(monitor.threshold)
+    columns = {"live": live.astype(int), **inputs, "score": score, "alarm": alarm.astype(int)}
+    return pd.DataFrame({"ms": range(len(score))} | columns)
+
+
+def _campaign(config: CampaignConfig, monitor: Monitor, seed: int, file: Path) -> CampaignConfig:
+    """Return a short campaign of one arm, whose only detector shows the score of each tick."""
+    own, robot = config.model_dump(mode="json"), config.robot
+    group: dict[str, Any] = {"name": "vector"}
+    if FAULT["site"] in robot.sites:
+        group["fault"] = [FAULT | {"channel": robot.joints[0]}]
+    settings = {
+        "duration_s": SECONDS,
+        "arms": [config.campaign.arms[0]],
+        "seed": seed,
+        "limit": None,
+        "observe_ms": None,
+    }
+    raw = own | {"reaction": None, "stop": None, "cross": {}, "group": [group]}
+    raw["campaign"] = own["campaign"] | settings
+    raw["parameters"] = {
+        path: value for path, value in own["parameters"].items() if _is_plain(config, path)
+    }
+    raw["detector"] = [
+        {
+            "name": _NAME,
+            "file": str(file),
+            "consecutive": _SAME_LANES,
+            "threshold": [monitor.threshold],
+        }
+    ]
+    return validate_tables(raw)
+
+
+def _is_plain(config: CampaignConfig, path: str) -> bool:
+    """Return whether a parameter is a single number, and of the arm that is kept."""
+    lost = {f".{arm}." for arm in config.campaign.arms[1:]}
+    return config.parameters[path].kind == "fixed" and not any(arm in path for arm in lost)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import copy
 import dataclasses
-import time
 from collections.abc import Sequence
 
 import numpy as np
@@ -58,7 +57,7 @@ class Evaluator:
         self.engine = selection.select_engine(
             engine, self._plan.program.setup.precision, compile_cache.object_cache()
         )
-        self.batches, self.run_s = 0, 0.0
+        self.batches = 0
         self.progress = self._progress(1, None, 0, ())
         self._journal: Journal | None = None
         self._computation: Computation | None = None
@@ -99,7 +98,6 @@ class Evaluator:
 
     def __call__(self, case: np.ndarray, values: np.ndarray) -> np.ndarray:
         """See the class."""
-        start = time.perf_counter()
         points, place = np.unique(np.column_stack([case, values]), axis=0, return_inverse=True)
         rows = design.table_columns(
             self.template.campaign(points[:, 0].astype(np.int64), points[:, 1:])
@@ -110,17 +108,8 @@ class Evaluator:
             self._asked, self.batches = self._asked.append(pd.Index(fresh)), self.batches + 1
         new = np.flatnonzero(self._known.get_indexer(ids) < 0)
         if len(new):
-            compiled = self.progress.status.compile_s
             self._run(rows.take(new))
-            self.run_s += time.perf_counter() - start - (self.progress.status.compile_s - compiled)
         return self._values[self._known.get_indexer(ids)][place.reshape(-1)]
-
-    def ids(self, case: np.ndarray, values: np.ndarray) -> list[str]:
-        """Return run ids of points that are all different."""
-        rows = design.table_columns(
-            self.template.campaign(np.asarray(case), np.asarray(values, float))
-        )
-        return run_id.format_run_ids(rows["run_id"].to_numpy()).to_pylist()
 
     def rows(self) -> pa.Table:
         """Return every requested run in the order of requests, wherever earlier starts ended."""

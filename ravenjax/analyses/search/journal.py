@@ -10,30 +10,19 @@ order. When the search is done, `rows.parquet` holds all runs in one file.
 from __future__ import annotations
 
 import contextlib
-import threading
-import time
 from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ravenjax.campaign.executors.protocol import BackgroundQueue
 from ravenjax.errors import StoreError
 from ravenjax.store import files, folder, manifest, parts
 
 ROWS = "rows.parquet"
-EVERY_S = 1.0
-"""Longest time in s that runs of small batches wait for others, to share a file."""
-WRITERS = 2
-"""Largest number of parts that are written side by side."""
 
 
 class Journal:
-    """Finished runs in a search's folder, to which no other process writes (see `store.lock`).
-
-    Use it as a context manager while runs are added. Waiting runs are written on exit, also after
-    an exception.
-    """
+    """Finished runs in a search's folder, to which no other process writes (see `store.lock`)."""
 
     def __init__(self, out: Path, identity: str, rows_sha256: str | None = None) -> None:
         """Read the runs that the folder holds. A damaged part is set aside and reported.
@@ -62,51 +51,16 @@ class Journal:
             except StoreError as error:
                 self.notes += (folder.set_aside(out, path.name, str(error)),)
         self._next = max((parts.row_range(path)[1] + 1 for path in there), default=0)
-        self._waiting: list[pa.Table] = []
-        self._written = time.monotonic()
-        self._behind, self._recording = BackgroundQueue(WRITERS), threading.Lock()
-
-    def __enter__(self) -> Journal:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        with self._behind:
-            try:
-                self._write()
-                self._behind.finish()
-            except StoreError:
-                if kind is None:  # an exception that already ended the work takes precedence
-                    raise
 
     def add(self, rows: pa.Table) -> None:
-        """Store finished runs, rows of the result table. Do not call from two threads at once.
-
-        Small batches wait for others, so a kill loses the runs of the last `EVERY_S`. Raises
-        StoreError if the disk refused rows that were added before.
-        """
-        self._waiting.append(rows)
-        if (
-            sum(map(len, self._waiting)) >= parts.FEWEST_ROWS
-            or time.monotonic() - self._written >= EVERY_S
-        ):
-            self._write()
-
-    def _write(self) -> None:
-        self._written = time.monotonic()
-        if self._waiting:
-            rows = pa.concat_tables(self._waiting).unify_dictionaries()
-            self._waiting = []
-            numbers = pa.array(range(self._next, self._next + len(rows)), pa.int32())
-            self._next += len(rows)
-            for name in ("index", "pair"):
-                place = rows.schema.get_field_index(name)
-                rows = rows.set_column(place, rows.schema.field(place), numbers)
-            self._behind.call(self._put, rows)
-
-    def _put(self, rows: pa.Table) -> None:
+        """Store finished runs, rows of the result table. Raises StoreError if the disk refuses."""
+        numbers = pa.array(range(self._next, self._next + len(rows)), pa.int32())
+        self._next += len(rows)
+        for name in ("index", "pair"):
+            place = rows.schema.get_field_index(name)
+            rows = rows.set_column(place, rows.schema.field(place), numbers)
         part = parts.put_part(self._parts, parts.encode_table(rows, self._identity))
-        with self._recording:
-            manifest.record_part(self.out, part)
+        manifest.record_part(self.out, part)
 
     def conclude(self, rows: pa.Table) -> str:
         """Write `rows.parquet` and return its sha256. Raises StoreError if the disk refuses."""

@@ -1,38 +1,47 @@
-"""Runs a search file, or continues an interrupted search."""
+"""Runs a search file, or continues an interrupted search, and writes search.json, search.md,
+search.html and the figure.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ravenjax.analyses.search import output
-from ravenjax.analyses.search.boundary import bisection
-from ravenjax.analyses.search.boundary import figure as boundary_figure
+import numpy as np
+
+from ravenjax.analyses import panels
+from ravenjax.analyses.search import boundary, indices, rare
 from ravenjax.analyses.search.evaluator import Evaluator
 from ravenjax.analyses.search.file import loading
 from ravenjax.analyses.search.file import outcome as outcomes
 from ravenjax.analyses.search.file.config import Rare, SearchConfig
 from ravenjax.analyses.search.file.template import Template
-from ravenjax.analyses.search.indices import analysis
-from ravenjax.analyses.search.indices import figure as indices_figure
 from ravenjax.analyses.search.journal import Journal
-from ravenjax.analyses.search.rare import simulation
+from ravenjax.analyses.search.wording import (
+    describe_case,
+    describe_inputs,
+    format_number,
+    group_series,
+    short_axis_name,
+)
 from ravenjax.campaign.progress import OnProgress, ProgressFile
+from ravenjax.document import html
+from ravenjax.errors import UserError, list_lines
+from ravenjax.report import wording
 from ravenjax.store import files, manifest
 from ravenjax.store.access import lock
 
-INDICES = analysis.due, analysis.find, "indices.md.j2", indices_figure.draw
-KINDS: dict[
-    str, tuple[Callable[..., int], Callable[..., dict[str, Any]], str, Callable[..., Any]]
-] = {
-    "boundary": (bisection.due, bisection.find, "boundary.md.j2", boundary_figure.draw),
-    "sobol": INDICES,
-    "morris": INDICES,
-    "rare": (simulation.due, simulation.find, "rare.md.j2", simulation.draw),
+NUMBERS, TEXT, PAGE = "search.json", "search.md", "search.html"
+KINDS: dict[str, tuple[Any, str]] = {
+    "boundary": (boundary, "boundary.md.j2"),
+    "sobol": (indices, "indices.md.j2"),
+    "morris": (indices, "indices.md.j2"),
+    "rare": (rare, "rare.md.j2"),
 }
-"""For each kind of search: estimate of its runs, search, template and figure."""
+"""For each kind of search: the module with `due`, `find` and `draw`, and the template."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,20 +81,30 @@ def _into(
     folder: Path, config: SearchConfig, evaluator: Evaluator, on_progress: OnProgress | None
 ) -> SearchResult:
     search, identity = config.search, _identity(config, evaluator)
-    earlier = output.open_folder(folder, identity)
+    earlier = _open_folder(folder, identity)
     journal = Journal(folder, manifest.config_hash(identity), earlier.get("rows_sha256"))
-    estimate, find, template, draw = KINDS[search.kind]
-    due = estimate(evaluator.template, search)
+    kind, _ = KINDS[search.kind]
+    due = kind.due(evaluator.template, search)
     evaluator.keep_in(journal, due, ProgressFile(folder, on_progress))
     try:
-        with journal:
-            result = find(evaluator.template, search, evaluator, folder)
+        result = kind.find(evaluator.template, search, evaluator, folder)
     except BaseException:
         evaluator.progress.tell("stopped")
         raise
-    rows = {"rows_sha256": journal.conclude(evaluator.rows())}
-    record = identity | _record(config, evaluator) | rows | {"result": result}
-    sentences = output.write_search(folder, record, template, draw)
+    campaign = config.campaign.campaign
+    record = identity | {
+        "kind": search.kind,
+        "name": campaign.name,
+        "file": str(config.source) if config.source is not None else None,
+        "seed": campaign.seed,
+        "runs": evaluator.runs,
+        "batches": evaluator.batches,
+        # Runs that this start has computed.
+        "computed": evaluator.progress.status.computed,
+        "rows_sha256": journal.conclude(evaluator.rows()),
+        "result": result,
+    }
+    sentences = _write_search(folder, record)
     journal.forget()
     evaluator.progress.tell("done")
     return SearchResult(folder, record, sentences)
@@ -105,18 +124,70 @@ def _identity(config: SearchConfig, evaluator: Evaluator) -> dict[str, Any]:
     )
 
 
-def _record(config: SearchConfig, evaluator: Evaluator) -> dict[str, Any]:
-    status = evaluator.progress.status
-    return {
-        "kind": config.search.kind,
-        "name": config.campaign.campaign.name,
-        "file": str(config.source) if config.source is not None else None,
-        "seed": config.campaign.campaign.seed,
-        "runs": evaluator.runs,
-        "batches": evaluator.batches,
-        # Runs of the last start, to which the following times refer.
-        "computed": status.computed,
-        "compile_s": status.compile_s,
-        "run_s": evaluator.run_s,
-        "runs_per_s": status.computed / evaluator.run_s if evaluator.run_s else None,
-    }
+def _open_folder(out: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
+    """Begin a search in `out`, or continue it, and return what search.json says of the earlier
+    start.
+
+    `identity`: the part of search.json that decides the result. Raises UserError if the folder
+    holds another search, and StoreError if it cannot be written to.
+    """
+    path = out / NUMBERS
+    if not path.exists():
+        _json(path, dict(identity))
+        return {}
+    try:
+        earlier = files.parse_json(path.read_text(encoding="utf-8"))
+        differences = manifest.find_differences(
+            {name: earlier[name] for name in identity}, dict(identity)
+        )
+    except (OSError, ValueError, KeyError, TypeError):
+        raise UserError(
+            f"{path}: cannot be read as a search; delete it, or give another folder with --out"
+        ) from None
+    if differences:
+        raise UserError(
+            f"{out}: holds another search, which differs:\n{list_lines(differences)}\n"
+            "Nothing was changed. Give another folder with --out, or delete this one"
+        )
+    return earlier
+
+
+def _write_search(out: Path, record: dict[str, Any]) -> list[str]:
+    """Write all files of a search, each atomically, and return the sentences of its page. Raises
+    StoreError if the disk refuses.
+    """
+    (kind, template), figure = KINDS[record["kind"]], f"{record['kind']}.svg"
+    panels.save_panels(out / figure, kind.draw(record["result"]))
+    templates = wording.text_templates(__package__)
+    templates.filters |= FILTERS
+    templates.globals |= {"series": group_series}
+    page = templates.get_template(template)
+    text = page.render(record=record, numbers=record["result"], figure=figure)
+    files.write_text(out / TEXT, text)
+    drawing = (out / figure).read_text(encoding="utf-8")
+    files.write_text(out / PAGE, html.from_markdown(text, {figure: drawing}))
+    _json(out / NUMBERS, record)
+    return [line[2:] for line in text.splitlines() if line.startswith("- ")]
+
+
+def _json(path: Path, record: dict[str, Any]) -> None:
+    files.write_text(path, json.dumps(files.json_values(record), indent=1) + "\n")
+
+
+def _header(names: Sequence[str]) -> str:
+    row = " | ".join(name.replace("|", r"\|") for name in names)
+    return f"| {row} |\n|{'---|' * len(names)}"
+
+
+FILTERS = {
+    "cell": lambda value: str(value).replace("|", r"\|"),
+    "general": "{:g}".format,
+    "header": _header,
+    "largest": lambda values, most: np.argsort(-values)[:most],
+    "laws": describe_inputs,
+    "number": format_number,
+    "short": short_axis_name,
+    "values": lambda cells, name: sorted({record["cell"][name] for record in cells}),
+    "smallest": lambda cells: min(cells, key=lambda record: abs(record["harmful"])),
+    "words": describe_case,
+}

@@ -63,6 +63,8 @@ class Difference(NamedTuple):
     # Which pairs: all, a layer, or a value of a crossed parameter.
     among: str
     n: int
+    # Pairs of this action that are left out, because their fault changed no bit in either run.
+    inactive: int
     without: Rate  # unintended motion without the reaction
     with_: Rate
     change: Estimate  # difference of the rates with and without it, a fraction
@@ -96,7 +98,7 @@ def sample_runs(runs: Runs) -> pd.DataFrame:
     columns = [
         *(f"{RESULTS}.{quote_name(name)}" for name in names),
         f"{_EXCURSION} AS {EXCURSION}",
-        *(f"{FACTS}.{name}" for name in ("failed", "faulty", "action", "unintended")),
+        *(f"{FACTS}.{name}" for name in ("failed", "faulty", "activated", "action", "unintended")),
         *(
             f"{FACTS}.{quote_name(name)}::VARCHAR AS {quote_name(name)}"
             for name in ("group", "layer")
@@ -130,14 +132,19 @@ def paired_runs(runs: pd.DataFrame, action: int, faulty: bool = True) -> Pairs:
 
 def compare_pairs(runs: pd.DataFrame, sampled: Sampled) -> list[Difference]:
     """Return comparisons for each action: over all pairs, then by layer, then by each value of
-    other crossed parameters.
+    other crossed parameters. Faults that changed no bit in either run are left out.
     """
-    return [
-        _difference(action, among, part, sampled(part.with_["group"].unique().tolist()))
-        for number, action in _actions(runs)
-        for among, part in _parts(paired_runs(runs, number))
-        if len(part.with_)
-    ]
+    found = []
+    for number, action in _actions(runs):
+        pairs = paired_runs(runs, number)
+        # A reaction to a false cue may end a run before its fault acts. Such a pair counts.
+        acting = pairs.with_["activated"].to_numpy() | pairs.without["activated"].to_numpy()
+        for among, part in _parts(pairs.where(acting)):
+            if len(part.with_):
+                drawn = sampled(part.with_["group"].unique().tolist())
+                inactive = int((~acting).sum())
+                found.append(_difference(action, among, part, drawn, inactive))
+    return found
 
 
 def count_interruptions(runs: pd.DataFrame) -> list[Idle]:
@@ -196,7 +203,7 @@ def _parts(mine: Pairs) -> Iterator[tuple[str, Pairs]]:
                 yield f"{name.removeprefix('param:')} = {value:g}", mine.where(values == value)
 
 
-def _difference(action: str, among: str, mine: Pairs, sampled: bool) -> Difference:
+def _difference(action: str, among: str, mine: Pairs, sampled: bool, inactive: int) -> Difference:
     """Compare one set of pairs. `action`: index into ACTIONS; `sampled`: the faults were drawn."""
     after, before = (part["unintended"].to_numpy() for part in mine)
     acted = run_facts.first_came(mine.with_, "reaction_ms")
@@ -205,6 +212,7 @@ def _difference(action: str, among: str, mine: Pairs, sampled: bool) -> Differen
         MEANINGS[action],
         among,
         len(after),
+        inactive,
         intervals.pair_rate(before, faults),
         intervals.pair_rate(after, faults),
         intervals.rate_difference(after, before, faults),

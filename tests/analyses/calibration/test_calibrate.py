@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
+import pandas as pd
 import pytest
 import virtual_log
 from scipy.stats import binom
 
-from ravenjax.analyses.calibration import parameters, position_loop
-from ravenjax.analyses.calibration.calibrate import NORMAL_90, ROTOR, Calibration
-from ravenjax.analyses.calibration.fit import Fit
+import ravenjax as rj
+from ravenjax.analyses.calibration import joint_log, parameters, position_loop
+from ravenjax.analyses.calibration.calibrate import NORMAL_90, ROTOR, Calibration, LoggedRobot
+from ravenjax.analyses.calibration.fit import FINEST, Fit
 from ravenjax.analyses.calibration.parameters import Unknown
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.plant import robot
+from ravenjax.robots.raven2.setup import RavenSetup
 
 FRICTION = tuple(
     Unknown("motor_friction", ("plant.actuators.coulomb",), j, 1.0, True) for j in (0, 1, 3)
@@ -53,9 +58,47 @@ def test_nine_of_ten_hidden_values_of_every_kind_are_inside_their_intervals() ->
     assert sum(inside) >= binom.ppf(0.025, len(inside), 0.9)
 
 
+@pytest.mark.slow
+def test_a_log_of_the_full_simulator_is_replayed_to_a_count(tmp_path) -> None:
+    """Also with gravity compensation, and at an insertion that moves less than its cable gives."""
+    campaign = {
+        "campaign": {"name": "log", "duration_s": 5.0},
+        "operator": {"motion": "suture", "scale": 0.005},
+        "parameters": {"plant.friction_scale": 0.7},
+        "group": [{"name": "healthy"}],
+    }
+    run = rj.simulate(campaign).sel(arm="gold")
+    assert np.ptp(run["jpos_d"].sel(joint="insertion").values) < 1e-3
+    logs = []
+    for names in (("jpos_d", "jpos"), ("dac_cnt", "mpos", "mvel")):
+        columns = {"time_s": run["time"].values, "runlevel": run["runlevel"].values}
+        for name, joint in itertools.product(names, run["joint"].values):
+            values = run[name].sel(joint=joint).values.astype(float)
+            columns[f"{name.removesuffix('_cnt')}_{joint}"] = values
+        pd.DataFrame(columns).to_parquet(tmp_path / "log.parquet")
+        logs.append(
+            joint_log.read_joint_log(
+                tmp_path / "log.parquet", "gold", "r_grasper", "raven2", position_loop.RAVEN2
+            )
+        )
+    by_joints, by_torques = logs
+    np.testing.assert_allclose(by_torques.desired[:, :3], by_joints.desired[:, :3], atol=2e-5)
+    setup = RavenSetup(software="raven2", arms=("gold",))
+    logged = LoggedRobot(by_joints, setup, "gold", position_loop.RAVEN2)
+    plant = robot.params(setup, "gold")
+    truth = position_loop.params(replace(plant, friction_scale=0.7))
+    _, found, _ = logged.judged(logged.halves[0], {"truth": truth})
+    assert (found.residual < FINEST).all()
+    wanted = parameters.select_unknowns((2,), ("friction", "offsets", "motors", "cables"))
+    low, high = logged.calibrated(plant, wanted).interval
+    before = parameters.prior_values(position_loop.params(plant), wanted)
+    hidden = before * np.where(["friction" in one.name for one in wanted], 0.7, 1.0)
+    assert ((low <= hidden) & (hidden <= high)).all()
+
+
 def fitted(covariance: np.ndarray, steps: np.ndarray) -> Calibration:
     """Without a replay."""
-    fit = Fit(steps, covariance, np.ones(7), np.ones(7), ())
+    fit = Fit(steps, covariance)
     coulomb = Vec((0.02, 0.08, 0.0, 0.03, 0.0, 0.0, 0.0))
     plant = replace(PLANT, actuators=replace(PLANT.actuators, coulomb=coulomb))
     return Calibration(FRICTION, position_loop.params(plant), fit)

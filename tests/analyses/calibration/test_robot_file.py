@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import virtual_log
 
-from ravenjax.analyses.calibration import parameters, robot_file
+from ravenjax.analyses.calibration import parameters
 from ravenjax.robots.raven2.plant import robot
 
 
@@ -17,7 +17,7 @@ def content(draws: np.ndarray) -> dict:
     base = parameters.prior_robot(robot.params(virtual_log.SETUP, "gold"), wanted)
     values = parameters.values_by_path(base, wanted, draws[:, None] * np.ones(len(wanted)))
     return tomllib.loads(
-        robot_file.format_robot_file(values, "gold", "power_consistent", Path("log.bag"))
+        parameters.format_robot_file(values, "gold", "power_consistent", Path("log.bag"))
     )
 
 

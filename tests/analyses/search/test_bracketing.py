@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ravenjax.analyses.search.boundary.brackets import (
+from ravenjax.analyses.search.boundary import (
     ALWAYS,
     CROSSING,
     NEVER,

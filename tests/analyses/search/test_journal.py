@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator
-
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
-import pytest
 
-from ravenjax.analyses.search import journal
 from ravenjax.analyses.search.evaluator import Evaluator
 from ravenjax.analyses.search.file import loading, outcome
 from ravenjax.analyses.search.file.template import Template
 from ravenjax.analyses.search.journal import Journal
-from ravenjax.errors import StoreError
 from ravenjax.store import folder, parts
 
 FAULT = {
@@ -38,75 +30,19 @@ TEMPLATE = Template(
 CASE, VALUES = np.tile([0, 1], 15), np.arange(30.0)[:, None] * 600
 
 
-@contextlib.contextmanager
-def searching(out, checksum=None) -> Iterator[Evaluator]:
-    """An evaluator that keeps its runs in `out`."""
+def test_a_damaged_part_is_set_aside_and_named(tmp_path):
+    """Of three batches, each in a part of its own."""
     made = Evaluator(TEMPLATE, [outcome.parse_outcome("peak_golden_deviation_mm")], "simd")
-    with Journal(out, "same", checksum) as into:
-        made.keep_in(into, 30, None)
-        yield made
-
-
-def content(rows: pa.Table) -> bytes:
-    """Every byte of a table, types and words included."""
-    sink = pa.BufferOutputStream()
-    pq.write_table(rows, sink)
-    return sink.getvalue().to_pybytes()
-
-
-def ask(evaluator) -> np.ndarray:
-    """Three batches, and what they return."""
-    return np.concatenate(
-        [
-            evaluator(CASE[rows], VALUES[rows])
-            for rows in (slice(0, 10), slice(10, 12), slice(12, 30))
-        ]
-    )
-
-
-def stored(search):
-    """Rows that this start of the search has stored."""
-    status = search.progress.status
-    return status.done - status.earlier
-
-
-@pytest.fixture
-def kept(tmp_path, monkeypatch):
-    """A folder with three batches, each in a part of its own; what they returned; their rows."""
-    monkeypatch.setattr(journal, "EVERY_S", 0.0)
-    with searching(tmp_path) as made:
-        found = ask(made)
-    assert stored(made) == 30 and len(np.unique(found)) > 20
-    assert [parts.row_range(path) for path in parts.part_files(tmp_path / folder.PARTS)] == [
-        (0, 9),
-        (10, 11),
-        (12, 29),
-    ]
-    return tmp_path, found, made.rows()
-
-
-def test_a_damaged_part_is_set_aside_and_named(kept):
-    out, _, _ = kept
-    last = parts.part_files(out / folder.PARTS)[2]
+    made.keep_in(Journal(tmp_path, "same"), 30, None)
+    for rows in (slice(0, 10), slice(10, 12), slice(12, 30)):
+        made(CASE[rows], VALUES[rows])
+    first, second, last = parts.part_files(tmp_path / folder.PARTS)
+    assert [parts.row_range(path) for path in (first, second, last)] == [(0, 9), (10, 11), (12, 29)]
     content = bytearray(last.read_bytes())
     content[len(content) // 2] ^= 1
     last.write_bytes(content)
-    (note,) = Journal(out, "same").notes
-    assert (
-        str(out / folder.SET_ASIDE / last.name) in note and "start the same command again" in note
-    )
-    assert not last.exists()
-
-
-def test_a_disk_that_refuses_is_told_of(tmp_path, monkeypatch):
-    def full(*_):
-        raise StoreError("no space left")
-
-    with pytest.raises(StoreError, match="no space left"), searching(tmp_path) as made:
-        monkeypatch.setattr(parts, "put_part", full)
-        ask(made)
-    monkeypatch.undo()
-    with searching(tmp_path) as again:
-        assert again.held == 0
-        ask(again)
-    assert stored(again) == 30
+    again = Journal(tmp_path, "same")
+    (note,) = again.notes
+    place = str(tmp_path / folder.SET_ASIDE / last.name)
+    assert place in note and "start the same command again" in note
+    assert not last.exists() and sum(map(len, again.tables)) == 12

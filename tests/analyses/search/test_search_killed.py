@@ -11,7 +11,7 @@ import time
 
 import pytest
 
-from ravenjax.analyses.search import journal, output
+from ravenjax.analyses.search import journal, runner
 from ravenjax.store import folder, parts
 
 SEARCH = {
@@ -72,7 +72,7 @@ def test_killed_after_each_part(tmp_path):
         killed += process.wait() == -signal.SIGKILL
     assert start(cut).wait(600) == 0
     assert killed >= 3, "some starts were cut short"
-    found, expected = (json.loads((out / output.NUMBERS).read_text()) for out in (cut, whole))
+    found, expected = (json.loads((out / runner.NUMBERS).read_text()) for out in (cut, whole))
     assert (
         found["result"] == expected["result"] and found["result"]["results"][0]["subset"]["levels"]
     )

@@ -37,18 +37,18 @@ class Question(NamedTuple):
 
     def require(self) -> None:
         """Raise UserError for invalid settings."""
-        for name, value, low in (
-            ("--false-alarms-per-hour", self.false_alarms_per_hour, 0.0),
-            ("--hours", self.hours, 0.0),
+        for value, name in (
+            (self.false_alarms_per_hour, "--false-alarms-per-hour"),
+            (self.hours, "--hours"),
         ):
-            if not (isinstance(value, int | float) and math.isfinite(value) and value > low):
+            if not (isinstance(value, int | float) and math.isfinite(value) and value > 0):
                 raise UserError(
-                    f"{name} is {format_value(value)}, expected a number above {low:g}, such as 2"
+                    f"{name} is {format_value(value)}, expected a number above 0, such as 2"
                 )
-        for name, value, low in (
-            ("--lead-ms", self.lead_ms, 0),
-            ("--most", self.most, 1),
-            ("--seed", self.seed, 0),
+        for value, name, low in (
+            (self.lead_ms, "--lead-ms", 0),
+            (self.most, "--most", 1),
+            (self.seed, "--seed", 0),
         ):
             if isinstance(value, bool) or not isinstance(value, int) or value < low:
                 raise UserError(

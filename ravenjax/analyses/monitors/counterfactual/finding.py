@@ -13,7 +13,7 @@ import pandas as pd
 
 from ravenjax import consent
 from ravenjax.analyses.monitors import scores
-from ravenjax.analyses.monitors.counterfactual import candidates, hazards, motions
+from ravenjax.analyses.monitors.counterfactual import candidates, observation
 from ravenjax.analyses.monitors.counterfactual.candidates import (
     MARGINS,
     PROPOSED,
@@ -112,11 +112,11 @@ def find_checks(
 ) -> Counterfactual:
     """Search a campaign for a set of checks. Raises UserError if there is no answer."""
     question.require()
-    hazards.require_groups(config, question.groups)
+    observation.require_groups(config, question.groups)
     raw: dict[str, Any] = config.model_dump(mode="json")
     every = scores.list_candidates(config.robot)
-    course = motions.plan_motions(raw, question.hours)
-    motions.require_rate(question.false_alarms_per_hour, course)
+    course = observation.plan_motions(raw, question.hours)
+    observation.require_rate(question.false_alarms_per_hour, course)
     # A motion is one lane, which a processor core runs faster than a GPU.
     alone = "simd" if engine in ("auto", "cuda") else engine
     with (
@@ -129,11 +129,13 @@ def find_checks(
 
         def motion(
             purposes: tuple[str, ...], parts: list[Candidate], part: str
-        ) -> motions.FreeMotion:
+        ) -> observation.FreeMotion:
             numbers = [
-                n for purpose in purposes for n in motions.motions_by_use(purpose, course.motions)
+                n
+                for purpose in purposes
+                for n in observation.motions_by_use(purpose, course.motions)
             ]
-            return motions.run_motions(raw, course, numbers, parts, folder / part, alone)
+            return observation.run_motions(raw, course, numbers, parts, folder / part, alone)
 
         on_stage(
             f"{course.motions} fault-free motions of {course.seconds} s, a quarter of them for"
@@ -143,13 +145,13 @@ def find_checks(
         parts = candidates.scale_candidates(every, pilot.peaks.max(axis=(0, 1)))
         on_stage(f"the others, with {len(parts)} candidates")
         free = motion(("calibrated", "stated"), parts, "scaled")
-        first = len(motions.motions_by_use("calibrated", course.motions))
+        first = len(observation.motions_by_use("calibrated", course.motions))
         calibration, statement = (
-            motions.FreeMotion(free.peaks[some], free.hours[some])
+            observation.FreeMotion(free.peaks[some], free.hours[some])
             for some in (slice(first), slice(first, None))
         )
         on_stage(f"the campaign's runs, with all of them at {len(MARGINS)} margins")
-        there = hazards.run_hazards(
+        there = observation.run_hazards(
             raw, parts, MARGINS, folder / "scaled", engine, question.groups, on_progress
         )
     halves = there.halves(question.seed)
@@ -226,8 +228,8 @@ def confirm_checks(
     """Run the campaign that `output` wrote, with another seed. Raises UserError."""
     config = loading.load_campaign(file, [f"campaign.seed={seed}"])
     table = runner.run_campaign(config, None, engine, on_progress=on_progress).frame()
-    rules = hazards.campaign_choices(config)
-    rows, harm = hazards.evading_faults(table, rules, one.question.groups)
+    rules = observation.campaign_choices(config)
+    rows, harm = observation.evading_faults(table, rules, one.question.groups)
     in_time = detection_leads(table.loc[rows], harm, config, one) >= one.question.lead_ms
     sampled = list(draws.drawn_groups(config.model_dump(mode="json")) or ())
     new = table.loc[rows, "group"].astype(str).isin(sampled).to_numpy()
@@ -246,7 +248,9 @@ def detection_leads(
     """Return harm minus the first alarm of the last detectors, which are the set; ms [runs]."""
     numbers = range(len(config.detectors) - len(one.promise.members), len(config.detectors))
     each = [
-        hazards.detector_leads(table, f"detector{number}_", config.detectors[number][2], harm)[:, 0]
+        observation.detector_leads(table, f"detector{number}_", config.detectors[number][2], harm)[
+            :, 0
+        ]
         for number in numbers
     ]
     return np.max(each, axis=0)

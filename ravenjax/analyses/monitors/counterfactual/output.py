@@ -16,27 +16,21 @@ from ravenjax.analyses.monitors import code
 from ravenjax.analyses.monitors.counterfactual.candidates import SMALLEST_SCALE, Candidate
 from ravenjax.analyses.monitors.counterfactual.finding import Counterfactual
 from ravenjax.analyses.monitors.counterfactual.promise import Promise, hours_to_show
+from ravenjax.analyses.panels import save_panels
 from ravenjax.campaign import writing
 from ravenjax.document import palette
 from ravenjax.document.chart import EMPTY, Chart, ChartAxis, Curve
-from ravenjax.document.figure_style import STYLE
 from ravenjax.report import downloads, wording
 from ravenjax.report.data.fault_free import rounded_up
-from ravenjax.report.drawing import save_figure
 from ravenjax.stats.intervals import rate_bounds
 from ravenjax.store.files import require_writable, write_text
 
-WIDTH = 6.4  # inches
 SHOWN = 0.95
 """Share of the alarms' leads that fits on the axis."""
 
 
 def draw_figure(one: Counterfactual, path: Path) -> None:
     """Write the figure as SVG."""
-    import matplotlib
-
-    from ravenjax.document.drawing import print_figure
-
     named: list[tuple[str, Promise]] = [
         (wording.count_noun(len(one.promise.members), "check"), one.promise),
         (f"best alone: {one.parts[one.best.members[0]].name}", one.best),
@@ -61,8 +55,7 @@ def draw_figure(one: Counterfactual, path: Path) -> None:
     asked = float(one.question.lead_ms) or None
     across = ChartAxis("ms before harm, at least", 0.0, end, unit="ms", line=asked)
     up = ChartAxis("share of faults seen", 0.0, 1.0, share=True)
-    with matplotlib.rc_context(STYLE):
-        save_figure(print_figure(Chart("", across, up, tuple(curves)), WIDTH), path)
+    save_panels(path, [Chart("", across, up, tuple(curves))])
 
 
 def _leads(one: Counterfactual, promise: Promise) -> np.ndarray:

@@ -20,8 +20,7 @@ from ravenjax.analyses.monitors.counterfactual.candidates import (
     PROPOSED,
     Question,
 )
-from ravenjax.analyses.monitors.counterfactual.hazards import Hazards
-from ravenjax.analyses.monitors.counterfactual.motions import FreeMotion
+from ravenjax.analyses.monitors.counterfactual.observation import FreeMotion, Hazards
 from ravenjax.stats.alarms.false_alarms import AlarmRate, alarm_rate
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.intervals import Rate

@@ -63,15 +63,13 @@ def from_dict(
 
 def _section(raw: dict[str, Any]) -> tuple[Search | None, list[Complaint]]:
     table = raw.get(SECTION)
-    kinds = ", ".join(KINDS)
-    if not isinstance(table, dict):
-        got = "missing" if table is None else f"got {format_value(table)}"
-        return None, [((SECTION,), f"{got}: write a section [search] with kind, one of {kinds}")]
-    kind = table.get("kind")
+    kind = table.get("kind") if isinstance(table, dict) else None
     if not isinstance(kind, str) or kind not in KINDS:
         got = "missing" if kind is None else f"got {format_value(kind)}"
-        expected = f"expected one of {kinds}{suggest_name(kind, KINDS)}"
-        return None, [((SECTION, "kind"), f"{got}, {expected}")]
+        expected = f"{', '.join(KINDS)}{suggest_name(kind, KINDS)}"
+        return None, [
+            ((SECTION, "kind"), f"{got}: write a section [search] with kind, one of {expected}")
+        ]
     try:
         return KINDS[kind].model_validate(table), []
     except ValidationError as error:

@@ -12,6 +12,7 @@ A text has one of these forms:
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import re
 from collections.abc import Iterator
@@ -69,11 +70,9 @@ class Outcome:
 
     def columns(self, rules: Rules) -> list[str]:
         """Return the columns of the result table that `values` and `margins` need."""
-        return (
-            events.event_columns([self.column], rules)
-            if self.named_event
-            else [self.column, "failed"]
-        )
+        if self.named_event:
+            return events.event_columns([self.column], rules)
+        return [self.column, "failed"]
 
     def values(self, columns: pd.DataFrame, rules: Rules) -> np.ndarray:
         """Return float64 [rows] of the result table; NaN: the run failed or has no such number."""
@@ -83,12 +82,13 @@ class Outcome:
             return np.where(valid, cases.astype(np.float64), np.nan)
         if self.word:
             values = np.asarray(pd.Categorical(columns[self.column]) == self.word, np.float64)
+        elif self.relation:
+            margins = self.margins(columns)
+            absent = np.nan if not self._may_be_absent else 0.0
+            values = np.where(np.isnan(margins), absent, margins >= 0)
         else:
             values = self._numbers(columns)
-            if self.relation:
-                reached = values >= self.bound if self.relation == ">=" else values <= self.bound
-                values = np.where(np.isnan(values) & (not self._may_be_absent), np.nan, reached)
-        return np.where(np.asarray(columns["failed"] == ""), values, np.nan)
+        return np.where(columns["failed"] == "", values, np.nan)
 
     def margins(self, columns: schema.Columns) -> np.ndarray:
         """Return how far the column is beyond its bound, float64 [rows]; at least 0: the event."""
@@ -119,16 +119,13 @@ class Outcome:
                 f" {', '.join(events.EVENTS)}{near}"
             )
             return
-        text = dtypes[self.column] == "category"
         words = _WORDS.get(self.column, ())
-        if text and not self.word:
+        if dtypes[self.column] != "category":
+            if self.word:
+                yield f"{self.column} holds numbers: expected >= or <= and a number"
+        elif not self.word:
             example = f" such as '{self.column} = {words[0]}'" if words else ""
             yield f"{self.column} holds words: write an event{example}"
-        elif self.word and not text:
-            yield (
-                f"{self.column} holds numbers: got the word {self.word!r}, expected >= or <= and a"
-                " number"
-            )
         elif words and self.word not in words:
             near = suggest_name(self.word, words)
             yield f"{self.column} is never {self.word!r}, expected one of {', '.join(words)}{near}"
@@ -145,26 +142,15 @@ def _is_outcome(column: str) -> bool:
 
 def parse_outcome(text: str) -> Outcome:
     """Parse the outcome that a text names. Raises ValueError for any other form."""
-    match = _FORM.match(text)
-    if match is None:
-        raise ValueError(
-            f"got {format_value(text)}, expected a column or an event, such as {FORMS}"
-        )
-    column, relation, right = match[1], match[2] or "", match[3] or ""
-    if relation == "=":
-        if not right:
-            raise ValueError(
-                f"got {format_value(text)}, expected a word after =, such as 'response = stopped'"
-            )
-        return Outcome(column, relation, word=right)
-    if relation:
-        try:
+    if match := _FORM.match(text):
+        column, relation, right = match[1], match[2] or "", match[3] or ""
+        if relation == "=" and right:
+            return Outcome(column, relation, word=right)
+        if not relation:
+            return Outcome(column)
+        with contextlib.suppress(ValueError):
             return Outcome(column, relation, float(right))
-        except ValueError:
-            raise ValueError(
-                f"got {format_value(text)}, expected a number after {relation}, such as {FORMS}"
-            ) from None
-    return Outcome(column)
+    raise ValueError(f"got {format_value(text)}, expected a column or an event, such as {FORMS}")
 
 
 def require_event(text: str) -> str:

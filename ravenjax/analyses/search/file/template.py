@@ -61,47 +61,34 @@ def find_search_errors(config: CampaignConfig, search: Search | None) -> Iterato
         )
         return
     group = config.group[0]
-    if group.design not in DESIGNS:
-        message = (
-            "expected grid or zip: each combination of the lists is a case, and the search draws"
-            " the rest"
-        )
-        yield ("group", 0, "design"), f"got {group.design!r}, {message}"
-        return
-    if group.repeats != 1:
-        yield (
+    drawn = {key: axis for key, axis in template_axes(config).items() if axis.drawn}
+    words = [key for key in drawn if key[0] != PARAMETER and key[1] in WORDS]
+    crossed = "a search crosses nothing: write the list into parameters; each value is a case"
+    decides = "a search decides how many runs it makes; remove this, and see section [search]"
+    wrong = [
+        (
+            ("group", 0, "design"),
+            group.design not in DESIGNS,
+            f"got {group.design!r}, expected grid or zip: each combination of the lists is a case,"
+            " and the search draws the rest",
+        ),
+        (
             ("group", 0, "repeats"),
+            group.repeats != 1,
             f"got {group.repeats}: a search runs each point once; remove repeats",
-        )
-    for key, crossed in ((("cross",), config.cross), (("group", 0, "cross"), group.cross)):
-        if crossed:
-            yield (
-                key,
-                (
-                    "a search crosses nothing: write the list into parameters; each of its values"
-                    " is a case"
-                ),
-            )
-    if config.campaign.limit is not None:
+        ),
+        (("cross",), config.cross, crossed),
+        (("group", 0, "cross"), group.cross, crossed),
+        (("campaign", "limit"), config.campaign.limit is not None, decides),
+        (("stop",), config.stop is not None, decides),
+    ]
+    yield from ((key, message) for key, found, message in wrong if found)
+    for key in words:
         yield (
-            ("campaign", "limit"),
-            "a search decides how many runs it makes; remove limit, and see section [search]",
+            _place(config, key),
+            "a search has no distribution of words; write a list: each word is a case",
         )
-    if config.stop is not None:
-        yield (
-            ("stop",),
-            "a search decides how many runs it makes; remove the section, and see section [search]",
-        )
-    distributions = {key: axis for key, axis in template_axes(config).items() if axis.drawn}
-    for key in distributions:
-        if key[0] != PARAMETER and key[1] in WORDS:
-            yield (
-                _place(config, key),
-                "a search has no distribution of words; write a list: each word is a case",
-            )
-    yield from _inputs(
-        config, search, [key for key in distributions if key[0] == PARAMETER or key[1] not in WORDS]
-    )
+    yield from _inputs(config, search, [key for key in drawn if key not in words])
 
 
 def _inputs(config: CampaignConfig, search: Search | None, drawn: list[Key]) -> Iterator[Complaint]:
@@ -164,7 +151,8 @@ class Template:
             key: [axis.values[place] for place in np.broadcast_to(sample.places[key], sample.runs)]
             for key, axis in undrawn.items()
         }  # one entry per case
-        self._whole = np.array(
+        # Whether an input takes only whole numbers, [cases, inputs].
+        self.whole = np.array(
             [[self._is_whole(key, case) for key in self.inputs] for case in range(self.cases)], bool
         )
 
@@ -198,17 +186,13 @@ class Template:
         }
         return units.pop() if len(units) == 1 else ""
 
-    def whole(self, case: np.ndarray) -> np.ndarray:
-        """Return whether each input takes only whole numbers, bool [len(case), inputs]."""
-        return self._whole[case]
-
     def values(self, case: np.ndarray, unit: np.ndarray) -> np.ndarray:
         """Return values of the inputs, float64 [n, inputs], at points `unit` [n, inputs] of the
         unit cube.
 
         They follow the inputs' distributions, exactly as in a sampled design.
         """
-        whole, values = self.whole(case), np.empty(unit.shape)
+        whole, values = self.whole[case], np.empty(unit.shape)
         for i, (slot, name) in enumerate(self.inputs):
             axis = self.axis(i)
             places = axis.places(unit[:, i])

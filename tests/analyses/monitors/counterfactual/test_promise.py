@@ -10,8 +10,7 @@ from scipy import stats
 
 from ravenjax.analyses.monitors.counterfactual import output, promise
 from ravenjax.analyses.monitors.counterfactual.candidates import MARGINS, Question
-from ravenjax.analyses.monitors.counterfactual.hazards import NEVER, Hazards
-from ravenjax.analyses.monitors.counterfactual.motions import FreeMotion
+from ravenjax.analyses.monitors.counterfactual.observation import NEVER, FreeMotion, Hazards
 from ravenjax.analyses.monitors.counterfactual.promise import Grounds
 
 

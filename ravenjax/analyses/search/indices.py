@@ -1,4 +1,7 @@
-"""Searches of kinds "sobol" and "morris": which inputs decide an outcome, in each case."""
+"""Searches of kinds "sobol" and "morris": which inputs decide an outcome, in each case.
+
+The figure shows Sobol's indices, or mean and deviation of Morris's elementary effects.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +16,15 @@ from ravenjax.analyses.search.evaluator import Evaluator
 from ravenjax.analyses.search.file import outcome
 from ravenjax.analyses.search.file.config import Morris, Sobol
 from ravenjax.analyses.search.file.template import Template
+from ravenjax.analyses.search.wording import describe_case, short_axis_name
+from ravenjax.document import palette
+from ravenjax.document.chart import Chart, ChartAxis, Dots
 from ravenjax.stats.inputs import sensitivity
 
 CONFIDENCE = 0.95
 RESAMPLES = 500
 """Bootstrap samples behind an interval."""
+MOST_PANELS = 24
 
 Indices = dict[str, dict[str, np.ndarray]]
 """Maps the name of an index to value [inputs], and low and high if there is an interval."""
@@ -109,3 +116,55 @@ def _bounded(found: Any) -> dict[str, np.ndarray]:
         "low": np.asarray(found.low),
         "high": np.asarray(found.high),
     }
+
+
+def draw(numbers: dict[str, Any]) -> list[Chart]:
+    """Return one chart per case and outcome of the numbers of `find`."""
+    names = tuple(short_axis_name(one["name"]).removeprefix("plant.") for one in numbers["inputs"])
+    make = _shares if numbers["method"] == "sobol" else _effects
+    drawn = [record for record in numbers["results"] if record["indices"] is not None]
+    return [
+        make(
+            "\n".join(filter(None, (record["outcome"], describe_case(record["case"])))),
+            names,
+            record["indices"],
+        )
+        for record in drawn[:MOST_PANELS]
+    ]
+
+
+def _shares(title: str, names: tuple[str, ...], indices: Indices) -> Chart:
+    places = np.arange(len(names), dtype=float)
+    dots = tuple(
+        Dots(label, palette.series_colour(number), one["value"], places, one["low"], one["high"])
+        for number, (label, one) in enumerate(
+            (("total", indices["ST"]), ("first order", indices["S1"]))
+        )
+    )
+    low = min(0.0, *(mark.x_low.min() for mark in dots))
+    high = max(1.0, *(mark.x_high.max() for mark in dots))
+    across = ChartAxis("share of the variance", low, high, line=0.0)
+    up = ChartAxis("", 0.0, len(names), names=names)
+    return Chart(title, across, up, dots, height=60 + 30 * len(names))
+
+
+def _effects(title: str, names: tuple[str, ...], indices: Indices) -> Chart:
+    mean, deviation = indices["mu_star"], indices["sigma"]["value"]
+    end = 1.08 * float(max(mean["high"].max(), deviation.max()))
+    dots = tuple(
+        Dots(
+            name,
+            palette.series_colour(i),
+            mean["value"][i : i + 1],
+            deviation[i : i + 1],
+            mean["low"][i : i + 1],
+            mean["high"][i : i + 1],
+        )
+        for i, name in enumerate(names)
+    )
+    return Chart(
+        title,
+        ChartAxis("mean |effect|", 0.0, end),
+        ChartAxis("deviation of the effect", 0.0, end),
+        dots,
+    )

@@ -4,7 +4,7 @@ combination of its lists.
 Subset simulation and plain Monte Carlo run over the same cube. If plain Monte Carlo meets the event
 often enough, both must agree. Otherwise plain Monte Carlo gives an upper bound.
 
-The figure shows how likely each distance to the event is, by both methods.
+The figure shows how likely each value of the event's column is, by both methods.
 """
 
 from __future__ import annotations
@@ -13,57 +13,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from ravenjax.analyses.search.evaluator import Evaluator
 from ravenjax.analyses.search.file import outcome
 from ravenjax.analyses.search.file.config import Rare
 from ravenjax.analyses.search.file.template import Template
-from ravenjax.analyses.search.style import COLOURS
 from ravenjax.analyses.search.wording import describe_case
-from ravenjax.document.figure_style import INK
-from ravenjax.stats.intervals import clopper_pearson
+from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots
 from ravenjax.stats.rare import LimitState, RareEvent, monte_carlo, subset_simulation
-
-
-def draw(numbers: dict[str, Any]) -> Figure:
-    """Draw the figure. `numbers`: as from `simulation.find`. There is one panel per case."""
-    results = numbers["results"]
-    figure = Figure(figsize=(1.6 + 3.6 * len(results), 3.6), layout="constrained")
-    for axes, record in zip(
-        figure.subplots(1, len(results), sharey=True, squeeze=False)[0], results, strict=True
-    ):
-        _panel(axes, record, numbers)
-        axes.set_title(describe_case(record["case"]))
-    first = figure.axes[0]
-    first.set_ylabel(
-        "probability of that much or " + ("more" if numbers["relation"] == ">=" else "less")
-    )
-    first.legend(loc="lower left")
-    figure.suptitle(f"event: {numbers['event']}", x=0.01, ha="left", fontsize=10, fontweight="bold")
-    return figure
-
-
-def _panel(axes: Any, record: dict[str, Any], numbers: dict[str, Any]) -> None:
-    plain, level = record["exceedance"], record["subset"]
-    if plain["value"]:
-        label = f"plain Monte Carlo, {record['monte_carlo']['runs']} runs"
-        style = {"color": COLOURS[0], "lw": 1.4, "drawstyle": "steps-post", "label": label}
-        axes.plot(plain["value"], plain["probability"], **style)
-    reached = [
-        [one[name] for one in record["reached"] if one["probability"] > 0.0]
-        for name in ("value", "probability")
-    ]
-    label = f"subset simulation, {level['runs']} runs"
-    axes.plot(*reached, color=COLOURS[1], marker="o", ms=4.5, lw=1.0, label=label)
-    if level["probability"] > 0.0:
-        p = level["probability"]
-        error = np.array([[p - level["low"]], [level["high"] - p]])
-        axes.errorbar([numbers["bound"]], [p], yerr=error, color=COLOURS[1], capsize=3, lw=1.4)
-    axes.axvline(numbers["bound"], color=INK, lw=0.9, ls=(0, (4, 2)))
-    axes.set_yscale("log")
-    axes.set_xlabel(numbers["column"])
-
 
 FAR = 1e6
 """Distance from the event of a run without a valid outcome, which does not count as the event."""
@@ -101,7 +58,7 @@ def find(template: Template, search: Rare, evaluator: Evaluator, _: Path) -> dic
                 ),
                 "invalid": failed,
                 "exceedance": _exceedance(sampled, search),
-                "reached": _reached(level, sampled, search),
+                "reached": _reached(level, search),
             }
         )
     one = outcome.parse_outcome(search.event)
@@ -152,21 +109,52 @@ def _exceedance(sampled: np.ndarray, search: Rare) -> dict[str, list[float]]:
     }
 
 
-def _reached(found: RareEvent, sampled: np.ndarray, search: Rare) -> list[dict[str, Any]]:
+def _reached(found: RareEvent, search: Rare) -> list[dict[str, float]]:
     """Return what subset simulation reached, level by level, and its probability, with the event
     last.
-
-    Each level also has the share of plain Monte Carlo that got as far.
     """
-    distances = [level for level in found.levels if level > 0.0]
-    likely = [search.steps ** -(i + 1.0) for i in range(len(distances))]
-    reached = []
-    for distance, probability in zip([*distances, 0.0], [*likely, found.probability], strict=True):
-        value = float(_column(np.array(distance), search))
-        record: dict[str, Any] = {"value": value, "probability": probability}
-        if len(sampled):
-            record["monte_carlo"] = clopper_pearson(
-                int(np.count_nonzero(sampled <= distance)), len(sampled)
-            )._asdict()
-        reached.append(record)
-    return reached
+    levels = [level for level in found.levels if level > 0.0]
+    likely = [search.steps ** -(i + 1.0) for i in range(len(levels))]
+    return [
+        {"value": float(_column(np.array(distance), search)), "probability": probability}
+        for distance, probability in zip([*levels, 0.0], [*likely, found.probability], strict=True)
+    ]
+
+
+def draw(numbers: dict[str, Any]) -> list[Chart]:
+    """Return one chart per case of the numbers of `find`."""
+    relation = "more" if numbers["relation"] == ">=" else "less"
+    charts = []
+    for record in numbers["results"]:
+        plain, level = record["exceedance"], record["subset"]
+        likely = [one for one in record["reached"] if one["probability"] > 0.0]
+        reached, probability = (
+            np.array([one[name] for one in likely]) for name in ("value", "probability")
+        )
+        found = level["probability"] > 0.0
+        event, value, low, high = (
+            np.array([number])[: int(found)]
+            for number in (numbers["bound"], level["probability"], level["low"], level["high"])
+        )
+        name = f"subset simulation, {level['runs']} runs"
+        marks: list[Curve | Dots] = [
+            Curve(name, "series1", reached, probability),
+            Dots(name, "series1", event, value, y_low=low, y_high=high),
+        ]
+        x, y = (np.array(plain[name]) for name in ("value", "probability"))
+        if len(x):
+            name = f"plain Monte Carlo, {record['monte_carlo']['runs']} runs"
+            marks.append(Curve(name, "series0", x, y, step=True))
+        across = np.concatenate([x, reached, [numbers["bound"]]])
+        least = np.concatenate([y, probability, low[low > 0.0], [1.0]]).min()
+        charts.append(
+            Chart(
+                describe_case(record["case"]),
+                ChartAxis(
+                    numbers["column"], across.min(), across.max() + 1e-9, line=numbers["bound"]
+                ),
+                ChartAxis(f"probability of that much or {relation}", least / 2.0, 1.0, log=True),
+                tuple(marks),
+            )
+        )
+    return charts

@@ -1,1 +1,0 @@
-"""Finds the smallest harmful fault, by a scan and then bisection of every bracket."""
