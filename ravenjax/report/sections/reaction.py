@@ -96,7 +96,9 @@ def sample_runs(runs: Runs) -> pd.DataFrame:
     columns = [
         *(f"{RESULTS}.{quote_name(name)}" for name in names),
         f"{_EXCURSION} AS {EXCURSION}",
-        *(f"{FACTS}.{name}" for name in ("failed", "faulty", "action", "unintended")),
+        # A fault that changed no bit says nothing of a reaction to it.
+        f"{FACTS}.failed OR {FACTS}.faulty AND NOT {FACTS}.activated AS failed",
+        *(f"{FACTS}.{name}" for name in ("faulty", "action", "unintended")),
         *(
             f"{FACTS}.{quote_name(name)}::VARCHAR AS {quote_name(name)}"
             for name in ("group", "layer")

@@ -209,6 +209,7 @@ def _joined(records: list[Manifest], sources: list[PartSource], incomplete: bool
             "rows": None,
             "shard": None,
             "parts": tuple(source.part for source in sources),
+            "notices": tuple(dict.fromkeys(note for record in records for note in record.notices)),
             "device": "; ".join(dict.fromkeys(record.device for record in records)),
             "started": min(record.started for record in records),
             "finished": (
