@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -19,8 +18,8 @@ from ravenjax.campaign.inspection.estimate import (
     BASIS,
     CostEstimate,
     CostFactors,
-    Machine,
     estimate_cost,
+    measure_speed,
 )
 from ravenjax.campaign.plan import Plan, make_plan
 from ravenjax.engines.interface import Block
@@ -66,9 +65,7 @@ def preview_campaign(
         substeps=config.substeps,
         reacts=config.reacts,
     )
-    # float32 numbers in a vector of this CPU.
-    width = 16 if "AVX-512" in backend.device else 8 if "AVX2" in backend.device else 4
-    cost = estimate_cost(work, Machine(backend.name, len(os.sched_getaffinity(0)), width))
+    cost = estimate_cost(work, backend.name, measure_speed())
     cost, basis, content = _of_folder(folder, config, backend.name, cost, due)
     sites_of_runs = rows[[f"fault{slot}_site" for slot in range(config.slots)]]
     phases = Moments(config).phases if (names := list(moments.used_phases(config))) else {}
