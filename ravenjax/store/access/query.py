@@ -185,8 +185,9 @@ def missing_ranges(wanted: Sequence[range], held: Sequence[parts.Part]) -> list[
     return list(parts.missing_rows(held, wanted, 2**62))
 
 
-def in_words(ranges: Sequence[range], most: int = 5) -> str:
+def in_words(ranges: Sequence[range]) -> str:
     """Return row ranges as text for an error: `0 to 99, 300 and 2 more ranges`."""
+    most = 5
     words = [
         f"{rows.start:,}" + (f" to {rows.stop - 1:,}" if len(rows) > 1 else "")
         for rows in ranges[:most]
