@@ -76,7 +76,6 @@ def check(
 
 
 def _listing(title: str, rows: list[dict[str, Any]], *keys: str) -> Listing:
-    """Return rows of JSON values as a table."""
     columns = tuple({"name": "group", "index": "run"}.get(key, key) for key in keys)
     cells = [[row[key] for key in keys] for row in rows]
     texts = [tuple(", ".join(c) if isinstance(c, list) else str(c) for c in row) for row in cells]

@@ -95,9 +95,6 @@ def explain(
 
 
 def _compute(explainer: Explainer, rows: Any, quiet: bool) -> Explained:
-    """Explain runs, with a progress bar if the output is a terminal and the work takes long
-    enough.
-    """
     from ravenjax.cli import terminal
 
     if quiet or len(rows) < 100:
@@ -107,7 +104,6 @@ def _compute(explainer: Explainer, rows: Any, quiet: bool) -> Explained:
 
 
 def _one_by_one(place: Path, record: Manifest, explanation: Explained, as_json: bool) -> None:
-    """Print each run's chain, and write it as CSV and SVG."""
     from ravenjax.report import downloads
     from ravenjax.report.run import chain, chain_words
     from ravenjax.store.files import write_text
@@ -128,7 +124,6 @@ def _one_by_one(place: Path, record: Manifest, explanation: Explained, as_json: 
 
 
 def _print(one: Chain, paths: list[Path]) -> None:
-    """Print the tables and sentences of one run."""
     from ravenjax.report.run import chain_words
 
     console.print_text(
@@ -145,7 +140,6 @@ def _print(one: Chain, paths: list[Path]) -> None:
 
 
 def _together(folder: Path, place: Path, record: Manifest, as_json: bool) -> None:
-    """Print which signals carry and show the evading faults, and write them as CSV and SVG."""
     import contextlib
 
     from ravenjax.report import downloads

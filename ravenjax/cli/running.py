@@ -108,9 +108,6 @@ def run(
 
 
 def _outcome(folder: Path, results: Results) -> dict[str, Any]:
-    """Return the results as JSON values: those of `_summary`, and the manifest's data on the
-    computation.
-    """
     from ravenjax.campaign.stop import decisions
     from ravenjax.store import manifest
 
@@ -187,7 +184,6 @@ def fault_free(
 
 
 def _summary(folder: Path, results: Results) -> None:
-    """Print verdicts of the valid runs with a fault, failures by cause, and the result folder."""
     from ravenjax.campaign.stop import decisions
     from ravenjax.cli import terminal
     from ravenjax.store import manifest

@@ -82,7 +82,6 @@ def trace(
 def _write(
     place: Path, record: Manifest, again: Replay, events: list[dict[str, Any]]
 ) -> list[Path]:
-    """Write MCAP, CSV and plot of one run; return their paths."""
     from ravenjax.report import wording
     from ravenjax.report.run.plot import trace_plot
     from ravenjax.store.logs import time_series
@@ -113,7 +112,6 @@ def _write(
 
 
 def _metadata(record: Manifest, again: Replay) -> dict[str, str]:
-    """Return the metadata of a trace: run, campaign, code and engine."""
     from ravenjax.report import wording
     from ravenjax.store import manifest
 
@@ -142,7 +140,6 @@ def _metadata(record: Manifest, again: Replay) -> dict[str, str]:
 
 
 def _plotted(series: Mapping[str, Any], cue: int) -> dict[str, Any]:
-    """Return a replay's series under the names that the plot uses, with the force of that cue."""
     active = [
         values
         for name, values in series.items()

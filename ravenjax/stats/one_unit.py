@@ -78,7 +78,6 @@ def _posterior(hits: np.ndarray, trials: np.ndarray) -> tuple[np.ndarray, np.nda
 def _likelihood(
     hits: np.ndarray, trials: np.ndarray, mean: np.ndarray, root: np.ndarray
 ) -> np.ndarray:
-    """Return the logarithm of the beta-binomial likelihood at each mean and root."""
     from scipy.stats import betabinom
 
     first, second = (part[..., None] for part in _beta(*np.broadcast_arrays(mean, root)))
@@ -86,13 +85,11 @@ def _likelihood(
 
 
 def _beta(mean: np.ndarray, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the two parameters of the beta distribution."""
     size = 1.0 / root**2 - 1.0
     return mean * size, (1.0 - mean) * size
 
 
 def _quantile(mean: np.ndarray, root: np.ndarray, weight: np.ndarray, wanted: float) -> float:
-    """Return a quantile of the mixture of beta distributions."""
     from scipy.optimize import brentq
     from scipy.special import betainc
 

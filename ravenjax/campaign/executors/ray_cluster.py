@@ -299,7 +299,6 @@ def task_environment(engine: str) -> dict[str, str]:
 def _cores_and_tasks(
     resources: dict[str, float], nodes: Sequence[dict[str, Any]], workers: int | None, gpu: bool
 ) -> tuple[int, int]:
-    """Return (cores of a task, number of parallel tasks)."""
     total = int(resources.get("CPU", 1))
     if gpu:
         tasks = workers or max(1, int(resources.get("GPU", 0)))

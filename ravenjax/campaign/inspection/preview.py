@@ -141,9 +141,6 @@ def _group_row(config: CampaignConfig, group: Group) -> dict[str, Any]:
 
 
 def _own_checks(config: CampaignConfig, plan: Plan) -> Iterator[dict[str, Any]]:
-    """Yield what each of the user's checks reads and does, with the range of each of its
-    parameters.
-    """
     if not config.check:
         return
     leaves = paths.path_leaves(plan.program.params, plan.program.setup)

@@ -215,7 +215,6 @@ class Sequential:
         )
 
     def _exhausted(self, one: Interval, taken: np.ndarray) -> bool:
-        """Return whether every draw behind an interval was taken."""
         of_it = self.judged & np.array(
             [one.stratum in ("", stratum.name) for stratum in self.strata]
         )

@@ -110,7 +110,6 @@ def check_values(folder: Path, record: Manifest, whole: list[parts.Part]) -> lis
 def _check(
     table: ResultTable, record: Manifest, check: str, rules: list[dict[str, str]]
 ) -> FolderCheck:
-    """Count the rows that break each rule."""
     musts, complaints = [], []
     for column in schema.table_columns(record.shape):
         rule = next(

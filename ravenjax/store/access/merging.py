@@ -163,7 +163,6 @@ def _incomplete(records: dict[Path, Manifest], missing: list[range]) -> str:
 
 
 def _taken(source: PartSource, out: Path, config_hash: str) -> str:
-    """Put a part into the folder; return whether it was kept, linked or copied."""
     target = out / PARTS / source.part.file
     if target.exists() and (
         target.samefile(source.file) or hash_file(target) == source.part.sha256
@@ -188,7 +187,6 @@ def _taken(source: PartSource, out: Path, config_hash: str) -> str:
 
 
 def _require_own(out: Path, sources: list[PartSource]) -> None:
-    """Raise StoreError if the folder holds a part that belongs to no source."""
     own = {source.part.file for source in sources}
     foreign = [path for path in parts.part_files(out / PARTS) if path.name not in own]
     if foreign:
@@ -199,9 +197,6 @@ def _require_own(out: Path, sources: list[PartSource]) -> None:
 
 
 def _joined(records: list[Manifest], sources: list[PartSource], incomplete: bool) -> Manifest:
-    """Return the joint manifest, as if one start had computed everything at the speed of all
-    together.
-    """
     finished = [record.finished for record in records]
     seconds = [record.run_s for record in records if record.run_s]
     return records[0].model_copy(

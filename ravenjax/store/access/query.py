@@ -212,7 +212,6 @@ def quote_text(word: str) -> str:
 
 
 def _literal(path: Path) -> str:
-    """Return a file's path as DuckDB reads it, with pattern characters escaped."""
     return quote_text("".join(f"[{letter}]" if letter in "*?[" else letter for letter in str(path)))
 
 

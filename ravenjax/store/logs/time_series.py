@@ -46,7 +46,6 @@ class TimeSeries(NamedTuple):
 
 
 def _series_of(owner: str) -> dict[str, TimeSeries]:
-    """Return the series of the run or of each arm, as time_series.csv lists them."""
     with open(Path(__file__).with_suffix(".csv"), encoding="utf-8", newline="") as file:
         rows = [row for row in csv.DictReader(file) if row["of"] == owner]
     return {

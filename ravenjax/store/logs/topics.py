@@ -346,7 +346,6 @@ def _topic(arm: str, name: str, schema: str, *fields: Any) -> Topic:
 
 
 def _template(name: str, message: Any) -> Topic:
-    """Return the topic of messages like this one, whose times and numbers are marks."""
     template, spans = ros2_types().encode(message), []
     count = 0
     while (mark := struct.pack("<d", _FIRST_MARK + count)) in template:
