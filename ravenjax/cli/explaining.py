@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson
+from ravenjax.cli.console import AsJson, Ranking, ResultFolder, RunIds, SameEngine
 
 if TYPE_CHECKING:
     from ravenjax.campaign.inspection.explain import Explained, Explainer
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
 
 def explain(
-    folder: Path,
-    *run_ids: str,
+    folder: ResultFolder,
+    *run_ids: RunIds,
     worst: int | None = None,
-    by: str = "unintended",
+    by: Ranking = "unintended",
     group: str | None = None,
     out: Path | None = None,
-    engine: str = "auto",
+    engine: SameEngine = "auto",
     as_json: AsJson = False,
 ) -> None:
     """Explain how a fault became a failure: which signal differed first, and where a check could
@@ -34,20 +34,12 @@ def explain(
 
     Parameters
     ----------
-    folder
-        What `ravenjax run` wrote.
-    run_ids
-        The run_id of each row, the beginning of it, or the row's index.
     worst
         explain the N worst runs instead of named ones
-    by
-        what makes a run worst: unintended, loss, report, tissue, cue or response
     group
         explain every run with a fault of this group, together
     out
         folder of what is written; default FOLDER/explained
-    engine
-        auto is the engine that the campaign ran on
     """
     from ravenjax.campaign.inspection.explain import Explainer
     from ravenjax.errors import UserError

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson
+from ravenjax.cli.console import AsJson, Ranking, ResultFolder, RunIds, SameEngine
 
 if TYPE_CHECKING:
     from ravenjax.campaign.inspection.replay import Replay
@@ -15,30 +15,22 @@ if TYPE_CHECKING:
 
 
 def trace(
-    folder: Path,
-    *run_ids: str,
+    folder: ResultFolder,
+    *run_ids: RunIds,
     worst: int | None = None,
-    by: str = "unintended",
+    by: Ranking = "unintended",
     out: Path | None = None,
-    engine: str = "auto",
+    engine: SameEngine = "auto",
     as_json: AsJson = False,
 ) -> None:
     """Run single runs of a result again and write their time series: MCAP, CSV and a plot.
 
     Parameters
     ----------
-    folder
-        What `ravenjax run` wrote.
-    run_ids
-        The run_id of each row, the beginning of it, or the row's index.
     worst
         trace the N worst runs instead of named ones
-    by
-        what makes a run worst: unintended, loss, report, tissue, cue or response
     out
         folder of the traces; default FOLDER/traces
-    engine
-        auto is the engine that the campaign ran on
     """
     from ravenjax.campaign.inspection.replay import Replayer
     from ravenjax.errors import UserError

@@ -82,7 +82,7 @@ def check_rows(record: Manifest) -> FolderCheck:
         f"{part.file}: holds rows that another part holds, too"
         for part in parts.without_overlaps(record.parts)[1]
     ]
-    missing = query.missing_ranges(record.wanted, record.parts)
+    missing = list(parts.missing_rows(record.parts, record.wanted))
     if missing:
         complaints.append(f"{sum(map(len, missing)):,} rows are missing: {query.in_words(missing)}")
     elif record.finished is None:

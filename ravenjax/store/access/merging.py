@@ -68,9 +68,8 @@ def merge_shards(out: Path, shards: Sequence[Path], partial: bool = False) -> Me
     sources = _disjoint(
         [source for folder in folders for source in _parts(folder, records[folder])]
     )
-    missing = query.missing_ranges(
-        [range(records[first].runs)], [source.part for source in sources]
-    )
+    wanted = range(records[first].runs)
+    missing = list(parts.missing_rows([source.part for source in sources], [wanted]))
     if missing and not partial:
         raise StoreError(_incomplete(records, missing))
     require_writable(out / PARTS)
@@ -153,7 +152,7 @@ def _incomplete(records: dict[Path, Manifest], missing: list[range]) -> str:
         f" them: rows {query.in_words(missing)}."
     ]
     for folder, record in records.items():
-        own = query.missing_ranges(record.wanted, record.parts)
+        own = list(parts.missing_rows(record.parts, record.wanted))
         if record.rows is not None and own:
             sentences.append(
                 f"{folder} lacks rows {query.in_words(own)} of its own: start its command again."
