@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ravenjax.stats.comparison import paired
-from ravenjax.stats.intervals import Estimate, bounds_at
+from ravenjax.stats.intervals import Estimate, alpha_of, bounds_at
 
 Clusters = Sequence[np.ndarray]
 
@@ -56,12 +56,12 @@ def intraclass_correlation(*groups: Clusters) -> Correlation:
     return Correlation(float(icc), float(1 + ((sizes**2).sum() / rows - 1) * icc))
 
 
-def risk_difference(first: Clusters, second: Clusters) -> Estimate:
+def risk_difference(first: Clusters, second: Clusters, confidence: float = 0.95) -> Estimate:
     """Return the rate of `first` minus the rate of `second`, for clusters of bool rows, with each
     cluster in one group.
 
-    The 95 % interval is Newcombe's square-and-add of two Wilson intervals (Stat. Med. 17, 1998)
-    with each n divided by the design effect. If clusters have several rows, Student's quantile for
+    The interval is Newcombe's square-and-add of two Wilson intervals (Stat. Med. 17, 1998) with
+    each n divided by the design effect. If clusters have several rows, Student's quantile for
     clusters - 2 replaces the normal one. With one row per cluster it is Newcombe's own interval.
     The result is NaN if a group is empty.
     """
@@ -71,7 +71,7 @@ def risk_difference(first: Clusters, second: Clusters) -> Estimate:
         return _NONE
     inflation = intraclass_correlation(first, second)
     clusters = len(first) + len(second)
-    alpha = 0.05
+    alpha = alpha_of(confidence)
     if not math.isnan(inflation.icc):
         alpha = 2 * float(norm.sf(t.isf(alpha / 2, max(1, clusters - 2))))
     hits = np.array([sum(float(one.sum()) for one in group) for group in (first, second)])
@@ -84,7 +84,7 @@ def risk_difference(first: Clusters, second: Clusters) -> Estimate:
     return Estimate(value, max(-1.0, value - below), min(1.0, value + above))
 
 
-def paired_risk_difference(first: Clusters, second: Clusters) -> Estimate:
+def paired_risk_difference(first: Clusters, second: Clusters, confidence: float = 0.95) -> Estimate:
     """Return the difference of rates if each cluster was under both conditions: the mean of the
     clusters' differences.
 
@@ -93,13 +93,17 @@ def paired_risk_difference(first: Clusters, second: Clusters) -> Estimate:
     clusters, and has no interval if all differences are equal.
     """
     if all(len(one) == 1 for one in [*first, *second]):
-        return paired.rate_difference([one[0] for one in first], [one[0] for one in second])
-    return mean_difference(first, second, is_paired=True)
+        return paired.rate_difference(
+            [one[0] for one in first], [one[0] for one in second], confidence
+        )
+    return mean_difference(first, second, confidence, is_paired=True)
 
 
-def mean_difference(first: Clusters, second: Clusters, *, is_paired: bool = False) -> Estimate:
+def mean_difference(
+    first: Clusters, second: Clusters, confidence: float = 0.95, *, is_paired: bool = False
+) -> Estimate:
     """Return the mean over clusters of their means, `first` minus `second`, with Student's (paired)
-    or Welch's 95 % interval.
+    or Welch's interval.
 
     The result is NaN for fewer than 2 clusters in a group, and has no interval if clusters do not
     vary.
@@ -114,7 +118,7 @@ def mean_difference(first: Clusters, second: Clusters, *, is_paired: bool = Fals
     if still:
         return Estimate(value, math.nan, math.nan)
     test: Any = ttest_1samp(one - two, 0.0) if is_paired else ttest_ind(one, two, equal_var=False)
-    low, high = test.confidence_interval()
+    low, high = test.confidence_interval(confidence)
     return Estimate(value, float(low), float(high))
 
 

@@ -48,7 +48,10 @@ class TimeSeries(NamedTuple):
 def _series_of(owner: str) -> dict[str, TimeSeries]:
     with open(Path(__file__).with_suffix(".csv"), encoding="utf-8", newline="") as file:
         rows = [row for row in csv.DictReader(file) if row.pop("of") == owner]
-    return {row["name"]: TimeSeries(**row | {"axes": tuple(row["axes"].split())}) for row in rows}
+    return {
+        row["name"]: TimeSeries(axes=tuple(row.pop("axes").split()), **row)  # type: ignore[arg-type]
+        for row in rows
+    }
 
 
 OF_RUN = _series_of("run")
