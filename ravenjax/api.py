@@ -12,13 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from ravenjax.analyses.monitors.counterfactual import finding, output
-from ravenjax.analyses.monitors.counterfactual.candidates import Question
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.inspection.replay import replay_run
 from ravenjax.campaign.loading import load_campaign, load_source, result_folder
 from ravenjax.campaign.progress import OnProgress
-from ravenjax.notebook import explaining, running
+from ravenjax.notebook import running
 from ravenjax.notebook.campaign import Campaign
 from ravenjax.notebook.results import CampaignResults, column_meanings
 from ravenjax.report import downloads, wording
@@ -108,6 +106,8 @@ def explain(
     or several; None: every run with a fault. Raises UserError, and StoreError for a folder that
     cannot be read.
     """
+    from ravenjax.notebook import explaining
+
     folder = _folder(campaign)
     return explaining.explain_table(folder or _config(campaign), runs, engine)
 
@@ -132,18 +132,21 @@ def counterfactual(
     detectors; None writes nothing. The options are those of `ravenjax counterfactual`. Raises
     UserError and StoreError.
     """
+    from ravenjax.analyses.monitors.counterfactual import finding, output
+    from ravenjax.analyses.monitors.counterfactual.candidates import Question
+
     question = Question(false_alarms_per_hour, lead_ms, hours, most, tuple(groups), seed)
     folder = _folder(campaign)
     config = load_source(folder) if folder else _config(campaign)
-    one = finding.find_checks(config, question, engine)
-    files = [] if out is None else output.write_files(one, Path(out))
+    found = finding.find_checks(config, question, engine)
+    files = [] if out is None else output.write_files(found, Path(out))
     table = pd.read_csv(
-        io.StringIO(downloads.format_csv(output.candidate_table(one))),
+        io.StringIO(downloads.format_csv(output.candidate_table(found))),
         keep_default_na=False,
         na_values=[""],
     )
     table.attrs.update(
-        {"sentences": output.finding_sentences(one), "files": [str(path) for path in files]}
+        {"sentences": output.finding_sentences(found), "files": [str(path) for path in files]}
     )
     return table
 

@@ -5,7 +5,8 @@ The user agrees to code in one of these ways:
 - A command computes a campaign file that it names by its path, and the code lies in the folder of
   that file and belongs to the user. A robot's module may lie wherever Python finds it.
 - `--trust` is on the command line, or RAVENJAX_TRUST=1 in the environment.
-- The same content has run before for this user, who agreed then. Its hash is remembered.
+- The same content has run before for this user, who agreed then. Its hash is remembered. The
+  content of a robot is all Python files of its package.
 
 A result folder and `ravenjax check` therefore run only code that the user has run before.
 """
@@ -15,7 +16,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextvars import ContextVar
 from pathlib import Path
 
@@ -40,14 +41,19 @@ def given_for(*folders: Path) -> Iterator[None]:
         _FOLDERS.reset(before)
 
 
-def require_consent(path: Path, content: bytes, is_robot: bool = False) -> None:
-    """Raise UserError unless the user agrees that the code in this file runs."""
+def require_consent(path: Path, content: bytes, robot: Sequence[Path] = ()) -> None:
+    """Raise UserError unless the user agrees that the code in this file runs.
+
+    robot: all files of the robot's package, if the code is that of a robot. `content` is then that
+    of all of them.
+    """
     memory = user_folder("XDG_STATE_HOME", ".local/state")
-    mark = memory and memory / "trusted" / hashlib.sha256(content).hexdigest()
+    kind = "robots" if robot else "parts"
+    mark = memory and memory / "trusted" / kind / hashlib.sha256(content).hexdigest()
     trusted = os.environ.get(VARIABLE) == "1" or EVERYWHERE in _FOLDERS.get()
     place = path.resolve()
-    given = any(is_robot or place.is_relative_to(folder) for folder in _FOLDERS.get())
-    if trusted or (given and place.stat().st_uid in OWNERS):
+    given = any(robot or place.is_relative_to(folder) for folder in _FOLDERS.get())
+    if trusted or (given and all(file.stat().st_uid in OWNERS for file in robot or [place])):
         # Without a memory the user is asked again.
         with contextlib.suppress(OSError):
             if mark and is_private(mark.parent):
@@ -74,10 +80,20 @@ def user_folder(variable: str, usual: str) -> Path | None:
 
 
 def is_private(folder: Path) -> bool:
-    """Create a folder if needed, and return whether nobody else may write into it."""
+    """Create a folder if needed, and return whether nobody else may write into it.
+
+    Files of others that are in it from earlier are deleted.
+    """
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         status = folder.stat()
+        if status.st_uid not in OWNERS or status.st_mode & 0o022:
+            return False
+        for path in folder.iterdir():
+            # Another process may delete the same files.
+            with contextlib.suppress(FileNotFoundError):
+                if path.is_file() and path.stat().st_uid not in OWNERS:
+                    path.unlink()
     except OSError:
         return False
-    return status.st_uid in OWNERS and not status.st_mode & 0o022
+    return True

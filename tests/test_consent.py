@@ -84,9 +84,22 @@ def test_a_result_imports_no_module_as_its_robot(tmp_path, monkeypatch):
     for name in ("__init__", "strange"):
         (tmp_path / "lab" / f"{name}.py").write_text(ran)
     monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(UserError, match=r"strange.py: is Python code"):
-        robots.find_robot("lab.strange")
-    assert not (tmp_path / "ran").exists() and "lab" not in sys.modules
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+
+    def find_robot(told):
+        with pytest.raises(UserError, match=told):
+            robots.find_robot("lab.strange")
+        imported = [name for name in ("lab", "lab.strange") if sys.modules.pop(name, None)]
+        assert (tmp_path / "ran").exists() == bool(imported)
+
+    find_robot(r"strange.py: is Python code")
+    with consent.given_for(tmp_path):
+        find_robot("declares no ROBOT")
+    find_robot("declares no ROBOT")
+    # What ran before was another package.
+    (tmp_path / "ran").unlink()
+    (tmp_path / "lab" / "__init__.py").write_text(f"{ran}# changed\n")
+    find_robot(r"strange.py: is Python code")
 
 
 def test_a_user_without_a_home_has_no_cache(monkeypatch, tmp_path):
@@ -105,13 +118,10 @@ def test_a_user_without_a_home_has_no_cache(monkeypatch, tmp_path):
 
 def test_a_cache_that_others_may_change_is_refused(monkeypatch, tmp_path):
     monkeypatch.setenv(compile_cache.VARIABLE, str(tmp_path))
-    kept = compile_cache.object_cache()
-    assert kept is not None
-    kept["one"] = b"content"
-    monkeypatch.setattr(consent, "OWNERS", (os.geteuid() + 1,))
-    assert kept.get("one") is None
-    monkeypatch.undo()
-    monkeypatch.setenv(compile_cache.VARIABLE, str(tmp_path))
+    (tmp_path / "foreign").touch()
+    # The folder belongs to a known user; then no more users are known.
+    monkeypatch.setattr(consent, "OWNERS", iter([os.geteuid()]))
+    assert consent.is_private(tmp_path) and not (tmp_path / "foreign").exists()
     tmp_path.chmod(0o770)
     with pytest.raises(UserError, match=r"others may write into this cache.*chmod go-w"):
         compile_cache.object_cache()

@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from ravenjax.hazards import severity
 from ravenjax.outcomes import events
 from ravenjax.outcomes.events import Rules
 from ravenjax.outcomes.verdict import LIMIT_MM
@@ -44,6 +43,7 @@ from studies.detectors import (
     rate,
     share,
 )
+from studies.hazards import severity
 from studies.motions_alike import MOTIONS, RECORDINGS, Activated
 from studies.study import (
     Context,

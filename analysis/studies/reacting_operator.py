@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from ravenjax.hazards import severity
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.report import wording
 from ravenjax.report.data import draws
@@ -35,6 +34,7 @@ from ravenjax.stats.multiplicity import holm_test
 from ravenjax.store import folder, manifest
 from ravenjax.vocabulary.reactions import ACTIONS, CORRECT, MEANINGS, RELEASE, SLOW
 from studies import kinds
+from studies.hazards import severity
 from studies.kinds import difference
 from studies.study import (
     Context,

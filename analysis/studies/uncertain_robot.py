@@ -21,7 +21,6 @@ import pandas as pd
 from ravenjax.analyses.search import runner
 from ravenjax.analyses.search.file import loading
 from ravenjax.campaign.file import bounds
-from ravenjax.hazards import severity
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.report import wording
 from ravenjax.report.data import facts as run_facts
@@ -41,6 +40,7 @@ from ravenjax.stats.intervals import (
 from ravenjax.stats.multiplicity import Finding, holm_test
 from ravenjax.store import folder, manifest
 from studies import kinds
+from studies.hazards import severity
 from studies.kinds import difference
 from studies.reacting_operator import rate
 from studies.study import (

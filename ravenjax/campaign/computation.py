@@ -147,7 +147,6 @@ class Computation:
         return rows, golden_runs
 
     def _note_fault_free(self) -> None:
-        """Note golden runs that stand still for long, and cues and detectors that are on in all."""
         some = self._fault_free_outcomes
         if not some:
             return
@@ -203,7 +202,6 @@ class Computation:
         return WindowLimits(lanes, blocks, self._whole_vectors(room // a_golden), alone)
 
     def _whole_vectors(self, lanes: int) -> int:
-        """Return `lanes`, rounded down to a number that fills the kernel's vectors; at least 1."""
         vector = self.kernel.size(1)
         return max(1, lanes // vector * vector or lanes)
 
@@ -240,7 +238,6 @@ class Computation:
         return golden_runs
 
     def _fault_free(self, rows: np.ndarray) -> Computed:
-        """Compute the golden runs of these rows."""
         self.progress.more_due(self.kernel.size(len(rows)) * self.plan.program.ticks)
         block = self._block(rows, None, harmless=True)
         if block.ends is not None:
@@ -255,7 +252,6 @@ class Computation:
         return Computed(self.plan.golden[rows], result.reference[:, :, : len(rows)], columns)
 
     def _branches(self, row: int, golden_runs: GoldenRuns) -> Branches:
-        """Return the snapshots of the golden run of a row."""
         number = self.plan.golden[row]
         last, ends = int(self._fast_forward.last_act[number]), self._fast_forward.early_ends(number)
         kernel = cast(BranchingKernel, self.kernel)
@@ -301,7 +297,6 @@ class Computation:
     # --- blocks ---
 
     def _faulty(self, rows: np.ndarray, golden_runs: GoldenRuns) -> Pair:
-        """Compute the runs of these rows."""
         self.progress.more_due((self.kernel.size(len(rows)) - len(rows)) * self.plan.program.ticks)
         own = golden_runs.computed.result()
         coming = [golden_runs.branches.get(number) for number in own.numbers.tolist()]
@@ -318,7 +313,6 @@ class Computation:
         return columns, self._golden_outcomes(rows, golden_runs)
 
     def _block(self, rows: np.ndarray, own: Computed | None, harmless: bool = False) -> Block:
-        """Make a block of these rows, with the last row repeated to fill it."""
         plan, filled = self.plan, self._filled(rows)
         return Block(
             *plan.lanes(rows, len(filled), harmless),
@@ -330,5 +324,4 @@ class Computation:
         )
 
     def _filled(self, rows: np.ndarray) -> np.ndarray:
-        """Return the row of each lane of a block."""
         return rows[np.minimum(np.arange(self.kernel.size(len(rows))), len(rows) - 1)]

@@ -135,14 +135,10 @@ class FastForwardPlan:
 
     @cached_property
     def _sorted(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the numbers of the runs' golden runs, ascending, and the runs' ends in the same
-        order.
-        """
         order = np.argsort(self._plan.golden, kind="stable")
         return self._plan.golden[order], self._plan.ends[order].astype(np.int64)
 
     def _largest(self, values: np.ndarray) -> np.ndarray:
-        """Return the largest of the runs' values, int64 [golden runs]."""
         if self._size == 1:
             # Short cut for campaigns of millions of runs.
             return values.max(keepdims=True).astype(np.int64)

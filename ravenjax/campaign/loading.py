@@ -182,7 +182,6 @@ def _complaint(model: type[CampaignConfig], error: Any, raw: Any) -> location.Co
 
 
 def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
-    """Return the part of pydantic's `loc` that is written in the file."""
     key: location.Key = ()
     for part in loc:
         if isinstance(raw, dict):

@@ -79,7 +79,6 @@ def of_config(config: CampaignConfig) -> Iterator[Complaint]:
 
 
 def _of_parameters(plan: Plan) -> Iterator[str]:
-    """Yield the parameters whose values are those that the robot has anyway."""
     program = plan.program
     free = ~(plan.faults["code"] > 0).any(axis=1)
     for path, values in table.varied_parameters(plan.rows).items():
@@ -97,7 +96,6 @@ def _of_parameters(plan: Plan) -> Iterator[str]:
 
 
 def _of_faults(plan: Plan) -> Iterator[str]:
-    """Yield why faults of some runs cannot act, for all groups together."""
     if not plan.faults["code"].any():
         return
     faults, ticks = plan.faults, plan.program.ticks
@@ -153,7 +151,6 @@ def _of_faults(plan: Plan) -> Iterator[str]:
 
 
 def _idle(plan: Plan) -> np.ndarray:
-    """Return which faults leave their channel as it is without them, bool [runs, slots]."""
     faults, robot = plan.faults, plan.config.robot
     channels = [
         robot.sites[site].channel(name)

@@ -115,7 +115,6 @@ def _failed(config: CampaignConfig, measures: dict[str, Any]) -> _Failed:
 
 
 def _cables(config: CampaignConfig, places: np.ndarray) -> pd.Categorical:
-    """Convert indices of cables, among all cables of the robot, to words; "" for -1."""
     return words.word_column(places.astype(np.int32) + 1, cable_names(config))
 
 
@@ -137,7 +136,6 @@ def result_frame(
 
 
 def _faulty(runs: pd.DataFrame) -> np.ndarray:
-    """Return which rows have a fault, bool [rows]."""
     faulty = np.zeros(len(runs), bool)
     for slot in range(count_slots(runs)):
         faulty |= runs[f"fault{slot}_site"].array != ""

@@ -57,10 +57,10 @@ def run_campaign(
     """
     if out is None:
         return in_temporary_folder(
-            lambda folder: run_campaign(
+            functools.partial(
+                run_campaign,
                 config,
-                folder,
-                engine,
+                engine=engine,
                 on_progress=on_progress,
                 rows=rows,
                 executor=executor,
@@ -84,7 +84,7 @@ def run_campaign(
         rows = shard.rows(len(first), chunk)
     elif rows is None and len(first) < plan.runs:
         rows = [first]
-    record = _manifest(plan, backend).model_copy(
+    record = make_manifest(plan, backend).model_copy(
         update={
             "rows": None if rows is None else _pairs(rows, plan.runs),
             "shard": None if shard is None else str(shard),
@@ -154,7 +154,8 @@ def _pairs(rows: Sequence[range], runs: int) -> tuple[tuple[int, int], ...]:
     return manifest.join_ranges(tuple((some.start, some.stop - 1) for some in rows if some)) or ()
 
 
-def _manifest(plan: Plan, engine: Engine) -> manifest.Manifest:
+def make_manifest(plan: Plan, engine: Engine) -> manifest.Manifest:
+    """Return the record of a plan of which nothing is computed yet."""
     config, setup = plan.config, plan.program.setup
     # How rows are stored, and how many of them are computed, does not decide an outcome.
     undecided = {"chunk", "limit"} | (

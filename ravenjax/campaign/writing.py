@@ -45,7 +45,6 @@ def _table(content: Mapping[str, Any]) -> Any:
 
 
 def _item(key: str, value: Any) -> Any:
-    """Return the TOML item of a key: an array of tables, a table of paths, or a value."""
     import tomlkit
 
     if key in PATHS and isinstance(value, Mapping):

@@ -118,7 +118,6 @@ def calibrate(
 
 
 def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, LoopParams]) -> None:
-    """Print the fit to both halves of the log, and the parameters, as tables."""
     from ravenjax.analyses.calibration import tables
 
     joints = logged.log.joints

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson, Count, Listing, Overrides
+from ravenjax.cli.console import AsJson, Count, Engine, Listing, Overrides
 
 MOST_ROWS = 40
 """Number of groups that are printed; further ones are only counted."""
@@ -17,7 +17,7 @@ def check(
     *,
     overrides: Overrides = None,
     out: Path | None = None,
-    engine: str = "auto",
+    engine: Engine = "auto",
     limit: Count = None,
     as_json: AsJson = False,
 ) -> None:
@@ -31,8 +31,6 @@ def check(
         Campaign file, or the name of a bundled one (see `ravenjax campaigns`).
     out
         result folder that is meant; default results/NAME
-    engine
-        auto, cuda, simd, xla or mjx
     limit
         as for run: only the first runs
     """
@@ -76,7 +74,6 @@ def check(
 
 
 def _listing(title: str, rows: list[dict[str, Any]], *keys: str) -> Listing:
-    """Return rows of JSON values as a table."""
     columns = tuple({"name": "group", "index": "run"}.get(key, key) for key in keys)
     cells = [[row[key] for key in keys] for row in rows]
     texts = [tuple(", ".join(c) if isinstance(c, list) else str(c) for c in row) for row in cells]

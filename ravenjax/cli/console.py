@@ -33,6 +33,17 @@ Count = Annotated[int | None, Parameter(validator=validators.Number(gte=1))]
 Words = Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")]
 Switch = Annotated[bool, Parameter(negative="")]
 Engine = Annotated[str, Parameter(help="auto, cuda, simd, xla or mjx")]
+SameEngine = Annotated[str, Parameter(help="auto is the engine that the campaign ran on")]
+ResultFolder = Annotated[Path, Parameter(help="What `ravenjax run` wrote.")]
+RunIds = Annotated[
+    str, Parameter(help="The run_id of each row, the beginning of it, or the row's index.")
+]
+Ranking = Annotated[
+    str,
+    Parameter(
+        help="what makes a run worst: unintended, loss, report, tissue, cue or response",
+    ),
+]
 
 AsJson = Annotated[
     bool, Parameter(name="--json", negative="", help="print JSON on standard output, nothing else")

@@ -7,7 +7,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson, Overrides, Switch, Words
+from ravenjax.cli.console import AsJson, Engine, Overrides, Switch, Words
 
 
 def counterfactual(
@@ -21,7 +21,7 @@ def counterfactual(
     group: Words = None,
     seed: int = 0,
     confirm: Switch = False,
-    engine: str = "auto",
+    engine: Engine = "auto",
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
@@ -52,8 +52,6 @@ def counterfactual(
         of the halves of the faults
     confirm
         also run the chosen checks as detectors, with another seed of the faults
-    engine
-        auto, cuda, simd, xla or mjx
     """
     from ravenjax.analyses.monitors.counterfactual import finding, output
     from ravenjax.analyses.monitors.counterfactual.candidates import Question

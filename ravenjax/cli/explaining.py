@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson
+from ravenjax.cli.console import AsJson, Ranking, ResultFolder, RunIds, SameEngine
 
 if TYPE_CHECKING:
     from ravenjax.campaign.inspection.explain import Explained, Explainer
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
 
 def explain(
-    folder: Path,
-    *run_ids: str,
+    folder: ResultFolder,
+    *run_ids: RunIds,
     worst: int | None = None,
-    by: str = "unintended",
+    by: Ranking = "unintended",
     group: str | None = None,
     out: Path | None = None,
-    engine: str = "auto",
+    engine: SameEngine = "auto",
     as_json: AsJson = False,
 ) -> None:
     """Explain how a fault became a failure: which signal differed first, and where a check could
@@ -34,20 +34,12 @@ def explain(
 
     Parameters
     ----------
-    folder
-        What `ravenjax run` wrote.
-    run_ids
-        The run_id of each row, the beginning of it, or the row's index.
     worst
         explain the N worst runs instead of named ones
-    by
-        what makes a run worst: unintended, loss, report, tissue, cue or response
     group
         explain every run with a fault of this group, together
     out
         folder of what is written; default FOLDER/explained
-    engine
-        auto is the engine that the campaign ran on
     """
     from ravenjax.campaign.inspection.explain import Explainer
     from ravenjax.errors import UserError
@@ -95,9 +87,6 @@ def explain(
 
 
 def _compute(explainer: Explainer, rows: Any, quiet: bool) -> Explained:
-    """Explain runs, with a progress bar if the output is a terminal and the work takes long
-    enough.
-    """
     from ravenjax.cli import terminal
 
     if quiet or len(rows) < 100:
@@ -107,7 +96,6 @@ def _compute(explainer: Explainer, rows: Any, quiet: bool) -> Explained:
 
 
 def _one_by_one(place: Path, record: Manifest, explanation: Explained, as_json: bool) -> None:
-    """Print each run's chain, and write it as CSV and SVG."""
     from ravenjax.report import downloads
     from ravenjax.report.run import chain, chain_words
     from ravenjax.store.files import write_text
@@ -128,7 +116,6 @@ def _one_by_one(place: Path, record: Manifest, explanation: Explained, as_json: 
 
 
 def _print(one: Chain, paths: list[Path]) -> None:
-    """Print the tables and sentences of one run."""
     from ravenjax.report.run import chain_words
 
     console.print_text(
@@ -145,7 +132,6 @@ def _print(one: Chain, paths: list[Path]) -> None:
 
 
 def _together(folder: Path, place: Path, record: Manifest, as_json: bool) -> None:
-    """Print which signals carry and show the evading faults, and write them as CSV and SVG."""
     import contextlib
 
     from ravenjax.report import downloads

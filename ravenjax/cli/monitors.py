@@ -242,7 +242,6 @@ def _tell(place: Path, result: Calibrated, as_json: bool) -> None:
 
 @contextlib.contextmanager
 def _progress(as_json: bool) -> Iterator[Callable[[int, int], None]]:
-    """Show a progress bar of operators on the terminal; nothing with JSON."""
     from rich.progress import MofNCompleteColumn, Progress
 
     columns = (*Progress.get_default_columns(), MofNCompleteColumn())

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson, Listing
+from ravenjax.cli.console import AsJson, Listing, ResultFolder, SameEngine
 
 if TYPE_CHECKING:
     from ravenjax.report.comparison import FolderComparison
 
 
 def report(
-    folder: Path,
+    folder: ResultFolder,
     *,
     figures: Path | None = None,
 ) -> None:
@@ -24,8 +24,6 @@ def report(
 
     Parameters
     ----------
-    folder
-        What `ravenjax run` wrote.
     figures
         also draw the main figures into this folder, SVG and PDF
     """
@@ -38,10 +36,10 @@ def report(
 
 
 def verify(
-    folder: Path,
+    folder: ResultFolder,
     *,
     sample: int = 64,
-    engine: str = "auto",
+    engine: SameEngine = "auto",
     seed: int = 0,
     as_json: AsJson = False,
 ) -> int:
@@ -52,12 +50,8 @@ def verify(
 
     Parameters
     ----------
-    folder
-        What `ravenjax run` wrote.
     sample
         runs that are made again, 0 for none
-    engine
-        auto is the engine that the campaign ran on
     seed
         of the sample
     """
@@ -146,7 +140,7 @@ def write_report(folder: Path, prints: bool = True) -> Path:
 
 
 def compare(
-    first: Path,
+    first: ResultFolder,
     second: Path,
     *,
     most: int = 10,
@@ -160,8 +154,6 @@ def compare(
 
     Parameters
     ----------
-    first
-        What `ravenjax run` wrote.
     second
         The same of another campaign with the same faults, or of the same campaign with another
         setting or code.

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from ravenjax import interruption
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson, Count, Overrides
+from ravenjax.cli.console import AsJson, Count, Engine, Overrides, ResultFolder
 from ravenjax.cli.motion import show_operator
 from ravenjax.cli.results import write_report
 
@@ -26,7 +26,7 @@ def run(
     file: Path,
     *,
     out: Path | None = None,
-    engine: str = "auto",
+    engine: Engine = "auto",
     overrides: Overrides = None,
     chunk: Count = None,
     limit: Count = None,
@@ -49,8 +49,6 @@ def run(
         Campaign file, or the name of a bundled one (see `ravenjax campaigns`).
     out
         result folder; default results/NAME of the campaign
-    engine
-        auto, cuda, simd, xla or mjx
     chunk
         runs per part of the result
     limit
@@ -108,9 +106,6 @@ def run(
 
 
 def _outcome(folder: Path, results: Results) -> dict[str, Any]:
-    """Return the results as JSON values: those of `_summary`, and the manifest's data on the
-    computation.
-    """
     from ravenjax.campaign.stop import decisions
     from ravenjax.store import manifest
 
@@ -137,7 +132,7 @@ def _outcome(folder: Path, results: Results) -> dict[str, Any]:
 
 
 def fault_free(
-    folder: Path,
+    folder: ResultFolder,
     hours: float,
     *,
     engine: str = "auto",
@@ -152,8 +147,6 @@ def fault_free(
 
     Parameters
     ----------
-    folder
-        What `ravenjax run` wrote.
     hours
         Hours of fault-free motion in pedal-down to have in all; the report says how many it
         needs.
@@ -187,7 +180,6 @@ def fault_free(
 
 
 def _summary(folder: Path, results: Results) -> None:
-    """Print verdicts of the valid runs with a fault, failures by cause, and the result folder."""
     from ravenjax.campaign.stop import decisions
     from ravenjax.cli import terminal
     from ravenjax.store import manifest
@@ -230,7 +222,7 @@ def search(
     file: Path,
     *,
     out: Path | None = None,
-    engine: str = "auto",
+    engine: Engine = "auto",
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
@@ -245,8 +237,6 @@ def search(
         Search file, or the name of a bundled one (see `ravenjax campaigns`).
     out
         folder; default results/NAME of the search
-    engine
-        auto, cuda, simd, xla or mjx
     """
     from ravenjax.analyses.search import runner
     from ravenjax.analyses.search.file import loading

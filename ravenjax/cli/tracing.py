@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson
+from ravenjax.cli.console import AsJson, Ranking, ResultFolder, RunIds, SameEngine
 
 if TYPE_CHECKING:
     from ravenjax.campaign.inspection.replay import Replay
@@ -15,30 +15,22 @@ if TYPE_CHECKING:
 
 
 def trace(
-    folder: Path,
-    *run_ids: str,
+    folder: ResultFolder,
+    *run_ids: RunIds,
     worst: int | None = None,
-    by: str = "unintended",
+    by: Ranking = "unintended",
     out: Path | None = None,
-    engine: str = "auto",
+    engine: SameEngine = "auto",
     as_json: AsJson = False,
 ) -> None:
     """Run single runs of a result again and write their time series: MCAP, CSV and a plot.
 
     Parameters
     ----------
-    folder
-        What `ravenjax run` wrote.
-    run_ids
-        The run_id of each row, the beginning of it, or the row's index.
     worst
         trace the N worst runs instead of named ones
-    by
-        what makes a run worst: unintended, loss, report, tissue, cue or response
     out
         folder of the traces; default FOLDER/traces
-    engine
-        auto is the engine that the campaign ran on
     """
     from ravenjax.campaign.inspection.replay import Replayer
     from ravenjax.errors import UserError
@@ -82,7 +74,6 @@ def trace(
 def _write(
     place: Path, record: Manifest, again: Replay, events: list[dict[str, Any]]
 ) -> list[Path]:
-    """Write MCAP, CSV and plot of one run; return their paths."""
     from ravenjax.report import wording
     from ravenjax.report.run.plot import trace_plot
     from ravenjax.store.logs import time_series
@@ -113,7 +104,6 @@ def _write(
 
 
 def _metadata(record: Manifest, again: Replay) -> dict[str, str]:
-    """Return the metadata of a trace: run, campaign, code and engine."""
     from ravenjax.report import wording
     from ravenjax.store import manifest
 
@@ -142,7 +132,6 @@ def _metadata(record: Manifest, again: Replay) -> dict[str, str]:
 
 
 def _plotted(series: Mapping[str, Any], cue: int) -> dict[str, Any]:
-    """Return a replay's series under the names that the plot uses, with the force of that cue."""
     active = [
         values
         for name, values in series.items()

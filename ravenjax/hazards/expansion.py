@@ -174,7 +174,6 @@ def _meant(word: str) -> list[Hazard]:
 def _groups(
     group: Mapping[str, Any], hazard: Hazard, case: Case, arms: Sequence[str]
 ) -> Iterator[dict[str, Any]]:
-    """Yield the plain groups of one case: one, or one for each arm."""
     name = f"{hazard.id}-{case.name}" if case.name else hazard.id
     overrides = {key: group[key] for key in OVERRIDES if key in group}
     per_arm = any(SITES[fault.site].per_arm for fault in case.fault)
@@ -214,7 +213,6 @@ def _arm_choices(
 
 
 def _check(name: str, case: Case, overrides: Mapping[str, Any], arms: Sequence[Any]) -> None:
-    """Raise WrongGroup for an override that does not suit faults on several channels."""
     first, *others = case.fault
     if [] in arms:
         raise WrongGroup("arm", f"{name}: the list is empty, expected at least one value")
@@ -293,7 +291,6 @@ def _slots(
 
 
 def _is_number(value: Any) -> bool:
-    """Return whether the value can be multiplied and rounded."""
     return (
         isinstance(value, int | float)
         and not isinstance(value, bool)

@@ -105,9 +105,11 @@ def event_columns(names: Sequence[str], rules: Rules) -> list[str]:
     return list(dict.fromkeys(["failed", *words]))
 
 
-def events_happened(table: pa.Table, names: Sequence[str], rules: Rules) -> np.ndarray:
+def events_happened(
+    table: pa.Table, names: Sequence[str], rules: Rules, valid: str = VALID_SQL
+) -> np.ndarray:
     """Return which rows are valid, and in which rows each event happened: bool [1 + names, rows],
-    `valid` first.
+    `valid` first, an SQL expression.
 
     `table`: Arrow, with `event_columns` of the result table. For a run without a valid outcome an
     event has no meaning.
@@ -117,7 +119,7 @@ def events_happened(table: pa.Table, names: Sequence[str], rules: Rules) -> np.n
 
     select_list = ", ".join(
         f"coalesce(({expression})::BOOLEAN, false) AS e{place}"
-        for place, expression in enumerate([VALID_SQL, *(event_sql(name, rules) for name in names)])
+        for place, expression in enumerate([valid, *(event_sql(name, rules) for name in names)])
     )
     with duckdb.connect(config={"threads": 1}) as connection:
         connection.register("runs", table)

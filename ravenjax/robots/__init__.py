@@ -32,7 +32,9 @@ def find_robot(name: str) -> Robot:
         if (file := _source(module)) is None:
             continue
         if module == name and name not in sys.modules:
-            consent.require_consent(file, file.read_bytes(), is_robot=True)
+            files = _package_files(name, file)
+            content = b"".join(f"{path}\0".encode() + path.read_bytes() for path in files)
+            consent.require_consent(file, content, robot=files)
         robot = getattr(importlib.import_module(module), "ROBOT", None)
         if not isinstance(robot, Robot):
             raise UserError(
@@ -44,6 +46,13 @@ def find_robot(name: str) -> Robot:
         f"robot {name!r} is unknown: expected {DEFAULT!r}, or the name of a module that Python can"
         " import and that declares ROBOT"
     )
+
+
+def _package_files(module: str, file: Path) -> list[Path]:
+    """Return all Python files of the top package of a module; of a module alone, its file."""
+    spec = importlib.util.find_spec(module.partition(".")[0])
+    places = (spec and spec.submodule_search_locations) or []
+    return sorted(path for place in places for path in Path(place).rglob("*.py")) or [file]
 
 
 def _source(module: str) -> Path | None:

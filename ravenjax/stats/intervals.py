@@ -50,11 +50,11 @@ def wilson_interval(k: int, n: int, confidence: float = 0.95) -> Rate:
     return rates_with_intervals([k], [n], confidence, "wilson")[0]
 
 
-def clopper_pearson(k: int, n: int, confidence: float = 0.95) -> Rate:
-    """Return a rate with its exact (Clopper-Pearson) interval. Raises ValueError unless 0 <= k <= n
-    and 0 < confidence < 1.
+def clopper_pearson(k: int, n: int) -> Rate:
+    """Return a rate with its exact 95 % interval (Clopper-Pearson). Raises ValueError unless 0 <= k
+    <= n.
     """
-    return rates_with_intervals([k], [n], confidence, "clopper_pearson")[0]
+    return rates_with_intervals([k], [n], method="clopper_pearson")[0]
 
 
 def share_of_cells(k: int, n: int) -> Rate:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.bootstrap.units import Units
-from ravenjax.stats.intervals import Estimate, Rate, alpha_of, wilson_interval
+from ravenjax.stats.intervals import Estimate, Rate, wilson_interval
 
 
 class Delays(NamedTuple):
@@ -95,14 +95,14 @@ class Lead(NamedTuple):
         return Estimate(-value, -high, -low)
 
 
-def incidence_curve(delays: Delays, confidence: float = 0.95) -> Incidence:
-    """Return the incidence of an event over time. The band is pointwise, by Greenwood's variance of
-    log(-log).
+def incidence_curve(delays: Delays) -> Incidence:
+    """Return the incidence of an event over time. The 95 % band is pointwise, by Greenwood's
+    variance of log(-log).
     """
-    return _curve(delays, 0.0, confidence)
+    return _curve(delays, 0.0)
 
 
-def lead_time(lags: Delays, confidence: float = 0.95) -> Lead:
+def lead_time(lags: Delays) -> Lead:
     """Return the lead of an alarm over the harm.
 
     `lags`: alarm minus harm of the harmed runs. Without an alarm it is the end of observation minus
@@ -110,10 +110,8 @@ def lead_time(lags: Delays, confidence: float = 0.95) -> Lead:
     """
     start = float(lags.time.min(initial=0))
     before = int(lags.count[lags.came & (lags.time < 0)].sum())
-    curve = _curve(lags, start, confidence)
-    return Lead(
-        curve, wilson_interval(before, lags.n, confidence), int(lags.count[lags.came].sum()), lags.n
-    )
+    alarmed = int(lags.count[lags.came].sum())
+    return Lead(_curve(lags, start), wilson_interval(before, lags.n), alarmed, lags.n)
 
 
 def delay_quantile(
@@ -138,11 +136,10 @@ def delay_quantile(
     return units.statistic_band(first, among)
 
 
-def _curve(delays: Delays, start: float, confidence: float) -> Incidence:
+def _curve(delays: Delays, start: float) -> Incidence:
     # These are the formulas of scipy.stats.ecdf, which takes no counts.
     from scipy.special import ndtri
 
-    alpha = alpha_of(confidence)
     events = int(delays.count[delays.came].sum())
     if not events:
         zero = np.zeros(1)
@@ -156,7 +153,7 @@ def _curve(delays: Delays, start: float, confidence: float) -> Incidence:
         staying = np.cumprod((risk - died) / risk) if censored else 1 - np.cumsum(died) / delays.n
         fraction = 1 - staying if censored else np.cumsum(died) / delays.n
         error = np.sqrt(np.cumsum(died / (risk * (risk - died))) / np.log(staying) ** 2)
-        middle, half = np.log(-np.log(staying)), ndtri(1 - alpha / 2) * error
+        middle, half = np.log(-np.log(staying)), ndtri(0.975) * error
         low, high = 1 - np.exp(-np.exp(middle - half)), 1 - np.exp(-np.exp(middle + half))
     # Before the first event and after the last there is no value: use the neighbour's or the
     # trivial bound.

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ravenjax.stats.intervals import Rate, alpha_of
+from ravenjax.stats.intervals import Rate
 
 FEWEST = 5
 """Number of units below which there is no interval, because they do not show how units differ."""
@@ -30,10 +30,10 @@ class UnitRate(NamedTuple):
     deviation: float
 
 
-def rate_per_unit(k: ArrayLike, n: ArrayLike, confidence: float = 0.95) -> UnitRate:
+def rate_per_unit(k: ArrayLike, n: ArrayLike) -> UnitRate:
     """Return the rate for k of n trials of each unit [units]. Units without trials are left out.
 
-    The interval is NaN for fewer than FEWEST units, or if no unit has a second trial, because
+    The 95 % interval is NaN for fewer than FEWEST units, or if no unit has a second trial, because
     chance then explains any difference between units.
     """
     hits, trials = np.asarray(k, float), np.asarray(n, float)
@@ -43,8 +43,7 @@ def rate_per_unit(k: ArrayLike, n: ArrayLike, confidence: float = 0.95) -> UnitR
     if count < FEWEST or among <= count:
         return UnitRate(Rate(total, among, value, np.nan, np.nan), count, np.nan)
     mean, root, weight = _posterior(hits, trials)
-    alpha = alpha_of(confidence)
-    low, high = (_quantile(mean, root, weight, q) for q in (alpha / 2.0, 1.0 - alpha / 2.0))
+    low, high = (_quantile(mean, root, weight, q) for q in (0.025, 0.975))
     if not 0 < total < among:  # the prior alone would decide how units differ
         return UnitRate(Rate(total, among, value, low, high), count, np.nan)
     deviation = float((weight * root * np.sqrt(mean * (1.0 - mean))).sum())
@@ -79,7 +78,6 @@ def _posterior(hits: np.ndarray, trials: np.ndarray) -> tuple[np.ndarray, np.nda
 def _likelihood(
     hits: np.ndarray, trials: np.ndarray, mean: np.ndarray, root: np.ndarray
 ) -> np.ndarray:
-    """Return the logarithm of the beta-binomial likelihood at each mean and root."""
     from scipy.stats import betabinom
 
     first, second = (part[..., None] for part in _beta(*np.broadcast_arrays(mean, root)))
@@ -87,13 +85,11 @@ def _likelihood(
 
 
 def _beta(mean: np.ndarray, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the two parameters of the beta distribution."""
     size = 1.0 / root**2 - 1.0
     return mean * size, (1.0 - mean) * size
 
 
 def _quantile(mean: np.ndarray, root: np.ndarray, weight: np.ndarray, wanted: float) -> float:
-    """Return a quantile of the mixture of beta distributions."""
     from scipy.optimize import brentq
     from scipy.special import betainc
 

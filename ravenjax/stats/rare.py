@@ -19,6 +19,7 @@ from ravenjax.stats.intervals import clopper_pearson
 LimitState = Callable[[np.ndarray], np.ndarray]
 
 _MOST_LEVELS = 12
+BATCH = 10_000
 
 
 class RareEvent(NamedTuple):
@@ -36,17 +37,16 @@ class RareEvent(NamedTuple):
     levels: tuple[float, ...] = ()
 
 
-def monte_carlo(g: LimitState, d: int, n: int, *, seed: int = 0, batch: int = 10_000) -> RareEvent:
-    """Estimate by plain Monte Carlo with n points, at most `batch` at a time, with the
+def monte_carlo(g: LimitState, d: int, n: int, *, seed: int = 0) -> RareEvent:
+    """Estimate by plain Monte Carlo with n points, at most BATCH at a time, with the
     Clopper-Pearson interval.
 
-    A cov of 10 % needs about 100 / probability runs. The result does not depend on `batch`. Raises
-    ValueError if g returns NaN.
+    A cov of 10 % needs about 100 / probability runs. Raises ValueError if g returns NaN.
     """
     random = np.random.default_rng(seed)
     hits = sum(
-        int((_margins(g, random.random((min(batch, n - start), d))) <= 0).sum())
-        for start in range(0, n, batch)
+        int((_margins(g, random.random((min(BATCH, n - start), d))) <= 0).sum())
+        for start in range(0, n, BATCH)
     )
     rate = clopper_pearson(hits, n)
     cov = math.sqrt((1 - rate.value) / hits) if hits else math.nan

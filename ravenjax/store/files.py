@@ -160,7 +160,6 @@ def read_table(
 
 
 def _sync_folder(folder: Path) -> None:
-    """Flush the rename itself, if the file system can sync a folder."""
     with contextlib.suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:

@@ -211,7 +211,7 @@ def _opened(path: Path, config_hash: str | None) -> Iterator[pq.ParquetFile]:
             ) from error
         size = path.stat().st_size
         raise _damaged(
-            path, f"is not a readable Parquet file ({size} bytes): {_first_line(error)}"
+            path, f"is not a readable Parquet file ({size} bytes): {first_line(error)}"
         ) from error
 
 
@@ -235,32 +235,25 @@ def concatenate_parts(tables: Sequence[pa.Table]) -> pd.DataFrame:
     return frame
 
 
-def missing_rows(finished: Iterable[Part], wanted: Iterable[range], chunk: int) -> Iterator[range]:
+def missing_rows(
+    finished: Iterable[Part], wanted: Iterable[range], chunk: int = 2**62
+) -> Iterator[range]:
     """Yield the rows of `wanted` (disjoint ranges in order) that no finished part holds, in order.
 
     They are cut at the multiples of `chunk`, wherever a gap begins, so that the same rows always
     give the same parts.
     """
-    blocks = sorted((part.rows for part in finished), key=lambda rows: rows.start)
-    next_held = 0
+    held = sorted((part.rows for part in finished), key=lambda rows: rows.start)
     for rows in wanted:
         row = rows.start
-        while row < rows.stop:
-            while next_held < len(blocks) and blocks[next_held].stop <= row:
-                next_held += 1
-            following = (
-                blocks[next_held] if next_held < len(blocks) else range(rows.stop, rows.stop)
-            )
-            if following.start <= row < following.stop:
-                row = following.stop
-                continue
-            stop = min(
-                rows.stop,
-                following.start if following.start > row else rows.stop,
-                row - row % chunk + chunk,
-            )
-            yield range(row, stop)
-            row = stop
+        for block in (*(block for block in held if block.stop > row), range(rows.stop, rows.stop)):
+            # Up to the next block that is held, or to the end.
+            until = min(block.start, rows.stop)
+            while row < until:
+                stop = min(until, row - row % chunk + chunk)
+                yield range(row, stop)
+                row = stop
+            row = max(row, block.stop)
 
 
 def without_overlaps(
@@ -346,9 +339,6 @@ def _damaged(path: Path, what: str) -> StoreError:
     )
 
 
-def _first_line(error: BaseException) -> str:
-    return (
-        str(error).strip().splitlines()[0].rstrip(".")
-        if str(error).strip()
-        else type(error).__name__
-    )
+def first_line(error: BaseException) -> str:
+    """Return the first line of an error's message, or its class if it has none."""
+    return (str(error).strip() or type(error).__name__).splitlines()[0].rstrip(".")

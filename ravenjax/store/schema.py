@@ -122,7 +122,6 @@ def table_columns(shape: Shape) -> tuple[Column, ...]:
 
 @functools.cache
 def _table() -> dict[str, list[Column]]:
-    """Return the columns of columns.csv by the part of the table that they belong to."""
     parts: dict[str, list[Column]] = {}
     with open(Path(__file__).with_name("columns.csv"), encoding="utf-8", newline="") as file:
         for part, *column in itertools.islice(csv.reader(file), 1, None):
@@ -131,7 +130,6 @@ def _table() -> dict[str, list[Column]]:
 
 
 def _part(part: str, **words: object) -> Iterator[Column]:
-    """Yield the columns of a part of the table, with the placeholders in braces replaced."""
     for one in _table()[part]:
         name, unit, meaning = (text.format(**words) for text in (one.name, one.unit, one.meaning))
         yield Column(name, one.dtype, unit, meaning)
@@ -202,7 +200,6 @@ def conform_table(columns: Columns, shape: Shape) -> pa.Table:
 
 
 def _array(values: Any, field: pa.Field) -> pa.Array:
-    """Return one column in its field's type. Missing text becomes "", the only missing value."""
     try:
         if pa.types.is_dictionary(field.type):
             return words.arrow_words(values)

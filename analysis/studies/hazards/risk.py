@@ -14,10 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from ravenjax.hazards import naming, severity
+from ravenjax.hazards import naming
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.intervals import Estimate
+from studies.hazards import severity
 
 Counts = Mapping[str, np.ndarray]
 """Maps a hazard id to the number of valid runs of each severity, int [6]."""

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from ravenjax.hazards import classes, library
+from ravenjax.hazards import library
 from ravenjax.hazards.library import Hazard
 from ravenjax.hazards.naming import hazards_of
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.store import folder
-from studies.hazards import in_range
+from studies.hazards import classes, in_range
 from studies.study import (
     Context,
     Findings,

@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from ravenjax.hazards import severity
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.report.data import facts as run_facts
 from ravenjax.stats.bootstrap import units
@@ -21,6 +20,7 @@ from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.store import folder, manifest
 from studies import kinds
 from studies.dsn16 import recording
+from studies.hazards import severity
 from studies.healthy_robot import arm_errors, camera_log, tip_error
 from studies.healthy_robot.camera_log import CameraLog
 from studies.healthy_robot.tip_error import ErrorSize

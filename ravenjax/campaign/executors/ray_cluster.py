@@ -6,7 +6,8 @@ object store. Therefore the cluster needs no shared file system, and a task that
 no side effects. Each run takes about 200 B of the coordinator's network in both directions
 together.
 
-Ray repeats a task whose worker or node died. A chunk that fails even then is reported once all
+Ray repeats a task whose worker or node died, or whose node stopped answering. If no chunk finishes
+for a long time, the workers are replaced as well. A chunk that fails even then is reported once all
 others are delivered; starting the same command again retries that chunk alone.
 """
 
@@ -18,6 +19,7 @@ import re
 import signal
 import socket
 import threading
+import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -43,6 +45,8 @@ CORES = 4
 """Cores of a task if the number of tasks is not given; fewer if no node has that many."""
 WRITERS = 4
 """Largest number of parts that are written in parallel."""
+SILENT_S = 600.0
+"""Time without a finished chunk after which workers are replaced, s. It doubles each time."""
 ANSWER_S = 10.0
 """Time that a cluster has to answer, s."""
 _PASSED_ON = ("XLA_FLAGS", "JAX_PLATFORMS", "JAX_ENABLE_X64", "RAVENJAX_CACHE")
@@ -178,7 +182,7 @@ class Ray:
         key = f"{os.getpid()}-{id(work)}-{os.urandom(4).hex()}"
         waiting, under_way = list(reversed(chunks)), dict[Any, range]()
         lost: dict[range, str] = {}
-        delivered = 0
+        delivered, patience_s, finished_at = 0, SILENT_S, time.monotonic()
 
         def deliver(finished: FinishedChunk) -> None:
             work.deliver(finished)
@@ -193,8 +197,18 @@ class Ray:
                         share = ray.put(work.plan.row_fields(slice(rows.start, rows.stop)))
                         under_way[compute.remote(key, head, share)] = rows
                     done, _ = ray.wait(list(under_way), num_returns=1, timeout=1.0)
-                    if not done:
+                    if done:
+                        finished_at = time.monotonic()
+                    elif time.monotonic() - finished_at < patience_s:
                         _require_answer(first_node)
+                    else:
+                        # Ray repeats tasks of processes that died, not of those that hang.
+                        for task in under_way:
+                            ray.cancel(task, force=True)
+                        waiting += under_way.values()
+                        under_way.clear()
+                        progress.note(f"no chunk finished for {patience_s:g} s: workers replaced")
+                        patience_s, finished_at = 2 * patience_s, time.monotonic()
                     for task in done:
                         rows = under_way.pop(task)
                         try:
@@ -285,7 +299,6 @@ def task_environment(engine: str) -> dict[str, str]:
 def _cores_and_tasks(
     resources: dict[str, float], nodes: Sequence[dict[str, Any]], workers: int | None, gpu: bool
 ) -> tuple[int, int]:
-    """Return (cores of a task, number of parallel tasks)."""
     total = int(resources.get("CPU", 1))
     if gpu:
         tasks = workers or max(1, int(resources.get("GPU", 0)))

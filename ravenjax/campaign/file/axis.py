@@ -344,7 +344,6 @@ def _onset(raw: Any) -> Axis:
 
 
 def _is_place(raw: Any) -> bool:
-    """Return whether `raw` is a position in a phase."""
     return isinstance(raw, Mapping) and bool(raw.keys() & {PHASE, SHARE})
 
 

@@ -73,7 +73,6 @@ def _group(config: CampaignConfig, group: Group) -> Iterator[Complaint]:
 
 
 def _fault(config: CampaignConfig, group: Group, fault: Fault) -> Iterator[tuple[str, str]]:
-    """Yield (key of the fault, message) of each error in a fault."""
     site = config.robot.sites.get(fault.site)
     if site is None:
         yield "site", describe_unknown_name("fault site", fault.site, config.robot.sites)

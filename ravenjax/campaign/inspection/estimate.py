@@ -1,56 +1,59 @@
 """Estimates how long a campaign takes and how much memory it needs, before it runs.
 
-The model has a few terms that were fitted by hand to campaigns of one machine: 2 cores of an AMD
-EPYC (`znver4`, AVX-512) with other work beside it. They fit CPU time rather than elapsed time, with
-Python 3.11 and JAX 0.10. The table shows nanoseconds of one core for one millisecond of one run,
-with 16 robots per vector:
+The model has a few terms that were fitted by hand to the processor time of bundled campaigns on one
+machine, an AMD EPYC (`znver4`, AVX-512) with other work beside it. The table shows seconds of one
+core with a filled cache of compiled code, with an empty one, and here:
 
-| campaign | measured | here |
-|---|---|---|
-| one site, one arm, no detector | 78 | 78 |
-| the same with both arms | 142 | 142 |
-| with 64 haptic sets | 116 | 141 |
-| with 32 detector thresholds | 102 | 100 |
-| 4 plant steps a tick | 154 | 153 |
-| an operator who reacts | 130 | 133 |
-| a golden run for each run | 157 | 133 |
-| bundled quick (30 sites) | 169 | 174 |
-| bundled hazard_library (30 sites) | 183 | 171 |
-| bundled haptic_sweep (126 sets) | 413 | 296 |
-| bundled safecomp45 (18 sites, both arms) | 229 | 251 |
+| campaign | filled | empty | here |
+|---|---|---|---|
+| quick | 3.3 | 7.2 | 5.4 |
+| haptic_sweep | 5.2 | 9.9 | 7.2 |
+| safecomp45 | 6.5 | 11.5 | 7.6 |
+| seed_burst | 3.5 | 6.6 | 4.7 |
+| drawn_robots | 2.4 | 6.5 | 3.7 |
+| dsn16_a | 5.7 | 7.6 | 7.4 |
 
-For other CPUs the estimate is scaled by vector width and number of cores. Engine cuda: 3.2 G ticks
-a second on an NVIDIA H200 (`analysis/engines/gpu.md`). Engines xla and mjx: 200 and 3 000 times
-slower than simd (`analysis/engines`). Expect the estimate to be right within a factor of two on an
-otherwise idle machine.
+A short measurement says how fast this machine is now (`measure_speed`). Engine cuda: 3.2 G ticks a
+second on an NVIDIA H200 (`analysis/engines/gpu.md`). Engines xla and mjx: 200 and 3 000 times
+slower than simd (`analysis/engines`). Expect the estimate to be right within a factor of two while
+the load of the machine stays the same.
 """
 
 from __future__ import annotations
 
 import math
+import os
+import time
 from typing import NamedTuple
 
+import numpy as np
+
+from ravenjax import threads
 from ravenjax.campaign.memory_windows import SHARED
 
 NS_ARM, NS_FURTHER_ARM = 78.0, 64.0
 """ns of a core per tick: for one arm with one fault site, and for the second arm."""
-NS_SITE = 3.2
+NS_SITE = 2.2
 """ns per further fault site and arm."""
-NS_CUE, NS_THRESHOLD = 1.0, 0.7
+NS_CUE, NS_THRESHOLD = 0.8, 0.4
 """ns per further haptic set, and per threshold of a detector."""
 NS_SUBSTEP = 25.0
 """ns per further plant step and arm."""
-UNSHARED = 1.7
+UNSHARED = 2.6
 """Factor on the work if the robots of a vector share no golden run, or if each operator reacts
 differently.
 """
 NS_RUN = 12_000.0
 """ns per run, for packing and writing its row."""
-WIDTH = 16
-"""Robots per vector on the machine that was measured."""
+PASSES_PER_S, MEASURED_S = 90_000.0, 0.2
+"""Passes of `measure_speed` per second on a core of the machine above, and length of the
+measurement, s.
+"""
 
-START_S, TRACE_S, SITE_S = 2.5, 2.0, 0.06
-"""s: imports and planning; tracing and compiling; tracing and compiling of each fault site."""
+START_S, SITE_S, BRANCH_S = 3.1, 0.03, 0.3
+"""s: imports, planning, tracing and compiling; more for each fault site; the code that starts runs
+from snapshots. These lie between a filled and an empty cache.
+"""
 
 CUDA_TICKS_PER_S = 3.2e9
 SLOWER = {"xla": 200.0, "mjx": 3000.0}
@@ -70,8 +73,8 @@ Twice that with a GPU. See `computation`.
 """
 
 BASIS = (
-    "model fitted on 2 cores of an AMD EPYC with AVX-512 (campaign/inspection/estimate.py), scaled"
-    " by cores and vector width; right within a factor of two on an idle machine"
+    "model fitted on an AMD EPYC with AVX-512 (campaign/inspection/estimate.py), scaled by the"
+    " speed of this machine now; right within a factor of two at the same load"
 )
 
 
@@ -92,39 +95,47 @@ class CostFactors(NamedTuple):
     reacts: bool = False
 
 
-class Machine(NamedTuple):
-    """The machine that computes the campaign."""
-
-    engine: str
-    cores: int
-    width: int = WIDTH  # float32 numbers in a vector of the CPU
-
-
 class CostEstimate(NamedTuple):
     """Expected time and memory."""
 
-    # Time from the command to the first run with an empty cache, s.
+    # Time from the command to the first run, s.
     start_s: float
     # Time of computing and storing all runs, without the report, s.
     run_s: float
     memory_mib: float  # at most
 
 
-def estimate_cost(work: CostFactors, machine: Machine) -> CostEstimate:
-    """Return the expected cost of `work` on `machine`."""
+def measure_speed() -> float:
+    """Return how many cores of the machine that was measured this process gets now, all threads
+    together.
+    """
+
+    def passes(_: int) -> int:
+        numbers, count = np.arange(2**14, dtype=np.float32), 0
+        end = time.perf_counter() + MEASURED_S
+        while time.perf_counter() < end:
+            np.sqrt(numbers * numbers + numbers)
+            count += 1
+        return count
+
+    counts = threads.map_in_threads(passes, range(len(os.sched_getaffinity(0))))
+    return sum(counts) / MEASURED_S / PASSES_PER_S
+
+
+def estimate_cost(work: CostFactors, engine: str, speed: float) -> CostEstimate:
+    """Return the expected cost of `work` on an engine; speed: as from `measure_speed`."""
     ticks = (work.runs + work.golden_runs) * work.ticks
-    if machine.engine == "cuda":
+    if engine == "cuda":
         compute_s = ticks * tick_ns(work) / NS_ARM / CUDA_TICKS_PER_S
     else:
-        slower = SLOWER.get(machine.engine, 1.0)
-        compute_s = ticks * tick_ns(work) * 1e-9 * slower * WIDTH / machine.width / machine.cores
+        compute_s = ticks * tick_ns(work) * 1e-9 * SLOWER.get(engine, 1.0) / speed
     copies = 2 if work.golden_runs > work.runs // SHARED and work.golden_runs > 1 else 1
     series = copies * work.golden_runs * work.ticks * BYTES_SERIES * work.arms / 2**20
-    most = MOST_SERIES_MIB * (2 if machine.engine == "cuda" else 1)
+    most = MOST_SERIES_MIB * (2 if engine == "cuda" else 1)
     plan = work.runs * (BYTES_RUN + BYTES_SLOT * work.slots) / 2**20
     return CostEstimate(
-        start_s=START_S + TRACE_S + SITE_S * work.sites,
-        run_s=compute_s + work.runs * NS_RUN * 1e-9 / machine.cores,
+        start_s=(START_S + SITE_S * work.sites) / min(1.0, speed),
+        run_s=compute_s + work.runs * NS_RUN * 1e-9 / speed + BRANCH_S / min(1.0, speed),
         memory_mib=MIB_BASE + MIB_SITE * work.sites + plan + min(series, most),
     )
 

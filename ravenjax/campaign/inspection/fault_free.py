@@ -94,7 +94,6 @@ def extend_fault_free(
 
 
 def _require(record: Manifest, hours: float) -> None:
-    """Raise UserError unless there are other motions to compute."""
     if not (math.isfinite(hours) and hours > 0):
         raise UserError(f"HOURS is {hours:g}, expected a number above 0, such as 7.4")
     if record.code_hash != manifest.code_hash(record.robot):
@@ -158,7 +157,6 @@ def fault_free_campaigns(
 
 
 def _record(path: Path) -> Manifest | None:
-    """Return the manifest of a folder that an earlier call began, or None."""
     return manifest.read_manifest(path) if (path / manifest.FILE).exists() else None
 
 
@@ -169,7 +167,6 @@ def _length_s(record: Manifest, hours: float) -> int:
 
 
 def _hours(folder: Path, record: Manifest) -> float:
-    """Return the hours in pedal-down of the valid runs of fault-free motion beside a result."""
     total_ms = 0.0
     for one in fault_free.find_fault_free(folder, record).motions:
         with query.open_folder(one.path) as table:

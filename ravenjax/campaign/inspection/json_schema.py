@@ -81,7 +81,6 @@ def tidy_schema(node: Any) -> None:
 
 
 def _name(node: Any, words: Any) -> None:
-    """Restrict the texts of a key to these words."""
     if isinstance(node, dict):
         if node.get("type") == "string":
             node["enum"] = list(words)
@@ -94,7 +93,6 @@ def _name(node: Any, words: Any) -> None:
 
 
 def _paths(robot: Robot) -> Schema:
-    """Return the schema of names in a table that are words of a path."""
     words = {re.escape(word) for word in (*bounds.parameter_words(robot), *robot.arms)} | {r"\d+"}
     name = "|".join(sorted(words, key=lambda word: (-len(word), word)))
     return {"pattern": rf"^({name})(\.({name}))*$"}
@@ -145,7 +143,6 @@ _REST: Schema = {"anyOf": [{"$ref": "#/$defs/ParameterValue"}, {"$ref": "#/$defs
 
 
 def _path(any_path: Schema) -> Schema:
-    """Return the schema of the rest of a path whose beginning names an arm, a joint or an axis."""
     return {
         "type": "object",
         "additionalProperties": _REST,

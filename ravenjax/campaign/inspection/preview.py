@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -19,10 +18,11 @@ from ravenjax.campaign.inspection.estimate import (
     BASIS,
     CostEstimate,
     CostFactors,
-    Machine,
     estimate_cost,
+    measure_speed,
 )
 from ravenjax.campaign.plan import Plan, make_plan
+from ravenjax.campaign.runner import make_manifest
 from ravenjax.engines.interface import Block
 from ravenjax.errors import StoreError
 from ravenjax.numbers import paths
@@ -52,6 +52,7 @@ def preview_campaign(
         # Tracing alone shows that a user's file reads a number that does not exist.
         block = Block(*plan.lanes([0], 1), None)
         traced.traced_forms(traced.printable_program(plan.program), block, plan.columns)
+    record = make_manifest(plan, backend)
     golden_runs = len(np.unique(plan.golden[:due]))
     sites = {fault.site for group in config.group for fault in group.fault}
     work = CostFactors(
@@ -61,19 +62,17 @@ def preview_campaign(
         arms=len(config.campaign.arms),
         sites=max(1, len(sites)),
         slots=max(1, config.slots),
-        cues=len(config.haptics.cues()),
-        thresholds=sum(len(thresholds) for _, _, thresholds in config.detectors),
+        cues=len(record.cues),
+        thresholds=sum(record.shape.detectors),
         substeps=config.substeps,
         reacts=config.reacts,
     )
-    # float32 numbers in a vector of this CPU.
-    width = 16 if "AVX-512" in backend.device else 8 if "AVX2" in backend.device else 4
-    cost = estimate_cost(work, Machine(backend.name, len(os.sched_getaffinity(0)), width))
+    cost = estimate_cost(work, backend.name, measure_speed())
     cost, basis, content = _of_folder(folder, config, backend.name, cost, due)
     sites_of_runs = rows[[f"fault{slot}_site" for slot in range(config.slots)]]
     phases = Moments(config).phases if (names := list(moments.used_phases(config))) else {}
     view = {
-        "campaign": config.campaign.name,
+        "campaign": record.campaign,
         "description": config.campaign.description,
         "file": None if config.source is None else str(config.source),
         "runs": plan.runs,
@@ -89,28 +88,11 @@ def preview_campaign(
         "fault_free_runs": int((sites_of_runs == "").to_numpy().all(axis=1).sum()),
         "golden_runs": golden_runs,
         "copies": int(notices.find_copies(plan).sum()),
-        "duration_ms": config.campaign.ticks,
+        "duration_ms": record.duration_ms,
         "arms": list(config.campaign.arms),
         **config.settings(),
-        "cues": [
-            {
-                "threshold_mm": cue.threshold_m * 1e3,
-                "kp_per_mm": cue.kp / 1e3,
-                "kd_per_mm_s": cue.kd / 1e3,
-                "cap": cue.cap,
-            }
-            for cue in config.haptics.cues()
-        ],
-        "detectors": [
-            {
-                "name": name,
-                "kind": use.kind,
-                "fusion": use.fusion,
-                "consecutive": use.consecutive,
-                "thresholds": thresholds,
-            }
-            for name, use, thresholds in config.detectors
-        ],
+        "cues": [cue.model_dump() for cue in record.cues],
+        "detectors": [detector._asdict() for detector in record.detectors],
         "checks": list(_own_checks(config, plan)),
         "stop": None if config.stop is None else config.stop.model_dump(mode="json"),
         "groups": [_group_row(config, group) for group in config.group],
@@ -144,9 +126,6 @@ def _group_row(config: CampaignConfig, group: Group) -> dict[str, Any]:
 
 
 def _own_checks(config: CampaignConfig, plan: Plan) -> Iterator[dict[str, Any]]:
-    """Yield what each of the user's checks reads and does, with the range of each of its
-    parameters.
-    """
     if not config.check:
         return
     leaves = paths.path_leaves(plan.program.params, plan.program.setup)

@@ -20,7 +20,7 @@ from ravenjax.store import manifest, schema
 from ravenjax.store.logs.topics import Base
 
 LANES = 16
-"""Lanes of a replay's block.
+"""Lanes of a replay's block with an engine whose bits depend on their number.
 
 This is one vector, so that the run takes the same vector code as in its campaign.
 """
@@ -82,17 +82,18 @@ class Replayer(PlannedCampaign):
         """Raises UserError for a campaign or an engine that cannot be run."""
         super().__init__(config, engine)
         program = self.plan.program
-        self._tracer = self.backend.tracer(program, LANES)
+        self._lanes = 1 if self.backend.name in ("simd", "cuda") else LANES
+        self._tracer = self.backend.tracer(program, self._lanes)
         self._robot = config.robot.part("campaign")
         self._bases = self._robot.bases(program.setup) if hasattr(self._robot, "bases") else {}
 
     def replay(self, run: Any) -> Replay:
         """Compute one run again; `run` as for `index`. Raises UserError."""
         row, program = self.index(run), self.plan.program
-        varied, harmless = self.plan.lanes([row], LANES, harmless=True)
-        _, faults = self.plan.lanes([row], LANES)
+        varied, harmless = self.plan.lanes([row], self._lanes, harmless=True)
+        _, faults = self.plan.lanes([row], self._lanes)
         end = int(self.plan.ends[row])
-        ends = np.full(LANES, end)
+        ends = np.full(self._lanes, end)
         golden, result, signals = self._tracer.run(
             Block(varied, harmless, None, ends=ends),
             Block(varied, faults, None, ends=ends),

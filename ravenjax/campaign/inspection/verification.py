@@ -120,9 +120,6 @@ def verify_folder(
 
 
 def _campaign(folder: Path, record: Manifest, plan: Plan, whole: Sequence[Part]) -> FolderCheck:
-    """Check that the manifest's campaign, expanded again, has the hash and the run ids of the
-    folder.
-    """
     ids = plan.rows["run_id"].to_numpy()
     complaints = []
     if plan.runs != record.runs:
@@ -162,7 +159,6 @@ def _again(
     engine: str,
     on_progress: OnProgress | None,
 ) -> Rerun:
-    """Compute these rows (ascending) again, each whole and from its beginning."""
     precision = plan.program.setup.precision
     backend = compile_cache.cached_engine(original_engine(record, engine), precision)
     words = f"{backend.name} on {backend.device}"
@@ -185,7 +181,6 @@ def _again(
 
 
 def _other(record: Manifest, plan: Plan, engine: Engine) -> list[str]:
-    """Return, in words, what differs from when the folder was computed."""
     device = f"{engine.device} ({'+'.join(plan.program.setup.arms)})"
     return [
         words

@@ -127,12 +127,13 @@ def count_cases(
     """Return (cases [rates, groups], valid draws [groups]) of the first taken[group] draws of each
     group.
 
-    A draw counts by its first row with a valid outcome, which is one of its repeats or crossed
-    variants.
+    A draw counts by its first row with a valid outcome in which a fault changed a bit. It is one of
+    its repeats or crossed variants. A draw whose faults never act does not count.
     """
-    table = results.arrow(["index", *events.event_columns(rates, rules)])
+    table = results.arrow(["index", "activated", *events.event_columns(rates, rules)])
+    valid_sql = f"{events.VALID_SQL} AND activated"
     happened = np.zeros((1 + len(rates), draws[-1].rows_of(draws[-1].number).stop), bool)
-    happened[:, table["index"].to_numpy()] = events.events_happened(table, rates, rules)
+    happened[:, table["index"].to_numpy()] = events.events_happened(table, rates, rules, valid_sql)
     k, n = np.zeros((len(rates), len(draws)), np.int64), np.zeros(len(draws), np.int64)
     for number, (group, count) in enumerate(zip(draws, taken.tolist(), strict=True)):
         rows = group.rows_of(count)

@@ -109,7 +109,6 @@ def ratio_band(
     above: ArrayLike,
     below: ArrayLike,
     among: Units,
-    confidence: float = 0.95,
     *,
     resamples: int = RESAMPLES,
     seed: int = 0,
@@ -129,14 +128,13 @@ def ratio_band(
             return Estimate(value, np.nan, np.nan)
         numerator, denominator = sums @ among.weights(resamples, seed).T
         samples = numerator / denominator
-    low, high = band_ends(np.where(np.isfinite(samples), samples, np.nan), confidence)
+    low, high = band_ends(np.where(np.isfinite(samples), samples, np.nan))
     return Estimate(float(value), float(low), float(high))
 
 
 def rate_band(
     hit: ArrayLike,
     among: Units,
-    confidence: float = 0.95,
     *,
     resamples: int = RESAMPLES,
     seed: int = 0,
@@ -151,11 +149,11 @@ def rate_band(
     if not n:
         return Rate(0, 0, np.nan, np.nan, np.nan)
     if 0 < k < n:
-        band = ratio_band(hits, 1.0, among, confidence, resamples=resamples, seed=seed)
+        band = ratio_band(hits, 1.0, among, resamples=resamples, seed=seed)
         return Rate(k, n, k / n, float(band.low), float(band.high))
     if among.count < FEWEST:
         return Rate(k, n, k / n, np.nan, np.nan)
-    low, high = rate_bounds(np.array(k / n * among.count), np.array(among.count), confidence)
+    low, high = rate_bounds(np.array(k / n * among.count), np.array(among.count))
     return Rate(k, n, k / n, float(low), float(high))
 
 

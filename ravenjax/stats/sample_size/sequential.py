@@ -139,7 +139,7 @@ class Sequential:
         `taken`: draws of each stratum; must be registered sizes.
         """
         sizes = self.sizes()
-        intervals = self._groups(k, n) if self.of == "groups" else self._whole(k, n)
+        intervals = self._groups(k, n) if self.of == "groups" else self._whole(k, n, taken)
         wide = [
             one
             for one in intervals
@@ -215,7 +215,6 @@ class Sequential:
         )
 
     def _exhausted(self, one: Interval, taken: np.ndarray) -> bool:
-        """Return whether every draw behind an interval was taken."""
         of_it = self.judged & np.array(
             [one.stratum in ("", stratum.name) for stratum in self.strata]
         )
@@ -234,16 +233,18 @@ class Sequential:
             )
         ]
 
-    def _whole(self, k: np.ndarray, n: np.ndarray) -> list[Interval]:
+    def _whole(self, k: np.ndarray, n: np.ndarray, taken: np.ndarray) -> list[Interval]:
         there = np.flatnonzero(self.judged)
         # A stratum without any valid draw leaves the rate of the whole table unknown.
         known = bool((n[there] > 0).all())
+        # Draws that do not count, such as faults that never act, are no part of the table.
+        weight = self.size[there] * n[there] / taken[there]
         rows = []
         for r, rate in enumerate(self.rates):
             found = Rate(0, 0, math.nan, math.nan, math.nan)
             if known:
                 hits, runs = k[r, there], n[there]
-                estimate = stratified_rate(hits, runs, self.size[there], self.each)
+                estimate = stratified_rate(hits, runs, weight, self.each)
                 found = Rate(int(hits.sum()), int(runs.sum()), *estimate)
             rows.append(Interval(rate=rate, stratum="", **found._asdict()))
         return rows

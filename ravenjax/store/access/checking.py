@@ -82,7 +82,7 @@ def check_rows(record: Manifest) -> FolderCheck:
         f"{part.file}: holds rows that another part holds, too"
         for part in parts.without_overlaps(record.parts)[1]
     ]
-    missing = query.missing_ranges(record.wanted, record.parts)
+    missing = list(parts.missing_rows(record.parts, record.wanted))
     if missing:
         complaints.append(f"{sum(map(len, missing)):,} rows are missing: {query.in_words(missing)}")
     elif record.finished is None:
@@ -110,7 +110,6 @@ def check_values(folder: Path, record: Manifest, whole: list[parts.Part]) -> lis
 def _check(
     table: ResultTable, record: Manifest, check: str, rules: list[dict[str, str]]
 ) -> FolderCheck:
-    """Count the rows that break each rule."""
     musts, complaints = [], []
     for column in schema.table_columns(record.shape):
         rule = next(

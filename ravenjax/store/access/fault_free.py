@@ -94,7 +94,6 @@ def motion_of(manifest: Manifest) -> str:
 
 
 def _difference(campaign: Manifest, other: Manifest) -> str:
-    """Return why the robot of `other` is not that of the campaign; "" if it is."""
     if campaign.code_hash != other.code_hash:
         return f"computed by another version of the code, {other.code_hash[:16]}"
     for name in ("cues", "detectors"):

@@ -71,7 +71,6 @@ def _put(file, text: str) -> None:
 
 
 def _may_run(text: str) -> bool:
-    """Return whether the process that a lock file names may still run."""
     try:
         holder = parse_json(text)
         if holder["host"] == socket.gethostname():

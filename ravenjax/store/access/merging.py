@@ -68,9 +68,8 @@ def merge_shards(out: Path, shards: Sequence[Path], partial: bool = False) -> Me
     sources = _disjoint(
         [source for folder in folders for source in _parts(folder, records[folder])]
     )
-    missing = query.missing_ranges(
-        [range(records[first].runs)], [source.part for source in sources]
-    )
+    wanted = range(records[first].runs)
+    missing = list(parts.missing_rows([source.part for source in sources], [wanted]))
     if missing and not partial:
         raise StoreError(_incomplete(records, missing))
     require_writable(out / PARTS)
@@ -153,7 +152,7 @@ def _incomplete(records: dict[Path, Manifest], missing: list[range]) -> str:
         f" them: rows {query.in_words(missing)}."
     ]
     for folder, record in records.items():
-        own = query.missing_ranges(record.wanted, record.parts)
+        own = list(parts.missing_rows(record.parts, record.wanted))
         if record.rows is not None and own:
             sentences.append(
                 f"{folder} lacks rows {query.in_words(own)} of its own: start its command again."
@@ -163,7 +162,6 @@ def _incomplete(records: dict[Path, Manifest], missing: list[range]) -> str:
 
 
 def _taken(source: PartSource, out: Path, config_hash: str) -> str:
-    """Put a part into the folder; return whether it was kept, linked or copied."""
     target = out / PARTS / source.part.file
     if target.exists() and (
         target.samefile(source.file) or hash_file(target) == source.part.sha256
@@ -188,7 +186,6 @@ def _taken(source: PartSource, out: Path, config_hash: str) -> str:
 
 
 def _require_own(out: Path, sources: list[PartSource]) -> None:
-    """Raise StoreError if the folder holds a part that belongs to no source."""
     own = {source.part.file for source in sources}
     foreign = [path for path in parts.part_files(out / PARTS) if path.name not in own]
     if foreign:
@@ -199,9 +196,6 @@ def _require_own(out: Path, sources: list[PartSource]) -> None:
 
 
 def _joined(records: list[Manifest], sources: list[PartSource], incomplete: bool) -> Manifest:
-    """Return the joint manifest, as if one start had computed everything at the speed of all
-    together.
-    """
     finished = [record.finished for record in records]
     seconds = [record.run_s for record in records if record.run_s]
     return records[0].model_copy(
@@ -209,6 +203,7 @@ def _joined(records: list[Manifest], sources: list[PartSource], incomplete: bool
             "rows": None,
             "shard": None,
             "parts": tuple(source.part for source in sources),
+            "notices": tuple(dict.fromkeys(note for record in records for note in record.notices)),
             "device": "; ".join(dict.fromkeys(record.device for record in records)),
             "started": min(record.started for record in records),
             "finished": (

@@ -92,11 +92,13 @@ class ResultTable:
         except duckdb.OutOfMemoryException as error:
             raise StoreError(
                 "a query of the result table needs more memory than DuckDB may take:"
-                f" {_first_line(error)}. Give it more with RAVENJAX_QUERY_MB=4000 (in MB), or free"
-                " space on the disk it spills to."
+                f" {parts.first_line(error)}. Give it more with RAVENJAX_QUERY_MB=4000 (in MB), or"
+                " free space on the disk it spills to."
             ) from error
         except duckdb.IOException as error:
-            raise StoreError(f"a query of the result table failed: {_first_line(error)}") from error
+            raise StoreError(
+                f"a query of the result table failed: {parts.first_line(error)}"
+            ) from error
 
 
 def open_folder(path: str | Path) -> ResultTable:
@@ -180,13 +182,9 @@ def open_empty(aside: Path | None = None, memory_mb: int | None = None) -> Resul
         return ResultTable(connection, closing.pop_all())
 
 
-def missing_ranges(wanted: Sequence[range], held: Sequence[parts.Part]) -> list[range]:
-    """Return the rows of `wanted` that no part holds, as ranges in order."""
-    return list(parts.missing_rows(held, wanted, 2**62))
-
-
-def in_words(ranges: Sequence[range], most: int = 5) -> str:
+def in_words(ranges: Sequence[range]) -> str:
     """Return row ranges as text for an error: `0 to 99, 300 and 2 more ranges`."""
+    most = 5
     words = [
         f"{rows.start:,}" + (f" to {rows.stop - 1:,}" if len(rows) > 1 else "")
         for rows in ranges[:most]
@@ -211,7 +209,6 @@ def quote_text(word: str) -> str:
 
 
 def _literal(path: Path) -> str:
-    """Return a file's path as DuckDB reads it, with pattern characters escaped."""
     return quote_text("".join(f"[{letter}]" if letter in "*?[" else letter for letter in str(path)))
 
 
@@ -220,7 +217,3 @@ def _memory_mb() -> int:
     if megabytes and not (megabytes.isdecimal() and int(megabytes)):
         raise StoreError(f"RAVENJAX_QUERY_MB={megabytes}: expected a number of MB, as 4000")
     return int(megabytes) if megabytes else MEMORY_MB
-
-
-def _first_line(error: BaseException) -> str:
-    return str(error).strip().splitlines()[0].rstrip(".")

@@ -46,17 +46,10 @@ class TimeSeries(NamedTuple):
 
 
 def _series_of(owner: str) -> dict[str, TimeSeries]:
-    """Return the series of the run or of each arm, as time_series.csv lists them."""
     with open(Path(__file__).with_suffix(".csv"), encoding="utf-8", newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row["of"] == owner]
+        rows = [row for row in csv.DictReader(file) if row.pop("of") == owner]
     return {
-        row["name"]: TimeSeries(
-            row["name"],
-            row["unit"],
-            row["meaning"],
-            tuple(row["axes"].split()),
-            row["linear_unit"],
-        )
+        row["name"]: TimeSeries(axes=tuple(row.pop("axes").split()), **row)  # type: ignore[arg-type]
         for row in rows
     }
 

@@ -137,21 +137,12 @@ def joint_state(
 
 
 @functools.cache
-def pose_topic(arm: str, name: str) -> Topic:
-    """PoseStamped: x, y, z in m and a quaternion x, y, z, w."""
-    return _topic(arm, name, POSE, (_marks(3), _marks(4, 3)))
-
-
-@functools.cache
-def point_topic(arm: str, name: str) -> Topic:
-    """PointStamped: x, y, z in m of a tip with unknown orientation."""
-    return _topic(arm, name, POINT, _marks(3))
-
-
-@functools.cache
-def wrench_topic(arm: str, name: str) -> Topic:
-    """WrenchStamped: three numbers of force, three of torque."""
-    return _topic(arm, name, WRENCH, (_marks(3), _marks(3, 3)))
+def tip_topic(arm: str, name: str, schema: str = POSE) -> Topic:
+    """PoseStamped: x, y, z in m and a quaternion x, y, z, w; WrenchStamped: three numbers of force,
+    three of torque; or PointStamped: x, y, z of a tip with unknown orientation.
+    """
+    fields = {POSE: (_marks(3), _marks(4, 3)), WRENCH: (_marks(3), _marks(3, 3)), POINT: _marks(3)}
+    return _topic(arm, name, schema, fields[schema])
 
 
 @functools.cache
@@ -188,15 +179,15 @@ def standard_topics(
                 yield topic, np.concatenate(values, axis=1)
         if (force := own.get(_FORCE)) is not None:
             values = np.concatenate([force, np.zeros_like(force)], axis=1)
-            yield wrench_topic(arm, "haptic_cf"), values
+            yield tip_topic(arm, "haptic_cf", WRENCH), values
         poses = {}
         for name, (place, rotation) in _TIPS.items():
             if place in own and rotation in own:
                 turns = rotation_quaternions(own[rotation].reshape(-1, 3, 3))
                 poses[name] = np.concatenate([own[place], turns], axis=1, dtype=float)
-                yield pose_topic(arm, f"{name}_cp"), poses[name]
+                yield tip_topic(arm, f"{name}_cp"), poses[name]
             elif place in own:
-                yield point_topic(arm, f"{name}_tip"), own[place].astype(float)
+                yield tip_topic(arm, f"{name}_tip", POINT), own[place].astype(float)
         tips = {name: values for name, values in poses.items() if name in _FRAMES}
         if tips and arm in bases:
             pairs.append((WORLD, frame0_name(arm)))
@@ -346,7 +337,6 @@ def _topic(arm: str, name: str, schema: str, *fields: Any) -> Topic:
 
 
 def _template(name: str, message: Any) -> Topic:
-    """Return the topic of messages like this one, whose times and numbers are marks."""
     template, spans = ros2_types().encode(message), []
     count = 0
     while (mark := struct.pack("<d", _FIRST_MARK + count)) in template:

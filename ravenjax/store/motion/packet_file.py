@@ -161,7 +161,6 @@ def _read_capture(path: Path) -> RawPackets:
 
 
 def _datagrams(path: Path) -> Iterator[Datagram]:
-    """Yield the datagrams of a capture, which may end within a frame."""
     if importlib.util.find_spec("dpkt") is None:
         raise UserError(
             f"{path}: a capture is read by the package dpkt, which is not installed: {INSTALL}"

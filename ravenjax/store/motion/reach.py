@@ -136,7 +136,6 @@ def _candidates(poses: Poses, i: int, rows: np.ndarray) -> tuple[np.ndarray, np.
 
 @functools.cache
 def _solver(arm: ArmName) -> Callable[..., Any]:
-    """Return the inverse kinematics of one arm for BLOCK_ROWS poses, compiled once."""
     from ravenjax.numbers.lazy import jax, jnp
     from ravenjax.robots.raven2.geometry import kinematics
     from ravenjax.robots.raven2.geometry.joints import joint_from_theta

@@ -70,7 +70,6 @@ def arms_in(path: Path) -> tuple[ArmName, ...]:
 
 
 def _packets(path: Path) -> bool:
-    """Return whether a Parquet file holds packets."""
     return path.suffix.lower() == ".parquet" and PACKET in files.read_table(path)
 
 
@@ -176,7 +175,6 @@ def _evenly(
     options: ReplayOptions,
     rows: int,
 ) -> tuple[Poses, np.ndarray | None]:
-    """Return poses and pedal, one row per millisecond."""
     at = np.arange(rows) * TICK_S
     position, quat, opening = [], [], []
     arms: tuple[ArmName, ...] = tuple(arm for arm in ARMS if arm in track.arms)
@@ -204,7 +202,6 @@ def _evenly(
 
 
 def _gaps(time_s: dict[str, np.ndarray]) -> list[tuple[int, float, float]]:
-    """Return (row before it, begin, end) of every gap, in order of time."""
     gaps: dict[tuple[float, float], int] = {}
     for times in time_s.values():
         for row, begin, end in stamps.find_gaps(times):
@@ -220,12 +217,10 @@ def refused_jumps(jumps: Sequence[Spike], options: ReplayOptions) -> list[Spike]
 
 
 def _row_at(time_s: float) -> int:
-    """Return the first row that is not before a time."""
     return math.ceil(time_s / TICK_S - 1e-6)
 
 
 def _home(arm: ArmName) -> Home:
-    """Return the pose of a tip after homing."""
     from ravenjax.numbers.lazy import jax
     from ravenjax.robots.raven2.geometry import kinematics, limits, mapping
 

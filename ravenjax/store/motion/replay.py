@@ -190,7 +190,6 @@ def _end(begin: int, course: Timeline) -> int:
 
 
 def _window(recording: HandRecording) -> tuple[int, int]:
-    """Return the first row, and the row after the last, that may be replayed."""
     if recording.options.window_s is None:
         return 0, len(recording)
     begin, end = (round(seconds / TICK_S) for seconds in recording.options.window_s)
@@ -203,7 +202,6 @@ def _window(recording: HandRecording) -> tuple[int, int]:
 
 
 def _require_covered(recording: HandRecording, begin: int, end: int) -> None:
-    """Raise UserError if the replayed part has a gap or a jump that the options refuse."""
     first, last, path = begin * TICK_S, (end - 1) * TICK_S, recording.path
     jumps = [
         s
@@ -235,7 +233,6 @@ def _require_covered(recording: HandRecording, begin: int, end: int) -> None:
 def _require_inside(
     recording: HandRecording, reachable: ArmReach, begin: int, end: int, bounds: Bounds
 ) -> None:
-    """Raise UserError if the replayed part leaves the joint limits of an arm."""
     if (bad := reachable.first_bad(begin, end)) is None:
         return
     inside = np.all(reachable.inside, axis=1)
@@ -275,7 +272,6 @@ def _longest_first(
 
 
 def _require_moving(recording: HandRecording, begin: int, end: int, rows: np.ndarray) -> None:
-    """UserError unless the pedal is down in some of the rows and the tip moves or turns in them."""
     span = f"from {begin * TICK_S:.3f} to {end * TICK_S:.3f} s"
     if not len(rows):
         raise UserError(
@@ -323,7 +319,6 @@ def _summary(
     pedal: np.ndarray,
     scale: float,
 ) -> MotionSummary:
-    """Return the summary of a recording whose rows `begin` to `end` are replayed along `course`."""
     track, options, poses = recording.track, recording.options, recording.poses
     times = recording.time_s[poses.arms[0]]
     steps = np.diff(times) * 1e3

@@ -224,7 +224,6 @@ def _of_sensor(whole: Samples, arm: str, sensors: Mapping[str, str | int]) -> Sa
 
 
 def _arm_track(samples: Samples, arm: ArmName, options: ReplayOptions) -> ArmTrack:
-    """Return an arm's samples. The samples then say which clock counts."""
     path, table = samples.path, samples.table
     places = []
     for name in (f"{arm}_{axis}" for axis in "xyz"):

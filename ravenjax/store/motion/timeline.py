@@ -92,7 +92,6 @@ def _ramp(slow_down: float, ticks: int = RUN_UP_TICKS) -> np.ndarray:
 
 
 def _cruise(rows: float, slow_down: float) -> int:
-    """Return the ticks at full speed for a distance of `rows`."""
     return max(0, math.floor(rows * slow_down))
 
 

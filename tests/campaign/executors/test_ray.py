@@ -68,22 +68,24 @@ def tasks() -> list[int]:
     return found
 
 
-def test_workers_that_are_killed_three_times_make_the_same_folder(cluster, tmp_path):
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "stopped"])
+def test_workers_that_die_or_hang_are_replaced(cluster, tmp_path, monkeypatch, how):
     made, _ = cluster
+    monkeypatch.setattr(ray_cluster, "SILENT_S", 20.0)
     runner.run_campaign(tiny.config(**SIZE), tmp_path / "here", "simd")
-    killed = []
+    ended, times = [], 3 if how == signal.SIGKILL else 1
 
-    def kill(status):
-        if status.parts >= 5 * (len(killed) + 1) and len(killed) < 3 and (there := tasks()):
-            killed.append(there[0])
+    def end(status):
+        if status.parts >= 5 * (len(ended) + 1) and len(ended) < times and (there := tasks()):
+            ended.append(there[0])
             with contextlib.suppress(ProcessLookupError):
-                os.kill(there[0], signal.SIGKILL)
+                os.kill(there[0], how)
 
     ran = ray_cluster.Ray(2, made.address)
     runner.run_campaign(
-        tiny.config(**SIZE), tmp_path / "there", "simd", executor=ran, on_progress=kill
+        tiny.config(**SIZE), tmp_path / "there", "simd", executor=ran, on_progress=end
     )
-    assert len(killed) == 3 and tiny.digest(tmp_path / "there") == tiny.digest(tmp_path / "here")
+    assert len(ended) == times and tiny.digest(tmp_path / "there") == tiny.digest(tmp_path / "here")
 
 
 @pytest.mark.parametrize("way", ["is killed", "raises"])

@@ -119,19 +119,21 @@ def test_lost_decisions_and_lost_parts_are_made_again(run, tmp_path):
     assert manifests.read_manifest(tmp_path).finished is not None
 
 
-def test_of_repeats_the_first_valid_one_counts(tmp_path):
+def test_of_repeats_the_first_valid_one_that_acted_counts(tmp_path):
     table = synthetic.frame(3301)
     # of draw 0 the first repeat failed, of draw 1 all three
     table["failed"] = np.where(table.index.isin([1, 4, 5, 6]), "tip not finite", "")
     # the second repeat of draw 0 jumps, and the second of draw 2
-    table["jump_code"] = table.index.isin([2, 8])
+    table["jump_code"] = table.index.isin([2, 8, 10])
+    # the fault of draw 3 never acts
+    table["activated"] &= ~table.index.isin([10, 11, 12])
     one = config(repeats=3)
     folder = ResultFolder.open(tmp_path, synthetic.manifest(3301))
     folder.add(table)
     folder.close(0.0, 0.0, 3301)
     results = Results(synthetic.shape(), tmp_path)
     k, n = adaptive.count_cases(
-        results, group_draws(one), np.array([1, 3, 0]), ("jump",), one.rules
+        results, group_draws(one), np.array([1, 4, 0]), ("jump",), one.rules
     )
     assert k.tolist() == [[0, 1, 0]] and n.tolist() == [1, 2, 0]
 

@@ -28,7 +28,7 @@ def shard(path, ranges, **changes):
     folder = ResultFolder.open(path, synthetic.manifest(RUNS, **changes))
     for first, stop in ranges:
         folder.add(FRAME.iloc[first:stop])
-    folder.close(compile_s=1.0, run_s=2.0, rows=RUNS)
+    folder.close(1.0, 2.0, RUNS, [f"begins at row {ranges[0][0]}"])
     return path
 
 
@@ -82,7 +82,8 @@ def test_missing_rows_are_named_unless_a_part_of_the_table_will_do(tmp_path):
     assert len(read_all(tmp_path / "out")) == 90
     done = merging.merge_shards(tmp_path / "out", [b])  # what is merged already counts
     assert (done.present, done.linked, done.missing) == (2, 1, [])
-    assert manifests.read_manifest(tmp_path / "out").finished is not None
+    assert done.manifest.finished is not None
+    assert done.manifest.notices == ("begins at row 0", "begins at row 30")
 
 
 def test_an_interrupted_merge_is_finished_by_the_same_command(tmp_path, monkeypatch, whole):

@@ -17,9 +17,9 @@ def write(path, poses):
     are those of no file.
     """
     with open(path, "wb") as file:
-        writer = topics.LogWriter(file, [topics.pose_topic(arm, name) for arm, name in poses], {})
+        writer = topics.LogWriter(file, [topics.tip_topic(arm, name) for arm, name in poses], {})
         for (arm, name), (log, header, place) in poses.items():
-            topic = topics.pose_topic(arm, name)
+            topic = topics.tip_topic(arm, name)
             values = np.concatenate([place, np.zeros((len(place), 4))], axis=1)
             every_tick = dataclasses.replace(topic, schema="")
             for tick, data in every_tick.encode(header, values).items():

@@ -195,7 +195,6 @@ def read_session_log(path: Path) -> SessionLog:
 
 
 def _start_ns(header: Mapping[str, Any]) -> int:
-    """Return the ns since 1970 at which the session began; 0 if the header does not say."""
     started = header.get("started")
     return round(datetime.fromisoformat(started).timestamp() * 1e3) * 1_000_000 if started else 0
 

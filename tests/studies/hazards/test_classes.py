@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import result_rows
 
-from ravenjax.hazards import classes
+from studies.hazards import classes
 
 STANDS = {"idle_ms": 900, "peak_golden_deviation_mm": 12.0, "tip_path_mm": 40.0}
 HALTED = {"pedal_down_ms": 500, **STANDS}

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import result_rows
 
-from ravenjax.hazards import severity
+from studies.hazards import severity
 
 ENDLESS = {"fault0_duration_ms": severity.UNTIL_END}
 STANDS = {"idle_ms": 900}

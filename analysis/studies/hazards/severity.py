@@ -7,8 +7,8 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from ravenjax.hazards import classes
 from ravenjax.outcomes.verdict import LIMIT_MM, TOLD, beyond_golden
+from studies.hazards import classes
 
 SCALE = (
     "nothing",
