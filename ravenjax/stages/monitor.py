@@ -18,12 +18,12 @@ The condition c < d / 2 means that most of d is motion that the robot missed.
 
 from __future__ import annotations
 
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 from ravenjax.numbers import finite
 from ravenjax.numbers.algebra import norm
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import Reserved
+from ravenjax.numbers.quantity import describe_fields
 from ravenjax.numbers.setup import Setup, cast_to_real, per_arm
 from ravenjax.numbers.vec import (
     Scalar,
@@ -49,27 +49,21 @@ class Reference:
     pos: tuple[Vec, ...]  # um, whole numbers, measured tip
 
 
-_WORDS = "it is what the words of every report mean"
-
-
+@describe_fields
 @record
 class MonitorParams:
     """Limits of the observer."""
 
     # m per packet, on two packets in a row; 0.1 mm, CSLDepend/raven2_sim analyze_faulty.py
-    jump_step: Annotated[Scalar, Reserved(f"{_WORDS}; write [outcomes] jump_step_mm")]
-    large_jump: Annotated[  # m within 2 ms; 1 mm, the rule in the text of DSN'16
-        Scalar, Reserved(f"{_WORDS}; write [outcomes] large_jump_mm")
-    ]
+    jump_step: Scalar
+    large_jump: Scalar  # m within 2 ms; 1 mm, the rule in the text of DSN'16
     # m from the golden run above which a run counts as diverged; 1 um, the resolution of `pos`
     diverged: Scalar
     # share of the golden run's step below which a step counts as none; a quarter, chosen by us
     idle_share: Scalar
     # m per tick, steps of the golden run that count; 1 um, the resolution of `pos`
     idle_step: Scalar
-    limit: Annotated[  # m, limit of hazards; `ravenjax.outcomes.verdict.LIMIT_MM`
-        Scalar, Reserved(f"{_WORDS}; write [outcomes] limit_mm")
-    ]
+    limit: Scalar  # m, limit of hazards; `ravenjax.outcomes.verdict.LIMIT_MM`
 
 
 @record
