@@ -96,7 +96,6 @@ class TriggerClocks:
 
 
 def _elapsed(setup: Setup, fault: FaultSlot, clock: TriggerClocks) -> Scalar:
-    """Return the reading of the trigger's clock minus the fault's start."""
     used = setup.injection.triggers
     readings = {"time": clock.tick, "packet": clock.packet, "pedal": clock.pedal}
     reading = readings[used[0]]

@@ -131,11 +131,7 @@ def write_channel(signal: Any, path: Path, value: Scalar) -> Any:
 
 
 def _store(kind: str, y: Scalar, old: Scalar) -> Scalar:
-    """Return `y` (float) as the channel stores it.
-
-    Integers truncate. Numbers of 16 bits wrap or saturate. A number beyond int32 becomes
-    -2147483648.
-    """
+    """Return `y` (float) as the channel stores it. A number beyond int32 becomes -2147483648."""
     if kind == "float":
         return lax.convert_element_type(y, old.dtype)
     if kind == "bool":
@@ -144,7 +140,6 @@ def _store(kind: str, y: Scalar, old: Scalar) -> Scalar:
 
 
 def _fitted(kind: str, whole: Scalar) -> Scalar:
-    """Return an int32 as a channel of this kind stores it."""
     if kind == "int16":
         return wrap16(whole)
     return jnp.minimum(jnp.maximum(whole, -32768), 32767) if kind == "int16 saturated" else whole

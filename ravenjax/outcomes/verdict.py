@@ -107,10 +107,7 @@ def _first_otherwise(
     outcomes: Outcomes, golden: Outcomes, trips: list[tuple[str, str]]
 ) -> np.ndarray:
     """Return the time in ms at which the first of these checks tripped differently from the golden
-    run; -1: none did.
-
-    `trips`: columns of count and first time. The time is not before the fault, because both runs
-    are identical until then.
+    run; -1: none did. `trips`: columns of count and first time.
     """
     onset = np.asarray(outcomes["first_active_ms"])
     earliest = np.full(len(onset), np.iinfo(np.int32).max)

@@ -90,7 +90,6 @@ def _key(seed: Scalar) -> Scalar:
 
 
 def _of(quality: Scalar, numbers: Sequence[float]) -> Scalar:
-    """Return the one of `numbers` that belongs to a quality, float32."""
     number_of = jnp.float32(numbers[0])
     for k, number in enumerate(numbers[1:], start=1):
         number_of = jnp.where(quality == k, jnp.float32(number), number_of)

@@ -237,7 +237,6 @@ def _largest(setup: Setup, scores: Sequence[Scalar]) -> Scalar:
 def _arm(
     setup: Setup, params: DetectorParams, before: DetectorArmState, signal: DetectorSignal, i: int
 ) -> tuple[DetectorArmState, dict[str, Scalar]]:
-    """Return the state of one arm, and its scores by kind of detector."""
     motion = signal.mpos, signal.mvel, signal.jpos, signal.jvel
     mpos, mvel, jpos, jvel = (Vec(values[i][:POSITIONING]) for values in motion)
     learned = (params.shoulder, params.elbow, params.insertion)

@@ -262,7 +262,6 @@ def _arm(
     reference: Reference,
     i: int,
 ) -> tuple[MonitorArmState, Distances]:
-    """Return the state of one arm after this tick, and its distances."""
     tip, pos, golden_pos = signal.tip[i], signal.pos[i], reference.pos[i]
     golden_tip = reference.tip[i]
     step = norm(tip - state.tip)

@@ -1,24 +1,11 @@
 """How many control cycles a packet of the console lasts: named distributions and their
 measurements.
 
-`analysis/validation/packets.py` repeats the measurements. The public recordings show:
-
-- recording_gold_joints123 (a real gold arm, 21 s, each row a cycle) has no desired positions, but
-  its PD law can be inverted: mpos_d = mpos + (tau + KD mvel) / KP. One DAC count is 0.9 mrad of a
-  motor, while a fast motor moves 5 to 20 mrad in a cycle, so a repeated position is visible. While
-  the arm moves (7 478 packets) 51 % of rows repeat. Packets do not mix one cycle and many: 92.7 %
-  of them last two. Half of the packets that last three cycles are followed by one that lasts one,
-  as if a packet missed its cycle. After four cycles the next step is larger than usual, by a third
-  at the median. The file cannot distinguish one packet that lasts two cycles from two packets with
-  the same position.
-- console_itp_packets (a real console, 40 s) has times of arrival. Its packets, too, leave every 2
-  ms. But about every 16 ms none arrives for 8 to 9 ms, and then four or five arrive. One third of
-  the cycles get packets.
-- operator_positions (desired tips, 61 s) never repeats while a hand moves (3 of 50 000 rows), and
-  its steps are smooth: either one packet per cycle, or a smoothed recording. Its times of arrival
-  are no evidence, because they come in bursts.
-- recording_gold_7joints has one row per 4.94 ms and 0.05 % of repeats. It is too coarse to
-  distinguish one cycle from four.
+docs/explanation/simulated.md says what the public recordings show; `analysis/validation/packets.py`
+repeats the measurements. In recording_gold_joints123 a repeated desired position is visible,
+because one DAC count is 0.9 mrad of a motor, and a fast motor moves 5 to 20 mrad in a cycle. It
+cannot distinguish a packet of two cycles from two packets with the same position. Times of arrival
+of operator_positions are no evidence, because they come in bursts.
 """
 
 from __future__ import annotations

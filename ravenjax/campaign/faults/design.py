@@ -141,7 +141,6 @@ def count_group_rows(config: CampaignConfig) -> dict[str, int]:
 
 
 def _joined(pieces: Sequence[_Piece], columns: Sequence[Any], dtype: Any) -> np.ndarray:
-    """Concatenate one column of all pieces, [runs]."""
     return np.concatenate(
         [
             np.broadcast_to(np.asarray(values, dtype), piece.runs)
@@ -153,7 +152,6 @@ def _joined(pieces: Sequence[_Piece], columns: Sequence[Any], dtype: Any) -> np.
 def _words(
     pieces: Sequence[_Piece], columns: Sequence[Any], known: Sequence[str]
 ) -> pd.Categorical:
-    """Concatenate one column of words of all pieces, given as indices into `known`."""
     return word_column(_joined(pieces, columns, np.min_scalar_type(-len(known))), known)
 
 
@@ -212,7 +210,6 @@ def faults_and_axes(
 
 
 def _of_fault(config: CampaignConfig, fault: Fault) -> dict[str, Axis]:
-    """Return the axes of all fields of a fault except its site."""
     site = config.robot.sites[fault.site]
     resolved = {
         "arm": fault.arm or fixed_axis(config.campaign.arms[0] if site.per_arm else ""),
@@ -223,5 +220,4 @@ def _of_fault(config: CampaignConfig, fault: Fault) -> dict[str, Axis]:
 
 
 def _of_slot(table: dict[Key, Any], slot: int) -> dict[str, Any]:
-    """Return the entries of `table` that belong to one slot, by field."""
     return {name: value for (s, name), value in table.items() if s == slot}

@@ -54,7 +54,6 @@ def rows_of_a_draw(config: CampaignConfig, group: Group) -> int:
 
 
 def _places(config: CampaignConfig, group: Group, number: int) -> np.ndarray:
-    """Return the position of each draw in the new order, int64 [number]."""
     if group.design in SAMPLED:
         return np.arange(number)
     return np.random.default_rng(

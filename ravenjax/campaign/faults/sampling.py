@@ -80,7 +80,6 @@ def sample_runs(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator
 def _draws(
     design: str, axes: Mapping[Key, Axis], rows: int, rng: np.random.Generator
 ) -> dict[Key, np.ndarray]:
-    """Draw positions on each axis, [rows]."""
     columns = _dimensions(axes)
     unit = _unit(design, rows, 1 + max(columns.values(), default=-1), rng)
     return {key: axis.places(unit[:, columns[key]]) for key, axis in axes.items()}
@@ -105,7 +104,6 @@ def _dimensions(axes: Mapping[Key, Axis]) -> dict[Key, int]:
 
 
 def _unit(design: str, rows: int, dimensions: int, rng: np.random.Generator) -> np.ndarray:
-    """Return points in the unit cube, [rows, dimensions]."""
     if design == "random" or dimensions == 0:
         return rng.random((rows, dimensions))
     # The import takes a second, so it is done only for these designs.

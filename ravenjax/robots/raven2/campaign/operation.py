@@ -63,7 +63,6 @@ def phase_intervals(config: RavenConfig) -> dict[str, np.ndarray]:
 
 
 def _number(config: RavenConfig, path: str, own: float) -> float:
-    """Return a parameter that the file sets for all runs, else `own`."""
     axis = config.parameters.get(path)
     return own if axis is None or axis.kind != "fixed" else float(axis.values[0])
 
@@ -71,16 +70,12 @@ def _number(config: RavenConfig, path: str, own: float) -> float:
 def _way(motion: Motion, scale: float, follows: np.ndarray) -> np.ndarray:
     """Return the tip displacement that the operator asks for, m, axes of an ITP packet; [rows,
     arms, 3].
-
-    follows: bool [rows], whether the tip follows the hand. The displacement is relative to the
-    start.
     """
     steps = np.diff(motion.position_um, axis=0, prepend=motion.position_um[:1]) * (scale * 1e-6)
     return np.cumsum(np.where(follows[:, None, None], steps, 0.0), axis=0)
 
 
 def _speed(way: np.ndarray) -> np.ndarray:
-    """Return the speed of the faster tip in each row of `way`, m per row."""
     rows = np.arange(len(way))
     before, after = np.maximum(rows - WINDOW // 2, 0), np.minimum(rows + WINDOW // 2, len(rows) - 1)
     return np.linalg.norm(way[after] - way[before], axis=2).max(axis=1) / np.maximum(

@@ -100,8 +100,8 @@ def planned_pedal_down(
 ) -> np.ndarray:
     """Return the ticks in which the robot is in pedal-down if nothing stops it, bool [ticks].
 
-    foot: bool [rows of the motion], whether it is on the pedal. cycles: ticks that a packet lasts.
-    plc: whether the software obeys the PLC.
+    foot: bool [rows of the motion]. cycles: ticks that a packet lasts. plc: the software obeys the
+    PLC.
     """
     down = np.zeros(ticks, bool)
     phases = _phases(_level(software), foot, _Foot(cycles, cycles, plc), False, False, ticks)
@@ -203,18 +203,13 @@ class _Foot:
 
 
 def _level(software: str) -> int:
-    """Return the run level in which a run begins."""
     return PEDAL_UP if software == "raven2" else PEDAL_DOWN
 
 
 def _phases(
     level: int, foot: np.ndarray, way: _Foot, random: bool, unknown: bool, ticks: int
 ) -> PedalPhases:
-    """Return the phases in which the pedal is down.
-
-    level: run level in which a run begins; foot: as in `planned_pedal_down`; random: whether the
-    packets' lengths are drawn.
-    """
+    """Return the phases in which the pedal is down. random: the packets' lengths are drawn."""
     cycles = 1 if random else way.least
     changes = np.flatnonzero(np.diff(foot.astype(np.int8), prepend=np.int8(0))) * cycles
     changes = changes[changes < ticks]

@@ -94,10 +94,7 @@ def prepare_campaign(
 def _distributions(
     config: RavenConfig, choices: np.ndarray | None
 ) -> tuple[tuple[float, ...], ...]:
-    """Return the distributions that packets of some run may have, by number.
-
-    Returns none if every cycle of every run has a packet.
-    """
+    """Return the distributions that packets may have; () if every cycle has a packet."""
     own = config.campaign.packet_shares
     varied = choices is not None and bool(np.nan_to_num(choices).any())
     return (
@@ -106,9 +103,7 @@ def _distributions(
 
 
 def _longest(delays: np.ndarray | None) -> int:
-    """Return the length that the delay line needs, ms: one entry for each tick of the longest
-    delay.
-    """
+    """Return the length that the delay line needs, ms."""
     if delays is None or np.isnan(delays).all():
         return 0
     return int(np.clip(np.nanmax(delays), 0, LONGEST_DELAY))
@@ -136,7 +131,6 @@ def _params(config: RavenConfig, setup: RavenSetup, motion: Motion) -> TickParam
 
 
 def _written(config: RavenConfig) -> dict[str, Any]:
-    """Return parameter -> value for those that keys of other sections set for all runs."""
     values: dict[str, Any] = {
         SCALE: config.operator.scale,
         PACKETS: np.int32(config.campaign.packet_choice),

@@ -38,10 +38,7 @@ from ravenjax.vocabulary.parts import OwnSource
 
 
 def _packets(raw: Any) -> Any:
-    """Return a distribution of packets: its name, or its shares.
-
-    Raises ValueError for any other value, with what to write.
-    """
+    """Return a distribution of packets: its name, or its shares. Raises ValueError."""
     names = ", ".join(map(repr, packets.CHOICES))
     if isinstance(raw, str) and raw not in packets.CHOICES:
         raise ValueError(
@@ -121,7 +118,6 @@ class RavenCampaign(CampaignSection):
 
     @model_validator(mode="after")
     def _together(self) -> RavenCampaign:
-        """Raise ValueError for keys that do not go together."""
         if self.tools is not None and len(self.tools) != len(self.arms):
             raise ValueError(
                 f"tools: got {len(self.tools)}, expected one per arm ({len(self.arms)})"

@@ -49,7 +49,6 @@ def arm_bases(setup: RavenSetup) -> dict[str, Base]:
 
 
 def _touched(touch: Any) -> dict[str, np.ndarray]:
-    """Return the contact forces of an arm; empty in a campaign without contact."""
     if touch is None:
         return {}
     sizes = {name: np.asarray(getattr(touch, name)) for name in ("tissue", "vessel", "instrument")}

@@ -68,9 +68,8 @@ class _Path:
         self.pose = _REST.copy()
 
     def _ticks(self, way: float, turn: float, pace: float) -> int:
-        """Return the ticks of a move over `way` m and `turn` rad that keeps to the peak speeds.
-
-        The peak speed of a move is 15/8 of its mean speed.
+        """Return the ticks of a move over `way` m and `turn` rad. Its peak speed is 15/8 of its
+        mean.
         """
         seconds = 1.875 * max(way / PEAK_TIP_SPEED, turn / PEAK_TURN) / pace
         return max(math.ceil(seconds / TICK_S), 250)
@@ -139,7 +138,6 @@ def _still(path: _Path, rng: np.random.Generator) -> Iterator[Segment]:
 
 
 def _anywhere(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Return a random tip offset and tilt-and-roll of a reach."""
     direction = rng.normal(size=3)
     tip = (
         direction
@@ -328,14 +326,12 @@ def _product(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
 
 
 def _axes() -> np.ndarray:
-    """Return the instrument axes a, b, c in frame 0 of gold at home, as rows."""
     a = np.cross(_SHAFT, [0.0, 0.0, 1.0])
     a /= np.linalg.norm(a, axis=0)
     return np.stack([a, np.cross(_SHAFT, a), _SHAFT])
 
 
 def _quaternion(turn: np.ndarray) -> np.ndarray:
-    """Return quaternions [T, 4] x, y, z, w of rotation vectors [T, 3]."""
     angle = np.linalg.norm(turn, axis=1, keepdims=True)
     axis = np.divide(turn, angle, out=np.zeros_like(turn), where=angle > 0.0)
     return np.concatenate([axis * sin(angle / 2.0), cos(angle / 2.0)], axis=1)

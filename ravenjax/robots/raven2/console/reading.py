@@ -187,6 +187,5 @@ class PacketReader:
 
 
 def _whole(value: float) -> tuple[int, float]:
-    """Return the nearest whole number, and the remainder."""
     whole = round(value)
     return whole, value - whole

@@ -56,16 +56,12 @@ def tip_position(arm: str, jpos: Vec, errors: LinkErrors) -> Vec:
 
 
 def _turned(point: Vec, cosine: Scalar, sine: Scalar) -> Vec:
-    """Return the point turned about z."""
     x, y, z = point
     return Vec((sub(mul(cosine, x), mul(sine, y)), add(mul(sine, x), mul(cosine, y)), z))
 
 
 def _link(point: Vec, length: Scalar, twist: Scalar) -> Vec:
-    """Return the point in the frame at the other end of a link.
-
-    The link is a translation along x by its length and a rotation about x by its twist.
-    """
+    """Return the point in the frame at the other end of a link: moved along x, turned about x."""
     of = trigonometry if isinstance(twist, float) else jnp
     cosine, sine = of.cos(twist), of.sin(twist)
     x, y, z = point

@@ -95,10 +95,7 @@ def _jaw(chain: ChainAxes, angle: Scalar) -> tuple[Vec, Vec]:
 
 
 def _shared(arm: str, chain: ChainAxes, at: Vec, from_wrist: Vec) -> tuple[Vec, ...]:
-    """Return the columns of shoulder, elbow, insertion, roll and wrist for a point.
-
-    from_wrist: vector from the wrist axis to the point, m.
-    """
+    """Return the columns of joints 1-5 for a point. from_wrist: from the wrist axis to it, m."""
     flip = GEOMETRY[arm].flip
     return (
         Vec((mul(-flip, at[1]), mul(flip, at[0]), 0.0)),

@@ -106,7 +106,6 @@ def _dome(x: Scalar, y: Scalar) -> Scalar:
 
 
 def _course(x: Scalar) -> tuple[Scalar, Scalar]:
-    """Return y of the vessel's axis at x (m), and its slope there."""
     pieces = [
         (x0, y0, (y1 - y0) / (x1 - x0)) for (x0, y0), (x1, y1) in itertools.pairwise(VESSEL_COURSE)
     ]

@@ -357,12 +357,10 @@ def control_cycle(
 
 
 def _rows(**columns: tuple[Any, ...]) -> list[dict[str, Any]]:
-    """Return the fields of each arm, from tuples with one entry per arm."""
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
 def _changed(records: tuple[Any, ...], **columns: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the arms' records with other values in these fields."""
     return tuple(replace(old, **row) for old, row in zip(records, _rows(**columns), strict=True))
 
 

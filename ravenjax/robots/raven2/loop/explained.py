@@ -1,16 +1,11 @@
 """Compares a run with its golden run number by number: where a fault's effect appears first, and
 when.
 
-This module is a `Loop` of `ravenjax.engines.interface`. It is the loop of `run` with an observer
-that compares each number at a seam (`SEAMS`) with the golden run's number of the same tick. The
-golden run's numbers arrive as a series, as its tips do in any campaign. Engines therefore run it in
-bulk, from branches of golden runs, with shared work computed once, and no trace is stored. The tick
-is the same function, and a lane's outcomes have the bits of `run`.
-
-The cost with both arms: 349 numbers are compared in each tick, 234 of them with a range. That is
-about 5 000 operations beside the tick's own. The series of a golden run of 3 s is 4.5 MB long. Runs
-that share a golden run start from its branches and read it once for a whole vector. Two stored
-traces of each run would move 2 x 4.5 MB per run through memory, 90 GB for ten thousand runs.
+This module is a `Loop` of `ravenjax.engines.interface`: the loop of `run` with an observer. It
+compares each number at a seam (`SEAMS`) with the golden run's number of the same tick, which
+arrives as a series, as its tips do in any campaign. Engines therefore run it in bulk, from branches
+of golden runs, and no trace is stored. A lane's outcomes have the bits of `run`. With both arms 349
+numbers are compared in each tick, and the series of a golden run of 3 s is 4.5 MB long.
 
 A number *differs* in the first tick in which any of its bits differs from the golden run's. It
 *leaves its range* in the first tick in which it is outside its normal range while the golden run's
@@ -197,12 +192,10 @@ def crossing_numbers(setup: RavenSetup, signals: TickSignals) -> list[tuple[Scal
 
 
 def _spans(setup: RavenSetup) -> tuple[tuple[float, float] | None, ...]:
-    """Return the normal range of each number of `list_numbers`."""
     return setup.explained or (None,) * len(list_numbers(setup))
 
 
 def _outside(number: Scalar, span: tuple[float, float]) -> Scalar:
-    """Return whether a number is outside a range; a number that is not finite is outside."""
     low, high = span
     value = lax.convert_element_type(number, jnp.float32)
     return ~((value >= low) & (value <= high))

@@ -181,5 +181,4 @@ def golden_reference(
 
 
 def _um(tips: PerArm[Vec]) -> PerArm[Vec]:
-    """Return metres as micrometres."""
     return tuple(tip * 1e6 for tip in tips)

@@ -182,10 +182,8 @@ def _send_packet(
     stages: dict[str, Any],
     console: Console,
 ) -> tuple[Packet, Packet, Scalar]:
-    """Compute console and network.
-
-    Returns the packet as the console sent it, which the nominal model follows; the packet as it
-    reaches the robot; and whether it does.
+    """Return the packet as the console sent it, the packet as it reaches the robot, and whether it
+    does.
     """
     signal, sequence = console.signal, console.sequence
     if inject.strikes("hand"):

@@ -1,19 +1,17 @@
 """Runs users' files in the Raven's tick: what they can read, and what their results do.
 
-Every file gets one arm in one millisecond as a `View`: the numbers that have crossed a seam so far.
-A detector (`ravenjax.stages.detectors`) runs at the end of the millisecond, and gets all of them.
+Every file gets one arm in one millisecond as a view: the numbers that have crossed a seam so far
+(docs/how-to/own-check.md lists them). It has nothing that only the simulator knows: not the true
+tip, not the links' true motion, not the fault.
 
-**Checks** run between two stages, so that they act before the next stage reads. They compute a
-score in each millisecond for each arm, at every run level. They trip if the score is above their
-threshold for `consecutive` milliseconds in a row. They produce the same columns as built-in checks:
-first trip, milliseconds tripped, and the smallest margin, which is the threshold minus the score.
-They can do what the robot's own checks do:
+**Checks** run between two stages, so that they act before the next stage reads. They do what the
+robot's own checks do:
 
 - `watch`: nothing; they fill their columns, and do not count as a response.
 - `flag`: alert a person. The robot continues; a run in which one trips counts as flagged.
 - `limit`: on an arm where the check trips, the third result of `step` replaces the signal in this
-  millisecond, as a clipped command does; nobody is alerted. A packet is dropped, as the network
-  layer drops one, for both arms, whose increments are in one datagram.
+  millisecond, as a clipped command does; nobody is alerted. A packet is dropped for both arms,
+  whose increments are in one datagram.
 - `stop`: in the control software it acts as the overdrive check. The software E-stop is raised in
   this cycle, which silences the watchdog's wave immediately, and the arm's command of this cycle is
   0. Before the DAC conversion the raised flag zeroes the command; after it the command is replaced.
@@ -31,8 +29,8 @@ They can do what the robot's own checks do:
     dac             (state, current_cmd): 7 int32 counts    16 bits; no command without enabled
                                                             DACs or in an E-stop
 
-A file that repeats the built-in law gives the bits of the built-in stage. The rest of the robot
-relies on what the software still enforces: no file can make a command pass an E-stop.
+A file that repeats the built-in law gives the bits of the built-in stage. No file can make a
+command pass an E-stop.
 """
 
 from __future__ import annotations
@@ -70,102 +68,6 @@ STAGES = (MOTOR_CONTROL, DAC)
 _WAVE = 1 << plc.PIN_WATCHDOG
 _FIELDS = {"checked_cmd": "current_cmd_checked"}
 """Seam -> field of the view, if the field has another name."""
-
-
-class View(part.View):
-    """One arm in one millisecond, in the robot's order; joints are shoulder .. grasp2.
-
-    At: the seam, the stage, or "the end". The view has nothing that only the simulator knows: not
-    the true tip, not the links' true motion, not the fault. Values are those of this millisecond,
-    after the faults of their seam. Values from later in the tick do not exist yet. A check that
-    needs such a value of the previous millisecond must store it where it can read it. The boards of
-    the real robot only have the fields listed under `usb_out`: a check there that reads more needs
-    additional wiring.
-    """
-
-    # --- from packet on ---
-
-    tick: Scalar  # int32, ms since the run began
-    # int32, run level of raven2: 0 E-stop, 1 init, 2 pedal up, 3 pedal down; at packet: that of the
-    # last cycle
-    runlevel: Scalar
-    received: Scalar  # int32, 1 if a packet reached the robot
-    sequence: Scalar  # int32
-    size: Scalar  # int32 bytes
-    delta: Vec  # 3 int32 um, increment of the tip (with console = "absolute": its position)
-    grasp: Scalar  # int32 mrad
-    surgeon_mode: Scalar  # int32, 1: pedal down
-
-    # --- from mpos on ---
-
-    enc_val: Vec  # 7 int32 counts, as read from USB
-    mpos: Vec  # 7 rad, of motors
-    mvel: Vec  # 7 rad/s
-
-    # --- from jpos on ---
-
-    jpos: Vec  # 7, rad and m
-    jvel: Vec  # 7, rad/s and m/s; tool joints 0, as in the original
-
-    # --- from jpos_d on ---
-
-    pos: Vec  # 3 int32 um, measured tip
-    pos_d: Vec  # 3 int32 um, desired tip
-    jpos_d: Vec  # 7, rad and m
-
-    # --- in stage motor_control ---
-
-    active: Scalar  # bool, run level 2 and above
-    pedal_down: Scalar  # bool, run level 3
-    tau_g: Vec  # 3 N m at the capstan, gravity of joints 1-3 at jpos; 0 in the 2015 fork
-    period: Scalar  # s
-    # 7 N m/rad; this and the next three are the campaign's values at control.motor_control
-    kp: Vec
-    kd: Vec  # 7 N m s/rad
-    ki: Vec  # 7 N m/(rad s)
-    mvel_d: Vec  # 7 rad/s
-
-    # --- from motor_control on ---
-
-    mpos_d: Vec  # 7 rad
-
-    # --- from tau_d on ---
-
-    tau_d: Vec  # 7 N m at the capstan
-
-    # --- in stage dac ---
-
-    amps_per_torque: Vec  # 7 A/(N m)
-    counts_per_amp: Vec  # 7 DAC counts/A
-
-    # --- from current_cmd on ---
-
-    current_cmd: Vec  # 7 int32 DAC counts, before the overdrive check
-
-    # --- from checked_cmd on ---
-
-    current_cmd_checked: Vec  # 7 int32 DAC counts, after the overdrive check
-
-    # --- at usb_out: the values of the arm's board ---
-
-    # 7 int32 DAC counts that arrive; after a failed USB write those that it holds
-    boards_cmd: Vec
-    held_cmd: Vec  # 7 int32 DAC counts that it holds from the last millisecond
-    boards_enc_val: Vec  # 7 int32 counts of its encoders when this cycle began
-    pins: Scalar  # int32 output byte to the PLC, as it arrives
-    plc_runlevel: Scalar  # int32, run level on the PLC's pins
-
-    # --- at the end, for detectors; boards_cmd is then what the board holds ---
-
-    current_cmd_written: Vec  # 7 int32 DAC counts, as written to USB
-    brakes: Scalar  # int32, 1: the PLC closes the brakes
-
-    # --- the nominal model, which follows the console's clean packets ---
-
-    model_jpos: Vec  # 7, rad and m
-    model_tip: Vec  # 3 m
-    tip: Vec  # 3 m, reported tip, from the robot's own `jpos`, unrounded
-    tip_error: Scalar  # m, distance between model_tip and tip
 
 
 @record
@@ -269,15 +171,15 @@ class UserFiles:
         """Store what has crossed a seam: each a number, or a tuple with one entry per arm."""
         self._crossed.update(numbers)
 
-    def views(self, at: str, width: str) -> PerArm[View]:
+    def views(self, at: str, width: str) -> PerArm[part.View]:
         """Return the view of each arm, with floats in the given width."""
 
-        def view(i: int, _: Any) -> View:
+        def view(i: int, _: Any) -> part.View:
             numbers = {}
             for name, value in self._crossed.items():
                 number = value if isinstance(value, Vec) or type(value) is not tuple else value[i]
                 numbers[name] = cast(number, width) if name in _FLOATS else number
-            return View(at, numbers)
+            return part.View(at, numbers)
 
         return per_arm(self._setup, view)
 
@@ -458,7 +360,6 @@ def _zeros(signal: PerArm[Vec]) -> PerArm[Vec]:
 
 
 def _chosen(trips: Sequence[Scalar], values: PerArm[Vec], signal: PerArm[Vec]) -> PerArm[Vec]:
-    """Return the values for the arms that trip, and the signal for the others."""
     return tuple(
         where(trip, new, old) for trip, new, old in zip(trips, values, signal, strict=True)
     )

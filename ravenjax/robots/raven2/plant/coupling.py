@@ -121,5 +121,4 @@ def arm_coupling(arm: ArmName, tool: str, software: str) -> Coupling:
 
 
 def _clean(value: float, scale: float) -> float:
-    """Return the value, or 0 if it is only the rounding error of a difference."""
     return 0.0 if abs(value) <= 1e-9 * abs(scale) else value

@@ -1,28 +1,22 @@
-"""Kinematic errors, which make a healthy robot's report wrong: joints, cable drums and links off
-their drawings.
+"""Kinematic errors: joints, cable drums and links off their drawings, which make a healthy robot's
+report wrong.
 
-Three arms are distinguished:
-
-- The **true** arm: its links are at angles that nobody measures, and have the lengths and twists
-  with which they were built. `robot.PlantOutput` has its joints, `true_tip` its tip.
+- The **true** arm: its links are at angles that nobody measures, with the lengths and twists with
+  which they were built.
 - The **reported** arm: the software turns encoder counts into joints by the drawings' ratios and by
-  the zero that homing found. It turns joints into a tip by the drawings' links. Controller, checks,
+  the zero that homing found, and joints into a tip by the drawings' links. Controller, checks,
   report and cue know this arm only.
 - The **nominal model** starts at the reported pose and has the drawings' links: it stays where the
   report would be.
 
-With equal motor angles, the true joints q follow from the reported joints r and the home pose h:
+With equal motor angles, the true joints q follow from the reported joints r and the home pose h.
+Cable stretch is added. Every error that is 0 drops out of the traced code.
 
     q = h + (1 + ratio_error) (r - h) + joint_offset
 
-Cable stretch is added, as without errors. Every error that is 0 drops out of the traced code.
-
-A camera does not know the robot's frame 0. The robot's place in its picture is fitted, so a rigid
-displacement is not visible as an error. `registered` does the same: before the run the true tip's
-frame is moved so that true and reported tips agree best at POSES.
-
-Registration is the rigid motion that brings true tips onto reported tips at POSES, by least squares
-(Gauss-Newton; each step solves for a small rotation and a displacement). It is constant in a run.
+A camera does not know the robot's frame 0, so a rigid displacement is not visible as an error.
+`registered` does the same: a rigid motion, constant in a run, brings true tips onto reported tips
+at POSES by least squares (Gauss-Newton; each step solves for a small rotation and a displacement).
 """
 
 from __future__ import annotations
@@ -201,9 +195,8 @@ def _same() -> Registration:
 
 @functools.cache
 def _normal_equations(arm: str) -> tuple[list[list[float]], list[list[float]]]:
-    """Return reported tips (m) at POSES, and the matrix from residuals to the registration.
-
-    The matrix [6, 3 poses] maps residuals to rotation (rad) and displacement (m).
+    """Return reported tips (m) at POSES, and the matrix [6, 3 poses] from residuals to the
+    registration.
     """
     with at_once():  # a trace may call this function
         tips = np.array([kinematics.forward_pose(arm, pose).position for pose in POSES])

@@ -461,7 +461,6 @@ def _whole(state: PlantState, cable_scale: Vec) -> Vec:
 
 
 def _stiffness(params: PlantParams, i: int, scale: Scalar) -> Scalar:
-    """Return the stiffness of cable i, N/m; 0 if it is cut."""
     return mul(scale, params.cable_stiffness[i] * params.cable_stiffness_scale)
 
 
@@ -499,7 +498,6 @@ def _coupling(setup: RavenSetup, arm: ArmName, params: PlantParams) -> Coupling:
 
 
 def _nominal_coupling(setup: RavenSetup, arm: ArmName) -> Coupling:
-    """Return the coupling that the software assumes."""
     return arm_coupling(arm, _tool(setup, arm), setup.software)
 
 

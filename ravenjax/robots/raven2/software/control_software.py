@@ -5,16 +5,14 @@ pins out.
     output = software.step(encoders, packet=datagram, pins=0b11 << 6)
     output.dac[0], output.output_pins, output.signals.runlevel
 
-Connect your own plant or hardware to it. It is the control software of the tick, evaluated in the
-original's mixed arithmetic (float32 stored, float64 in between) and in the original's order
-(`original.literal`): every number equals the original's. It runs compiled, or one operation at a
-time in Python, with the same bits (`engines.cpu.transition`).
+It is the control software of the tick, evaluated in the original's mixed arithmetic (float32
+stored, float64 in between) and order (`original.literal`): every number equals the original's. It
+runs compiled, or one operation at a time in Python, with the same bits (`engines.cpu.transition`).
 
 Homing is not simulated. The start state at a pose is that of the original after an E-stop in that
-pose: measured pose, desired pose and accumulators are equal. The first pedal-down therefore
-commands the present pose. One number may differ from the original's: the accumulated jaw opening,
-which the original resets only if it is more than 45 deg off (raven2: local_io.cpp). After homing in
-that pose the two agree.
+pose, so the first pedal-down commands the present pose. One number may differ from the original's:
+the accumulated jaw opening, which the original resets only if it is more than 45 deg off (raven2:
+local_io.cpp).
 """
 
 # Callers may pass anything, and JAX is typed in part.
@@ -153,7 +151,6 @@ class ControlSoftware:
         self._take_memory(initial)
 
     def _take_memory(self, initial: control.ControlState) -> None:
-        """Allocate memory for the state and for one cycle's rows."""
         kinds = self.code.kinds
         self._state, self._row = kinds["state"].row(initial), InputRows(self.setup)
         self._out = aligned_buffer(1, kinds["signals"].layout.bytes)
@@ -237,7 +234,6 @@ class ControlSoftware:
         return Outputs(np.stack(dac, axis=1), signals.pins_out, signals)
 
     def __copy__(self) -> ControlSoftware:
-        """Return a copy in the same state that runs independently."""
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__)
         other._take_memory(self.state)
@@ -281,7 +277,6 @@ class ControlSoftware:
 def _parameters(
     setup: RavenSetup, level: str | None, policy: str, offsets: np.ndarray
 ) -> control.ControlParams:
-    """Return the software's parameters, with those replaced that have an argument."""
     own = control.params(setup)
     return replace(
         own,

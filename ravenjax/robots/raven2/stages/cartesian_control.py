@@ -84,7 +84,6 @@ def _yaw(setup: RavenSetup, jpos: Vec) -> Scalar:
 
 
 def _reference(setup: RavenSetup, jpos: Vec) -> Vec:
-    """Return the measured joints, with jaws that give the rounded yaw."""
     yaw = _yaw(setup, jpos)
     return Vec((*widen_numbers(setup, Vec(jpos[:5])), -yaw, yaw))
 
