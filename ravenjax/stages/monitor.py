@@ -18,6 +18,7 @@ The condition c < d / 2 means that most of d is motion that the robot missed.
 
 from __future__ import annotations
 
+import dataclasses
 from typing import NamedTuple
 
 from ravenjax.numbers import finite
@@ -161,35 +162,22 @@ def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> Mon
 
     def arm_state(i: int) -> MonitorArmState:
         tip, pos = cast_to_real(setup, tips[i]), cast_to_real(setup, positions[i])
-        dac = Vec.full(len(setup.joints), jnp.int32(0))
-        depth = cast_to_real(setup, -jnp.inf)
-        still, no = cast_to_real(setup, Vec.full(3, 0.0)), jnp.bool_(False)
+        zeros = {field.name: zero for field in dataclasses.fields(MonitorArmState)}
+        begin = {
+            **dict.fromkeys(("tip", "tip_before", "golden_tip"), tip),
+            **dict.fromkeys(("pos", "golden_pos"), pos),
+            **dict.fromkeys(("over", "leapt"), jnp.bool_(False)),
+            **dict.fromkeys(("jump", "large_jump", "tip_jump"), never),
+        }
         return MonitorArmState(
-            tip=tip,
-            tip_before=tip,
-            golden_tip=tip,
-            missed=still,
-            pos=pos,
-            golden_pos=pos,
-            over=no,
-            leapt=no,
-            peak_model=zero,
-            peak_live=zero,
-            square_model=zero,
-            peak_golden=zero,
-            square_golden=zero,
-            unintended=zero,
-            unintended_off=zero,
-            loss=zero,
-            false_report=zero,
-            idle_ticks=jnp.int32(0),
-            peak_step=zero,
-            path=zero,
-            depth=depth,
-            peak_dac=dac,
-            jump=never,
-            large_jump=never,
-            tip_jump=never,
+            **zeros
+            | begin
+            | {
+                "missed": cast_to_real(setup, Vec.full(3, 0.0)),
+                "idle_ticks": jnp.int32(0),
+                "depth": cast_to_real(setup, -jnp.inf),
+                "peak_dac": Vec.full(len(setup.joints), jnp.int32(0)),
+            }
         )
 
     return MonitorState(

@@ -1,27 +1,29 @@
-"""Turns a validated campaign into a Raven's tick: its static choices, parameters and operator's
-motion.
-"""
+"""Turns a validated campaign into a Raven's tick: static choices, parameters, operator's motion."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from ravenjax.campaign.prepared import Prepared
+from ravenjax.engines.interface import TickProgram
+from ravenjax.hazards import ranges
 from ravenjax.numbers import paths
 from ravenjax.numbers.setup import Injection, Precision
 from ravenjax.numbers.vec import replace
 from ravenjax.robots.raven2.campaign import hands
 from ravenjax.robots.raven2.campaign.config import RavenConfig
 from ravenjax.robots.raven2.console.motion import Motion
-from ravenjax.robots.raven2.loop import run, user_files
+from ravenjax.robots.raven2.loop import explained, run, user_files, watched
 from ravenjax.robots.raven2.loop.records import TickParams
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import overdrive
 from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.reactions import ACTIONS
+from ravenjax.vocabulary.seams import Crossing
 
 NOISE_KEY = "plant.noise_key"
 """Parameter that a campaign with noise sets from each run's id.
@@ -153,3 +155,29 @@ def _written(config: RavenConfig) -> dict[str, Any]:
             values[f"control.cartesian.{side}.{joint}"] = float(np.float32(value))
             values[f"nominal.target.{side}.{joint}"] = value
     return values
+
+
+# --- observers ---
+
+
+ROUNDED = 5e-6
+"""Relative margin of both ends of a range, which is written with six digits."""
+
+
+def watch_signals(program: TickProgram) -> TickProgram:
+    """Return a program of the same runs that outputs only the signals of their detectors."""
+    return dataclasses.replace(program, module=watched.__name__)
+
+
+def explain_program(program: TickProgram) -> TickProgram:
+    """Return a program of the same runs, each compared with its golden run number by number."""
+    spans = tuple(_normal_range(place) for place in explained.list_numbers(program.setup))
+    setup = dataclasses.replace(program.setup, explained=spans)
+    return dataclasses.replace(program, module=explained.__name__, setup=setup)
+
+
+def _normal_range(place: Crossing) -> tuple[float, float] | None:
+    if not place.channel.site:
+        return None
+    usual = ranges.normal_range(place.channel.site, place.channel.name, place.arm)
+    return usual.low - ROUNDED * abs(usual.low), usual.high + ROUNDED * abs(usual.high)

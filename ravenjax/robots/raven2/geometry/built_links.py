@@ -28,11 +28,6 @@ class LinkErrors:
     wrist_length: Scalar  # m
 
 
-def as_drawn() -> LinkErrors:
-    """Return zero errors."""
-    return LinkErrors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
 def tip_position(arm: str, jpos: Vec, errors: LinkErrors) -> Vec:
     """Return the position (3, m, frame 0) of the jaw axis with these links; jpos: rad and m."""
     geometry = GEOMETRY[arm]

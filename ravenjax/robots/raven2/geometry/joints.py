@@ -70,11 +70,6 @@ def jaw_yaw(jpos: Vec) -> Scalar:
     return (jpos[6] - jpos[5]) * 0.5
 
 
-def jaw_opening(jpos: Vec) -> Scalar:
-    """Return the jaw opening, rad, positive open."""
-    return jpos[5] + jpos[6]
-
-
 def jaw_angles(yaw_rad: Scalar, grasp_rad: Scalar) -> tuple[Scalar, Scalar]:
     """Return grasp1 and grasp2, rad, from yaw and opening."""
     half = grasp_rad * 0.5

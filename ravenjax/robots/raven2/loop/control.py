@@ -10,6 +10,7 @@ import numpy as np
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import narrow_numbers, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
+from ravenjax.parts import part
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.console.packet import Packet
@@ -33,11 +34,6 @@ from ravenjax.robots.raven2.stages import (
 
 Inject = Callable[..., Any]
 """Returns the signal of a site after faults, as `ravenjax.faults.injection.Injector`."""
-
-
-def inject_nothing(site: str, signal: Any, present: Scalar = True) -> Any:
-    """Return the signal unchanged: the `Inject` of a robot without faults."""
-    return signal
 
 
 @record
@@ -122,6 +118,7 @@ class ControlSignals:
 
 def params(setup: RavenSetup) -> ControlParams:
     """Return the software's own parameters."""
+    files = tuple(source for _, source in setup.controller)
     return ControlParams(
         teleoperation.params(setup),
         state_machine.params(setup),
@@ -129,7 +126,7 @@ def params(setup: RavenSetup) -> ControlParams:
         cartesian_control.params(setup),
         per_arm(setup, lambda _, arm: motor_control.params(setup, arm)),
         overdrive.params(setup),
-        user_files.stage_params(setup),
+        part.part_parameters(files) if files else None,
     )
 
 
@@ -180,7 +177,7 @@ def control_cycle(
     params: ControlParams,
     state: ControlState,
     inputs: Inputs,
-    inject: Inject = inject_nothing,
+    inject: Inject = lambda site, signal, present=True: signal,
     files: UserFiles | None = None,
 ) -> tuple[ControlState, ControlSignals]:
     """Compute one 1 ms cycle of the control software: packet, USB read, decide, check, write.
@@ -241,8 +238,8 @@ def control_cycle(
 
     # --- decide ---
     slave = (level != run_levels.PEDAL_DOWN) & (level != run_levels.INIT)
-    cartesian = cartesian_control.store_measured(setup, cartesian, jpos)
-    poses = _struck(inject, ("pos", "ori"), tuple(arm.pos for arm in cartesian))
+    poses = each(lambda i, arm, _: cartesian_control.measure_pose(setup, arm, jpos[i]))
+    poses = _struck(inject, ("pos", "ori"), poses)
     cartesian = cartesian_control.follow_measured(_changed(cartesian, pos=poses), slave)
     poses_d = _struck(inject, ("pos_d", "ori_d"), tuple(arm.pos_d for arm in cartesian))
     cartesian = _changed(cartesian, pos_d=poses_d)

@@ -20,7 +20,7 @@ from ravenjax.faults import fault
 from ravenjax.faults.injection import read_channel
 from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.setup import cast_to_real, widen_numbers
-from ravenjax.numbers.vec import Scalar, record
+from ravenjax.numbers.vec import Scalar, first_tick, record
 from ravenjax.robots.raven2.declaration import CHECKS, SEAMS
 from ravenjax.robots.raven2.geometry.mapping import quat_from_matrix
 from ravenjax.robots.raven2.loop import run
@@ -119,10 +119,13 @@ def advance(
             else lax.convert_element_type(number, jnp.int32)
         )
         there = lax.bitcast_convert_type(other, jnp.int32)
-        differs, leaves = _first((bits != there) & present, history.differs, now), history.leaves
+        differs, leaves = (
+            first_tick(now, (bits != there) & present, history.differs),
+            history.leaves,
+        )
         if span is not None:
             outside = _outside(number, span) & ~_outside(other if floats else there, span)
-            leaves = _first(outside & present, leaves, now)
+            leaves = first_tick(now, outside & present, leaves)
         numbers.append(NumberHistory(differs, leaves))
         carried.append(lax.bitcast_convert_type(bits, jnp.float32))
     live, margins, nearest = state.harm < 0, [], []
@@ -199,7 +202,3 @@ def _outside(number: Scalar, span: tuple[float, float]) -> Scalar:
     low, high = span
     value = lax.convert_element_type(number, jnp.float32)
     return ~((value >= low) & (value <= high))
-
-
-def _first(happens: Scalar, before: Scalar, now: Scalar) -> Scalar:
-    return jnp.where(happens & (before < 0), now, before)

@@ -33,6 +33,7 @@ from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
 from ravenjax.stages import check, detectors, hand, haptics, monitor
 from ravenjax.stages.check import CheckHistory
+from ravenjax.vocabulary.checks import OWN
 
 
 def params(
@@ -161,7 +162,8 @@ def check_histories(setup: RavenSetup, state: TickState) -> dict[str, CheckHisto
     """Return every check by its name in columns, users' checks first; each for the worse arm."""
     software = state.control
     net, machine, over = software.network, software.state_machine, software.overdrive
-    return user_files.own_check_histories(setup, state.files) | {
+    own = zip(setup.checks, state.files.histories, strict=True)
+    return {f"{OWN}{use.name}": history for use, history in own} | {
         "overdrive_instant": over.instant,
         "overdrive_hard": over.hard,
         "overdrive_clip": over.clip,

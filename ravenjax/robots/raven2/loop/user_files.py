@@ -55,14 +55,12 @@ from ravenjax.robots.raven2.stages import dac, motor_control, plc, usb
 from ravenjax.robots.raven2.stages.motor_control import MotorControlParams, MotorControlState
 from ravenjax.stages import check
 from ravenjax.stages.check import CheckHistory
-from ravenjax.vocabulary.checks import OWN
 
 PACKET, BOARDS = "packet", "usb_out"
 COMMANDS = ("current_cmd", "checked_cmd")
 """Seams at which a stop must itself set the command of this cycle to 0."""
 
 MOTOR_CONTROL, DAC = "motor_control", "dac"
-STAGES = (MOTOR_CONTROL, DAC)
 """Stages that a file may replace, in the order of the tick."""
 
 _WAVE = 1 << plc.PIN_WATCHDOG
@@ -104,12 +102,6 @@ def check_params(setup: RavenSetup, thresholds: Sequence[float]) -> CheckParams:
     return CheckParams(own, part.named_parameters(names, thresholds))
 
 
-def stage_params(setup: RavenSetup) -> Any:
-    """Return the parameters of the files that replace stages; None if no stage is replaced."""
-    files = tuple(source for _, source in setup.controller)
-    return part.part_parameters(files) if files else None
-
-
 def init(setup: RavenSetup, checks: CheckParams | None, stages: Any) -> UserFilesState:
     """Return the state before the first tick, in which no board refuses."""
     arms, width = len(setup.arms), setup.precision.real
@@ -126,14 +118,6 @@ def init(setup: RavenSetup, checks: CheckParams | None, stages: Any) -> UserFile
             for (_, source), own in zip(setup.controller, stages or (), strict=True)
         ),
     )
-
-
-def own_check_histories(setup: RavenSetup, state: UserFilesState) -> dict[str, CheckHistory]:
-    """Return the history of each check, by its name in columns."""
-    return {
-        f"{OWN}{use.name}": history
-        for use, history in zip(setup.checks, state.histories, strict=True)
-    }
 
 
 def boards_may_refuse(setup: RavenSetup) -> bool:
@@ -153,19 +137,14 @@ class UserFiles:
         tick: Scalar = 0,
     ) -> None:
         self._setup, self._checks, self._stages = setup, checks, stages
-        state = state or UserFilesState((), (), (), ())
-        self._tick, self._state = tick, state
-        self._after, self._histories = list(state.checks), list(state.histories)
-        self._refusing, self._stage_states = state.refusing, list(state.stages)
+        self._tick, self.state = tick, state or UserFilesState((), (), (), ())
         self._crossed: dict[str, Any] = {"tick": tick}
         self._stops: list[Scalar] = []
 
-    @property
-    def state(self) -> UserFilesState:
-        """The state after this tick."""
-        return UserFilesState(
-            tuple(self._after), tuple(self._histories), self._refusing, tuple(self._stage_states)
-        )
+    def _store(self, field: str, place: int, item: Any) -> None:
+        items = list(getattr(self.state, field))
+        items[place] = item
+        self.state = replace(self.state, **{field: tuple(items)})
 
     def note(self, **numbers: Any) -> None:
         """Store what has crossed a seam: each a number, or a tuple with one entry per arm."""
@@ -233,7 +212,7 @@ class UserFiles:
         """Return what the boards hold, after their checks. held: what they held before."""
         self.note(held_cmd=held.current_cmd, pins=boards.pins, plc_runlevel=plc_runlevel)
         commands = boards.current_cmd
-        refusing = tuple(still & (plc_runlevel != INIT) for still in self._refusing)
+        refusing = tuple(still & (plc_runlevel != INIT) for still in self.state.refusing)
         for place, use in self._checks_at(BOARDS):
             self.note(boards_cmd=commands)
             trips, values = self._look(place, commands)
@@ -243,7 +222,7 @@ class UserFiles:
                 refusing = tuple(a | b for a, b in zip(refusing, trips, strict=True))
         pins = boards.pins
         if refusing:
-            self._refusing = refusing
+            self.state = replace(self.state, refusing=refusing)
             silent = [still & (plc_runlevel != E_STOP) for still in refusing]
             commands = _chosen(refusing, _zeros(commands), commands)
             pins = tuple(
@@ -263,7 +242,7 @@ class UserFiles:
         code, own = part.load_part(use.part), self._checks.own[place]
         threshold, views = self._checks.threshold[place], self.views(use.at, width)
         arms, trips, margins, values = [], [], [], list(crossing)
-        for i, before in enumerate(self._state.checks[place]):
+        for i, before in enumerate(self.state.checks[place]):
             gives: dict[str, Any] = {"score": SCORE}
             if use.acts == "limit" and crossing[i]:
                 gives["values"] = crossing[i]
@@ -274,10 +253,10 @@ class UserFiles:
             arms.append(CheckState(after, Vec((score, *before.recent)[: len(before.recent)])))
             trips.append(lowest > threshold)
             margins.append(threshold - lowest)
-        self._after[place] = tuple(arms)
-        self._histories[place] = check.update_check(
-            self._histories[place], self._tick, reduce(or_, trips), reduce(jnp.minimum, margins)
-        )
+        self._store("checks", place, tuple(arms))
+        tripped, margin = reduce(or_, trips), reduce(jnp.minimum, margins)
+        history = self.state.histories[place]
+        self._store("histories", place, check.update_check(history, self._tick, tripped, margin))
         return tuple(trips), tuple(values)
 
     # --- stages ---
@@ -344,11 +323,11 @@ class UserFiles:
         after, values = [], []
         for i, view in enumerate(self.views(stage, width)):
             state, value = code.step(
-                self._stages[place], self._state.stages[place][i], view, width, **{name: like[i]}
+                self._stages[place], self.state.stages[place][i], view, width, **{name: like[i]}
             )
             after.append(state)
             values.append(value)
-        self._stage_states[place] = tuple(after)
+        self._store("stages", place, tuple(after))
         return values
 
 

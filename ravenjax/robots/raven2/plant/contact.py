@@ -78,11 +78,6 @@ def spring_law(spring: Scalar, slope: Scalar, damping: Scalar, closing: Scalar, 
     return Law(spring * jnp.maximum(grows, 0.0), rate)
 
 
-def hertz_stiffness(params: ContactParams) -> Scalar:
-    """Return k of Hertz's law, N/m^1.5."""
-    return (_HERTZ * params.tissue_modulus) * jnp.sqrt(params.tip_radius)
-
-
 class TipContact(NamedTuple):
     """A jaw tip on the tissue, over the coming step."""
 
@@ -134,7 +129,7 @@ def _tip(
     closing = -dot(rise, velocity)
     depth = jnp.maximum(surface.depth + closing * dt, 0.0)
     root = jnp.sqrt(depth)
-    k = hertz_stiffness(params)
+    k = (_HERTZ * params.tissue_modulus) * jnp.sqrt(params.tip_radius)  # N/m^1.5
     normal = spring_law(k * depth * root, 1.5 * k * root, params.damping, closing, dt)
     steep = dot(rise, rise)
     inverse = 1.0 / steep

@@ -82,18 +82,13 @@ axis.
 def no_errors() -> KinematicErrors:
     """Return zero errors."""
     zero = Vec.full(7, 0.0)
-    return KinematicErrors(1.0, zero, zero, built_links.as_drawn(), np.int32(0))
+    return KinematicErrors(1.0, zero, zero, LinkErrors(*(0.0,) * 7), np.int32(0))
 
 
 def is_exact(errors: KinematicErrors) -> bool:
     """Return whether all errors are known to be 0 in this trace."""
     numbers = tree.tree_leaves((errors.joint_offset, errors.ratio_error, errors.links))
     return all(type(number) in (int, float) and number == 0 for number in numbers)
-
-
-def motion_gain(errors: KinematicErrors) -> Vec:
-    """Return the true motion of each joint per motion that the software assumes, 7."""
-    return Vec(add(1.0, mul(errors.scale, error)) for error in errors.ratio_error)
 
 
 def true_joints(errors: KinematicErrors, reported: Vec) -> Vec:

@@ -40,7 +40,7 @@ from ravenjax.numbers.setup import cast_to_real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, to_int32, where
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.dynamics import link_dynamics
-from ravenjax.robots.raven2.geometry import joints, kinematics, limits, mapping, transmission
+from ravenjax.robots.raven2.geometry import kinematics, limits, mapping, transmission
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.plant.drives import coulomb_damping
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -184,12 +184,7 @@ def step(
     still = replace(state, jvel=state.jvel * 0.0, target=target)
     state = where(clean.engaged != 0, moved, still)
     state = replace(cast_to_real(setup, replace(state, target=None)), target=state.target)
-    return state, observe_model(arm, state)
-
-
-def observe_model(arm: ArmName, state: NominalState) -> NominalOutput:
-    """Return tip and joints of a state."""
-    return NominalOutput(
+    return state, NominalOutput(
         jpos=state.jpos,
         tip_position=kinematics.forward_pose(arm, state.jpos).position,
         tip_velocity=kinematics.tip_velocity(arm, state.jpos, state.jvel),
@@ -242,7 +237,7 @@ def init_target(setup: RavenSetup, arm: ArmName, jpos: Vec) -> TargetState:
     return TargetState(
         position_um=pose.position.map(lambda p: to_int32(p * UM_PER_M)),
         quat=mapping.quat_from_matrix(pose.rotation),
-        grasp_mrad=to_int32(joints.jaw_opening(jpos) * 1000.0),
+        grasp_mrad=to_int32((jpos[5] + jpos[6]) * 1000.0),
         jpos_d=jpos,
     )
 

@@ -493,7 +493,8 @@ def _jpos(geometry: Coupling, state: PlantState, dtype: str) -> Vec:
 
 
 def _coupling(setup: RavenSetup, arm: ArmName, params: PlantParams) -> Coupling:
-    gain = kinematic_errors.motion_gain(params.kinematic_errors)
+    errors = params.kinematic_errors
+    gain = Vec(add(1.0, mul(errors.scale, error)) for error in errors.ratio_error)
     return dataclasses.replace(_nominal_coupling(setup, arm), gain=gain)
 
 

@@ -93,11 +93,6 @@ def follow_measured(state: State, condition: Scalar) -> State:
     return tuple(replace(arm, pos_d=where(condition, arm.pos, arm.pos_d)) for arm in state)
 
 
-def store_measured(setup: RavenSetup, state: State, jpos: PerArm[Vec]) -> State:
-    """Store this cycle's measured poses."""
-    return per_arm(setup, lambda i, arm: replace(state[i], pos=measure_pose(setup, arm, jpos[i])))
-
-
 def solve_inverse(
     setup: RavenSetup,
     params: CartesianParams,
