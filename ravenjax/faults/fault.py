@@ -2,8 +2,6 @@
 robot.
 """
 
-from __future__ import annotations
-
 from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.setup import Setup
 from ravenjax.numbers.vec import Scalar, record, replace

@@ -6,8 +6,6 @@ channel by selects, applies its effect once, and scatters the result back by sel
 channel keeps its bits.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable, Mapping

@@ -4,8 +4,6 @@ NumPy.
 The package's docstring defines these words.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 

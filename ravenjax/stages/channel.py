@@ -17,8 +17,6 @@ arrived before. Packets that others overtook are therefore lost, as they are by 
 rule. The emulator's loss of the whole connection is fault effect `drop`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from ravenjax.numbers.counter_random import random_uniform

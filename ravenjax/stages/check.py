@@ -1,7 +1,5 @@
 """Records the history of a built-in check: first trip, number of trips, and smallest margin."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -25,8 +25,6 @@ shows what every threshold would have done. Detectors are armed in pedal-down, w
 E-stop, after `armed_after` has passed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import reduce
 from typing import Any

@@ -18,8 +18,6 @@ a tick of length h, with u the mean of the velocities before and after, it gives
 The hand therefore never gives back more energy than the force put in.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

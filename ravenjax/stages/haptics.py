@@ -16,8 +16,6 @@ Several (threshold, kp, kd, cap) sets are evaluated side by side (`Setup.cues`).
 who does not react they all see the same motion.
 """
 
-from __future__ import annotations
-
 from ravenjax.numbers.algebra import dot, norm
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import describe_fields

@@ -16,10 +16,8 @@ would be if the robot had stood still. With d = min(a, b):
 The condition c < d / 2 means that most of d is motion that the robot missed.
 """
 
-from __future__ import annotations
-
 import dataclasses
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ravenjax.numbers import finite
 from ravenjax.numbers.algebra import norm
@@ -162,23 +160,16 @@ def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> Mon
 
     def arm_state(i: int) -> MonitorArmState:
         tip, pos = cast_to_real(setup, tips[i]), cast_to_real(setup, positions[i])
-        zeros = {field.name: zero for field in dataclasses.fields(MonitorArmState)}
-        begin = {
-            **dict.fromkeys(("tip", "tip_before", "golden_tip"), tip),
-            **dict.fromkeys(("pos", "golden_pos"), pos),
-            **dict.fromkeys(("over", "leapt"), jnp.bool_(False)),
-            **dict.fromkeys(("jump", "large_jump", "tip_jump"), never),
-        }
-        return MonitorArmState(
-            **zeros
-            | begin
-            | {
-                "missed": cast_to_real(setup, Vec.full(3, 0.0)),
-                "idle_ticks": jnp.int32(0),
-                "depth": cast_to_real(setup, -jnp.inf),
-                "peak_dac": Vec.full(len(setup.joints), jnp.int32(0)),
-            }
-        )
+        begin: dict[str, Any] = {field.name: zero for field in dataclasses.fields(MonitorArmState)}
+        begin |= dict.fromkeys(("tip", "tip_before", "golden_tip"), tip)
+        begin |= dict.fromkeys(("pos", "golden_pos"), pos)
+        begin |= dict.fromkeys(("over", "leapt"), jnp.bool_(False))
+        begin |= dict.fromkeys(("jump", "large_jump", "tip_jump"), never)
+        begin["missed"] = cast_to_real(setup, Vec.full(3, 0.0))
+        begin["idle_ticks"] = jnp.int32(0)
+        begin["depth"] = cast_to_real(setup, -jnp.inf)
+        begin["peak_dac"] = Vec.full(len(setup.joints), jnp.int32(0))
+        return MonitorArmState(**begin)
 
     return MonitorState(
         arms=per_arm(setup, lambda i, arm: arm_state(i)),

@@ -11,8 +11,6 @@ Simplified: lengths are independent. In the recordings short ones follow long on
 regular times.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

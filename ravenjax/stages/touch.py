@@ -1,7 +1,5 @@
 """Records how hard a run's instruments press on tissue, on the vessel and on each other."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from ravenjax.numbers.lazy import jnp

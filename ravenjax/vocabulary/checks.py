@@ -4,8 +4,6 @@ A robot has built-in checks. A campaign may add users' checks, which are Python 
 the tick.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from collections.abc import Iterable

@@ -5,8 +5,6 @@ value. The window opens `start` after the trigger's clock begins and lasts `dura
 > 0 it opens again after each `every`.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path

@@ -6,8 +6,6 @@ software continues with them, as its original does. They fail the run only if th
 or its observers.
 """
 
-from __future__ import annotations
-
 SIGNALS: dict[str, str] = {
     "tip": "the true tip of the robot",
     "model tip": "the tip of the nominal model",

@@ -8,8 +8,6 @@ cannot distinguish a packet of two cycles from two packets with the same positio
 of operator_positions are no evidence, because they come in bursts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 EVERY_CYCLE, MEASURED, BURSTS, OWN = 0, 1, 2, 3

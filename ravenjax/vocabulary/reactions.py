@@ -3,8 +3,6 @@
 `ravenjax.robots.raven2.console.reaction` implements the reactions.
 """
 
-from __future__ import annotations
-
 NONE, RELEASE, SLOW, CORRECT = 0, 1, 2, 3
 
 ACTIONS = ("none", "release", "slow", "correct")

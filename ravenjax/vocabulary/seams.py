@@ -4,8 +4,6 @@ At a fault site (`ravenjax.vocabulary.sites`) a fault can act. At a seam its eff
 Most seams are both. A robot declares its seams in the order of its tick.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple

@@ -6,8 +6,6 @@ declaration, the path of each channel inside it. `ARM` in a path stands for the 
 `setup.arms`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Literal
 

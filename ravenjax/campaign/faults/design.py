@@ -6,8 +6,6 @@ content of the row and everything that is fixed for the campaign, so the same ru
 any row. All work is done by columns, because a campaign may have millions of runs.
 """
 
-from __future__ import annotations
-
 import hashlib
 import itertools
 import json

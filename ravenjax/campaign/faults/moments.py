@@ -2,8 +2,6 @@
 motion.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator, Mapping
 from functools import cached_property

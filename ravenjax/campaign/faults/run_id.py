@@ -6,8 +6,6 @@ hashes is hashed again, so the order of columns does not matter. A column in whi
 Lea, Flood, "Fast splittable pseudorandom number generators", 2014).
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterable, Mapping
 

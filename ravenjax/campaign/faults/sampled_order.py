@@ -8,8 +8,6 @@ the campaign's seed, because their first draws would be a corner of the design. 
 depend on the order.
 """
 
-from __future__ import annotations
-
 import math
 import zlib
 

@@ -1,7 +1,5 @@
 """Samples a design: the position of each run of a group on each axis."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Mapping

@@ -5,8 +5,6 @@ A field that an effect does not use is NaN or 0. An effect of the network names 
 acts on. Times are whole and not negative. A value that is drawn for an integer channel is rounded.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import math

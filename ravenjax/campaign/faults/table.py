@@ -2,8 +2,6 @@
 per run.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -13,8 +13,6 @@ loop         one cycle of the control software, and the tick: everything in one 
 software     the control software alone, driven from Python
 """
 
-from __future__ import annotations
-
 from ravenjax.robots.raven2 import declaration, run_levels
 from ravenjax.robots.raven2.arms import ARMS, JOINTS, LEADING, LINEAR
 from ravenjax.vocabulary.robot import Robot

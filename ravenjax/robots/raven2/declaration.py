@@ -1,7 +1,5 @@
 """The Raven-II's declaration as records, read from `declaration.toml`, without JAX."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 from typing import Any

@@ -7,8 +7,6 @@ call reads and writes only the four structs that it gets: no allocation, no glob
 The structs have the memory layout that the compiled code expects.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple

@@ -4,8 +4,6 @@ See `ravenjax.campaign.prepared`. Names are imported when they are first used, s
 and checked without the tick.
 """
 
-from __future__ import annotations
-
 import pkgutil
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The operator's motion in a campaign: a generated motion, or a replayed recording."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

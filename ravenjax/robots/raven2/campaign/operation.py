@@ -6,8 +6,6 @@ Phases are those of the plan, and the same for all runs: changes by noise, drawn
 fault are not included.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ravenjax.numbers.lazy import at_once

@@ -1,7 +1,5 @@
 """Turns a validated campaign into a Raven's tick: static choices, parameters, operator's motion."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from typing import Any

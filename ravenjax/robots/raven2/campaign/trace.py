@@ -1,7 +1,5 @@
 """Converts the signals of a run's ticks into its time series."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -8,8 +8,6 @@ sideways, c along the shaft into the tissue. The size suits scales up to 0.2: at
 that scale, too, every pose lies inside the soft limits.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple

@@ -8,8 +8,6 @@ file returns the same keys in all milliseconds. A key that it does not return, o
 costs nothing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

@@ -18,8 +18,6 @@ has a time constant of 0.2 s. A packet that the network delays carries the hands
 when it was made, except a correction, which is the present one.
 """
 
-from __future__ import annotations
-
 from functools import reduce
 from operator import or_
 

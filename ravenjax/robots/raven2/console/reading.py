@@ -6,8 +6,6 @@ before a console's stream began, or while packets were lost, therefore moves not
 increments that were lost.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Sequence

@@ -4,8 +4,6 @@
 meet in one point. Here every link may have its own twist and length. Convention as in `joints`.
 """
 
-from __future__ import annotations
-
 from ravenjax.numbers import trigonometry
 from ravenjax.numbers.algebra import add, mul, sub
 from ravenjax.numbers.lazy import jnp

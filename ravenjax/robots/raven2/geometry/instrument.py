@@ -6,8 +6,6 @@ Columns of a Jacobian are the seven joints of `raven2.arms.JOINTS`; structural z
 numbers.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from ravenjax.numbers.algebra import add, cross, dot, mul, scale

@@ -6,8 +6,6 @@ Frames 0 to 3 of an arm share their origin, the remote centre. Frame 6 is on
 the jaw axis.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -18,8 +18,6 @@ bend.
   atan2(F beta +- E alpha, E beta -+ F alpha); common factors cancel.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from ravenjax.numbers.algebra import cross, dot

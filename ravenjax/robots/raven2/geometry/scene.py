@@ -7,8 +7,6 @@ vessel is the trunk that is drawn on it, a ridge of the surface. Its branch and 
 only.
 """
 
-from __future__ import annotations
-
 import itertools
 from functools import cache
 from typing import NamedTuple

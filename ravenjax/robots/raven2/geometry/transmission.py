@@ -8,8 +8,6 @@ and follow no particular rounding order. Sources: raven2 `include/raven/defines.
 2015 fork is built without OPPOSE_GRIP: its first jaw has the signs of the second.
 """
 
-from __future__ import annotations
-
 import math
 
 from ravenjax.numbers.algebra import add, mul, sub

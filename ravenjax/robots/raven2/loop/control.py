@@ -1,7 +1,5 @@
 """One cycle of the control software: the order of its stages (raven2: rt_process_preempt.cpp)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

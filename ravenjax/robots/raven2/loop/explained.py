@@ -12,8 +12,6 @@ A number *differs* in the first tick in which any of its bits differs from the g
 number is inside. The content of a packet is compared only if a packet was received.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from ravenjax.faults import fault

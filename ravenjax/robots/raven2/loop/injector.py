@@ -3,8 +3,6 @@
 Faults act on rotations as quaternions. USB words are stored as the setup says.
 """
 
-from __future__ import annotations
-
 from functools import cache, reduce
 from operator import ne, or_
 from typing import Any

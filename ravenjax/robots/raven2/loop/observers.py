@@ -5,8 +5,6 @@ It is part of every tick. It also runs alone if the robot is elsewhere and only 
 known.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple, TypeVar
 
 from ravenjax.numbers import tree

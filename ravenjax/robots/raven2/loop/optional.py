@@ -5,8 +5,6 @@ To add a stage, add a value to STAGES. Its state is in `TickState.stages`, and i
 the result table. A run fails if one of the stage's `numbers` is not finite.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple

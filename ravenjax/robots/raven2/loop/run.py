@@ -4,8 +4,6 @@ outcomes.
 This module is the `Loop` of `ravenjax.engines.interface`.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from ravenjax.faults import fault

@@ -8,8 +8,6 @@ between console and robot, and after the robot has moved. Faults act at the site
 compares it with the robot, and the console's haptic device renders the cue.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

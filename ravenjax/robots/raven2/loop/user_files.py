@@ -33,8 +33,6 @@ A file that repeats the built-in law gives the bits of the built-in stage. No fi
 command pass an E-stop.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import reduce
 from operator import or_

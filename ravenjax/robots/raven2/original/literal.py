@@ -13,8 +13,6 @@ Products with a literal 0 or 1 are left out, which changes no bit but the sign o
 of quaternions and their matrices are those of `mapping`, which already has tf's order.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import partial, reduce

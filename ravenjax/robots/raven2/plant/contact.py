@@ -20,8 +20,6 @@ step. It is solved with the step's other implicit forces: Newton's first step of
 This is stable for any stiffness, with an error of second order.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from ravenjax.numbers.algebra import add, dot, matvec, mul, norm, transpose

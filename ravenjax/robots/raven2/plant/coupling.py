@@ -6,8 +6,6 @@ Here tool motors are coupled to the *joints*, because cable length follows the l
 equals the control software, which couples them to the insertion motor's angle.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from functools import cache

@@ -39,8 +39,6 @@ the soft limit plus the margin that the published end of elbow and insertion has
 *assumed*: metal on rubber, stiffer than the cable that presses the joint against it.
 """
 
-from __future__ import annotations
-
 import math
 
 from ravenjax.numbers.algebra import add, mul

@@ -26,8 +26,6 @@ limits, and re-anchored where they are clamped. While the pedal is up the model 
 target is its pose, as in the robot.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -17,8 +17,6 @@ fraction, cable stretch is stored separately, and the links follow from both. No
 large numbers is ever formed, so float32 loses nothing that an encoder can resolve.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 

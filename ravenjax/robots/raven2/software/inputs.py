@@ -3,8 +3,6 @@
 Each error names the argument, the value it got, and what is expected.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import operator
 from collections.abc import Iterable, Sequence

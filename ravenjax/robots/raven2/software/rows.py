@@ -3,8 +3,6 @@
 A datagram is stored in it as it came over the wire, and is not unpacked.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -6,8 +6,6 @@ acceptable solution, it and the arms after it keep their last jpos_d, and nothin
 beyond a joint limit is clamped, and the desired pose becomes that of the clamped joints.
 """
 
-from __future__ import annotations
-
 from functools import reduce
 from operator import or_
 

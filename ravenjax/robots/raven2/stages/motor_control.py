@@ -4,8 +4,6 @@ raven2: inv_cable_coupling.cpp, pid_control.cpp, grav_comp.cpp, rt_raven.cpp; pa
 In the 2015 fork the gravity torque never reaches tau_d.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ravenjax.numbers.lazy import jnp

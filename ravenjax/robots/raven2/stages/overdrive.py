@@ -7,8 +7,6 @@ nothing, clip, or count. The counter is shared by all joints and arms, and only 
 trip resets it. The 2015 fork clips at every run level and has no policies.
 """
 
-from __future__ import annotations
-
 from functools import reduce
 from operator import or_
 

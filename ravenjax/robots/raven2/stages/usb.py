@@ -6,8 +6,6 @@ after a failed write the board keeps the last written values. DAC commands and o
 one message.
 """
 
-from __future__ import annotations
-
 from typing import TypeVar
 
 import numpy as np
