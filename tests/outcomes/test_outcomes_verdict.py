@@ -149,6 +149,7 @@ EVENTS = {
     "cable_overload": lambda f: (
         (f["cable_overload_first_ms"] >= 0) & (f["golden_cable_overload_first_ms"] < 0)
     ),
+    "restart": lambda f: f["restart_ms"] >= 0,
     "activated": lambda f: f["activated"],
     "diverged": lambda f: f["diverged"],
 }

@@ -19,17 +19,15 @@ from ravenjax.engines.interface import TickProgram
 from ravenjax.faults.clocks import Clocks, PedalPhases
 from ravenjax.faults.injection import channel_keys
 from ravenjax.numbers.lazy import at_once
+from ravenjax.robots.raven2.loop.injector import restarts
 from ravenjax.robots.raven2.run_levels import PEDAL_DOWN, PEDAL_UP
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages.state_machine import MISMATCHES
 from ravenjax.stages import packet_clock
 from ravenjax.vocabulary.reactions import SLOW
 
-MOVING = ("network", "packet_header", "usb_status", "runlevel", "pins_out", "plc", "buttons")
-"""Sites where a fault may move the pedal, or start a robot that has stopped.
-
-The pins of site usb_in may do so, too.
-"""
+MOVING = ("network", "packet_header")
+"""Sites where a fault may move the pedal; so may those that `restarts` a robot."""
 
 LATENCY = 8
 """Ticks from a packet until the software has followed its pedal, with a margin."""
@@ -89,7 +87,7 @@ def trigger_clocks(
         moved=np.array(
             [
                 False,
-                *(site in MOVING or (site, name) == ("usb_in", "pins") for site, _, name in keys),
+                *(key[0] in MOVING or restarts(*key) for key in keys),
             ]
         ),
     )

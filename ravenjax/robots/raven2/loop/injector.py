@@ -44,6 +44,11 @@ def seeds_network(setup: RavenSetup, what: str) -> bool:
     return ("network", "", what) in injection.channel_keys(setup)
 
 
+def restarts(site: str, arm: str, channel: str) -> bool:
+    """Return whether a fault on that channel may start a robot that has stopped."""
+    return site in ("runlevel", "pins_out", "plc", "buttons", "usb_status") or channel == "pins"
+
+
 ROTATIONS = ("ori", "ori_d")
 """Sites whose signal consists of rotation matrices; faults act on their quaternions."""
 

@@ -101,7 +101,8 @@ def advance_tick(
     )
     down = software.runlevel == run_levels.PEDAL_DOWN
     hands = operator.mark_sent(console.hands, fresh)
-    sight = Sight(setup, params, now, down, seen.live, signals, files, hands)
+    foot = clean.surgeon_mode != 0
+    sight = Sight(setup, params, now, down, seen.live, foot, signals, files, hands)
 
     def watch(early: bool) -> None:
         for name, stage in present.items():
