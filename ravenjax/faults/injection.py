@@ -18,7 +18,7 @@ from ravenjax.numbers.setup import Setup, SiteUse
 from ravenjax.numbers.vec import Scalar, Vec, replace, to_int32, wrap16
 from ravenjax.vocabulary.effects import EFFECT_CODES
 from ravenjax.vocabulary.robot import Robot
-from ravenjax.vocabulary.sites import ARM
+from ravenjax.vocabulary.sites import ARM, PARAMETER
 
 Effect = Callable[[Scalar, FaultSlot, SlotState, Scalar], Scalar]
 """(x, fault, slot, tick) -> the float that replaces x. Bits of whole numbers are flipped by
@@ -246,10 +246,10 @@ def injects_faults(setup: Setup, *sites: str) -> bool:
 @functools.cache
 def channel_paths(robot: Robot, setup: Setup) -> dict[ChannelKey, Target]:
     """Return path and kind of each channel with faults in its site's signal, as the robot declares
-    them.
+    them; without those of site `parameter`.
     """
     table = {}
-    for site, arm, name in channel_keys(setup):
+    for site, arm, name in (key for key in channel_keys(setup) if key[0] != PARAMETER):
         channel = robot.sites[site].channel(name)
         path = tuple(setup.arms.index(arm) if step == ARM else step for step in channel.path)
         table[site, arm, name] = (path, channel.kind)

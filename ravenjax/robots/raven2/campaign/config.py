@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import math
 from collections.abc import Iterator
@@ -9,14 +10,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import PrivateAttr, model_validator
 
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.campaign.file.group import Fault
+from ravenjax.campaign.file.group import Fault, Run
 from ravenjax.campaign.file.location import Complaint
-from ravenjax.errors import UserError
+from ravenjax.errors import UserError, suggest_name
+from ravenjax.numbers.quantity import Quantity
 from ravenjax.parts import part
+from ravenjax.robots.raven2 import ROBOT
+from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.campaign import older_packets
 from ravenjax.robots.raven2.campaign.sections import (
     Hand,
@@ -27,12 +31,15 @@ from ravenjax.robots.raven2.campaign.sections import (
     Reaction,
 )
 from ravenjax.robots.raven2.console.motions import MOTIONS
+from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.plant.kinematic_errors import MEASURED
 from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.parts import OwnSource
 from ravenjax.vocabulary.reactions import MEANINGS
+from ravenjax.vocabulary.robot import Robot
+from ravenjax.vocabulary.sites import PARAMETER, Channel, Field
 
 HEALTHY_MM = 0.1
 """A healthy robot that moves is further off its nominal model: 0.6 to 1.8 mm in the generated
@@ -64,6 +71,7 @@ class RavenConfig(CampaignConfig):
     """stages of the control software that are files of your own"""
     hand: Hand | None = None
     """a hand that the cue moves; without it the cue is a signal"""
+    _aims: tuple[Any, tuple[Channel, ...]] = PrivateAttr((None, ()))
 
     @model_validator(mode="after")
     def _draw_errors(self) -> RavenConfig:
@@ -97,6 +105,24 @@ class RavenConfig(CampaignConfig):
             yield f"control.own.{stage}", source
         if (hands := self.operator.own) is not None:
             yield "operator.own.hands", hands
+
+    @property
+    def robot(self) -> Robot:
+        """The campaign's robot, whose site `parameter` has the parameters that faults name."""
+        if self._aims[0] is not self.group:  # the groups of a copy may be others
+            names = dict.fromkeys(name for _, _, name in self._struck_parameters())
+            channels = (parameter_channel(self.campaign.arms, name)[0] for name in names)
+            self._aims = (self.group, tuple(channels))
+        return super().robot.with_channels(PARAMETER, self._aims[1])
+
+    def _struck_parameters(self) -> Iterator[tuple[int, int, str]]:
+        """Yield (group, slot, parameter) of each fault at site `parameter`."""
+        for g, group in enumerate(self.group):
+            if any(fault.site == PARAMETER for fault in group.fault):
+                for run in group.run or (Run(),):
+                    for f, fault in enumerate(group.faults_of(run)):
+                        if fault.site == PARAMETER and fault.channel:
+                            yield from ((g, f, name) for name in fault.channel.listed)
 
     @property
     def tools(self) -> tuple[str, ...]:
@@ -233,6 +259,9 @@ class RavenConfig(CampaignConfig):
 
     def complaints(self) -> Iterator[Complaint]:
         """Yield (key, message) for each mistake in the robot's own sections."""
+        for g, f, name in dict.fromkeys(self._struck_parameters()):
+            if why := parameter_channel(self.campaign.arms, name)[1] or self.unread(name):
+                yield ("group", g, "fault", f, "channel"), why
         hands = self.operator.hands
         if hands is not None and self.reaction is not None:
             yield (
@@ -363,6 +392,41 @@ class RavenConfig(CampaignConfig):
         stages = () if self.controller is None else self.controller.parts()
         digests = {stage: part.hash_source(source) for stage, source in stages}
         return content | own | hand | ({"controller": digests} if digests else {})
+
+
+CHANGEABLE = ("control.", "plc.", "plant.")
+"""Parts of the parameters that the robot reads in every tick, so that a fault can change them."""
+
+
+UNKNOWN = Quantity("1", -math.inf, math.inf, "")
+
+
+@functools.cache
+def parameter_channel(arms: tuple[ArmName, ...], name: str) -> tuple[Channel, str]:
+    """Return the channel of a parameter at site `parameter`, and why no fault can act on it; ""
+    if one can.
+    """
+    from ravenjax.campaign.file import bounds  # imported late, because these need the tick
+    from ravenjax.numbers.paths import path_leaves
+    from ravenjax.robots.raven2.loop import run
+    from ravenjax.robots.raven2.setup import RavenSetup
+
+    setup = RavenSetup(arms=arms, tools=("r_grasper",) * len(arms))
+    params = run.params(setup, (tuple(HOME_JPOS),) * len(arms))
+    known, rows = (
+        [path for path, _ in path_leaves(params, setup)],
+        bounds.allowed_values(ROBOT, name),
+    )
+    why = ""
+    if name not in known:
+        why = f"got {name!r}, expected the path of one number, with arm and joint"
+        why += suggest_name(name, known)
+    elif not name.startswith(CHANGEABLE) or ".kinematic_errors." in name or not rows:
+        why = f"{name} cannot change during a run: expected a parameter that begins with one of"
+        why += f" {', '.join(CHANGEABLE)}, and no kinematic error; vary it in [parameters]"
+    row = rows[0] if rows else UNKNOWN
+    limits = Field(row.low, row.high, f"a parameter ({row.meaning})", 32)
+    return Channel(name, (), "int32" if row.whole else "float", row.unit, limits), why
 
 
 def of_raven(config: CampaignConfig) -> RavenConfig:

@@ -31,6 +31,7 @@ from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
 from ravenjax.stages import channel, detectors
+from ravenjax.vocabulary.sites import PARAMETER
 
 
 @record
@@ -69,6 +70,7 @@ def advance_tick(
     inject = RavenInjector(
         setup, faults, fault.open_windows(setup, faults, state.faults, triggers), triggers
     )
+    params = inject(PARAMETER, params)
     files = UserFiles(setup, params.checks, params.control.own, state.files, now)
 
     clean, packet, arrives = _send_packet(setup, params, inject, state, present, stages, console)
