@@ -1,6 +1,4 @@
-"""A fault as numbers, its state while it acts, and its window on the clock of its trigger; for any
-robot.
-"""
+"""A fault as numbers, its state, and its window on the clock of its trigger; for any robot."""
 
 from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.setup import Setup

@@ -101,9 +101,7 @@ Target = tuple[Path, str]
 
 
 def channel_keys(setup: Setup) -> tuple[ChannelKey, ...]:
-    """Return every channel on which the campaign injects faults; a fault's code is the index plus
-    one.
-    """
+    """Return every channel that faults change; a fault's code is the index plus one."""
     return tuple(
         (use.site, arm, channel) for use in setup.injection.sites for arm, channel in use.channels
     )
@@ -144,9 +142,7 @@ def _fitted(kind: str, whole: Scalar) -> Scalar:
 
 
 class Injector:
-    """Injects faults by `inject(site, signal)` in one tick, and carries the faults' state from site
-    to site.
-    """
+    """Injects faults by `inject(site, signal)` in one tick, from site to site."""
 
     def __init__(
         self,
@@ -170,9 +166,7 @@ class Injector:
         return injects_faults(self.setup, *sites)
 
     def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any:
-        """Return the signal of a site after the faults, which act on it only if it is `present`
-        (bool).
-        """
+        """Return a site's signal after its faults, which act only if it is `present` (bool)."""
         keys = channel_keys(self.setup)
         for use in self.setup.injection.sites:
             if use.site != site:
@@ -245,9 +239,7 @@ def injects_faults(setup: Setup, *sites: str) -> bool:
 
 @functools.cache
 def channel_paths(robot: Robot, setup: Setup) -> dict[ChannelKey, Target]:
-    """Return path and kind of each channel with faults in its site's signal, as the robot declares
-    them; without those of site `parameter`.
-    """
+    """Return path and kind of each channel with faults that the robot declares."""
     table = {}
     for site, arm, name in (key for key in channel_keys(setup) if key[0] != PARAMETER):
         channel = robot.sites[site].channel(name)

@@ -1,6 +1,4 @@
-"""Gives the words of a verdict with a campaign's own numbers, as report, terminal and documentation
-print them.
-"""
+"""Gives the words of a verdict with a campaign's own numbers."""
 
 import tomllib
 from pathlib import Path

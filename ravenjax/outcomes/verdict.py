@@ -104,9 +104,7 @@ def built_in_responses(
 def _first_otherwise(
     outcomes: Outcomes, golden: Outcomes, trips: list[tuple[str, str]]
 ) -> np.ndarray:
-    """Return the time in ms at which the first of these checks tripped differently from the golden
-    run; -1: none did. `trips`: columns of count and first time.
-    """
+    """Return when (ms) one of these (count, time) columns left the golden run's; -1: never."""
     onset = np.asarray(outcomes["first_active_ms"])
     earliest = np.full(len(onset), np.iinfo(np.int32).max)
     for often, when in trips:
@@ -186,9 +184,7 @@ def is_halt(halted_ms: Any, golden_halted_ms: Any, stopped: Any) -> Any:
 
 
 def beyond_golden(first_ms: Any, golden_first_ms: Any) -> np.ndarray:
-    """Return the time [rows] of an event that came first in each run; -1 if it never came or the
-    golden run had it by then.
-    """
+    """Return the time [rows] of an event's beginning; -1: never, or in the golden run by then."""
     own, golden = np.asarray(first_ms), np.asarray(golden_first_ms)
     return np.where((own >= 0) & ~((golden >= 0) & (golden <= own)), own, -1)
 

@@ -1,6 +1,4 @@
-"""Source code of users' files: Python files that a campaign names and that are traced into the
-tick.
-"""
+"""Source code of users' files that a campaign names and that are traced into the tick."""
 
 import dataclasses
 

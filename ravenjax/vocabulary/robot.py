@@ -91,9 +91,7 @@ class Robot:
         return self.run_levels[level] if 0 <= level < len(self.run_levels) else str(level)
 
     def part(self, name: str) -> ModuleType:
-        """Return a part of the robot's code: module `name` of its package, or the package if there
-        is none.
-        """
+        """Return module `name` of the robot's package, or the package if it is one module."""
         whole = importlib.import_module(self.package)
         return (
             importlib.import_module(f"{self.package}.{name}")

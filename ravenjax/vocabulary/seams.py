@@ -50,9 +50,7 @@ class Crossing(NamedTuple):
 
 
 def list_crossings(seams: Mapping[str, Seam], arms: Iterable[str]) -> tuple[Crossing, ...]:
-    """Return every number that crosses a seam of a robot with these arms, by seam and then
-    by arm.
-    """
+    """Return every number that crosses a seam of a robot with these arms, in order."""
     arms = tuple(arms)
     return tuple(
         Crossing(seam, arm, channel)

@@ -115,9 +115,7 @@ def table_columns(config: CampaignConfig) -> pd.DataFrame:
 
 
 def count_rows(config: CampaignConfig) -> int:
-    """Return the number of rows of the fault table, without expanding them and without
-    `campaign.limit`.
-    """
+    """Return the number of rows of the fault table, without expanding it, without limit."""
     return sum(count_group_rows(config).values())
 
 
@@ -178,9 +176,7 @@ def _pieces(config: CampaignConfig, group: Group, moments: Moments) -> Iterator[
 
 
 def _crossings(config: CampaignConfig, group: Group) -> list[dict[str, np.ndarray]]:
-    """Return path -> value (shape []) of each combination of the group's crossed parameters. The
-    last one varies fastest.
-    """
+    """Return path -> value of each combination of crossed parameters, the last one fastest."""
     axes = {**config.cross, **group.cross}
     rows = itertools.product(*(axis.values for axis in axes.values()))
     return [

@@ -19,9 +19,7 @@ from ravenjax.campaign.file.group import SAMPLED, Group
 
 
 def arrange_table(config: CampaignConfig, table: pd.DataFrame) -> pd.DataFrame:
-    """Return the whole fault table in that order, group by group, with `index` and `pair`
-    renumbered.
-    """
+    """Return the whole fault table in that order, `index` and `pair` renumbered."""
     order = np.arange(len(table))
     pair = table["pair"].to_numpy()
     first_of_kind = pair == order

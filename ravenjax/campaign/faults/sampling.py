@@ -50,9 +50,7 @@ def count_samples(group: Group, axes: Mapping[Key, Axis]) -> int:
 
 
 def sample_runs(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator) -> Sample:
-    """Return the runs of `group` over these axes. The draws depend only on `rng` and on the order
-    of the axes.
-    """
+    """Return the runs of `group`. Draws depend only on `rng` and the order of the axes."""
     different = count_samples(group, axes)
     runs = different * group.repeats
     place, repeat = np.arange(runs), np.zeros((), np.int64)

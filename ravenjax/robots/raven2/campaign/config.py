@@ -142,9 +142,7 @@ class RavenConfig(CampaignConfig):
 
     @property
     def watches_cables(self) -> bool:
-        """Whether the mechanics have cable tensions that can be compared with a cable's
-        strength.
-        """
+        """Whether the mechanics have tensions that can be compared with a cable's strength."""
         return parameter_sets.tells_tension(self.campaign.parameter_set)
 
     @property
@@ -324,9 +322,7 @@ class RavenConfig(CampaignConfig):
 
     @property
     def packet_history(self) -> int:
-        """Return the age in ms that a packet sent by faults may have, if lengths are drawn; 0: none
-        is sent again.
-        """
+        """Age in ms that a packet sent again may have, if lengths are drawn; 0: none is."""
         if not self.random_packets:
             return 0
         return int(min(older_packets.age_ms(self.group, self.longest_packet), self.campaign.ticks))
@@ -339,15 +335,11 @@ class RavenConfig(CampaignConfig):
 
     @property
     def cycles_a_packet(self) -> float:
-        """Return the mean number of cycles per packet if all runs have the same distribution, else
-        1, the least.
-        """
+        """Mean number of cycles per packet if it is the same in all runs, else 1, the least."""
         return 1.0 if self._packets_varied else packets.mean_cycles(self.campaign.packet_shares)
 
     def unread(self, path: str) -> str:
-        """Return why the parameter of that path has no effect in this campaign; "" if it
-        has one.
-        """
+        """Return why the parameter at `path` has no effect in this campaign; "" if it has."""
         if path == "control.overdrive.dac_max.grasp2":
             return "nothing reads it: the original's check never looks at grasp2"
         from ravenjax.campaign.file import bounds  # imported late, because it needs the tick
@@ -362,17 +354,13 @@ class RavenConfig(CampaignConfig):
         return ""
 
     def says_beyond(self, fault: Fault) -> bool:
-        """Return whether values beyond 16 bits are intended: by `wraps`, or at USB words by
-        `dac_words`.
-        """
+        """Return whether values beyond 16 bits are meant: `wraps`, or `dac_words` at USB."""
         return super().says_beyond(fault) or (
             fault.site == "usb_out" and self.campaign.dac_words is not None
         )
 
     def deciding(self) -> dict[str, Any]:
-        """Return what affects the outcome of every run alike, for run ids. Defaults are
-        left out.
-        """
+        """Return what affects the outcome of every run alike, for run ids, without defaults."""
         content = super().deciding()
         campaign = content["campaign"]
         if campaign.get("dac_words") == "wrap":  # same as without the key
@@ -403,9 +391,7 @@ UNKNOWN = Quantity("1", -math.inf, math.inf, "")
 
 @functools.cache
 def parameter_channel(arms: tuple[ArmName, ...], name: str) -> tuple[Channel, str]:
-    """Return the channel of a parameter at site `parameter`, and why no fault can act on it; ""
-    if one can.
-    """
+    """Return the channel of a parameter for faults, and why none can act on it; "" if one can."""
     from ravenjax.campaign.file import bounds  # imported late, because these need the tick
     from ravenjax.numbers.paths import path_leaves
     from ravenjax.robots.raven2.loop import run

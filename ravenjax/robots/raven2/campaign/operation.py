@@ -66,9 +66,7 @@ def _number(config: RavenConfig, path: str, own: float) -> float:
 
 
 def _way(motion: Motion, scale: float, follows: np.ndarray) -> np.ndarray:
-    """Return the tip displacement that the operator asks for, m, axes of an ITP packet; [rows,
-    arms, 3].
-    """
+    """Return the way of the tips that the operator asks for, m, ITP axes; [rows, arms, 3]."""
     steps = np.diff(motion.position_um, axis=0, prepend=motion.position_um[:1]) * (scale * 1e-6)
     return np.cumsum(np.where(follows[:, None, None], steps, 0.0), axis=0)
 

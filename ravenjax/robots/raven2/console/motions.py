@@ -9,7 +9,9 @@ that scale, too, every pose lies inside the soft limits.
 """
 
 import math
+import tomllib
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -66,9 +68,7 @@ class _Path:
         self.pose = _REST.copy()
 
     def _ticks(self, way: float, turn: float, pace: float) -> int:
-        """Return the ticks of a move over `way` m and `turn` rad. Its peak speed is 15/8 of its
-        mean.
-        """
+        """Return the ticks of a move over `way` m and `turn` rad; its peak is 15/8 of its mean."""
         seconds = 1.875 * max(way / PEAK_TIP_SPEED, turn / PEAK_TURN) / pace
         return max(math.ceil(seconds / TICK_S), 250)
 
@@ -246,20 +246,9 @@ _CHAINS: dict[str, Callable[[_Path, np.random.Generator], Iterator[Segment]]] = 
     "clutched": _clutched,
 }
 
-MOTIONS: dict[str, str] = {
-    "suture": (
-        "stitches: approach, drive the needle on an arc with the shaft rolling, release, regrasp,"
-        " pull through"
-    ),
-    "peg_transfer": "reach, grasp, lift, carry over, drop, between six pegs",
-    "palpate": "taps of 3 to 5 mm along a line",
-    "circle": "a circle of 8 mm radius, 2 s a round",
-    "reach": "random reaches of up to 12 mm with tilts and rolls",
-    "still": "hands at rest, pedal down",
-    "clutched": (
-        "random reaches; after each the pedal comes up and the hands return to where they began"
-    ),
-}
+MOTIONS: dict[str, str] = tomllib.loads(
+    Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")
+)
 """Names and descriptions of the motions; sizes and speeds are the tip's at NOMINAL_SCALE."""
 
 

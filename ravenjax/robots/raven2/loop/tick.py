@@ -183,9 +183,7 @@ def _send_packet(
     stages: dict[str, Any],
     console: Console,
 ) -> tuple[Packet, Packet, Scalar]:
-    """Return the packet as the console sent it, the packet as it reaches the robot, and whether it
-    does.
-    """
+    """Return the packet as it was sent, as it reaches the robot, and whether it does."""
     signal, sequence = console.signal, console.sequence
     if inject.strikes("hand"):
         still = for_each_arm(setup, Vec.full(3, cast_to_real(setup, 0.0)))

@@ -190,9 +190,7 @@ def _same() -> Registration:
 
 @functools.cache
 def _normal_equations(arm: str) -> tuple[list[list[float]], list[list[float]]]:
-    """Return reported tips (m) at POSES, and the matrix [6, 3 poses] from residuals to the
-    registration.
-    """
+    """Return reported tips (m) at POSES, and the matrix [6, 3 poses] of residuals."""
     with at_once():  # a trace may call this function
         tips = np.array([kinematics.forward_pose(arm, pose).position for pose in POSES])
     design = np.zeros((len(tips), 3, 6))

@@ -124,8 +124,15 @@ class ControlSoftware:
         )
         offsets = checked.parse_counts("enc_offset", enc_offset, (len(names), 7), (7,), ())
         with traced.x64_context(setup):
-            self.params = _parameters(
-                setup, level, policy, np.broadcast_to(offsets, (len(names), 7))
+            own = control.params(setup)
+            counts = np.broadcast_to(offsets, (len(names), 7))
+            self.params = replace(
+                own,
+                overdrive=overdrive.params(setup, level, overdrive.POLICIES.index(policy)),
+                estimator=tuple(
+                    replace(e, enc_offset=Vec(map(np.int32, o)))
+                    for e, o in zip(own.estimator, counts, strict=True)
+                ),
             )
             """The present parameters."""
             if params is not None:
@@ -272,20 +279,6 @@ class ControlSoftware:
                 "a raw datagram holds increments, but console is 'absolute'; give a Packet"
             )
         return given
-
-
-def _parameters(
-    setup: RavenSetup, level: str | None, policy: str, offsets: np.ndarray
-) -> control.ControlParams:
-    own = control.params(setup)
-    return replace(
-        own,
-        overdrive=overdrive.params(setup, level, overdrive.POLICIES.index(policy)),
-        estimator=tuple(
-            replace(e, enc_offset=Vec(map(np.int32, o)))
-            for e, o in zip(own.estimator, offsets, strict=True)
-        ),
-    )
 
 
 def _changed(own: control.ControlParams, change: Any) -> control.ControlParams:
