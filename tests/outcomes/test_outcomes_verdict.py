@@ -1,7 +1,5 @@
 """Responses, hazards and verdicts against their definitions written out run by run."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pyarrow as pa

@@ -2,8 +2,6 @@
 matrices.
 """
 
-from __future__ import annotations
-
 import math
 
 import jax
