@@ -6,7 +6,7 @@ import numpy as np
 
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import Setup
-from ravenjax.numbers.vec import Scalar, as_int, earliest_tick, record
+from ravenjax.numbers.vec import Scalar, as_int, earliest_tick, first_tick, record
 
 
 @record
@@ -29,22 +29,20 @@ def update_check(
     check: CheckHistory, tick: Scalar, tripped: Scalar, margin: Scalar | None = None
 ) -> CheckHistory:
     """Return the history after this tick. margin: to the limit, left out if costly to compute."""
-    first = tripped & (check.first_tick < 0)
+    first = first_tick(tick, tripped, check.first_tick)
     nearest = check.margin
     if margin is not None:
         nearest = jnp.where(margin < nearest, margin, nearest)  # a NaN margin is ignored
-    return CheckHistory(
-        jnp.where(first, tick, check.first_tick), check.count + as_int(tripped), nearest
-    )
+    return CheckHistory(first, check.count + as_int(tripped), nearest)
 
 
 def outcomes(checks: Mapping[str, CheckHistory]) -> dict[str, Scalar]:
     """Return each check's history as columns of the result table."""
     out: dict[str, Scalar] = {}
-    for name, one in checks.items():
-        out[f"check_{name}_first_ms"] = one.first_tick
-        out[f"check_{name}_count"] = one.count
-        out[f"check_{name}_margin"] = one.margin
+    for name, check in checks.items():
+        out[f"check_{name}_first_ms"] = check.first_tick
+        out[f"check_{name}_count"] = check.count
+        out[f"check_{name}_margin"] = check.margin
     return out
 
 

@@ -206,8 +206,8 @@ def step(
 def detector_stops(setup: Setup, state: DetectorsState | None) -> Scalar:
     """Return whether a detector that may stop the robot exceeds its first threshold, bool."""
     alarms = jnp.bool_(False)
-    for use, one in zip(setup.detectors, state.detectors, strict=True) if state else ():
-        alarms = alarms | one.thresholds[0].over if use.stops else alarms
+    for use, detector in zip(setup.detectors, state.detectors, strict=True) if state else ():
+        alarms = alarms | detector.thresholds[0].over if use.stops else alarms
     return alarms
 
 

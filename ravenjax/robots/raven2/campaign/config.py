@@ -186,7 +186,7 @@ class RavenConfig(CampaignConfig):
         axes = [
             self.parameters,
             self.cross,
-            *(axes for one in self.group for axes in (one.parameters, one.cross)),
+            *(axes for group in self.group for axes in (group.parameters, group.cross)),
         ]
         if any("reaction.action" in paths for paths in axes):
             return (
@@ -236,18 +236,21 @@ class RavenConfig(CampaignConfig):
         if self.hand is not None and not self.hand.newtons_per_unit:
             yield ("hand", "newtons_per_unit"), "0 moves no hand"
 
-    def _reaction_notices(self, own: Reaction, axes: dict[str, Axis]) -> Iterator[Complaint]:
+    def _reaction_notices(self, reaction: Reaction, axes: dict[str, Axis]) -> Iterator[Complaint]:
         for name, field in Reaction.model_fields.items():
-            path, value = f"reaction.{name}", getattr(own, name)
+            path, value = f"reaction.{name}", getattr(reaction, name)
             written = value != field.default or path in axes
-            if name != "action" and written and name not in READ_BY[own.action]:
-                yield ("reaction", name), f"nothing reads it with action = {own.action!r}"
-            elif READ_BY[own.action].get(name) == value and path not in axes:
-                yield ("reaction", name), f"{value:g} makes action {own.action!r} without effect"
-        if own.action != "none" and own.felt_force > (cap := self.haptics.cues()[0].cap):
+            if name != "action" and written and name not in READ_BY[reaction.action]:
+                yield ("reaction", name), f"nothing reads it with action = {reaction.action!r}"
+            elif READ_BY[reaction.action].get(name) == value and path not in axes:
+                yield (
+                    ("reaction", name),
+                    f"{value:g} makes action {reaction.action!r} without effect",
+                )
+        if reaction.action != "none" and reaction.felt_force > (cap := self.haptics.cues()[0].cap):
             yield (
                 ("reaction", "felt_force"),
-                f"{own.felt_force:g} is never felt: the cue pulls with at most cap = {cap:g}",
+                f"{reaction.felt_force:g} is never felt: the cue pulls with at most cap = {cap:g}",
             )
 
     @property
@@ -330,8 +333,8 @@ class RavenConfig(CampaignConfig):
     @property
     def longest_packet(self) -> int:
         """Return the largest number of cycles that a packet may last, if lengths are drawn."""
-        own = self.campaign.packet_shares
-        return max(map(len, (own, *packets.SHARES) if self._packets_varied else (own,)))
+        shares = self.campaign.packet_shares
+        return max(map(len, (shares, *packets.SHARES) if self._packets_varied else (shares,)))
 
     @property
     def cycles_a_packet(self) -> float:
@@ -371,7 +374,7 @@ class RavenConfig(CampaignConfig):
             operator["file"] = _file_hash(self.operator.file)
         if (hands := self.operator.own) is not None:
             operator["hands"] = part.hash_source(hands)
-        own = {
+        sections = {
             "campaign": {**campaign, "tools": self.tools},
             "operator": operator,
             "limits": self.limits.si(),
@@ -379,7 +382,7 @@ class RavenConfig(CampaignConfig):
         hand = {} if self.hand is None else {"hand": self.hand.model_dump(mode="json")}
         stages = () if self.controller is None else self.controller.parts()
         digests = {stage: part.hash_source(source) for stage, source in stages}
-        return content | own | hand | ({"controller": digests} if digests else {})
+        return content | sections | hand | ({"controller": digests} if digests else {})
 
 
 CHANGEABLE = ("control.", "plc.", "plant.")

@@ -60,9 +60,9 @@ def phase_intervals(config: RavenConfig) -> dict[str, np.ndarray]:
     return {name: _stretches(mask) for name, mask in masks.items()}
 
 
-def _number(config: RavenConfig, path: str, own: float) -> float:
+def _number(config: RavenConfig, path: str, usual: float) -> float:
     axis = config.parameters.get(path)
-    return own if axis is None or axis.kind != "fixed" else float(axis.values[0])
+    return usual if axis is None or axis.kind != "fixed" else float(axis.values[0])
 
 
 def _way(motion: Motion, scale: float, follows: np.ndarray) -> np.ndarray:

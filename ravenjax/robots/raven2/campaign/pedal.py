@@ -45,8 +45,8 @@ def trigger_clocks(
     """Return the clocks of triggers in the runs of a campaign; see `ravenjax.campaign.prepared`."""
     setup, params, ticks = program.setup, program.params, program.ticks
 
-    def numbers(path: str, own: int) -> np.ndarray:
-        return np.asarray(varied.get(path, np.full(runs, own)))
+    def numbers(path: str, usual: int) -> np.ndarray:
+        return np.asarray(varied.get(path, np.full(runs, usual)))
 
     network, control = params.network, params.control
     cycles = np.maximum(
@@ -56,8 +56,8 @@ def trigger_clocks(
     longest = cycles
     if setup.packets:
         shares = setup.packets
-        cycles = np.array([1 + int(np.flatnonzero(one)[0]) for one in shares])[choice]
-        longest = np.array([1 + int(np.flatnonzero(one)[-1]) for one in shares])[choice]
+        cycles = np.array([1 + int(np.flatnonzero(lengths)[0]) for lengths in shares])[choice]
+        longest = np.array([1 + int(np.flatnonzero(lengths)[-1]) for lengths in shares])[choice]
     timeout = numbers("control.teleoperation.timeout_ticks", control.teleoperation.timeout_ticks)
     obeyed = numbers("control.state_machine.plc_obeyed", control.state_machine.plc_obeyed) != 0
     slowed = np.zeros(runs, bool)

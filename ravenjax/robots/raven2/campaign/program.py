@@ -74,7 +74,7 @@ def prepare_campaign(
         packet_history=config.packet_history,
         command_delay=_longest(varied.get(DELAY)),
         detectors=tuple(use for _, use, _ in config.detectors),
-        checks=tuple(one.use for one in config.check),
+        checks=tuple(check.use for check in config.check),
         reacts=config.reacts,
         hand_yields=config.hand is not None,
         noise=config.campaign.noise,
@@ -95,10 +95,12 @@ def _distributions(
     config: RavenConfig, choices: np.ndarray | None
 ) -> tuple[tuple[float, ...], ...]:
     """Return the distributions that packets may have; () if every cycle has a packet."""
-    own = config.campaign.packet_shares
+    shares = config.campaign.packet_shares
     varied = choices is not None and bool(np.nan_to_num(choices).any())
     return (
-        () if own == packets.SHARES[packets.EVERY_CYCLE] and not varied else (*packets.SHARES, own)
+        ()
+        if shares == packets.SHARES[packets.EVERY_CYCLE] and not varied
+        else (*packets.SHARES, shares)
     )
 
 
@@ -123,7 +125,8 @@ def _params(config: RavenConfig, setup: RavenSetup, motion: Motion) -> TickParam
         params = replace(params, detectors=replace(params.detectors, thresholds=thresholds))
     if params.checks is not None:
         params = replace(
-            params, checks=user_files.check_params(setup, [one.threshold for one in config.check])
+            params,
+            checks=user_files.check_params(setup, [check.threshold for check in config.check]),
         )
     for path, value in _written(config).items():
         params = paths.assign_numbers(params, setup, path, value)

@@ -81,8 +81,8 @@ def _jaw_tip(
 ) -> InstrumentPoint:
     way, turn = _jaw(chain, mul(sense, angle))
     at = chain.tip + way
-    own = scale(sense, turn)
-    jaws = (own, _STILL) if joint == 5 else (_STILL, own)
+    turned = scale(sense, turn)
+    jaws = (turned, _STILL) if joint == 5 else (_STILL, turned)
     return InstrumentPoint(at, (*_shared(arm, chain, at, chain.x5 * LW + way), *jaws))
 
 

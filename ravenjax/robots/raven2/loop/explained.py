@@ -100,11 +100,11 @@ def advance(
     golden: tuple[Scalar, ...],
 ) -> tuple[ExplainedState, tuple[Scalar, ...], TickSignals]:
     """Compute one tick as `run.advance`, then compare it with the golden run."""
-    own = run.series_length(setup)
+    length = run.series_length(setup)
     after, series, signals = run.advance(
-        setup, params, faults, state.tick, now, motion, golden[:own]
+        setup, params, faults, state.tick, now, motion, golden[:length]
     )
-    beside, margins_beside = golden[own : own + len(state.numbers)], golden[own:]
+    beside, margins_beside = golden[length : length + len(state.numbers)], golden[length:]
     numbers, carried = [], []
     for history, span, (number, present), other in zip(
         state.numbers, _spans(setup), crossing_numbers(setup, signals), beside, strict=True

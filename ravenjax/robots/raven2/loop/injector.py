@@ -46,8 +46,8 @@ class RavenInjector(injection.Injector):
     def _strike_parameters(self, params: Any) -> Any:
         """Return the parameters of the tick after faults: each channel is the path of a number."""
         keys = [key for key in injection.channel_keys(self.setup) if key[0] == PARAMETER]
-        own = [paths.named_numbers(params, self.setup, name)[name] for _, _, name in keys]
-        numbers = Vec(map(jnp.asarray, own))
+        given = [paths.named_numbers(params, self.setup, name)[name] for _, _, name in keys]
+        numbers = Vec(map(jnp.asarray, given))
         for i, (key, number) in enumerate(zip(keys, numbers, strict=True)):
             kind = "float" if jnp.issubdtype(number.dtype, jnp.floating) else "int32"
             self._paths = {**self._paths, key: ((i,), kind)}

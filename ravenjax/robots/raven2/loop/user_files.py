@@ -333,7 +333,7 @@ _FLOATS = ("mpos", "mvel", "jpos", "jvel", "jpos_d", "mpos_d", "tau_d")
 
 
 def _zeros(signal: PerArm[Vec]) -> PerArm[Vec]:
-    return tuple(Vec.full(len(one), 0) for one in signal)
+    return tuple(Vec.full(len(command), 0) for command in signal)
 
 
 def _chosen(trips: Sequence[Scalar], values: PerArm[Vec], signal: PerArm[Vec]) -> PerArm[Vec]:

@@ -139,11 +139,11 @@ def _tip(
 
 def contact_forces(contacts: tuple[TipContact, ...], gained: Vec) -> Touch:
     """Return the tissue's forces in a step in which the joints gained these speeds."""
-    forces = [one.after(gained) for one in contacts]
+    forces = [tip.after(gained) for tip in contacts]
     whole = forces[0] + forces[1]
     on_vessel = [
-        force.map(lambda x, one=one: jnp.where(one.vessel, x, 0.0))
-        for one, force in zip(contacts, forces, strict=True)
+        force.map(lambda x, tip=tip: jnp.where(tip.vessel, x, 0.0))
+        for tip, force in zip(contacts, forces, strict=True)
     ]
     return Touch(whole, norm(whole), norm(on_vessel[0] + on_vessel[1]), whole[0] * 0.0)
 

@@ -194,8 +194,8 @@ def _normal_equations(arm: str) -> tuple[list[list[float]], list[list[float]]]:
     with at_once():  # a trace may call this function
         tips = np.array([kinematics.forward_pose(arm, pose).position for pose in POSES])
     design = np.zeros((len(tips), 3, 6))
-    for one, (x, y, z) in zip(design, tips, strict=True):
-        one[:, :3] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]  # rotation x tip
-        one[:, 3:] = np.eye(3)
+    for rows, (x, y, z) in zip(design, tips, strict=True):
+        rows[:, :3] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]  # rotation x tip
+        rows[:, 3:] = np.eye(3)
     solve = np.linalg.pinv(design.reshape(-1, 6))
     return tips.tolist(), solve.tolist()

@@ -124,14 +124,14 @@ class ControlSoftware:
         )
         offsets = checked.parse_counts("enc_offset", enc_offset, (len(names), 7), (7,), ())
         with traced.x64_context(setup):
-            own = control.params(setup)
+            defaults = control.params(setup)
             counts = np.broadcast_to(offsets, (len(names), 7))
             self.params = replace(
-                own,
+                defaults,
                 overdrive=overdrive.params(setup, level, overdrive.POLICIES.index(policy)),
                 estimator=tuple(
                     replace(e, enc_offset=Vec(map(np.int32, o)))
-                    for e, o in zip(own.estimator, counts, strict=True)
+                    for e, o in zip(defaults.estimator, counts, strict=True)
                 ),
             )
             """The present parameters."""

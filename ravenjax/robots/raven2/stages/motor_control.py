@@ -81,8 +81,8 @@ def motor_targets(setup: RavenSetup, arm: ArmName, tool: str, jpos_d: Vec, mpos:
     share = widen_numbers(setup, mpos[2]) / stored.GB_RATIO
 
     def tool_motor(i: int, joint: Scalar) -> Scalar:
-        own = widen_numbers(setup, ratio[i] * joint)
-        return narrow_numbers(setup, own + share if signs[i - 3] > 0 else own - share)
+        turned = widen_numbers(setup, ratio[i] * joint)
+        return narrow_numbers(setup, turned + share if signs[i - 3] > 0 else turned - share)
 
     return Vec(
         (
