@@ -8,31 +8,19 @@ cannot distinguish a packet of two cycles from two packets with the same positio
 of operator_positions are no evidence, because they come in bursts.
 """
 
+import tomllib
 from collections.abc import Sequence
+from pathlib import Path
 
 EVERY_CYCLE, MEASURED, BURSTS, OWN = 0, 1, 2, 3
 
-CHOICES = ("every_cycle", "measured", "bursts")
+_TABLE = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+
+CHOICES = tuple(_TABLE)
 """Names of the distributions, by number. One more, OWN, is the distribution of the campaign file.
 """
 
-SHARES: tuple[tuple[float, ...], ...] = (
-    (1.0,),
-    (0.031, 0.927, 0.019, 0.023),  # recording_gold_joints123, motors faster than 4.5 mrad/ms
-    (
-        0.267,
-        0.432,
-        0.104,
-        0.019,
-        0.001,
-        0.005,
-        0.019,
-        0.080,
-        0.057,
-        0.014,
-        0.002,
-    ),  # console_itp_packets
-)
+SHARES: tuple[tuple[float, ...], ...] = tuple(map(tuple, _TABLE.values()))
 """Shares of packets that last 1, 2, 3, .. cycles, for each of CHOICES."""
 
 MOST_CYCLES = 32

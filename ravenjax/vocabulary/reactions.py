@@ -5,9 +5,6 @@
 
 NONE, RELEASE, SLOW, CORRECT = 0, 1, 2, 3
 
-ACTIONS = ("none", "release", "slow", "correct")
-"""Names of the reactions, by number."""
-
 MEANINGS = {
     "none": "nobody reacts",
     "release": "lift the pedal",
@@ -15,3 +12,6 @@ MEANINGS = {
     "correct": "correct by eye",
 }
 """Meaning of each of ACTIONS."""
+
+ACTIONS = tuple(MEANINGS)
+"""Names of the reactions, by number."""
