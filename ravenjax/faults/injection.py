@@ -15,7 +15,7 @@ from ravenjax.faults.fault import Faults, FaultSlot, FaultState, SlotState, Trig
 from ravenjax.numbers.counter_random import random_uniform
 from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.setup import Setup, SiteUse
-from ravenjax.numbers.vec import Scalar, Vec, first_tick, replace, to_int32, wrap16
+from ravenjax.numbers.vec import Scalar, Vec, replace, to_int32, wrap16
 from ravenjax.vocabulary.effects import EFFECT_CODES
 from ravenjax.vocabulary.robot import Robot
 from ravenjax.vocabulary.sites import ARM, PARAMETER
@@ -224,7 +224,7 @@ class Injector:
                 before=jnp.where(
                     here & (~slot.active | (slot.before != slot.before)), x, slot.before
                 ),
-                first_tick=first_tick(tick, changed, slot.first_tick),
+                first_tick=jnp.where(changed & (slot.first_tick < 0), tick, slot.first_tick),
                 last_tick=jnp.where(changed, tick, slot.last_tick),
                 changed_ticks=slot.changed_ticks + lax.convert_element_type(changed, jnp.int32),
             ),

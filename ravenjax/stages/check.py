@@ -6,7 +6,7 @@ import numpy as np
 
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import Setup
-from ravenjax.numbers.vec import Scalar, as_int, earliest_tick, first_tick, record
+from ravenjax.numbers.vec import Scalar, as_int, earliest_tick, record
 
 
 @record
@@ -29,11 +29,13 @@ def update_check(
     check: CheckHistory, tick: Scalar, tripped: Scalar, margin: Scalar | None = None
 ) -> CheckHistory:
     """Return the history after this tick. margin: to the limit, left out if costly to compute."""
-    first = first_tick(tick, tripped, check.first_tick)
+    first = tripped & (check.first_tick < 0)
     nearest = check.margin
     if margin is not None:
         nearest = jnp.where(margin < nearest, margin, nearest)  # a NaN margin is ignored
-    return CheckHistory(first, check.count + as_int(tripped), nearest)
+    return CheckHistory(
+        jnp.where(first, tick, check.first_tick), check.count + as_int(tripped), nearest
+    )
 
 
 def outcomes(checks: Mapping[str, CheckHistory]) -> dict[str, Scalar]:
