@@ -24,6 +24,7 @@ QUIET: dict[str, Any] = {
     "unintended_off_mm": 0.1,
     "idle_ms": 0,
     "pedal_down_ms": 2800,
+    "restart_ms": -1,
     "golden_pedal_down_ms": 2800,
     "peak_golden_deviation_mm": 0.2,
     "largest_step_mm": 0.04,

@@ -125,6 +125,7 @@ def frame(runs: int = 2000, seed: int = 0, form: schema.Shape | None = None) -> 
         "active_ticks": np.where(activated, duration, 0),
         "end_runlevel": np.where(stopped, 0, 3),
         "pedal_down_ms": np.where(stopped, start, 2800),
+        "restart_ms": np.where(stopped & (np.arange(runs) % 9 == 0), 2800, -1),
         "diverged": activated,
         "response": np.select(
             [stopped, limited, trips], ["stopped", "limited", "flagged"], "silent"
@@ -191,6 +192,7 @@ def frame(runs: int = 2000, seed: int = 0, form: schema.Shape | None = None) -> 
         "detector": 0.4,
         "tip_path_mm": 30.0,
         "pedal_down_ms": 2800,
+        "restart_ms": -1,
         "halted_ms": 4,
         "peak_live": 1.0,
     }

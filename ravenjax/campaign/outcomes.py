@@ -47,6 +47,7 @@ def result_columns(
     measures: dict[str, Any] = {name: np.asarray(values) for name, values in outcomes.items()}
     diverged, failed = measures.pop("diverged_ms"), _failed(config, measures)
     jumps = {rule: measures.pop(f"jump_{rule}_ms") for rule in ("code", "text", "tip")}
+    measures.setdefault("restart_ms", np.full(len(runs), -1, np.int32))
     if schema.OVERLOAD in measures:
         measures[schema.OVERLOAD] = _cables(config, measures[schema.OVERLOAD])
     depth, distance = measures["tissue_depth_mm"], measures["tip_distance_mm"]

@@ -1,3 +1,1 @@
-"""Fault injection at the seams of a tick, independent of the robot: fault effects, sites and
-windows.
-"""
+"""Fault injection at the seams of a tick: effects, sites and windows; for any robot."""

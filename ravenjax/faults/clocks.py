@@ -64,9 +64,7 @@ class Arrivals(Protocol):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PedalPhases:
-    """Times at which the pedal is down in runs that do not stop early; valid until the stop in
-    others.
-    """
+    """Times at which the pedal is down in a run, until a stop."""
 
     # int64 [phases], ticks in which the pedal clock reads 0, ascending
     begins: np.ndarray
@@ -100,9 +98,7 @@ class Clocks:
     moved: np.ndarray
 
     def packet_end(self, rows: np.ndarray, opening: Opening, ticks: int) -> np.ndarray:
-        """Return the first tick after which no window is open, or 0 if none ever is; for packet
-        triggers.
-        """
+        """Return the first tick after the last window; 0: none opens. For packet triggers."""
         if self.arrivals is None:
             return np.full(len(rows), ticks, np.int64)
         repeats = opening.every > 0

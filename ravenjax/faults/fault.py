@@ -1,8 +1,4 @@
-"""A fault as numbers, its state while it acts, and its window on the clock of its trigger; for any
-robot.
-"""
-
-from __future__ import annotations
+"""A fault as numbers, its state, and its window on the clock of its trigger; for any robot."""
 
 from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.setup import Setup
@@ -96,7 +92,6 @@ class TriggerClocks:
 
 
 def _elapsed(setup: Setup, fault: FaultSlot, clock: TriggerClocks) -> Scalar:
-    """Return the reading of the trigger's clock minus the fault's start."""
     used = setup.injection.triggers
     readings = {"time": clock.tick, "packet": clock.packet, "pedal": clock.pedal}
     reading = readings[used[0]]

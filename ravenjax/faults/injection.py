@@ -6,8 +6,6 @@ channel by selects, applies its effect once, and scatters the result back by sel
 channel keeps its bits.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable, Mapping
@@ -20,7 +18,7 @@ from ravenjax.numbers.setup import Setup, SiteUse
 from ravenjax.numbers.vec import Scalar, Vec, replace, to_int32, wrap16
 from ravenjax.vocabulary.effects import EFFECT_CODES
 from ravenjax.vocabulary.robot import Robot
-from ravenjax.vocabulary.sites import ARM
+from ravenjax.vocabulary.sites import ARM, PARAMETER
 
 Effect = Callable[[Scalar, FaultSlot, SlotState, Scalar], Scalar]
 """(x, fault, slot, tick) -> the float that replaces x. Bits of whole numbers are flipped by
@@ -103,9 +101,7 @@ Target = tuple[Path, str]
 
 
 def channel_keys(setup: Setup) -> tuple[ChannelKey, ...]:
-    """Return every channel on which the campaign injects faults; a fault's code is the index plus
-    one.
-    """
+    """Return every channel that faults change; a fault's code is the index plus one."""
     return tuple(
         (use.site, arm, channel) for use in setup.injection.sites for arm, channel in use.channels
     )
@@ -131,11 +127,7 @@ def write_channel(signal: Any, path: Path, value: Scalar) -> Any:
 
 
 def _store(kind: str, y: Scalar, old: Scalar) -> Scalar:
-    """Return `y` (float) as the channel stores it.
-
-    Integers truncate. Numbers of 16 bits wrap or saturate. A number beyond int32 becomes
-    -2147483648.
-    """
+    """Return `y` (float) as the channel stores it. A number beyond int32 becomes -2147483648."""
     if kind == "float":
         return lax.convert_element_type(y, old.dtype)
     if kind == "bool":
@@ -144,16 +136,13 @@ def _store(kind: str, y: Scalar, old: Scalar) -> Scalar:
 
 
 def _fitted(kind: str, whole: Scalar) -> Scalar:
-    """Return an int32 as a channel of this kind stores it."""
     if kind == "int16":
         return wrap16(whole)
     return jnp.minimum(jnp.maximum(whole, -32768), 32767) if kind == "int16 saturated" else whole
 
 
 class Injector:
-    """Injects faults by `inject(site, signal)` in one tick, and carries the faults' state from site
-    to site.
-    """
+    """Injects faults by `inject(site, signal)` in one tick, from site to site."""
 
     def __init__(
         self,
@@ -177,9 +166,7 @@ class Injector:
         return injects_faults(self.setup, *sites)
 
     def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any:
-        """Return the signal of a site after the faults, which act on it only if it is `present`
-        (bool).
-        """
+        """Return a site's signal after its faults, which act only if it is `present` (bool)."""
         keys = channel_keys(self.setup)
         for use in self.setup.injection.sites:
             if use.site != site:
@@ -252,11 +239,9 @@ def injects_faults(setup: Setup, *sites: str) -> bool:
 
 @functools.cache
 def channel_paths(robot: Robot, setup: Setup) -> dict[ChannelKey, Target]:
-    """Return path and kind of each channel with faults in its site's signal, as the robot declares
-    them.
-    """
+    """Return path and kind of each channel with faults that the robot declares."""
     table = {}
-    for site, arm, name in channel_keys(setup):
+    for site, arm, name in (key for key in channel_keys(setup) if key[0] != PARAMETER):
         channel = robot.sites[site].channel(name)
         path = tuple(setup.arms.index(arm) if step == ARM else step for step in channel.path)
         table[site, arm, name] = (path, channel.kind)

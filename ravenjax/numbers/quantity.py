@@ -23,9 +23,6 @@ from typing import Annotated, Any, TypeVar
 
 Record = TypeVar("Record")
 
-HOUR_MS = 3_600_000
-"""The longest run, and so the longest time that a parameter may have."""
-
 
 @dataclasses.dataclass(frozen=True)
 class Quantity:

@@ -1,8 +1,4 @@
-"""Gives the words of a verdict with a campaign's own numbers, as report, terminal and documentation
-print them.
-"""
-
-from __future__ import annotations
+"""Gives the words of a verdict with a campaign's own numbers."""
 
 import tomllib
 from pathlib import Path
@@ -14,6 +10,8 @@ from ravenjax.vocabulary.robot import Robot
 
 OVERLOADED = "overloaded cable"
 """Word of an outcome that only mechanics with real tensions have."""
+RESTART = "restart with the foot on the pedal"
+"""Word of an outcome that only a robot with a dead-man switch has."""
 
 
 class Definition(NamedTuple):
@@ -43,4 +41,5 @@ def definition_rows(rules: Rules, robot: Robot) -> list[Definition]:
         Definition(kind, word, meaning.format(**terms))
         for kind, words in kinds.items()
         for word, meaning in words.items()
+        if robot.dead_man or word != RESTART
     ]

@@ -4,8 +4,6 @@ NumPy.
 The package's docstring defines these words.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
@@ -89,15 +87,15 @@ def built_in_responses(
     without it. Trips before the change would have come anyway.
     """
     names = checks.check_names(outcomes)
-    own = [
+    added = [
         (f"check_{name}_count", f"check_{name}_first_ms")
         for name in names
         if robot.check(name).own and robot.check(name).acts
     ]
-    own += [
+    added += [
         (f"detector{d}_threshold0_alarms", f"detector{d}_threshold0_first_ms") for d in detectors
     ]
-    acted = _first_otherwise(outcomes, golden, own)
+    acted = _first_otherwise(outcomes, golden, added)
     return _responses(
         outcomes, golden, robot, [name for name in names if not robot.check(name).own], acted
     )
@@ -106,12 +104,7 @@ def built_in_responses(
 def _first_otherwise(
     outcomes: Outcomes, golden: Outcomes, trips: list[tuple[str, str]]
 ) -> np.ndarray:
-    """Return the time in ms at which the first of these checks tripped differently from the golden
-    run; -1: none did.
-
-    `trips`: columns of count and first time. The time is not before the fault, because both runs
-    are identical until then.
-    """
+    """Return when (ms) one of these (count, time) columns left the golden run's; -1: never."""
     onset = np.asarray(outcomes["first_active_ms"])
     earliest = np.full(len(onset), np.iinfo(np.int32).max)
     for often, when in trips:
@@ -136,14 +129,16 @@ def _responses(
     first, alarm = np.full((2, len(onset)), -1, np.int32)
     for place, name in enumerate(names, start=1):
         rank = RESPONSES.index(robot.check(name).response)
-        (own, ms), (usual, usual_ms) = (
+        (count, ms), (usual_count, usual_ms) = (
             [np.asarray(columns[f"check_{name}_{what}"]) for what in ("count", "first_ms")]
             for columns in (outcomes, golden)
         )
-        if np.array_equal(own, usual) and np.array_equal(ms, usual_ms):  # true for most checks
+        if np.array_equal(count, usual_count) and np.array_equal(
+            ms, usual_ms
+        ):  # true for most checks
             continue
         sooner = beyond_golden(ms, usual_ms) >= 0
-        more = (own > usual) | sooner
+        more = (count > usual_count) | sooner
         if not more.any():
             continue
         # If the golden run had tripped by then, the first trip may precede the fault. The response
@@ -191,11 +186,9 @@ def is_halt(halted_ms: Any, golden_halted_ms: Any, stopped: Any) -> Any:
 
 
 def beyond_golden(first_ms: Any, golden_first_ms: Any) -> np.ndarray:
-    """Return the time [rows] of an event that came first in each run; -1 if it never came or the
-    golden run had it by then.
-    """
-    own, golden = np.asarray(first_ms), np.asarray(golden_first_ms)
-    return np.where((own >= 0) & ~((golden >= 0) & (golden <= own)), own, -1)
+    """Return the time [rows] of an event's beginning; -1: never, or in the golden run by then."""
+    here, golden = np.asarray(first_ms), np.asarray(golden_first_ms)
+    return np.where((here >= 0) & ~((golden >= 0) & (golden <= here)), here, -1)
 
 
 def classify_verdicts(

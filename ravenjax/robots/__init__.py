@@ -5,8 +5,6 @@ Python can import. Such a module declares ROBOT, and a campaign names the module
 = "my_lab.arm"`.
 """
 
-from __future__ import annotations
-
 import functools
 import importlib
 import importlib.util

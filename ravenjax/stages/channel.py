@@ -17,8 +17,6 @@ arrived before. Packets that others overtook are therefore lost, as they are by 
 rule. The emulator's loss of the whole connection is fault effect `drop`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from ravenjax.numbers.counter_random import random_uniform
@@ -90,7 +88,6 @@ def _key(seed: Scalar) -> Scalar:
 
 
 def _of(quality: Scalar, numbers: Sequence[float]) -> Scalar:
-    """Return the one of `numbers` that belongs to a quality, float32."""
     number_of = jnp.float32(numbers[0])
     for k, number in enumerate(numbers[1:], start=1):
         number_of = jnp.where(quality == k, jnp.float32(number), number_of)

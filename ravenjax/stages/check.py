@@ -1,7 +1,5 @@
 """Records the history of a built-in check: first trip, number of trips, and smallest margin."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np
@@ -43,10 +41,10 @@ def update_check(
 def outcomes(checks: Mapping[str, CheckHistory]) -> dict[str, Scalar]:
     """Return each check's history as columns of the result table."""
     out: dict[str, Scalar] = {}
-    for name, one in checks.items():
-        out[f"check_{name}_first_ms"] = one.first_tick
-        out[f"check_{name}_count"] = one.count
-        out[f"check_{name}_margin"] = one.margin
+    for name, check in checks.items():
+        out[f"check_{name}_first_ms"] = check.first_tick
+        out[f"check_{name}_count"] = check.count
+        out[f"check_{name}_margin"] = check.margin
     return out
 
 

@@ -25,16 +25,14 @@ shows what every threshold would have done. Detectors are armed in pedal-down, w
 E-stop, after `armed_after` has passed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import reduce
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import HOUR_MS, Quantity, Reserved
+from ravenjax.numbers.quantity import describe_fields
 from ravenjax.numbers.setup import Setup, cast_to_real, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, first_tick, record
 from ravenjax.parts import part
@@ -62,21 +60,17 @@ analysis/detector_thresholds/learn.py.
 """
 
 
-def _step(unit: str, joints: tuple[str, ...] = ()) -> Quantity:
-    return Quantity(
-        unit, 1e-9, 1e6, "step within 1 ms at which the detector scores 1", joints=joints
-    )
-
-
+@describe_fields
 @record
 class StepScale:
     """The unit in which detector `steps` measures a joint's motion within 1 ms."""
 
-    mpos: Annotated[Scalar, _step("rad")]
-    mvel: Annotated[Scalar, _step("rad/s")]
-    jpos: Annotated[Scalar, _step("rad", ("shoulder", "elbow")), _step("m", ("insertion",))]
+    mpos: Scalar
+    mvel: Scalar
+    jpos: Scalar
 
 
+@describe_fields
 @record
 class DetectorParams:
     """Detector parameters that a campaign may vary."""
@@ -84,18 +78,10 @@ class DetectorParams:
     shoulder: StepScale
     elbow: StepScale
     insertion: StepScale
-    armed_after: Annotated[  # int32
-        Scalar,
-        Quantity(
-            "ms", 0, HOUR_MS, "since the run began, before which no detector looks", whole=True
-        ),
-    ]
+    armed_after: Scalar  # int32
     # for each detector, by name: the parameter record of its file, or None
     own: tuple[Any, ...]
-    thresholds: Annotated[  # of each detector, in the unit of its score
-        tuple[tuple[Scalar, ...], ...],
-        Reserved("reports name each alarm by it; write threshold = [..] in [[detector]]"),
-    ]
+    thresholds: tuple[tuple[Scalar, ...], ...]  # of each detector, in the unit of its score
 
 
 @record
@@ -220,8 +206,8 @@ def step(
 def detector_stops(setup: Setup, state: DetectorsState | None) -> Scalar:
     """Return whether a detector that may stop the robot exceeds its first threshold, bool."""
     alarms = jnp.bool_(False)
-    for use, one in zip(setup.detectors, state.detectors, strict=True) if state else ():
-        alarms = alarms | one.thresholds[0].over if use.stops else alarms
+    for use, detector in zip(setup.detectors, state.detectors, strict=True) if state else ():
+        alarms = alarms | detector.thresholds[0].over if use.stops else alarms
     return alarms
 
 
@@ -249,7 +235,6 @@ def _largest(setup: Setup, scores: Sequence[Scalar]) -> Scalar:
 def _arm(
     setup: Setup, params: DetectorParams, before: DetectorArmState, signal: DetectorSignal, i: int
 ) -> tuple[DetectorArmState, dict[str, Scalar]]:
-    """Return the state of one arm, and its scores by kind of detector."""
     motion = signal.mpos, signal.mvel, signal.jpos, signal.jvel
     mpos, mvel, jpos, jvel = (Vec(values[i][:POSITIONING]) for values in motion)
     learned = (params.shoulder, params.elbow, params.insertion)

@@ -8,17 +8,7 @@ spring is the posture that muscles hold. A stretched muscle answers after 25 to 
 11(10):e0163854, 2016), sooner than any reaction. A measured spring therefore includes these
 answers.
 
-- Relaxed, M 0.554 kg, B 6.45 N s/m, K 135 N/m. They are fitted to one trial of one participant who
-  held the handle of a haptic device (van Beek, Bergmann Tiest, Mugge, Kappers, Scientific Reports
-  5:18004, 2015, Figure 3).
-- A firmer grip makes a hand stiffer and more damped. Hasser, Cutkosky (Haptic Interfaces 2002)
-  measured a pinched knob. Fu, Cavusoglu (IEEE SMC-B 42, 2012) give models of a held stylus by grip
-  force. By how much is *assumed*: at a firm grip five times the stiffness (range 2 to 10), with the
-  same damping ratio.
-- Newtons per device unit of the cue: no source states it. *Assumed*: 3.3, the largest force of a
-  Phantom Omni, which is one of the Raven's masters (range 1 to 66; with 66 the published cap of
-  0.05 units is that largest force).
-- The device's own mass and friction are neglected.
+The device's own mass and friction are neglected. quantities.toml has the sources of the numbers.
 
 The equation is discretised by the implicit midpoint rule, which is stable for any parameters. Over
 a tick of length h, with u the mean of the velocities before and after, it gives exactly
@@ -28,54 +18,32 @@ a tick of length h, with u the mean of the velocities before and after, it gives
 The hand therefore never gives back more energy than the force put in.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
-from typing import Annotated
 
 import numpy as np
 
 from ravenjax.numbers.algebra import norm
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import Quantity
+from ravenjax.numbers.quantity import describe_fields
 from ravenjax.numbers.setup import Setup, cast_to_real
 from ravenjax.numbers.vec import Scalar, Vec, largest, record
 
 TICK_S = 1e-3
 
 
+@describe_fields
 @record
 class HandParams:
     """Hand parameters that a campaign may vary; the default is the hand above at grip 0.5."""
 
-    grip: Annotated[
-        Scalar, Quantity("", 0, 1, "how firmly the hand holds the console: 0 relaxed, 1 firm")
-    ] = 0.5
-    newtons_per_unit: Annotated[  # negative: pushes away from the model, for null models
-        Scalar,
-        Quantity("N", -1e3, 1e3, "force on the hand per device unit of the first haptic set"),
-    ] = 3.3
-    mass: Annotated[
-        Scalar, Quantity("kg", 0.01, 10, "mass of the hand that the cue's force moves")
-    ] = 0.554
-    damping: Annotated[Scalar, Quantity("N s/m", 0, 1e3, "damping of a relaxed hand")] = 6.45
-    stiffness: Annotated[Scalar, Quantity("N/m", 0, 1e5, "stiffness of a relaxed hand")] = 135.0
-    firm_times: Annotated[
-        Scalar,
-        Quantity(
-            "", 1, 100, "stiffness of a firm hand by that of a relaxed one; the damping ratio stays"
-        ),
-    ] = 5.0
-    turn_deg: Annotated[
-        Scalar,
-        Quantity(
-            "deg",
-            -180,
-            180,
-            "turn of the force about the diagonal of the console's axes: a null model",
-        ),
-    ] = 0.0
+    grip: Scalar = 0.5
+    newtons_per_unit: Scalar = 3.3  # negative: pushes away from the model, for null models
+    mass: Scalar = 0.554
+    damping: Scalar = 6.45
+    stiffness: Scalar = 135.0
+    firm_times: Scalar = 5.0
+    turn_deg: Scalar = 0.0
 
 
 @record

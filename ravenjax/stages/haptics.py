@@ -16,13 +16,9 @@ Several (threshold, kp, kd, cap) sets are evaluated side by side (`Setup.cues`).
 who does not react they all see the same motion.
 """
 
-from __future__ import annotations
-
-from typing import Annotated
-
 from ravenjax.numbers.algebra import dot, norm
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import Reserved
+from ravenjax.numbers.quantity import describe_fields
 from ravenjax.numbers.setup import Setup
 from ravenjax.numbers.vec import Scalar, Vec, as_int, earliest_tick, first_tick, largest, record
 from ravenjax.outcomes.verdict import PUBLISHED_CUE_MM
@@ -41,15 +37,10 @@ class CueParams:
     cap: Scalar  # device units
 
 
+@describe_fields
 @record
 class HapticParams:
-    cues: Annotated[
-        tuple[CueParams, ...],
-        Reserved(
-            "reports name each cue by it; write [haptics] threshold_mm, kp_per_mm, kd_per_mm_s and"
-            " cap, whose lists are evaluated side by side in the same runs"
-        ),
-    ]
+    cues: tuple[CueParams, ...]
 
 
 @record

@@ -16,14 +16,13 @@ would be if the robot had stood still. With d = min(a, b):
 The condition c < d / 2 means that most of d is motion that the robot missed.
 """
 
-from __future__ import annotations
-
-from typing import Annotated, NamedTuple
+import dataclasses
+from typing import Any, NamedTuple
 
 from ravenjax.numbers import finite
 from ravenjax.numbers.algebra import norm
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import Reserved
+from ravenjax.numbers.quantity import describe_fields
 from ravenjax.numbers.setup import Setup, cast_to_real, per_arm
 from ravenjax.numbers.vec import (
     Scalar,
@@ -49,27 +48,21 @@ class Reference:
     pos: tuple[Vec, ...]  # um, whole numbers, measured tip
 
 
-_WORDS = "it is what the words of every report mean"
-
-
+@describe_fields
 @record
 class MonitorParams:
     """Limits of the observer."""
 
     # m per packet, on two packets in a row; 0.1 mm, CSLDepend/raven2_sim analyze_faulty.py
-    jump_step: Annotated[Scalar, Reserved(f"{_WORDS}; write [outcomes] jump_step_mm")]
-    large_jump: Annotated[  # m within 2 ms; 1 mm, the rule in the text of DSN'16
-        Scalar, Reserved(f"{_WORDS}; write [outcomes] large_jump_mm")
-    ]
+    jump_step: Scalar
+    large_jump: Scalar  # m within 2 ms; 1 mm, the rule in the text of DSN'16
     # m from the golden run above which a run counts as diverged; 1 um, the resolution of `pos`
     diverged: Scalar
     # share of the golden run's step below which a step counts as none; a quarter, chosen by us
     idle_share: Scalar
     # m per tick, steps of the golden run that count; 1 um, the resolution of `pos`
     idle_step: Scalar
-    limit: Annotated[  # m, limit of hazards; `ravenjax.outcomes.verdict.LIMIT_MM`
-        Scalar, Reserved(f"{_WORDS}; write [outcomes] limit_mm")
-    ]
+    limit: Scalar  # m, limit of hazards; `ravenjax.outcomes.verdict.LIMIT_MM`
 
 
 @record
@@ -167,36 +160,16 @@ def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> Mon
 
     def arm_state(i: int) -> MonitorArmState:
         tip, pos = cast_to_real(setup, tips[i]), cast_to_real(setup, positions[i])
-        dac = Vec.full(len(setup.joints), jnp.int32(0))
-        depth = cast_to_real(setup, -jnp.inf)
-        still, no = cast_to_real(setup, Vec.full(3, 0.0)), jnp.bool_(False)
-        return MonitorArmState(
-            tip=tip,
-            tip_before=tip,
-            golden_tip=tip,
-            missed=still,
-            pos=pos,
-            golden_pos=pos,
-            over=no,
-            leapt=no,
-            peak_model=zero,
-            peak_live=zero,
-            square_model=zero,
-            peak_golden=zero,
-            square_golden=zero,
-            unintended=zero,
-            unintended_off=zero,
-            loss=zero,
-            false_report=zero,
-            idle_ticks=jnp.int32(0),
-            peak_step=zero,
-            path=zero,
-            depth=depth,
-            peak_dac=dac,
-            jump=never,
-            large_jump=never,
-            tip_jump=never,
-        )
+        begin: dict[str, Any] = {field.name: zero for field in dataclasses.fields(MonitorArmState)}
+        begin |= dict.fromkeys(("tip", "tip_before", "golden_tip"), tip)
+        begin |= dict.fromkeys(("pos", "golden_pos"), pos)
+        begin |= dict.fromkeys(("over", "leapt"), jnp.bool_(False))
+        begin |= dict.fromkeys(("jump", "large_jump", "tip_jump"), never)
+        begin["missed"] = cast_to_real(setup, Vec.full(3, 0.0))
+        begin["idle_ticks"] = jnp.int32(0)
+        begin["depth"] = cast_to_real(setup, -jnp.inf)
+        begin["peak_dac"] = Vec.full(len(setup.joints), jnp.int32(0))
+        return MonitorArmState(**begin)
 
     return MonitorState(
         arms=per_arm(setup, lambda i, arm: arm_state(i)),
@@ -268,7 +241,6 @@ def _arm(
     reference: Reference,
     i: int,
 ) -> tuple[MonitorArmState, Distances]:
-    """Return the state of one arm after this tick, and its distances."""
     tip, pos, golden_pos = signal.tip[i], signal.pos[i], reference.pos[i]
     golden_tip = reference.tip[i]
     step = norm(tip - state.tip)

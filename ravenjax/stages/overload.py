@@ -1,7 +1,5 @@
 """Records the tensions of cables as shares of their strength, and the first overload."""
 
-from __future__ import annotations
-
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import Setup, cast_to_real
 from ravenjax.numbers.vec import Scalar, Vec, record

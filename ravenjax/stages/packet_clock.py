@@ -11,8 +11,6 @@ Simplified: lengths are independent. In the recordings short ones follow long on
 regular times.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -59,7 +57,7 @@ def packet_length(
     cycles = jnp.int32(1)
     for k in range(max(map(len, partial))):
         # a sum of 1 is never reached
-        sums = [np.float32(one[k]) if k < len(one) else np.float32(1.0) for one in partial]
+        sums = [np.float32(total[k]) if k < len(total) else np.float32(1.0) for total in partial]
         bound = jnp.float32(sums[0])
         for i, other in enumerate(sums[1:], start=1):
             bound = jnp.where(choice == i, jnp.float32(other), bound)

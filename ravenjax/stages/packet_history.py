@@ -9,8 +9,6 @@ halves of a word (S. E. Anderson, Bit Twiddling Hacks: counting bits set, in par
 position of a bit with a given count).
 """
 
-from __future__ import annotations
-
 from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record
 

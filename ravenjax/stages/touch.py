@@ -1,7 +1,5 @@
 """Records how hard a run's instruments press on tissue, on the vessel and on each other."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from ravenjax.numbers.lazy import jnp
@@ -29,10 +27,10 @@ def init(setup: Setup) -> TouchState:
 def step(state: TouchState, instruments: tuple[Any, ...]) -> TouchState:
     """Return the state after a tick with forces `tissue`, `vessel`, `instrument` on each, N."""
     peak, impulse, vessel = state.peak, state.impulse, state.vessel
-    for one in instruments:
-        peak = jnp.maximum(peak, one.tissue)
-        impulse = impulse + one.tissue * TICK_S
-        vessel = jnp.maximum(vessel, one.vessel)
+    for instrument in instruments:
+        peak = jnp.maximum(peak, instrument.tissue)
+        impulse = impulse + instrument.tissue * TICK_S
+        vessel = jnp.maximum(vessel, instrument.vessel)
     return TouchState(
         peak, impulse, vessel, jnp.maximum(state.instrument, instruments[0].instrument)
     )

@@ -4,9 +4,8 @@ A robot has built-in checks. A campaign may add users' checks, which are Python 
 the tick.
 """
 
-from __future__ import annotations
-
 import dataclasses
+import re
 from collections.abc import Iterable
 from typing import Literal, NamedTuple
 
@@ -94,13 +93,6 @@ def of_own(name: str, at: str, acts: Action) -> Check:
     return Check(f"{OWN}{name}", "of its score", f"user's check at {at}", acts)
 
 
-def counts_as_response(own: Iterable[Check]) -> bool:
-    """Return whether any of these users' checks counts as a response, that is, does more than
-    watch.
-    """
-    return any(check.action != "watch" for check in own)
-
-
 BUILT_IN = "built_in_response"
 """Column of the built-in checks' response, if users' files count in column `response`."""
 
@@ -108,9 +100,9 @@ BUILT_IN = "built_in_response"
 def needs_own_columns(own: Iterable[Check], stops: bool) -> bool:
     """Return whether the built-in checks' response needs separate columns.
 
-    It does if users' checks count as a response, or if a detector may stop the robot (`stops`).
+    It does if a user's check does more than watch, or if a detector may stop the robot (`stops`).
     """
-    return stops or counts_as_response(own)
+    return stops or any(check.action != "watch" for check in own)
 
 
 def built_in_column(own: Iterable[Check], stops: bool) -> str:
@@ -120,8 +112,5 @@ def built_in_column(own: Iterable[Check], stops: bool) -> str:
 
 def check_names(columns: Iterable[str]) -> tuple[str, ...]:
     """Return the names of the checks among outcome columns."""
-    return tuple(c.removeprefix("check_").removesuffix("_count") for c in columns if _counts(c))
-
-
-def _counts(column: str) -> bool:
-    return column.startswith("check_") and column.endswith("_count")
+    found = (re.fullmatch("check_(.+)_count", column) for column in columns)
+    return tuple(match[1] for match in found if match)

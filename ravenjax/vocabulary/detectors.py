@@ -3,8 +3,6 @@
 `ravenjax.stages.detectors` computes the scores.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Literal
 

@@ -5,9 +5,10 @@ value. The window opens `start` after the trigger's clock begins and lasts `dura
 > 0 it opens again after each `every`.
 """
 
-from __future__ import annotations
-
-from typing import Literal, NamedTuple
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
 
 FIELDS = (
     "site",
@@ -37,7 +38,7 @@ class OfNetwork(NamedTuple):
 
     channel: str
     effect: str
-    value: float | None  # None: the value of the fault itself
+    value: float | None = None  # None: the value of the fault itself
 
 
 class Effect(NamedTuple):
@@ -64,55 +65,22 @@ class Effect(NamedTuple):
         return self.value in ("number", "change", "amount")
 
 
-_ALL = (
-    Effect("overwrite", "x becomes the value", "number"),
-    Effect("offset", "x plus the value", "change"),
-    Effect(
-        "latch_offset",
-        "the first number of the window plus the value, held for the whole window",
-        "change",
-    ),
-    Effect("scale", "x times the value", "factor"),
-    Effect("drift", "x plus the value times the ticks in the window", "amount"),
-    Effect("stuck", "x as it was in the last tick before the window", ""),
-    Effect(
-        "bit_flip",
-        "the bit of that index (0 = lowest; of the int32 or float32 pattern) inverted",
-        "bit",
-    ),
-    Effect("periodic", "x plus value sin(2 pi n / period), n the ticks in the window", "amount"),
-    Effect("random", "a number drawn in each tick, uniformly from -value to value", "amount"),
-    Effect("toggle", "the value in even ticks of the window, 0 in odd ones", "number"),
-    Effect("drop", "network: the packet does not arrive", "", OfNetwork("lost", "overwrite", 1.0)),
-    Effect(
-        "duplicate",
-        "network: the packet before arrives once more in its place",
-        "",
-        OfNetwork("lag", "overwrite", 1.0),
-    ),
-    Effect(
-        "delay",
-        "network: packets arrive this many packets late",
-        "packets",
-        OfNetwork("delay", "overwrite", None),
-    ),
-    Effect(
-        "lose",
-        "network: in each ms, with this probability, a loss of all packets of period_ms ms begins",
-        "probability",
-        OfNetwork("lost", "lose", None),
-    ),
-)
+_TABLES = tomllib.loads(Path(__file__).with_name("effects.toml").read_text(encoding="utf-8"))
 
-EFFECTS: dict[str, Effect] = {effect.name: effect for effect in _ALL}
+
+def _effect(name: str, meaning: str, value: Value = "", network: Sequence[Any] = ()) -> Effect:
+    return Effect(name, meaning, value, OfNetwork(*network) if network else None)
+
+
+EFFECTS: dict[str, Effect] = {name: _effect(name, **table) for name, table in _TABLES.items()}
 EFFECT_CODES: dict[str, int] = {name: i for i, name in enumerate(EFFECTS)}
 
 NETWORK_EFFECTS: dict[str, OfNetwork] = {
-    effect.name: effect.network for effect in _ALL if effect.network
+    effect.name: effect.network for effect in EFFECTS.values() if effect.network
 }
 """What each effect of the network abbreviates."""
 
-WITHOUT_VALUE = tuple(effect.name for effect in _ALL if not effect.takes_value)
+WITHOUT_VALUE = tuple(name for name, effect in EFFECTS.items() if not effect.takes_value)
 
 WITH_PERIOD = ("periodic", "lose")
 """Effects that read the period of a fault."""

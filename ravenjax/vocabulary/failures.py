@@ -6,21 +6,12 @@ software continues with them, as its original does. They fail the run only if th
 or its observers.
 """
 
-from __future__ import annotations
+import tomllib
+from pathlib import Path
 
-SIGNALS: dict[str, str] = {
-    "tip": "the true tip of the robot",
-    "model tip": "the tip of the nominal model",
-    "deviation": (
-        "a distance between tips, or a sum of such distances over the run; also where the golden"
-        " run failed"
-    ),
-    "joint": "a joint or motor of the robot, or the motion of one",
-    "cable": "the tension of a cable",
-    "hand": "the motion of the operator's hand",
-    "contact": "a force between an instrument and what it touches",
-    "outcome": "another outcome, at the end of the run",
-}
+SIGNALS: dict[str, str] = tomllib.loads(
+    Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")
+)
 """The watched signals and their descriptions. Of several that fail in one tick, the first is
 reported.
 """

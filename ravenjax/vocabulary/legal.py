@@ -5,8 +5,6 @@ A DAC word has 16 bits. A value beyond 16 bits is accepted only if the campaign 
 intended.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,8 +1,4 @@
-"""Source code of users' files: Python files that a campaign names and that are traced into the
-tick.
-"""
-
-from __future__ import annotations
+"""Source code of users' files that a campaign names and that are traced into the tick."""
 
 import dataclasses
 

@@ -3,12 +3,7 @@
 `ravenjax.robots.raven2.console.reaction` implements the reactions.
 """
 
-from __future__ import annotations
-
 NONE, RELEASE, SLOW, CORRECT = 0, 1, 2, 3
-
-ACTIONS = ("none", "release", "slow", "correct")
-"""Names of the reactions, by number."""
 
 MEANINGS = {
     "none": "nobody reacts",
@@ -17,3 +12,6 @@ MEANINGS = {
     "correct": "correct by eye",
 }
 """Meaning of each of ACTIONS."""
+
+ACTIONS = tuple(MEANINGS)
+"""Names of the reactions, by number."""

@@ -15,7 +15,7 @@ from types import ModuleType
 from ravenjax.vocabulary.checks import Check
 from ravenjax.vocabulary.seams import Seam
 from ravenjax.vocabulary.signals import Signal
-from ravenjax.vocabulary.sites import Site
+from ravenjax.vocabulary.sites import Channel, Site
 
 OTHER_LAYER = "other"
 """Layer of a site that the robot does not declare."""
@@ -73,7 +73,11 @@ class Robot:
 
         If two checks trip in one tick, the first of them is the cause.
         """
-        return _with_checks(self, own) if own else self
+        return _extended(self, own) if own else self
+
+    def with_channels(self, site: str, channels: tuple[Channel, ...]) -> Robot:
+        """Return the robot with these channels at a site whose channels a campaign names."""
+        return _extended(self, (), site, channels) if channels else self
 
     def layer(self, site: str) -> str:
         """Return a site's layer in words: usb_out -> "USB out, motors".
@@ -87,9 +91,7 @@ class Robot:
         return self.run_levels[level] if 0 <= level < len(self.run_levels) else str(level)
 
     def part(self, name: str) -> ModuleType:
-        """Return a part of the robot's code: module `name` of its package, or the package if there
-        is none.
-        """
+        """Return module `name` of the robot's package, or the package if it is one module."""
         whole = importlib.import_module(self.package)
         return (
             importlib.import_module(f"{self.package}.{name}")
@@ -99,7 +101,11 @@ class Robot:
 
 
 @functools.lru_cache(maxsize=64)
-def _with_checks(robot: Robot, own: tuple[Check, ...]) -> Robot:
-    return dataclasses.replace(
-        robot, checks={**{check.name: check for check in own}, **robot.checks}
-    )
+def _extended(
+    robot: Robot, own: tuple[Check, ...], site: str = "", channels: tuple[Channel, ...] = ()
+) -> Robot:
+    sites = dict(robot.sites)
+    if site:
+        sites[site] = dataclasses.replace(sites[site], channels=channels)
+    checks = {**{check.name: check for check in own}, **robot.checks}
+    return dataclasses.replace(robot, checks=checks, sites=sites)

@@ -4,8 +4,6 @@ At a fault site (`ravenjax.vocabulary.sites`) a fault can act. At a seam its eff
 Most seams are both. A robot declares its seams in the order of its tick.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
@@ -52,9 +50,7 @@ class Crossing(NamedTuple):
 
 
 def list_crossings(seams: Mapping[str, Seam], arms: Iterable[str]) -> tuple[Crossing, ...]:
-    """Return every number that crosses a seam of a robot with these arms, by seam and then
-    by arm.
-    """
+    """Return every number that crosses a seam of a robot with these arms, in order."""
     arms = tuple(arms)
     return tuple(
         Crossing(seam, arm, channel)

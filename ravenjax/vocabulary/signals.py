@@ -5,8 +5,6 @@ A robot declares the fields of its view that a monitor can use (`Robot.signals`)
 code.
 """
 
-from __future__ import annotations
-
 import dataclasses
 
 

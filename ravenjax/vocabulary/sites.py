@@ -6,12 +6,12 @@ declaration, the path of each channel inside it. `ARM` in a path stands for the 
 `setup.arms`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Literal
 
 ARM = "ARM"
+PARAMETER = "parameter"
+"""Site whose channels are the parameters that a campaign's faults name, by their paths."""
 Kind = Literal["int16", "int24", "int32", "float", "bool"]
 """Type of a number. An int24, such as an encoder's word, travels as int32 and never wraps."""
 
@@ -20,8 +20,8 @@ Kind = Literal["int16", "int24", "int32", "float", "bool"]
 class Field:
     """The range of a number that has fewer values than its type; both ends are included."""
 
-    low: int
-    high: int
+    low: float
+    high: float
     noun: str
     bits: int
 

@@ -1,7 +1,5 @@
 """Windows on clocks, by readings that are looked at one by one."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st

@@ -2,8 +2,6 @@
 Raven.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 

@@ -154,4 +154,5 @@ def test_start_brings_the_robot_back_unless_the_stop_persists(table):
     back, persists = (row for _, row in table[table["group"] == "start"].iterrows())
     assert (back["end_runlevel"], persists["end_runlevel"]) == (3, 0)
     assert back["check_estop_first_ms"] == persists["check_estop_first_ms"]
+    assert 1000 < back["restart_ms"] < 1050 and persists["restart_ms"] == -1
     assert 400 < back["golden_pedal_down_ms"] - back["pedal_down_ms"] + 100 < 600

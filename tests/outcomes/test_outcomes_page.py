@@ -1,7 +1,5 @@
 """The page of definitions says what the package says."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from ravenjax import robots

@@ -1,7 +1,5 @@
 """Responses, hazards and verdicts against their definitions written out run by run."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -149,6 +147,7 @@ EVENTS = {
     "cable_overload": lambda f: (
         (f["cable_overload_first_ms"] >= 0) & (f["golden_cable_overload_first_ms"] < 0)
     ),
+    "restart": lambda f: f["restart_ms"] >= 0,
     "diverged": lambda f: f["diverged"],
 }
 

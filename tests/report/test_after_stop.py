@@ -58,6 +58,7 @@ def test_every_stop_and_each_cause_by_pandas():
         assert row.cue_before == wilson_interval(int(((cue >= 0) & (cue < stop)).sum()), len(mine))
         assert row.cue_after == wilson_interval(int((cue >= stop).sum()), len(mine))
         assert row.no_cue == wilson_interval(int((cue < 0).sum()), len(mine))
+        assert row.restarted.k == (mine["restart_ms"] >= 0).sum()
 
 
 def test_a_cue_in_the_millisecond_of_the_stop_came_too_late():

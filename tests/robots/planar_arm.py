@@ -1,7 +1,5 @@
 """A planar arm of two joints with one check: a robot that this package does not know."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 import jax.numpy as jnp

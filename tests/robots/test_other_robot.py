@@ -2,8 +2,6 @@
 trace, on two engines.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Detectors against their rules written out in NumPy over whole series."""
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 import numpy as np

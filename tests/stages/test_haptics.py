@@ -1,7 +1,5 @@
 """The haptic cue against the rule written out in NumPy, and its record of outcomes."""
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 import numpy as np

@@ -1,7 +1,5 @@
 """The observer against its rules written out in NumPy over whole series."""
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 import numpy as np

@@ -1,7 +1,5 @@
 """The history of packets against lists of the ticks at which they were sent."""
 
-from __future__ import annotations
-
 import jax.numpy as jnp
 import numpy as np
 from evaluated_program import in_python

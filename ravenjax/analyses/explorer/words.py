@@ -50,7 +50,7 @@ def describe_campaign(config: CampaignConfig) -> dict[str, Any]:
             "kd_per_mm_s": [round(cue.kd / 1e3, 9) for cue in cues],
             "cap": [cue.cap for cue in cues],
         },
-        "sites": [_site(site, robot.layers, arms) for site in robot.sites.values()],
+        "sites": [_site(s, robot.layers, arms) for s in robot.sites.values() if s.channels],
         "effects": {
             name: {
                 "words": WORDS["effects"][name],

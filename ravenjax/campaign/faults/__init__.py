@@ -1,3 +1,1 @@
-"""Expands groups of a campaign into the fault table, one row per run, and converts it to an
-engine's inputs.
-"""
+"""Expands groups into the fault table, and converts it to an engine's inputs."""

@@ -6,8 +6,6 @@ content of the row and everything that is fixed for the campaign, so the same ru
 any row. All work is done by columns, because a campaign may have millions of runs.
 """
 
-from __future__ import annotations
-
 import hashlib
 import itertools
 import json
@@ -117,9 +115,7 @@ def table_columns(config: CampaignConfig) -> pd.DataFrame:
 
 
 def count_rows(config: CampaignConfig) -> int:
-    """Return the number of rows of the fault table, without expanding them and without
-    `campaign.limit`.
-    """
+    """Return the number of rows of the fault table, without expanding it, without limit."""
     return sum(count_group_rows(config).values())
 
 
@@ -141,7 +137,6 @@ def count_group_rows(config: CampaignConfig) -> dict[str, int]:
 
 
 def _joined(pieces: Sequence[_Piece], columns: Sequence[Any], dtype: Any) -> np.ndarray:
-    """Concatenate one column of all pieces, [runs]."""
     return np.concatenate(
         [
             np.broadcast_to(np.asarray(values, dtype), piece.runs)
@@ -153,7 +148,6 @@ def _joined(pieces: Sequence[_Piece], columns: Sequence[Any], dtype: Any) -> np.
 def _words(
     pieces: Sequence[_Piece], columns: Sequence[Any], known: Sequence[str]
 ) -> pd.Categorical:
-    """Concatenate one column of words of all pieces, given as indices into `known`."""
     return word_column(_joined(pieces, columns, np.min_scalar_type(-len(known))), known)
 
 
@@ -182,9 +176,7 @@ def _pieces(config: CampaignConfig, group: Group, moments: Moments) -> Iterator[
 
 
 def _crossings(config: CampaignConfig, group: Group) -> list[dict[str, np.ndarray]]:
-    """Return path -> value (shape []) of each combination of the group's crossed parameters. The
-    last one varies fastest.
-    """
+    """Return path -> value of each combination of crossed parameters, the last one fastest."""
     axes = {**config.cross, **group.cross}
     rows = itertools.product(*(axis.values for axis in axes.values()))
     return [
@@ -212,7 +204,6 @@ def faults_and_axes(
 
 
 def _of_fault(config: CampaignConfig, fault: Fault) -> dict[str, Axis]:
-    """Return the axes of all fields of a fault except its site."""
     site = config.robot.sites[fault.site]
     resolved = {
         "arm": fault.arm or fixed_axis(config.campaign.arms[0] if site.per_arm else ""),
@@ -223,5 +214,4 @@ def _of_fault(config: CampaignConfig, fault: Fault) -> dict[str, Axis]:
 
 
 def _of_slot(table: dict[Key, Any], slot: int) -> dict[str, Any]:
-    """Return the entries of `table` that belong to one slot, by field."""
     return {name: value for (s, name), value in table.items() if s == slot}

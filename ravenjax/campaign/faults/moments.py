@@ -1,8 +1,4 @@
-"""Converts fault onsets that refer to a phase of the operation into milliseconds, using the robot's
-motion.
-"""
-
-from __future__ import annotations
+"""Converts fault onsets in a phase of the operation into milliseconds."""
 
 import dataclasses
 from collections.abc import Iterator, Mapping
@@ -25,9 +21,7 @@ class Moments:
 
     @cached_property
     def phases(self) -> Mapping[str, np.ndarray]:
-        """{phase: its stretches of ticks, int [stretches, 2]}, each from its first tick to before
-        its end.
-        """
+        """{phase: int [stretches, 2]}, each from its first tick to before its end."""
         return self._config.robot.part("campaign").phases(self._config)
 
     def placed(self, axes: Mapping[Key, Axis], group: str) -> dict[Key, Axis]:

@@ -6,8 +6,6 @@ hashes is hashed again, so the order of columns does not matter. A column in whi
 Lea, Flood, "Fast splittable pseudorandom number generators", 2014).
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterable, Mapping
 
@@ -40,9 +38,7 @@ def compute_run_ids(
 
 
 def mix_bits(numbers: np.ndarray) -> np.ndarray:
-    """Return SplitMix64's finaliser of each number, uint64 of the same shape (1-D). It is a
-    bijection.
-    """
+    """Return SplitMix64's finaliser of each number, uint64; a bijection."""
     z = numbers ^ (numbers >> np.uint64(30))
     z *= np.uint64(0xBF58476D1CE4E5B9)
     z ^= z >> np.uint64(27)

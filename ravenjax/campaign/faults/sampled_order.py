@@ -8,8 +8,6 @@ the campaign's seed, because their first draws would be a corner of the design. 
 depend on the order.
 """
 
-from __future__ import annotations
-
 import math
 import zlib
 
@@ -21,9 +19,7 @@ from ravenjax.campaign.file.group import SAMPLED, Group
 
 
 def arrange_table(config: CampaignConfig, table: pd.DataFrame) -> pd.DataFrame:
-    """Return the whole fault table in that order, group by group, with `index` and `pair`
-    renumbered.
-    """
+    """Return the whole fault table in that order, `index` and `pair` renumbered."""
     order = np.arange(len(table))
     pair = table["pair"].to_numpy()
     first_of_kind = pair == order
@@ -54,7 +50,6 @@ def rows_of_a_draw(config: CampaignConfig, group: Group) -> int:
 
 
 def _places(config: CampaignConfig, group: Group, number: int) -> np.ndarray:
-    """Return the position of each draw in the new order, int64 [number]."""
     if group.design in SAMPLED:
         return np.arange(number)
     return np.random.default_rng(

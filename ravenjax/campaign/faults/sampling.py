@@ -1,7 +1,5 @@
 """Samples a design: the position of each run of a group on each axis."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Mapping
@@ -52,9 +50,7 @@ def count_samples(group: Group, axes: Mapping[Key, Axis]) -> int:
 
 
 def sample_runs(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator) -> Sample:
-    """Return the runs of `group` over these axes. The draws depend only on `rng` and on the order
-    of the axes.
-    """
+    """Return the runs of `group`. Draws depend only on `rng` and the order of the axes."""
     different = count_samples(group, axes)
     runs = different * group.repeats
     place, repeat = np.arange(runs), np.zeros((), np.int64)
@@ -80,7 +76,6 @@ def sample_runs(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator
 def _draws(
     design: str, axes: Mapping[Key, Axis], rows: int, rng: np.random.Generator
 ) -> dict[Key, np.ndarray]:
-    """Draw positions on each axis, [rows]."""
     columns = _dimensions(axes)
     unit = _unit(design, rows, 1 + max(columns.values(), default=-1), rng)
     return {key: axis.places(unit[:, columns[key]]) for key, axis in axes.items()}
@@ -105,7 +100,6 @@ def _dimensions(axes: Mapping[Key, Axis]) -> dict[Key, int]:
 
 
 def _unit(design: str, rows: int, dimensions: int, rng: np.random.Generator) -> np.ndarray:
-    """Return points in the unit cube, [rows, dimensions]."""
     if design == "random" or dimensions == 0:
         return rng.random((rows, dimensions))
     # The import takes a second, so it is done only for these designs.

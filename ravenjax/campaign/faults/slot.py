@@ -5,8 +5,6 @@ A field that an effect does not use is NaN or 0. An effect of the network names 
 acts on. Times are whole and not negative. A value that is drawn for an integer channel is rounded.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import math
@@ -30,9 +28,7 @@ from ravenjax.vocabulary.robot import Robot
 
 @functools.cache
 def words_of(robot: Robot) -> dict[str, tuple[str, ...]]:
-    """Return the columns of words and the words that each may hold. The first word is that of an
-    empty slot.
-    """
+    """Return the words of each column; the first is that of an empty slot."""
     channels = dict.fromkeys(
         channel.name for site in robot.sites.values() for channel in site.channels
     )
@@ -94,9 +90,7 @@ def fill_slot(
 
 
 def _times(name: str, drawn: np.ndarray, axis: Axis, periodic: np.ndarray) -> np.ndarray:
-    """Return valid times. UNTIL_END is kept only if the axis lists it: a drawn number never means
-    it.
-    """
+    """Return valid times; a drawn number never means UNTIL_END."""
     if name == "period_ms":
         return np.where(periodic, np.maximum(drawn, 1), 0)
     if name != "duration_ms":

@@ -1,8 +1,4 @@
-"""Computes the tick in which the faults of a run can first act, and the tick in which they have
-ended.
-"""
-
-from __future__ import annotations
+"""Computes when the faults of a run can first act, and when they have ended."""
 
 from collections.abc import Iterator, Mapping
 
@@ -52,9 +48,7 @@ def last_observed_ticks(
 
 
 def last_window_ends(faults: Faults, ticks: int, clocks: Clocks | None) -> np.ndarray:
-    """Return the first tick after the last window of each fault, int64 [runs, slots]; 0: it never
-    opens.
-    """
+    """Return the first tick after each fault's last window, int64 [runs, slots]; 0: none."""
     last = np.zeros(faults["code"].shape, np.int64)
     for trigger, where, rows, opening in _openings(faults):
         if trigger == _TIME:
@@ -70,9 +64,7 @@ def last_window_ends(faults: Faults, ticks: int, clocks: Clocks | None) -> np.nd
 
 
 def _openings(faults: Faults) -> Iterator[tuple[int, tuple[np.ndarray, ...], np.ndarray, Opening]]:
-    """Yield (trigger code, indices [runs, slots] of its faults, their runs, their windows) of each
-    trigger in use.
-    """
+    """Yield (trigger code, places [runs, slots], runs, windows) of each trigger in use."""
     for trigger in (_TIME, _PACKET, _PEDAL):
         where = np.nonzero((faults["code"] > 0) & (faults["trigger"] == trigger))
         if len(where[0]):

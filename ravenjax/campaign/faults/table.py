@@ -1,8 +1,4 @@
-"""Converts the fault table to an engine's inputs: the static `Injection`, and arrays with one row
-per run.
-"""
-
-from __future__ import annotations
+"""Converts the fault table to an engine's inputs: `Injection`, and arrays with one row per run."""
 
 import math
 
@@ -82,9 +78,7 @@ def table_injection(table: pd.DataFrame, robot: Robot) -> Injection:
 
 
 def injection_targets(injection: Injection) -> list[Target]:
-    """Return the flattened channels of an injection. A fault's code is its position in this list,
-    from 1.
-    """
+    """Return the channels of an injection; a fault's code is the place, from 1."""
     return [(use.site, arm, channel) for use in injection.sites for arm, channel in use.channels]
 
 

@@ -118,7 +118,7 @@ def _place(config: CampaignConfig, fault: Fault, site: Site) -> Iterator[tuple[s
     channels = fault.channels(site).listed
     if channels == ("",):
         if len(network) < len(fault.effect.listed):
-            listing = ", ".join(names)
+            listing = ", ".join(names) or site.where
             yield "channel", f"missing: site {site.name} has {listing}; write one, a list, or '*'"
     elif strays := [name for name in channels if name not in names]:
         yield "channel", describe_unknown_name(f"channel of site {site.name}", strays[0], names)

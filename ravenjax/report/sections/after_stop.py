@@ -30,6 +30,7 @@ class StopRow(NamedTuple):
     cue_before: Rate
     cue_after: Rate  # cue in the millisecond of the stop or later
     no_cue: Rate
+    restarted: Rate  # runs in which the robot went live again while the foot stayed on the pedal
 
 
 def stop_rows(runs: Runs) -> list[StopRow]:
@@ -51,14 +52,17 @@ def _of(runs: Runs, by: str) -> list[StopRow]:
         "warned_ms >= 0 AND warned_ms < stop_ms",
         "warned_ms >= stop_ms",
         "warned_ms < 0",
+        "restarted",
     )
+    restarted = "restart_ms >= 0" if "restart_ms" in runs.types else "false"
     counted = ", ".join(f"count(*) FILTER ({condition})" for condition in conditions)
     counts = runs.table.rows(
         f'SELECT {by} AS cause, list(DISTINCT "group"), count(*),'
         f" {tables.quantiles_sql('stop_ms - active_ms')},"
         f" {tables.quantiles_sql('unintended_off_mm')}, {counted} FROM (SELECT row,"
-        f" response_cause, unintended_off_mm FROM {RESULTS}) JOIN (SELECT row, response_ms AS"
-        ' stop_ms, active_ms, unintended_ms, warned_ms, "group"::VARCHAR AS "group" FROM'
+        f" response_cause, unintended_off_mm, {restarted} AS restarted FROM {RESULTS}) JOIN"
+        " (SELECT row, response_ms AS stop_ms, active_ms, unintended_ms, warned_ms,"
+        ' "group"::VARCHAR AS "group" FROM'
         f" {FACTS} WHERE sample AND faulty AND response = 'stopped') USING (row) GROUP BY cause"
     )
     return [

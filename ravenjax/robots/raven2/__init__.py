@@ -13,47 +13,23 @@ loop         one cycle of the control software, and the tick: everything in one 
 software     the control software alone, driven from Python
 """
 
-from __future__ import annotations
-
-from ravenjax.robots.raven2 import run_levels
+from ravenjax.robots.raven2 import declaration, run_levels
 from ravenjax.robots.raven2.arms import ARMS, JOINTS, LEADING, LINEAR
-from ravenjax.robots.raven2.declaration import (
-    CHECK_SEAMS,
-    CHECKS,
-    FILE,
-    LAYERS,
-    PHASES,
-    SEAMS,
-    SIGNALS,
-    SITES,
-)
 from ravenjax.vocabulary.robot import Robot
 
 ROBOT = Robot(
-    name="raven2",
-    title="Raven-II",
     package=__name__,
     arms=ARMS,
     joints=JOINTS,
     linear=LINEAR,
-    sites=SITES,
-    layers=LAYERS,
-    checks=CHECKS,
-    run_levels=run_levels.NAMES,
-    live="run level pedal-down without a software E-stop",
     leading_joints=LEADING,
-    noise=("plant.encoder_noise", "plant.torque_noise"),
-    packet_cycles="network.cycles_per_packet",
-    dead_man="pedal",
-    validation=(
-        "Its model was compared with recordings of two arms and with published experiments: four"
-        " targets are met, two are not met, and one is not judged. No run was compared with a"
-        " complete robot."
-    ),
-    tissue=True,
-    phases=PHASES,
-    check_seams=CHECK_SEAMS,
-    seams=SEAMS,
-    signals=SIGNALS,
-    files=("raven2/raven2.xml", "raven2/mechanics.toml", "raven2/tools.toml", FILE),
+    run_levels=run_levels.NAMES,
+    sites=declaration.SITES,
+    layers=declaration.LAYERS,
+    checks=declaration.CHECKS,
+    phases=declaration.PHASES,
+    check_seams=declaration.CHECK_SEAMS,
+    seams=declaration.SEAMS,
+    signals=declaration.SIGNALS,
+    **declaration.WORDS,
 )

@@ -1,7 +1,5 @@
 """Names of arms and joints, in the order of every array. Without JAX, for readers of results."""
 
-from __future__ import annotations
-
 from typing import Literal, TypeAlias, TypeVar
 
 Entry = TypeVar("Entry")

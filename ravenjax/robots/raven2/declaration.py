@@ -1,7 +1,5 @@
 """The Raven-II's declaration as records, read from `declaration.toml`, without JAX."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -12,8 +10,7 @@ from ravenjax.vocabulary.seams import Seam, SeamChannel
 from ravenjax.vocabulary.signals import Signal
 from ravenjax.vocabulary.sites import ARM, Channel, Field, Site
 
-FILE = "declaration.toml"
-_TABLES = tomllib.loads((Path(__file__).parent / FILE).read_text(encoding="utf-8"))
+_TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 _NAMES = {
     "joints": JOINTS,
     "positioning": JOINTS[:3],
@@ -73,6 +70,12 @@ def _signal(name: str, table: dict[str, Any]) -> Signal:
         **table,
     )
 
+
+WORDS: dict[str, Any] = {
+    key: tuple(value) if isinstance(value, list) else value
+    for key, value in _TABLES["robot"].items()
+}
+"""Fields of `Robot` that are plain words."""
 
 LAYERS: dict[str, str] = _TABLES["layers"]
 """Name of each layer, in the robot's order."""

@@ -1,7 +1,5 @@
 """Run levels of the robot. raven2: defines.h."""
 
-from __future__ import annotations
-
 E_STOP, INIT, PEDAL_UP, PEDAL_DOWN = 0, 1, 2, 3
 
 NAMES = ("E-stop", "init", "pedal up", "pedal down")

@@ -1,7 +1,5 @@
 """Static choices that select the code of a Raven-II's tick."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import ClassVar, Literal
 

@@ -5,8 +5,6 @@ An oracle for `ravenjax.campaign.faults.design`, with which it shares no more th
 that a design draws.
 """
 
-from __future__ import annotations
-
 import hashlib
 import itertools
 import json

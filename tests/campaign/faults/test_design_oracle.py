@@ -1,7 +1,5 @@
 """The fault table by columns is the one written out row by row, whatever the campaign."""
 
-from __future__ import annotations
-
 import naive_design
 import numpy as np
 import pandas as pd

@@ -1,7 +1,5 @@
 """Onsets in phases of the operation: which milliseconds, how they are drawn, what is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

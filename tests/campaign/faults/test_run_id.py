@@ -1,7 +1,5 @@
 """The hash behind run ids; what counts in an id is said by `test_design_oracle`."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ravenjax.campaign.faults import run_id

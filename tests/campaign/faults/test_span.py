@@ -2,8 +2,6 @@
 opened tick by tick.
 """
 
-from __future__ import annotations
-
 import jax.numpy as jnp
 import numpy as np
 from hypothesis import given

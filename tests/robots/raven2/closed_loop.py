@@ -2,8 +2,6 @@
 drives them.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ravenjax.numbers.vec import Vec, replace

@@ -2,8 +2,6 @@
 any bits at all.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import random
 import struct

@@ -7,8 +7,6 @@ rules (raven2 src/raven; the 2015 simulator fork where `fork`), kinematics by 4x
 attempt at speed.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 

@@ -4,8 +4,6 @@ ROS tf's formulas.
 Shares no code with the package; see `oracle_control_software`.
 """
 
-from __future__ import annotations
-
 import math
 
 GOLD, GREEN = 0, 1

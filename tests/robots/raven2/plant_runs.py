@@ -1,7 +1,5 @@
 """The virtual robot by itself, under rows of DAC commands: what tests of its mechanics share."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import jax

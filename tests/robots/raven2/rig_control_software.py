@@ -5,8 +5,6 @@ Independent of the package. Everything is drawn from one seed, so two programs c
 side.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 

@@ -7,8 +7,6 @@ call reads and writes only the four structs that it gets: no allocation, no glob
 The structs have the memory layout that the compiled code expects.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -102,9 +100,9 @@ def make_library(software: ControlSoftware, robot: VirtualRobot) -> CLibrary:
 
 
 def _code(software: ControlSoftware, robot: VirtualRobot) -> str:
-    own = software.code.transitions | robot.code.transitions
+    transitions = software.code.transitions | robot.code.transitions
     text = transition.print_module(
-        {f"{name}_steps": own[which] for name, which in _FUNCTIONS.items()}, frozenset()
+        {f"{name}_steps": transitions[which] for name, which in _FUNCTIONS.items()}, frozenset()
     )
     for name in _FUNCTIONS:
         text = text.replace(f"define void @{name}_steps(", f"define internal void @{name}_steps(")
@@ -130,12 +128,12 @@ def _code(software: ControlSoftware, robot: VirtualRobot) -> str:
 def _structs(software: ControlSoftware, robot: VirtualRobot) -> dict[str, Struct]:
     """Return the struct of each record, by its name in the header without "raven_"."""
     structs = dict[str, Struct]()
-    for part, own in (("control", software), ("robot", robot)):
+    for part, machine in (("control", software), ("robot", robot)):
         units: dict[str, dict[str, None]] = {}  # a dict keeps the order
-        for path, limits in quantity.list_quantities(type(own.params)):
+        for path, limits in quantity.list_quantities(type(machine.params)):
             units.setdefault(path, {})[limits.unit] = None
         for what in ("params", "state", "inputs", "signals"):
-            if (kind := own.code.kinds.get(what)) is not None:
+            if (kind := machine.code.kinds.get(what)) is not None:
                 known = units if what == "params" else {}
                 members, layout = members_of(kind, software.setup.arms, known), kind.layout
                 end = layout.offsets[-1] + stored_size(layout.types[-1])

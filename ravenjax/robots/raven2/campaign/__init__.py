@@ -4,26 +4,23 @@ See `ravenjax.campaign.prepared`. Names are imported when they are first used, s
 and checked without the tick.
 """
 
-from __future__ import annotations
-
-import importlib
+import pkgutil
 from typing import Any
 
 _HOMES = {
-    "Config": ("campaign.config", "RavenConfig"),
-    "Params": ("loop.records", "TickParams"),
-    "bases": ("campaign.trace", "arm_bases"),
-    "clocks": ("campaign.pedal", "trigger_clocks"),
-    "explained": ("campaign.observers", "explain_program"),
-    "phases": ("campaign.operation", "phase_intervals"),
-    "prepare": ("campaign.program", "prepare_campaign"),
-    "series": ("campaign.trace", "trace_series"),
-    "watched": ("campaign.observers", "watch_signals"),
+    "Config": "campaign.config:RavenConfig",
+    "Params": "loop.records:TickParams",
+    "bases": "campaign.trace:arm_bases",
+    "clocks": "campaign.pedal:trigger_clocks",
+    "explained": "campaign.program:explain_program",
+    "phases": "campaign.operation:phase_intervals",
+    "prepare": "campaign.program:prepare_campaign",
+    "series": "campaign.trace:trace_series",
+    "watched": "campaign.program:watch_signals",
 }
 
 
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    module, attribute = _HOMES[name]
-    return getattr(importlib.import_module(f"ravenjax.robots.raven2.{module}"), attribute)
+    return pkgutil.resolve_name(f"ravenjax.robots.raven2.{_HOMES[name]}")

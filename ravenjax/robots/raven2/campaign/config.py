@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import math
 from collections.abc import Iterator
@@ -9,14 +10,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import PrivateAttr, model_validator
 
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.campaign.file.group import Fault
+from ravenjax.campaign.file.group import Fault, Run
 from ravenjax.campaign.file.location import Complaint
-from ravenjax.errors import UserError
+from ravenjax.errors import UserError, suggest_name
+from ravenjax.numbers.quantity import Quantity
 from ravenjax.parts import part
+from ravenjax.robots.raven2 import ROBOT
+from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.campaign import older_packets
 from ravenjax.robots.raven2.campaign.sections import (
     Hand,
@@ -27,12 +31,15 @@ from ravenjax.robots.raven2.campaign.sections import (
     Reaction,
 )
 from ravenjax.robots.raven2.console.motions import MOTIONS
+from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.plant.kinematic_errors import MEASURED
 from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.parts import OwnSource
 from ravenjax.vocabulary.reactions import MEANINGS
+from ravenjax.vocabulary.robot import Robot
+from ravenjax.vocabulary.sites import PARAMETER, Channel, Field
 
 HEALTHY_MM = 0.1
 """A healthy robot that moves is further off its nominal model: 0.6 to 1.8 mm in the generated
@@ -64,6 +71,7 @@ class RavenConfig(CampaignConfig):
     """stages of the control software that are files of your own"""
     hand: Hand | None = None
     """a hand that the cue moves; without it the cue is a signal"""
+    _aims: tuple[Any, tuple[Channel, ...]] = PrivateAttr((None, ()))
 
     @model_validator(mode="after")
     def _draw_errors(self) -> RavenConfig:
@@ -99,6 +107,24 @@ class RavenConfig(CampaignConfig):
             yield "operator.own.hands", hands
 
     @property
+    def robot(self) -> Robot:
+        """The campaign's robot, whose site `parameter` has the parameters that faults name."""
+        if self._aims[0] is not self.group:  # the groups of a copy may be others
+            names = dict.fromkeys(name for _, _, name in self._struck_parameters())
+            channels = (parameter_channel(self.campaign.arms, name)[0] for name in names)
+            self._aims = (self.group, tuple(channels))
+        return super().robot.with_channels(PARAMETER, self._aims[1])
+
+    def _struck_parameters(self) -> Iterator[tuple[int, int, str]]:
+        """Yield (group, slot, parameter) of each fault at site `parameter`."""
+        for g, group in enumerate(self.group):
+            if any(fault.site == PARAMETER for fault in group.fault):
+                for run in group.run or (Run(),):
+                    for f, fault in enumerate(group.faults_of(run)):
+                        if fault.site == PARAMETER and fault.channel:
+                            yield from ((g, f, name) for name in fault.channel.listed)
+
+    @property
     def tools(self) -> tuple[str, ...]:
         """Tool names, one per arm."""
         defaults = DEFAULT_TOOLS[self.campaign.software]
@@ -116,9 +142,7 @@ class RavenConfig(CampaignConfig):
 
     @property
     def watches_cables(self) -> bool:
-        """Whether the mechanics have cable tensions that can be compared with a cable's
-        strength.
-        """
+        """Whether the mechanics have tensions that can be compared with a cable's strength."""
         return parameter_sets.tells_tension(self.campaign.parameter_set)
 
     @property
@@ -162,7 +186,7 @@ class RavenConfig(CampaignConfig):
         axes = [
             self.parameters,
             self.cross,
-            *(axes for one in self.group for axes in (one.parameters, one.cross)),
+            *(axes for group in self.group for axes in (group.parameters, group.cross)),
         ]
         if any("reaction.action" in paths for paths in axes):
             return (
@@ -212,18 +236,21 @@ class RavenConfig(CampaignConfig):
         if self.hand is not None and not self.hand.newtons_per_unit:
             yield ("hand", "newtons_per_unit"), "0 moves no hand"
 
-    def _reaction_notices(self, own: Reaction, axes: dict[str, Axis]) -> Iterator[Complaint]:
+    def _reaction_notices(self, reaction: Reaction, axes: dict[str, Axis]) -> Iterator[Complaint]:
         for name, field in Reaction.model_fields.items():
-            path, value = f"reaction.{name}", getattr(own, name)
+            path, value = f"reaction.{name}", getattr(reaction, name)
             written = value != field.default or path in axes
-            if name != "action" and written and name not in READ_BY[own.action]:
-                yield ("reaction", name), f"nothing reads it with action = {own.action!r}"
-            elif READ_BY[own.action].get(name) == value and path not in axes:
-                yield ("reaction", name), f"{value:g} makes action {own.action!r} without effect"
-        if own.action != "none" and own.felt_force > (cap := self.haptics.cues()[0].cap):
+            if name != "action" and written and name not in READ_BY[reaction.action]:
+                yield ("reaction", name), f"nothing reads it with action = {reaction.action!r}"
+            elif READ_BY[reaction.action].get(name) == value and path not in axes:
+                yield (
+                    ("reaction", name),
+                    f"{value:g} makes action {reaction.action!r} without effect",
+                )
+        if reaction.action != "none" and reaction.felt_force > (cap := self.haptics.cues()[0].cap):
             yield (
                 ("reaction", "felt_force"),
-                f"{own.felt_force:g} is never felt: the cue pulls with at most cap = {cap:g}",
+                f"{reaction.felt_force:g} is never felt: the cue pulls with at most cap = {cap:g}",
             )
 
     @property
@@ -233,6 +260,9 @@ class RavenConfig(CampaignConfig):
 
     def complaints(self) -> Iterator[Complaint]:
         """Yield (key, message) for each mistake in the robot's own sections."""
+        for g, f, name in dict.fromkeys(self._struck_parameters()):
+            if why := parameter_channel(self.campaign.arms, name)[1] or self.unread(name):
+                yield ("group", g, "fault", f, "channel"), why
         hands = self.operator.hands
         if hands is not None and self.reaction is not None:
             yield (
@@ -295,9 +325,7 @@ class RavenConfig(CampaignConfig):
 
     @property
     def packet_history(self) -> int:
-        """Return the age in ms that a packet sent by faults may have, if lengths are drawn; 0: none
-        is sent again.
-        """
+        """Age in ms that a packet sent again may have, if lengths are drawn; 0: none is."""
         if not self.random_packets:
             return 0
         return int(min(older_packets.age_ms(self.group, self.longest_packet), self.campaign.ticks))
@@ -305,20 +333,16 @@ class RavenConfig(CampaignConfig):
     @property
     def longest_packet(self) -> int:
         """Return the largest number of cycles that a packet may last, if lengths are drawn."""
-        own = self.campaign.packet_shares
-        return max(map(len, (own, *packets.SHARES) if self._packets_varied else (own,)))
+        shares = self.campaign.packet_shares
+        return max(map(len, (shares, *packets.SHARES) if self._packets_varied else (shares,)))
 
     @property
     def cycles_a_packet(self) -> float:
-        """Return the mean number of cycles per packet if all runs have the same distribution, else
-        1, the least.
-        """
+        """Mean number of cycles per packet if it is the same in all runs, else 1, the least."""
         return 1.0 if self._packets_varied else packets.mean_cycles(self.campaign.packet_shares)
 
     def unread(self, path: str) -> str:
-        """Return why the parameter of that path has no effect in this campaign; "" if it
-        has one.
-        """
+        """Return why the parameter at `path` has no effect in this campaign; "" if it has."""
         if path == "control.overdrive.dac_max.grasp2":
             return "nothing reads it: the original's check never looks at grasp2"
         from ravenjax.campaign.file import bounds  # imported late, because it needs the tick
@@ -333,17 +357,13 @@ class RavenConfig(CampaignConfig):
         return ""
 
     def says_beyond(self, fault: Fault) -> bool:
-        """Return whether values beyond 16 bits are intended: by `wraps`, or at USB words by
-        `dac_words`.
-        """
+        """Return whether values beyond 16 bits are meant: `wraps`, or `dac_words` at USB."""
         return super().says_beyond(fault) or (
             fault.site == "usb_out" and self.campaign.dac_words is not None
         )
 
     def deciding(self) -> dict[str, Any]:
-        """Return what affects the outcome of every run alike, for run ids. Defaults are
-        left out.
-        """
+        """Return what affects the outcome of every run alike, for run ids, without defaults."""
         content = super().deciding()
         campaign = content["campaign"]
         if campaign.get("dac_words") == "wrap":  # same as without the key
@@ -354,7 +374,7 @@ class RavenConfig(CampaignConfig):
             operator["file"] = _file_hash(self.operator.file)
         if (hands := self.operator.own) is not None:
             operator["hands"] = part.hash_source(hands)
-        own = {
+        sections = {
             "campaign": {**campaign, "tools": self.tools},
             "operator": operator,
             "limits": self.limits.si(),
@@ -362,7 +382,40 @@ class RavenConfig(CampaignConfig):
         hand = {} if self.hand is None else {"hand": self.hand.model_dump(mode="json")}
         stages = () if self.controller is None else self.controller.parts()
         digests = {stage: part.hash_source(source) for stage, source in stages}
-        return content | own | hand | ({"controller": digests} if digests else {})
+        return content | sections | hand | ({"controller": digests} if digests else {})
+
+
+CHANGEABLE = ("control.", "plc.", "plant.")
+"""Parts of the parameters that the robot reads in every tick, so that a fault can change them."""
+
+
+UNKNOWN = Quantity("1", -math.inf, math.inf, "")
+
+
+@functools.cache
+def parameter_channel(arms: tuple[ArmName, ...], name: str) -> tuple[Channel, str]:
+    """Return the channel of a parameter for faults, and why none can act on it; "" if one can."""
+    from ravenjax.campaign.file import bounds  # imported late, because these need the tick
+    from ravenjax.numbers.paths import path_leaves
+    from ravenjax.robots.raven2.loop import run
+    from ravenjax.robots.raven2.setup import RavenSetup
+
+    setup = RavenSetup(arms=arms, tools=("r_grasper",) * len(arms))
+    params = run.params(setup, (tuple(HOME_JPOS),) * len(arms))
+    known, rows = (
+        [path for path, _ in path_leaves(params, setup)],
+        bounds.allowed_values(ROBOT, name),
+    )
+    why = ""
+    if name not in known:
+        why = f"got {name!r}, expected the path of one number, with arm and joint"
+        why += suggest_name(name, known)
+    elif not name.startswith(CHANGEABLE) or ".kinematic_errors." in name or not rows:
+        why = f"{name} cannot change during a run: expected a parameter that begins with one of"
+        why += f" {', '.join(CHANGEABLE)}, and no kinematic error; vary it in [parameters]"
+    row = rows[0] if rows else UNKNOWN
+    limits = Field(row.low, row.high, f"a parameter ({row.meaning})", 32)
+    return Channel(name, (), "int32" if row.whole else "float", row.unit, limits), why
 
 
 def of_raven(config: CampaignConfig) -> RavenConfig:

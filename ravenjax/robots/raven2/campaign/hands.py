@@ -1,7 +1,5 @@
 """The operator's motion in a campaign: a generated motion, or a replayed recording."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -34,9 +32,9 @@ def operator_replay(config: RavenConfig, ticks: int | None = None) -> OperatorRe
 def operator_bounds(config: RavenConfig) -> Bounds:
     """Return the soft limits of the positioning joints, the roll and the wrist in a campaign."""
     soft = limits.soft_limits(config.tools[0], config.campaign.software)
-    own = config.limits.si()
+    given = config.limits.si()
     pairs = zip(JOINTS, zip(soft.lower[:5], soft.upper[:5], strict=True), strict=False)
-    lower, upper = zip(*(own.get(joint, pair) for joint, pair in pairs), strict=True)
+    lower, upper = zip(*(given.get(joint, pair) for joint, pair in pairs), strict=True)
     return Bounds(lower, upper)
 
 

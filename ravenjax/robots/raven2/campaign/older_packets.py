@@ -5,8 +5,6 @@ Without draws, the place of an older packet in the motion follows from its numbe
 tick remembers when packets were sent, and must know beforehand for how long.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 

@@ -6,8 +6,6 @@ Phases are those of the plan, and the same for all runs: changes by noise, drawn
 fault are not included.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ravenjax.numbers.lazy import at_once
@@ -62,25 +60,18 @@ def phase_intervals(config: RavenConfig) -> dict[str, np.ndarray]:
     return {name: _stretches(mask) for name, mask in masks.items()}
 
 
-def _number(config: RavenConfig, path: str, own: float) -> float:
-    """Return a parameter that the file sets for all runs, else `own`."""
+def _number(config: RavenConfig, path: str, usual: float) -> float:
     axis = config.parameters.get(path)
-    return own if axis is None or axis.kind != "fixed" else float(axis.values[0])
+    return usual if axis is None or axis.kind != "fixed" else float(axis.values[0])
 
 
 def _way(motion: Motion, scale: float, follows: np.ndarray) -> np.ndarray:
-    """Return the tip displacement that the operator asks for, m, axes of an ITP packet; [rows,
-    arms, 3].
-
-    follows: bool [rows], whether the tip follows the hand. The displacement is relative to the
-    start.
-    """
+    """Return the way of the tips that the operator asks for, m, ITP axes; [rows, arms, 3]."""
     steps = np.diff(motion.position_um, axis=0, prepend=motion.position_um[:1]) * (scale * 1e-6)
     return np.cumsum(np.where(follows[:, None, None], steps, 0.0), axis=0)
 
 
 def _speed(way: np.ndarray) -> np.ndarray:
-    """Return the speed of the faster tip in each row of `way`, m per row."""
     rows = np.arange(len(way))
     before, after = np.maximum(rows - WINDOW // 2, 0), np.minimum(rows + WINDOW // 2, len(rows) - 1)
     return np.linalg.norm(way[after] - way[before], axis=2).max(axis=1) / np.maximum(

@@ -19,17 +19,15 @@ from ravenjax.engines.interface import TickProgram
 from ravenjax.faults.clocks import Clocks, PedalPhases
 from ravenjax.faults.injection import channel_keys
 from ravenjax.numbers.lazy import at_once
+from ravenjax.robots.raven2.loop.injector import restarts
 from ravenjax.robots.raven2.run_levels import PEDAL_DOWN, PEDAL_UP
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages.state_machine import MISMATCHES
 from ravenjax.stages import packet_clock
 from ravenjax.vocabulary.reactions import SLOW
 
-MOVING = ("network", "packet_header", "usb_status", "runlevel", "pins_out", "plc", "buttons")
-"""Sites where a fault may move the pedal, or start a robot that has stopped.
-
-The pins of site usb_in may do so, too.
-"""
+MOVING = ("network", "packet_header")
+"""Sites where a fault may move the pedal; so may those that `restarts` a robot."""
 
 LATENCY = 8
 """Ticks from a packet until the software has followed its pedal, with a margin."""
@@ -47,8 +45,8 @@ def trigger_clocks(
     """Return the clocks of triggers in the runs of a campaign; see `ravenjax.campaign.prepared`."""
     setup, params, ticks = program.setup, program.params, program.ticks
 
-    def numbers(path: str, own: int) -> np.ndarray:
-        return np.asarray(varied.get(path, np.full(runs, own)))
+    def numbers(path: str, usual: int) -> np.ndarray:
+        return np.asarray(varied.get(path, np.full(runs, usual)))
 
     network, control = params.network, params.control
     cycles = np.maximum(
@@ -58,8 +56,8 @@ def trigger_clocks(
     longest = cycles
     if setup.packets:
         shares = setup.packets
-        cycles = np.array([1 + int(np.flatnonzero(one)[0]) for one in shares])[choice]
-        longest = np.array([1 + int(np.flatnonzero(one)[-1]) for one in shares])[choice]
+        cycles = np.array([1 + int(np.flatnonzero(lengths)[0]) for lengths in shares])[choice]
+        longest = np.array([1 + int(np.flatnonzero(lengths)[-1]) for lengths in shares])[choice]
     timeout = numbers("control.teleoperation.timeout_ticks", control.teleoperation.timeout_ticks)
     obeyed = numbers("control.state_machine.plc_obeyed", control.state_machine.plc_obeyed) != 0
     slowed = np.zeros(runs, bool)
@@ -89,7 +87,7 @@ def trigger_clocks(
         moved=np.array(
             [
                 False,
-                *(site in MOVING or (site, name) == ("usb_in", "pins") for site, _, name in keys),
+                *(key[0] in MOVING or restarts(*key) for key in keys),
             ]
         ),
     )
@@ -100,8 +98,8 @@ def planned_pedal_down(
 ) -> np.ndarray:
     """Return the ticks in which the robot is in pedal-down if nothing stops it, bool [ticks].
 
-    foot: bool [rows of the motion], whether it is on the pedal. cycles: ticks that a packet lasts.
-    plc: whether the software obeys the PLC.
+    foot: bool [rows of the motion]. cycles: ticks that a packet lasts. plc: the software obeys the
+    PLC.
     """
     down = np.zeros(ticks, bool)
     phases = _phases(_level(software), foot, _Foot(cycles, cycles, plc), False, False, ticks)
@@ -203,18 +201,13 @@ class _Foot:
 
 
 def _level(software: str) -> int:
-    """Return the run level in which a run begins."""
     return PEDAL_UP if software == "raven2" else PEDAL_DOWN
 
 
 def _phases(
     level: int, foot: np.ndarray, way: _Foot, random: bool, unknown: bool, ticks: int
 ) -> PedalPhases:
-    """Return the phases in which the pedal is down.
-
-    level: run level in which a run begins; foot: as in `planned_pedal_down`; random: whether the
-    packets' lengths are drawn.
-    """
+    """Return the phases in which the pedal is down. random: the packets' lengths are drawn."""
     cycles = 1 if random else way.least
     changes = np.flatnonzero(np.diff(foot.astype(np.int8), prepend=np.int8(0))) * cycles
     changes = changes[changes < ticks]

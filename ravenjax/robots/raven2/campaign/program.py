@@ -1,27 +1,27 @@
-"""Turns a validated campaign into a Raven's tick: its static choices, parameters and operator's
-motion.
-"""
+"""Turns a validated campaign into a Raven's tick: static choices, parameters, operator's motion."""
 
-from __future__ import annotations
-
+import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from ravenjax.campaign.prepared import Prepared
+from ravenjax.engines.interface import TickProgram
+from ravenjax.hazards import ranges
 from ravenjax.numbers import paths
 from ravenjax.numbers.setup import Injection, Precision
 from ravenjax.numbers.vec import replace
 from ravenjax.robots.raven2.campaign import hands
 from ravenjax.robots.raven2.campaign.config import RavenConfig
 from ravenjax.robots.raven2.console.motion import Motion
-from ravenjax.robots.raven2.loop import run, user_files
+from ravenjax.robots.raven2.loop import explained, run, user_files, watched
 from ravenjax.robots.raven2.loop.records import TickParams
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import overdrive
 from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.reactions import ACTIONS
+from ravenjax.vocabulary.seams import Crossing
 
 NOISE_KEY = "plant.noise_key"
 """Parameter that a campaign with noise sets from each run's id.
@@ -74,7 +74,7 @@ def prepare_campaign(
         packet_history=config.packet_history,
         command_delay=_longest(varied.get(DELAY)),
         detectors=tuple(use for _, use, _ in config.detectors),
-        checks=tuple(one.use for one in config.check),
+        checks=tuple(check.use for check in config.check),
         reacts=config.reacts,
         hand_yields=config.hand is not None,
         noise=config.campaign.noise,
@@ -94,21 +94,18 @@ def prepare_campaign(
 def _distributions(
     config: RavenConfig, choices: np.ndarray | None
 ) -> tuple[tuple[float, ...], ...]:
-    """Return the distributions that packets of some run may have, by number.
-
-    Returns none if every cycle of every run has a packet.
-    """
-    own = config.campaign.packet_shares
+    """Return the distributions that packets may have; () if every cycle has a packet."""
+    shares = config.campaign.packet_shares
     varied = choices is not None and bool(np.nan_to_num(choices).any())
     return (
-        () if own == packets.SHARES[packets.EVERY_CYCLE] and not varied else (*packets.SHARES, own)
+        ()
+        if shares == packets.SHARES[packets.EVERY_CYCLE] and not varied
+        else (*packets.SHARES, shares)
     )
 
 
 def _longest(delays: np.ndarray | None) -> int:
-    """Return the length that the delay line needs, ms: one entry for each tick of the longest
-    delay.
-    """
+    """Return the length that the delay line needs, ms."""
     if delays is None or np.isnan(delays).all():
         return 0
     return int(np.clip(np.nanmax(delays), 0, LONGEST_DELAY))
@@ -128,7 +125,8 @@ def _params(config: RavenConfig, setup: RavenSetup, motion: Motion) -> TickParam
         params = replace(params, detectors=replace(params.detectors, thresholds=thresholds))
     if params.checks is not None:
         params = replace(
-            params, checks=user_files.check_params(setup, [one.threshold for one in config.check])
+            params,
+            checks=user_files.check_params(setup, [check.threshold for check in config.check]),
         )
     for path, value in _written(config).items():
         params = paths.assign_numbers(params, setup, path, value)
@@ -136,7 +134,6 @@ def _params(config: RavenConfig, setup: RavenSetup, motion: Motion) -> TickParam
 
 
 def _written(config: RavenConfig) -> dict[str, Any]:
-    """Return parameter -> value for those that keys of other sections set for all runs."""
     values: dict[str, Any] = {
         SCALE: config.operator.scale,
         PACKETS: np.int32(config.campaign.packet_choice),
@@ -159,3 +156,29 @@ def _written(config: RavenConfig) -> dict[str, Any]:
             values[f"control.cartesian.{side}.{joint}"] = float(np.float32(value))
             values[f"nominal.target.{side}.{joint}"] = value
     return values
+
+
+# --- observers ---
+
+
+ROUNDED = 5e-6
+"""Relative margin of both ends of a range, which is written with six digits."""
+
+
+def watch_signals(program: TickProgram) -> TickProgram:
+    """Return a program of the same runs that outputs only the signals of their detectors."""
+    return dataclasses.replace(program, module=watched.__name__)
+
+
+def explain_program(program: TickProgram) -> TickProgram:
+    """Return a program of the same runs, each compared with its golden run number by number."""
+    spans = tuple(_normal_range(place) for place in explained.list_numbers(program.setup))
+    setup = dataclasses.replace(program.setup, explained=spans)
+    return dataclasses.replace(program, module=explained.__name__, setup=setup)
+
+
+def _normal_range(place: Crossing) -> tuple[float, float] | None:
+    if not place.channel.site:
+        return None
+    usual = ranges.normal_range(place.channel.site, place.channel.name, place.arm)
+    return usual.low - ROUNDED * abs(usual.low), usual.high + ROUNDED * abs(usual.high)

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from ravenjax.campaign.file import own_part
 from ravenjax.campaign.file.section import OneOf, Section
@@ -38,10 +38,7 @@ from ravenjax.vocabulary.parts import OwnSource
 
 
 def _packets(raw: Any) -> Any:
-    """Return a distribution of packets: its name, or its shares.
-
-    Raises ValueError for any other value, with what to write.
-    """
+    """Return a distribution of packets: its name, or its shares. Raises ValueError."""
     names = ", ".join(map(repr, packets.CHOICES))
     if isinstance(raw, str) and raw not in packets.CHOICES:
         raise ValueError(
@@ -121,7 +118,6 @@ class RavenCampaign(CampaignSection):
 
     @model_validator(mode="after")
     def _together(self) -> RavenCampaign:
-        """Raise ValueError for keys that do not go together."""
         if self.tools is not None and len(self.tools) != len(self.arms):
             raise ValueError(
                 f"tools: got {len(self.tools)}, expected one per arm ({len(self.arms)})"
@@ -287,18 +283,16 @@ class Operator(Section):
             raise ValueError("give either motion (generated) or file (recorded), not both")
         return raw
 
-    @field_validator("file")
+    @field_validator("file", "hands")
     @classmethod
-    def _path(cls, file: Path | None) -> Path | None:
-        if file is not None and (not file.name or "\0" in str(file)):
-            from ravenjax.store.motion.recording import (
-                ANY_KIND,
-                # imported late, because the import is slow
-            )
+    def _path(cls, file: Path | None, info: ValidationInfo) -> Path | None:
+        # imported late, because the import is slow
+        from ravenjax.store.motion.recording import ANY_KIND
 
-            raise ValueError(
-                f"got {format_value(str(file))}, expected the path of a {ANY_KIND} file"
-            )
+        python = info.field_name == "hands"
+        if file and (not file.name or "\0" in str(file) or (python and file.suffix != ".py")):
+            kind = ".py file; a recorded motion is `file`" if python else f"{ANY_KIND} file"
+            raise ValueError(f"got {format_value(str(file))}, expected the path of a {kind}")
         return file
 
     @field_validator("rotation")
@@ -315,16 +309,6 @@ class Operator(Section):
                     " right angles, without a mirror, or x, y, z, w of length 1"
                 )
         return value
-
-    @field_validator("hands")
-    @classmethod
-    def _python(cls, file: Path | None) -> Path | None:
-        if file is not None and (file.suffix != ".py" or "\0" in str(file)):
-            raise ValueError(
-                f"got {format_value(str(file))}, expected the path of a .py file; a recorded"
-                " motion is `file`"
-            )
-        return file
 
     @model_validator(mode="after")
     def _window(self) -> Operator:

@@ -1,7 +1,5 @@
 """Converts the signals of a run's ticks into its time series."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -10,6 +8,9 @@ from ravenjax.robots.raven2.geometry import scene
 from ravenjax.robots.raven2.geometry.arrays import jaw_rotation
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.store.logs.topics import Base
+
+_SOFTWARE = ("mpos", "mvel", "jpos", "jvel", "jpos_d", "mpos_d", "tau_d")
+"""Signals of the control software that the time series has under their own names."""
 
 
 def trace_series(
@@ -49,12 +50,11 @@ def arm_bases(setup: RavenSetup) -> dict[str, Base]:
 
 
 def _touched(touch: Any) -> dict[str, np.ndarray]:
-    """Return the contact forces of an arm; empty in a campaign without contact."""
     if touch is None:
         return {}
-    sizes = {name: np.asarray(getattr(touch, name)) for name in ("tissue", "vessel", "instrument")}
+    sizes = ("tissue", "vessel", "instrument")
     return {"contact_force": _stack(touch.force)} | {
-        f"contact_{name}_n": size for name, size in sizes.items()
+        f"contact_{name}_n": np.asarray(getattr(touch, name)) for name in sizes
     }
 
 
@@ -64,20 +64,12 @@ def _arm(signals: Any, i: int, arm: str) -> dict[str, np.ndarray]:
     direction, link_jpos, model_jpos = _stack(cue.direction), _stack(plant.jpos), _stack(model.jpos)
     return {
         "enc_val_cnt": _stack(software.enc_val),
-        "mpos": _stack(software.mpos),
-        "mvel": _stack(software.mvel),
-        "jpos": _stack(software.jpos),
-        "jvel": _stack(software.jvel),
-        "jpos_d": _stack(software.jpos_d),
-        "mpos_d": _stack(software.mpos_d),
-        "tau_d": _stack(software.tau_d),
+        **{name: _stack(getattr(software, name)) for name in _SOFTWARE},
         "current_cmd_cnt": _stack(software.current_cmd),
         "dac_cnt": _stack(software.current_cmd_written),
         "boards_cnt": _stack(signals.boards[i]),
-        "position": _stack(software.pos.position_um) * 1e-6,
-        "rotation": np.stack([_stack(row) for row in software.pos.rotation], axis=1),
-        "position_d": _stack(software.pos_d.position_um) * 1e-6,
-        "rotation_d": np.stack([_stack(row) for row in software.pos_d.rotation], axis=1),
+        **_pose(software.pos, ""),
+        **_pose(software.pos_d, "_d"),
         "link_jpos": link_jpos,
         "link_jvel": _stack(plant.jvel),
         "motor_mpos": _stack(plant.mpos),
@@ -93,6 +85,11 @@ def _arm(signals: Any, i: int, arm: str) -> dict[str, np.ndarray]:
         "cue_force": _stack(cue.force),
         "tissue_depth_mm": np.asarray(signals.depth[i]) * 1e3,
     } | _touched(plant.touch)
+
+
+def _pose(pose: Any, ending: str) -> dict[str, np.ndarray]:
+    rotation = np.stack([_stack(row) for row in pose.rotation], axis=1)
+    return {f"position{ending}": _stack(pose.position_um) * 1e-6, f"rotation{ending}": rotation}
 
 
 def _stack(numbers: Any) -> np.ndarray:

@@ -3,8 +3,6 @@
 The result is a distribution for `campaign.packets`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ravenjax.vocabulary.packets import MOST_CYCLES

@@ -6,8 +6,6 @@ complaint. Until one profile is left, values that all remaining profiles read al
 values that they read differently cause no motion. A choice is final.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 
 from ravenjax.robots.raven2.arms import ArmName

@@ -8,10 +8,10 @@ sideways, c along the shaft into the tissue. The size suits scales up to 0.2: at
 that scale, too, every pose lies inside the soft limits.
 """
 
-from __future__ import annotations
-
 import math
+import tomllib
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -68,10 +68,7 @@ class _Path:
         self.pose = _REST.copy()
 
     def _ticks(self, way: float, turn: float, pace: float) -> int:
-        """Return the ticks of a move over `way` m and `turn` rad that keeps to the peak speeds.
-
-        The peak speed of a move is 15/8 of its mean speed.
-        """
+        """Return the ticks of a move over `way` m and `turn` rad; its peak is 15/8 of its mean."""
         seconds = 1.875 * max(way / PEAK_TIP_SPEED, turn / PEAK_TURN) / pace
         return max(math.ceil(seconds / TICK_S), 250)
 
@@ -139,7 +136,6 @@ def _still(path: _Path, rng: np.random.Generator) -> Iterator[Segment]:
 
 
 def _anywhere(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Return a random tip offset and tilt-and-roll of a reach."""
     direction = rng.normal(size=3)
     tip = (
         direction
@@ -250,20 +246,9 @@ _CHAINS: dict[str, Callable[[_Path, np.random.Generator], Iterator[Segment]]] = 
     "clutched": _clutched,
 }
 
-MOTIONS: dict[str, str] = {
-    "suture": (
-        "stitches: approach, drive the needle on an arc with the shaft rolling, release, regrasp,"
-        " pull through"
-    ),
-    "peg_transfer": "reach, grasp, lift, carry over, drop, between six pegs",
-    "palpate": "taps of 3 to 5 mm along a line",
-    "circle": "a circle of 8 mm radius, 2 s a round",
-    "reach": "random reaches of up to 12 mm with tilts and rolls",
-    "still": "hands at rest, pedal down",
-    "clutched": (
-        "random reaches; after each the pedal comes up and the hands return to where they began"
-    ),
-}
+MOTIONS: dict[str, str] = tomllib.loads(
+    Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")
+)
 """Names and descriptions of the motions; sizes and speeds are the tip's at NOMINAL_SCALE."""
 
 
@@ -328,14 +313,12 @@ def _product(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
 
 
 def _axes() -> np.ndarray:
-    """Return the instrument axes a, b, c in frame 0 of gold at home, as rows."""
     a = np.cross(_SHAFT, [0.0, 0.0, 1.0])
     a /= np.linalg.norm(a, axis=0)
     return np.stack([a, np.cross(_SHAFT, a), _SHAFT])
 
 
 def _quaternion(turn: np.ndarray) -> np.ndarray:
-    """Return quaternions [T, 4] x, y, z, w of rotation vectors [T, 3]."""
     angle = np.linalg.norm(turn, axis=1, keepdims=True)
     axis = np.divide(turn, angle, out=np.zeros_like(turn), where=angle > 0.0)
     return np.concatenate([axis * sin(angle / 2.0), cos(angle / 2.0)], axis=1)

@@ -9,8 +9,6 @@ of two truncated positions. The robot's accumulator therefore never drifts from 
 than a micrometre.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

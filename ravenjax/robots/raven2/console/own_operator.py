@@ -1,24 +1,12 @@
 """Runs a user's file as the operator: what the file sees, and how its hands change the plan.
 
-The plan is the motion that a campaign names, generated or recorded. In each millisecond the file
-gets how far the plan moves each hand, and what the screen and the haptic device showed a
-millisecond before. JAX traces the file. It returns a dict; for missing keys the operator follows
-the plan:
-
-    delta   how far each hand moves in this millisecond, in place of the plan's motion
-    grasp   how much each hand closes in this millisecond, in place of the plan's closing
-    pedal   whether the foot stays on the pedal; it may leave the pedal and come back, but
-            never press it where the plan does not
-    pace    factor on the speed of the plan from the next millisecond on, for hands and pedal
-            alike; at 0 the plan pauses
-
-A hand that moves otherwise than planned is off its plan by the difference (`operator.HandOffsets`)
-and stays so until the file reverses it. Robot and nominal model follow it alike. The hand's
-rotation is the plan's. A file returns the same keys in all milliseconds. A key that it does not
-return, or returns unchanged, costs nothing.
+The plan is the motion that a campaign names. docs/how-to/own-operator.md lists what the file gets
+in each millisecond, and the keys delta, grasp, pedal and pace that it may return. A hand that moves
+otherwise than planned is off its plan by the difference (`operator.HandOffsets`) and stays so until
+the file reverses it. Robot and nominal model follow it alike. The hand's rotation is the plan's. A
+file returns the same keys in all milliseconds. A key that it does not return, or returns unchanged,
+costs nothing.
 """
-
-from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -211,10 +199,8 @@ def _stepped(
     plan: PerArm[tuple[Vec, Scalar, Vec]],
     screen: PerArm[ScreenView],
 ) -> tuple[Any, ...]:
-    """Return the file's new state, and the other values that it returns.
-
-    plan: for each hand its planned motion (um) and closing (mrad) in this millisecond, and its
-    present offset from the plan (um).
+    """Return the file's new state, and the other values that it returns. plan: motion (um), closing
+    (mrad) and offset (um) of each hand.
     """
     assert setup.hands is not None
     arms = tuple(
@@ -244,7 +230,6 @@ def _stepped(
 
 
 def _slowed(pace: OwnPace, share: Scalar, goes_on: Scalar, fresh: Scalar) -> OwnPace:
-    """Return the pace after a millisecond from which on the plan runs at `share` of its speed."""
     share = jnp.where(share < 1.0, jnp.maximum(share, 0.0), 1.0)  # NaN means as planned
     behind = pace.part + jnp.where(goes_on, 1.0 - share, 0.0)
     rows = as_int(behind)

@@ -2,9 +2,8 @@
 corrects.
 
 The operator feels the first haptic set. The resulting motion of the hands goes into the console's
-packets, and so to the robot and to the nominal model alike. An operator of action `none` ignores
-the cue like an operator without a haptic device. This makes pairs of runs: the same fault, with the
-cue and without.
+packets, and so to the robot and to the nominal model alike. Action `none` ignores the cue, for
+pairs of runs: the same fault, with the cue and without.
 
 - 1 release: the foot leaves the pedal.
 - 2 slow: the hands continue along their path at `slow_to` of their speed.
@@ -13,15 +12,11 @@ cue and without.
   beyond the plan. The correction reduces the distance by `correct_per_s`, at `correct_speed` at
   most.
 
-No source measured the following on this robot, so it is *assumed*. The action follows the first
-pull after 0.25 s. (An expected touch takes 0.155 s in the laboratory, a brake 0.7 to 1.5 s; sources
-in `docs/explanation/hand.md`.) A correction by eye has a time constant of 0.2 s. The cue's force
-itself moves a hand only if `ravenjax.stages.hand` is in the tick. A packet that the network delays
-carries the hands' motion at the time when it was made, except a correction, which is the present
-one.
+No source measured the following on this robot, so it is *assumed* (docs/explanation/hand.md has
+sources of reaction times): the action follows the first pull after 0.25 s, and a correction by eye
+has a time constant of 0.2 s. A packet that the network delays carries the hands' motion at the time
+when it was made, except a correction, which is the present one.
 """
-
-from __future__ import annotations
 
 from functools import reduce
 from operator import or_

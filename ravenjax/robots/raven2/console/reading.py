@@ -6,8 +6,6 @@ before a console's stream began, or while packets were lost, therefore moves not
 increments that were lost.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Sequence
@@ -187,6 +185,5 @@ class PacketReader:
 
 
 def _whole(value: float) -> tuple[int, float]:
-    """Return the nearest whole number, and the remainder."""
     whole = round(value)
     return whole, value - whole

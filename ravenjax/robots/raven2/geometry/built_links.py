@@ -4,8 +4,6 @@
 meet in one point. Here every link may have its own twist and length. Convention as in `joints`.
 """
 
-from __future__ import annotations
-
 from ravenjax.numbers import trigonometry
 from ravenjax.numbers.algebra import add, mul, sub
 from ravenjax.numbers.lazy import jnp
@@ -26,11 +24,6 @@ class LinkErrors:
     length34: Scalar  # m
     tool_length: Scalar  # m
     wrist_length: Scalar  # m
-
-
-def as_drawn() -> LinkErrors:
-    """Return zero errors."""
-    return LinkErrors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def tip_position(arm: str, jpos: Vec, errors: LinkErrors) -> Vec:
@@ -56,16 +49,12 @@ def tip_position(arm: str, jpos: Vec, errors: LinkErrors) -> Vec:
 
 
 def _turned(point: Vec, cosine: Scalar, sine: Scalar) -> Vec:
-    """Return the point turned about z."""
     x, y, z = point
     return Vec((sub(mul(cosine, x), mul(sine, y)), add(mul(sine, x), mul(cosine, y)), z))
 
 
 def _link(point: Vec, length: Scalar, twist: Scalar) -> Vec:
-    """Return the point in the frame at the other end of a link.
-
-    The link is a translation along x by its length and a rotation about x by its twist.
-    """
+    """Return the point in the frame at the other end of a link: moved along x, turned about x."""
     of = trigonometry if isinstance(twist, float) else jnp
     cosine, sine = of.cos(twist), of.sin(twist)
     x, y, z = point

@@ -5,8 +5,6 @@ control software's own and differ from those of the virtual robot. The centre of
 origin of its frame, which depends on d3.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from ravenjax.numbers.lazy import jnp

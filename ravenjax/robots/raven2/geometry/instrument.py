@@ -6,8 +6,6 @@ Columns of a Jacobian are the seven joints of `raven2.arms.JOINTS`; structural z
 numbers.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from ravenjax.numbers.algebra import add, cross, dot, mul, scale
@@ -83,8 +81,8 @@ def _jaw_tip(
 ) -> InstrumentPoint:
     way, turn = _jaw(chain, mul(sense, angle))
     at = chain.tip + way
-    own = scale(sense, turn)
-    jaws = (own, _STILL) if joint == 5 else (_STILL, own)
+    turned = scale(sense, turn)
+    jaws = (turned, _STILL) if joint == 5 else (_STILL, turned)
     return InstrumentPoint(at, (*_shared(arm, chain, at, chain.x5 * LW + way), *jaws))
 
 
@@ -95,10 +93,7 @@ def _jaw(chain: ChainAxes, angle: Scalar) -> tuple[Vec, Vec]:
 
 
 def _shared(arm: str, chain: ChainAxes, at: Vec, from_wrist: Vec) -> tuple[Vec, ...]:
-    """Return the columns of shoulder, elbow, insertion, roll and wrist for a point.
-
-    from_wrist: vector from the wrist axis to the point, m.
-    """
+    """Return the columns of joints 1-5 for a point. from_wrist: from the wrist axis to it, m."""
     flip = GEOMETRY[arm].flip
     return (
         Vec((mul(-flip, at[1]), mul(flip, at[0]), 0.0)),

@@ -6,8 +6,6 @@ Frames 0 to 3 of an arm share their origin, the remote centre. Frame 6 is on
 the jaw axis.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -68,11 +66,6 @@ def jaw_yaw(jpos: Vec) -> Scalar:
     The original rounds the difference of the jaws to float32 before halving it.
     """
     return (jpos[6] - jpos[5]) * 0.5
-
-
-def jaw_opening(jpos: Vec) -> Scalar:
-    """Return the jaw opening, rad, positive open."""
-    return jpos[5] + jpos[6]
 
 
 def jaw_angles(yaw_rad: Scalar, grasp_rad: Scalar) -> tuple[Scalar, Scalar]:

@@ -18,8 +18,6 @@ bend.
   atan2(F beta +- E alpha, E beta -+ F alpha); common factors cancel.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from ravenjax.numbers.algebra import cross, dot
@@ -193,7 +191,6 @@ def _normalised(arm: str, pose: Pose) -> tuple[Vec, Vec]:
 
 
 def _wrists(arm: str, pose: Pose) -> tuple[tuple[_Wrist, _Wrist], tuple[Vec, Vec, Vec]]:
-    """Return both sides, and the axes of frame 6."""
     position, (x6, y6, z6) = _normalised(arm, pose)
     along_x, along_y = -dot(x6, position), -dot(y6, position)
     norm = jnp.sqrt(along_x * along_x + along_y * along_y)
@@ -299,7 +296,6 @@ def _depth_cost(measured: Theta, d3: Scalar) -> Scalar:
 
 
 def _common_cost(measured: Theta, reach: _Reach) -> Scalar:
-    """Return the part of the cost that both bends share, rad^2."""
     return (
         _depth_cost(measured, reach.d3)
         + _square(measured.theta5 - reach.theta5)

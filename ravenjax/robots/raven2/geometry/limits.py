@@ -4,8 +4,6 @@ Source: raven2 `include/raven/defines.h`, `tools.cpp`, `init.cpp`; the 2015 fork
 original stores every joint limit as float32: round the limits if that matters.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ ORIENTATION_V is not built) and `local_io.cpp` (accumulation), with the conversi
 those use.
 """
 
-from __future__ import annotations
-
 from ravenjax.numbers.algebra import dot, matmul, matrix, matvec, transpose
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec

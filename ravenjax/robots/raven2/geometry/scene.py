@@ -7,8 +7,6 @@ vessel is the trunk that is drawn on it, a ridge of the surface. Its branch and 
 only.
 """
 
-from __future__ import annotations
-
 import itertools
 from functools import cache
 from typing import NamedTuple
@@ -106,7 +104,6 @@ def _dome(x: Scalar, y: Scalar) -> Scalar:
 
 
 def _course(x: Scalar) -> tuple[Scalar, Scalar]:
-    """Return y of the vessel's axis at x (m), and its slope there."""
     pieces = [
         (x0, y0, (y1 - y0) / (x1 - x0)) for (x0, y0), (x1, y1) in itertools.pairwise(VESSEL_COURSE)
     ]

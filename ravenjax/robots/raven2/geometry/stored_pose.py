@@ -5,8 +5,6 @@ raven2 `include/DS0.h`: struct position has three int; struct orientation has a 
 int grasp.
 """
 
-from __future__ import annotations
-
 from ravenjax.numbers.setup import narrow_numbers, widen_numbers
 from ravenjax.numbers.vec import Scalar, Vec, record, to_int32
 from ravenjax.robots.raven2.geometry.kinematics import Pose

@@ -1,7 +1,5 @@
 """Instruments: their adapter style, coupling and ranges, from models/raven2/tools.toml."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import tomllib

@@ -8,8 +8,6 @@ and follow no particular rounding order. Sources: raven2 `include/raven/defines.
 2015 fork is built without OPPOSE_GRIP: its first jaw has the signs of the second.
 """
 
-from __future__ import annotations
-
 import math
 
 from ravenjax.numbers.algebra import add, mul, sub
@@ -82,11 +80,15 @@ def _tool_signs(sign: float, software: str) -> Vec:
     return Vec((sign, sign, sign if software == "fork2015" else -sign, sign))
 
 
-def tau_signs(arm: str, tool: str, software: str = "raven2") -> Vec:
-    """Return the signs (7) of DAC counts that drive motors forward: the original's tau_per_amp."""
+def tau_signs(arm: str, tool: str, software: str = "raven2", square: float = 1.0) -> Vec:
+    """Return the signs (7) of DAC counts that drive motors forward: the original's tau_per_amp.
+
+    square: sign of the tool motors by that of the others, with a square_raven adapter.
+    """
     positioning = -1.0 if arm == "gold" else 1.0
-    tooling = {"raven": -1.0, "dv": 1.0, "square_raven": positioning}[find_tool(tool).style]
-    return Vec((*(positioning,) * 3, *_tool_signs(tooling, software)))
+    tooling = {"raven": -1.0, "dv": 1.0, "square_raven": square * positioning}
+    signs = _tool_signs(tooling[find_tool(tool).style], software)
+    return Vec((*(positioning,) * 3, *signs))
 
 
 def encoder_signs(arm: str, tool: str, software: str = "raven2") -> Vec:
@@ -95,9 +97,7 @@ def encoder_signs(arm: str, tool: str, software: str = "raven2") -> Vec:
     enc_val is as unpacked from USB, where it is already negated. The original takes the signs from
     the adapter for which it is compiled, here that of the tool.
     """
-    positioning = -1.0 if arm == "gold" else 1.0
-    tooling = {"raven": -1.0, "dv": 1.0, "square_raven": -positioning}[find_tool(tool).style]
-    return Vec((*(positioning,) * 3, *_tool_signs(tooling, software)))
+    return tau_signs(arm, tool, software, square=-1.0)
 
 
 def motor_from_joint(

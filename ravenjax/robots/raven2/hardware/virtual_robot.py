@@ -4,11 +4,10 @@
     reading = robot.step(dac, output_pins)
     reading.encoders, reading.pins, reading.signals.tip
 
-Connect your own control software to it. It is the part of the tick after the USB boards: PLC,
-brakes, motors, cables, links, encoders. It is composed of the same functions in the same order,
+It is the part of the tick after the USB boards (PLC, brakes, motors, cables, links, encoders),
 without faults. Every operation is one IEEE operation in float32, and functions are the C library's
-(`engines.cpu.transition`). C code generated from it therefore has the same bits on any CPU. Engines
-of campaigns fuse multiply-adds, so their last digits differ.
+(`engines.cpu.transition`). C code generated from it has the same bits on any CPU. Engines of
+campaigns fuse multiply-adds, so their last digits differ.
 """
 
 from __future__ import annotations

@@ -1,7 +1,5 @@
 """One cycle of the control software: the order of its stages (raven2: rt_process_preempt.cpp)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -10,6 +8,7 @@ import numpy as np
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import narrow_numbers, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
+from ravenjax.parts import part
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.console.packet import Packet
@@ -33,11 +32,6 @@ from ravenjax.robots.raven2.stages import (
 
 Inject = Callable[..., Any]
 """Returns the signal of a site after faults, as `ravenjax.faults.injection.Injector`."""
-
-
-def inject_nothing(site: str, signal: Any, present: Scalar = True) -> Any:
-    """Return the signal unchanged: the `Inject` of a robot without faults."""
-    return signal
 
 
 @record
@@ -122,6 +116,7 @@ class ControlSignals:
 
 def params(setup: RavenSetup) -> ControlParams:
     """Return the software's own parameters."""
+    files = tuple(source for _, source in setup.controller)
     return ControlParams(
         teleoperation.params(setup),
         state_machine.params(setup),
@@ -129,7 +124,7 @@ def params(setup: RavenSetup) -> ControlParams:
         cartesian_control.params(setup),
         per_arm(setup, lambda _, arm: motor_control.params(setup, arm)),
         overdrive.params(setup),
-        user_files.stage_params(setup),
+        part.part_parameters(files) if files else None,
     )
 
 
@@ -180,7 +175,7 @@ def control_cycle(
     params: ControlParams,
     state: ControlState,
     inputs: Inputs,
-    inject: Inject = inject_nothing,
+    inject: Inject = lambda site, signal, present=True: signal,
     files: UserFiles | None = None,
 ) -> tuple[ControlState, ControlSignals]:
     """Compute one 1 ms cycle of the control software: packet, USB read, decide, check, write.
@@ -241,8 +236,8 @@ def control_cycle(
 
     # --- decide ---
     slave = (level != run_levels.PEDAL_DOWN) & (level != run_levels.INIT)
-    cartesian = cartesian_control.store_measured(setup, cartesian, jpos)
-    poses = _struck(inject, ("pos", "ori"), tuple(arm.pos for arm in cartesian))
+    poses = each(lambda i, arm, _: cartesian_control.measure_pose(setup, arm, jpos[i]))
+    poses = _struck(inject, ("pos", "ori"), poses)
     cartesian = cartesian_control.follow_measured(_changed(cartesian, pos=poses), slave)
     poses_d = _struck(inject, ("pos_d", "ori_d"), tuple(arm.pos_d for arm in cartesian))
     cartesian = _changed(cartesian, pos_d=poses_d)
@@ -357,12 +352,10 @@ def control_cycle(
 
 
 def _rows(**columns: tuple[Any, ...]) -> list[dict[str, Any]]:
-    """Return the fields of each arm, from tuples with one entry per arm."""
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
 def _changed(records: tuple[Any, ...], **columns: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the arms' records with other values in these fields."""
     return tuple(replace(old, **row) for old, row in zip(records, _rows(**columns), strict=True))
 
 

@@ -1,23 +1,16 @@
 """Compares a run with its golden run number by number: where a fault's effect appears first, and
 when.
 
-This module is a `Loop` of `ravenjax.engines.interface`. It is the loop of `run` with an observer
-that compares each number at a seam (`SEAMS`) with the golden run's number of the same tick. The
-golden run's numbers arrive as a series, as its tips do in any campaign. Engines therefore run it in
-bulk, from branches of golden runs, with shared work computed once, and no trace is stored. The tick
-is the same function, and a lane's outcomes have the bits of `run`.
-
-The cost with both arms: 349 numbers are compared in each tick, 234 of them with a range. That is
-about 5 000 operations beside the tick's own. The series of a golden run of 3 s is 4.5 MB long. Runs
-that share a golden run start from its branches and read it once for a whole vector. Two stored
-traces of each run would move 2 x 4.5 MB per run through memory, 90 GB for ten thousand runs.
+This module is a `Loop` of `ravenjax.engines.interface`: the loop of `run` with an observer. It
+compares each number at a seam (`SEAMS`) with the golden run's number of the same tick, which
+arrives as a series, as its tips do in any campaign. Engines therefore run it in bulk, from branches
+of golden runs, and no trace is stored. A lane's outcomes have the bits of `run`. With both arms 349
+numbers are compared in each tick, and the series of a golden run of 3 s is 4.5 MB long.
 
 A number *differs* in the first tick in which any of its bits differs from the golden run's. It
 *leaves its range* in the first tick in which it is outside its normal range while the golden run's
 number is inside. The content of a packet is compared only if a packet was received.
 """
-
-from __future__ import annotations
 
 from typing import Any
 
@@ -25,7 +18,7 @@ from ravenjax.faults import fault
 from ravenjax.faults.injection import read_channel
 from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.setup import cast_to_real, widen_numbers
-from ravenjax.numbers.vec import Scalar, record
+from ravenjax.numbers.vec import Scalar, first_tick, record
 from ravenjax.robots.raven2.declaration import CHECKS, SEAMS
 from ravenjax.robots.raven2.geometry.mapping import quat_from_matrix
 from ravenjax.robots.raven2.loop import run
@@ -107,11 +100,11 @@ def advance(
     golden: tuple[Scalar, ...],
 ) -> tuple[ExplainedState, tuple[Scalar, ...], TickSignals]:
     """Compute one tick as `run.advance`, then compare it with the golden run."""
-    own = run.series_length(setup)
+    length = run.series_length(setup)
     after, series, signals = run.advance(
-        setup, params, faults, state.tick, now, motion, golden[:own]
+        setup, params, faults, state.tick, now, motion, golden[:length]
     )
-    beside, margins_beside = golden[own : own + len(state.numbers)], golden[own:]
+    beside, margins_beside = golden[length : length + len(state.numbers)], golden[length:]
     numbers, carried = [], []
     for history, span, (number, present), other in zip(
         state.numbers, _spans(setup), crossing_numbers(setup, signals), beside, strict=True
@@ -124,10 +117,13 @@ def advance(
             else lax.convert_element_type(number, jnp.int32)
         )
         there = lax.bitcast_convert_type(other, jnp.int32)
-        differs, leaves = _first((bits != there) & present, history.differs, now), history.leaves
+        differs, leaves = (
+            first_tick(now, (bits != there) & present, history.differs),
+            history.leaves,
+        )
         if span is not None:
             outside = _outside(number, span) & ~_outside(other if floats else there, span)
-            leaves = _first(outside & present, leaves, now)
+            leaves = first_tick(now, outside & present, leaves)
         numbers.append(NumberHistory(differs, leaves))
         carried.append(lax.bitcast_convert_type(bits, jnp.float32))
     live, margins, nearest = state.harm < 0, [], []
@@ -197,16 +193,10 @@ def crossing_numbers(setup: RavenSetup, signals: TickSignals) -> list[tuple[Scal
 
 
 def _spans(setup: RavenSetup) -> tuple[tuple[float, float] | None, ...]:
-    """Return the normal range of each number of `list_numbers`."""
     return setup.explained or (None,) * len(list_numbers(setup))
 
 
 def _outside(number: Scalar, span: tuple[float, float]) -> Scalar:
-    """Return whether a number is outside a range; a number that is not finite is outside."""
     low, high = span
     value = lax.convert_element_type(number, jnp.float32)
     return ~((value >= low) & (value <= high))
-
-
-def _first(happens: Scalar, before: Scalar, now: Scalar) -> Scalar:
-    return jnp.where(happens & (before < 0), now, before)

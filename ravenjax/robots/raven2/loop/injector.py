@@ -3,18 +3,19 @@
 Faults act on rotations as quaternions. USB words are stored as the setup says.
 """
 
-from __future__ import annotations
-
 from functools import cache, reduce
 from operator import ne, or_
 from typing import Any
 
 from ravenjax.faults import fault, injection
+from ravenjax.numbers import paths
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import narrow_numbers, widen_numbers
 from ravenjax.numbers.vec import Scalar, Vec, where
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.geometry.mapping import matrix_from_quat, quat_from_matrix
 from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.vocabulary.sites import PARAMETER
 
 
 class RavenInjector(injection.Injector):
@@ -38,12 +39,34 @@ class RavenInjector(injection.Injector):
             return tuple(
                 _rotated(self.setup, *of_arm) for of_arm in zip(signal, quats, faulty, strict=True)
             )
+        if site == PARAMETER and self.strikes(site):
+            return self._strike_parameters(signal)
         return super().__call__(site, signal, present)
+
+    def _strike_parameters(self, params: Any) -> Any:
+        """Return the parameters of the tick after faults: each channel is the path of a number."""
+        keys = [key for key in injection.channel_keys(self.setup) if key[0] == PARAMETER]
+        given = [paths.named_numbers(params, self.setup, name)[name] for _, _, name in keys]
+        numbers = Vec(map(jnp.asarray, given))
+        for i, (key, number) in enumerate(zip(keys, numbers, strict=True)):
+            kind = "float" if jnp.issubdtype(number.dtype, jnp.floating) else "int32"
+            self._paths = {**self._paths, key: ((i,), kind)}
+        for key, number in zip(keys, super().__call__(PARAMETER, numbers), strict=True):
+            params = paths.assign_numbers(params, self.setup, key[2], number)
+        return params
 
 
 def seeds_network(setup: RavenSetup, what: str) -> bool:
     """Return whether faults seed the network's losses (`bursts`) or delays (`jitter`)."""
     return ("network", "", what) in injection.channel_keys(setup)
+
+
+def restarts(site: str, arm: str, channel: str) -> bool:
+    """Return whether a fault on that channel may start a robot that has stopped."""
+    return (
+        site in ("runlevel", "pins_out", "plc", "buttons", "usb_status", PARAMETER)
+        or channel == "pins"
+    )
 
 
 ROTATIONS = ("ori", "ori_d")

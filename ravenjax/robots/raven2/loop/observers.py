@@ -5,8 +5,6 @@ It is part of every tick. It also runs alone if the robot is elsewhere and only 
 known.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple, TypeVar
 
 from ravenjax.numbers import tree
@@ -181,5 +179,4 @@ def golden_reference(
 
 
 def _um(tips: PerArm[Vec]) -> PerArm[Vec]:
-    """Return metres as micrometres."""
     return tuple(tip * 1e6 for tip in tips)

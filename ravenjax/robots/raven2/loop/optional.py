@@ -5,22 +5,22 @@ To add a stage, add a value to STAGES. Its state is in `TickState.stages`, and i
 the result table. A run fails if one of the stage's `numbers` is not finite.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from ravenjax.faults.injection import channel_keys
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import per_arm
-from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
+from ravenjax.numbers.vec import Scalar, Vec, as_int, first_tick, record, replace
 from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console import operator, own_operator, reaction
 from ravenjax.robots.raven2.console.operator import PacketTiming
 from ravenjax.robots.raven2.geometry.mapping import position_to_itp
-from ravenjax.robots.raven2.loop.injector import seeds_network
+from ravenjax.robots.raven2.loop.injector import restarts, seeds_network
 from ravenjax.robots.raven2.loop.records import Input, TickParams, TickSignals
 from ravenjax.robots.raven2.loop.user_files import UserFiles
+from ravenjax.robots.raven2.run_levels import E_STOP
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import channel, detectors, hand, overload, packet_clock, packet_history, touch
 
@@ -76,6 +76,7 @@ class Sight:
     tick: Scalar  # int32
     pedal_down: Scalar  # bool
     live: Scalar  # bool, pedal-down without software E-stop
+    foot: Scalar  # bool, the operator holds the pedal down
     signals: TickSignals
     files: UserFiles
     hands: operator.HandOffsets
@@ -225,6 +226,22 @@ def _yield(state: Any, sight: Sight) -> Any:
     return pulled
 
 
+@record
+class RestartState:
+    """Whether the robot has gone live again after a stop while the foot stayed on the pedal."""
+
+    waits: Scalar  # bool, the foot has been on the pedal since a stop
+    first: Scalar  # int32, tick of the first restart; -1: none
+
+
+def _watch_restart(state: RestartState, sight: Sight) -> RestartState:
+    control = sight.signals.control
+    stopped = (control.runlevel == E_STOP) | (control.soft_estopped != 0)
+    waits = sight.foot & (state.waits | stopped)
+    first = first_tick(sight.tick, waits & sight.live, state.first)
+    return RestartState(waits & ~sight.live, first)
+
+
 def _show(state: Any, sight: Sight) -> Any:
     signals, level = sight.signals, sight.signals.control.runlevel
     return own_operator.show_state(
@@ -327,6 +344,12 @@ STAGES: dict[str, Stage] = {
         watch=_add_touches,
         outcomes=touch.outcomes,
         numbers=lambda state: {"contact": [state.impulse]},
+    ),
+    "restart": Stage(
+        present=lambda setup: any(restarts(*key) for key in channel_keys(setup)),
+        init=lambda start: RestartState(jnp.bool_(False), jnp.int32(-1)),
+        watch=_watch_restart,
+        outcomes=lambda setup, state: {"restart_ms": state.first},
     ),
     "own_operator": Stage(
         present=lambda setup: setup.hands is not None,

@@ -4,8 +4,6 @@ outcomes.
 This module is the `Loop` of `ravenjax.engines.interface`.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from ravenjax.faults import fault
@@ -33,6 +31,7 @@ from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
 from ravenjax.stages import check, detectors, hand, haptics, monitor
 from ravenjax.stages.check import CheckHistory
+from ravenjax.vocabulary.checks import OWN
 
 
 def params(
@@ -83,7 +82,7 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
     return TickState(
         faults=fault.init(setup),
         control=software,
-        boards=usb.init_out(setup),
+        boards=usb.UsbOut(for_each_arm(setup, Vec.full(7, zero)), for_each_arm(setup, zero)),
         commands=(for_each_arm(setup, Vec.full(7, zero)),) * setup.command_delay,
         plc=plc.init(setup, params.plc, ready, boards_apart(setup)),
         plant=plants,
@@ -161,7 +160,8 @@ def check_histories(setup: RavenSetup, state: TickState) -> dict[str, CheckHisto
     """Return every check by its name in columns, users' checks first; each for the worse arm."""
     software = state.control
     net, machine, over = software.network, software.state_machine, software.overdrive
-    return user_files.own_check_histories(setup, state.files) | {
+    added = zip(setup.checks, state.files.histories, strict=True)
+    return {f"{OWN}{use.name}": history for use, history in added} | {
         "overdrive_instant": over.instant,
         "overdrive_hard": over.hard,
         "overdrive_clip": over.clip,

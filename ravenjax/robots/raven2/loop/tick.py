@@ -8,8 +8,6 @@ between console and robot, and after the robot has moved. Faults act at the site
 compares it with the robot, and the console's haptic device renders the cue.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -33,6 +31,7 @@ from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
 from ravenjax.stages import channel, detectors
+from ravenjax.vocabulary.sites import PARAMETER
 
 
 @record
@@ -71,6 +70,7 @@ def advance_tick(
     inject = RavenInjector(
         setup, faults, fault.open_windows(setup, faults, state.faults, triggers), triggers
     )
+    params = inject(PARAMETER, params)
     files = UserFiles(setup, params.checks, params.control.own, state.files, now)
 
     clean, packet, arrives = _send_packet(setup, params, inject, state, present, stages, console)
@@ -103,7 +103,8 @@ def advance_tick(
     )
     down = software.runlevel == run_levels.PEDAL_DOWN
     hands = operator.mark_sent(console.hands, fresh)
-    sight = Sight(setup, params, now, down, seen.live, signals, files, hands)
+    foot = clean.surgeon_mode != 0
+    sight = Sight(setup, params, now, down, seen.live, foot, signals, files, hands)
 
     def watch(early: bool) -> None:
         for name, stage in present.items():
@@ -182,11 +183,7 @@ def _send_packet(
     stages: dict[str, Any],
     console: Console,
 ) -> tuple[Packet, Packet, Scalar]:
-    """Compute console and network.
-
-    Returns the packet as the console sent it, which the nominal model follows; the packet as it
-    reaches the robot; and whether it does.
-    """
+    """Return the packet as it was sent, as it reaches the robot, and whether it does."""
     signal, sequence = console.signal, console.sequence
     if inject.strikes("hand"):
         still = for_each_arm(setup, Vec.full(3, cast_to_real(setup, 0.0)))

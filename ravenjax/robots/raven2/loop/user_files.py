@@ -1,19 +1,17 @@
 """Runs users' files in the Raven's tick: what they can read, and what their results do.
 
-Every file gets one arm in one millisecond as a `View`: the numbers that have crossed a seam so far.
-A detector (`ravenjax.stages.detectors`) runs at the end of the millisecond, and gets all of them.
+Every file gets one arm in one millisecond as a view: the numbers that have crossed a seam so far
+(docs/how-to/own-check.md lists them). It has nothing that only the simulator knows: not the true
+tip, not the links' true motion, not the fault.
 
-**Checks** run between two stages, so that they act before the next stage reads. They compute a
-score in each millisecond for each arm, at every run level. They trip if the score is above their
-threshold for `consecutive` milliseconds in a row. They produce the same columns as built-in checks:
-first trip, milliseconds tripped, and the smallest margin, which is the threshold minus the score.
-They can do what the robot's own checks do:
+**Checks** run between two stages, so that they act before the next stage reads. They do what the
+robot's own checks do:
 
 - `watch`: nothing; they fill their columns, and do not count as a response.
 - `flag`: alert a person. The robot continues; a run in which one trips counts as flagged.
 - `limit`: on an arm where the check trips, the third result of `step` replaces the signal in this
-  millisecond, as a clipped command does; nobody is alerted. A packet is dropped, as the network
-  layer drops one, for both arms, whose increments are in one datagram.
+  millisecond, as a clipped command does; nobody is alerted. A packet is dropped for both arms,
+  whose increments are in one datagram.
 - `stop`: in the control software it acts as the overdrive check. The software E-stop is raised in
   this cycle, which silences the watchdog's wave immediately, and the arm's command of this cycle is
   0. Before the DAC conversion the raised flag zeroes the command; after it the command is replaced.
@@ -31,11 +29,9 @@ They can do what the robot's own checks do:
     dac             (state, current_cmd): 7 int32 counts    16 bits; no command without enabled
                                                             DACs or in an E-stop
 
-A file that repeats the built-in law gives the bits of the built-in stage. The rest of the robot
-relies on what the software still enforces: no file can make a command pass an E-stop.
+A file that repeats the built-in law gives the bits of the built-in stage. No file can make a
+command pass an E-stop.
 """
-
-from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import reduce
@@ -57,115 +53,17 @@ from ravenjax.robots.raven2.stages import dac, motor_control, plc, usb
 from ravenjax.robots.raven2.stages.motor_control import MotorControlParams, MotorControlState
 from ravenjax.stages import check
 from ravenjax.stages.check import CheckHistory
-from ravenjax.vocabulary.checks import OWN
 
 PACKET, BOARDS = "packet", "usb_out"
 COMMANDS = ("current_cmd", "checked_cmd")
 """Seams at which a stop must itself set the command of this cycle to 0."""
 
 MOTOR_CONTROL, DAC = "motor_control", "dac"
-STAGES = (MOTOR_CONTROL, DAC)
 """Stages that a file may replace, in the order of the tick."""
 
 _WAVE = 1 << plc.PIN_WATCHDOG
 _FIELDS = {"checked_cmd": "current_cmd_checked"}
 """Seam -> field of the view, if the field has another name."""
-
-
-class View(part.View):
-    """One arm in one millisecond, in the robot's order; joints are shoulder .. grasp2.
-
-    At: the seam, the stage, or "the end". The view has nothing that only the simulator knows: not
-    the true tip, not the links' true motion, not the fault. Values are those of this millisecond,
-    after the faults of their seam. Values from later in the tick do not exist yet. A check that
-    needs such a value of the previous millisecond must store it where it can read it. The boards of
-    the real robot only have the fields listed under `usb_out`: a check there that reads more needs
-    additional wiring.
-    """
-
-    # --- from packet on ---
-
-    tick: Scalar  # int32, ms since the run began
-    # int32, run level of raven2: 0 E-stop, 1 init, 2 pedal up, 3 pedal down; at packet: that of the
-    # last cycle
-    runlevel: Scalar
-    received: Scalar  # int32, 1 if a packet reached the robot
-    sequence: Scalar  # int32
-    size: Scalar  # int32 bytes
-    delta: Vec  # 3 int32 um, increment of the tip (with console = "absolute": its position)
-    grasp: Scalar  # int32 mrad
-    surgeon_mode: Scalar  # int32, 1: pedal down
-
-    # --- from mpos on ---
-
-    enc_val: Vec  # 7 int32 counts, as read from USB
-    mpos: Vec  # 7 rad, of motors
-    mvel: Vec  # 7 rad/s
-
-    # --- from jpos on ---
-
-    jpos: Vec  # 7, rad and m
-    jvel: Vec  # 7, rad/s and m/s; tool joints 0, as in the original
-
-    # --- from jpos_d on ---
-
-    pos: Vec  # 3 int32 um, measured tip
-    pos_d: Vec  # 3 int32 um, desired tip
-    jpos_d: Vec  # 7, rad and m
-
-    # --- in stage motor_control ---
-
-    active: Scalar  # bool, run level 2 and above
-    pedal_down: Scalar  # bool, run level 3
-    tau_g: Vec  # 3 N m at the capstan, gravity of joints 1-3 at jpos; 0 in the 2015 fork
-    period: Scalar  # s
-    # 7 N m/rad; this and the next three are the campaign's values at control.motor_control
-    kp: Vec
-    kd: Vec  # 7 N m s/rad
-    ki: Vec  # 7 N m/(rad s)
-    mvel_d: Vec  # 7 rad/s
-
-    # --- from motor_control on ---
-
-    mpos_d: Vec  # 7 rad
-
-    # --- from tau_d on ---
-
-    tau_d: Vec  # 7 N m at the capstan
-
-    # --- in stage dac ---
-
-    amps_per_torque: Vec  # 7 A/(N m)
-    counts_per_amp: Vec  # 7 DAC counts/A
-
-    # --- from current_cmd on ---
-
-    current_cmd: Vec  # 7 int32 DAC counts, before the overdrive check
-
-    # --- from checked_cmd on ---
-
-    current_cmd_checked: Vec  # 7 int32 DAC counts, after the overdrive check
-
-    # --- at usb_out: the values of the arm's board ---
-
-    # 7 int32 DAC counts that arrive; after a failed USB write those that it holds
-    boards_cmd: Vec
-    held_cmd: Vec  # 7 int32 DAC counts that it holds from the last millisecond
-    boards_enc_val: Vec  # 7 int32 counts of its encoders when this cycle began
-    pins: Scalar  # int32 output byte to the PLC, as it arrives
-    plc_runlevel: Scalar  # int32, run level on the PLC's pins
-
-    # --- at the end, for detectors; boards_cmd is then what the board holds ---
-
-    current_cmd_written: Vec  # 7 int32 DAC counts, as written to USB
-    brakes: Scalar  # int32, 1: the PLC closes the brakes
-
-    # --- the nominal model, which follows the console's clean packets ---
-
-    model_jpos: Vec  # 7, rad and m
-    model_tip: Vec  # 3 m
-    tip: Vec  # 3 m, reported tip, from the robot's own `jpos`, unrounded
-    tip_error: Scalar  # m, distance between model_tip and tip
 
 
 @record
@@ -202,12 +100,6 @@ def check_params(setup: RavenSetup, thresholds: Sequence[float]) -> CheckParams:
     return CheckParams(own, part.named_parameters(names, thresholds))
 
 
-def stage_params(setup: RavenSetup) -> Any:
-    """Return the parameters of the files that replace stages; None if no stage is replaced."""
-    files = tuple(source for _, source in setup.controller)
-    return part.part_parameters(files) if files else None
-
-
 def init(setup: RavenSetup, checks: CheckParams | None, stages: Any) -> UserFilesState:
     """Return the state before the first tick, in which no board refuses."""
     arms, width = len(setup.arms), setup.precision.real
@@ -224,14 +116,6 @@ def init(setup: RavenSetup, checks: CheckParams | None, stages: Any) -> UserFile
             for (_, source), own in zip(setup.controller, stages or (), strict=True)
         ),
     )
-
-
-def own_check_histories(setup: RavenSetup, state: UserFilesState) -> dict[str, CheckHistory]:
-    """Return the history of each check, by its name in columns."""
-    return {
-        f"{OWN}{use.name}": history
-        for use, history in zip(setup.checks, state.histories, strict=True)
-    }
 
 
 def boards_may_refuse(setup: RavenSetup) -> bool:
@@ -251,33 +135,28 @@ class UserFiles:
         tick: Scalar = 0,
     ) -> None:
         self._setup, self._checks, self._stages = setup, checks, stages
-        state = state or UserFilesState((), (), (), ())
-        self._tick, self._state = tick, state
-        self._after, self._histories = list(state.checks), list(state.histories)
-        self._refusing, self._stage_states = state.refusing, list(state.stages)
+        self._tick, self.state = tick, state or UserFilesState((), (), (), ())
         self._crossed: dict[str, Any] = {"tick": tick}
         self._stops: list[Scalar] = []
 
-    @property
-    def state(self) -> UserFilesState:
-        """The state after this tick."""
-        return UserFilesState(
-            tuple(self._after), tuple(self._histories), self._refusing, tuple(self._stage_states)
-        )
+    def _store(self, field: str, place: int, item: Any) -> None:
+        items = list(getattr(self.state, field))
+        items[place] = item
+        self.state = replace(self.state, **{field: tuple(items)})
 
     def note(self, **numbers: Any) -> None:
         """Store what has crossed a seam: each a number, or a tuple with one entry per arm."""
         self._crossed.update(numbers)
 
-    def views(self, at: str, width: str) -> PerArm[View]:
+    def views(self, at: str, width: str) -> PerArm[part.View]:
         """Return the view of each arm, with floats in the given width."""
 
-        def view(i: int, _: Any) -> View:
+        def view(i: int, _: Any) -> part.View:
             numbers = {}
             for name, value in self._crossed.items():
                 number = value if isinstance(value, Vec) or type(value) is not tuple else value[i]
                 numbers[name] = cast(number, width) if name in _FLOATS else number
-            return View(at, numbers)
+            return part.View(at, numbers)
 
         return per_arm(self._setup, view)
 
@@ -331,7 +210,7 @@ class UserFiles:
         """Return what the boards hold, after their checks. held: what they held before."""
         self.note(held_cmd=held.current_cmd, pins=boards.pins, plc_runlevel=plc_runlevel)
         commands = boards.current_cmd
-        refusing = tuple(still & (plc_runlevel != INIT) for still in self._refusing)
+        refusing = tuple(still & (plc_runlevel != INIT) for still in self.state.refusing)
         for place, use in self._checks_at(BOARDS):
             self.note(boards_cmd=commands)
             trips, values = self._look(place, commands)
@@ -341,7 +220,7 @@ class UserFiles:
                 refusing = tuple(a | b for a, b in zip(refusing, trips, strict=True))
         pins = boards.pins
         if refusing:
-            self._refusing = refusing
+            self.state = replace(self.state, refusing=refusing)
             silent = [still & (plc_runlevel != E_STOP) for still in refusing]
             commands = _chosen(refusing, _zeros(commands), commands)
             pins = tuple(
@@ -361,7 +240,7 @@ class UserFiles:
         code, own = part.load_part(use.part), self._checks.own[place]
         threshold, views = self._checks.threshold[place], self.views(use.at, width)
         arms, trips, margins, values = [], [], [], list(crossing)
-        for i, before in enumerate(self._state.checks[place]):
+        for i, before in enumerate(self.state.checks[place]):
             gives: dict[str, Any] = {"score": SCORE}
             if use.acts == "limit" and crossing[i]:
                 gives["values"] = crossing[i]
@@ -372,10 +251,10 @@ class UserFiles:
             arms.append(CheckState(after, Vec((score, *before.recent)[: len(before.recent)])))
             trips.append(lowest > threshold)
             margins.append(threshold - lowest)
-        self._after[place] = tuple(arms)
-        self._histories[place] = check.update_check(
-            self._histories[place], self._tick, reduce(or_, trips), reduce(jnp.minimum, margins)
-        )
+        self._store("checks", place, tuple(arms))
+        tripped, margin = reduce(or_, trips), reduce(jnp.minimum, margins)
+        history = self.state.histories[place]
+        self._store("histories", place, check.update_check(history, self._tick, tripped, margin))
         return tuple(trips), tuple(values)
 
     # --- stages ---
@@ -442,11 +321,11 @@ class UserFiles:
         after, values = [], []
         for i, view in enumerate(self.views(stage, width)):
             state, value = code.step(
-                self._stages[place], self._state.stages[place][i], view, width, **{name: like[i]}
+                self._stages[place], self.state.stages[place][i], view, width, **{name: like[i]}
             )
             after.append(state)
             values.append(value)
-        self._stage_states[place] = tuple(after)
+        self._store("stages", place, tuple(after))
         return values
 
 
@@ -454,11 +333,10 @@ _FLOATS = ("mpos", "mvel", "jpos", "jvel", "jpos_d", "mpos_d", "tau_d")
 
 
 def _zeros(signal: PerArm[Vec]) -> PerArm[Vec]:
-    return tuple(Vec.full(len(one), 0) for one in signal)
+    return tuple(Vec.full(len(command), 0) for command in signal)
 
 
 def _chosen(trips: Sequence[Scalar], values: PerArm[Vec], signal: PerArm[Vec]) -> PerArm[Vec]:
-    """Return the values for the arms that trip, and the signal for the others."""
     return tuple(
         where(trip, new, old) for trip, new, old in zip(trips, values, signal, strict=True)
     )

@@ -3,8 +3,6 @@
 This module is a `Loop` of `ravenjax.engines.interface`: that of `run`, with other signals.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from ravenjax.numbers.vec import Scalar, record

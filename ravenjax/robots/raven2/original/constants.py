@@ -6,8 +6,6 @@ Sources: raven2 `include/raven/defines.h`, `init.cpp`, `fwd_cable_coupling.cpp`,
 arithmetic without widening it further.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -13,8 +13,6 @@ Products with a literal 0 or 1 are left out, which changes no bit but the sign o
 of quaternions and their matrices are those of `mapping`, which already has tf's order.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import partial, reduce
@@ -206,17 +204,14 @@ def _link(alpha: float, a: float, cosine: Scalar, sine: Scalar, d: Scalar) -> Tr
 
 
 def _link1(arm: str, theta1: Scalar) -> Transform:
-    """Return frame 1 in frame 0."""
     return _link(_ARMS[arm].alpha0, 0.0, jnp.cos(theta1), jnp.sin(theta1), 0.0)
 
 
 def _link2(cosine: Scalar, sine: Scalar) -> Transform:
-    """Return frame 2 in frame 1, from cosine and sine of theta2."""
     return _link(LINK12, 0.0, cosine, sine, 0.0)
 
 
 def _link3(arm: str, d3: Scalar) -> Transform:
-    """Return frame 3 in frame 2."""
     theta3 = _ARMS[arm].theta3
     return _link(_ARMS[arm].alpha2, 0.0, math.cos(theta3), math.sin(theta3), d3)
 
@@ -308,14 +303,12 @@ def _solutions(arm: str, tip: Transform) -> tuple[list[tuple[Vec, Scalar]], Scal
 
 
 def _cosine2(arm: str, height: Scalar, d: Scalar) -> Scalar:
-    """Return the cosine of theta2, set to +-1 if it is slightly beyond."""
     cosine = mul(-_ARMS[arm].side, _ONE_OVER * (height / d + GM2 * GM4))
     cosine = jnp.where((cosine > 1.0) & (cosine < 1.0 + CLAMP), 1.0, cosine)
     return jnp.where((cosine < -1.0) & (cosine > -1.0 - CLAMP), -1.0, cosine)
 
 
 def _angles(arm: str, tip: Transform, wrist: Vec, d3: Scalar, theta2: Scalar) -> Vec:
-    """Return all DH variables (6) of one solution."""
     cos2, sin2 = jnp.cos(theta2), jnp.sin(theta2)
     theta1 = _theta1(arm, wrist, d3 + D4, cos2, sin2)
     t03 = _chain(_link1(arm, theta1), _link2(cos2, sin2), _link3(arm, d3))

@@ -8,35 +8,17 @@ Mech. 42, 1975; for soft tissue Diolaiti, Melchiorri, Stramigioli, IEEE T-RO 21,
 
 d is the depth below the surface along the world's z. The force is F times (-dh/dx, -dh/dy, 1) of
 the surface's height h. This is the gradient of one potential, so no path through the tissue and
-back gains energy. If the tip leaves faster than 1/a, the tissue does not follow: the force is 0 and
-never pulls. Friction is Coulomb's, regularised below `CREEP_M_S`.
+back gains energy. If the tip leaves faster than 1/a, the force is 0 and never pulls. Friction is
+Coulomb's, regularised below `CREEP_M_S`.
 
 **Instruments.** Each is a line of two pieces, shaft and jaws, with a radius. At the point where the
 two are nearest, a spring and the same kind of damping push them apart, without friction (*assumed*:
-wet polished steel).
-
-Numbers and sources:
-
-- Modulus of tissue 12.5 kPa: *assumed*. A robotic indenter found this order on the liver of living
-  pigs (Samur and others, Medical Image Analysis 11:361, 2007; the paper was not available).
-- The vessel is a ridge of the surface with the tissue's modulus, *assumed*: a filled artery is
-  stiffer, but no source states by how much for a blunt tip. The force counted as the vessel's is
-  that of tips over the ridge.
-- Radius of a jaw tip 2 mm: *assumed*, of the order of the drawn jaw. Hertz's law holds for depths
-  well below the radius; beyond that it is extrapolated.
-- Damping 15 s/m: *assumed*, so that at 1 Hz about a depth of 3 mm the loss tangent 2 pi f a d / 1.5
-  is 0.2.
-- Friction 0.2: *assumed*, within the 0 to 0.3 of a study of a grasper on a spleen (ASME ESDA 2010,
-  finite elements).
-- Stiffness between instruments 10 kN/m: *assumed*, of the order of 3 E I / l^3 for a steel tube of
-  8.5 mm with a wall of 1 mm, held 0.2 m away. Damping 1 s/m: *assumed*.
+wet polished steel). quantities.toml has the sources of the numbers.
 
 A law F(d, d') is linearised about the depth that the present speed would reach at the end of the
-step, of length h. It is solved with the step's other implicit forces: Newton's first step of
-backward Euler. This is stable for any stiffness, and its error is of second order in h.
+step. It is solved with the step's other implicit forces: Newton's first step of backward Euler.
+This is stable for any stiffness, with an error of second order.
 """
-
-from __future__ import annotations
 
 from typing import NamedTuple
 
@@ -94,11 +76,6 @@ def spring_law(spring: Scalar, slope: Scalar, damping: Scalar, closing: Scalar, 
     return Law(spring * jnp.maximum(grows, 0.0), rate)
 
 
-def hertz_stiffness(params: ContactParams) -> Scalar:
-    """Return k of Hertz's law, N/m^1.5."""
-    return (_HERTZ * params.tissue_modulus) * jnp.sqrt(params.tip_radius)
-
-
 class TipContact(NamedTuple):
     """A jaw tip on the tissue, over the coming step."""
 
@@ -132,7 +109,6 @@ class TipContact(NamedTuple):
                 )
 
     def _sliding(self, velocity: Vec) -> Vec:
-        """Return the part of a velocity along the surface."""
         return velocity - self.rise * (dot(self.rise, velocity) * self.inverse)
 
 
@@ -151,7 +127,7 @@ def _tip(
     closing = -dot(rise, velocity)
     depth = jnp.maximum(surface.depth + closing * dt, 0.0)
     root = jnp.sqrt(depth)
-    k = hertz_stiffness(params)
+    k = (_HERTZ * params.tissue_modulus) * jnp.sqrt(params.tip_radius)  # N/m^1.5
     normal = spring_law(k * depth * root, 1.5 * k * root, params.damping, closing, dt)
     steep = dot(rise, rise)
     inverse = 1.0 / steep
@@ -163,11 +139,11 @@ def _tip(
 
 def contact_forces(contacts: tuple[TipContact, ...], gained: Vec) -> Touch:
     """Return the tissue's forces in a step in which the joints gained these speeds."""
-    forces = [one.after(gained) for one in contacts]
+    forces = [tip.after(gained) for tip in contacts]
     whole = forces[0] + forces[1]
     on_vessel = [
-        force.map(lambda x, one=one: jnp.where(one.vessel, x, 0.0))
-        for one, force in zip(contacts, forces, strict=True)
+        force.map(lambda x, tip=tip: jnp.where(tip.vessel, x, 0.0))
+        for tip, force in zip(contacts, forces, strict=True)
     ]
     return Touch(whole, norm(whole), norm(on_vessel[0] + on_vessel[1]), whole[0] * 0.0)
 

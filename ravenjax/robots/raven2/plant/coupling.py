@@ -6,8 +6,6 @@ Here tool motors are coupled to the *joints*, because cable length follows the l
 equals the control software, which couples them to the insertion motor's angle.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from functools import cache
@@ -121,5 +119,4 @@ def arm_coupling(arm: ArmName, tool: str, software: str) -> Coupling:
 
 
 def _clean(value: float, scale: float) -> float:
-    """Return the value, or 0 if it is only the rounding error of a difference."""
     return 0.0 if abs(value) <= 1e-9 * abs(scale) else value

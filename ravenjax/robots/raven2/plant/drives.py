@@ -1,76 +1,43 @@
 """Forces on the joints of one arm: motors, encoders, brakes, cables, dry friction, hard stops.
 
-Motors
-------
-
-A motor turns DAC counts into torque. Its shaft's equation of motion is solved for one step:
+**Motors.** The equation of motion of a motor's shaft is solved for one step, with torques after the
+gearbox, and inertia and speed of the shaft (the authors' units, see models/raven2/mechanics.toml).
+Dry friction is decided with the joint's speed of the last step, and a closed brake adds to it. The
+other terms are implicit, so the motor's speed w at the end of the step is affine in the link's
+speed, and is eliminated from the links' equations:
 
     Im w' = drive - tau_c sgn(w) - tau_v w - reaction_scale * lambda
-
-Torques are after the gearbox; inertia and speed are those of the shaft (the authors' units, see
-models/raven2/mechanics.toml). Dry friction is decided with the joint's speed of the last step, and
-a closed brake adds to it. The other terms are implicit. The motor's speed at the end of the step is
-then affine in the link's speed, and can be eliminated from the links' equations:
-
     w = (momentum + coupling * T q') * inverse
 
-Encoders
---------
+**Encoders** have 4000 counts per turn on every motor (raven2: defines.h). The motor angle is stored
+as whole counts (int32) plus a fraction of a count. An angle near 900 rad in float32 would lose
+increments below 3e-5 rad per millisecond; a fraction of a count never does, and the reading is
+exact.
 
-Motor encoders have 4000 counts per turn on every motor (raven2: defines.h).
+**Cables** between capstan and joint are the authors' exponential spring-damper, linearised once per
+step. Stretch is stored in motor angle, `epsilon = m - T q` (rad), where T is the motor matrix. At
+zero stretch encoders, cable coupling of the control software and links agree exactly. At the
+capstan it is `delta = a epsilon` (m) with a = capstan radius / gearbox ratio. The tension
+difference is `gamma = ke (exp(delta) - exp(-delta)) + 2 be delta'` (CSLDepend/raven2_sim,
+Li_DYN/two_arm_dyn.cpp). In motor coordinates it is `lambda = a gamma`: on the motor
+`-reaction_scale * lambda`, on the joints `T^T lambda`.
 
-The motor angle is stored as whole counts (int32) plus a fraction of a count (within half a count).
-An angle near 900 rad in float32 would lose increments below 3e-5 rad per millisecond. A fraction of
-a count never does, and the reading is exact.
+**Friction.** `sign(velocity)` chatters at rest, and a smoothed sign creeps. Instead, the force that
+carries a degree of freedom through the step is computed first: `drive = inertia * v + forces`, with
+the inertia divided by the step. If friction can hold this force, the damping becomes so large that
+the velocity ends at zero within `CREEP`. Otherwise the damping makes the friction force equal to
+its level at the predicted velocity, (|drive| - level) / inertia.
 
-Cables
-------
+**Brakes** act on motors 1-3 only (RE40); tool motors run free when unpowered. A brake engages and
+releases some time after the PLC's command, adds dry friction of its holding torque, and slips above
+that. No source gives their data.
 
-Cables between capstan and joint are elastic: the authors' exponential spring-damper, linearised
-once per step.
-
-Stretch is stored in motor angle, `epsilon = m - T q` (rad), where T is the motor matrix with all
-cable coupling. At zero stretch encoders, cable coupling of the control software and links therefore
-agree exactly. At the capstan it is `delta = a epsilon` (m) with a = capstan radius / gearbox ratio.
-The tension difference is `gamma = ke (exp(delta) - exp(-delta)) + 2 be delta'`
-(CSLDepend/raven2_sim, Li_DYN/two_arm_dyn.cpp). In motor coordinates it acts as `lambda = a gamma`:
-on the motor as `-reaction_scale * lambda`, on the joints as `T^T lambda` (energy is conserved).
-
-Friction
---------
-
-Dry friction is an implicit damping, decided in each step.
-
-`sign(velocity)` chatters at rest, and a smoothed sign creeps. Instead, the force that carries a
-degree of freedom through the step is computed first: `drive = inertia * v + forces`, with the
-inertia divided by the step. If friction can hold this force, the damping becomes so large that the
-velocity ends at zero within `CREEP`. Otherwise the damping makes the friction force equal to its
-level at the predicted velocity, (|drive| - level) / inertia. The breakaway level is exact, the
-force always opposes the velocity, and no iteration is needed.
-
-Brakes
-------
-
-Power-off brakes act on the three positioning motors. This is a documented assumption: no source
-gives their data.
-
-The robot has brakes on the RE40 motors only; tool motors run free when unpowered. A brake engages
-and releases some time after the PLC's command. An engaged brake adds dry friction of its holding
-torque to the motor, and slips above that torque.
-
-Hard stops
-----------
-
-Hard stops are one-sided stiff springs, implicit like the cables.
-
-Their positions are those against which the control software homes (raven2: defines.h, homing.cpp,
-tools.cpp): shoulder 0 deg, elbow 137.5 deg, insertion 0.562 m, and the tool's own angles. The other
-ends of the first three joints are not published. They are taken as the soft limit plus the margin
-that the published end of elbow and insertion has. The stiffness is an assumption: metal on rubber,
-stiffer than the cable that presses the joint against it.
+**Hard stops** are one-sided stiff springs at the positions against which the control software homes
+(raven2: defines.h, homing.cpp, tools.cpp): shoulder 0 deg, elbow 137.5 deg, insertion 0.562 m, and
+the tool's own angles. The other ends of the first three joints are not published. They are taken as
+the soft limit plus the margin that the published end of elbow and insertion has. The stiffness is
+*assumed*: metal on rubber, stiffer than the cable that presses the joint against it.
 """
-
-from __future__ import annotations
 
 import math
 

@@ -1,28 +1,22 @@
-"""Kinematic errors, which make a healthy robot's report wrong: joints, cable drums and links off
-their drawings.
+"""Kinematic errors: joints, cable drums and links off their drawings, which make a healthy robot's
+report wrong.
 
-Three arms are distinguished:
-
-- The **true** arm: its links are at angles that nobody measures, and have the lengths and twists
-  with which they were built. `robot.PlantOutput` has its joints, `true_tip` its tip.
+- The **true** arm: its links are at angles that nobody measures, with the lengths and twists with
+  which they were built.
 - The **reported** arm: the software turns encoder counts into joints by the drawings' ratios and by
-  the zero that homing found. It turns joints into a tip by the drawings' links. Controller, checks,
+  the zero that homing found, and joints into a tip by the drawings' links. Controller, checks,
   report and cue know this arm only.
 - The **nominal model** starts at the reported pose and has the drawings' links: it stays where the
   report would be.
 
-With equal motor angles, the true joints q follow from the reported joints r and the home pose h:
+With equal motor angles, the true joints q follow from the reported joints r and the home pose h.
+Cable stretch is added. Every error that is 0 drops out of the traced code.
 
     q = h + (1 + ratio_error) (r - h) + joint_offset
 
-Cable stretch is added, as without errors. Every error that is 0 drops out of the traced code.
-
-A camera does not know the robot's frame 0. The robot's place in its picture is fitted, so a rigid
-displacement is not visible as an error. `registered` does the same: before the run the true tip's
-frame is moved so that true and reported tips agree best at POSES.
-
-Registration is the rigid motion that brings true tips onto reported tips at POSES, by least squares
-(Gauss-Newton; each step solves for a small rotation and a displacement). It is constant in a run.
+A camera does not know the robot's frame 0, so a rigid displacement is not visible as an error.
+`registered` does the same: a rigid motion, constant in a run, brings true tips onto reported tips
+at POSES by least squares (Gauss-Newton; each step solves for a small rotation and a displacement).
 """
 
 from __future__ import annotations
@@ -88,18 +82,13 @@ axis.
 def no_errors() -> KinematicErrors:
     """Return zero errors."""
     zero = Vec.full(7, 0.0)
-    return KinematicErrors(1.0, zero, zero, built_links.as_drawn(), np.int32(0))
+    return KinematicErrors(1.0, zero, zero, LinkErrors(*(0.0,) * 7), np.int32(0))
 
 
 def is_exact(errors: KinematicErrors) -> bool:
     """Return whether all errors are known to be 0 in this trace."""
     numbers = tree.tree_leaves((errors.joint_offset, errors.ratio_error, errors.links))
     return all(type(number) in (int, float) and number == 0 for number in numbers)
-
-
-def motion_gain(errors: KinematicErrors) -> Vec:
-    """Return the true motion of each joint per motion that the software assumes, 7."""
-    return Vec(add(1.0, mul(errors.scale, error)) for error in errors.ratio_error)
 
 
 def true_joints(errors: KinematicErrors, reported: Vec) -> Vec:
@@ -201,15 +190,12 @@ def _same() -> Registration:
 
 @functools.cache
 def _normal_equations(arm: str) -> tuple[list[list[float]], list[list[float]]]:
-    """Return reported tips (m) at POSES, and the matrix from residuals to the registration.
-
-    The matrix [6, 3 poses] maps residuals to rotation (rad) and displacement (m).
-    """
+    """Return reported tips (m) at POSES, and the matrix [6, 3 poses] of residuals."""
     with at_once():  # a trace may call this function
         tips = np.array([kinematics.forward_pose(arm, pose).position for pose in POSES])
     design = np.zeros((len(tips), 3, 6))
-    for one, (x, y, z) in zip(design, tips, strict=True):
-        one[:, :3] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]  # rotation x tip
-        one[:, 3:] = np.eye(3)
+    for rows, (x, y, z) in zip(design, tips, strict=True):
+        rows[:, :3] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]  # rotation x tip
+        rows[:, 3:] = np.eye(3)
     solve = np.linalg.pinv(design.reshape(-1, 6))
     return tips.tolist(), solve.tolist()

@@ -6,33 +6,25 @@ level.
     q'' = kp (q_d - q) - kd q'                    each jaw, a double integrator
 
 The controller is PD on joints 1, 2, 4-7 and PID on joint 3, as in the Raven-II surgical training
-simulator. Its gains are not published.
+simulator. Its gains are not published. The model has no rotors, so its loop is made dynamically
+similar to the robot's, in which the software's PD acts on a motor of inertia Im with viscous
+friction tau_v. Per unit of joint inertia I (the diagonal of M at the home pose) the model gets the
+same natural frequency, damping and friction dead band:
 
-Gains are chosen once. The model has no rotors, so its loop is made dynamically similar to the
-robot's. The control software's PD acts on a motor of inertia Im with viscous friction tau_v;
-reflected link inertia adds little. Per unit of joint inertia I (the diagonal of M at the home pose)
-the model gets the same natural frequency, damping and friction dead band:
-
-    kp = I KP g / J,  kd = I KD g / J,
+    kp = I KP g / J,  kd = I KD g / J,  J = Im + rho M / TR^2
     Kv = I (tau_v + rho Fv / TR^2) / J,  Kc = I (tau_c + rho Fc / TR) / (J TR)
 
-with J = Im + rho M / TR^2. KP and KD are those of raven2's r2params.yaml. g is the gain from
-commanded to real torque. Im, tau, F and the reaction share rho are those of the robot's parameter
-set (`parameter_sets.nominal_set`). Nothing is fitted to a published outcome. `Kv` and `Kc` of a
-jaw are zero; its viscous part is in its kd. ki: the robot's insertion has no integral. A slow one
-(time constant 4 s) removes the remainder of the dead band without changing the lag on surgical
-motion.
+KP and KD are those of raven2's r2params.yaml. g is the gain from commanded to real torque. Im, tau,
+F and the reaction share rho are those of the robot's parameter set (`parameter_sets.nominal_set`).
+Nothing is fitted to a published outcome. A jaw's viscous part is in its kd. ki: the robot's
+insertion has no integral. A slow one (time constant 4 s) removes the remainder of the dead band
+without changing the lag on surgical motion. Integration is linearly implicit in gains and friction.
 
-Integration is linearly implicit in gains and friction, and stable at 1 kHz for any of them.
-
-The target of the nominal model is the operator's clean input, accumulated into a pose and solved
-for joints. No fault can change this input. Increments add up as in the robot. The model's inverse
-kinematics takes the model's joints as reference. Targets are clamped to the software's joint
+The target is the operator's clean input, which no fault can change, accumulated into a pose and
+solved for joints, with the model's joints as reference. Targets are clamped to the software's joint
 limits, and re-anchored where they are clamped. While the pedal is up the model holds, and its
 target is its pose, as in the robot.
 """
-
-from __future__ import annotations
 
 import math
 
@@ -45,7 +37,7 @@ from ravenjax.numbers.setup import cast_to_real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, to_int32, where
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.dynamics import link_dynamics
-from ravenjax.robots.raven2.geometry import joints, kinematics, limits, mapping, transmission
+from ravenjax.robots.raven2.geometry import kinematics, limits, mapping, transmission
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.plant.drives import coulomb_damping
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -189,12 +181,7 @@ def step(
     still = replace(state, jvel=state.jvel * 0.0, target=target)
     state = where(clean.engaged != 0, moved, still)
     state = replace(cast_to_real(setup, replace(state, target=None)), target=state.target)
-    return state, observe_model(arm, state)
-
-
-def observe_model(arm: ArmName, state: NominalState) -> NominalOutput:
-    """Return tip and joints of a state."""
-    return NominalOutput(
+    return state, NominalOutput(
         jpos=state.jpos,
         tip_position=kinematics.forward_pose(arm, state.jpos).position,
         tip_velocity=kinematics.tip_velocity(arm, state.jpos, state.jvel),
@@ -247,7 +234,7 @@ def init_target(setup: RavenSetup, arm: ArmName, jpos: Vec) -> TargetState:
     return TargetState(
         position_um=pose.position.map(lambda p: to_int32(p * UM_PER_M)),
         quat=mapping.quat_from_matrix(pose.rotation),
-        grasp_mrad=to_int32(joints.jaw_opening(jpos) * 1000.0),
+        grasp_mrad=to_int32((jpos[5] + jpos[6]) * 1000.0),
         jpos_d=jpos,
     )
 

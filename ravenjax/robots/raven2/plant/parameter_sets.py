@@ -3,8 +3,6 @@
 models/raven2/mechanics.toml has their numbers, with units and sources.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import tomllib

@@ -17,8 +17,6 @@ fraction, cable stretch is stored separately, and the links follow from both. No
 large numbers is ever formed, so float32 loses nothing that an encoder can resolve.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 
@@ -460,7 +458,6 @@ def _whole(state: PlantState, cable_scale: Vec) -> Vec:
 
 
 def _stiffness(params: PlantParams, i: int, scale: Scalar) -> Scalar:
-    """Return the stiffness of cable i, N/m; 0 if it is cut."""
     return mul(scale, params.cable_stiffness[i] * params.cable_stiffness_scale)
 
 
@@ -493,12 +490,12 @@ def _jpos(geometry: Coupling, state: PlantState, dtype: str) -> Vec:
 
 
 def _coupling(setup: RavenSetup, arm: ArmName, params: PlantParams) -> Coupling:
-    gain = kinematic_errors.motion_gain(params.kinematic_errors)
+    errors = params.kinematic_errors
+    gain = Vec(add(1.0, mul(errors.scale, error)) for error in errors.ratio_error)
     return dataclasses.replace(_nominal_coupling(setup, arm), gain=gain)
 
 
 def _nominal_coupling(setup: RavenSetup, arm: ArmName) -> Coupling:
-    """Return the coupling that the software assumes."""
     return arm_coupling(arm, _tool(setup, arm), setup.software)
 
 

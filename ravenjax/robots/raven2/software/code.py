@@ -1,7 +1,5 @@
 """The control software as transitions, traced once for each setup, and a cycle's results."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from typing import Any

@@ -5,16 +5,14 @@ pins out.
     output = software.step(encoders, packet=datagram, pins=0b11 << 6)
     output.dac[0], output.output_pins, output.signals.runlevel
 
-Connect your own plant or hardware to it. It is the control software of the tick, evaluated in the
-original's mixed arithmetic (float32 stored, float64 in between) and in the original's order
-(`original.literal`): every number equals the original's. It runs compiled, or one operation at a
-time in Python, with the same bits (`engines.cpu.transition`).
+It is the control software of the tick, evaluated in the original's mixed arithmetic (float32
+stored, float64 in between) and order (`original.literal`): every number equals the original's. It
+runs compiled, or one operation at a time in Python, with the same bits (`engines.cpu.transition`).
 
 Homing is not simulated. The start state at a pose is that of the original after an E-stop in that
-pose: measured pose, desired pose and accumulators are equal. The first pedal-down therefore
-commands the present pose. One number may differ from the original's: the accumulated jaw opening,
-which the original resets only if it is more than 45 deg off (raven2: local_io.cpp). After homing in
-that pose the two agree.
+pose, so the first pedal-down commands the present pose. One number may differ from the original's:
+the accumulated jaw opening, which the original resets only if it is more than 45 deg off (raven2:
+local_io.cpp).
 """
 
 # Callers may pass anything, and JAX is typed in part.
@@ -126,8 +124,15 @@ class ControlSoftware:
         )
         offsets = checked.parse_counts("enc_offset", enc_offset, (len(names), 7), (7,), ())
         with traced.x64_context(setup):
-            self.params = _parameters(
-                setup, level, policy, np.broadcast_to(offsets, (len(names), 7))
+            defaults = control.params(setup)
+            counts = np.broadcast_to(offsets, (len(names), 7))
+            self.params = replace(
+                defaults,
+                overdrive=overdrive.params(setup, level, overdrive.POLICIES.index(policy)),
+                estimator=tuple(
+                    replace(e, enc_offset=Vec(map(np.int32, o)))
+                    for e, o in zip(defaults.estimator, counts, strict=True)
+                ),
             )
             """The present parameters."""
             if params is not None:
@@ -153,7 +158,6 @@ class ControlSoftware:
         self._take_memory(initial)
 
     def _take_memory(self, initial: control.ControlState) -> None:
-        """Allocate memory for the state and for one cycle's rows."""
         kinds = self.code.kinds
         self._state, self._row = kinds["state"].row(initial), InputRows(self.setup)
         self._out = aligned_buffer(1, kinds["signals"].layout.bytes)
@@ -237,7 +241,6 @@ class ControlSoftware:
         return Outputs(np.stack(dac, axis=1), signals.pins_out, signals)
 
     def __copy__(self) -> ControlSoftware:
-        """Return a copy in the same state that runs independently."""
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__)
         other._take_memory(self.state)
@@ -276,21 +279,6 @@ class ControlSoftware:
                 "a raw datagram holds increments, but console is 'absolute'; give a Packet"
             )
         return given
-
-
-def _parameters(
-    setup: RavenSetup, level: str | None, policy: str, offsets: np.ndarray
-) -> control.ControlParams:
-    """Return the software's parameters, with those replaced that have an argument."""
-    own = control.params(setup)
-    return replace(
-        own,
-        overdrive=overdrive.params(setup, level, overdrive.POLICIES.index(policy)),
-        estimator=tuple(
-            replace(e, enc_offset=Vec(map(np.int32, o)))
-            for e, o in zip(own.estimator, offsets, strict=True)
-        ),
-    )
 
 
 def _changed(own: control.ControlParams, change: Any) -> control.ControlParams:

@@ -3,8 +3,6 @@
 Each error names the argument, the value it got, and what is expected.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import operator
 from collections.abc import Iterable, Sequence
@@ -128,7 +126,8 @@ def _array(what: str, given: Any, shapes: Sequence[Shape], kinds: str, numbers: 
         array = None
     if array is not None and array.dtype.kind in kinds:
         for shape in shapes:
-            if len(shape) == array.ndim and all(map(_fits, shape, array.shape)):
+            fits = (n in (None, length) for n, length in zip(shape, array.shape, strict=False))
+            if len(shape) == array.ndim and all(fits):
                 return array
     got = f"is {format_value(given)}"
     if array is not None and array.ndim:
@@ -141,14 +140,8 @@ def _array(what: str, given: Any, shapes: Sequence[Shape], kinds: str, numbers: 
     raise UserError(f"{what} {got}, expected {numbers} {' or '.join(texts)}{order}")
 
 
-def _fits(wanted: int | None, length: int) -> bool:
-    return wanted in (None, length)
-
-
 def parse_joints(what: str, given: Any, arms: int) -> list[list[float]]:
-    """Return [arms, 7] joint positions: angles of at most a turn, rad, and travels of at most a
-    metre.
-    """
+    """Return [arms, 7] joints: angles of at most a turn, rad, travels of at most a metre."""
     array = _array(what, given, [(arms, 7)], "iuf", "numbers in rad and m")
     for place, value in np.ndenumerate(array):
         is_linear = JOINTS[place[1]] in LINEAR

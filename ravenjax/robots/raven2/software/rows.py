@@ -3,8 +3,6 @@
 A datagram is stored in it as it came over the wire, and is not unpacked.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -76,7 +74,6 @@ def row_kind(setup: RavenSetup) -> RecordKind:
 
 
 def _places(dtype: np.dtype, start: int = 0) -> Any:
-    """Return the offset of each number of a type, by the names of its fields."""
     if dtype.fields:
         return {name: _places(field[0], start + field[1]) for name, field in dtype.fields.items()}
     return start + dtype.base.itemsize * np.arange(np.prod(dtype.shape, dtype=int)).reshape(

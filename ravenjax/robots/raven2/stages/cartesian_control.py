@@ -6,8 +6,6 @@ acceptable solution, it and the arms after it keep their last jpos_d, and nothin
 beyond a joint limit is clamped, and the desired pose becomes that of the clamped joints.
 """
 
-from __future__ import annotations
-
 from functools import reduce
 from operator import or_
 
@@ -84,7 +82,6 @@ def _yaw(setup: RavenSetup, jpos: Vec) -> Scalar:
 
 
 def _reference(setup: RavenSetup, jpos: Vec) -> Vec:
-    """Return the measured joints, with jaws that give the rounded yaw."""
     yaw = _yaw(setup, jpos)
     return Vec((*widen_numbers(setup, Vec(jpos[:5])), -yaw, yaw))
 
@@ -92,11 +89,6 @@ def _reference(setup: RavenSetup, jpos: Vec) -> Vec:
 def follow_measured(state: State, condition: Scalar) -> State:
     """Return the state in which the desired poses are those last measured, if `condition` holds."""
     return tuple(replace(arm, pos_d=where(condition, arm.pos, arm.pos_d)) for arm in state)
-
-
-def store_measured(setup: RavenSetup, state: State, jpos: PerArm[Vec]) -> State:
-    """Store this cycle's measured poses."""
-    return per_arm(setup, lambda i, arm: replace(state[i], pos=measure_pose(setup, arm, jpos[i])))
 
 
 def solve_inverse(

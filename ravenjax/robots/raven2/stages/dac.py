@@ -3,8 +3,6 @@
 raven2: t_to_DAC_val.cpp, utils.cpp.
 """
 
-from __future__ import annotations
-
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec, to_int32
 from ravenjax.robots.raven2.arms import ArmName

@@ -5,8 +5,6 @@ raven2: state_estimate.cpp, fwd_cable_coupling.cpp. raven2 differentiates the ra
 fork first filters them by a third-order Butterworth low-pass of 120 Hz.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ravenjax.numbers.quantity import describe_fields

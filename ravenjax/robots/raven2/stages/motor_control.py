@@ -4,8 +4,6 @@ raven2: inv_cable_coupling.cpp, pid_control.cpp, grav_comp.cpp, rt_raven.cpp; pa
 In the 2015 fork the gravity torque never reaches tau_d.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ravenjax.numbers.lazy import jnp
@@ -83,8 +81,8 @@ def motor_targets(setup: RavenSetup, arm: ArmName, tool: str, jpos_d: Vec, mpos:
     share = widen_numbers(setup, mpos[2]) / stored.GB_RATIO
 
     def tool_motor(i: int, joint: Scalar) -> Scalar:
-        own = widen_numbers(setup, ratio[i] * joint)
-        return narrow_numbers(setup, own + share if signs[i - 3] > 0 else own - share)
+        turned = widen_numbers(setup, ratio[i] * joint)
+        return narrow_numbers(setup, turned + share if signs[i - 3] > 0 else turned - share)
 
     return Vec(
         (

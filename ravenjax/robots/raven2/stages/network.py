@@ -6,8 +6,6 @@ unsigned. The checksum exists but is not verified. A datagram longer than the st
 accepted; a shorter one is dropped.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ravenjax.numbers.lazy import jnp

@@ -7,10 +7,10 @@ nothing, clip, or count. The counter is shared by all joints and arms, and only 
 trip resets it. The 2015 fork clips at every run level and has no policies.
 """
 
-from __future__ import annotations
-
+import tomllib
 from functools import reduce
 from operator import or_
+from pathlib import Path
 
 import numpy as np
 
@@ -27,12 +27,9 @@ SOFT_REGULATION, HARD_REGULATION = 1, 2
 POLICIES = ("no_regulation", "soft_regulation", "hard_regulation")
 """Names of the policies, by number; raven2: defines.h."""
 
-LEVELS: dict[str, tuple[int, ...]] = {
-    "beginner": (1500, 1500, 1000, 3000, 3000, 3800, 3800),
-    "moderate": (2500, 2500, 2000, 3000, 3000, 3800, 3800),
-    "advanced": (5000, 5000, 4000, 3000, 3000, 3800, 3800),
-    "fork2015": (10000, 10000, 8000, 6000, 2700, 4800, 4800),
-}
+LEVELS: dict[str, list[int]] = tomllib.loads(
+    Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")
+)
 """DAC counts per joint, by safety level; raven2 and the 2015 fork: defines.h, init.cpp."""
 
 MAX_INST_DAC = {"raven2": 20000, "fork2015": 12000}

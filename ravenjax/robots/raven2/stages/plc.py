@@ -20,8 +20,6 @@ update_atmel_io.cpp), or it is assumed here.
   brakes.
 """
 
-from __future__ import annotations
-
 import operator
 from functools import reduce
 

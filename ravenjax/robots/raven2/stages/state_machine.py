@@ -6,8 +6,6 @@ the PLC may go on to pedal-up. After an E-stop the robot passes sublevels 0, 1, 
 again, as the real robot does in cartesian mode.
 """
 
-from __future__ import annotations
-
 from functools import reduce
 
 import numpy as np

@@ -7,8 +7,6 @@ initialisation), the accumulator's origin is reset to that pose. The console's p
 instead of jumping.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -6,13 +6,10 @@ after a failed write the board keeps the last written values. DAC commands and o
 one message.
 """
 
-from __future__ import annotations
-
 from typing import TypeVar
 
 import numpy as np
 
-from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import per_arm
 from ravenjax.numbers.vec import Scalar, Vec, record, where
 from ravenjax.robots.raven2.arms import PerArm
@@ -42,12 +39,6 @@ def init(setup: RavenSetup) -> UsbIn:
     return UsbIn(
         per_arm(setup, lambda *_: Vec.full(7, np.int32(0))), per_arm(setup, lambda *_: np.int32(0))
     )
-
-
-def init_out(setup: RavenSetup) -> UsbOut:
-    """Return the values of boards to which nothing was written."""
-    zero = jnp.int32(0)
-    return UsbOut(per_arm(setup, lambda *_: Vec.full(7, zero)), per_arm(setup, lambda *_: zero))
 
 
 def transfer_values(held: AnyUsb, message: AnyUsb, ok: PerArm[Scalar]) -> AnyUsb:

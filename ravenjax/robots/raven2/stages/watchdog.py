@@ -1,7 +1,5 @@
 """Output pins to the PLC, with the watchdog's square wave (raven2: update_atmel_io.cpp)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ravenjax.numbers.lazy import jnp

@@ -1,7 +1,5 @@
 """The reacting operator: when the action begins, and what the hands then do."""
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 import numpy as np

@@ -1,7 +1,5 @@
 """Unrolled link dynamics and the linear solver against C MuJoCo and MJX."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import functools

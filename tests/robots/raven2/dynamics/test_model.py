@@ -2,8 +2,6 @@
 authors.
 """
 
-from __future__ import annotations
-
 import math
 import re
 import subprocess

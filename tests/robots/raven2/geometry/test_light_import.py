@@ -1,7 +1,5 @@
 """Readers of results compute with the robot's geometry, and need no jax."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

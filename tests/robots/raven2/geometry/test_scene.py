@@ -1,7 +1,5 @@
 """Where the arms stand in the operating scene."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

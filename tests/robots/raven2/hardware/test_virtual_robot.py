@@ -2,8 +2,6 @@
 whoever drives it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

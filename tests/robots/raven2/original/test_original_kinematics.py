@@ -2,8 +2,6 @@
 the shared-work one.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 import random

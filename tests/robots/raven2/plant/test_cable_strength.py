@@ -2,8 +2,6 @@
 leaves, energy.
 """
 
-from __future__ import annotations
-
 import jax
 import numpy as np
 import pytest

@@ -2,8 +2,6 @@
 energy never made.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import jax

@@ -2,8 +2,6 @@
 out without them.
 """
 
-from __future__ import annotations
-
 import dataclasses
 
 import jax

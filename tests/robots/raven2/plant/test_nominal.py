@@ -1,7 +1,5 @@
 """The nominal model: equation of motion against a stiff ODE solver, gains, tracking, targets."""
 
-from __future__ import annotations
-
 import functools
 
 import jax

@@ -1,7 +1,5 @@
 """The authors' model against its published check values and its published run."""
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 import numpy as np

@@ -2,8 +2,6 @@
 tick.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from drives import Drive

@@ -2,8 +2,6 @@
 tick.
 """
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import random

@@ -3,8 +3,6 @@
 The comparison with a second writing, tick for tick (`test_control_software`), covers many more.
 """
 
-from __future__ import annotations
-
 import math
 import random
 

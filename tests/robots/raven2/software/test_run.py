@@ -1,7 +1,5 @@
 """Many cycles in one call are as many steps; what is wrong is named and nothing has happened."""
 
-from __future__ import annotations
-
 import jax
 import numpy as np
 import pytest

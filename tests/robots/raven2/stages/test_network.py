@@ -1,7 +1,5 @@
 """Size and sequence rules against the table of the original, one packet at a time."""
 
-from __future__ import annotations
-
 import jax.numpy as jnp
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Overdrive detection against a plain loop, and its quirks one by one."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ravenjax.numbers.vec import Vec

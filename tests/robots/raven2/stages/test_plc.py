@@ -1,7 +1,5 @@
 """The assumed PLC: levels by start, READY, pedal; watchdog and button trips; latch; pins."""
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 import pytest
