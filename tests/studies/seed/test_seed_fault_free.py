@@ -10,7 +10,8 @@ import pytest
 
 from studies import findings as findings_files
 from studies.seed import fault_free
-from studies.seed.fault_free import MODELLED, MOTIONS, SCALES, STUDY, RunSegment, Setting
+from studies.seed.fault_free import MODELLED, SCALES, STUDY, RunSegment, Setting
+from studies.seed.motions import MOTIONS
 from studies.study import Context
 
 
