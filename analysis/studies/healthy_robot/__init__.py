@@ -147,21 +147,40 @@ def _report_lines(log: CameraLog) -> Iterator[Line]:
     """Yield lines over the half that was held back: the camera's measurements, and the middle robot
     with those of most others.
     """
+    thin, robots = log.rows(slice(None, None, EVERY)), tip_error.draw(ROBOTS)
+    true = tip_error.tips_of(thin, robots)
     _, second = tip_error.errors_of(log, log.camera)
-    _, errors = tip_error.predicted(log.rows(slice(None, None, EVERY)), tip_error.draw(ROBOTS))
-    medians, shares = np.median(errors, axis=1), (errors > tip_error.LIMIT_M).mean(axis=1)
-    camera = tip_error.size(second)
-    of = "robots drawn, 10 to 90 % of them"
-    for quantity, unit, value, robots in (
+    _, errors = tip_error.errors_of(thin, true)
+    medians = np.median(errors, axis=1)
+    camera, of = tip_error.size(second), "robots drawn, 10 to 90 % of them"
+    split = float(tip_error.between(log, log.camera))
+    for quantity, unit, value, drawn in (
         (
             "tip error after registration, median, second half",
             "mm",
             1e3 * camera.quantiles[1],
             1e3 * medians,
         ),
-        ("tip errors above 3 mm, second half", "%", 100 * camera.beyond, 100 * shares),
+        (
+            "tip errors above 3 mm, second half",
+            "%",
+            100 * camera.beyond,
+            100 * (errors > tip_error.LIMIT_M).mean(axis=1),
+        ),
+        (
+            "share of the mean square error that is between trajectories, second half",
+            "",
+            split,
+            tip_error.between(thin, true),
+        ),
+        (
+            "95 % quantile of the tip error over its median, second half",
+            "",
+            camera.quantiles[3] / camera.quantiles[1],
+            np.quantile(errors, 0.95, axis=1) / medians,
+        ),
     ):
-        low, middle, high = np.quantile(robots, (BAND[0], 0.5, BAND[1]))
+        low, middle, high = np.quantile(drawn, (BAND[0], 0.5, BAND[1]))
         yield Line(
             quantity, unit, StudyEstimate(value), StudyEstimate(middle, low, high, ROBOTS, of)
         )
@@ -232,6 +251,10 @@ def _explained(log: CameraLog) -> Table:
                 f"{1e3 * float(np.median(one.own[1])):.2f}",
             )
         )
+    first, second = map(tip_error.size, tip_error.quadratic_left(log))
+    medians = (f"{1e3 * one.quantiles[1]:.2f}" for one in (first, second))
+    name = "null: a static quadratic map of the joints"
+    rows.append((name, *medians, f"{100 * second.beyond:.0f}", ""))
     return read_table(NAME, "explained", rows)
 
 

@@ -365,21 +365,36 @@ def _acceptance(
         "stop in the fourth": "the robot stops in the fourth, by the magnitude of the DAC command",
         "cue onsets": "all four have a cue, 0.15 to 0.25 s after their onset",
     }
-    one = StudyEstimate(1, n=1, of="run, Figures 4 and 5")
+    published_run = StudyEstimate(1, n=1, of="run, Figures 4 and 5")
     lines = [
         _count(
             f"runs in which {words}",
             every,
             rules.tests[name],
-            one,
+            published_run,
             "A4" if name in rules.a4 else "A5",
         )
         for name, words in texts.items()
     ]
-    together = _count("runs in which all of A4 holds at once", every, rules.all_of_a4, one, "A4")
+    together = _count(
+        "runs in which all of A4 holds at once", every, rules.all_of_a4, published_run, "A4"
+    )
     words = stop_words(settings, published)
     reason = f"{together.reason}. {words} The limit of the check is not stated"
-    return (dataclasses.replace(together, reason=reason), *lines)
+    jumps = StudyEstimate(
+        sum(
+            len(one.events) == EVENTS
+            and one.events[-1].cut
+            and all(event.jumped for event in one.events)
+            for one in every
+        ),
+        n=len(every),
+        of="runs, jumps by the published code's rule",
+    )
+    four = Line(
+        "runs with four jumps, of which the last ends in the stop", "", published_run, jumps
+    )
+    return (dataclasses.replace(together, reason=reason), *lines, four)
 
 
 def _count(
