@@ -82,7 +82,7 @@ def measure(name: str, row: Row, series: Series) -> Motion:
         cues={mm: onsets(error > mm) for mm in THRESHOLDS_MM},
         peak_mm=float(error.max(initial=0.0)),
         speed=float(np.sqrt((steps**2).sum(axis=1).mean()) * 1e5),
-        clipped=int(row["check_overdrive_count"]) > 0 or stop >= 0,
+        clipped=int(row["check_overdrive_clip_count"]) > 0 or stop >= 0,
     )
 
 
