@@ -59,7 +59,7 @@ def compare(context: Context) -> Findings:
         ("prevalence of E-stops, all cells", "stop"),
         ("jumps without an E-stop, all cells", "missed"),
     ):
-        lines.append(own_line(quantity, "%", attacks.rate(base.share(hit).shares.ravel())))
+        lines.append(own_line(quantity, "%", attacks.rate(base.share(hit).to_numpy().ravel())))
     own = VariantCase(base, "", label=base.name)
     tables = (
         attacks.sensitivity_table(
@@ -114,7 +114,7 @@ def _duration_rows(found: Scenario, published: Published) -> Iterator[tuple[str 
         for kind, name, some, hits in _predictions(found):
             if kind != what:
                 continue
-            percent = 100 * attacks.means(some.value, some.duration, hits).shares.mean(axis=0)
+            percent = 100 * attacks.means(some.value, some.duration, hits).to_numpy().mean(axis=0)
             inside = sum(
                 one.low - MARGIN <= value <= one.high + MARGIN
                 for one, value in zip(intervals, percent, strict=True)
@@ -127,7 +127,7 @@ def _duration_rows(found: Scenario, published: Published) -> Iterator[tuple[str 
 def _value_rows(found: Scenario) -> Iterator[tuple[str | int, ...]]:
     """Yield predicted counts by the injected value, of 80 runs each."""
     columns = [
-        attacks.means(some.value, some.duration, hits).shares.mean(axis=1)
+        attacks.means(some.value, some.duration, hits).to_numpy().mean(axis=1)
         for _, _, some, hits in _predictions(found)
     ]
     values = np.unique(found.base.value)
@@ -166,25 +166,23 @@ def _jumps(
     """
     cells = runs.share("jump")
     for place, duration in enumerate(DURATIONS):
-        predicted = attacks.rate(cells.of(duration))
-        inside = attacks.in_band(predicted.value, bands[place])
+        predicted = attacks.rate(cells[duration].to_numpy())
+        low, high = bands[place]
         yield Line(
-            f"P(jump), {duration} packets; {runs.name}, lever {runs.lever.words}",
+            f"P(jump), {duration} packets; {runs.name}, lever {runs.lever}",
             "%",
             _percent(published, "jump", duration),
             predicted,
             bands[place],
             target,
-            "" if inside else reason(place),
+            "" if low <= predicted.value <= high else reason(place),
         )
 
 
 def _would_fit(cases: Sequence[VariantCase], place: int, band: tuple[float, float]) -> str:
     """Return the answers to an open question that would put this duration into its band."""
     fitting = [(case.name, case.runs.percent(case.hit)[place]) for case in cases]
-    inside = [
-        f"{name} {percent:.0f}" for name, percent in fitting if attacks.in_band(percent, band)
-    ]
+    inside = [f"{name} {percent:.0f}" for name, percent in fitting if band[0] <= percent <= band[1]]
     if not inside:
         return "outside with every single variant"
     return (
@@ -203,7 +201,7 @@ def _bias(runs: VariantRuns, jumps: np.ndarray, published: Published, target: st
     """Apply the sign test of prediction against publication over the durations."""
     sign = attacks.bias(runs.percent("jump"), jumps, 100.0 / published.value("b.runs"))
     return Line(
-        f"bias: p of the sign test over durations; {runs.name}, lever {runs.lever.words}",
+        f"bias: p of the sign test over durations; {runs.name}, lever {runs.lever}",
         "",
         None,
         StudyEstimate(
@@ -225,8 +223,8 @@ def _stops(base: VariantRuns, published: Published) -> Iterator[Line]:
             f"P(E-stop), {duration} packets; {base.name}",
             "%",
             _percent(published, "estop", duration),
-            attacks.rate(cells.of(duration)),
-            reason="" if cells.of(duration).any() else "single stops are noise of the real process",
+            attacks.rate(cells[duration].to_numpy()),
+            reason="" if cells[duration].any() else "single stops are noise of the real process",
         )
 
 

@@ -42,7 +42,7 @@ def compare(context: Context) -> Findings:
     lines = [line for one in main for hit in OUTCOMES for line in _rates(one, hit)]
     for one in main:
         for hit, words in OUTCOMES.items():
-            overall = attacks.rate(one.share(hit).shares.ravel())
+            overall = attacks.rate(one.share(hit).to_numpy().ravel())
             lines.append(own_line(f"{words}, all cells; {one.name}", "%", overall))
     stated = (*attacks.of_attack(base), detector.visible_line(base, found.watched))
     own = VariantCase(base, "", label=base.name)
@@ -71,8 +71,8 @@ def compare(context: Context) -> Findings:
 def _rates(runs: VariantRuns, hit: str) -> Iterator[Line]:
     cells = runs.share(hit)
     for duration in DURATIONS:
-        words = f"{OUTCOMES[hit]}, {duration} packets; {runs.name}, lever {runs.lever.words}"
-        yield own_line(words, "%", attacks.rate(cells.of(duration)))
+        words = f"{OUTCOMES[hit]}, {duration} packets; {runs.name}, lever {runs.lever}"
+        yield own_line(words, "%", attacks.rate(cells[duration].to_numpy()))
 
 
 STUDY = study(NAME, variants=VARIANTS, compare=compare)

@@ -36,12 +36,12 @@ MODELLED = "as modelled"
 
 def by_setting(variants: Iterable[Variant]) -> dict[str, dict[Motion, str]]:
     """Return the variants' names by setting and motion. A name is KIND_SEED, or KIND_SEED_SETTING
-    with underscores for spaces.
+    with underscores for spaces, but in the names of the sets matlab_*.
     """
     settings: dict[str, dict[Motion, str]] = {}
     for one in variants:
         kind, seed, setting = re.fullmatch(r"(\D+)_(\d+)_?(.*)", one.name).groups()
-        words = setting.replace("_", " ") or MODELLED
+        words = re.sub("(?<!matlab)_", " ", setting) or MODELLED
         settings.setdefault(words, {})[kind, int(seed)] = one.name
     return settings
 
