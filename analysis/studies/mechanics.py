@@ -148,7 +148,6 @@ def held_out(log: JointRecording) -> list[TorqueError]:
 
 
 def _predicted(joint: _Joint, fitted: tuple[int, ...], load: float) -> np.ndarray:
-    """Return the predicted torque of the second half."""
     first, columns, fixed = joint.place < 0.5, joint.columns[:, fitted], load * joint.columns[:, 1]
     best, *_ = np.linalg.lstsq(columns[first], (joint.torque - fixed)[first], rcond=None)
     return columns[~first] @ best + fixed[~first]
@@ -205,7 +204,6 @@ def _load(angle: Any, speed: Any, acceleration: Any) -> jax.Array:
 
 
 def _fit(columns: np.ndarray, torque: np.ndarray, stretch: np.ndarray) -> LoadShare:
-    """Fit by least squares, and repeat over resampled stretches."""
     pieces = [stretch == s for s in np.unique(stretch)]
     squares = np.array([columns[p].T @ columns[p] for p in pieces])
     products = np.array([columns[p].T @ torque[p] for p in pieces])
@@ -364,16 +362,12 @@ def compare(context: Context) -> Findings:
 
 
 def _fitted(logged: LoggedRobot, name: str) -> Calibration:
-    """Return the set with its friction and offsets fitted again, starting from the set."""
     return logged.calibrated(
         robot.params(logged.setup, "gold", OURS), select_unknowns(FITTED[name], FITTED_KINDS)
     )
 
 
 def _lines(name: str, judged: Sequence[FollowingError], joints: Sequence[int]) -> Iterator[Line]:
-    """Return the ratio of the virtual robot's following error to the recorded one, joint by
-    joint.
-    """
     log, ours = judged[0].following, judged[1].following
     for j in joints:
         blind = "" if j in FITTED[name] else ", with the friction of the other"
@@ -391,7 +385,6 @@ def _lines(name: str, judged: Sequence[FollowingError], joints: Sequence[int]) -
 def _notes(
     lines: Sequence[Line], judged: Mapping[str, Sequence[FollowingError]]
 ) -> tuple[str, ...]:
-    """Return how many joints are inside the band, also for the authors' law."""
     if not lines:
         return ()
     authors = [
@@ -465,7 +458,6 @@ def _load_note(rows: Sequence[TorqueError]) -> str:
 
 
 def _agreement(scale: Sequence[float]) -> str:
-    """Return which law's number is inside the band."""
     laws = {"statics": transmission.GP42, "authors": 1.0}
     inside = [law for law, number in laws.items() if scale[1] <= number <= scale[2]]
     return " and ".join(inside) if inside else "neither"

@@ -104,7 +104,6 @@ def _predictions(found: Scenario) -> Iterator[tuple[str, str, VariantRuns, np.nd
 
 
 def _duration_rows(found: Scenario, published: Published) -> Iterator[tuple[str | int, ...]]:
-    """Yield published and predicted counts by duration, in the published number of runs."""
     runs = published.value("b.runs")
     for what in ("jump", "estop"):
         counts = [int(published.value(f"b.{what}.{d}ms")) for d in DURATIONS]
@@ -125,7 +124,6 @@ def _duration_rows(found: Scenario, published: Published) -> Iterator[tuple[str 
 
 
 def _value_rows(found: Scenario) -> Iterator[tuple[str | int, ...]]:
-    """Yield predicted counts by the injected value, of 80 runs each."""
     columns = [
         attacks.means(some.value, some.duration, hits).to_numpy().mean(axis=1)
         for _, _, some, hits in _predictions(found)
@@ -137,14 +135,12 @@ def _value_rows(found: Scenario) -> Iterator[tuple[str | int, ...]]:
 
 
 def _counts(published: Published, what: str) -> np.ndarray:
-    """Return published counts in %, by duration."""
     return np.array(
         [100.0 * published.value(f"b.{what}.{d}ms") / published.value("b.runs") for d in DURATIONS]
     )
 
 
 def _percent(published: Published, what: str, duration: int) -> StudyEstimate:
-    """Return a published count in % with its Wilson interval."""
     from ravenjax.stats.intervals import wilson_interval
 
     k, n = published.value(f"b.{what}.{duration}ms"), published.value("b.runs")
@@ -198,7 +194,6 @@ def _counted_inside(runs: VariantRuns) -> Callable[[int], str]:
 
 
 def _bias(runs: VariantRuns, jumps: np.ndarray, published: Published, target: str = "") -> Line:
-    """Apply the sign test of prediction against publication over the durations."""
     sign = attacks.bias(runs.percent("jump"), jumps, 100.0 / published.value("b.runs"))
     return Line(
         f"bias: p of the sign test over durations; {runs.name}, lever {runs.lever}",

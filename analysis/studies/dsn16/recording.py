@@ -384,7 +384,6 @@ def prediction_sentences(part: RecordedStretch, errors: Sequence[HorizonError]) 
 
 
 def _robots(errors: Sequence[HorizonError]) -> dict[tuple[str, str], list[HorizonError]]:
-    """Return the errors of each virtual robot by loop and name, in the order of the table."""
     robots: dict[tuple[str, str], list[HorizonError]] = {}
     for one in errors:
         if not _is_null(one):
@@ -393,7 +392,6 @@ def _robots(errors: Sequence[HorizonError]) -> dict[tuple[str, str], list[Horizo
 
 
 def _nulls(errors: Sequence[HorizonError], beside: HorizonError) -> list[HorizonError]:
-    """Return null models at the same horizon, in the same loop or in none."""
     loops = (beside.loop, NO_LOOP)
     return [
         one

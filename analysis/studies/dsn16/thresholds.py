@@ -76,7 +76,6 @@ def compare(context: Context) -> Findings:
 
 
 def _joined(motions: Sequence[Learned]) -> Learned:
-    """Return the runs of all motions together."""
     return detector.learn(run for motion in motions for run in motion.pooled)
 
 
@@ -92,7 +91,6 @@ class FaultFree(NamedTuple):
 
 
 def _measured(row: int, series: Series) -> FaultFree:
-    """Measure one run."""
     trace, moving = log(series), np.asarray(series["last_seq"]) >= detector.FIRST_PACKET
     error = (series["gold/mpos_d"] - series["gold/mpos"])[moving, :3]
     distance = (
@@ -117,7 +115,6 @@ def tip_steps(found: Log) -> np.ndarray:
 def _spread(
     learned: Mapping[str, Learned], tips: Mapping[str, np.ndarray], published: Published
 ) -> Iterator[Line]:
-    """Return standard deviations of steps, compared with those of the fork's fault-free runs."""
     for name in (name for name in (BASELINE, SECOND) if name in learned):
         for v in ("mpos", "mvel"):
             for j, joint in enumerate(JOINTS):
@@ -211,7 +208,6 @@ def _tracking(runs_of: Mapping[str, Sequence[FaultFree]], published: Published) 
 
 
 def _over(runs: Sequence[FaultFree], joint: int) -> tuple[StudyEstimate, StudyEstimate]:
-    """Return motor error and DAC spread of a joint over runs."""
     return _range([float(one.error[joint]) for one in runs]), _range(
         [float(one.dac[joint]) for one in runs]
     )

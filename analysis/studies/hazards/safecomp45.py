@@ -145,7 +145,6 @@ def _outcome(
 
 
 def _counted(shown: set[str], expected: frozenset[str]) -> frozenset[str]:
-    """Return those of the shown classes that are compared."""
     if "message" in expected or "message" not in shown:
         return frozenset(shown)
     return frozenset(shown - {"message"} or {"none"})

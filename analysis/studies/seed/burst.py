@@ -210,7 +210,6 @@ def ranges(values: Sequence[float], step: float = 50.0) -> str:
 
 
 def _by_value(bursts: Runs) -> list[tuple[float, list[BurstRun]]]:
-    """Return runs of all motions by the value of the fault, in its order."""
     key = operator.attrgetter("value")
     return [
         (value, list(runs)) for value, runs in itertools.groupby(sorted(flat(bursts), key=key), key)
@@ -237,7 +236,6 @@ def constants(bursts: Runs, rules: Criteria) -> Table:
 
 
 def _stops(runs: Sequence[BurstRun]) -> str:
-    """Return how many runs stopped in each burst."""
     stopped = [len(one.events) for one in runs if one.cause]
     return (
         " ".join(str(stopped.count(number)) for number in range(1, EVENTS + 1))
@@ -320,7 +318,6 @@ def compare(context: Context) -> Findings:
 
 
 def _measured(context: Context) -> dict[str, dict[Motion, list[BurstRun]]]:
-    """Return runs by setting and motion, the modelled one first."""
     recorder = Recorder()
     return {
         setting: {motion: _runs(recorder, context, name) for motion, name in names.items()}

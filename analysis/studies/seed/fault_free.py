@@ -175,9 +175,6 @@ def compare(context: Context) -> Findings:
 
 
 def _measured(context: Context) -> dict[str, Setting]:
-    """Return settings by name: the modelled one first, then the campaign's groups, then separate
-    campaigns.
-    """
     recorder = Recorder()
     found: dict[str, dict[Motion, dict[float, RunSegment]]] = {}
     for setting, names in by_setting(VARIANTS).items():
@@ -189,9 +186,6 @@ def _measured(context: Context) -> dict[str, Setting]:
 
 
 def _inside(settings: Mapping[str, Setting], band: tuple[float, float]) -> list[str]:
-    """Return settings other than the modelled one whose mean of all segments is in the band, with
-    this mean.
-    """
     means = {
         name: over_kinds(setting.all_segments()).value
         for name, setting in settings.items()
