@@ -65,7 +65,7 @@ def measure_published_model(seconds: float, steps: int = 20_000) -> list[dict[st
     import jax.numpy as jnp
 
     from ravenjax.numbers.vec import Vec
-    from studies.dsn16 import authors
+    from validation import authors
 
     def advance(start: authors.AuthorsState) -> authors.AuthorsState:
         command = Vec.full(3, jnp.float64(0.0))

@@ -29,6 +29,7 @@ NAMES = {
     "uncertain_robot": "uncertain_robot",
     "detectors": "detectors",
     "haptic_cue": "haptic_cue",
+    "false_cues": "false_cues",
     "hand": "hand",
 }
 """The module of each study, in the order in which studies are listed. Each module defines STUDY."""

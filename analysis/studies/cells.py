@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from ravenjax.report import wording
+from ravenjax.stats.intervals import Estimate
+from studies.study import StudyEstimate
+
+BY_DEFINITION = StudyEstimate(math.nan, of="by definition")
+"""Replaces a number that the definitions alone decide and that is no finding."""
 
 
 def number(value: float | None) -> str:
@@ -54,3 +62,38 @@ def table(columns: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
 def escaped(text: str) -> str:
     """Escape text so that it stays in one cell."""
     return " ".join(text.split()).replace("|", r"\|")
+
+
+# --- cells of a study's tables ---
+
+
+def percent(share: StudyEstimate) -> str:
+    """Write 63.2 % (60.1 to 66.4 %) of 812."""
+    if share.of == BY_DEFINITION.of:
+        return wording.DASH
+    if not share.n:
+        return "no runs"
+    text, low, high = map(wording.format_percent, (share.value, share.low, share.high))
+    ends = f" ({low} to {high})" if np.isfinite(share.low) else ""
+    return f"{text}{ends} of {wording.format_count(share.n)}"
+
+
+def plain(value: StudyEstimate | Estimate) -> str:
+    """Write 12 (10 to 15); a dash if unknown."""
+    if not np.isfinite(value.value):
+        return wording.DASH
+    text, low, high = map(wording.format_number, (value.value, value.low, value.high))
+    return f"{text} ({low} to {high})" if np.isfinite([value.low, value.high]).any() else text
+
+
+def hourly(value: StudyEstimate) -> str:
+    """Write 0.8 (0 to 2.1); 3 in 4.0 h."""
+    return f"{plain(value)}; {wording.format_count(value.n)} in {value.of.rpartition(' in ')[2]}"
+
+
+def quartiles(values: np.ndarray) -> str:
+    """Write the median (first to third quartile)."""
+    if not len(values):
+        return wording.DASH
+    low, middle, high = map(wording.format_number, np.percentile(values, [25, 50, 75]).tolist())
+    return f"{middle} ({low} to {high})"

@@ -104,12 +104,27 @@ class Claim(_Strict):
     numbers: dict[str, Quotation] = {}
 
 
+class Headline(_Strict):
+    """One headline number, and what a reader must know to use it."""
+
+    what: str
+    study: str
+    number: Quotation
+    condition: str
+    robot: str
+    packets: str
+    motion: str
+    null: str  # what a model that knows less gives
+    what_would_change_it: str
+
+
 class _StudyFile(_Strict):
     claim: tuple[Claim, ...]
 
 
 class _ModelFile(_Strict):
     about: tuple[str, ...]  # first paragraphs of the page
+    headline: tuple[Headline, ...]
     evidence: tuple[ModelEvidence, ...]
 
 
@@ -246,6 +261,8 @@ def page(records: Mapping[str, Record], home: str = "") -> str:
         *_model_file().about,
         "## Claims in short",
         cells.table(("claim about", "answer", "influence, consequence"), in_short),
+        "## Headline numbers",
+        cells.table(HEADLINE_COLUMNS, (_headline(one, records) for one in _model_file().headline)),
         "## The model",
         "What several claims rest on. *Bench test* is a comparison with recordings of a robot in a"
         " laboratory, or with published experiments on one.",
@@ -259,6 +276,20 @@ def page(records: Mapping[str, Record], home: str = "") -> str:
                 *_claims(rows, record, home),
             ]
     return "\n\n".join(parts) + "\n"
+
+
+HEADLINE_COLUMNS = (
+    *("number", "value and interval", "independent units", "condition", "robot", "packets"),
+    *("motion", "null", "what would change it"),
+)
+
+
+def _headline(one: Headline, records: Mapping[str, Record]) -> tuple[str, ...]:
+    found = quoted(one.number, records.get(one.study))
+    return (
+        *(one.what, found.text, found.over, one.condition, one.robot, one.packets, one.motion),
+        *(one.null, one.what_would_change_it),
+    )
 
 
 def answers(record: Record) -> list[str]:

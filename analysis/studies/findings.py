@@ -84,7 +84,6 @@ def reproduce(
 
 
 def _provenance(study: Study, folders: Mapping[str, Path]) -> dict[str, Any]:
-    """Return everything that decides a study's findings."""
     records = {name: manifest.read_manifest(folder) for name, folder in folders.items()}
     first = next(iter(records.values()), None)
 

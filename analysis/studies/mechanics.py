@@ -27,9 +27,18 @@ from ravenjax.robots.raven2.plant import nominal, parameter_sets, robot
 from ravenjax.robots.raven2.plant.coupling import N, arm_coupling
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stats.bootstrap.resample import bootstrap
-from studies.dsn16 import authors, recording
+from studies.dsn16 import recording
 from studies.dsn16.recording import ARM, TOOL, JointRecording, motors
-from studies.study import Context, Findings, Line, StudyEstimate, Table, read_notes, study
+from studies.study import (
+    Context,
+    Findings,
+    Line,
+    StudyEstimate,
+    Table,
+    read_notes,
+    read_table,
+    study,
+)
 
 THREE_JOINTS, SEVEN_JOINTS = recording.FILE, "recording_gold_7joints.parquet"
 DATA = recording.DATA
@@ -139,7 +148,6 @@ def held_out(log: JointRecording) -> list[TorqueError]:
 
 
 def _predicted(joint: _Joint, fitted: tuple[int, ...], load: float) -> np.ndarray:
-    """Return the predicted torque of the second half."""
     first, columns, fixed = joint.place < 0.5, joint.columns[:, fitted], load * joint.columns[:, 1]
     best, *_ = np.linalg.lstsq(columns[first], (joint.torque - fixed)[first], rcond=None)
     return columns[~first] @ best + fixed[~first]
@@ -196,7 +204,6 @@ def _load(angle: Any, speed: Any, acceleration: Any) -> jax.Array:
 
 
 def _fit(columns: np.ndarray, torque: np.ndarray, stretch: np.ndarray) -> LoadShare:
-    """Fit by least squares, and repeat over resampled stretches."""
     pieces = [stretch == s for s in np.unique(stretch)]
     squares = np.array([columns[p].T @ columns[p] for p in pieces])
     products = np.array([columns[p].T @ torque[p] for p in pieces])
@@ -216,7 +223,7 @@ def _fit(columns: np.ndarray, torque: np.ndarray, stretch: np.ndarray) -> LoadSh
 
 STATICS_SETUP = RavenSetup(arms=("gold",), precision=REFERENCE)
 COUNTS, LOAD_NM, TICKS = 10_000, 2.0, 1500
-CAPSTAN_M, PULLEY_M = authors.CAPSTAN_M, authors.LINK_RADIUS[0]  # of the shoulder
+CAPSTAN_M, PULLEY_M = 5.675e-3, 63.095e-3  # of the shoulder: two_arm_dyn.cpp
 KP = nominal.KP[0]  # N m per rad of motor, after the gearbox
 
 
@@ -303,7 +310,11 @@ def _run(
     return tension, speed, jpos
 
 
-OURS, AUTHORS = "power_consistent", "traj3"
+NAME, OURS, AUTHORS = "mechanics", "power_consistent", "traj3"
+WRIST = (
+    "the recorded wrist lags more as its recording goes on, also at the same speed; no law that was"
+    " tried reproduces both halves (docs/explanation/mechanics.md)"
+)
 BAND = (0.75, 1.25)
 """Band of agreement: a following error within a quarter of the recorded one."""
 FITTED = {THREE_JOINTS: (0, 1, 2), SEVEN_JOINTS: (3, 4, 5, 6)}
@@ -338,35 +349,25 @@ def compare(context: Context) -> Findings:
         judged = logged.judged(logged.halves[1], robots)
         every[name] = judged
         lines += _lines(name, judged, logged.log.joints)
-        title = f"Following error of {ARMS[name]} on the second half of {name}"
-        printed.append(_table(_tabulate_following(title, judged, logged.log.joints), _FOLLOWING))
-        fitted = _fitted(logged, name)
-        printed.append(
-            _table(
-                tables.tabulate_parameters(f"Fitted to the first half of {name}", fitted),
-                _PARAMETERS,
-            )
-        )
+        printed.append(_tabulate_following(judged, logged.log.joints, name))
+        fitted = tables.tabulate_parameters("", _fitted(logged, name)).cells
+        printed.append(read_table(NAME, "fitted", fitted, name=name))
     missing = [name for name in FITTED if name not in paths]
     absent = (f"Not at hand: {', '.join(missing)}. Set {DATA} to their folder.",) if missing else ()
     return Findings(
         tuple(lines),
         tuple(printed),
-        notes=(*absent, *_notes(lines, every), *ahead, *read_notes("mechanics")),
+        notes=(*absent, *_notes(lines, every), *ahead, *read_notes(NAME)),
     )
 
 
 def _fitted(logged: LoggedRobot, name: str) -> Calibration:
-    """Return the set with its friction and offsets fitted again, starting from the set."""
     return logged.calibrated(
         robot.params(logged.setup, "gold", OURS), select_unknowns(FITTED[name], FITTED_KINDS)
     )
 
 
 def _lines(name: str, judged: Sequence[FollowingError], joints: Sequence[int]) -> Iterator[Line]:
-    """Return the ratio of the virtual robot's following error to the recorded one, joint by
-    joint.
-    """
     log, ours = judged[0].following, judged[1].following
     for j in joints:
         blind = "" if j in FITTED[name] else ", with the friction of the other"
@@ -377,14 +378,13 @@ def _lines(name: str, judged: Sequence[FollowingError], joints: Sequence[int]) -
             StudyEstimate(1.0),
             StudyEstimate(float(ours[j] / log[j])),
             BAND,
-            reason=_REASONS.get((name, j), ""),
+            reason=WRIST if (name, j) == (SEVEN_JOINTS, 4) else "",
         )
 
 
 def _notes(
     lines: Sequence[Line], judged: Mapping[str, Sequence[FollowingError]]
 ) -> tuple[str, ...]:
-    """Return how many joints are inside the band, also for the authors' law."""
     if not lines:
         return ()
     authors = [
@@ -407,26 +407,12 @@ def _notes(
 
 
 def _statics(rows: Sequence[Statics]) -> Table:
-    columns = (
-        "shoulder",
-        "cable on the stop, N",
-        "largest on the way, N",
-        "joint, N m",
-        "fastest motor, rad/s",
-        f"gives way to {LOAD_NM:g} N m, mm at 0.3 m",
-    )
-    cells = tuple(
+    cells = (
         (one.who, *(_plain(x, d) for x, d in zip(one[1:], (0, 0, 1, 0, 2), strict=True)))
         for one in rows
     )
     strength = parameter_sets.parameter_set(OURS).cable_strength[0]
-    note = (
-        f"{COUNTS} counts after the checks press the shoulder on its stop; the largest"
-        " tension on the way depends on the assumed stiffness of the stop. A cable of this size"
-        f" breaks at some {strength:.0f} N. Statics of speed: the supply of 48 V"
-        " by the back EMF. The push of the last column meets a controller with KP of raven2."
-    )
-    return Table("What a sudden command and a push do", columns, cells, note)
+    return read_table(NAME, "statics", cells, strength=strength)
 
 
 def _plain(value: float, digits: int) -> str:
@@ -447,22 +433,7 @@ def _reaction(rows: Sequence[LoadShare]) -> Table:
         )
         for j, (joint, one) in enumerate(zip(JOINTS, rows, strict=False))
     )
-    columns = (
-        "joint",
-        "inertia, 1e-4 kg m2",
-        "catalogue",
-        "links' load, times",
-        "statics; authors",
-        "agrees with",
-        "load's share of the torque",
-    )
-    note = (
-        "Least squares on the recorded torque of the authors' arm while the joint moves, masses as"
-        f" published; in brackets 95 % bands of a bootstrap over {STRETCHES} stretches. A"
-        " load with the wrong sign means that what changes with the pose there is not the modelled"
-        " weight: friction does, or the arm stood otherwise."
-    )
-    return Table("How much of the links' load a recorded motor carries", columns, cells, note)
+    return read_table(NAME, "load", cells)
 
 
 def _load_note(rows: Sequence[TorqueError]) -> str:
@@ -487,7 +458,6 @@ def _load_note(rows: Sequence[TorqueError]) -> str:
 
 
 def _agreement(scale: Sequence[float]) -> str:
-    """Return which law's number is inside the band."""
     laws = {"statics": transmission.GP42, "authors": 1.0}
     inside = [law for law, number in laws.items() if scale[1] <= number <= scale[2]]
     return " and ".join(inside) if inside else "neither"
@@ -498,14 +468,11 @@ def _band(values: Sequence[float]) -> str:
     return f"{value:.2f} ({low:.2f} to {high:.2f})"
 
 
-def _tabulate_following(
-    title: str, rows: Sequence[FollowingError], joints: Sequence[int]
-) -> tables.Rows:
+def _tabulate_following(rows: Sequence[FollowingError], joints: Sequence[int], name: str) -> Table:
     """Return a table of root mean square following errors of the log and of each model, with the
     model's ratio to the log's.
     """
-    log = rows[0].following
-    cells = []
+    log, cells = rows[0].following, []
     for one in rows:
         line = [one.model]
         for j in joints:
@@ -513,35 +480,9 @@ def _tabulate_following(
             error = f"{one.following[j] * unit:.3f}"
             share = f" ({one.following[j] / log[j]:.2f}), off {one.residual[j] * unit:.3f}"
             line.append(error if one is rows[0] else error + share)
-        cells.append(tuple(line))
-    names = (f"{JOINTS[j].replace('_', ' ')}, {tables.UNITS[j]}" for j in joints)
-    return tables.Rows(title, ("rms (times the log's), off by", *names), cells)
+        cells.append(line)
+    names = " | ".join(f"{JOINTS[j].replace('_', ' ')}, {tables.UNITS[j]}" for j in joints)
+    return read_table(NAME, "following", cells, arm=ARMS[name], name=name, joints=names)
 
 
-def _table(rows: tables.Rows, note: str) -> Table:
-    return Table(rows.title, rows.columns, tuple(rows.cells), note)
-
-
-_FOLLOWING = (
-    "Root mean square of measured minus desired joints. The virtual robots are asked for what the"
-    " recorded one was asked for, from the beginning of the recording; in brackets their following"
-    " error by the recorded one, then how far they are off the recording. Bare rotors are motors"
-    " with viscous friction whose cables are all cut."
-)
-_PARAMETERS = (
-    "Before: the set as it stands in the package, itself the rounded result of such a fit. Spread"
-    " left: what the log leaves of what was believed before, by the curvature of the fit; a guide,"
-    " since a real robot differs in more. How motor and joint share their dry friction is not"
-    " asked: both move alike."
-)
-_REASONS = {
-    (
-        SEVEN_JOINTS,
-        4,
-    ): (
-        "the recorded wrist lags more as its recording goes on, also at the same speed; no law that"
-        " was tried reproduces both halves (docs/explanation/mechanics.md)"
-    )
-}
-
-STUDY = study("mechanics", variants=(), compare=compare)
+STUDY = study(NAME, variants=(), compare=compare)

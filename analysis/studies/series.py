@@ -36,7 +36,8 @@ Row = Mapping[str, Any]
 """A row of the result table."""
 
 SIGNALS: dict[str, tuple[Callable[[Any], Any], float]] = {
-    "fault_active": (lambda signals: signals.fault_active[0], 1.0),  # of the first fault slot
+    # Of the first fault slot; absent in a campaign without faults.
+    "fault_active": (lambda signals: signals.fault_active[:1], 1.0),
     "tip": (lambda signals: signals.tip[0], 1.0),  # m, true
     "position": (
         lambda signals: signals.control.arms[0].pos.position_um,
@@ -146,6 +147,8 @@ class _Code:
                 for column, dtype in zip(columns[first : first + len(dtypes)], dtypes, strict=True)
             ]
             first += len(dtypes)
+            if not parts:
+                continue
             values = parts[0] if len(parts) == 1 else np.stack(parts, axis=-1)
             series[name] = values.astype(bool) if dtypes[0].kind == "b" else values * factor
         return series

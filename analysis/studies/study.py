@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,6 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ravenjax.errors import suggest_name
+from ravenjax.stats.intervals import Estimate, Rate
+from studies import kinds
 
 HERE = Path(__file__).parent
 Cell = str | int | float
@@ -82,10 +84,9 @@ def own_line(quantity: str, unit: str, found: StudyEstimate | None) -> Line:
     return Line(quantity, unit, None, found)
 
 
-def table(title: str, rows: Sequence[Mapping[str, Cell]], note: str = "") -> Table:
-    """Return the table of rows by column. All rows have the columns of the first."""
-    columns = tuple(rows[0]) if rows else ()
-    return Table(title, columns, tuple(tuple(row.values()) for row in rows), note)
+def in_percent(found: Estimate | Rate, n: int, of: str) -> StudyEstimate:
+    """Convert a fraction with its interval to percent."""
+    return StudyEstimate(100 * found.value, 100 * found.low, 100 * found.high, n, of)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -141,12 +142,17 @@ def plain(value: Any) -> Any:
 
 
 def read_variants(study: str) -> tuple[Variant, ...]:
-    """Return the variants of `variants/STUDY.toml`, all of one campaign. The first is the
-    baseline.
+    """Return the variants of `variants/STUDY.toml`. The first is the baseline. A row may name
+    another campaign than the file.
     """
     content = tomllib.loads((HERE / "variants" / f"{study}.toml").read_text(encoding="utf-8"))
     return tuple(
-        Variant(row["name"], content["campaign"], tuple(row["overrides"]), row["question"])
+        Variant(
+            row["name"],
+            row.get("campaign", content["campaign"]),
+            tuple(row["overrides"]),
+            row["question"],
+        )
         for row in content["variants"]
     )
 
@@ -158,6 +164,25 @@ def read_notes(study: str, **values: object) -> tuple[str, ...]:
     """
     text = (HERE / "notes" / f"{study}.md").read_text(encoding="utf-8")
     return tuple(part.format(**values) for part in text.strip().split("\n\n"))
+
+
+def read_table(study: str, key: str, rows: Iterable[Sequence[Cell]], **values: object) -> Table:
+    """Return the table that `tables/STUDY.md` describes below `## KEY`, with these rows.
+
+    Paragraphs there: title, columns separated by ` | `, and the note, if any. Names in braces are
+    replaced by these values; `{kinds}` by `kinds.NOTE`. Raises ValueError if a row has another
+    number of cells.
+    """
+    text = (HERE / "tables" / f"{study}.md").read_text(encoding="utf-8")
+    part = next(one for one in text.split("## ") if one.startswith(f"{key}\n"))
+    title, columns, *note = (
+        paragraph.format(kinds=kinds.NOTE, **values)
+        for paragraph in part.partition("\n")[2].strip().split("\n\n")
+    )
+    heads, cells = tuple(columns.split(" | ")), tuple(map(tuple, rows))
+    if any(len(row) != len(heads) for row in cells):
+        raise ValueError(f"{study}, table {key}: a row has not {len(heads)} cells")
+    return Table(title, heads, cells, *note)
 
 
 class Published:

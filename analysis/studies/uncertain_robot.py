@@ -23,38 +23,32 @@ from ravenjax.analyses.search.file import loading
 from ravenjax.campaign.file import bounds
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.report import wording
-from ravenjax.report.data import facts as run_facts
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.declaration import LAYERS
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.stats.bootstrap import units
-from ravenjax.stats.bootstrap.units import Units
 from ravenjax.stats.comparison.clustered import exchange_p
-from ravenjax.stats.intervals import (
-    Estimate,
-    Rate,
-    rate_difference,
-    rates_with_intervals,
-    share_of_cells,
-)
+from ravenjax.stats.intervals import Estimate, Rate, rate_difference, share_of_cells
 from ravenjax.stats.multiplicity import Finding, holm_test
-from ravenjax.store import folder, manifest
-from studies import kinds
-from studies.hazards import severity
+from studies import kinds, runs
 from studies.kinds import difference
 from studies.reacting_operator import rate
 from studies.study import (
+    HERE,
     Context,
     Findings,
     Line,
     StudyEstimate,
     Table,
-    Variant,
+    in_percent,
     own_line,
     read_notes,
+    read_table,
+    read_variants,
     study,
-    table,
 )
+
+NAME = "uncertain_robot"
 
 
 class Uncertain(NamedTuple):
@@ -78,16 +72,6 @@ class Uncertain(NamedTuple):
         """Return the column of the result table."""
         return f"param:{self.path}"
 
-    @property
-    def drawn(self) -> str:
-        """Return the override that draws it for each run."""
-        return f"parameters.{self.path}={self.law}"
-
-    @property
-    def crossed(self) -> str:
-        """Return the override that runs every fault at both ends."""
-        return f"cross.{self.path}=[{self.low:g}, {self.high:g}]"
-
     def values(self, frame: pd.DataFrame) -> np.ndarray:
         """Return its value in each run of a result table."""
         nominal = pd.Series(self.nominal, frame.index)
@@ -96,119 +80,10 @@ class Uncertain(NamedTuple):
         ).to_numpy(float)
 
 
-PARAMETERS = (
-    Uncertain(
-        "plant.friction_scale",
-        "friction",
-        "{loguniform=[0.5, 2]}",
-        0.5,
-        2.0,
-        1.0,
-        "published sets: Coulomb friction of the motors 0.45 to 2 times the base (insertion to 5)",
-    ),
-    Uncertain(
-        "plant.cable_stiffness_scale",
-        "cable stiffness",
-        "{loguniform=[0.5, 2]}",
-        0.5,
-        2.0,
-        1.0,
-        "published sets: elbow 1 to 3 times the base (here 2 is 1); the lower end, for worn cables,"
-        " is assumed",
-    ),
-    Uncertain(
-        "plant.cable_damping.shoulder",
-        "cable damping, shoulder",
-        "{loguniform=[1000, 4000]}",
-        1000.0,
-        4000.0,
-        4000.0,
-        "published sets: 0.25 to 1 times the base",
-    ),
-    Uncertain(
-        "plant.cable_damping.elbow",
-        "cable damping, elbow",
-        "{loguniform=[1380, 4140]}",
-        1380.0,
-        4140.0,
-        1380.0,
-        "published sets: 1 to 3 times the base",
-    ),
-    Uncertain(
-        "plant.cable_damping.insertion",
-        "cable damping, insertion",
-        "{loguniform=[400, 560]}",
-        400.0,
-        560.0,
-        400.0,
-        "published sets: 1 to 1.4 times the base",
-    ),
-    Uncertain(
-        "plant.motor_constant_scale",
-        "motor constant",
-        "{uniform=[0.85, 1.15]}",
-        0.85,
-        1.15,
-        1.0,
-        "published torque a count 0.94 to 1 of this one, gains 0.8 to 1; widened to both sides by"
-        " assumption",
-    ),
-    Uncertain(
-        "plant.mass_scale",
-        "mass of the links",
-        "{uniform=[0.8, 1.2]}",
-        0.8,
-        1.2,
-        1.0,
-        "assumed: tools of different mass, masses from drawings",
-    ),
-    Uncertain(
-        "usb.command_delay",
-        "delay of a command",
-        "{choice=[0, 1, 2, 3]}",
-        0.0,
-        3.0,
-        0.0,
-        "assumed: none as in the authors' simulator, to three frames of 1 ms of full-speed USB",
-    ),
-    Uncertain(
-        "network.cycles_per_packet",
-        "control cycles a packet",
-        "{choice=[1, 2]}",
-        1.0,
-        2.0,
-        1.0,
-        "not told for the published experiments, 1 to 2; on a recorded robot two in 93 of 100",
-    ),
-    Uncertain(
-        "plant.encoder_noise",
-        "encoder noise",
-        "{uniform=[0, 2]}",
-        0.0,
-        2.0,
-        0.0,
-        "assumed: up to two counts; quadrature encoders err by about one",
-    ),
-    Uncertain(
-        "plant.torque_noise",
-        "torque noise",
-        "{uniform=[0, 0.01]}",
-        0.0,
-        0.01,
-        0.0,
-        "assumed: up to an eighth of the elbow motor's Coulomb friction",
-    ),
-    Uncertain(
-        "plant.brakes.engage_ticks",
-        "delay of the brakes",
-        "{choice=[5, 10, 15, 25, 50]}",
-        5.0,
-        50.0,
-        15.0,
-        "assumed: power-off brakes of this size close within 5 to 50 ms",
-    ),
+PARAMETERS = tuple(
+    Uncertain(**row)
+    for row in tomllib.loads((HERE / "published" / f"{NAME}.toml").read_text())["parameter"]
 )
-
 SETS = parameter_sets.PUBLISHED
 """The published sets, with the authors' law of motor and cable."""
 
@@ -242,18 +117,11 @@ class RobotRates(NamedTuple):
     # bool [faults], columns EVENTS, and `kind` and `layer`; index: number of the fault.
     events: pd.DataFrame
 
-    @property
-    def faults(self) -> Units:
-        """Return the kinds of the faults."""
-        return units.group_units(self.events["kind"].to_numpy())
-
     def rate(self, event: str) -> Rate:
         """Return the share of faults with that event, with its interval over kinds of faults."""
-        return units.rate_band(self.events[event].to_numpy(), self.faults)
-
-    def where(self, layer: str) -> RobotRates:
-        """Return the faults of one layer."""
-        return self._replace(events=self.events.loc[self.events["layer"] == layer])
+        return units.rate_band(
+            self.events[event].to_numpy(), units.group_units(self.events["kind"].to_numpy())
+        )
 
 
 class ParameterEffect(NamedTuple):
@@ -269,43 +137,23 @@ class ParameterEffect(NamedTuple):
 
 
 def read(path: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return the result table and events of a folder, for runs with a valid outcome and a fault
-    that changed a bit.
+    """Return the runs of a folder with a valid outcome and a fault that changed a bit: its result
+    table, and EVENTS of each run with the `layer` and `kind` of its fault.
 
-    The table has an additional column `fault`: the number of the campaign's fault, equal in every
-    variant.
+    Both are indexed by the number of the campaign's fault, equal in every variant.
     """
-    frame, header = folder.read_all(path), manifest.read_manifest(path)
-    frame[FAULT_NUMBER] = numbered(frame["pair"].to_numpy())
-    facts = run_facts.derive_from_manifest(frame, header)
-    mask = facts["activated"] & facts["faulty"] & ~facts["failed"]
-    return frame.loc[mask], events(frame.loc[mask], facts.loc[mask])
-
-
-def numbered(pair: np.ndarray) -> np.ndarray:
-    """Number faults by their order in the campaign, from 0, from the column `pair`. Runs of one
-    fault share a number.
-    """
-    return np.unique(pair, return_inverse=True)[1]
-
-
-def events(frame: pd.DataFrame, facts: pd.DataFrame) -> pd.DataFrame:
-    """Return EVENTS of each run, its `layer` and the `kind` of its fault."""
-    warned = (facts["warned_ms"] >= 0) & (facts["warned_ms"] < facts["unintended_ms"])
-    return pd.DataFrame(
-        {
-            "evaded": facts["evaded"],
-            "cue": facts["cued"],
-            "stopped": facts["response"] == "stopped",
-            "unintended": facts["unintended"],
-            "unwarned": facts["unintended"] & ~warned,
-            "loss": facts["loss"],
-            "misreport": facts["misreport"],
-            "jump": facts["jump"],
-            "injury": severity.injury_capable(frame),
-            "layer": facts["layer"],
-            "kind": kinds.names(frame["group"]),
-        }
+    found = runs.read(path)
+    # Runs of one fault share a pair.
+    number = np.unique(found["pair"], return_inverse=True)[1]
+    frame = found.frame.set_axis(pd.Index(number)).loc[runs.changed_a_bit(found)]
+    warned = (frame["warned_ms"] >= 0) & (frame["warned_ms"] < frame["unintended_ms"])
+    same = ["evaded", "unintended", "loss", "misreport", "jump", "injury"]
+    return frame, frame[same].assign(
+        cue=frame["cued"],
+        stopped=frame["response"] == "stopped",
+        unwarned=frame["unintended"] & ~warned,
+        layer=frame["layer"],
+        kind=kinds.names(frame["group"]),
     )
 
 
@@ -316,12 +164,7 @@ def robots_at_ends(
     in both.
     """
     values = parameter.values(frame)
-
-    def at(value: float) -> pd.DataFrame:
-        mine = np.isclose(values, value)
-        return found.loc[mine].set_axis(pd.Index(frame.loc[mine, FAULT_NUMBER]))
-
-    low, high = at(parameter.low), at(parameter.high)
+    low, high = (found.loc[np.isclose(values, end)] for end in (parameter.low, parameter.high))
     both = low.index.intersection(high.index)
     return (
         RobotRates(f"{parameter.words} {parameter.low:g}", low.loc[both]),
@@ -333,20 +176,16 @@ def parameter_effects(
     ends: Mapping[Uncertain, tuple[RobotRates, RobotRates]],
 ) -> list[ParameterEffect]:
     """Return the effect of every parameter on every event."""
-    return [
-        ParameterEffect(
-            event,
-            parameter,
-            low.rate(event),
-            high.rate(event),
-            difference(high.events[event].to_numpy(), low.events[event].to_numpy(), low.faults),
-            exchange_p(
-                high.events[event].to_numpy(), low.events[event].to_numpy(), low.faults.unit
-            ),
-        )
-        for event in EVENTS
-        for parameter, (low, high) in ends.items()
-    ]
+    effects = []
+    for event in EVENTS:
+        for parameter, (low, high) in ends.items():
+            among = units.group_units(low.events["kind"].to_numpy())
+            above, below = (end.events[event].to_numpy() for end in (high, low))
+            gap, p = difference(above, below, among), exchange_p(above, below, among.unit)
+            effects.append(
+                ParameterEffect(event, parameter, low.rate(event), high.rate(event), gap, p)
+            )
+    return effects
 
 
 def holm_findings(p: Sequence[float]) -> list[Finding]:
@@ -354,40 +193,14 @@ def holm_findings(p: Sequence[float]) -> list[Finding]:
     return list(holm_test({str(k): one for k, one in enumerate(p)}).values())
 
 
-class InputLevel(NamedTuple):
-    """Runs of one level of an input: its name, and the input's least and greatest value there."""
-
-    name: str
-    least: float
-    greatest: float
-    rate: Rate
-
-
 class Dependence(NamedTuple):
-    """Whether a rate depends on one input.
+    """Whether the rate of an event depends on one parameter."""
 
-    levels: the lowest, (middle) and highest third of the input. difference: rate in the last level
-    minus rate in the first. p: of independence, NaN if the input or the outcome never varies.
-    adjusted: by Holm over all inputs. depends: adjusted p is below 1 - confidence.
-    """
-
-    name: str
-    n: int  # runs in which the input has a value
-    p: float
-    adjusted: float
-    depends: bool
-    levels: tuple[InputLevel, ...]
-    difference: Estimate
-
-
-def judge(measured: Sequence[Dependence], confidence: float) -> list[Dependence]:
-    """Return the dependences with p adjusted for all of them, clearest first."""
-    findings = holm_test({one.name: one.p for one in measured}, confidence)
-    results = [
-        one._replace(adjusted=findings[one.name].adjusted, depends=findings[one.name].rejected)
-        for one in measured
-    ]
-    return sorted(results, key=lambda one: (np.isnan(one.p), one.p, -abs(one.difference.value)))
+    event: str
+    parameter: Uncertain
+    p: float  # of independence; NaN if the parameter or the event never varies
+    levels: Mapping[str, Rate]  # the lowest, (middle) and highest third of the parameter
+    difference: Estimate  # rate in the last level minus rate in the first
 
 
 def thirds(values: np.ndarray) -> tuple[np.ndarray, list[str]]:
@@ -407,66 +220,41 @@ def thirds(values: np.ndarray) -> tuple[np.ndarray, list[str]]:
     return np.where(low, 0, np.where(high, 2, 1)), ["lowest third", "middle third", "highest third"]
 
 
-def dependences_by_thirds(
-    frame: pd.DataFrame, flags: pd.DataFrame, parameters: Sequence[Uncertain]
-) -> list[tuple[str, Dependence]]:
-    """Return each event by thirds of each parameter, for robots with all parameters drawn; p by
-    Holm over all.
-    """
-    inputs = {one.path: one.values(frame) for one in parameters}
-    tests = [
-        (event, one) for event in EVENTS for one in dependences(flags[event].to_numpy(), inputs)
-    ]
-    findings = holm_findings([one.p for _, one in tests])
-    return [
-        (event, one._replace(adjusted=finding.adjusted, depends=finding.rejected))
-        for (event, one), finding in zip(tests, findings, strict=True)
-    ]
-
-
 def dependences(
-    hit: np.ndarray, inputs: Mapping[str, np.ndarray], confidence: float = 0.95, seed: int = 0
+    frame: pd.DataFrame, flags: pd.DataFrame, parameters: Sequence[Uncertain]
 ) -> list[Dependence]:
-    """Return whether the rate of `hit` (bool [n]) depends on each numeric input [n], clearest
-    first.
+    """Return whether each event depends on each parameter, for robots with all parameters drawn;
+    of one event the clearest first.
 
     Mann-Whitney's test detects a rate that rises or falls. The chi-squared test over thirds detects
     a rate that is worst at both ends or in the middle. p is twice the lesser (Bonferroni). If a
-    third expects fewer than 5 hits or misses, the latter test uses tables drawn with `seed`. Runs
-    are assumed to be independent. A run without a value (NaN) is left out for that input.
+    third expects fewer than 5 hits or misses, the latter test uses drawn tables. Runs are assumed
+    to be independent.
     """
-    outcome = np.asarray(hit).astype(bool)
-    measured = [
-        _measured(name, outcome, np.asarray(values, float), confidence, seed)
-        for name, values in inputs.items()
-    ]
-    return judge(measured, confidence)
+    found = []
+    for event in EVENTS:
+        hit = flags[event].to_numpy(bool)
+        mine = [_dependence(event, one, hit, one.values(frame)) for one in parameters]
+        found += sorted(mine, key=lambda one: (np.isnan(one.p), one.p, -abs(one.difference.value)))
+    return found
 
 
-def _measured(
-    name: str, hit: np.ndarray, values: np.ndarray, confidence: float, seed: int
+def _dependence(
+    event: str, parameter: Uncertain, hit: np.ndarray, values: np.ndarray
 ) -> Dependence:
-    present = ~np.isnan(values)
-    hit, values = hit[present], values[present]
     code, names = thirds(values)
     n = np.bincount(code, minlength=len(names))
-    rate_of = rates_with_intervals(
-        np.bincount(code, hit, minlength=len(names)).astype(int), n, confidence
-    )
-    levels = [
-        InputLevel(label, values[code == i].min(), values[code == i].max(), rate)
-        for i, (label, rate) in enumerate(zip(names, rate_of, strict=True))
-        if rate.n
-    ]
-    p = _p(hit, code[:, None] == np.flatnonzero(n), values, seed)
-    difference = Estimate(np.nan, np.nan, np.nan)
+    k = np.bincount(code, hit, minlength=len(names)).astype(int)
+    levels = {name: share_of_cells(k[i], n[i]) for i, name in enumerate(names) if n[i]}
+    gap = Estimate(np.nan, np.nan, np.nan)
     if len(levels) > 1:
-        first, last = levels[0].rate, levels[-1].rate
-        difference = rate_difference(last.k, last.n, first.k, first.n, confidence)
-    return Dependence(name, len(hit), p, p, False, tuple(levels), difference)
+        first, *_, last = levels.values()
+        gap = rate_difference(last.k, last.n, first.k, first.n, 0.95)
+    p = _p(hit, code[:, None] == np.flatnonzero(n), values)
+    return Dependence(event, parameter, p, levels, gap)
 
 
-def _p(hit: np.ndarray, member: np.ndarray, values: np.ndarray, seed: int) -> float:
+def _p(hit: np.ndarray, member: np.ndarray, values: np.ndarray) -> float:
     """Return p of independence of hit [n] from its level (one-hot [n, levels]) and from the values
     [n].
     """
@@ -478,9 +266,7 @@ def _p(hit: np.ndarray, member: np.ndarray, values: np.ndarray, seed: int) -> fl
         return float("nan")
     sparse = expected_freq(table).min() < FEWEST_EXPECTED
     method = (
-        MonteCarloMethod(n_resamples=TABLES_DRAWN, rng=np.random.default_rng(seed))
-        if sparse
-        else None
+        MonteCarloMethod(n_resamples=TABLES_DRAWN, rng=np.random.default_rng(0)) if sparse else None
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
@@ -514,20 +300,10 @@ def rounding(
     return max(apart, default=math.nan), len(same)
 
 
-class RateRange(NamedTuple):
-    """Lowest and highest rate of an event over robots, and the robots that have them."""
-
-    low: Rate
-    low_robot: str
-    high: Rate
-    high_robot: str
-
-
-def over(listed: Sequence[RobotRates], event: str) -> RateRange:
-    """Return the range for one event."""
+def extremes(listed: Sequence[RobotRates], event: str) -> tuple[tuple[Rate, str], tuple[Rate, str]]:
+    """Return the lowest and the highest rate of an event over robots, each with its robot."""
     rates = [(robot.rate(event), robot.name) for robot in listed]
-    low, high = min(rates, key=lambda one: one[0].value), max(rates, key=lambda one: one[0].value)
-    return RateRange(*low, *high)
+    return min(rates, key=lambda one: one[0].value), max(rates, key=lambda one: one[0].value)
 
 
 def rates_by_layer(listed: Sequence[RobotRates], event: str) -> dict[str, list[Rate]]:
@@ -536,9 +312,9 @@ def rates_by_layer(listed: Sequence[RobotRates], event: str) -> dict[str, list[R
     """
     rates = {}
     for name in LAYERS.values():
-        parts = [robot.events.loc[robot.events["layer"] == name, event] for robot in listed]
-        if all(len(part) for part in parts):
-            rates[name] = [robot.where(name).rate(event) for robot in listed]
+        parts = [RobotRates("", one.events.loc[one.events["layer"] == name]) for one in listed]
+        if all(len(part.events) for part in parts):
+            rates[name] = [part.rate(event) for part in parts]
     return rates
 
 
@@ -577,47 +353,34 @@ class Index(NamedTuple):
 
 
 def find(out: Path, engine: str) -> list[Index]:
-    """Run both searches into folders inside `out`, and return indices of every joint and parameter.
-    Raises UserError.
+    """Run both searches into folders inside `out`, and return indices of every joint and parameter,
+    by joint in their order and by total index, greatest first. Raises UserError.
     """
-    records: dict[str, dict[str, Any]] = {}
-    for name, search in SEARCHES.items():
-        found = runner.run_search(loading.from_dict(_template(search)), out / name, engine).record[
-            "result"
-        ]
-        records[name] = {
-            "results": found["results"],
-            "points": found["points"],
-            "inputs": [one["name"] for one in found["inputs"]],
-        }
-    return indices(records)
-
-
-def indices(records: Mapping[str, Mapping[str, Any]]) -> list[Index]:
-    """Return the indices from the records of both searches, by joint in their order and by total
-    index, greatest first.
-    """
-    by_path = {one.path: one for one in PARAMETERS}
-    morris, sobol = records["morris"], records["sobol"]
-    result = []
+    morris, sobol = (
+        runner.run_search(loading.from_dict(_template(search)), out / name, engine).record["result"]
+        for name, search in SEARCHES.items()
+    )
+    by_path, result = {one.path: one for one in PARAMETERS}, []
+    screened = [one["name"] for one in morris["inputs"]]
     for screen, shares in zip(morris["results"], sobol["results"], strict=True):
         if screen["indices"] is None or shares["indices"] is None:
             continue
-        case = str(screen["case"]["fault0_channel"])
-        mine = [
-            Index(
-                case,
-                by_path[path],
-                float(shares["mean"]),
-                float(shares["deviation"]),
-                _at(screen["indices"]["mu_star"], morris["inputs"].index(path)),
-                float(screen["indices"]["sigma"]["value"][morris["inputs"].index(path)]),
-                _at(shares["indices"]["ST"], place),
-                _at(shares["indices"]["S1"], place),
-                morris["points"] + sobol["points"],
+        mine = []
+        for number, path in enumerate(one["name"] for one in sobol["inputs"]):
+            other = screened.index(path)
+            mine.append(
+                Index(
+                    str(screen["case"]["fault0_channel"]),
+                    by_path[path],
+                    float(shares["mean"]),
+                    float(shares["deviation"]),
+                    _at(screen["indices"]["mu_star"], other),
+                    float(screen["indices"]["sigma"]["value"][other]),
+                    _at(shares["indices"]["ST"], number),
+                    _at(shares["indices"]["S1"], number),
+                    morris["points"] + sobol["points"],
+                )
             )
-            for place, path in enumerate(sobol["inputs"])
-        ]
         result += sorted(mine, key=lambda one: -one.total[0])
     return result
 
@@ -631,15 +394,10 @@ def _template(search: Mapping[str, Any]) -> dict[str, Any]:
             "noise": True,
         },
         "operator": {"motion": "suture", "scale": 0.1, "seed": 1},
-        "parameters": drawn(PARAMETERS),
+        "parameters": {one.path: tomllib.loads(f"law = {one.law}")["law"] for one in PARAMETERS},
         "search": {**search, "outcomes": [OUTCOME]},
         "group": [{"name": "unchecked", "fault": [SEARCHED_FAULT]}],
     }
-
-
-def drawn(parameters: Sequence[Uncertain]) -> dict[str, Any]:
-    """Return a map from path to distribution, in the form of a campaign's table `parameters`."""
-    return {one.path: tomllib.loads(f"law = {one.law}")["law"] for one in parameters}
 
 
 def _at(index: Mapping[str, Sequence[float]], place: int) -> tuple[float, float, float]:
@@ -650,189 +408,87 @@ def _at(index: Mapping[str, Sequence[float]], place: int) -> tuple[float, float,
 NONE = "none of those tried"
 
 
-def parameter_table(listed: Sequence[Uncertain]) -> Table:
-    """Return ranges and their sources."""
-    return table(
-        "What is not known of the robot",
-        [
-            {
-                "parameter": one.words,
-                "path": one.path,
-                "range": f"{one.low:g} to {one.high:g}",
-                "known robot": one.nominal,
-                "unit": one.unit,
-                "drawn": one.law,
-                "where the range comes from": one.source,
-            }
-            for one in listed
-        ],
-    )
+def parameter_rows() -> Iterator[tuple[str, ...]]:
+    """Yield ranges and their sources."""
+    for one in PARAMETERS:
+        span = f"{one.low:g} to {one.high:g}"
+        yield one.words, one.path, span, one.nominal, one.unit, one.law, one.source
 
 
-def conclusion_table(
+def conclusion_rows(
     known: RobotRates,
     listed: Sequence[RobotRates],
     found: Sequence[ParameterEffect],
-    drawn: Sequence[tuple[str, Dependence]],
-    words: Mapping[str, str],
-) -> Table:
-    """Return each conclusion, its range over robots, and what it depends on. `words`: maps a path
-    to the parameter in words.
-    """
-    judged = holm_findings([one.p for one in found])
-    rows = []
+    drawn: Sequence[Dependence],
+) -> Iterator[tuple[str, ...]]:
+    """Yield each conclusion, its range over robots, and what it depends on."""
+    judged, judged_drawn = (holm_findings([one.p for one in part]) for part in (found, drawn))
     for event, words_of in EVENTS.items():
-        span = over(listed, event)
+        (low, low_robot), (high, high_robot) = extremes(listed, event)
         mine = [
-            (one, finding)
+            one
             for one, finding in zip(found, judged, strict=True)
             if one.event == event and finding.rejected
         ]
-        mine.sort(key=lambda item: -abs(item[0].difference.value))
-        alone = [f"{one.parameter.words} ({signed(one.difference.value)})" for one, _ in mine]
-        together = [words[one.name] for name, one in drawn if name == event and one.depends]
-        rows.append(
-            {
-                "share of faults": words_of,
-                "known robot": rate(known.rate(event)),
-                f"lowest and highest of {len(listed)} robots": (
-                    f"{percent(span.low)} to {percent(span.high)}"
-                ),
-                "on which robots": f"{span.low_robot}; {span.high_robot}",
-                "depends on (same faults, one parameter from its low to its high end, points)": (
-                    ", ".join(alone) or NONE
-                ),
-                "depends on (all drawn together, thirds)": ", ".join(together) or NONE,
-            }
+        mine.sort(key=lambda one: -abs(one.difference.value))
+        alone = [f"{one.parameter.words} ({signed(one.difference.value)})" for one in mine]
+        together = [
+            one.parameter.words
+            for one, finding in zip(drawn, judged_drawn, strict=True)
+            if one.event == event and finding.rejected
+        ]
+        yield (
+            *(words_of, rate(known.rate(event)), f"{percent(low)} to {percent(high)}"),
+            *(f"{low_robot}; {high_robot}", ", ".join(alone) or NONE, ", ".join(together) or NONE),
         )
-    return table(
-        "Which conclusions depend on the robot",
-        rows,
-        f"The {len(listed)} robots: the known one, each parameter at each end of its range, the"
-        " published sets; the same faults on all. Depends: p below 0.05 after Holm over all"
-        " conclusions and parameters of that column; on the same faults exact, both ends exchanged"
-        " kind by kind; on drawn robots Mann-Whitney and chi-squared over thirds. That a"
-        " conclusion is not seen to depend on a parameter is no proof: differences below some"
-        f" points do not show among so many kinds of faults. {kinds.NOTE}",
-    )
 
 
-def ends_table(found: Sequence[ParameterEffect]) -> Table:
-    """Return every rate at both ends of every parameter."""
-    judged = holm_findings([one.p for one in found])
-    return table(
-        "One parameter at a time, the same faults",
-        [
-            {
-                "share of faults": EVENTS[one.event],
-                "parameter": (
-                    f"{one.parameter.words}, {one.parameter.low:g} to {one.parameter.high:g}"
-                ),
-                "faults": one.low.n,
-                "at the low end": rate(one.low),
-                "at the high end": rate(one.high),
-                "difference, points": points(one.difference),
-                "p (Holm)": wording.format_number(finding.adjusted, 2),
-            }
-            for one, finding in zip(found, judged, strict=True)
-        ],
-        "Difference: high minus low end, pairs of the same fault and random numbers. p: both ends"
-        " exchanged kind by kind, exact, Holm over the table; – where no fault came out"
-        f" differently. {kinds.NOTE}",
-    )
+def end_rows(found: Sequence[ParameterEffect]) -> Iterator[tuple[str | int, ...]]:
+    """Yield every rate at both ends of every parameter."""
+    for one, finding in zip(found, holm_findings([one.p for one in found]), strict=True):
+        parameter = f"{one.parameter.words}, {one.parameter.low:g} to {one.parameter.high:g}"
+        yield (
+            *(EVENTS[one.event], parameter, one.low.n, rate(one.low), rate(one.high)),
+            *(points(one.difference), wording.format_number(finding.adjusted, 2)),
+        )
 
 
-def thirds_table(drawn: Sequence[tuple[str, Dependence]], words: Mapping[str, str]) -> Table:
-    """Return rates by thirds of each parameter."""
-    rows = []
-    for event, one in drawn:
-        by_level = {
-            level.name: rate(share_of_cells(level.rate.k, level.rate.n)) for level in one.levels
-        }
+def third_rows(drawn: Sequence[Dependence]) -> Iterator[tuple[str, ...]]:
+    """Yield rates by thirds of each parameter."""
+    for one, finding in zip(drawn, holm_findings([one.p for one in drawn]), strict=True):
         cells = [
-            by_level.get(name, wording.DASH)
+            rate(one.levels[name]) if name in one.levels else wording.DASH
             for name in ("lowest third", "middle third", "highest third")
         ]
-        rows.append(
-            (
-                EVENTS[event],
-                words[one.name],
-                *cells,
-                points(one.difference),
-                wording.format_number(one.adjusted, 2),
-            )
-        )
-    return Table(
-        "All parameters drawn together: rates by thirds",
-        (
-            "share of faults",
-            "parameter",
-            "lowest third",
-            "middle third",
-            "highest third",
-            "highest minus lowest, points",
-            "p (Holm)",
-        ),
-        tuple(rows),
-        "Every run has its own fault and its own robot, whose parameters were drawn for it; of the"
-        " difference, 95 %. p: twice the lesser of Mann-Whitney and chi-squared over thirds, Holm"
-        " over the table. A parameter of few values has thirds of unequal size.",
-    )
+        adjusted = wording.format_number(finding.adjusted, 2)
+        words = EVENTS[one.event], one.parameter.words
+        yield *words, *cells, points(one.difference), adjusted
 
 
-def layer_table(listed: Sequence[RobotRates], event: str) -> Table:
-    """Return whether the order of layers depends on the robot."""
+def layer_rows(listed: Sequence[RobotRates], event: str) -> Iterator[tuple[str | int, ...]]:
+    """Yield whether the order of layers depends on the robot."""
     rates_of = rates_by_layer(listed, event)
     places: dict[str, list[int]] = {name: [] for name in rates_of}
     for k in range(len(listed)):
         order = sorted(rates_of, key=lambda name: -rates_of[name][k].value)
         for name in rates_of:
             places[name].append(order.index(name) + 1)
-    return table(
-        f"Does the order of layers depend on the robot? Share of faults with: {EVENTS[event]}",
-        [
-            {
-                "layer": name,
-                "known robot, of the layer's faults": rate(rates[0]),
-                f"lowest of {len(listed)} robots": percent(min(rates, key=lambda one: one.value)),
-                "highest": percent(max(rates, key=lambda one: one.value)),
-                "place on the known robot": places[name][0],
-                "places on all robots": f"{min(places[name])} to {max(places[name])}",
-            }
-            for name, rates in rates_of.items()
-        ],
-        "Place 1 is the layer whose faults do it most often. The first robot is the known one."
-        " Intervals as in the table before: none with fewer than 5 kinds of faults.",
-    )
+    for name, rates in rates_of.items():
+        low, high = (percent(end(rates, key=lambda one: one.value)) for end in (min, max))
+        spread = f"{min(places[name])} to {max(places[name])}"
+        yield name, rate(rates[0]), low, high, places[name][0], spread
 
 
-def sensitivity_table(found: Sequence[Index], outcome: str) -> Table:
-    """Return the table of Morris and Sobol indices."""
-    return table(
-        "What decides how far an unchecked command throws the tip",
-        [
-            {
-                "joint": one.case,
-                "mean ± deviation over robots, mm": (
-                    f"{wording.format_number(one.mean_mm)} ±"
-                    f" {wording.format_number(one.deviation_mm, 2)}"
-                ),
-                "parameter": one.parameter.words,
-                "Sobol, total": number(Estimate(*one.total)),
-                "Sobol, first order": number(Estimate(*one.first)),
-                "Morris, mean |effect|, mm": number(Estimate(*one.effect)),
-                "Morris, deviation, mm": wording.format_number(one.spread, 2),
-                "runs": one.runs,
-            }
-            for one in found
-        ],
-        f"`{outcome}` of 4000 counts added behind every check for 32 ms. Total: share of the"
-        " variance over robots that the parameter causes, alone and together with others. Mean"
-        " |effect|: change over the whole range. 95 %, bootstrap. First orders scatter about 0"
-        " where there is nothing. Totals do not: every run draws its own noise, which no parameter"
-        " explains and every total contains; the delay of the brakes, which close in none of these"
-        " runs, shows how much.",
-    )
+def sensitivity_rows(found: Sequence[Index]) -> Iterator[tuple[str | int, ...]]:
+    """Yield the Morris and Sobol indices."""
+    for one in found:
+        mean, deviation = (
+            wording.format_number(one.mean_mm),
+            wording.format_number(one.deviation_mm, 2),
+        )
+        indices = (number(Estimate(*index)) for index in (one.total, one.first, one.effect))
+        spread = wording.format_number(one.spread, 2)
+        yield one.case, f"{mean} ± {deviation}", one.parameter.words, *indices, spread, one.runs
 
 
 # --- cells ---
@@ -862,76 +518,60 @@ def number(found: Estimate) -> str:
     return value if math.isnan(found.low) else f"{value} ({low} to {high})"
 
 
-CAMPAIGN = "uncertain_robot.toml"
 KNOWN = "known"
 SEEDS = (1, 2, 3)
 """Seeds, each of a separate draw of faults and robots together."""
 LAYER_EVENT = "unintended"
-WORDS = {one.path: one.words for one in PARAMETERS}
 
 
 def compare(context: Context) -> Findings:
     """Compare rates on every robot, with one parameter varied at a time and with all, and find what
     decides how far a fault moves the tip.
     """
-    frame, flags = read(context.folders[KNOWN])
-    base = RobotRates("known robot", flags.set_axis(pd.Index(frame[FAULT_NUMBER])))
-    ends = {one: robots_at_ends(*read(context.folders[_alone(one)]), one) for one in PARAMETERS}
-    sets = [_set(context, name) for name in SETS]
+    folders = context.folders
+    base = RobotRates("known robot", read(folders[KNOWN])[1])
+    ends = {}
+    for one in PARAMETERS:
+        name = "alone_" + one.path.removeprefix("plant.").replace(".", "_")
+        ends[one] = robots_at_ends(*read(folders[name]), one)
+    sets = [RobotRates(f"set {name}", read(folders[f"set_{name}"])[1]) for name in SETS]
     robots = [base, *(robot for pair in ends.values() for robot in pair), *sets]
     effects = parameter_effects(ends)
-    thirds = _thirds(context)
-    decided = find(context.folders[KNOWN].parent.parent / "searches", context.engine)
+    frames, flags = zip(*(read(folders[f"drawn_{seed}"]) for seed in SEEDS), strict=True)
+    thirds = dependences(pd.concat(frames), pd.concat(flags), PARAMETERS)
+    decided = find(folders[KNOWN].parent.parent / "searches", context.engine)
+    count, event = len(robots), EVENTS[LAYER_EVENT]
+    apart, same = rounding(base, ends)
+
+    def table(key: str, rows: Iterator[tuple[Any, ...]], **values: Any) -> Table:
+        return read_table(NAME, key, rows, **values)
+
     return Findings(
         lines=tuple(_lines(base, robots, effects)),
         tables=(
-            conclusion_table(base, robots, effects, thirds, WORDS),
-            layer_table(robots, LAYER_EVENT),
-            parameter_table(PARAMETERS),
-            ends_table(effects),
-            thirds_table(thirds, WORDS),
-            sensitivity_table(decided, OUTCOME),
+            table("conclusions", conclusion_rows(base, robots, effects, thirds), robots=count),
+            table("layers", layer_rows(robots, LAYER_EVENT), robots=count, event=event),
+            table("parameters", parameter_rows()),
+            table("ends", end_rows(effects)),
+            table("thirds", third_rows(thirds)),
+            table("sensitivity", sensitivity_rows(decided), outcome=OUTCOME),
         ),
-        notes=_notes(len(robots), *rounding(base, ends)),
-    )
-
-
-def _alone(parameter: Uncertain) -> str:
-    """Return the variant in which a parameter is at both ends."""
-    return "alone_" + parameter.path.removeprefix("plant.").replace(".", "_")
-
-
-def _set(context: Context, name: str) -> RobotRates:
-    frame, flags = read(context.folders[f"set_{name}"])
-    return RobotRates(f"set {name}", flags.set_axis(pd.Index(frame[FAULT_NUMBER])))
-
-
-def _thirds(context: Context) -> list[tuple[str, Dependence]]:
-    parts = [read(context.folders[f"drawn_{seed}"]) for seed in SEEDS]
-    columns = [one.column for one in PARAMETERS]
-    frame = pd.DataFrame(pd.concat([frame[columns] for frame, _ in parts], ignore_index=True))
-    return dependences_by_thirds(
-        frame, pd.concat([flags for _, flags in parts], ignore_index=True), PARAMETERS
+        notes=read_notes(NAME, robots=count, same=same, rounding=100 * apart),
     )
 
 
 def _lines(
     known: RobotRates, robots: Sequence[RobotRates], effects: Sequence[ParameterEffect]
 ) -> Iterator[Line]:
+    faults = kinds.count(units.group_units(known.events["kind"].to_numpy()))
     for event, words in EVENTS.items():
-        rate = known.rate(event)
-        of = f"faults of this design, {kinds.count(known.faults)}, the known robot"
-        value = StudyEstimate(100 * rate.value, 100 * rate.low, 100 * rate.high, rate.n, of)
-        yield own_line(words, "%", value)
-        span = over(robots, event)
-        many = StudyEstimate(
-            100 * rate.value,
-            100 * span.low.value,
-            100 * span.high.value,
-            len(robots),
-            "robots, extremes",
-        )
-        yield own_line(f"{words}, over robots", "%", many)
+        share = known.rate(event)
+        of = f"faults of this design, {faults}, the known robot"
+        yield own_line(words, "%", in_percent(share, share.n, of))
+        (low, _), (high, _) = extremes(robots, event)
+        span = Estimate(share.value, low.value, high.value)
+        value = in_percent(span, len(robots), "robots, extremes")
+        yield own_line(f"{words}, over robots", "%", value)
     judged = holm_findings([one.p for one in effects])
     for parameter in PARAMETERS:
         depends = [
@@ -941,29 +581,4 @@ def _lines(
         yield own_line(f"conclusions that depend on: {parameter.words}", "", value)
 
 
-def _notes(robots: int, rounding: float, same: int) -> tuple[str, ...]:
-    return read_notes("uncertain_robot", robots=robots, same=same, rounding=100 * rounding)
-
-
-def _variants() -> Iterator[Variant]:
-    yield Variant(KNOWN, CAMPAIGN)
-    for one in PARAMETERS:
-        yield Variant(
-            _alone(one),
-            CAMPAIGN,
-            (one.crossed,),
-            f"{one.words}: {one.low:g} or {one.high:g} {one.unit}".rstrip(),
-        )
-    for name in SETS:
-        yield Variant(
-            f"set_{name}",
-            CAMPAIGN,
-            (f"campaign.parameter_set={name}",),
-            f"the published set {name}",
-        )
-    for seed in SEEDS:
-        overrides = (f"campaign.seed={seed}", *(one.drawn for one in PARAMETERS))
-        yield Variant(f"drawn_{seed}", CAMPAIGN, overrides, f"every run another robot, draw {seed}")
-
-
-STUDY = study("uncertain_robot", variants=tuple(_variants()), compare=compare)
+STUDY = study(NAME, variants=read_variants(NAME), compare=compare)

@@ -30,13 +30,34 @@ import numpy as np
 from scipy.signal import butter, filtfilt
 
 from ravenjax.numbers.vec import Vec
-from ravenjax.robots.raven2.geometry import transmission
+from ravenjax.robots.raven2.geometry import kinematics, transmission
 from ravenjax.robots.raven2.plant import robot
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from studies.dsn16 import authors, recording
-from studies.dsn16.recording import ARM, FILE, JOINTS, SETUP, closed_loop, started, tips
+from studies.dsn16 import recording
+from studies.dsn16.recording import (
+    ARM,
+    FILE,
+    JOINTS,
+    SETUP,
+    TOOL,
+    TOOL_POSE,
+    closed_loop,
+    motors,
+    started,
+)
+from validation import authors
+
+
+def tips(mpos: np.ndarray) -> np.ndarray:
+    """Return the tip (m) of forward-coupled motor angles, with ideal tool joints."""
+
+    def tip(three):
+        jpos = transmission.joint_from_motor(ARM, TOOL, motors(three), "fork2015")
+        return jnp.stack(kinematics.forward_pose(ARM, Vec((*jpos[:3], *TOOL_POSE))).position)
+
+    return np.asarray(jax.jit(jax.vmap(tip))(jnp.asarray(mpos)))
 
 
 def windows(values: np.ndarray, length: int) -> np.ndarray:

@@ -50,48 +50,16 @@ def inside(ended: np.ndarray, start: np.ndarray, duration: np.ndarray) -> np.nda
     )
 
 
-class CellShares(NamedTuple):
-    """The share of runs with an event in each cell."""
-
-    values: np.ndarray  # [V] values of the fault, ascending
-    durations: np.ndarray  # [D] packets, ascending
-    shares: np.ndarray  # [V, D], NaN for a cell without a run
-
-    def of(self, duration: int) -> np.ndarray:
-        """Return the shares of all values held for `duration` packets, [V]. Raises KeyError for an
-        unknown duration.
-        """
-        place = np.flatnonzero(self.durations == duration)
-        if not len(place):
-            raise KeyError(
-                f"no fault lasts {duration} packets; there are {self.durations.tolist()}"
-            )
-        return self.shares[:, place[0]]
-
-    @property
-    def by_size(self) -> np.ndarray:
-        """Return the shares with values in the order of their magnitude, [V, D]."""
-        return self.shares[np.argsort(np.abs(self.values))]
-
-
-def means(value: np.ndarray, duration: np.ndarray, hit: np.ndarray) -> CellShares:
-    """Return the share of runs with `hit` (bool [n]) in each cell of value [n] and duration [n]."""
-    values, row = np.unique(value, return_inverse=True)
-    durations, column = np.unique(duration, return_inverse=True)
-    place, size = row * len(durations) + column, len(values) * len(durations)
-    with np.errstate(invalid="ignore"):
-        shares = np.bincount(place, np.asarray(hit, float), size) / np.bincount(
-            place, minlength=size
-        )
-    return CellShares(values, durations, shares.reshape(len(values), len(durations)))
+def means(value: np.ndarray, duration: np.ndarray, hit: np.ndarray) -> pd.DataFrame:
+    """Return the share of runs with `hit` (bool [n]) in each cell: a row per value of the fault, a
+    column per duration, both ascending.
+    """
+    return pd.Series(np.asarray(hit, float)).groupby([value, duration]).mean().unstack()
 
 
 def rate(cells: np.ndarray) -> StudyEstimate:
-    """Return the mean of the cells' shares [n], in %. Raises ValueError for no cells."""
-    shares = np.asarray(cells, float)
-    if shares.ndim != 1 or not len(shares):
-        raise ValueError(f"a rate over cells needs shares [n], got shape {shares.shape}")
-    return StudyEstimate(100.0 * float(shares.mean()), n=len(shares), of="cells of a fixed grid")
+    """Return the mean of the cells' shares [n], in %."""
+    return StudyEstimate(100.0 * float(cells.mean()), n=len(cells), of="cells of a fixed grid")
 
 
 class Bias(NamedTuple):
@@ -120,44 +88,19 @@ def bias(predicted: np.ndarray, published: np.ndarray, reading_error: float = 0.
     return Bias(above, below, p)
 
 
-def in_band(value: float, band: tuple[float, float]) -> bool:
-    """Return whether a value lies in a band, ends included."""
-    return bool(band[0] <= value <= band[1])
+LEVERS = ("suture_110mm", "suture_145mm", "suture_180mm")
+"""Variants with the stitches of the baseline, and the insertion drawn back at the start."""
 
 
-LEVERS: Mapping[str, tuple[str, ...]] = {
-    f"suture_{lever}mm": (f"operator.start.insertion_m={insertion}",)
-    for lever, insertion in ((110, 0.372), (145, 0.336), (180, 0.300))
-}
-"""Variants by name. They are the stitches of the baseline with the insertion drawn back at the
-start.
-"""
+def lever(config: CampaignConfig, rows: np.ndarray) -> str:
+    """Return the lever of the gold arm's desired tip at these rows of the motion, in words.
 
-
-class Lever(NamedTuple):
-    """Distance of the desired tip from the first axis over some packets, mm."""
-
-    low: float
-    high: float
-
-    @property
-    def words(self) -> str:
-        """Return the lever as a range in words."""
-        return (
-            f"{self.low:.0f} mm"
-            if round(self.low) == round(self.high)
-            else f"{self.low:.0f}-{self.high:.0f} mm"
-        )
-
-
-def lever(config: CampaignConfig, rows: np.ndarray) -> Lever:
-    """Return the lever of the gold arm's desired tip at these rows of the motion, ms.
-
-    The first axis is the z axis of the arm's frame 0.
+    It is the distance from the first axis, which is the z axis of the arm's frame 0.
     """
     tips = desired_tip(config)[np.asarray(rows, int)]
     distance = np.hypot(tips[:, 0], tips[:, 1]) * 1e3
-    return Lever(float(distance.min()), float(distance.max()))
+    low, high = f"{distance.min():.0f}", f"{distance.max():.0f}"
+    return f"{low} mm" if low == high else f"{low}-{high} mm"
 
 
 def desired_tip(config: CampaignConfig) -> np.ndarray:
@@ -253,7 +196,7 @@ class VariantRuns:
 
     name: str
     config: CampaignConfig
-    lever: Lever  # over the packets at which faults start
+    lever: str  # of the desired tip, over the packets at which faults start
     index: np.ndarray  # row of the campaign
     value: np.ndarray  # DAC counts, or displacement in um
     duration: np.ndarray  # packets
@@ -266,13 +209,13 @@ class VariantRuns:
         """Return the same runs with further columns to count."""
         return dataclasses.replace(self, hits={**self.hits, **hits})
 
-    def share(self, hit: str) -> CellShares:
+    def share(self, hit: str) -> pd.DataFrame:
         """Return the share of runs with `hit` in each cell."""
         return means(self.value, self.duration, self.hits[hit])
 
     def percent(self, hit: str) -> np.ndarray:
         """Return the rate over the cells of each duration, in its order."""
-        return 100.0 * self.share(hit).shares.mean(axis=0)
+        return 100.0 * self.share(hit).to_numpy().mean(axis=0)
 
 
 def read_runs(name: str, folder: Path) -> VariantRuns:
@@ -382,10 +325,12 @@ def shifts(case: VariantCase, baseline: VariantRuns, hit: str = "jump") -> tuple
 
     Return NaN and 0 if the two have different numbers of cells.
     """
-    cells, base = case.runs.share(case.hit).by_size, baseline.share(hit).by_size
+    cells, base = case.runs.share(case.hit), baseline.share(hit)
     if cells.shape != base.shape:
         return math.nan, 0
-    return 100.0 * float((cells - base).mean()), int(((cells >= 0.5) != (base >= 0.5)).sum())
+    # Values in the order of their magnitude, as some variants have the other sign.
+    first, second = (one.to_numpy()[np.argsort(np.abs(one.index))] for one in (cells, base))
+    return 100.0 * float((first - second).mean()), int(((first >= 0.5) != (second >= 0.5)).sum())
 
 
 def sensitivity_table(
@@ -426,7 +371,7 @@ def sensitivity_table(
     for case in cases:
         percent = case.runs.percent(case.hit)
         apart, changed = shifts(case, baseline, hit)
-        row: list[str | int | float] = [case.name, case.question, case.runs.lever.words]
+        row: list[str | int | float] = [case.name, case.question, case.runs.lever]
         row += [round(float(p), 1) for p in percent]
         row += [changed, _points(apart)]
         if published is not None:
@@ -437,9 +382,8 @@ def sensitivity_table(
                 round(sign.p, 3),
             ]
         if bands is not None:
-            row += [
-                f"{sum(in_band(p, b) for p, b in zip(percent, bands, strict=True))} of {len(bands)}"
-            ]
+            inside = sum(b[0] <= p <= b[1] for p, b in zip(percent, bands, strict=True))
+            row += [f"{inside} of {len(bands)}"]
         rows.append(tuple(row))
     return Table(title, tuple(heads), tuple(rows), note)
 

@@ -10,7 +10,7 @@ row and the next.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
@@ -23,13 +23,13 @@ from ravenjax.engines.cpu.engine import SimdKernel
 from ravenjax.engines.interface import Block
 from ravenjax.numbers.lazy import jax
 from ravenjax.numbers.vec import Vec
-from ravenjax.robots.raven2.arms import JOINTS as ARM_JOINTS
+from ravenjax.robots.raven2.campaign.config import of_raven
 from ravenjax.robots.raven2.campaign.trace import trace_series
 from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.stats.bootstrap.resample import bootstrap
 from ravenjax.store import manifest
-from studies.dsn16.attacks import VariantRuns, holds
-from studies.study import Line, StudyEstimate, Variant
+from studies.dsn16.attacks import VariantCase, VariantRuns, holds, other_jump_rules, read_runs
+from studies.study import Line, Published, StudyEstimate, Variant
 
 T = TypeVar("T")
 Series = Mapping[str, np.ndarray]
@@ -119,12 +119,6 @@ class Learned(NamedTuple):
         """
         return np.percentile(self.pooled, percent, axis=(0, 1))
 
-    def percentile_of_maxima(self, percent: float) -> np.ndarray:
-        """Return the percentile of the runs' maxima, [3, 3]: the threshold of the published
-        text.
-        """
-        return np.percentile(self.maxima, percent, axis=0)
-
 
 def fault_free(log: Log) -> np.ndarray:
     """Return steps [rows, 3, 3] of a fault-free run after it has begun to move."""
@@ -182,43 +176,22 @@ def maxima_interval(maxima: np.ndarray, percent: float, confidence: float = 0.95
     return StudyEstimate(float(np.percentile(maxima, percent)), low, high, len(maxima), "runs")
 
 
-class RunAlarms(NamedTuple):
-    """Which alarms of a run came, inside the published window and anywhere."""
-
-    # Motor position, motor velocity, joint position, and all three in one row.
-    inside: tuple[bool, bool, bool, bool]
-    anywhere: tuple[bool, bool, bool, bool]
-    first: int  # packets from t1 to the first fused alarm inside the window, -1: none
-
-
-def run_alarms(log: Log, thresholds: np.ndarray, start: int, duration: int) -> RunAlarms:
-    """Return the alarms of one run with a fault in packets `start` to `start + duration - 1`.
-    `thresholds`: [3, 3].
+def run_alarms(log: Log, thresholds: np.ndarray, start: int, duration: int) -> np.ndarray:
+    """Return which alarms of one run come in the published window of a fault in packets `start` to
+    `start + duration - 1`, bool [4]: motor position, motor velocity, joint position, all in one
+    row. `thresholds`: [3, 3].
     """
-    position, velocity, joint = np.any(
-        steps(log) > thresholds, axis=2
-    ).T  # each [rows - 1], true if any joint exceeds its threshold
+    # Each [rows - 1], true if any joint exceeds its threshold.
+    position, velocity, joint = np.any(steps(log) > thresholds, axis=2).T
     velocity = velocity & np.append(velocity[1:], False)
     over = np.stack([position, velocity, joint, position & velocity & joint], axis=1)
+    return over[window(log, start, duration)].any(axis=0)
+
+
+def window(log: Log, start: int, duration: int) -> np.ndarray:
+    """Return the steps of packets t1 to t1 + d + 1, bool [rows - 1]."""
     packet = log.packet[:-1]
-    window = (packet >= start) & (packet <= start + duration + 1)
-    settled = packet >= FIRST_PACKET
-    first = np.flatnonzero(over[:, 3] & window)
-    return RunAlarms(
-        inside=_four(over[window]),
-        anywhere=_four(over[settled]),
-        first=int(packet[first[0]] - start) if len(first) else -1,
-    )
-
-
-def _four(found: np.ndarray) -> tuple[bool, bool, bool, bool]:
-    """Return which columns of bool [rows, 4] are true in any row."""
-    return (
-        bool(found[:, 0].any()),
-        bool(found[:, 1].any()),
-        bool(found[:, 2].any()),
-        bool(found[:, 3].any()),
-    )
+    return (packet >= start) & (packet <= start + duration + 1)
 
 
 TRAINING = (
@@ -239,16 +212,17 @@ TRAINING = (
 
 LEAP_UM = 1000.0
 
-CHOSEN = "99.9 % of all steps"
-"""The threshold for which single numbers are reported."""
+CHOSEN, COMPARED = "99.9 % of all steps", "99.8 % of all steps"
+"""The threshold that statements of the text are counted with, and the one of the published rates:
+the publication names both.
+"""
 
 
 class Watched(NamedTuple):
     """The detector's results for the runs of one variant, in the order of its frame."""
 
-    thresholds: Mapping[str, np.ndarray]  # maps how they were learned to [3, 3]
-    alarms: Mapping[str, Sequence[RunAlarms]]  # for the same keys: alarms of each run
-    # [runs] largest step of motor velocity inside the window, divided by its 99.9 % threshold.
+    alarms: Mapping[str, np.ndarray]  # maps a threshold in words to `run_alarms` [runs, 4]
+    # [runs] largest step of motor velocity inside the window, divided by its CHOSEN threshold.
     largest_mvel: np.ndarray
     # bool [runs]: the reported tip moved more than 1 mm within two packets, the text's definition
     # of a jump.
@@ -267,13 +241,8 @@ def learn_from_folders(folders: Mapping[str, Path]) -> Learned:
 
 
 def thresholds(learned: Learned) -> dict[str, np.ndarray]:
-    """Return the published choices of thresholds, by name, [3, 3] each."""
-    return {
-        "99.8 % of all steps": learned.percentile(99.8),
-        CHOSEN: learned.percentile(99.9),
-        "99.8 % of the runs' maxima": learned.percentile_of_maxima(99.8),
-        "99.9 % of the runs' maxima": learned.percentile_of_maxima(99.9),
-    }
+    """Return CHOSEN and COMPARED, [3, 3] each."""
+    return {name: learned.percentile(float(name.split()[0])) for name in (CHOSEN, COMPARED)}
 
 
 def watch(folder: Path, runs: VariantRuns, thresholds: Mapping[str, np.ndarray]) -> Watched:
@@ -281,21 +250,15 @@ def watch(folder: Path, runs: VariantRuns, thresholds: Mapping[str, np.ndarray])
     columns = (runs.start.tolist(), runs.duration.tolist(), runs.jump_packet.tolist())
     faults = dict(zip(runs.index.tolist(), zip(*columns, strict=True), strict=True))
 
-    def one(row: int, series: Series) -> tuple[list[RunAlarms], float, bool, np.ndarray]:
+    def one(row: int, series: Series) -> tuple[list[np.ndarray], float, bool, np.ndarray]:
         trace, (first, lasts, ended) = log(series), faults[row]
-        inside = (trace.packet[:-1] >= first) & (trace.packet[:-1] <= first + lasts + 1)
-        moved = steps(trace)[inside, 1] / thresholds[CHOSEN][1]
-        verdicts = [run_alarms(trace, threshold, first, lasts) for threshold in thresholds.values()]
-        return verdicts, float(moved.max(initial=0.0)), leaps(trace), jump_steps(trace, ended)
+        moved = steps(trace)[window(trace, first, lasts), 1] / thresholds[CHOSEN][1]
+        alarms = [run_alarms(trace, level, first, lasts) for level in thresholds.values()]
+        return alarms, float(moved.max(initial=0.0)), leaps(trace), jump_steps(trace, ended)
 
-    measured = measure(folder, one, runs.index.tolist())
-    return Watched(
-        thresholds=thresholds,
-        alarms={name: [alarms[k] for alarms, *_ in measured] for k, name in enumerate(thresholds)},
-        largest_mvel=np.array([largest for _, largest, *_ in measured]),
-        leaps=np.array([leapt for *_, leapt, _ in measured]),
-        joints=np.stack([joints for *_, joints in measured]),
-    )
+    alarms, *others = zip(*measure(folder, one, runs.index.tolist()), strict=True)
+    by_threshold = dict(zip(thresholds, np.stack(alarms, axis=1), strict=True))
+    return Watched(by_threshold, *map(np.array, others))
 
 
 def jump_steps(found: Log, ended: int) -> np.ndarray:
@@ -321,54 +284,27 @@ def leaps(found: Log) -> bool:
 POSITIONING = 3
 """Number of joints that the detector observes, from the first on."""
 
-MOVERS = tuple(joint.replace("_", " ") for joint in ARM_JOINTS[:5])
-"""Joints that move the reported tip. The jaws turn about it and do not."""
+KINDS = "joints 1-3 alone", "the tool joints alone", "either", "both together only"
+"""Which joints make the two long steps of a jump."""
 
 
-class JumpJoints(NamedTuple):
-    """What joints do in the two long steps of each run's first jump. The joints of a run without a
-    jump are NaN.
-    """
-
-    # [runs, 5] signed share of the steps' length that each joint makes when it alone moves.
-    shares: np.ndarray
-    # bool [runs]: with tool joints held, both steps still exceed the limit.
-    positioning: np.ndarray
-    tool: np.ndarray  # bool [runs]: the same with joints 1-3 held
-
-    @property
-    def kinds(self) -> tuple[np.ndarray, ...]:
-        """Return bool [runs] for each of KINDS. Runs without a jump are in none."""
-        jumped, first, last = np.isfinite(self.shares[:, 0]), self.positioning, self.tool
-        return (
-            jumped & first & ~last,
-            jumped & last & ~first,
-            jumped & first & last,
-            jumped & ~first & ~last,
-        )
-
-
-def attribute(joints: np.ndarray, limit_mm: float) -> JumpJoints:
-    """Attribute jumps to joints.
+def attribute(joints: np.ndarray, limit_mm: float) -> np.ndarray:
+    """Return which of KINDS each jump is, bool [runs, 4]: what still exceeds the limit if only some
+    joints move. Runs without a jump are none.
 
     `joints`: [runs, 3, 7] (rad, m) of the gold arm, reported in the three packets of a jump.
     `limit_mm`: limit of a step.
     """
     before, after = joints[:, :-1], joints[:, 1:]  # [runs, 2 steps, 7]
-    start = _tip(before)
-    step = _tip(after) - start
-    alone = np.stack(
-        [_tip(_moved(before, after, slice(j, j + 1))) - start for j in range(len(MOVERS))], axis=2
-    )
-    along = (alone * step[:, :, None]).sum(axis=-1) / (step**2).sum(axis=-1)[:, :, None]
 
     def jumps(part: slice) -> np.ndarray:
-        lengths = np.linalg.norm(_tip(_moved(before, after, part)) - start, axis=-1)
+        lengths = np.linalg.norm(_tip(_moved(before, after, part)) - _tip(before), axis=-1)
         return (lengths * 1e3 > limit_mm).all(axis=1)
 
-    return JumpJoints(
-        along.mean(axis=1), jumps(slice(0, POSITIONING)), jumps(slice(POSITIONING, None))
-    )
+    jumped = np.isfinite(joints[:, 0, 0])
+    first, tool = jumps(slice(0, POSITIONING)), jumps(slice(POSITIONING, None))
+    kinds = np.stack([first & ~tool, tool & ~first, first & tool, ~first & ~tool], axis=1)
+    return kinds & jumped[:, None]
 
 
 def _moved(before: np.ndarray, after: np.ndarray, part: slice) -> np.ndarray:
@@ -384,60 +320,72 @@ def _tip(joints: np.ndarray) -> np.ndarray:
     return np.stack([np.asarray(x) for x in position], axis=-1)
 
 
-class Visibility(NamedTuple):
-    """Which alarms of the detector come inside the published window, with the CHOSEN thresholds."""
-
-    fused: np.ndarray  # bool [runs]: all three variables exceed their thresholds in one row
-    one: np.ndarray  # bool [runs]: at least one variable does in some row
-
-    @classmethod
-    def of(cls, watched: Watched) -> Visibility:
-        """Return the visibility from watched runs."""
-        inside = np.array([alarm.inside for alarm in watched.alarms[CHOSEN]], bool).reshape(-1, 4)
-        return cls(inside[:, 3], np.any(inside[:, :3], axis=1))
-
-
-class JumpCase(NamedTuple):
-    """The runs of a variant, the causes of their jumps, and the alarms that were possible."""
-
-    runs: VariantRuns
-    joints: JumpJoints
-    visible: Visibility
-
-
-def jump_case(runs: VariantRuns, watched: Watched, limit_mm: float) -> JumpCase:
-    """Return the case of one variant. `limit_mm`: of a step that counts."""
-    return JumpCase(runs, attribute(watched.joints, limit_mm), Visibility.of(watched))
-
-
-def visible_line(one: JumpCase) -> Line:
+def visible_line(runs: VariantRuns, watched: Watched) -> Line:
     """Return a line on whether the published detector can see most of the predicted jumps. Jumps
     that it cannot see are not in its published score.
     """
-    jumped = np.isfinite(one.joints.shares[:, 0])
-    runs = int(jumped.sum())
-    fused, none = int((jumped & one.visible.fused).sum()), int((jumped & ~one.visible.one).sum())
+    jumped, alarms = runs.jump_packet > 0, watched.alarms[CHOSEN]
+    count, fused = int(jumped.sum()), int((jumped & alarms[:, 3]).sum())
+    none = int((jumped & ~alarms[:, :3].any(axis=1)).sum())
     return holds(
         "the predicted jumps are ones that the published detector can see",
         None,
-        2 * fused > runs,
-        f"counted as: it tells more than half of the {runs} runs that jump; it tells {fused}, and"
+        2 * fused > count,
+        f"counted as: it tells more than half of the {count} runs that jump; it tells {fused}, and"
         f" in {none} none of its variables passes its threshold",
     )
 
 
-def jump_note(cases: Iterable[JumpCase]) -> str:
+def jump_note(runs: VariantRuns, watched: Watched) -> str:
     """Say which joints make the jumps."""
-    return " ".join(_sentence(one) for one in cases)
+    jumped = int((runs.jump_packet > 0).sum())
+    if not jumped:
+        return f"{runs.name}: no run jumps."
+    kinds = attribute(watched.joints, of_raven(runs.config).outcomes.jump_step_mm).sum(axis=0)
+    listed = ", by ".join(f"{kind} {count}" for kind, count in zip(KINDS, kinds, strict=True))
+    return f"{runs.name}: {jumped} of {len(runs.index)} runs jump, by {listed}."
 
 
-def _sentence(one: JumpCase) -> str:
-    jumped = np.isfinite(one.joints.shares[:, 0])
-    runs = int(jumped.sum())
-    if not runs:
-        return f"{one.runs.name}: no run jumps."
-    first, tool, both, neither = (int(kind.sum()) for kind in one.joints.kinds)
-    return (
-        f"{one.runs.name}: {runs} of {len(jumped)} runs jump, by joints 1-3 alone {first}, by the"
-        f" tool joints alone {tool}, by either {both}, by both together only {neither}."
-    )
+class Scenario(NamedTuple):
+    """The runs of a scenario's variants."""
+
+    runs: Mapping[str, VariantRuns]  # the baseline first
+    cases: Sequence[VariantCase]  # the others
+    levels: Mapping[str, np.ndarray]  # the detector's thresholds
+    watched: Watched  # the baseline
+    rules: Sequence[VariantCase]  # the baseline with other rules for a jump
+
+    @property
+    def base(self) -> VariantRuns:
+        """Return the baseline."""
+        return next(iter(self.runs.values()))
+
+
+def read_scenario(variants: Sequence[Variant], folders: Mapping[str, Path]) -> Scenario:
+    """Read those variants that were run."""
+    trained = [one.name for one in TRAINING]
+    mine = [one for one in variants if one.name in folders and one.name not in trained]
+    runs = {one.name: read_runs(one.name, folders[one.name]) for one in mine}
+    levels, first = thresholds(learn_from_folders(folders)), mine[0].name
+    watched = watch(folders[first], runs[first], levels)
+    cases = [VariantCase(runs[one.name], one.question) for one in mine[1:]]
+    rules = other_jump_rules(runs[first], watched.leaps)
+    return Scenario(runs, cases, levels, watched, rules)
+
+
+def rate_rows(
+    scenario: Scenario, published: Published, key: str
+) -> Iterator[tuple[str | float, ...]]:
+    """Yield the published rates of both detectors, %, and the predicted ones: as frozen before
+    anybody compared, and as computed now.
+    """
+    jumped, fused = scenario.base.hits["jump"], scenario.watched.alarms[COMPARED][:, 3]
+    values = {"prevalence": jumped.mean()}
+    for name, told in {"raven": scenario.base.hits["stop"], "model": fused}.items():
+        values[f"{name}.tpr"] = told[jumped].mean()
+        values[f"{name}.fpr"] = told[~jumped].mean()
+        values[f"{name}.acc"] = (told == jumped).mean()
+    for name, value in values.items():
+        row = published.numbers.get(f"{key}.{name}")
+        if row is not None:
+            yield row["what"], row["value"], row["predicted"], round(100 * float(value), 1)

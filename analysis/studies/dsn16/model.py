@@ -108,7 +108,6 @@ def compare(context: Context) -> Findings:
 
 
 def _notes(published: Published, robot: Error, ahead: Sequence[HorizonError]) -> tuple[str, ...]:
-    """Return the largest errors, and whether bare rotors would meet the target."""
     bands = [published.band(f"error.{joint}")[1] for joint in UNITS]
     rotors = [
         one

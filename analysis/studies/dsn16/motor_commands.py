@@ -10,6 +10,7 @@ import numpy as np
 
 from studies.dsn16 import attacks, detector
 from studies.dsn16.attacks import DURATIONS, VariantCase, VariantRuns
+from studies.dsn16.detector import Scenario
 from studies.study import (
     Context,
     Findings,
@@ -18,65 +19,52 @@ from studies.study import (
     StudyEstimate,
     own_line,
     read_notes,
+    read_table,
     read_variants,
     study,
 )
 
-SIGNIFICANT = 0.05
-
-
-BASELINE = "baseline"
-
-
-VARIANTS = (*read_variants("dsn16_b"), *detector.TRAINING)
+NAME, SIGNIFICANT = "dsn16_b", 0.05
+EVERY_CYCLE = "every_cycle"
+IMPULSE = 1.15e5
+"""Counts times packets from which the null model says that the tip jumps."""
+MARGIN = 10.0
+"""Points by which a published Wilson interval is widened, as for A1."""
+VARIANTS = (*read_variants(NAME), *detector.TRAINING)
 """The baseline, every ablation, and the motions from which the detector learns."""
 
 
 def compare(context: Context) -> Findings:
     """Compare published and predicted counts, and show how much each open question matters."""
     published = Published("dsn16")
-    computed = {v.name: v for v in VARIANTS if v.name in context.folders}
-    trained = [v.name for v in detector.TRAINING]
-    runs = {
-        name: attacks.read_runs(name, context.folders[name])
-        for name in computed
-        if name not in trained
-    }
-    base = runs[BASELINE]
+    found = detector.read_scenario(VARIANTS, context.folders)
+    base, runs, cases = found.base, found.runs, found.cases
     jumps, stops = (_counts(published, what) for what in ("jump", "estop"))
     bands = [published.band(f"b.jump.{d}ms") for d in DURATIONS]
-    cases = [
-        VariantCase(one, computed[name].question) for name, one in runs.items() if name != BASELINE
-    ]
-    levels = detector.thresholds(detector.learn_from_folders(context.folders))
-    watched = detector.watch(context.folders[BASELINE], base, levels)
-    rules = attacks.other_jump_rules(base, watched.leaps)
     error = 100.0 / published.value("b.runs")
-    levers = [runs[name] for name in attacks.LEVERS if name in runs]
-    lines = [
-        *_jumps(
-            base,
-            published,
-            bands,
-            lambda place: _would_fit([*cases, *rules], place, bands[place]),
-            "A1",
-        )
-    ]
-    lines.append(_bias(base, jumps, published, "A1"))
-    beside = [*(runs[name] for name in (attacks.DECLARED,) if name in runs), *levers]
-    lines += [
-        line for one in beside for line in _jumps(one, published, bands, _counted_inside(one))
-    ]
+
+    def fitting(place: int) -> str:
+        return _would_fit([*cases, *found.rules], place, bands[place])
+
+    lines = [*_jumps(base, published, bands, fitting, "A1"), _bias(base, jumps, published, "A1")]
+    beside = [runs[name] for name in (attacks.DECLARED, *attacks.LEVERS) if name in runs]
+    for one in beside:
+        lines += _jumps(one, published, bands, _counted_inside(one))
     lines += [_bias(one, jumps, published) for one in beside]
     lines += _stops(base, published)
-    stated = attacks.scenario_b(base, watched.largest_mvel, jumps, stops)
+    stated = attacks.scenario_b(base, found.watched.largest_mvel, jumps, stops)
     lines += stated
-    lines += _blind(base)
-    own = VariantCase(base, "", label=BASELINE)
+    for quantity, hit in (
+        ("prevalence of jumps, all cells", "jump"),
+        ("prevalence of E-stops, all cells", "stop"),
+        ("jumps without an E-stop, all cells", "missed"),
+    ):
+        lines.append(own_line(quantity, "%", attacks.rate(base.share(hit).to_numpy().ravel())))
+    own = VariantCase(base, "", label=base.name)
     tables = (
         attacks.sensitivity_table(
             "P(jump), %, by duration: what each open question is worth",
-            [own, *rules, *cases],
+            [own, *found.rules, *cases],
             base,
             jumps,
             bands,
@@ -85,29 +73,74 @@ def compare(context: Context) -> Findings:
         ),
         attacks.sensitivity_table(
             "P(E-stop), %, by duration",
-            [own._replace(hit="stop"), *(c._replace(hit="stop") for c in cases)],
+            [case._replace(hit="stop") for case in (own, *cases)],
             base,
             stops,
             reading_error=error,
             hit="stop",
         ),
+        read_table(NAME, "durations", _duration_rows(found, published)),
+        *([read_table(NAME, "values", _value_rows(found))] if EVERY_CYCLE in runs else []),
+        read_table(NAME, "rates", detector.rate_rows(found, published, "b")),
     )
-    notes = (
-        attacks.verdict("Scenario B", stated),
-        *read_notes("dsn16_b"),
-    )
+    notes = (attacks.verdict("Scenario B", stated), *read_notes(NAME))
     return Findings(tuple(lines), tables, notes)
 
 
+def null(runs: VariantRuns) -> np.ndarray:
+    """Return which runs jump by their impulse alone, bool [runs]."""
+    size = np.abs([attacks.stored(value) for value in runs.value])
+    return size * runs.duration >= IMPULSE
+
+
+def _predictions(found: Scenario) -> Iterator[tuple[str, str, VariantRuns, np.ndarray]]:
+    """Yield each prediction of a published count: what, by what, runs and their hits."""
+    base, other = found.base, found.runs.get(EVERY_CYCLE)
+    for what, hit in (("jump", "jump"), ("estop", "stop")):
+        yield what, "baseline", base, base.hits[hit]
+        if other is not None:
+            yield what, "a packet in every control cycle", other, other.hits[hit]
+    yield "jump", f"null: {IMPULSE:g} counts times packets or more", base, null(base)
+
+
+def _duration_rows(found: Scenario, published: Published) -> Iterator[tuple[str | int, ...]]:
+    runs = published.value("b.runs")
+    for what in ("jump", "estop"):
+        counts = [int(published.value(f"b.{what}.{d}ms")) for d in DURATIONS]
+        words = "E-stops" if what == "estop" else "jumps"
+        yield words, "published", *counts, sum(counts), "", ""
+        intervals = [_percent(published, what, d) for d in DURATIONS]
+        for kind, name, some, hits in _predictions(found):
+            if kind != what:
+                continue
+            percent = 100 * attacks.means(some.value, some.duration, hits).to_numpy().mean(axis=0)
+            inside = sum(
+                one.low - MARGIN <= value <= one.high + MARGIN
+                for one, value in zip(intervals, percent, strict=True)
+            )
+            shown = [round(float(value) * runs / 100) for value in percent]
+            apart = float(np.mean(np.abs(percent - [one.value for one in intervals])))
+            yield words, name, *shown, sum(shown), f"{inside} of {len(DURATIONS)}", round(apart, 1)
+
+
+def _value_rows(found: Scenario) -> Iterator[tuple[str | int, ...]]:
+    columns = [
+        attacks.means(some.value, some.duration, hits).to_numpy().mean(axis=1)
+        for _, _, some, hits in _predictions(found)
+    ]
+    values = np.unique(found.base.value)
+    runs = len(found.base.index) / len(values)
+    for k, value in enumerate(values):
+        yield f"{value:.0f}", *(round(float(column[k]) * runs) for column in columns)
+
+
 def _counts(published: Published, what: str) -> np.ndarray:
-    """Return published counts in %, by duration."""
     return np.array(
         [100.0 * published.value(f"b.{what}.{d}ms") / published.value("b.runs") for d in DURATIONS]
     )
 
 
 def _percent(published: Published, what: str, duration: int) -> StudyEstimate:
-    """Return a published count in % with its Wilson interval."""
     from ravenjax.stats.intervals import wilson_interval
 
     k, n = published.value(f"b.{what}.{duration}ms"), published.value("b.runs")
@@ -129,25 +162,23 @@ def _jumps(
     """
     cells = runs.share("jump")
     for place, duration in enumerate(DURATIONS):
-        predicted = attacks.rate(cells.of(duration))
-        inside = attacks.in_band(predicted.value, bands[place])
+        predicted = attacks.rate(cells[duration].to_numpy())
+        low, high = bands[place]
         yield Line(
-            f"P(jump), {duration} packets; {runs.name}, lever {runs.lever.words}",
+            f"P(jump), {duration} packets; {runs.name}, lever {runs.lever}",
             "%",
             _percent(published, "jump", duration),
             predicted,
             bands[place],
             target,
-            "" if inside else reason(place),
+            "" if low <= predicted.value <= high else reason(place),
         )
 
 
 def _would_fit(cases: Sequence[VariantCase], place: int, band: tuple[float, float]) -> str:
     """Return the answers to an open question that would put this duration into its band."""
     fitting = [(case.name, case.runs.percent(case.hit)[place]) for case in cases]
-    inside = [
-        f"{name} {percent:.0f}" for name, percent in fitting if attacks.in_band(percent, band)
-    ]
+    inside = [f"{name} {percent:.0f}" for name, percent in fitting if band[0] <= percent <= band[1]]
     if not inside:
         return "outside with every single variant"
     return (
@@ -163,10 +194,9 @@ def _counted_inside(runs: VariantRuns) -> Callable[[int], str]:
 
 
 def _bias(runs: VariantRuns, jumps: np.ndarray, published: Published, target: str = "") -> Line:
-    """Apply the sign test of prediction against publication over the durations."""
     sign = attacks.bias(runs.percent("jump"), jumps, 100.0 / published.value("b.runs"))
     return Line(
-        f"bias: p of the sign test over durations; {runs.name}, lever {runs.lever.words}",
+        f"bias: p of the sign test over durations; {runs.name}, lever {runs.lever}",
         "",
         None,
         StudyEstimate(
@@ -188,21 +218,9 @@ def _stops(base: VariantRuns, published: Published) -> Iterator[Line]:
             f"P(E-stop), {duration} packets; {base.name}",
             "%",
             _percent(published, "estop", duration),
-            attacks.rate(cells.of(duration)),
-            reason="" if cells.of(duration).any() else "single stops are noise of the real process",
+            attacks.rate(cells[duration].to_numpy()),
+            reason="" if cells[duration].any() else "single stops are noise of the real process",
         )
 
 
-def _blind(base: VariantRuns) -> tuple[Line, ...]:
-    """Return the rates whose published values were withheld."""
-    return tuple(
-        own_line(quantity, "%", attacks.rate(base.share(hit).shares.ravel()))
-        for quantity, hit in (
-            ("prevalence of jumps, all cells", "jump"),
-            ("prevalence of E-stops, all cells", "stop"),
-            ("jumps without an E-stop, all cells", "missed"),
-        )
-    )
-
-
-STUDY = study("dsn16_b", variants=VARIANTS, compare=compare)
+STUDY = study(NAME, variants=VARIANTS, compare=compare)

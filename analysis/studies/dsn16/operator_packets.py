@@ -1,103 +1,78 @@
 """Study of scenario A of the targeted attacks (DSN 2016): the operator's packets displaced by D for
 1 to 128 packets.
 
-The counts are predicted blind, because the published ones were withheld on purpose. The statements
-of the publication's text are tested.
+The rates were predicted before the published ones were seen. The statements of the publication's
+text are tested.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ravenjax.robots.raven2.campaign.config import of_raven
 from studies.dsn16 import attacks, detector
 from studies.dsn16.attacks import DURATIONS, VariantCase, VariantRuns
-from studies.study import Context, Findings, Line, own_line, read_notes, read_variants, study
-
-BASELINE = "baseline"
-DRIFT = "drift"
-IDEAL_TOOLS = "ideal_tools"
-WITHHELD = (
-    "Its counts are not in this repository, so that they can be predicted blind: no count is met or"
-    " missed here."
+from studies.study import (
+    Context,
+    Findings,
+    Line,
+    Published,
+    own_line,
+    read_notes,
+    read_table,
+    read_variants,
+    study,
 )
+
+NAME, DRIFT, IDEAL_TOOLS = "dsn16_a", "drift", "ideal_tools"
 OUTCOMES = {"jump": "P(jump)", "stop": "P(E-stop)", "ik": "P(IK reject)"}
 """Counted columns of the runs, and their names in tables."""
-
-
-VARIANTS = (*read_variants("dsn16_a"), *detector.TRAINING)
+VARIANTS = (*read_variants(NAME), *detector.TRAINING)
 """The baseline, every ablation, and the motions from which the detector learns."""
 
 
 def compare(context: Context) -> Findings:
     """Return predictions by displacement and duration, and how much each open question matters."""
-    computed = {v.name: v for v in VARIANTS if v.name in context.folders}
-    trained = [v.name for v in detector.TRAINING]
-    runs = {
-        name: attacks.read_runs(name, context.folders[name])
-        for name in computed
-        if name not in trained
-    }
-    base = runs[BASELINE]
-    cases = [
-        VariantCase(one, computed[name].question) for name, one in runs.items() if name != BASELINE
-    ]
-    levels = detector.thresholds(detector.learn_from_folders(context.folders))
-    watched = {
-        name: detector.watch(context.folders[name], runs[name], levels)
-        for name in (BASELINE, IDEAL_TOOLS)
-        if name in runs
-    }
-    jumps = {
-        name: detector.jump_case(runs[name], one, of_raven(runs[name].config).outcomes.jump_step_mm)
-        for name, one in watched.items()
-    }
+    found = detector.read_scenario(VARIANTS, context.folders)
+    base, runs = found.base, found.runs
+    watched = {base.name: found.watched}
+    if IDEAL_TOOLS in runs:
+        folder = context.folders[IDEAL_TOOLS]
+        watched[IDEAL_TOOLS] = detector.watch(folder, runs[IDEAL_TOOLS], found.levels)
     main = [base, *(runs[name] for name in (DRIFT,) if name in runs)]
     lines = [line for one in main for hit in OUTCOMES for line in _rates(one, hit)]
-    lines += [_overall(one, hit) for one in main for hit in OUTCOMES]
-    stated = (*attacks.of_attack(base), detector.visible_line(jumps[BASELINE]))
-    lines += stated
-    rules = attacks.other_jump_rules(base, watched[BASELINE].leaps)
-    own = VariantCase(base, "", label=BASELINE)
-    tables = (
+    for one in main:
+        for hit, words in OUTCOMES.items():
+            overall = attacks.rate(one.share(hit).to_numpy().ravel())
+            lines.append(own_line(f"{words}, all cells; {one.name}", "%", overall))
+    stated = (*attacks.of_attack(base), detector.visible_line(base, found.watched))
+    own = VariantCase(base, "", label=base.name)
+    tables = [
         attacks.sensitivity_table(
             "P(jump), %, by duration: what each open question is worth",
-            [own, *rules, *cases],
+            [own, *found.rules, *found.cases],
             base,
             note=attacks.SENSITIVITY_NOTE,
-        ),
-        *(
-            attacks.sensitivity_table(
-                f"{OUTCOMES[hit]}, %, by duration",
-                [c._replace(hit=hit) for c in (own, *cases)],
-                base,
-                hit=hit,
-            )
-            for hit in ("stop", "ik")
-        ),
-    )
+        )
+    ]
+    for hit in ("stop", "ik"):
+        cases = [case._replace(hit=hit) for case in (own, *found.cases)]
+        title = f"{OUTCOMES[hit]}, %, by duration"
+        tables.append(attacks.sensitivity_table(title, cases, base, hit=hit))
+    rates = detector.rate_rows(found, Published("dsn16"), "a")
+    tables.append(read_table(NAME, "rates", rates))
     notes = (
-        attacks.verdict("Scenario A", stated) + " " + WITHHELD,
-        detector.jump_note(jumps.values()),
-        *read_notes("dsn16_a"),
+        attacks.verdict("Scenario A", stated),
+        " ".join(detector.jump_note(runs[name], one) for name, one in watched.items()),
+        *read_notes(NAME),
     )
-    return Findings(tuple(lines), tables, notes)
+    return Findings((*lines, *stated), tuple(tables), notes)
 
 
 def _rates(runs: VariantRuns, hit: str) -> Iterator[Line]:
     cells = runs.share(hit)
     for duration in DURATIONS:
-        predicted = attacks.rate(cells.of(duration))
-        yield own_line(
-            f"{OUTCOMES[hit]}, {duration} packets; {runs.name}, lever {runs.lever.words}",
-            "%",
-            predicted,
-        )
+        words = f"{OUTCOMES[hit]}, {duration} packets; {runs.name}, lever {runs.lever}"
+        yield own_line(words, "%", attacks.rate(cells[duration].to_numpy()))
 
 
-def _overall(runs: VariantRuns, hit: str) -> Line:
-    predicted = attacks.rate(runs.share(hit).shares.ravel())
-    return own_line(f"{OUTCOMES[hit]}, all cells; {runs.name}", "%", predicted)
-
-
-STUDY = study("dsn16_a", variants=VARIANTS, compare=compare)
+STUDY = study(NAME, variants=VARIANTS, compare=compare)

@@ -25,7 +25,7 @@ from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.numbers.setup import REFERENCE
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.arms import ArmName
-from ravenjax.robots.raven2.geometry import kinematics, transmission
+from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import robot
 from ravenjax.robots.raven2.setup import RavenSetup
 from studies.study import Table
@@ -166,65 +166,6 @@ def loop(rows: Rows, params: robot.PlantParams, cables: Any = 1.0) -> Run:
         return jax.lax.scan(tick, start, rows)[1]
 
     return run
-
-
-def tips(mpos: np.ndarray) -> np.ndarray:
-    """Return the tip (m) of forward-coupled motor angles, with ideal tool joints."""
-
-    def tip(three):
-        jpos = transmission.joint_from_motor(ARM, TOOL, motors(three), "fork2015")
-        return jnp.stack(kinematics.forward_pose(ARM, Vec((*jpos[:3], *TOOL_POSE))).position)
-
-    return np.asarray(jax.jit(jax.vmap(tip))(jnp.asarray(mpos)))
-
-
-RAD_PER_COUNT = 1.0 / (np.array(transmission.COUNTS_PER_NM[:3]) * KP)
-"""Motor angle of one DAC count: the uncertainty of `JointRecording.asked` due to truncation."""
-
-SAME_COUNTS = 1.02
-"""Two truncated numbers of equal values differ by less than one count. The excess allows for
-printing.
-"""
-
-HALF_WINDOW = 10
-"""Rows on each side over which the speed is averaged, to distinguish a resting hand from a repeated
-packet.
-"""
-
-
-def of_robot(recording: JointRecording, counts_per_ms: float = 5.0) -> np.ndarray:
-    """Return for how many cycles each desired position is repeated while the arm moves, int
-    [packets].
-
-    `counts_per_ms`: least motion of the fastest motor, in RAD_PER_COUNT, at which a step of the
-    hand shows in the DAC.
-    """
-    change = np.diff(recording.asked, axis=0) / RAD_PER_COUNT
-    repeats = np.all(np.abs(change) <= SAME_COUNTS, axis=1)
-    far = np.abs(recording.angle[2 * HALF_WINDOW :] - recording.angle[: -2 * HALF_WINDOW])
-    fast = (far / (2 * HALF_WINDOW * RAD_PER_COUNT)).max(axis=1) > counts_per_ms
-    return run_lengths(repeats, np.pad(fast, HALF_WINDOW))
-
-
-def of_positions(position: np.ndarray, um_per_ms: float = 10.0) -> np.ndarray:
-    """Return the same from desired positions at 1 kHz (um, [T, 3]) while the hand moves faster than
-    `um_per_ms`.
-    """
-    repeats = np.all(np.diff(position, axis=0) == 0, axis=1)
-    far = np.linalg.norm(position[2 * HALF_WINDOW :] - position[: -2 * HALF_WINDOW], axis=1)
-    return run_lengths(repeats, np.pad(far / (2 * HALF_WINDOW) > um_per_ms, HALF_WINDOW))
-
-
-def run_lengths(repeats: np.ndarray, moving: np.ndarray) -> np.ndarray:
-    """Return the rows from one change to the next, int, for runs in which every row is `moving`
-    (bool [T]).
-
-    `repeats`: bool [T - 1], row i + 1 equals row i.
-    """
-    first = np.flatnonzero(~repeats) + 1
-    at_rest = np.concatenate([[0], np.cumsum(~moving)])
-    resting_rows = at_rest[first[1:]] - at_rest[first[:-1]]
-    return np.diff(first)[resting_rows == 0]
 
 
 HORIZONS_MS = (20, 50, 128)
@@ -443,7 +384,6 @@ def prediction_sentences(part: RecordedStretch, errors: Sequence[HorizonError]) 
 
 
 def _robots(errors: Sequence[HorizonError]) -> dict[tuple[str, str], list[HorizonError]]:
-    """Return the errors of each virtual robot by loop and name, in the order of the table."""
     robots: dict[tuple[str, str], list[HorizonError]] = {}
     for one in errors:
         if not _is_null(one):
@@ -452,7 +392,6 @@ def _robots(errors: Sequence[HorizonError]) -> dict[tuple[str, str], list[Horizo
 
 
 def _nulls(errors: Sequence[HorizonError], beside: HorizonError) -> list[HorizonError]:
-    """Return null models at the same horizon, in the same loop or in none."""
     loops = (beside.loop, NO_LOOP)
     return [
         one

@@ -20,11 +20,12 @@ from studies.study import (
     StudyEstimate,
     Table,
     read_notes,
+    read_table,
     read_variants,
     study,
 )
 
-BASELINE = "suture"
+NAME, BASELINE = "dsn16_thresholds", "suture"
 NAMES = {"mpos": "motor position", "mvel": "motor velocity", "jpos": "joint position"}
 """Variables whose steps were published."""
 
@@ -47,7 +48,7 @@ SECOND = "peg_transfer"
 PERCENTILES = (99.8, 99.9)
 
 
-VARIANTS = read_variants("dsn16_thresholds")
+VARIANTS = read_variants(NAME)
 """Two motions of 300 runs, and fewer runs of all others."""
 
 
@@ -64,20 +65,17 @@ def compare(context: Context) -> Findings:
             tips[variant.name] = detector.stacked([one.tip for one in measured])
             runs_of[variant.name] = measured
     both = _joined([learned[name] for name in (BASELINE, SECOND) if name in learned])
-    questions = {variant.name: variant.question for variant in VARIANTS}
     lines = [
         *_spread(learned, tips, published),
         *_largest(learned, published),
         *_integrator(learned, published),
     ]
     lines += _tracking(runs_of, published)
-    title = "What moves fault-free steps and thresholds"
-    tables = [_thresholds(both), _sensitivity(title, learned, tips, questions, published)]
-    return Findings(tuple(lines), tuple(tables), read_notes("dsn16_thresholds"))
+    tables = _thresholds(both), _sensitivity(learned, tips, published)
+    return Findings(tuple(lines), tables, read_notes(NAME))
 
 
 def _joined(motions: Sequence[Learned]) -> Learned:
-    """Return the runs of all motions together."""
     return detector.learn(run for motion in motions for run in motion.pooled)
 
 
@@ -93,7 +91,6 @@ class FaultFree(NamedTuple):
 
 
 def _measured(row: int, series: Series) -> FaultFree:
-    """Measure one run."""
     trace, moving = log(series), np.asarray(series["last_seq"]) >= detector.FIRST_PACKET
     error = (series["gold/mpos_d"] - series["gold/mpos"])[moving, :3]
     distance = (
@@ -118,7 +115,6 @@ def tip_steps(found: Log) -> np.ndarray:
 def _spread(
     learned: Mapping[str, Learned], tips: Mapping[str, np.ndarray], published: Published
 ) -> Iterator[Line]:
-    """Return standard deviations of steps, compared with those of the fork's fault-free runs."""
     for name in (name for name in (BASELINE, SECOND) if name in learned):
         for v in ("mpos", "mvel"):
             for j, joint in enumerate(JOINTS):
@@ -212,7 +208,6 @@ def _tracking(runs_of: Mapping[str, Sequence[FaultFree]], published: Published) 
 
 
 def _over(runs: Sequence[FaultFree], joint: int) -> tuple[StudyEstimate, StudyEstimate]:
-    """Return motor error and DAC spread of a joint over runs."""
     return _range([float(one.error[joint]) for one in runs]), _range(
         [float(one.dac[joint]) for one in runs]
     )
@@ -239,24 +234,9 @@ def _thresholds(learned: Learned) -> Table:
                         f"{text.value / pooled.value:.3f}",
                     )
                 )
-    heads = (
-        "step of",
-        "percentile",
-        "of all steps (the code), 95 % block bootstrap by run",
-        "of the runs' maxima (the text), 95 % order statistics",
-        "median of the runs' maxima",
-        "text / code",
+    return read_table(
+        NAME, "thresholds", rows, runs=len(learned.pooled), first=detector.FIRST_PACKET
     )
-    runs = len(learned.pooled)
-    note = (
-        f"{runs} fault-free runs on two motions, packets from {detector.FIRST_PACKET} on. The"
-        " published values are not known. Runs of one motion differ by torque noise and by how"
-        " long each packet lasts, so the intervals say how well this campaign knows its own"
-        " percentile; two motions are two facts, and the table of sensitivities says how far the"
-        f" choice of motion moves it. An order statistic of {runs} runs has no upper end at these"
-        " percentiles (-)."
-    )
-    return Table("Thresholds, predicted blind", heads, tuple(rows), note)
 
 
 def _shown(estimate: StudyEstimate) -> str:
@@ -265,17 +245,9 @@ def _shown(estimate: StudyEstimate) -> str:
 
 
 def _sensitivity(
-    title: str,
-    learned: Mapping[str, Learned],
-    tips: Mapping[str, np.ndarray],
-    questions: Mapping[str, str],
-    published: Published,
+    learned: Mapping[str, Learned], tips: Mapping[str, np.ndarray], published: Published
 ) -> Table:
-    heads = ["variant", "question", "runs"]
-    heads += [f"sd {NAMES[v]}, {joint}" for v in ("mpos", "mvel") for joint in JOINTS] + [
-        "sd tip, um"
-    ]
-    heads += [f"99.9 % {NAMES[v]}, {joint}" for v in ("mpos", "mvel") for joint in JOINTS]
+    questions = {variant.name: variant.question for variant in VARIANTS}
     reference = [published.value(f"step.{v}.{joint}") for v in ("mpos", "mvel") for joint in JOINTS]
     rows: list[tuple[str | int | float, ...]] = [
         ("published", "", "", *reference, published.value("step.tip"), *("not published",) * 6)
@@ -286,8 +258,7 @@ def _sensitivity(
         level = one.percentile(99.9)[:2].ravel()
         numbers = (float(f"{x:.3g}") for x in (*spread, tip, *level))
         rows.append((name, questions[name], len(one.pooled), *numbers))
-    note = "Standard deviations of signed steps about 0, rad, rad/s and um a packet."
-    return Table(title, tuple(heads), tuple(rows), note)
+    return read_table(NAME, "sensitivity", rows)
 
 
-STUDY = study("dsn16_thresholds", variants=VARIANTS, compare=compare)
+STUDY = study(NAME, variants=VARIANTS, compare=compare)

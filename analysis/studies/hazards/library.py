@@ -13,7 +13,6 @@ import pandas as pd
 from ravenjax.hazards import expansion, library
 from ravenjax.hazards.library import Hazard
 from ravenjax.report import wording
-from ravenjax.stats.bootstrap.units import FEW, FEWEST
 from ravenjax.stats.intervals import Estimate
 from ravenjax.store import folder
 from studies.hazards import maude, risk, safecomp45
@@ -25,15 +24,14 @@ from studies.study import (
     Line,
     Published,
     StudyEstimate,
-    Table,
     Variant,
     own_line,
     read_notes,
+    read_table,
     study,
-    table,
 )
 
-BASELINE = "library"
+NAME, BASELINE = "hazard_library", "library"
 MANIFEST: dict[str, tuple[str, ...]] = {
     "network": ("C01", "C02", "C03", "C05", "C06", "C07", "C08"),
     "get_usb": ("B01", "B02", "B03", "B23"),
@@ -50,17 +48,22 @@ def compare(context: Context) -> Findings:
     """Compare every row of the library, and its risk."""
     frame = folder.read_all(context.folders[BASELINE])
     outcomes = safecomp45.hazard_outcomes(frame)
-    counts = risk.counts(frame)
+    values = {one.hazard.id: documented(frame, one.hazard) for one in outcomes}
+    fields = ("id", "layer", "title", "source", "expected", "documented_only")
+    unrun = [
+        [getattr(row, field) for field in fields]
+        for row in library.all_hazards()
+        if not row.runnable
+    ]
+    risks = report_risk(risk.counts(frame))
     return Findings(
-        lines=tuple(_lines(outcomes, Published("hazard_library"))),
+        lines=tuple(_lines(outcomes, Published(NAME))),
         tables=(
-            row_table(outcomes, {one.hazard.id: documented(frame, one.hazard) for one in outcomes}),
-            documented_only_table(),
-            pool_table(
-                "Risk by category of adverse event reports", report_risk(counts), maude.CAVEAT
-            ),
+            read_table(NAME, "rows", row_rows(outcomes, values)),
+            read_table(NAME, "documented", unrun),
+            read_table(NAME, "risk", map(pool_row, risks), caveat=maude.CAVEAT),
         ),
-        notes=read_notes("hazard_library"),
+        notes=read_notes(NAME),
     )
 
 
@@ -96,77 +99,28 @@ def documented(frame: pd.DataFrame, row: Hazard) -> tuple[int, int]:
     return inside, total
 
 
-def row_table(found: Sequence[HazardOutcome], values: dict[str, tuple[int, int]]) -> Table:
-    """Return one line per row that is run."""
-    return table(
-        "Every hazard that is run",
-        [
-            {
-                "hazard": one.hazard.id,
-                "layer": one.hazard.layer,
-                "what": one.hazard.title,
-                "source": one.hazard.source,
-                "runs": one.runs,
-                "activated": one.activated,
-                "values as documented": "{} of {}".format(*values[one.hazard.id]),
-                "values against normal": normal(one.hazard),
-                "expected classes": ", ".join(one.hazard.expected_class),
-                "predicted classes (runs)": one.said,
-                "verdict": one.verdict,
-                "why": one.reason,
-            }
-            for one in found
-            if one.verdict != NOT_SIMULATED
-        ],
-        "Activated: runs in which the fault changed a bit of a signal; a value that is what the"
-        " signal has anyway does not. Values against normal: where the struck signal may lie,"
-        " beside its measured fault-free range. Where no outcome was published, the classes are"
-        " what was to be expected.",
-    )
+def row_rows(
+    found: Sequence[HazardOutcome], values: dict[str, tuple[int, int]]
+) -> Iterator[tuple[str | int, ...]]:
+    """Yield one line per row of the library that is run."""
+    for one in found:
+        row = one.hazard
+        if one.verdict != NOT_SIMULATED:
+            yield (
+                *(row.id, row.layer, row.title, row.source, one.runs, one.activated),
+                *("{} of {}".format(*values[row.id]), normal(row), ", ".join(row.expected_class)),
+                *(one.said, one.verdict, one.reason),
+            )
 
 
-def documented_only_table() -> Table:
-    """Return the rows that cannot be run, with the reason."""
-    return table(
-        "Documented only",
-        [
-            {
-                "hazard": row.id,
-                "layer": row.layer,
-                "what": row.title,
-                "source": row.source,
-                "published outcome": row.expected,
-                "why it is not run": row.documented_only,
-            }
-            for row in library.all_hazards()
-            if not row.runnable
-        ],
-    )
-
-
-def pool_table(title: str, rows: Sequence[PoolRisk], caveat: str = "") -> Table:
-    """Return the risk of classes or categories. One without a simulated hazard is listed as
-    such.
-    """
-    return table(
-        title,
-        [
-            {
-                "class": row.pool.name,
-                "meaning": row.pool.meaning,
-                "hazards": ", ".join(dict.fromkeys(row.pool.hazards)) or NOT_SIMULATED,
-                "weight": ""
-                if math.isnan(row.pool.weight)
-                else wording.format_percent(row.pool.weight),
-                "mean severity": "" if math.isnan(row.mean) else round(row.mean, 2),
-                "injury-capable": _mean(row.injury),
-                "no alarm": _mean(row.silent),
-            }
-            for row in rows
-        ],
-        f"{caveat} The hazards of a class count alike. Intervals, 95 %: bootstrap over hazards,"
-        f" which are what was chosen; none with fewer than {FEWEST} of them, and too narrow with"
-        f" fewer than {FEW}.".strip(),
+def pool_row(one: PoolRisk) -> tuple[str | float, ...]:
+    """Return the risk of a category. One without a simulated hazard is listed as such."""
+    pool = one.pool
+    return (
+        *(pool.name, pool.meaning, ", ".join(dict.fromkeys(pool.hazards)) or NOT_SIMULATED),
+        "" if math.isnan(pool.weight) else wording.format_percent(pool.weight),
+        "" if math.isnan(one.mean) else round(one.mean, 2),
+        *map(_mean, (one.injury, one.silent)),
     )
 
 
@@ -240,6 +194,4 @@ def _mean(mean: Estimate | None) -> str:
     )
 
 
-STUDY = study(
-    "hazard_library", variants=(Variant(BASELINE, "hazard_library.toml"),), compare=compare
-)
+STUDY = study(NAME, (Variant(BASELINE, "hazard_library.toml"),), compare)

@@ -8,7 +8,8 @@ published. Equal sets `agree`; sets with a class in common agree `partly`; other
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import pandas as pd
@@ -25,9 +26,9 @@ from studies.study import (
     Line,
     Published,
     StudyEstimate,
-    Table,
-    Variant,
     read_notes,
+    read_table,
+    read_variants,
     study,
 )
 
@@ -48,10 +49,8 @@ class HazardOutcome:
     activated: int
     failed: int
     counts: Mapping[str, int]  # maps a class to the activated, valid runs that have it
-    fitting: (
-        # Activated, valid runs with a published class and no other; 0 if none is published.
-        int
-    )
+    # Activated, valid runs with a published class and no other; 0 if none is published.
+    fitting: int
     without_effect: int  # activated, valid runs of class `none`, or of `message` alone
     seen_share: float = SEEN_SHARE
 
@@ -146,13 +145,12 @@ def _outcome(
 
 
 def _counted(shown: set[str], expected: frozenset[str]) -> frozenset[str]:
-    """Return those of the shown classes that are compared."""
     if "message" in expected or "message" not in shown:
         return frozenset(shown)
     return frozenset(shown - {"message"} or {"none"})
 
 
-CAMPAIGN = "safecomp45.toml"
+NAME = "safecomp45"
 BASELINE = "list"
 LENGTHS = ("every_cycle", "draws_2")
 """Variants with another length of packets, and with other draws of it."""
@@ -187,10 +185,27 @@ def compare(context: Context) -> Findings:
     baseline = outcomes[BASELINE]
     for words, rule in OTHER_RULES.items():
         outcomes[f"{BASELINE}, {words}"] = hazard_outcomes(frames[BASELINE], listed, **rule)
+    agreed = [
+        f"{name} {sum(one.verdict == AGREE for one in outcomes[name])}"
+        for name in (BASELINE, *LENGTHS)
+    ]
+    missing = [
+        f"INJ {number_of(one.hazard)} ({one.hazard.id})"
+        for one in baseline
+        if one.verdict == NOT_SIMULATED
+    ]
+    notes = read_notes(
+        NAME, missing=", ".join(missing), first_plc=FIRST_PLC, agreed=", ".join(agreed)
+    )
+    if failed := sum(one.failed for one in baseline):
+        notes = (*notes, f"{failed} runs gave no valid outcome and are in no count.")
     return Findings(
         lines=(*_agreement_lines(baseline), *_total_lines(frames[BASELINE], baseline, published)),
-        tables=(row_table(baseline), verdict_table(outcomes)),
-        notes=(*_notes(baseline), _packets_note(outcomes)),
+        tables=(
+            read_table(NAME, "rows", map(_row, baseline)),
+            read_table(NAME, "verdicts", verdict_rows(outcomes)),
+        ),
+        notes=notes,
     )
 
 
@@ -207,53 +222,18 @@ def number_of(row: Hazard) -> int:
     return int(row.source.removeprefix("INJ "))
 
 
-def row_table(found: Sequence[HazardOutcome]) -> Table:
-    """Return one line per row of the list."""
-    return Table(
-        "The 45 rows, published and predicted",
-        (
-            "INJ",
-            "hazard",
-            "what",
-            "values against normal",
-            "published outcome",
-            "published, of",
-            "published classes",
-            "activated, of",
-            "predicted classes (runs)",
-            "runs that fit",
-            "verdict",
-            "why",
-        ),
-        tuple(_row(outcome) for outcome in found),
-        "Several classes can hold for a run. Published, of: injections with an effect on the robot,"
-        " of those injected; some numbers are of several rows together, as the outcome's words say."
-        " Activated: runs in which the fault changed a bit. Fit: runs with a published class and no"
-        " other. Values against normal: where the struck signal may lie, beside its measured"
-        " fault-free range.",
-    )
-
-
-def verdict_table(found: dict[str, list[HazardOutcome]]) -> Table:
-    """Return how many rows have each verdict in each variant, and which rows change theirs."""
+def verdict_rows(found: dict[str, list[HazardOutcome]]) -> Iterator[tuple[str | int, ...]]:
+    """Yield how many rows have each verdict in each variant, and which rows change theirs."""
     baseline = {one.hazard.id: one.verdict for one in found[BASELINE]}
-    rows = []
     for name, outcomes in found.items():
-        counts = [
-            sum(one.verdict == verdict for one in outcomes)
-            for verdict in (AGREE, PARTLY, DIFFER, NOT_SIMULATED)
-        ]
+        counts = Counter(one.verdict for one in outcomes)
         changed = [
             f"{one.hazard.id} {one.verdict}"
             for one in outcomes
             if one.verdict != baseline[one.hazard.id]
         ]
-        rows.append((name, *counts, ", ".join(changed)))
-    return Table(
-        "Rows by verdict",
-        ("campaign", AGREE, PARTLY, DIFFER, NOT_SIMULATED, "other verdict than list"),
-        tuple(rows),
-    )
+        listed = (counts[verdict] for verdict in (AGREE, PARTLY, DIFFER, NOT_SIMULATED))
+        yield name, *listed, ", ".join(changed)
 
 
 def normal(row: Hazard) -> str:
@@ -380,63 +360,4 @@ def _total_lines(
     )
 
 
-def _notes(found: Sequence[HazardOutcome]) -> tuple[str, ...]:
-    missing = [
-        f"INJ {number_of(one.hazard)} ({one.hazard.id})"
-        for one in found
-        if one.verdict == NOT_SIMULATED
-    ]
-    failed = sum(one.failed for one in found)
-    return (
-        *read_notes("safecomp45", missing=", ".join(missing), first_plc=FIRST_PLC),
-        *([f"{failed} runs gave no valid outcome and are in no count."] if failed else []),
-    )
-
-
-def _packets_note(found: Mapping[str, Sequence[HazardOutcome]]) -> str:
-    """Say what depends on the length of packets."""
-    agreed = {
-        name: sum(one.verdict == AGREE for one in found[name])
-        for name in (BASELINE, *LENGTHS)
-        if name in found
-    }
-    return (
-        "How long a packet lasted is not told; packets last as on a recorded arm, while the hand"
-        " keeps its speed. Rows that agree:"
-        f" {', '.join(f'{name} {count}' for name, count in agreed.items())}."
-    )
-
-
-STUDY = study(
-    "safecomp45",
-    variants=(
-        Variant(BASELINE, CAMPAIGN),
-        Variant(
-            "present_limits",
-            CAMPAIGN,
-            ("campaign.level=moderate", "parameters.control.overdrive.max_inst_dac=20000"),
-            "Which overdrive limits? Those of the present raven2, not those of the years of the"
-            " experiments.",
-        ),
-        Variant(
-            "palpation",
-            CAMPAIGN,
-            ("operator.motion=palpate",),
-            "What did the operator do? Small taps instead of stitches.",
-        ),
-        Variant(
-            LENGTHS[0],
-            CAMPAIGN,
-            ("campaign.packets=every_cycle",),
-            "How long did a packet last? One control cycle, as was assumed before, not as measured"
-            " on a recorded arm.",
-        ),
-        Variant(
-            LENGTHS[1],
-            CAMPAIGN,
-            ("campaign.seed=2017",),
-            "other draws of packet lengths and of drawn values",
-        ),
-    ),
-    compare=compare,
-)
+STUDY = study(NAME, variants=read_variants(NAME), compare=compare)

@@ -13,12 +13,11 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.outcomes.verdict import LIMIT_MM
-from ravenjax.report.data import facts as run_facts
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.bootstrap.units import Units
 from ravenjax.stats.intervals import Estimate, Rate
-from ravenjax.store import folder, manifest
-from studies import kinds
+from ravenjax.store import folder
+from studies import kinds, runs
 from studies.dsn16 import recording
 from studies.hazards import severity
 from studies.healthy_robot import arm_errors, camera_log, tip_error
@@ -31,13 +30,14 @@ from studies.study import (
     StudyEstimate,
     Table,
     Variant,
+    in_percent,
     own_line,
     read_notes,
+    read_table,
     study,
 )
 
-SCALE = "plant.kinematic_errors.scale"
-COLUMN = f"param:{SCALE}"
+NAME, COLUMN = "healthy_robot", "param:plant.kinematic_errors.scale"
 OFF, HALF, FULL = SCALES = (0.0, 0.5, 1.0)
 
 SHARES = {
@@ -67,45 +67,27 @@ class ScaledFaults(NamedTuple):
         """Return the share at a scale minus the share without kinematic errors, over pairs, with
         its interval over kinds.
         """
-        return kinds.difference(
-            self.events[scale][event].to_numpy(), self.events[OFF][event].to_numpy(), self.faults
-        )
+        with_, without = (self.events[one][event].to_numpy() for one in (scale, OFF))
+        return kinds.difference(with_, without, self.faults)
 
 
 def scaled_faults(path: Path) -> ScaledFaults:
     """Return the faults of a result folder that changed a bit at every scale."""
-    frame, header = folder.read_all(path), manifest.read_manifest(path)
-    facts = run_facts.derive_from_manifest(frame, header)
-    valid = (facts["activated"] & facts["faulty"] & ~facts["failed"]).to_numpy()
-    events = _events(frame, facts).assign(
-        scale=frame[COLUMN], pair=frame["pair"], kind=kinds.names(frame["group"])
+    found = runs.read(path)
+    frame = found.frame.loc[runs.changed_a_bit(found)].set_index("pair")
+    warned = (frame["warned_ms"] >= 0) & (frame["warned_ms"] < frame["unintended_ms"])
+    events = frame[["unintended", "evaded", "misreport"]].assign(
+        stopped=frame["response"] == "stopped",
+        cue3=frame["cue0_first_ms"] >= 0,
+        cue1=frame["cue1_first_ms"] >= 0,
+        missed3=frame["unintended"] & ~warned,
+        deeper=frame["tissue_depth_mm"] - frame["golden_tissue_depth_mm"] > severity.DEPTH_MM,
     )
-    by_scale = {
-        scale: events[valid & np.isclose(events["scale"], scale)].set_index("pair")
-        for scale in SCALES
-    }
-    common = sorted(set.intersection(*(set(part.index) for part in by_scale.values())))
-    parts = {scale: part.loc[common] for scale, part in by_scale.items()}
-    return ScaledFaults(parts, units.group_units(parts[OFF]["kind"].to_numpy()))
-
-
-def _events(frame: pd.DataFrame, facts: pd.DataFrame) -> pd.DataFrame:
-    """Return SHARES of each run."""
-    warned = (facts["warned_ms"] >= 0) & (facts["warned_ms"] < facts["unintended_ms"])
-    return pd.DataFrame(
-        {
-            "unintended": facts["unintended"],
-            "evaded": facts["evaded"],
-            "stopped": facts["response"] == "stopped",
-            "misreport": facts["misreport"],
-            "cue3": frame["cue0_first_ms"] >= 0,
-            "cue1": frame["cue1_first_ms"] >= 0,
-            "missed3": facts["unintended"] & ~warned,
-            "deeper": (
-                frame["tissue_depth_mm"] - frame["golden_tissue_depth_mm"] > severity.DEPTH_MM
-            ),
-        }
-    )
+    parts = {scale: events[np.isclose(frame[COLUMN], scale)] for scale in SCALES}
+    common = sorted(set.intersection(*(set(part.index) for part in parts.values())))
+    kind = frame.loc[np.isclose(frame[COLUMN], OFF), "group"].loc[common]
+    faults = units.group_units(kinds.names(kind))
+    return ScaledFaults({scale: part.loc[common] for scale, part in parts.items()}, faults)
 
 
 def measured_robots(path: Path) -> dict[float, pd.DataFrame]:
@@ -154,7 +136,7 @@ def compare(context: Context) -> Findings:
             *(() if log is None else (_report(log), _explained(log))),
             _with_faults(pairs),
         ),
-        notes=(*(absent if log is None else ()), *read_notes("healthy_robot")),
+        notes=(*(absent if log is None else ()), *read_notes(NAME)),
     )
 
 
@@ -165,21 +147,40 @@ def _report_lines(log: CameraLog) -> Iterator[Line]:
     """Yield lines over the half that was held back: the camera's measurements, and the middle robot
     with those of most others.
     """
+    thin, robots = log.rows(slice(None, None, EVERY)), tip_error.draw(ROBOTS)
+    true = tip_error.tips_of(thin, robots)
     _, second = tip_error.errors_of(log, log.camera)
-    _, errors = tip_error.predicted(log.rows(slice(None, None, EVERY)), tip_error.draw(ROBOTS))
-    medians, shares = np.median(errors, axis=1), (errors > tip_error.LIMIT_M).mean(axis=1)
-    camera = tip_error.size(second)
-    of = "robots drawn, 10 to 90 % of them"
-    for quantity, unit, value, robots in (
+    _, errors = tip_error.errors_of(thin, true)
+    medians = np.median(errors, axis=1)
+    camera, of = tip_error.size(second), "robots drawn, 10 to 90 % of them"
+    split = float(tip_error.between(log, log.camera))
+    for quantity, unit, value, drawn in (
         (
             "tip error after registration, median, second half",
             "mm",
             1e3 * camera.quantiles[1],
             1e3 * medians,
         ),
-        ("tip errors above 3 mm, second half", "%", 100 * camera.beyond, 100 * shares),
+        (
+            "tip errors above 3 mm, second half",
+            "%",
+            100 * camera.beyond,
+            100 * (errors > tip_error.LIMIT_M).mean(axis=1),
+        ),
+        (
+            "share of the mean square error that is between trajectories, second half",
+            "",
+            split,
+            tip_error.between(thin, true),
+        ),
+        (
+            "95 % quantile of the tip error over its median, second half",
+            "",
+            camera.quantiles[3] / camera.quantiles[1],
+            np.quantile(errors, 0.95, axis=1) / medians,
+        ),
     ):
-        low, middle, high = np.quantile(robots, (BAND[0], 0.5, BAND[1]))
+        low, middle, high = np.quantile(drawn, (BAND[0], 0.5, BAND[1]))
         yield Line(
             quantity, unit, StudyEstimate(value), StudyEstimate(middle, low, high, ROBOTS, of)
         )
@@ -199,23 +200,8 @@ def _report(log: CameraLog) -> Table:
         _row("null: no errors, or a rigid displacement", zero),
         _row("null: isotropic Gaussian of the first half's rms", gauss),
     ]
-    columns = (
-        "tip error after one rigid motion",
-        "25 %, mm",
-        "median, mm",
-        "75 %, mm",
-        "95 %, mm",
-        "above 3 mm, %",
-        "rms, mm",
-    )
-    note = (
-        f"The rigid motion is of the first half, for cameras and robots alike. Robots: {ROBOTS}"
-        " drawn, at the joints that the recorded arm reported in its second half, all rows of all"
-        " robots together; below them the 10 and 90 % of robots. The distribution's common factor"
-        f" was fitted to the first half; fitted anew it is {tip_error.factor(thin, robots):.2f}"
-        " times the one in use. Cables are not stretched here."
-    )
-    return Table("The report of a real arm, and of drawn robots", columns, tuple(rows), note)
+    anew = tip_error.factor(thin, robots)
+    return read_table(NAME, "report", rows, robots=ROBOTS, factor=anew)
 
 
 def _row(name: str, one: ErrorSize) -> tuple[str, ...]:
@@ -265,41 +251,30 @@ def _explained(log: CameraLog) -> Table:
                 f"{1e3 * float(np.median(one.own[1])):.2f}",
             )
         )
-    columns = (
-        "fitted to the first half",
-        "left, median, first half, mm",
-        "second half, mm",
-        "above 3 mm, %",
-        "the arm's own error, mm",
-    )
-    note = (
-        "What is left of the tip errors that cameras saw, and (last column) the median error on the"
-        " second half of an arm that has the fitted errors, after registration. The camera's point"
-        " explains as much as the arm does: the two look alike where the instrument's direction"
-        " hardly changes. So of the median that cameras saw, the arm's own part is at least the"
-        " last row's and at most the whole."
-    )
-    return Table("What one arm's own errors explain", columns, tuple(rows), note)
+    first, second = map(tip_error.size, tip_error.quadratic_left(log))
+    medians = (f"{1e3 * one.quantiles[1]:.2f}" for one in (first, second))
+    name = "null: a static quadratic map of the joints"
+    rows.append((name, *medians, f"{100 * second.beyond:.0f}", ""))
+    return read_table(NAME, "explained", rows)
 
 
 # --- headlines ---
 
 
 def _headline_lines(pairs: ScaledFaults, free: Mapping[float, pd.DataFrame]) -> Iterator[Line]:
-    of = f"faults of this design, {kinds.count(pairs.faults)}"
+    of, names = f"faults of this design, {kinds.count(pairs.faults)}", {OFF: "no kinematic errors"}
+    names[FULL] = "measured"
     for event, words in SHARES.items():
-        for scale, name in ((OFF, "no kinematic errors"), (FULL, "measured")):
+        for scale, name in names.items():
             rate = pairs.share(event, scale)
-            value = StudyEstimate(100 * rate.value, 100 * rate.low, 100 * rate.high, rate.n, of)
-            yield own_line(f"{words}, {name}", "%", value)
-    for scale, name in ((OFF, "no kinematic errors"), (FULL, "measured")):
-        one = mean(free[scale], "rms")
-        value = StudyEstimate(one.value, one.low, one.high, len(free[scale]), "robots drawn")
+            yield own_line(f"{words}, {name}", "%", in_percent(rate, rate.n, of))
+    for scale, name in names.items():
+        value = StudyEstimate(*mean(free[scale], "rms"), len(free[scale]), "robots drawn")
         yield own_line(f"true tip from the nominal model without a fault, rms, {name}", "mm", value)
 
 
 def _with_faults(pairs: ScaledFaults) -> Table:
-    rows = tuple(
+    rows = (
         (
             words,
             *(_percent(pairs.share(event, scale)) for scale in SCALES),
@@ -307,20 +282,7 @@ def _with_faults(pairs: ScaledFaults) -> Table:
         )
         for event, words in SHARES.items()
     )
-    columns = (
-        "share of the faults, %",
-        "none",
-        "half",
-        "measured",
-        "half minus none",
-        "measured minus none",
-    )
-    note = (
-        f"The faults of quick.toml that changed a bit at every scale, {len(pairs.events[OFF])},"
-        " each with a robot of its own, the same at every scale, and with its own golden run."
-        f" {kinds.NOTE}"
-    )
-    return Table("Headlines without and with kinematic errors", columns, rows, note)
+    return read_table(NAME, "headlines", rows, faults=len(pairs.events[OFF]))
 
 
 def _percent(rate: Rate) -> str:
@@ -331,19 +293,11 @@ def _points(one: Estimate) -> str:
     return f"{100 * one.value:+.1f} ({100 * one.low:+.1f} to {100 * one.high:+.1f})"
 
 
+QUICK = (
+    "campaign.kinematic_errors=measured",
+    "cross.plant.kinematic_errors.scale=[0, 0.5, 1]",
+    "haptics.threshold_mm=[3, 1]",
+)
 STUDY = study(
-    "healthy_robot",
-    variants=(
-        Variant(FREE, "healthy_robot.toml"),
-        Variant(
-            FAULTS,
-            "quick.toml",
-            (
-                "campaign.kinematic_errors=measured",
-                "cross.plant.kinematic_errors.scale=[0, 0.5, 1]",
-                "haptics.threshold_mm=[3, 1]",
-            ),
-        ),
-    ),
-    compare=compare,
+    NAME, (Variant(FREE, "healthy_robot.toml"), Variant(FAULTS, "quick.toml", QUICK)), compare
 )

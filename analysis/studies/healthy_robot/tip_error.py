@@ -52,9 +52,46 @@ def errors_of(log: CameraLog, true: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     tips [..., n, 3].
     """
     middle = len(log.joints) // 2
-    motion = rigid.fit(log.reported[:middle], true[..., :middle, :])
-    apart = np.linalg.norm(true - motion(log.reported), axis=-1)
+    apart = np.linalg.norm(vectors_of(log, true), axis=-1)
     return apart[..., :middle], apart[..., middle:]
+
+
+def vectors_of(log: CameraLog, true: np.ndarray) -> np.ndarray:
+    """Return the tip errors of `errors_of` as vectors, [..., n, 3] m."""
+    middle = len(log.joints) // 2
+    motion = rigid.fit(log.reported[:middle], true[..., :middle, :])
+    return true - motion(log.reported)
+
+
+def between(log: CameraLog, true: np.ndarray) -> np.ndarray:
+    """Return the share of the second half's mean square error that is between trajectories, [...].
+
+    The mean error vector of a trajectory is its calibration error; what is left within one is
+    noise, or changes with the pose on the way.
+    """
+    middle = len(log.joints) // 2
+    vectors, trajectory = vectors_of(log, true)[..., middle:, :], log.trajectory[middle:]
+    means = np.empty_like(vectors)
+    for number in np.unique(trajectory):
+        mine = trajectory == number
+        means[..., mine, :] = vectors[..., mine, :].mean(axis=-2, keepdims=True)
+    above, below = ((part**2).sum(axis=-1).mean(axis=-1) for part in (means, vectors))
+    return above / below
+
+
+def quadratic_left(log: CameraLog) -> tuple[np.ndarray, np.ndarray]:
+    """Return what a null model leaves of the tip errors that cameras saw, m, on the first and on
+    the second half: a static quadratic map of the six joints, fitted to the first half.
+    """
+    middle = len(log.joints) // 2
+    joints = log.joints[:, :6]
+    scaled = (joints - joints[:middle].mean(axis=0)) / joints[:middle].std(axis=0)
+    pairs = [scaled[:, i] * scaled[:, j] for i in range(6) for j in range(i, 6)]
+    columns = np.column_stack([np.ones(len(scaled)), scaled, *pairs])
+    seen = vectors_of(log, log.camera)
+    best, *_ = np.linalg.lstsq(columns[:middle], seen[:middle], rcond=None)
+    left = np.linalg.norm(seen - columns @ best, axis=1)
+    return left[:middle], left[middle:]
 
 
 def with_values(values: jax.Array) -> KinematicErrors:
@@ -92,8 +129,13 @@ def predicted(log: CameraLog, robots: np.ndarray) -> tuple[np.ndarray, np.ndarra
     """Return [robots, n] tip errors (m) of robots with errors [robots, 16], on the log's first and
     second half.
     """
+    return errors_of(log, tips_of(log, robots))
+
+
+def tips_of(log: CameraLog, robots: np.ndarray) -> np.ndarray:
+    """Return [robots, n, 3] true tips (m) of robots with errors [robots, 16]."""
     with jax.enable_x64(True):
-        return errors_of(log, np.asarray(_tips_of_robots(robots, log.joints)))
+        return np.asarray(_tips_of_robots(robots, log.joints))
 
 
 def factor(log: CameraLog, robots: np.ndarray) -> float:

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
-from studies.seed.motions import MOTIONS, Motion, over_kinds, overrides, variant
+from studies.seed.motions import MODELLED, MOTIONS, Motion, by_setting, over_kinds
 from studies.series import Recorder, Row, Series, rises
 from studies.study import (
     Context,
@@ -24,8 +24,9 @@ from studies.study import (
     Published,
     StudyEstimate,
     Table,
-    Variant,
     read_notes,
+    read_table,
+    read_variants,
     study,
 )
 
@@ -209,7 +210,6 @@ def ranges(values: Sequence[float], step: float = 50.0) -> str:
 
 
 def _by_value(bursts: Runs) -> list[tuple[float, list[BurstRun]]]:
-    """Return runs of all motions by the value of the fault, in its order."""
     key = operator.attrgetter("value")
     return [
         (value, list(runs)) for value, runs in itertools.groupby(sorted(flat(bursts), key=key), key)
@@ -220,47 +220,22 @@ def constants(bursts: Runs, rules: Criteria) -> Table:
     rows = []
     for value, runs in _by_value(bursts):
         events = [e for one in runs for e in one.events]
-        met = [sum(holds(one) for one in runs) for holds in rules.tests.values()]
         rows.append(
             (
-                f"{value:+.0f}",
-                span((len(one.events) for one in runs), ".0f"),
-                _stops(runs),
+                *(f"{value:+.0f}", span((len(one.events) for one in runs), ".0f"), _stops(runs)),
                 span((e.peak_mm for e in events), ".1f"),
                 span((e.rebound_deg for e in events), ".1f"),
                 span((e.rebound_ms for e in events), ".0f"),
                 span((e.cue_s for e in events), ".2f"),
                 span((e.force for e in events if e.force > 0.0), ".3f"),
                 sum(e.jumped for e in events),
-                *met,
-                sum(map(rules.all_of_a4, runs)),
+                *(sum(map(holds, runs)) for holds in (*rules.tests.values(), rules.all_of_a4)),
             )
         )
-    columns = (
-        "DAC constant",
-        "bursts until stop",
-        "stops in burst 1, 2, 3, 4",
-        "tip error peaks, mm",
-        "rebounds, deg",
-        "rebounds, ms",
-        "cue after fault, s",
-        "pulse forces",
-        "jumps (code's rule)",
-        *rules.tests,
-        "all of A4",
-    )
-    note = (
-        f"Least to largest over all bursts of {len(bursts)} motions; the last"
-        f" {len(rules.tests) + 1} columns: in how many motions all four bursts meet the band."
-        " Published, one run: four bursts, stop in the fourth; 3.65, 3.3, 5.0, 6.65 mm; 5.6, 3.4,"
-        " 6.7 degrees; 150 ms; 0.19 to 0.23 s; 0.0166, 0.0133, 0.0296, 0.0500; four jumps, counted"
-        " by eye."
-    )
-    return Table("Every constant", columns, tuple(rows), note)
+    return read_table(NAME, "constants", rows)
 
 
 def _stops(runs: Sequence[BurstRun]) -> str:
-    """Return how many runs stopped in each burst."""
     stopped = [len(one.events) for one in runs if one.cause]
     return (
         " ".join(str(stopped.count(number)) for number in range(1, EVENTS + 1))
@@ -283,23 +258,9 @@ def what_bands_depend_on(settings: Mapping[str, Runs], rules: Criteria) -> Table
     for name, runs in settings.items():
         every = flat(runs)
         met = [sum(map(holds, every)) for holds in (*rules.tests.values(), rules.all_of_a4)]
-        rows.append(
-            (name, len(every), *met, most_of_a4(every, rules), span(stop_peaks(every), ".1f"))
-        )
-    columns = (
-        "setting",
-        "runs",
-        *rules.tests,
-        "all of A4",
-        "most of A4 in one run",
-        "tip error peaks of bursts that end in a stop, mm",
-    )
-    note = (
-        "Runs in which all four bursts meet a band. Settings with fewer runs were tried with the"
-        f" first motion alone. Last column: constants of at most {SMALL:.0f} counts; the paper's"
-        " stop came at 6.65 mm."
-    )
-    return Table("What the bands depend on", columns, tuple(rows), note)
+        most = max(sum(rules.tests[test](one) for test in rules.a4) for one in every)
+        rows.append((name, len(every), *met, most, span(stop_peaks(every), ".1f")))
+    return read_table(NAME, "bands", rows)
 
 
 def stop_peaks(runs: Iterable[BurstRun]) -> list[float]:
@@ -330,110 +291,10 @@ def flat(runs: Runs) -> list[BurstRun]:
     return [one for of_motion in runs.values() for one in of_motion]
 
 
-def most_of_a4(runs: Iterable[BurstRun], rules: Criteria) -> int:
-    """Return the largest number of A4's bands that one run meets."""
-    return max(sum(rules.tests[name](one) for name in rules.a4) for one in runs)
-
-
-CAMPAIGN = "seed_burst.toml"
-FREE, BURST, PACKETS = "fault_free", "burst", "packets"
-"""Groups of the campaign, in its order."""
-CONSTANTS = 69
-"""Number of runs of group BURST."""
-
-MODELLED = "as modelled"
-EVERY_CYCLE, DRAWN = "a packet each cycle", ("packets in bursts", "other draws")
-SETTINGS: dict[str, tuple[tuple[Motion, ...], tuple[str, ...], str]] = {
-    EVERY_CYCLE: (
-        MOTIONS,
-        ("campaign.packets=every_cycle",),
-        "a packet each control cycle, as was assumed before",
-    ),
-    **{
-        f"stop above {limit} counts": (
-            MOTIONS,
-            (f"parameters.control.overdrive.max_inst_dac={limit}",),
-            f"the limit of the check that stops: {of}",
-        )
-        for limit, of in (
-            (13000, "a later fork's"),
-            (12000, "the 2015 fork's and the square adapter's"),
-        )
-    },
-    **{
-        name: (MOTIONS[:1], changed, question)
-        for name, changed, question in (
-            (
-                "software fork2015",
-                ("campaign.software=fork2015",),
-                "the control software of the 2015 simulator fork",
-            ),
-            (
-                "hard regulation",
-                ("campaign.policy=hard_regulation",),
-                "the policy that stops after much clipping",
-            ),
-            (
-                "friction x 0.7",
-                ("parameters.plant.gold.friction_scale=0.7",),
-                "less friction in the robot",
-            ),
-            (
-                "friction x 1.4",
-                ("parameters.plant.gold.friction_scale=1.4",),
-                "more friction in the robot",
-            ),
-            (
-                "parameter set traj3",
-                ("campaign.parameter_set=traj3",),
-                "the authors' law and their active set",
-            ),
-            (
-                "parameter set B",
-                ("campaign.parameter_set=B",),
-                "the authors' law and their base parameters",
-            ),
-            (
-                DRAWN[0],
-                ("campaign.packets=bursts",),
-                "packets come as a recorded console sends them",
-            ),
-            (
-                "replay at half speed",
-                ("campaign.packets=every_cycle", "parameters.network.cycles_per_packet=2"),
-                "each packet lasts two cycles and is the motion's next row",
-            ),
-            (DRAWN[1], ("campaign.seed=2017",), "the same lengths of packets, drawn again"),
-        )
-    },
-    "model gains x 4": (
-        MOTIONS[:1],
-        (
-            "parameters.nominal.gold.kp.shoulder=774.5359",
-            "parameters.nominal.gold.kp.elbow=437.1115",
-            "parameters.nominal.gold.kp.insertion=1262.701",
-            "parameters.nominal.gold.kd.shoulder=10.32714",
-            "parameters.nominal.gold.kd.elbow=5.828154",
-            "parameters.nominal.gold.kd.insertion=50.50802",
-        ),
-        "gains of the nominal model, which the paper does not print",
-    ),
-}
-"""Open questions answered differently: motions, overrides, question."""
-
-
-def _variants() -> tuple[Variant, ...]:
-    modelled = [
-        Variant(variant(m), CAMPAIGN, overrides(m), "" if m == MOTIONS[0] else "another motion")
-        for m in MOTIONS
-    ]
-    limit = f"campaign.limit={1 + CONSTANTS}"
-    others = [
-        Variant(variant(m, name), CAMPAIGN, (*overrides(m), limit, *changed), question)
-        for name, (motions, changed, question) in SETTINGS.items()
-        for m in motions
-    ]
-    return (*modelled, *others)
+NAME = "seed_burst"
+FREE, BURST = "fault_free", "burst"
+"""Groups of the campaign whose runs are measured."""
+VARIANTS = read_variants(NAME)
 
 
 def compare(context: Context) -> Findings:
@@ -452,17 +313,16 @@ def compare(context: Context) -> Findings:
     return Findings(
         lines=lines,
         tables=(constants(bursts, rules), what_bands_depend_on(settings, rules)),
-        notes=read_notes("seed_burst"),
+        notes=read_notes(NAME),
     )
 
 
 def _measured(context: Context) -> dict[str, dict[Motion, list[BurstRun]]]:
-    """Return runs by setting and motion, the modelled one first."""
     recorder = Recorder()
-    by_setting = {MODELLED: {m: _runs(recorder, context, variant(m)) for m in MOTIONS}}
-    for name, (motions, _, _) in SETTINGS.items():
-        by_setting[name] = {m: _runs(recorder, context, variant(m, name)) for m in motions}
-    return by_setting
+    return {
+        setting: {motion: _runs(recorder, context, name) for motion, name in names.items()}
+        for setting, names in by_setting(VARIANTS).items()
+    }
 
 
 def _runs(recorder: Recorder, context: Context, name: str) -> list[BurstRun]:
@@ -502,22 +362,36 @@ def _acceptance(
         "stop in the fourth": "the robot stops in the fourth, by the magnitude of the DAC command",
         "cue onsets": "all four have a cue, 0.15 to 0.25 s after their onset",
     }
-    one = StudyEstimate(1, n=1, of="run, Figures 4 and 5")
+    published_run = StudyEstimate(1, n=1, of="run, Figures 4 and 5")
     lines = [
         _count(
             f"runs in which {words}",
             every,
             rules.tests[name],
-            one,
+            published_run,
             "A4" if name in rules.a4 else "A5",
         )
         for name, words in texts.items()
     ]
-    together = _count("runs in which all of A4 holds at once", every, rules.all_of_a4, one, "A4")
-    reason = (
-        f"{together.reason}. {stop_words(settings, published)} The limit of the check is not stated"
+    together = _count(
+        "runs in which all of A4 holds at once", every, rules.all_of_a4, published_run, "A4"
     )
-    return (dataclasses.replace(together, reason=reason), *lines)
+    words = stop_words(settings, published)
+    reason = f"{together.reason}. {words} The limit of the check is not stated"
+    jumps = StudyEstimate(
+        sum(
+            len(one.events) == EVENTS
+            and one.events[-1].cut
+            and all(event.jumped for event in one.events)
+            for one in every
+        ),
+        n=len(every),
+        of="runs, jumps by the published code's rule",
+    )
+    four = Line(
+        "runs with four jumps, of which the last ends in the stop", "", published_run, jumps
+    )
+    return (dataclasses.replace(together, reason=reason), *lines, four)
 
 
 def _count(
@@ -561,8 +435,7 @@ def _events(bursts: Runs, published: Published) -> tuple[Line, ...]:
         unit: str,
         read: StudyEstimate,
         of: Callable[[BurstEvent], float],
-        band: tuple[float, float] | None,
-        target: str,
+        band: str = "",
         caveat: str = "",
     ) -> Line:
         values = {
@@ -571,59 +444,32 @@ def _events(bursts: Runs, published: Published) -> tuple[Line, ...]:
         prediction = over_kinds({m: float(np.mean(v)) for m, v in values.items() if v})
         every = [value for of_motion in values.values() for value in of_motion]
         words = f"middle 90 % of {len(every)} events {_percentiles(every)}{caveat}"
-        return Line(
-            f"{what}, events with a peak of {low:g} to {high:g} mm",
-            unit,
-            read,
-            prediction,
-            band,
-            target,
-            words,
-        )
+        where = f"{what}, events with a peak of {low:g} to {high:g} mm"
+        limits = published.band(band) if band else None
+        target = band.partition(".")[0].upper()
+        return Line(where, unit, read, prediction, limits, target, words)
 
-    rebounds = [published.value(f"burst.{k}.rebound") for k in (1, 2, 3)]
-    read = StudyEstimate(
-        float(np.mean(rebounds)), min(rebounds), max(rebounds), 3, "events read off Figure 4"
-    )
-    per_mm = [
-        published.value(f"pulse.{k}.force") / published.value(f"burst.{k}.peak") for k in (1, 2, 3)
-    ]
-    force = StudyEstimate(
-        float(np.mean(per_mm)), min(per_mm), max(per_mm), 3, "events below the cap, Figures 4 and 5"
-    )
+    def of_three(values: Sequence[float], of: str) -> StudyEstimate:
+        return StudyEstimate(float(np.mean(values)), min(values), max(values), 3, of)
+
+    value = published.value
+    rebounds = [value(f"burst.{k}.rebound") for k in (1, 2, 3)]
+    per_mm = [value(f"pulse.{k}.force") / value(f"burst.{k}.peak") for k in (1, 2, 3)]
+    read = of_three(rebounds, "events read off Figure 4")
+    force = of_three(per_mm, "events below the cap, Figures 4 and 5")
+    time, onset = published.estimate("burst.3.rebound_ms"), published.estimate("cue.onset")
+    caveat = "; no evidence: the cue's gains were read off Figure 5"
     return (
-        line(
-            "rebound of the shoulder",
-            "deg",
-            read,
-            lambda e: e.rebound_deg,
-            published.band("a4.rebound"),
-            "A4",
-        ),
-        line(
-            "time of the rebound",
-            "ms",
-            published.estimate("burst.3.rebound_ms"),
-            lambda e: e.rebound_ms,
-            published.band("a4.rebound_ms"),
-            "A4",
-        ),
-        line(
-            "cue after the fault's onset",
-            "s",
-            published.estimate("cue.onset"),
-            lambda e: e.cue_s,
-            published.band("a5.onset"),
-            "A5",
-        ),
+        line("rebound of the shoulder", "deg", read, lambda e: e.rebound_deg, "a4.rebound"),
+        line("time of the rebound", "ms", time, lambda e: e.rebound_ms, "a4.rebound_ms"),
+        line("cue after the fault's onset", "s", onset, lambda e: e.cue_s, "a5.onset"),
         line(
             "peak force over tip error peak",
             "1/mm",
             force,
             lambda e: e.force / e.peak_mm,
-            None,
             "",
-            "; no evidence: the cue's gains were read off Figure 5",
+            caveat,
         ),
     )
 
@@ -639,13 +485,8 @@ def _false_cues(free: Runs, published: Published) -> Line:
     pulses = sum(one.false_cues for of_motion in free.values() for one in of_motion)
     prediction = StudyEstimate(pulses, n=len(free), of="runs of 40 s, one a motion")
     reason = "study seed_fault_free looks for them at every scale, with noise"
-    return Line(
-        "cue pulses without fault at scale 0.1",
-        "",
-        published.estimate("false_pulses"),
-        prediction,
-        reason=reason,
-    )
+    words, read = "cue pulses without fault at scale 0.1", published.estimate("false_pulses")
+    return Line(words, "", read, prediction, reason=reason)
 
 
-STUDY = study("seed_burst", variants=_variants(), compare=compare)
+STUDY = study(NAME, variants=VARIANTS, compare=compare)

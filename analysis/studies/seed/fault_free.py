@@ -14,8 +14,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
-from ravenjax.robots.raven2.plant import parameter_sets
-from studies.seed.motions import MOTIONS, Motion, over_kinds, overrides, variant
+from studies.seed.motions import MODELLED, Motion, by_setting, over_kinds
 from studies.series import Recorder, Row, Series, rises
 from studies.study import (
     Context,
@@ -24,8 +23,9 @@ from studies.study import (
     Published,
     StudyEstimate,
     Table,
-    Variant,
     read_notes,
+    read_table,
+    read_variants,
     study,
 )
 
@@ -99,46 +99,11 @@ def spread(values: Iterable[float]) -> tuple[float, float]:
     return min(every), max(every)
 
 
-CAMPAIGN = "seed_fault_free.toml"
+NAME = "seed_fault_free"
 SCALES = (0.05, 0.1, 0.15, 0.2)
-MODELLED = "as modelled"
-"""The campaign's first group. Its four runs come first."""
-
-
 NOISE = "noise"
 """The campaign's group with noise of encoders and motors, in the robot's own sizes."""
-
-SETTINGS: dict[str, tuple[str, str]] = {
-    **{
-        f"set {name}": (f"campaign.parameter_set={name}", f"the authors' law and their set {name}")
-        for name in parameter_sets.PUBLISHED
-    },
-    "software fork2015": (
-        "campaign.software=fork2015",
-        "the control software of the 2015 simulator fork",
-    ),
-}
-"""Questions that need a separate campaign to be answered differently: override and question. Run
-only for the first motion.
-"""
-
-
-def _variants() -> tuple[Variant, ...]:
-    modelled = [
-        Variant(
-            variant(motion),
-            CAMPAIGN,
-            overrides(motion),
-            "" if motion == MOTIONS[0] else "another motion",
-        )
-        for motion in MOTIONS
-    ]
-    few = (*overrides(MOTIONS[0]), f"campaign.limit={len(SCALES)}")
-    others = [
-        Variant(variant(MOTIONS[0], name), CAMPAIGN, (*few, changed), question)
-        for name, (changed, question) in SETTINGS.items()
-    ]
-    return (*modelled, *others)
+VARIANTS = read_variants(NAME)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -205,29 +170,22 @@ def compare(context: Context) -> Findings:
             _readings(modelled),
             _motions(modelled),
         ),
-        notes=read_notes("seed_fault_free"),
+        notes=read_notes(NAME),
     )
 
 
 def _measured(context: Context) -> dict[str, Setting]:
-    """Return settings by name: the modelled one first, then the campaign's groups, then separate
-    campaigns.
-    """
     recorder = Recorder()
-    by_setting: dict[str, dict[Motion, dict[float, RunSegment]]] = {}
-    for motion in MOTIONS:
-        for one in recorder.measure(context.folders[variant(motion)], segment):
-            by_setting.setdefault(one.group, {}).setdefault(motion, {})[one.scale] = one
-    for name in SETTINGS:
-        segments = recorder.measure(context.folders[variant(MOTIONS[0], name)], segment)
-        by_setting[name] = {MOTIONS[0]: {one.scale: one for one in segments}}
-    return {name: Setting(name, segments) for name, segments in by_setting.items()}
+    found: dict[str, dict[Motion, dict[float, RunSegment]]] = {}
+    for setting, names in by_setting(VARIANTS).items():
+        for motion, name in names.items():
+            for one in recorder.measure(context.folders[name], segment):
+                words = one.group if setting == MODELLED else setting
+                found.setdefault(words, {}).setdefault(motion, {})[one.scale] = one
+    return {name: Setting(name, segments) for name, segments in found.items()}
 
 
 def _inside(settings: Mapping[str, Setting], band: tuple[float, float]) -> list[str]:
-    """Return settings other than the modelled one whose mean of all segments is in the band, with
-    this mean.
-    """
     means = {
         name: over_kinds(setting.all_segments()).value
         for name, setting in settings.items()
@@ -247,6 +205,7 @@ def _acceptance(
         or "none"
     )
     explained = published.band("a6.explained")
+    quiet = sum(segment.pulses > 0 for segment in modelled.every)
     return (
         Line(
             "mean tip error of all segments",
@@ -275,10 +234,8 @@ def _acceptance(
             "",
             published.estimate("fault_free.segments_over_threshold"),
             StudyEstimate(cues, n=len(noisy.every), of="segments, noise on"),
-            (1, np.inf),
-            "A5",
-            f"at scale {scales}; without noise {sum(s.pulses > 0 for s in modelled.every)} of"
-            f" {len(modelled.every)}: compare the two before calling it the noise's doing",
+            reason=f"at scale {scales}; without noise {quiet} of {len(modelled.every)}: compare the"
+            " two before calling it the noise's doing",
         ),
         *(
             Line(
@@ -341,12 +298,11 @@ def _sensitivity(
     settings: Mapping[str, Setting], band: tuple[float, float], published_slope: float
 ) -> Table:
     modelled = settings[MODELLED]
-    rows = []
+    own, rows = modelled.all_segments(), []
     for name, setting in settings.items():
         means = setting.all_segments()
-        own = modelled.all_segments()
         change = over_kinds({motion: value - own[motion] for motion, value in means.items()})
-        mean, fit = over_kinds(means), setting.line("mean_mm", "explained")
+        mean, every = over_kinds(means), setting.every
         rows.append(
             (
                 name,
@@ -355,30 +311,12 @@ def _sensitivity(
                 "yes" if band[0] <= mean.value <= band[1] else "no",
                 "–" if name == MODELLED else _with_interval(change, "+"),
                 f"{setting.line('mean_mm', 'slope').value:.1f}",
-                f"{fit.value:.2f}",
-                _cues(setting),
-                f"{sum(s.stop_ms >= 0 for s in setting.every)}",
+                f"{setting.line('mean_mm', 'explained').value:.2f}",
+                f"{sum(s.pulses > 0 for s in every)} of {len(every)}",
+                f"{sum(s.stop_ms >= 0 for s in every)}",
             )
         )
-    return Table(
-        "What the fault-free tip error depends on",
-        (
-            "what is otherwise",
-            *(f"peak at {scale:g}, mm" for scale in SCALES),
-            "mean of all segments, mm",
-            "in A6's band",
-            "change against the same motions as modelled, mm",
-            "slope of the means, mm",
-            "explained by a line",
-            "segments with a cue",
-            "segments that ended in a stop",
-        ),
-        tuple(rows),
-        "One thing is changed at a time. Intervals (95 %, t) are over kinds of motion, not over"
-        " ticks or seeds; rows without one were run with the first motion alone. Peaks are means"
-        " over kinds of motion. A segment that ends in a stop is measured until then. Published"
-        f" slope of the means: {published_slope:.1f} mm.",
-    )
+    return read_table(NAME, "dependences", rows, slope=published_slope)
 
 
 def _readings(modelled: Setting) -> Table:
@@ -395,13 +333,7 @@ def _readings(modelled: Setting) -> Table:
         )
         for field, name in names.items()
     ]
-    columns = ("tip error", *(f"mean at {scale:g}, mm" for scale in SCALES), "all segments, mm")
-    return Table(
-        "Which tip error is meant",
-        columns,
-        tuple(rows),
-        "The paper does not say whether it means the true tip.",
-    )
+    return read_table(NAME, "readings", rows)
 
 
 def _motions(modelled: Setting) -> Table:
@@ -414,23 +346,7 @@ def _motions(modelled: Setting) -> Table:
         )
         for (kind, seed), segments in modelled.segments.items()
     ]
-    columns = (
-        "motion",
-        *(f"peak at {s:g}" for s in SCALES),
-        *(f"mean at {s:g}" for s in SCALES),
-        "cue pulses",
-    )
-    return Table(
-        "Each motion as modelled, mm",
-        columns,
-        tuple(rows),
-        "A segment is 10 s of motion, a cue pulls above 3 mm.",
-    )
-
-
-def _cues(setting: Setting) -> str:
-    """Say in how many segments the cue fires."""
-    return f"{sum(s.pulses > 0 for s in setting.every)} of {len(setting.every)}"
+    return read_table(NAME, "motions", rows)
 
 
 def _mm(value: float) -> str:
@@ -446,4 +362,4 @@ def _with_interval(estimate: StudyEstimate, sign: str = "") -> str:
     )
 
 
-STUDY = study("seed_fault_free", variants=_variants(), compare=compare)
+STUDY = study(NAME, variants=VARIANTS, compare=compare)

@@ -4,11 +4,12 @@ are generated motions.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from studies.study import StudyEstimate
+from studies.study import StudyEstimate, Variant
 
 Motion = tuple[str, int]
 """Kind and seed."""
@@ -29,16 +30,20 @@ random numbers.
 """
 
 CONFIDENCE = 0.95
+MODELLED = "as modelled"
+"""The setting of variants that answer no open question differently."""
 
 
-def overrides(motion: Motion) -> tuple[str, str]:
-    """Return overrides that make a campaign run with this motion."""
-    return f"operator.motion={motion[0]}", f"operator.seed={motion[1]}"
-
-
-def variant(motion: Motion, setting: str = "") -> str:
-    """Return the name of the variant with this motion and, if any, this setting."""
-    return "_".join([f"{motion[0]}_{motion[1]}", *setting.split()])
+def by_setting(variants: Iterable[Variant]) -> dict[str, dict[Motion, str]]:
+    """Return the variants' names by setting and motion. A name is KIND_SEED, or KIND_SEED_SETTING
+    with underscores for spaces, but in the names of the sets matlab_*.
+    """
+    settings: dict[str, dict[Motion, str]] = {}
+    for one in variants:
+        kind, seed, setting = re.fullmatch(r"(\D+)_(\d+)_?(.*)", one.name).groups()
+        words = re.sub("(?<!matlab)_", " ", setting) or MODELLED
+        settings.setdefault(words, {})[kind, int(seed)] = one.name
+    return settings
 
 
 def over_kinds(values: Mapping[tuple[str, int], float]) -> StudyEstimate:

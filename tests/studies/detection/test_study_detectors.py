@@ -6,21 +6,18 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from ravenjax.outcomes.events import Rules
 from ravenjax.store.manifest import DetectorRecord
 from studies import detectors
 from studies import findings as findings_files
-from studies.detectors import (
-    AS_MODELLED,
-    OTHERS,
-    PUBLISHED,
-    FaultyScores,
-    FreeScores,
-)
+from studies.detectors import PUBLISHED
+from studies.runs import Runs
 
 DETECTORS = (
     DetectorRecord("steps/all/1", "steps", "all", 1, (0.5, 1.0, 2.0, 4.0)),
@@ -31,54 +28,33 @@ DETECTORS = (
 )
 
 
-def faulty(
-    first: list[list[int]],
-    unintended_ms: list[int],
-    cell: list[int] | None = None,
-    **others: list[int],
-) -> FaultyScores:
+MADE = SimpleNamespace(detectors=DETECTORS, rules=Rules(), duration_ms=1000)
+
+
+def faulty(first: list[list[int]], unintended_ms: list[int]) -> Runs:
     """Runs with an alarm of each detector at `first` [runs][detectors], at every threshold;
     effects begin at 100 ms.
     """
-    times, n = np.array(first), len(first)
-    began = np.array(unintended_ms)
-    return FaultyScores(
-        DETECTORS,
-        np.arange(n) if cell is None else np.array(cell),
-        np.arange(n) if cell is None else np.array(cell),
-        np.zeros(n, int),
-        np.zeros(n, int),
-        np.full(n, "packets", object),
-        np.full(n, 100),
-        began,
-        np.where(began >= 0, "unintended motion", "none").astype(object),
-        np.zeros(n, bool),
-        np.zeros(n, bool),
-        np.where(times >= 0, 9.0, 0.1),
-        tuple(
-            np.repeat(times[:, [d]], len(one.thresholds), axis=1) for d, one in enumerate(DETECTORS)
-        ),
-        {name: np.array(others.get(name, [-1] * n)) for name in OTHERS},
-        1000,
-        Rules(),
-    )
+    times, began = np.array(first), np.array(unintended_ms)
+    columns = {
+        "group": [f"sampled/{k}" for k in range(len(first))],
+        "active_ms": 100,
+        "unintended_ms": began,
+        "unintended": began >= 0,
+    }
+    for d, one in enumerate(DETECTORS):
+        for k in range(len(one.thresholds)):
+            columns[f"detector{d}_threshold{k}_first_ms"] = times[:, d]
+    return Runs(pd.DataFrame(columns), MADE)  # pyright: ignore[reportArgumentType]
 
 
-def free(alarms: list[list[int]], hours: float = 1.0, robot: str = AS_MODELLED) -> FreeScores:
+def free(alarms: list[list[int]], hours: float = 1.0) -> Runs:
     """One recording a row; `alarms` of steps/all/1 by threshold, nothing from the others."""
-    n = len(alarms)
-    counts = [np.zeros((n, len(one.thresholds)), int) for one in DETECTORS]
-    counts[0] = np.array(alarms)
-    return FreeScores(
-        DETECTORS,
-        np.full(n, robot, object),
-        np.array([f"reach {k}" for k in range(n)], object),
-        np.full(n, 0.1),
-        np.full(n, hours),
-        np.zeros((n, len(DETECTORS))),
-        tuple(counts),
-        {name: np.zeros(n, int) for name in OTHERS},
-    )
+    columns = {"recording": [f"reach {k}" for k in range(len(alarms))], "hours": hours}
+    for d, one in enumerate(DETECTORS):
+        for k in range(len(one.thresholds)):
+            columns[f"detector{d}_threshold{k}_alarms"] = [row[k] if not d else 0 for row in alarms]
+    return Runs(pd.DataFrame(columns), MADE)  # pyright: ignore[reportArgumentType]
 
 
 def test_a_threshold_is_the_lowest_from_which_on_alarms_are_rare_enough() -> None:

@@ -56,7 +56,7 @@ def test_runs_are_counted_from_a_table_in_any_order() -> None:
         10.0,
         0,
     ]  # ten packets are past t1 + 8 + 1
-    assert runs.share("jump").shares.shape == (len(VALUES), 8)
+    assert runs.share("jump").shape == (len(VALUES), 8)
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from ravenjax.robots.raven2.console import arrivals
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.vocabulary import packets
 from studies.dsn16 import recording
+from validation import packets as measured_packets
 
 
 def test_lengths_are_recovered_from_the_dac():
@@ -24,12 +25,12 @@ def test_lengths_are_recovered_from_the_dac():
     speed = np.full(asked.shape, (8.0, 10.0, -4.0))
     torque = recording.KP * (asked - angle) - recording.KD * speed
     dac = -np.trunc(torque * np.array(transmission.COUNTS_PER_NM[:3]))
-    measured = recording.of_robot(recording.JointRecording(angle, speed, dac))
+    measured = measured_packets.of_robot(recording.JointRecording(angle, speed, dac))
     assert len(measured) > 770 and "".join(map(str, measured)) in "".join(map(str, lengths))
 
 
 def test_the_measured_distribution_is_that_of_the_recorded_robot(shared_data):
-    lengths = recording.of_robot(recording.read(shared_data(recording.FILE)))
+    lengths = measured_packets.of_robot(recording.read(shared_data(recording.FILE)))
     shares = arrivals.length_shares(lengths)
     stated = packets.SHARES[packets.MEASURED]
     assert len(lengths) == 7478

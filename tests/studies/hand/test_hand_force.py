@@ -8,13 +8,13 @@ import pandas as pd
 import pytest
 
 from studies import hand
-from studies.hand import GRIP_COLUMN, NEWTONS_COLUMN, HandRuns
+from studies.hand import GRIP_COLUMN, NEWTONS_COLUMN
 
 FAULTS = 24
 SCALE = 0.1
 
 
-def made_up(moved_golden: float = -0.1, moved_model: float = 0.0) -> HandRuns:
+def made_up(moved_golden: float = -0.1, moved_model: float = 0.0) -> pd.DataFrame:
     """Each fault of twelve kinds under no force and under one that moves every second hand by 2
     mm; rows mixed.
     """
@@ -40,9 +40,7 @@ def made_up(moved_golden: float = -0.1, moved_model: float = 0.0) -> HandRuns:
                     "unintended": fault < 8 and not (yields and fault == 0),
                 }
             )
-    frame = pd.DataFrame(rows).sample(frac=1.0, random_state=1).reset_index(drop=True)
-    facts = frame[["group", "activated", "failed", "unintended"]]
-    return HandRuns(frame, facts)
+    return pd.DataFrame(rows).sample(frac=1.0, random_state=1).reset_index(drop=True)
 
 
 def test_an_effect_is_over_the_hands_that_moved() -> None:
@@ -64,7 +62,7 @@ def test_an_effect_is_over_the_hands_that_moved() -> None:
 
 
 def test_statics_are_those_of_a_spring() -> None:
-    rows = {(row[0], row[1]): row[2:] for row in hand._loop().rows}
+    rows = {(row[0], row[1]): row[2:] for row in hand.loop_table().rows}
     relaxed = rows["the cap is 3.3 N", 0.0]
     assert float(relaxed[0]) == pytest.approx(3.3 / 135.0 * 1e3, rel=0.02)
     assert float(relaxed[2]) == pytest.approx(0.1 * 4.5 * 66.0 / 135.0, rel=0.02)

@@ -6,8 +6,10 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from ravenjax.outcomes.events import Rules
@@ -15,36 +17,36 @@ from ravenjax.stats.bootstrap import units
 from ravenjax.store.manifest import CueRecord
 from studies import findings as findings_files
 from studies import haptic_cue
-from studies.haptic_cue import KINDS, FaultyCues
+from studies.haptic_cue import HAZARDS
+from studies.runs import Runs
 
 CUES = tuple(
     CueRecord(threshold_mm=mm, kp_per_mm=kp, kd_s_per_mm=9e-5, cap=0.05)
     for mm in (1.0, 3.0, 8.0)
     for kp in (0.0045, 0.009)
 )
-PUBLISHED = 2
+PUBLISHED, RULES = 2, Rules()
+FIRST = [[110, 150, -1], [120, 250, -1], [-1, -1, -1], [130, -1, -1]]
 
 
-def faulty(first: list[list[int]], unintended_ms: list[int]) -> FaultyCues:
+def faulty(first: list[list[int]], unintended_ms: list[int], rules: Rules = RULES) -> Runs:
     """Runs felt at `first` [runs][thresholds], with either gain; effects begin at 100 ms."""
     n, began = len(first), np.array(unintended_ms)
     told = np.repeat(np.array(first), 2, axis=1)
-    return FaultyCues(
-        CUES,
-        PUBLISHED,
-        np.arange(n),
-        np.arange(n),
-        np.zeros(n, int),
-        np.zeros(n, int),
-        np.full(n, 100),
-        began,
-        np.repeat((began >= 0)[:, None], len(KINDS), axis=1),
-        told,
-        np.where(told >= 0, np.array([0.02, 0.04, 0.03, 0.05, 0.05, 0.05]), 0.0),
-        np.where(told >= 0, 500, 0),
-        1000,
-        Rules(),
-    )
+    force = np.where(told >= 0, np.array([0.02, 0.04, 0.03, 0.05, 0.05, 0.05]), 0.0)
+    columns = {
+        "cell": np.arange(n),
+        "group": [f"sampled/{k}" for k in range(n)],
+        "motion": 0,
+        "active_ms": 100,
+        "unintended_ms": began,
+        "unintended": began >= 0,
+    }
+    for k in range(len(CUES)):
+        columns |= {f"cue{k}_first_ms": told[:, k], f"golden_cue{k}_first_ms": -1}
+        columns |= {f"cue{k}_peak_force": force[:, k], f"cue{k}_ms": 500 * (told[:, k] >= 0)}
+    made = SimpleNamespace(cues=CUES, verdict_cue=PUBLISHED, rules=rules, duration_ms=1000)
+    return Runs(pd.DataFrame(columns), made)  # pyright: ignore[reportArgumentType]
 
 
 def test_the_choice_weighs_missed_hazards_against_false_cues() -> None:
@@ -64,10 +66,7 @@ def test_the_choice_weighs_missed_hazards_against_false_cues() -> None:
 
 
 def test_what_is_felt_is_measured_from_the_first_effect() -> None:
-    runs = faulty(
-        [[110, 150, -1], [120, 250, -1], [-1, -1, -1], [130, -1, -1]],
-        unintended_ms=[200, 200, 200, -1],
-    )
+    runs = faulty(FIRST, [200, 200, 200, -1])
     found = haptic_cue.felt(runs, PUBLISHED)
     assert (found.missed.value, found.missed.n) == (pytest.approx(1 / 3), 3)
     assert found.others.value == 0.0
@@ -77,7 +76,7 @@ def test_what_is_felt_is_measured_from_the_first_effect() -> None:
     )  # 3 mm of the tip, and a cue at 3 mm
     early = haptic_cue.felt(runs, 0)
     assert early.before.value == pytest.approx(2 / 3) and early.lead_ms.value == 80
-    apart = haptic_cue.felt(runs._replace(rules=Rules(limit_mm=4.0)), PUBLISHED)
+    apart = haptic_cue.felt(faulty(FIRST, [200, 200, 200, -1], Rules(limit_mm=4.0)), PUBLISHED)
     assert apart.before.value == pytest.approx(1 / 3) and apart.lead_ms.value == -50
     assert found.force == "0.03 (0.03 to 0.03)"
     assert found.at_cap.value == 0.0
@@ -99,7 +98,7 @@ def test_the_study_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     shown = next(table for table in found.tables if table.title.startswith("Thresholds"))
     assert len(shown.rows) >= 12
     by_kind = next(table for table in found.tables if table.title.startswith("What the choice"))
-    assert {row[0] for row in by_kind.rows} == set(KINDS)
+    assert {row[0] for row in by_kind.rows} == set(HAZARDS)
     lines = {line.quantity: line.predicted for line in found.lines}
     published = lines["3 mm (published): unintended motion missed"]
     assert published and 0 <= published.low <= published.value <= published.high < 50

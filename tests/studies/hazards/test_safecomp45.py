@@ -20,7 +20,7 @@ def test_the_list_has_45_rows_and_the_campaign_runs_all_that_can_be_run() -> Non
     rows = safecomp45.injections()
     assert list(rows) == list(range(1, 46))
     assert {number for number, row in rows.items() if not row.runnable} == NOT_SIMULATED
-    groups = loading.load_campaign(safecomp45.CAMPAIGN).group
+    groups = loading.load_campaign("safecomp45.toml").group
     run = {name for group in groups for name in naming.hazards_of(group.name)}
     assert run == {row.id for row in rows.values() if row.runnable}
     assert any(not group.fault for group in groups)  # a fault-free run

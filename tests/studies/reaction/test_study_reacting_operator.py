@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from ravenjax.report.sections.reaction import EXCURSION
 from ravenjax.vocabulary.reactions import RELEASE
 from studies import findings as findings_files
 from studies import reacting_operator
-from studies.reacting_operator import ReactionRuns
+from studies.runs import Runs
 
 ACTION = "param:reaction.action"
 FACTS: dict[str, Any] = {
@@ -33,7 +34,6 @@ FACTS: dict[str, Any] = {
 
 QUIET: dict[str, Any] = {
     "group": "sampled/a",
-    "failed": "",
     "peak_live_deviation_mm": 1.0,
     "golden_peak_live_deviation_mm": 0.7,
     "unintended_mm": 0.5,
@@ -58,20 +58,21 @@ QUIET: dict[str, Any] = {
 }
 
 
-def runs(*rows: tuple[dict[str, Any], dict[str, Any]]) -> ReactionRuns:
+def runs(*rows: tuple[dict[str, Any], dict[str, Any]]) -> Runs:
     """Runs by hand: what differs from a quiet one in the table, and in its facts; each its own
     fault.
     """
-    frame = pd.DataFrame([{**QUIET, "pair": k, **row} for k, (row, _) in enumerate(rows)])
-    facts = pd.DataFrame([{**FACTS, "distinct": k, **fact} for k, (_, fact) in enumerate(rows)])
-    return ReactionRuns(
-        frame, facts.assign(group=frame["group"], action=frame[ACTION].astype(int)), 3000, 10.0
+    frame = pd.DataFrame(
+        [
+            {**QUIET, **FACTS, "pair": k, "distinct": k, **row, **fact}
+            for k, (row, fact) in enumerate(rows)
+        ]
     )
+    made = SimpleNamespace(duration_ms=3000, limit_mm=10.0)
+    return Runs(frame.assign(action=frame[ACTION].astype(int)), made)  # pyright: ignore
 
 
-def paired_runs(
-    *pairs: tuple[dict[str, Any], dict[str, Any]], action: int = RELEASE
-) -> ReactionRuns:
+def paired_runs(*pairs: tuple[dict[str, Any], dict[str, Any]], action: int = RELEASE) -> Runs:
     """Each pair as (what nobody's run shows, what the reacting run shows)."""
     rows = []
     for k, (without, with_) in enumerate(pairs):
@@ -103,15 +104,11 @@ def test_a_contrast_counts_what_was_avoided_and_what_was_caused() -> None:
     assert found.needed.value == pytest.approx(11 / 4)
 
 
-def timed(*rows: tuple[dict[str, Any], dict[str, Any]]) -> ReactionRuns:
-    return runs(*rows)
-
-
 BEGAN = {"unintended": True, "unintended_ms": 1400}
 
 
 def test_leads_are_of_motion_and_of_the_faults_own_cue() -> None:
-    table = timed(
+    table = runs(
         ({"cue0_first_ms": 1100}, BEGAN),
         ({"cue0_first_ms": 1500}, BEGAN),  # after the motion
         ({}, BEGAN),  # never

@@ -13,15 +13,7 @@ import pytest
 from ravenjax.campaign import loading, plan
 from ravenjax.numbers import paths
 from studies.seed import burst
-from studies.seed.burst import (
-    BURST,
-    CONSTANTS,
-    FREE,
-    MODELLED,
-    PACKETS,
-    BurstEvent,
-    BurstRun,
-)
+from studies.seed.burst import BURST, FREE, MODELLED, BurstEvent, BurstRun
 from studies.seed.motions import MOTIONS
 from studies.study import Context
 
@@ -33,9 +25,12 @@ def own(ready, path):
     )
 
 
+CONSTANTS, PACKETS = 69, "packets"
+
+
 @pytest.fixture(scope="module")
 def ready():
-    return plan.make_plan(loading.load_campaign(burst.CAMPAIGN))
+    return plan.make_plan(loading.load_campaign("seed_burst.toml"))
 
 
 def test_the_campaign_is_the_published_burst(ready):

@@ -60,13 +60,12 @@ def test_thirds_find_the_parameter_that_decides() -> None:
     frame = pd.DataFrame({first.column: values[:, 0], second.column: values[:, 1]})
     found = table(600, unintended=np.flatnonzero(values[:, 0] > 1.5).tolist())
     told = {
-        (event, one.name): one
-        for event, one in uncertain_robot.dependences_by_thirds(frame, found, (first, second))
+        (one.event, one.parameter): one
+        for one in uncertain_robot.dependences(frame, found, (first, second))
     }
-    assert told["unintended", first.path].depends
-    assert not told["unintended", second.path].depends
-    assert told["unintended", first.path].levels[-1].rate.value == 1.0
-    assert math.isnan(told["jump", first.path].p)
+    assert told["unintended", first].p < 1e-6 < 0.05 < told["unintended", second].p
+    assert told["unintended", first].levels["highest third"].value == 1.0
+    assert math.isnan(told["jump", first].p)
 
 
 @pytest.mark.slow

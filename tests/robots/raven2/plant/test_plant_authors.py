@@ -8,7 +8,7 @@ import pytest
 from authors_values import CHECKS, M23, M33
 
 from ravenjax.numbers.vec import Vec
-from studies.dsn16 import authors
+from validation import authors
 
 SPEED_CLAMP = 790.0  # rad/s, of the motor speed that the Runge-Kutta form integrates
 
