@@ -477,7 +477,7 @@ def _conclude(
     rows = session.judge.rows(**table.session_columns(description.read_session(options.folder)))
     text = table.as_csv(COLUMNS, rows)
     (options.folder / table.FILE).write_text(text, encoding="utf-8", newline="")
-    session.command_log.write(options.folder / COMMANDS)
+    (options.folder / COMMANDS).write_text("".join(session.command_lines), encoding="utf-8")
     summary: Json = {
         "ended": session.ended,
         "task": session.task.result(),

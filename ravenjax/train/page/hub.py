@@ -244,8 +244,6 @@ class Hub:
 
     def _obey(self, client: Client, command: Command) -> None:
         match command["do"]:
-            case "ping":
-                client.send_soon({"type": "pong", "stamp": command.get("stamp", 0.0)})
             case "instruct":
                 if client.instructs:
                     client.role = "instructor"

@@ -34,7 +34,6 @@ class Command(Message):
     scenario: Annotated[str, Field(pattern=r"^[A-Za-z0-9_]{1,60}$")] | None = None
     seed: Annotated[int, Field(ge=0, lt=2**31)] | None = None
     name: Annotated[str, Field(max_length=16)] | None = None
-    stamp: Annotated[float, Field(allow_inf_nan=False)] | None = None
 
 
 _MESSAGE: TypeAdapter[Input | Command] = TypeAdapter(

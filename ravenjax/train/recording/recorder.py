@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import signal
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -47,7 +48,10 @@ def record_session(options: RecorderOptions, listening: Callable[[], None] = lam
 
     Raises StoreError if the folder cannot be written, ValueError if rows have another length.
     """
-    stop = _Stop()
+    leaving = threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: leaving.set())
+    # Ctrl-C reaches every process, but the session must end first.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     header = {"started": utc_now(), **options.header, "ended": None}
     description.write_session(options.folder, header)
     with contextlib.ExitStack() as stack:
@@ -62,7 +66,7 @@ def record_session(options: RecorderOptions, listening: Callable[[], None] = lam
         log = session_log.SessionWriter(options.folder / session_log.FILE, options.names, header)
         stack.callback(log.close)
         listening()
-        summary = _record(frames, events, log, options.names.index("late_ticks"), stop)
+        summary = _record(frames, events, log, options.names.index("late_ticks"), leaving)
     description.update_session(
         options.folder, {"ended": utc_now(), "summary": {"recording": summary}}
     )
@@ -74,15 +78,19 @@ def utc_now() -> str:
 
 
 def _record(
-    frames: Ring, events: Ring, log: session_log.SessionWriter, late_ticks: int, stop: _Stop
+    frames: Ring,
+    events: Ring,
+    log: session_log.SessionWriter,
+    late_ticks: int,
+    leaving: threading.Event,
 ) -> Json:
     """Record, and return the summary for session.json. late_ticks: its index in a row."""
-    row = event = 0
+    row, event, end_s = 0, 0, float("inf")
     summary = {"rows": 0, "seconds": 0.0, "lost_rows": 0, "events": 0, "late_ticks": 0}
     while True:
         # Checked before the rings are read, so that everything written before the check is
         # recorded.
-        leaving = stop.is_due()
+        is_last = leaving.is_set() or parent_has_ended() or time.monotonic() >= end_s
         first_event, rows_of_events = events.read(event)
         first, raw = frames.read(row, BLOCK)
         batch = list(read_json(rows_of_events))
@@ -101,27 +109,9 @@ def _record(
             if len(rows):
                 summary["late_ticks"] = int(rows[-1, late_ticks])
         if any(told["kind"] == "end" for told in batch):
-            stop.after(LINGER_S)
+            end_s = min(end_s, time.monotonic() + LINGER_S)
         behind = frames.written - row
-        if leaving and not behind:
+        if is_last and not behind:
             return summary | {"seconds": round(summary["rows"] * 1e-3, 3)}
         if behind < BLOCK:
             time.sleep(POLL_S)
-
-
-class _Stop:
-    """Whether to stop: after SIGTERM, without a parent, or some time after the session's end."""
-
-    def __init__(self) -> None:
-        self._at = float("inf")
-        signal.signal(signal.SIGTERM, lambda *_: self.after(0.0))
-        # Ctrl-C reaches every process, but the session must end first.
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    def after(self, seconds: float) -> None:
-        self._at = min(self._at, time.monotonic() + seconds)
-
-    def is_due(self) -> bool:
-        if parent_has_ended():
-            self.after(0.0)
-        return time.monotonic() >= self._at

@@ -17,7 +17,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -68,7 +67,6 @@ class Station:
         say: prints for the user why a pedal does not count.
         """
         self.machine, self.itp, self.joints, self.crtk = machine, itp, joints, crtk
-        self.armed: int | None = None
         self.ticks = 0
         self._hazards, self._estop_row = hazards, estop_row
         self._number = 0  # number of the robot's newest packet
@@ -164,40 +162,20 @@ class Station:
                     expected = "no hazard: the scenario has none"
                 raise UserError(f"number is {format_value(number)}, expected {expected}")
             self.machine.arm(number)
-            self.armed = number
         elif kind == "disarm":
             self.machine.disarm()
-            self.armed = None
         elif kind == "estop":
             self.machine.press(self._estop_row)
             self._arbiter.rearm("", self.ticks)
         elif kind == "reset":
             self.machine.reset()
-            self.armed, self._number = None, 0
+            self._number = 0
             self._arbiter.rearm("restart", self.ticks)
             self._trips, self._checks = 0.0, {}
         else:
             raise UserError(
                 f"order is {format_value(kind)}, expected one of arm, disarm, estop, reset"
             )
-
-
-class Strike(NamedTuple):
-    """A hazard that the process arms automatically."""
-
-    number: int  # index in the session's list
-    at_ms: int  # since the process began
-
-    @staticmethod
-    def parse(text: str) -> Strike:
-        """Parse NUMBER@MS. Raises UserError if it is invalid."""
-        parts = text.split("@")
-        if len(parts) != 2 or not all(part.isdecimal() for part in parts):
-            raise UserError(
-                f"hazard is {format_value(text)}, expected NUMBER@MS, such as 0@5000: hazard 0"
-                " after 5 s"
-            )
-        return Strike(int(parts[0]), int(parts[1]))
 
 
 def run_robot(
@@ -207,7 +185,6 @@ def run_robot(
     host: str = LOOPBACK,
     itp_port: int = UDP_PORT,
     joint_port: int = JOINT_PORT,
-    hazards: Sequence[Strike] = (),
     token: str | None = None,
     console_host: str | None = None,
     profiles: Sequence[ConsoleProfile] = (),
@@ -224,10 +201,6 @@ def run_robot(
     number = chosen.seed if seed is None else seed
     robot = PacketRobot(scenario.session_campaign(chosen, number))
     armables = scenario.armable_hazards(chosen, robot.blueprint.plan.rows)
-    for strike in hazards:
-        if strike.number >= len(armables):
-            choice = f"it has 0..{len(armables) - 1}" if armables else "it has none"
-            raise UserError(f"hazard {strike.number} is not in scenario {chosen.name!r}: {choice}")
     greeting = {
         "robot": "ravenjax",
         "arms": list(robot.arms),
@@ -250,18 +223,15 @@ def run_robot(
         estop_row = robot.blueprint.plan.runs - 1
         station = Station(robot, itp, joints, len(armables), estop_row, beside, say)
         stop = stack.enter_context(interruption.until_interrupted())
-        for one in armables:
-            say(f"hazard {one.number}: {one.title} ({one.hazard})")
-        lasting = {one.number: one.lasts_ms for one in armables}
+        for armable in armables:
+            say(f"hazard {armable.number}: {armable.title} ({armable.hazard})")
         with use_realtime_priority(min) as granted:
             say(f"realtime: {granted}")
             for warning in exposure_warnings(host, token, console_host):
                 say(warning)
             say("console: ITP over UDP {}:{}".format(*itp.address))
             say("joint state: TCP {}:{}".format(*joints.address))
-            timing = serve_robot(
-                station, hazard_orders(hazards, lasting), seconds, lambda: bool(stop)
-            )
+            timing = serve_robot(station, seconds, lambda: bool(stop))
         counts = {"console": itp.counters(), "joint stream": joints.counts}
     p50, p99 = (timing.percentile("compute", share) for share in (0.5, 0.99))
     say(
@@ -279,34 +249,18 @@ def in_words(counts: Mapping[str, int]) -> str:
 
 def serve_robot(
     station: Station,
-    orders: Sequence[tuple[int, Json]] = (),
     seconds: float | None = None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> LoopTiming:
-    """Tick `station` against the clock. orders: (tick, order), in the order of their ticks."""
-    waiting = list(orders)
+    """Tick `station` against the clock."""
     end = float("inf") if seconds is None else seconds * 1000.0
     with no_collection():
         clock = Clock()
         while station.ticks < end and not stopped():
             clock.wait()
-            while waiting and waiting[0][0] <= station.ticks:
-                content = waiting.pop(0)[1]
-                # Another hazard may be active by now.
-                if content["order"] != "disarm" or station.armed == content["number"]:
-                    station.obey(content)
             station.tick()
             clock.done()
     return clock.timing
-
-
-def hazard_orders(strikes: Sequence[Strike], lasting: dict[int, int]) -> list[tuple[int, Json]]:
-    """Return the orders that arm each hazard, and disarm it after `lasting` ms."""
-    orders = []
-    for number, at_ms in strikes:
-        orders.append((at_ms, {"order": "arm", "number": number}))
-        orders.append((at_ms + lasting[number], {"order": "disarm", "number": number}))
-    return sorted(orders, key=lambda order: order[0])
 
 
 def exposure_warnings(host: str, token: str | None, console: str | None) -> list[str]:
@@ -326,4 +280,4 @@ def exposure_warnings(host: str, token: str | None, console: str | None) -> list
 
 def hash_hazards(hazards: Sequence[Armable]) -> str:
     """Return a hash of a list of hazards. Lists with the same hash number their hazards equally."""
-    return hashlib.sha256(" ".join(one.run_id for one in hazards).encode()).hexdigest()[:16]
+    return hashlib.sha256(" ".join(hazard.run_id for hazard in hazards).encode()).hexdigest()[:16]

@@ -36,13 +36,20 @@ from ravenjax.train.protocol.frame import (
     Frame,
 )
 from ravenjax.train.protocol.jaws import closing_point
-from ravenjax.train.protocol.messages import INSTRUCTOR, OPERATOR, SEAT, Command, Event, Json
+from ravenjax.train.protocol.messages import (
+    INSTRUCTOR,
+    OPERATOR,
+    SEAT,
+    Command,
+    Event,
+    Json,
+    encode,
+)
 from ravenjax.train.protocol.world import Point
 from ravenjax.train.robot import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP, ArmName, tip_pose
 from ravenjax.train.scenario import Scenario
 from ravenjax.train.session import blueprint, director, hands, pedal
 from ravenjax.train.session.blueprint import Blueprint
-from ravenjax.train.session.command_log import CommandLog
 from ravenjax.train.session.console_arbiter import ConsoleArbiter, console_of
 from ravenjax.train.session.simulation import EstopHold, SimulatedRobot
 
@@ -54,8 +61,10 @@ _TOLD = (
     ("runlevel", "runlevel"),
 )
 """Kind of event for each state whose changes are reported, and the key of the new value."""
-_STANDS = {PAUSED: pedal.PAUSED, STOPPED: pedal.STOPPED, LOST: pedal.LOST}
-"""Phases in which no pedal counts as down, with the reason."""
+_STANDS = {PAUSED: "paused", STOPPED: "stopped", LOST: "lost"}
+"""Phases in which no pedal counts as down, with the key in `pedal.REASONS`."""
+MOST_COMMANDS = 1_000_000
+"""Hours of a page's commands, or a quarter of an hour of a console that sends one a millisecond."""
 OUTCOMES_EVERY = 10
 """The smallest number of ticks between two readings of the robot's checks."""
 STAND_BY_MS = 30_000
@@ -105,7 +114,8 @@ class Session:
         self.pedals = pedal.PedalReasons()
         self._estop_hold = EstopHold(self.layout)
         self.ended = ""  # why the session is over
-        self.command_log = CommandLog()
+        self.command_lines: list[str] = []
+        """Lines of `session.command_log`, at most MOST_COMMANDS."""
         self._hands = self._new_hands()
         self._resume_to = READY
         # Row of the resting robot while the operator drives the virtual robot.
@@ -185,7 +195,10 @@ class Session:
 
     def conclude(self) -> list[Event]:
         """Run the second half of the tick: task, judge and phase. Return the events of both."""
-        self.command_log.add(self.ticks, self._new)
+        if len(self.command_lines) < MOST_COMMANDS:
+            self.command_lines += [
+                encode({"tick": self.ticks, "message": command}) + "\n" for command in self._new
+            ]
         self.frame.settle()
         self._tell_changes()
         if self._moved:
@@ -205,8 +218,11 @@ class Session:
         why = self.arbiter.why_not(console, self.ticks)
         if not self.arbiter.holds(console):
             return why
-        homing = pedal.HOMING if self.frame.numbers[self._runlevel] == INIT else ""
-        return _STANDS.get(self.phase) or why or homing
+        if self.phase in _STANDS:
+            return pedal.REASONS[_STANDS[self.phase]]
+        return why or (
+            pedal.REASONS["homing"] if self.frame.numbers[self._runlevel] == INIT else ""
+        )
 
     # --- commands ---
 

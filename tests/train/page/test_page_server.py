@@ -49,11 +49,11 @@ class Window:
         raise AssertionError(f"nothing of {what} with {parts}")
 
     def pong(self):
-        """The answer to a ping, None where it is dropped; ten more messages are given to it."""
-        self.say({"type": "page", "do": "ping", "stamp": 1.5})
+        """The refusal of an unknown command, None where it is dropped; among ten messages."""
+        self.say({"type": "page", "do": "ping"})
         for _ in range(10):
             message = self.socket.recv(timeout=waiting.DEADLINE_S)
-            if isinstance(message, str) and (told := json.loads(message)).get("stamp") == 1.5:
+            if isinstance(message, str) and (told := json.loads(message)).get("why"):
                 return told
         return None
 

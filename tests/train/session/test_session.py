@@ -89,7 +89,7 @@ def follower(session, **settings):
 def test_a_session_comes_again_to_the_bit_from_what_was_said(made, tmp_path):
     first = Session(CHOSEN, 5, ready=made)
     rows, events, hazards = whole(first, follower(first))
-    first.command_log.write(tmp_path / "commands.jsonl")
+    (tmp_path / "commands.jsonl").write_text("".join(first.command_lines))
     again = scripts.Recorded(read_commands(tmp_path / "commands.jsonl"))
     other, told, table = whole(Session(CHOSEN, 5, ready=made), again)
     np.testing.assert_array_equal(rows, other)
