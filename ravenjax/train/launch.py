@@ -7,8 +7,6 @@
 The page and the recorder never make the realtime loop wait. Both end with the realtime process.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import re

@@ -19,8 +19,6 @@ the part of a stretch between two targets (the whole stretch if there are no tar
   in which both tips move.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import statistics

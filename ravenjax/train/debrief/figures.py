@@ -3,8 +3,6 @@
 A session's charts show distances and their limits, depth, force and run level.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Writes the debrief of a session: a self-contained HTML page."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from ravenjax.errors import StoreError

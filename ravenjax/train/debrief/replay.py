@@ -4,8 +4,6 @@ Positions are in the world, in tenths of a millimetre as whole numbers, so that 
 an hour of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

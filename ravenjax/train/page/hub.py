@@ -4,8 +4,6 @@ Everything here runs in the server's event loop. A window that receives frames s
 newest, never a backlog.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import time

@@ -1,7 +1,5 @@
 """Checks every message of a browser before it is forwarded: types, ranges, sizes, roles."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 from importlib import resources

@@ -5,8 +5,6 @@ reached in grey. All targets at once would hide the tip. The goal has a colour t
 model has. The ring around it shrinks as the tip comes nearer.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

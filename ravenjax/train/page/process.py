@@ -1,7 +1,5 @@
 """Runs the page's process: polls the rings, draws the scene, and informs the windows."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import logging

@@ -8,8 +8,6 @@ without checking its visitors. It is started with that one function wrapped. So 
 loop.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import contextvars

@@ -67,8 +67,6 @@ Events have "tick" (ms since the session began, without pauses) and "kind":
 golden run has had the cue, too. `ravenjax.outcomes` defines the terms for checks and motion.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from typing import Annotated, Any, Literal

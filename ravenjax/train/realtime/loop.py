@@ -1,7 +1,5 @@
 """Runs a session in real time: one thread, one tick a millisecond. It waits only for the clock."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Protocol
 

@@ -1,7 +1,5 @@
 """Writes and reads the recording of a session."""
 
-from __future__ import annotations
-
 import contextlib
 from multiprocessing.connection import Connection
 

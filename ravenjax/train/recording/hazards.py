@@ -4,8 +4,6 @@ They come from hazards.csv. If the session was killed before it could write that
 from the rows of its recording.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import statistics

@@ -6,8 +6,6 @@ parent is gone. It always closes the file, unless it is killed. In that case onl
 and one block are lost (`store.recover`).
 """
 
-from __future__ import annotations
-
 import contextlib
 import signal
 import threading

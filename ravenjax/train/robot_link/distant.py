@@ -10,8 +10,6 @@ distances of the reported tip from the model, as is `known_mm`. False reports ca
 `false_report_mm` is NaN.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple

@@ -15,8 +15,6 @@ little-endian), which raven2 declares and never sends. This server defines its m
 - checksum: sum of forces, run level and number, wrapped to 32 bits, as in the console's packet.
 """
 
-from __future__ import annotations
-
 import contextlib
 import socket
 import time

@@ -12,8 +12,6 @@ until a force packet shows that this console is followed. A real Raven sends no 
 gets the recording after `KNOCK_S`.
 """
 
-from __future__ import annotations
-
 import contextlib
 import socket
 import time

@@ -12,8 +12,6 @@ the ITP console there may be a CRTK console. `session.console_arbiter` decides w
 whether its pedal counts. Unlike in a session, no console here keeps the seat while its pedal is up.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 from collections.abc import Callable, Mapping, Sequence

@@ -11,8 +11,6 @@ Every hazard of the table starts at 0, and a fault that waits for the pedal in a
 time instead. The reason is that a session arms a row only while the pedal is down.
 """
 
-from __future__ import annotations
-
 import math
 import zlib
 from collections.abc import Iterator

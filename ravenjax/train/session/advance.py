@@ -11,8 +11,6 @@ robot rests. The driven robot can then repeat that motion, row by row, for as lo
 held.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -3,8 +3,6 @@
 With scenario and seed they reproduce the session.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

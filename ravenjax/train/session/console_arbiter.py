@@ -12,8 +12,6 @@ that an operator with a foot on the pedal may not notice. The console left, was 
 the robot was lost.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from ravenjax.train.protocol.frame import CONSOLES

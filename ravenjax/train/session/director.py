@@ -9,8 +9,6 @@ It is disarmed after its time (`Armable.lasts_ms`), so that permanent faults end
 pedal is a right response, it is also disarmed once the pedal has been up for `CLEARED_MS`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 

@@ -6,8 +6,6 @@ only through the force. So each change of the reason is an event "refused" (cons
 the page and the log, and a line at the terminal.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Runs a study: compares groups of sessions, and writes a page, a table and a short text."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Iterable, Sequence

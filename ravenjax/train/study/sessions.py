@@ -3,8 +3,6 @@
 It reads the sessions, checks that they belong together, and hides the groups of a blinded study.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json

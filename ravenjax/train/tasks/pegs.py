@@ -6,8 +6,6 @@ where it must be fetched. The jaws are those of the true links, so a hazard that
 the object too.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -5,8 +5,6 @@ carries rows of the robot, the other commands. A row contains a `Frame`, the clo
 the number of the last command that the loop had taken before it.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import signal

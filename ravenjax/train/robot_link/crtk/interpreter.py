@@ -5,8 +5,6 @@ This module uses no transport, clock or process. Messages and rows go in with th
 and commands of `protocol.messages` come out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

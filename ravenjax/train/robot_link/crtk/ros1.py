@@ -5,8 +5,6 @@ Only bytes pass between the two processes. `messages` makes and reads them in th
 the node needs no message packages.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shutil

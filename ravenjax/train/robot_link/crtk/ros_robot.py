@@ -5,8 +5,6 @@ CRTK's `measured_js`, `setpoint_js` and `operating_state` of each arm. Other ord
 sent as `state_command`: an E-stop is `disable`, a restart is `home`. Hazards cannot be armed there.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Any
