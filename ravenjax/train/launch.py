@@ -355,7 +355,6 @@ def _header(options: SessionOptions, session: Session) -> Json:
 def _robot(
     stack: contextlib.ExitStack, options: SessionOptions, say: Say
 ) -> Callable[[Blueprint], SimulatedRobot | DistantRobot]:
-    """Return the function that makes the robot, or connects to a remote one."""
     if options.robot is None:
         return SimulatedRobot
     host, (itp_port, stream) = parse_address(options.robot)
@@ -422,7 +421,6 @@ def _open_page(
     rings: tuple[Ring, Ring, Ring],
     say: Say,
 ) -> int:
-    """Start the page, print its addresses and return its port."""
     page_options = page.PageOptions(
         frames=rings[0].name,
         events=rings[1].name,

@@ -53,7 +53,6 @@ def player_data(course: Recording, header: Json, hazards: Sequence[HazardRow]) -
 
 
 def _arm(course: Recording, arm: str, base: Json, rows: np.ndarray, blinded: bool) -> Json:
-    """Return the remote centre, and where the jaws close, of the robot and of the nominal model."""
     # The import takes half a second.
     from scipy.spatial.transform import Rotation
 

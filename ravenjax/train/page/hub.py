@@ -169,7 +169,6 @@ class Hub:
         return [{key: value for key, value in event.items() if key != "row"} for event in shown]
 
     def _part(self, client: Client) -> None:
-        """Remove a window that is gone or has another connection now."""
         if client not in self._clients:
             return
         self._clients.remove(client)

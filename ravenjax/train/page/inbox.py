@@ -77,7 +77,6 @@ class Inbox:
         return content
 
     def _require_sense(self, name: str, content: Json) -> None:
-        """Raise RefusedMessage if the message does not fit this session."""
         for arm in content.get("arms", ()):
             if arm not in self._arms:
                 raise RefusedMessage(f"arm {arm}, the session has {' and '.join(self._arms)}")

@@ -174,7 +174,6 @@ class PageServer:
         return _refusal(HTTPStatus.NOT_FOUND, "no such page")
 
     def _earlier_session(self, path: str, token: str) -> Response:
-        """Return the list of sessions, or a debrief from it, for the instructor only."""
         if self._folder is None or not same_secret(token, self._instructor_token):
             return _refusal(HTTPStatus.FORBIDDEN, "the list of sessions is the instructor's")
         sessions = {

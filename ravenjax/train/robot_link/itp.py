@@ -171,5 +171,4 @@ class ItpServer:
 
 
 def _whole(value: float) -> int:
-    """Return the nearest whole number within 32 bits; 0 for NaN."""
     return 0 if value != value else round(max(-_FORCE_LIMIT, min(_FORCE_LIMIT, value)))

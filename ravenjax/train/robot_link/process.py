@@ -125,7 +125,6 @@ class Station:
         return chosen
 
     def _poll_crtk(self, console: Console) -> list[Increments]:
-        """Return CRTK's increments as one command, or none. Its orders are obeyed at once."""
         requests: list[Increments] = []
         for command in console.poll():
             if command["type"] == "unheard":

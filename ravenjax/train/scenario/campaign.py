@@ -216,7 +216,6 @@ def _config(
 
 
 def _slots(row: _Row) -> list[_Row]:
-    """Return the faults of a row. The names of their columns are without the slot number."""
     slots = [
         {name: row.get(f"fault{number}_{name}") for name in _SLOT_COLUMNS} for number in range(8)
     ]

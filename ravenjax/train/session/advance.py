@@ -313,7 +313,6 @@ class Session:
     # --- the three robots ---
 
     def _drive(self, hand: hands.Hands) -> None:
-        """Write this tick's row of motion of the robots. The view decides which one follows."""
         now, motion = self.robot.now, self.robot.motion
         row = motion[:, now]
         if self.view == VIRTUAL:

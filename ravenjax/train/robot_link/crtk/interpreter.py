@@ -56,8 +56,6 @@ class RobotRow(NamedTuple):
 
 
 class _Arm(SetpointFollower):
-    """State and goals of one arm."""
-
     def __init__(self, arm: ArmName, tool: str, grasp_gain: int) -> None:
         super().__init__(arm, grasp_gain)
         self.name: ArmName = arm

@@ -84,7 +84,6 @@ class Ros1Transport:
             self._node.wait()
 
     def _receive(self) -> tuple[Any, Any]:
-        """Receive the node's next message and update the state in this process."""
         try:
             word, content = self._link.recv()
         except (EOFError, OSError):

@@ -137,7 +137,6 @@ class RosRobot(RobotLink):
             self._complete(message.header, min(self._levels.values()), 0)
 
     def _complete(self, header: Any, runlevel: int, last_seq: int) -> None:
-        """Turn the complete record into the newest report."""
         stamp_ns = messages.stamp_ns(header)
         self._began_ns = self._began_ns or stamp_ns
         state = {"runlevel": [runlevel & 3], "surgeon_mode": [int(runlevel == PEDAL_DOWN)]}
