@@ -263,19 +263,17 @@ def run_headless(options: SessionOptions, say: Say = lambda _: None) -> Finished
     options = _with_new_folder(options, say)
     header = {"started": recorder.utc_now(), **_header(options, session), "ended": None}
     description.write_session(options.folder, header)
-    log = session_log.SessionWriter(
-        options.folder / session_log.FILE, tuple(session.layout.names()), header
-    )
+    writer = recorder.RowWriter(options.folder, session.layout.names(), header)
     block: list[np.ndarray] = []
     events: list[Event] = []
     first = 0
-    with contextlib.closing(log):
+    with contextlib.closing(writer.log):
         while not session.over:
             interruption.check_interruption()
             events += session.tick(driver.poll())
             block.append(session.frame.row.copy())
             if len(block) == recorder.BLOCK or session.over:
-                log.add(first, np.stack(block), events)
+                writer.add(first, np.stack(block), events)
                 first += len(block)
                 block, events = [], []
     description.update_session(options.folder, {"ended": recorder.utc_now()})
@@ -478,6 +476,7 @@ def _conclude(
         "ended": session.ended,
         "task": session.task.result(),
         "ticks": session.ticks,
+        "waited_ms": session.ticks if session.started is None else session.started,
         "hazards": table.summarize_hazards([table.HazardRow(**row) for row in rows]),
     }
     if timing is not None:

@@ -34,13 +34,15 @@ def player_data(course: Recording, header: Json, hazards: Sequence[HazardRow]) -
         if row.struck_ms is not None:
             begin, end = row.struck_ms - AROUND_MS[0], row.struck_ms + AROUND_MS[1]
             times.append(np.arange(begin, end, EVERY_HAZARD_MS))
-            marks.append({"ms": row.struck_ms, "kind": "strike", "text": row.title or row.hazard})
+            text = row.title or row.hazard
+            marks.append({"ms": row.struck_ms - first, "kind": "strike", "text": text})
             if row.response_ms is not None:
-                marks.append({"ms": row.response_ms, "kind": "response", "text": row.response})
+                after_ms = row.response_ms - first
+                marks.append({"ms": after_ms, "kind": "response", "text": row.response})
     rows = np.unique(np.searchsorted(course.ms, np.concatenate(times)))
     rows = rows[rows < len(course.ms)]
     return {
-        "ms": course.ms[rows].astype(int).tolist(),
+        "ms": (course.ms[rows] - first).astype(int).tolist(),
         "pedal": course["pedal"][rows].astype(int).tolist(),
         "target": course["target"][rows].astype(int).tolist(),
         "arms": {

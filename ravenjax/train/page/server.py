@@ -188,6 +188,7 @@ class PageServer:
                 sessions=[*reversed(sessions.values())],
                 has_debrief={name: (s.path / DEBRIEF).is_file() for name, s in sessions.items()},
                 folder=str(self._folder.parent),
+                running=self._folder.name,
                 token=token,
             )
             return _response(HTTPStatus.OK, _TYPES[".html"], text.encode())

@@ -7,10 +7,11 @@ and one block are lost (`store.recover`).
 """
 
 import contextlib
+import math
 import signal
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,15 +20,41 @@ import numpy as np
 
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
-from ravenjax.train.protocol.messages import Json
+from ravenjax.train.protocol.messages import Event, Json
 from ravenjax.train.realtime.ring import Ring, parent_has_ended, read_json
 
 POLL_S = 0.015
 """s between readings of the rings. A kill loses at most this time and one block."""
 BLOCK = 128
 """The largest number of rows of a block, so that a recorder that is behind loses little more."""
+WAITING_MS = 1000
+"""ms between two rows before the first pedal-down."""
 LINGER_S = 0.5
 """s after "end" in which a last row may still arrive."""
+
+
+class RowWriter:
+    """Writes rows and events to a log. Of the rows before the first pedal-down it writes one a
+    second, so that an open page does not fill the disk.
+    """
+
+    def __init__(self, folder: Path, names: Sequence[str], header: Json) -> None:
+        """Raises StoreError if the file cannot be created."""
+        self.log = session_log.SessionWriter(folder / session_log.FILE, names, header)
+        self._columns = [names.index("left_ms"), names.index("pedal")]
+        self._whole_ms = 1e3 * header.get("scenario", {}).get("duration_s", math.inf)
+
+    def add(self, first: int, rows: np.ndarray, events: Sequence[Event]) -> int:
+        """Write rows that are numbered from `first`, and events. Return how many were written."""
+        left_ms, pedal = rows[:, self._columns].T
+        numbers = np.arange(len(rows))
+        is_due = (left_ms < self._whole_ms) | (pedal > 0) | ((first + numbers) % WAITING_MS == 0)
+        written = numbers[is_due]
+        *runs, last = np.split(written, np.flatnonzero(np.diff(written) > 1) + 1)
+        for run in runs:
+            self.log.add(first + int(run[0]), rows[run])
+        self.log.add(first + int(last[0] if len(last) else len(rows)), rows[last], events)
+        return len(written)
 
 
 @dataclass(frozen=True)
@@ -61,10 +88,10 @@ def record_session(options: RecorderOptions, listening: Callable[[], None] = lam
                 f"rows have {frames.row_bytes} bytes, expected {4 * len(options.names)} for their"
                 " names"
             )
-        log = session_log.SessionWriter(options.folder / session_log.FILE, options.names, header)
-        stack.callback(log.close)
+        writer = RowWriter(options.folder, options.names, header)
+        stack.callback(writer.log.close)
         listening()
-        summary = _record(frames, events, log, options.names.index("late_ticks"), leaving)
+        summary = _record(frames, events, writer, options.names.index("late_ticks"), leaving)
     description.update_session(
         options.folder, {"ended": utc_now(), "summary": {"recording": summary}}
     )
@@ -78,7 +105,7 @@ def utc_now() -> str:
 def _record(
     frames: Ring,
     events: Ring,
-    log: session_log.SessionWriter,
+    writer: RowWriter,
     late_ticks: int,
     leaving: threading.Event,
 ) -> Json:
@@ -100,8 +127,7 @@ def _record(
         row, event = first + len(raw), first_event + len(rows_of_events)
         if len(raw) or batch:
             rows = raw.view(np.float32)
-            log.add(first, rows, batch)
-            summary["rows"] += len(rows)
+            summary["rows"] += writer.add(first, rows, batch)
             summary["lost_rows"] += lost
             summary["events"] += len(batch)
             if len(rows):

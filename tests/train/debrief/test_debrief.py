@@ -20,7 +20,7 @@ from ravenjax.train.debrief import replay
 from ravenjax.train.protocol.jaws import closing_point
 from ravenjax.train.protocol.world import to_world
 from ravenjax.train.recording import hazards as hazard_table
-from ravenjax.train.recording import reader
+from ravenjax.train.recording import reader, recorder
 
 MET = synthetic.hazard(0)
 MISSED = synthetic.hazard(1, struck=9000.0, cue=None, known=None, response=None, off=12.0, ok=False)
@@ -92,6 +92,23 @@ def test_pauses_are_left_out(tmp_path):
     np.testing.assert_array_equal(
         reader.read_recording(tmp_path).without_pauses().ms, np.arange(801)
     )
+
+
+def test_waiting_costs_a_row_a_second_and_no_place_in_the_curves(tmp_path):
+    layout = synthetic.FrameLayout.of(("gold",))
+    rows = synthetic.rows(layout, [], 5.0)
+    rows[:, layout.places["left_ms"]] = np.minimum(2000, 5000 - np.arange(5000))[:, None]
+    rows[:3000, layout.places["pedal"]] = 0
+    writer = recorder.RowWriter(
+        tmp_path, layout.names(), {"scenario": {"duration_s": 2.0, "harm": {}}}
+    )
+    written = sum(writer.add(k, rows[k : k + 128], []) for k in range(0, 5000, 128))
+    writer.add(5000, rows[:0], [{"tick": 3000, "kind": "started", "by": "pedal"}])
+    writer.log.close()
+    recording = reader.read_recording(tmp_path, debrief.CHANNELS)
+    assert recording.numbers.tolist() == [0, 1000, 2000, *range(3000, 5000)]
+    assert len(recording.rows) == written and "gold/jpos" not in recording.layout.places
+    np.testing.assert_array_equal(recording.without_pauses().ms, np.arange(3000, 5000))
 
 
 def test_the_page_is_honest_about_what_is_missing(tmp_path):
