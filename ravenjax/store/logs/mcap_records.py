@@ -16,7 +16,7 @@ import mmap
 import re
 import struct
 import sys
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -62,13 +62,14 @@ class Scan:
     # Bytes that belong to no complete record: damaged ones, and those after the last.
     lost_bytes: int = 0
 
-    def messages(self) -> Iterator[Message]:
-        """Yield every message in the order of the file."""
+    def messages(self, topics: Collection[str] = ()) -> Iterator[Message]:
+        """Yield every message, or those on these topics, in the order of the file."""
+        wanted = {number for number, one in self.channels.items() if one.topic in topics}
         for place in self.places:
             record = _read_record(self.data, place)[0]
             if isinstance(record, Chunk):
-                yield from _messages_of(record)
-            elif isinstance(record, Message):
+                yield from _messages_of(record, wanted)
+            elif isinstance(record, Message) and (not wanted or record.channel_id in wanted):
                 yield record
             if sys.platform == "linux":
                 self.data.madvise(mmap.MADV_DONTNEED)  # what was read leaves the memory
@@ -170,13 +171,16 @@ def _definitions_of(chunk: Chunk) -> list[McapRecord]:
     ]
 
 
-def _messages_of(chunk: Chunk) -> Iterator[Message]:
-    """Yield the messages of a chunk. The library takes ten times as long."""
+def _messages_of(chunk: Chunk, wanted: Collection[int]) -> Iterator[Message]:
+    """Yield a chunk's messages on the wanted channels, or all. The library takes ten times as
+    long.
+    """
     for opcode, content, begin, end in _split(chunk):
         if opcode == Opcode.MESSAGE:
             channel, number, log_ns, publish_ns = _MESSAGE.unpack_from(content, begin)
-            data = content[begin + _MESSAGE.size : end]
-            yield Message(channel, log_ns, data, publish_ns, number)
+            if not wanted or channel in wanted:
+                data = content[begin + _MESSAGE.size : end]
+                yield Message(channel, log_ns, data, publish_ns, number)
 
 
 class Recovered(NamedTuple):

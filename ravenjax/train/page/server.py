@@ -37,7 +37,7 @@ SCENE = "/scene/"
 LARGEST_BYTES = 65536
 """A longer message closes the connection. The reader of a shorter one judges its length."""
 STATIC = Path(__file__).resolve().parent / "static"
-DEBRIEF = "debrief.html"
+DEBRIEF, TABLE = "debrief.html", "hazards.csv"
 _TYPES = {
     ".css": "text/css; charset=utf-8",
     ".html": "text/html; charset=utf-8",
@@ -155,7 +155,8 @@ class PageServer:
         debrief = self._folder / DEBRIEF if self._folder else None
         has_debrief = debrief is not None and debrief.is_file()
         if path == "/debrief.json":
-            ready = json.dumps({"ready": has_debrief}).encode()
+            has_table = self._folder is not None and (self._folder / TABLE).is_file()
+            ready = json.dumps({"ready": has_debrief, "table": has_table}).encode()
             return _response(HTTPStatus.OK, "application/json", ready)
         if path == f"/{DEBRIEF}" and debrief is not None and has_debrief:
             return _response(HTTPStatus.OK, _TYPES[".html"], debrief.read_bytes())

@@ -16,7 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from ravenjax.outcomes import verdict
 from ravenjax.train import scenario, tasks
+from ravenjax.train.judge.detectors import Trips
 from ravenjax.train.judge.watch import Judge
 from ravenjax.train.protocol.frame import (
     CONSOLES,
@@ -120,6 +122,7 @@ class Session:
         self._rest: np.ndarray | None = None
         # Ticks of the motion tried on the virtual robot that the robot has not repeated yet.
         self._tried = (0, 0)
+        self._trial_checks, self._trial_trips = Trips(), 0.0
         self._pedal, self._alive = 0.0, False
         self._told: tuple[Any, ...] = (None,) * len(_TOLD)
         places = self.layout.places
@@ -188,6 +191,7 @@ class Session:
             self.robot.step()
         if self.view == VIRTUAL:
             self.virtual.step()
+            self._tell_trial()
         self._publish(hand)
         self._moved = True
 
@@ -340,7 +344,21 @@ class Session:
         self._rest = self.robot.motion[:, now - 1].copy()
         self._rest[-1] = 0
         self._tried = (now, now)
+        self._trial_checks = Trips()
+        # Trips before the trial are no news.
+        self._trial_checks.look(self.ticks, now, self.virtual.outcomes())
+        self._trial_trips = float(self.virtual.row[self._trips])
         self.view = VIRTUAL
+
+    def _tell_trial(self) -> None:
+        """Report the alarms and stops of the virtual robot."""
+        trips = float(self.virtual.row[self._trips])
+        if trips == self._trial_trips or self.ticks % OUTCOMES_EVERY:
+            return
+        self._trial_trips, now = trips, self.virtual.now
+        for trip in self._trial_checks.look(self.ticks, now, self.virtual.outcomes()):
+            if trip.check.response in verdict.TOLD and trip.announced:
+                self._tell("alarm", check=trip.check.name, count=trip.count, virtual=True)
 
     def _stand_by(self) -> bool:
         """Restart the motion table of a robot that nobody has driven yet. Return whether it moves.

@@ -299,6 +299,15 @@ def test_what_is_tried_on_the_virtual_robot_the_robot_then_does(session):
     )  # the hand goes on from there without a jump
 
 
+def test_alarms_of_the_virtual_robot_are_told_during_a_trial(session):
+    started(session)
+    trial = {"type": "operator", "do": "rehearse"}
+    _, events = drive(session, 3500, move=(0.0, 1.0, 0.0), also=[trial])
+    alarms = [event for event in events if event["kind"] == "alarm"]
+    assert alarms and all(alarm["virtual"] for alarm in alarms)
+    assert session.frame.number("view") == 1 and session.frame.number("runlevel") == 2
+
+
 def test_the_instructor_arms_switches_the_cue_and_ends(session):
     started(session)
     arm = {"type": "instructor", "do": "arm", "hazard": 1}

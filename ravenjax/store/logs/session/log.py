@@ -177,7 +177,7 @@ def read_session_log(path: Path, keeps: Callable[[str], bool] = lambda name: Tru
     numbers: list[int] = []
     data, blocks = bytearray(), [np.zeros((0, len(columns)), np.float32)]
     events: list[dict[str, Any]] = []
-    for message in content.messages():
+    for message in content.messages((SIGNALS, EVENTS)):
         channel = content.channels.get(message.channel_id)
         if channel is not None and channel.topic == SIGNALS:
             numbers.append(message.sequence)
