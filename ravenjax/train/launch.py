@@ -120,6 +120,7 @@ def run_realtime(
     with contextlib.ExitStack() as stack:
         stack.callback(_remove_if_empty, options.folder)
         helpers = SessionHelpers.start(stack, with_page) if helpers is None else helpers
+        say("robot: being compiled, or read from the cache")
         session = Session(
             options.scenario, options.seed, cue=options.cue, robot=_robot(stack, options, say)
         )
@@ -144,6 +145,7 @@ def run_realtime(
         if helpers.page is not None:
             commands = Ring.create(KEPT_COMMANDS, COMMAND_BYTES)
             stack.callback(commands.close)
+            say("page: its scene is being loaded")
             port = _open_page(
                 helpers.page, options, session, header, (frames, events, commands), say
             )

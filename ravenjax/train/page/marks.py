@@ -50,7 +50,11 @@ class DepthLine:
             f"{root}/spot", *SPOT_M, color=SPOT, opacity=0.6, visible=False, **_FLAT
         )
         self._letter = server.scene.add_label(
-            f"{root}/letter", LETTERS[arm], font_screen_scale=1.6, anchor="bottom-center"
+            # Each on its own side, so that the letters of two near tips do not overlap.
+            f"{root}/letter",
+            LETTERS[arm],
+            font_screen_scale=1.6,
+            anchor="bottom-right" if arm == "gold" else "bottom-left",
         )
 
     def show(self, tip: np.ndarray) -> None:

@@ -42,7 +42,7 @@ export function reason({ link, phase, owner, view, level, live, pressed, down, i
   if (!down) return touch ? "Hold PEDAL, or drag a pad: the robot moves only meanwhile." : "Hold SPACE: the robot moves only while the pedal is down.";
   if (view === "virtual") return "The robot rests: only the virtual one follows your hands.";
   if (!live) return "The pedal is down, the robot is getting ready: wait.";
-  if (idle && view === "real") return touch ? "The pedal is down: drag a pad to move." : "The pedal is down: move with the keys on the card; / shows all.";
+  if (idle && view === "real") return touch ? "The pedal is down: drag a pad to move." : "The pedal is down: move with A D W S R F; / shows all keys.";
   return "";
 }
 

@@ -27,7 +27,7 @@ test("one line says why the robot does not move, and what to do", () => {
     [{ down: false, pressed: false, view: "replay" }, /repeats the motion/],
     [{ view: "virtual" }, /robot rests/],
     [{ live: false }, /getting ready/],
-    [{ idle: true }, /move with the keys/],
+    [{ idle: true }, /move with A D W S R F/],
   ])
     assert.match(told(change), words);
 });
