@@ -177,7 +177,6 @@ def robot(
     host: str = "127.0.0.1",
     itp_port: Port = 36000,
     joint_port: Port = 36002,
-    seconds: Annotated[float | None, Parameter(validator=validators.Number(gt=0))] = None,
     token: str | None = None,
     console_host: str | None = None,
     console_profile: ConsoleProfile = "raven",
@@ -197,8 +196,6 @@ def robot(
         UDP port of the console; 0: any free one
     joint_port
         TCP port of the joint state; 0: any free one
-    seconds
-        end after so long; default at Ctrl-C
     token
         that orders from other machines must carry
     console_host
@@ -221,7 +218,6 @@ def robot(
         token=token,
         console_host=console_host,
         profiles=profiles.profile_choices(console_profile),
-        seconds=seconds,
         crtk=crtk,
         say=console.print_text,
     )

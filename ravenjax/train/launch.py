@@ -41,9 +41,8 @@ from ravenjax.train.recording import recorder
 from ravenjax.train.robot import UDP_PORT, scene
 from ravenjax.train.robot_link.crtk.messages import Ros
 from ravenjax.train.robot_link.distant import DistantRobot
-from ravenjax.train.robot_link.itp import ItpServer
 from ravenjax.train.robot_link.joint_stream import JOINT_PORT
-from ravenjax.train.robot_link.process import exposure_warnings, hash_hazards, in_words
+from ravenjax.train.robot_link.process import hash_hazards, in_words, open_console_port
 from ravenjax.train.robot_link.remote import RemoteRobot
 from ravenjax.train.scenario import Scenario
 from ravenjax.train.session import scripts
@@ -134,9 +133,8 @@ def run_realtime(
         stack.callback(frames.close)
         events = Ring.create(KEPT_EVENTS, EVENT_BYTES)
         stack.callback(events.close)
-        names = tuple(session.layout.names())
         helpers.recorder.begin(
-            recorder.RecorderOptions(frames.name, events.name, names, options.folder, header)
+            (frames.name, events.name, session.layout.names(), options.folder, header)
         )
         recording = helpers.recorder.process
         consoles: list[loop.Console] = []
@@ -152,22 +150,20 @@ def run_realtime(
             browser = loop.PageCommands(commands, drives=options.script is None)
             consoles.append(browser)
         if options.itp_port is not None:
-            server = ItpServer(
+            server = open_console_port(
+                stack,
                 session.arms,
                 options.host,
                 options.itp_port,
-                profiles=console_profiles,
-                only_host=options.console_host,
-                say=say,
+                console_profiles,
+                options.console_host,
+                options.token,
+                say,
             )
-            stack.callback(server.close)
             stack.callback(
                 lambda: say(f"console: {in_words(server.counters()) or 'nothing arrived'}")
             )
             consoles.append(ItpConsole(server, session))
-            for warning in exposure_warnings(options.host, options.token, options.console_host):
-                say(warning)
-            say("console: ITP over UDP {}:{}".format(*server.address))
         if options.crtk is not None:
             from ravenjax.train.robot_link.crtk import bridge
 

@@ -12,7 +12,6 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -57,44 +56,39 @@ class RowWriter:
         return len(written)
 
 
-@dataclass(frozen=True)
-class RecorderOptions:
-    """The options of the recorder, which it receives pickled."""
+def record_session(
+    frames_ring: str,
+    events_ring: str,
+    names: Sequence[str],
+    folder: Path,
+    header: Json,
+    listening: Callable[[], None] = lambda: None,
+) -> None:
+    """Record until the session ends.
 
-    frames: str  # name of the ring of rows
-    events: str  # name of the ring of events
-    names: tuple[str, ...]  # names of a row's numbers, `frame.FrameLayout.names()`
-    folder: Path
-    header: Json  # session.json without "version", "started", "ended"
-
-
-def record_session(options: RecorderOptions, listening: Callable[[], None] = lambda: None) -> None:
-    """Record until the session ends. listening: called once session.mcap exists.
-
-    Raises StoreError if the folder cannot be written, ValueError if rows have another length.
+    names: of a row's numbers, `FrameLayout.names`. header: session.json without "version",
+    "started", "ended". listening: called once session.mcap exists. Raises StoreError if the folder
+    cannot be written, ValueError if rows have another length.
     """
     leaving = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: leaving.set())
     # Ctrl-C reaches every process, but the session must end first.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    header = {"started": utc_now(), **options.header, "ended": None}
-    description.write_session(options.folder, header)
+    header = {"started": utc_now(), **header, "ended": None}
+    description.write_session(folder, header)
     with contextlib.ExitStack() as stack:
-        frames, events = Ring.attach(options.frames), Ring.attach(options.events)
+        frames, events = Ring.attach(frames_ring), Ring.attach(events_ring)
         stack.callback(frames.close)
         stack.callback(events.close)
-        if frames.row_bytes != 4 * len(options.names):
+        if frames.row_bytes != 4 * len(names):
             raise ValueError(
-                f"rows have {frames.row_bytes} bytes, expected {4 * len(options.names)} for their"
-                " names"
+                f"rows have {frames.row_bytes} bytes, expected {4 * len(names)} for their names"
             )
-        writer = RowWriter(options.folder, options.names, header)
+        writer = RowWriter(folder, names, header)
         stack.callback(writer.log.close)
         listening()
-        summary = _record(frames, events, writer, options.names.index("late_ticks"), leaving)
-    description.update_session(
-        options.folder, {"ended": utc_now(), "summary": {"recording": summary}}
-    )
+        summary = _record(frames, events, writer, names.index("late_ticks"), leaving)
+    description.update_session(folder, {"ended": utc_now(), "summary": {"recording": summary}})
 
 
 def utc_now() -> str:

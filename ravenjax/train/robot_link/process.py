@@ -14,7 +14,7 @@ whether its pedal counts. Unlike in a session, no console here keeps the seat wh
 
 import contextlib
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -23,9 +23,9 @@ from ravenjax.errors import UserError, format_value
 from ravenjax.train import scenario
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.protocol.messages import Command, Json, Say
-from ravenjax.train.realtime.clock import Clock, LoopTiming, no_collection, use_realtime_priority
+from ravenjax.train.realtime.clock import Clock, no_collection, use_realtime_priority
 from ravenjax.train.realtime.loop import Console
-from ravenjax.train.robot import NO_PACKET_SEQUENCE, UDP_PORT, ConsoleProfile
+from ravenjax.train.robot import NO_PACKET_SEQUENCE, UDP_PORT, ArmName, ConsoleProfile
 from ravenjax.train.robot_link.crtk.messages import Ros
 from ravenjax.train.robot_link.itp import LOOPBACK, ItpServer
 from ravenjax.train.robot_link.joint_stream import JOINT_PORT, JointServer, encode_report
@@ -185,11 +185,10 @@ def run_robot(
     token: str | None = None,
     console_host: str | None = None,
     profiles: Sequence[ConsoleProfile] = (),
-    seconds: float | None = None,
     crtk: Ros | None = None,
     say: Say = print,
 ) -> None:
-    """Run the robot of a scenario until Ctrl-C or SIGTERM, or for this number of seconds.
+    """Run the robot of a scenario until Ctrl-C or SIGTERM.
 
     seed: draws the scenario's hazards; None: its own. token: required in orders from other
     machines; None: they are refused. console_host: the only host that may drive. profiles: of the
@@ -206,10 +205,9 @@ def run_robot(
         "hazards": hash_hazards(armables),
     }
     with contextlib.ExitStack() as stack:
-        itp = ItpServer(
-            robot.arms, host, itp_port, profiles=profiles, only_host=console_host, say=say
+        itp = open_console_port(
+            stack, robot.arms, host, itp_port, profiles, console_host, token, say
         )
-        stack.callback(itp.close)
         joints = JointServer(greeting, host, joint_port, token)
         stack.callback(joints.close)
         beside = None
@@ -222,13 +220,15 @@ def run_robot(
         stop = stack.enter_context(interruption.until_interrupted())
         for armable in armables:
             say(f"hazard {armable.number}: {armable.title} ({armable.hazard})")
-        with use_realtime_priority(min) as granted:
+        say("joint state: TCP {}:{}".format(*joints.address))
+        with use_realtime_priority(min) as granted, no_collection():
             say(f"realtime: {granted}")
-            for warning in exposure_warnings(host, token, console_host):
-                say(warning)
-            say("console: ITP over UDP {}:{}".format(*itp.address))
-            say("joint state: TCP {}:{}".format(*joints.address))
-            timing = serve_robot(station, seconds, lambda: bool(stop))
+            clock = Clock()
+            while not stop:
+                clock.wait()
+                station.tick()
+                clock.done()
+        timing = clock.timing
         counts = {"console": itp.counters(), "joint stream": joints.counts}
     p50, p99 = (timing.percentile("compute", share) for share in (0.5, 0.99))
     say(
@@ -244,35 +244,29 @@ def in_words(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{name} {count}" for name, count in counts.items() if count)
 
 
-def serve_robot(
-    station: Station,
-    seconds: float | None = None,
-    stopped: Callable[[], bool] = lambda: False,
-) -> LoopTiming:
-    """Tick `station` against the clock."""
-    end = float("inf") if seconds is None else seconds * 1000.0
-    with no_collection():
-        clock = Clock()
-        while station.ticks < end and not stopped():
-            clock.wait()
-            station.tick()
-            clock.done()
-    return clock.timing
-
-
-def exposure_warnings(host: str, token: str | None, console: str | None) -> list[str]:
-    """Return warnings if other machines can reach the robot."""
-    if host == "localhost" or host.startswith("127."):
-        return []
-    warnings = []
-    if not console:
-        warnings.append(
-            f"any machine that reaches {host} can drive this robot; --console-host ADDRESS allows"
-            " one only"
-        )
-    if not token:
-        warnings.append("orders from other machines are refused; --token TOKEN allows them")
-    return warnings
+def open_console_port(
+    stack: contextlib.ExitStack,
+    arms: Sequence[ArmName],
+    host: str,
+    port: int,
+    profiles: Sequence[ConsoleProfile],
+    only_host: str | None,
+    token: str | None,
+    say: Say,
+) -> ItpServer:
+    """Open a port for consoles until `stack` ends, and say who can reach it. Raises UserError."""
+    server = ItpServer(arms, host, port, profiles=profiles, only_host=only_host, say=say)
+    stack.callback(server.close)
+    if host != "localhost" and not host.startswith("127."):
+        if not only_host:
+            say(
+                f"any machine that reaches {host} can drive this robot; --console-host ADDRESS"
+                " allows one only"
+            )
+        if not token:
+            say("orders from other machines are refused; --token TOKEN allows them")
+    say("console: ITP over UDP {}:{}".format(*server.address))
+    return server
 
 
 def hash_hazards(hazards: Sequence[Armable]) -> str:

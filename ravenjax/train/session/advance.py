@@ -179,10 +179,10 @@ class Session:
         hand = self._hands.advance(self.ticks)
         goes_on = self.started is not None or self.robot.now < STAND_BY_MS or self._stand_by()
         self._drive(hand)
-        for order in self.director.step(self.ticks, self.frame, self.clock):
-            if order.kind == "arm":
-                self.robot.arm(order.number)
-                self.judge.armed(order.number, self.ticks)
+        for order, number in self.director.step(self.ticks, self.frame, self.clock):
+            if order == "arm":
+                self.robot.arm(number)
+                self.judge.armed(number, self.ticks)
             else:
                 self._look()
                 self.robot.disarm()

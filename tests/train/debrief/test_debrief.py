@@ -81,34 +81,21 @@ def test_the_page_says_what_struck_when_it_could_be_known_and_how_it_was_met(tex
     assert "Motion hazard: unintended motion (limit 8 mm)" in text
 
 
-def test_pauses_are_left_out(tmp_path):
-    layout = synthetic.FrameLayout.of(("gold",))
-    rows = synthetic.rows(layout, [], 1.0)
-    rows[400:600, layout.places["session_tick"]] = 400
-    rows[600:, layout.places["session_tick"]] -= 199
-    writer = log.SessionWriter(tmp_path / log.FILE, layout.names(), {})
-    writer.add(0, rows)
-    writer.close()
-    np.testing.assert_array_equal(
-        reader.read_recording(tmp_path).without_pauses().ms, np.arange(801)
-    )
-
-
-def test_waiting_costs_a_row_a_second_and_no_place_in_the_curves(tmp_path):
+def test_waiting_costs_a_row_a_second_and_neither_it_nor_a_pause_is_drawn(tmp_path):
     layout = synthetic.FrameLayout.of(("gold",))
     rows = synthetic.rows(layout, [], 5.0)
     rows[:, layout.places["left_ms"]] = np.minimum(2000, 5000 - np.arange(5000))[:, None]
     rows[:3000, layout.places["pedal"]] = 0
-    writer = recorder.RowWriter(
-        tmp_path, layout.names(), {"scenario": {"duration_s": 2.0, "harm": {}}}
-    )
+    rows[4400:4600, layout.places["session_tick"]] = 4400
+    rows[4600:, layout.places["session_tick"]] -= 199
+    writer = recorder.RowWriter(tmp_path, layout.names(), {"scenario": {"duration_s": 2.0}})
     written = sum(writer.add(k, rows[k : k + 128], []) for k in range(0, 5000, 128))
     writer.add(5000, rows[:0], [{"tick": 3000, "kind": "started", "by": "pedal"}])
     writer.log.close()
     recording = reader.read_recording(tmp_path, debrief.CHANNELS)
     assert recording.numbers.tolist() == [0, 1000, 2000, *range(3000, 5000)]
     assert len(recording.rows) == written and "gold/jpos" not in recording.layout.places
-    np.testing.assert_array_equal(recording.without_pauses().ms, np.arange(3000, 5000))
+    np.testing.assert_array_equal(recording.without_pauses().ms, np.arange(3000, 4801))
 
 
 def test_the_page_is_honest_about_what_is_missing(tmp_path):
