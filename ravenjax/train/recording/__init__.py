@@ -16,4 +16,4 @@ def run_when_told(session: Connection) -> None:
 
     rotation_quaternions(np.eye(3)[None])  # a first call does its imports
     with contextlib.suppress(EOFError):  # the session ended before it began
-        recorder.record_session(*session.recv(), lambda: session.send(None))
+        recorder.record_session(*session.recv(), listening=lambda: session.send(None))

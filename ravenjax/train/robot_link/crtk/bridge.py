@@ -181,7 +181,7 @@ def run_bridge(robot: Connection) -> None:
     """
     # grasp_gain: mrad that the jaws close per mrad of an increment. contact: whether its force is
     # known.
-    ring_names, ros, arms, tools, grasp_gain, contact = robot.recv()
+    (rows, commands), ros, arms, tools, grasp_gain, contact = robot.recv()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the robot's process handles Ctrl-C
     # An orderly exit lets ROS learn that the topics are gone.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
@@ -194,7 +194,7 @@ def run_bridge(robot: Connection) -> None:
     except UserError as error:
         robot.send(str(error))
         return
-    rings = RobotRings(*ring_names, FrameLayout.of(arms))
+    rings = RobotRings(rows, commands, FrameLayout.of(arms))
 
     def refused(why: str) -> None:
         rings.send({"type": "unheard", "console": "crtk", "once": True, "why": why})
