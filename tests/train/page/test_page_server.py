@@ -119,7 +119,7 @@ def test_pages_and_files(session):
         "/debrief.html",
     ):
         assert get(session, path)[0].status == 404
-    assert json.loads(get(session, "/debrief.json")[1]) == {"ready": False}
+    assert json.loads(get(session, "/debrief.json")[1]) == {"ready": False, "table": False}
 
 
 def test_an_operator_drives_and_letting_go_releases(session):
