@@ -177,8 +177,6 @@ def robot(
     host: str = "127.0.0.1",
     itp_port: Port = 36000,
     joint_port: Port = 36002,
-    hazard: Annotated[list[str] | None, _SWITCH] = None,
-    seconds: Annotated[float | None, Parameter(validator=validators.Number(gt=0))] = None,
     token: str | None = None,
     console_host: str | None = None,
     console_profile: ConsoleProfile = "raven",
@@ -198,10 +196,6 @@ def robot(
         UDP port of the console; 0: any free one
     joint_port
         TCP port of the joint state; 0: any free one
-    hazard
-        NUMBER@MS: arm a hazard then
-    seconds
-        end after so long; default at Ctrl-C
     token
         that orders from other machines must carry
     console_host
@@ -221,11 +215,9 @@ def robot(
         host=host,
         itp_port=itp_port,
         joint_port=joint_port,
-        hazards=[process.Strike.parse(text) for text in hazard or ()],
         token=token,
         console_host=console_host,
         profiles=profiles.profile_choices(console_profile),
-        seconds=seconds,
         crtk=crtk,
         say=console.print_text,
     )

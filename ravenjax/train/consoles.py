@@ -1,7 +1,5 @@
 """Connects the consoles other than the page to a session: a script, or ITP over the network."""
 
-from __future__ import annotations
-
 import math
 
 from ravenjax.train.protocol.frame import Frame

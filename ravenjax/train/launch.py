@@ -7,8 +7,6 @@
 The page and the recorder never make the realtime loop wait. Both end with the realtime process.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import re
@@ -43,9 +41,8 @@ from ravenjax.train.recording import recorder
 from ravenjax.train.robot import UDP_PORT, scene
 from ravenjax.train.robot_link.crtk.messages import Ros
 from ravenjax.train.robot_link.distant import DistantRobot
-from ravenjax.train.robot_link.itp import ItpServer
 from ravenjax.train.robot_link.joint_stream import JOINT_PORT
-from ravenjax.train.robot_link.process import exposure_warnings, hash_hazards, in_words
+from ravenjax.train.robot_link.process import hash_hazards, in_words, open_console_port
 from ravenjax.train.robot_link.remote import RemoteRobot
 from ravenjax.train.scenario import Scenario
 from ravenjax.train.session import scripts
@@ -122,6 +119,7 @@ def run_realtime(
     with contextlib.ExitStack() as stack:
         stack.callback(_remove_if_empty, options.folder)
         helpers = SessionHelpers.start(stack, with_page) if helpers is None else helpers
+        say("robot: being compiled, or read from the cache")
         session = Session(
             options.scenario, options.seed, cue=options.cue, robot=_robot(stack, options, say)
         )
@@ -135,9 +133,8 @@ def run_realtime(
         stack.callback(frames.close)
         events = Ring.create(KEPT_EVENTS, EVENT_BYTES)
         stack.callback(events.close)
-        names = tuple(session.layout.names())
         helpers.recorder.begin(
-            recorder.RecorderOptions(frames.name, events.name, names, options.folder, header)
+            (frames.name, events.name, session.layout.names(), options.folder, header)
         )
         recording = helpers.recorder.process
         consoles: list[loop.Console] = []
@@ -146,28 +143,27 @@ def run_realtime(
         if helpers.page is not None:
             commands = Ring.create(KEPT_COMMANDS, COMMAND_BYTES)
             stack.callback(commands.close)
+            say("page: its scene is being loaded")
             port = _open_page(
                 helpers.page, options, session, header, (frames, events, commands), say
             )
             browser = loop.PageCommands(commands, drives=options.script is None)
             consoles.append(browser)
         if options.itp_port is not None:
-            server = ItpServer(
+            server = open_console_port(
+                stack,
                 session.arms,
                 options.host,
                 options.itp_port,
-                profiles=console_profiles,
-                only_host=options.console_host,
-                say=say,
+                console_profiles,
+                options.console_host,
+                options.token,
+                say,
             )
-            stack.callback(server.close)
             stack.callback(
                 lambda: say(f"console: {in_words(server.counters()) or 'nothing arrived'}")
             )
             consoles.append(ItpConsole(server, session))
-            for warning in exposure_warnings(options.host, options.token, options.console_host):
-                say(warning)
-            say("console: ITP over UDP {}:{}".format(*server.address))
         if options.crtk is not None:
             from ravenjax.train.robot_link.crtk import bridge
 
@@ -265,19 +261,17 @@ def run_headless(options: SessionOptions, say: Say = lambda _: None) -> Finished
     options = _with_new_folder(options, say)
     header = {"started": recorder.utc_now(), **_header(options, session), "ended": None}
     description.write_session(options.folder, header)
-    log = session_log.SessionWriter(
-        options.folder / session_log.FILE, tuple(session.layout.names()), header
-    )
+    writer = recorder.RowWriter(options.folder, session.layout.names(), header)
     block: list[np.ndarray] = []
     events: list[Event] = []
     first = 0
-    with contextlib.closing(log):
+    with contextlib.closing(writer.log):
         while not session.over:
             interruption.check_interruption()
             events += session.tick(driver.poll())
             block.append(session.frame.row.copy())
             if len(block) == recorder.BLOCK or session.over:
-                log.add(first, np.stack(block), events)
+                writer.add(first, np.stack(block), events)
                 first += len(block)
                 block, events = [], []
     description.update_session(options.folder, {"ended": recorder.utc_now()})
@@ -357,7 +351,6 @@ def _header(options: SessionOptions, session: Session) -> Json:
 def _robot(
     stack: contextlib.ExitStack, options: SessionOptions, say: Say
 ) -> Callable[[Blueprint], SimulatedRobot | DistantRobot]:
-    """Return the function that makes the robot, or connects to a remote one."""
     if options.robot is None:
         return SimulatedRobot
     host, (itp_port, stream) = parse_address(options.robot)
@@ -424,7 +417,6 @@ def _open_page(
     rings: tuple[Ring, Ring, Ring],
     say: Say,
 ) -> int:
-    """Start the page, print its addresses and return its port."""
     page_options = page.PageOptions(
         frames=rings[0].name,
         events=rings[1].name,
@@ -477,11 +469,12 @@ def _conclude(
     rows = session.judge.rows(**table.session_columns(description.read_session(options.folder)))
     text = table.as_csv(COLUMNS, rows)
     (options.folder / table.FILE).write_text(text, encoding="utf-8", newline="")
-    session.command_log.write(options.folder / COMMANDS)
+    (options.folder / COMMANDS).write_text("".join(session.command_lines), encoding="utf-8")
     summary: Json = {
         "ended": session.ended,
         "task": session.task.result(),
         "ticks": session.ticks,
+        "waited_ms": session.ticks if session.started is None else session.started,
         "hazards": table.summarize_hazards([table.HazardRow(**row) for row in rows]),
     }
     if timing is not None:

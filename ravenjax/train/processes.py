@@ -54,15 +54,6 @@ class Helper:
             " above"
         )
 
-    def keep_away(self) -> None:
-        """Move the process off the CPU of the realtime loop."""
-        cpus = clock.other_cpus()
-        if not cpus or self.process.pid is None:
-            return
-        for task in os.listdir(f"/proc/{self.process.pid}/task"):
-            with contextlib.suppress(ProcessLookupError):  # the thread has ended
-                os.sched_setaffinity(int(task), cpus)
-
 
 @dataclasses.dataclass(frozen=True)
 class SessionHelpers:
@@ -79,9 +70,12 @@ class SessionHelpers:
 
     def keep_away(self) -> None:
         """Move both processes off the CPU of the realtime loop."""
+        cpus = clock.other_cpus()
         for helper in (self.recorder, self.page):
-            if helper is not None:
-                helper.keep_away()
+            if cpus and helper is not None:
+                for task in os.listdir(f"/proc/{helper.process.pid}/task"):
+                    with contextlib.suppress(ProcessLookupError):  # the thread has ended
+                        os.sched_setaffinity(int(task), cpus)
 
 
 def spawn_process(

@@ -5,8 +5,6 @@ Other modules of `train` import them from here, except those that compile a tick
 
 # ruff: noqa: F401
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Measures how well this machine keeps time: in an empty loop, and in a session."""
 
-from __future__ import annotations
-
 import dataclasses
 import tempfile
 from pathlib import Path

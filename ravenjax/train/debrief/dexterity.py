@@ -19,8 +19,6 @@ the part of a stretch between two targets (the whole stretch if there are no tar
   in which both tips move.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import statistics
@@ -186,7 +184,6 @@ def resample_path(ms: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def _movements(course: Recording, tip: np.ndarray, stretches: Sequence[tuple[int, int]]) -> Json:
-    """Return the economy of one tip's movements, and medians of their smoothness."""
     target = course["target"]
     ways, arc_lengths, jerks = [], [], []
     for first, last in stretches:

@@ -3,8 +3,6 @@
 A session's charts show distances and their limits, depth, force and run level.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -63,13 +61,15 @@ def session_charts(
     course: Recording, hazards: Sequence[HazardRow], limits: Mapping[str, float], blinded: bool
 ) -> list[Chart]:
     """Return the charts of the whole session, in s, with hazards and responses."""
-    time, everything = course.ms / 1000, np.ones(len(course.ms), bool)
+    began_ms, everything = course.ms[0], np.ones(len(course.ms), bool)
+    time = (course.ms - began_ms) / 1000
     moments: list[Moment] = []
     for row in hazards:
         if row.struck_ms is not None:
-            moments.append(("strike", row.struck_ms / 1000, row.hazard or str(row.number)))
+            at = (row.struck_ms - began_ms) / 1000
+            moments.append(("strike", at, row.hazard or str(row.number)))
             if row.response_ms is not None:
-                moments.append(("response", row.response_ms / 1000, ""))
+                moments.append(("response", (row.response_ms - began_ms) / 1000, ""))
     axis = ChartAxis("s into the session", 0.0, float(time[-1]), unit="s")
     arms = course.layout.arms
     progress = _curve("progress", "series7", time, course["progress"])

@@ -1,7 +1,5 @@
 """Writes the debrief of a session: a self-contained HTML page."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from ravenjax.errors import StoreError
@@ -13,6 +11,12 @@ from ravenjax.train.recording import hazards as hazard_table
 from ravenjax.train.recording import reader
 
 FILE = "debrief.html"
+CHANNELS = (
+    *("session_tick", "pedal", "phase", "target", "progress", "cue_on", "runlevel"),
+    *("tip", "link_jpos", "model_tip", "model_jpos", "unintended_mm", "loss_mm", "false_report_mm"),
+    *("known_mm", "error_mm", "depth_mm", "force", "contact", "vessel_n", "between_n"),
+)
+"""Channels of a recording that the debrief reads, so that a long one fits into the memory."""
 
 
 def write_debrief(folder: Path) -> Path:
@@ -30,7 +34,7 @@ def write_debrief(folder: Path) -> Path:
     trouble = ""
     try:
         if reader.find_recording(folder) is not None:
-            recording = reader.read_recording(folder)
+            recording = reader.read_recording(folder, CHANNELS)
     except StoreError as error:
         trouble = str(error)
     if recording is not None and len(recording.rows) > 1:
@@ -69,6 +73,7 @@ def write_debrief(folder: Path) -> Path:
         blinded=blinded,
         has_table=has_table,
         recording=recording,
+        began_ms=recording.began_ms if recording else 0.0,
         trouble=trouble,
         charts=charts,
         learning=figures.learning_charts(attempts),

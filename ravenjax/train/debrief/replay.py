@@ -4,8 +4,6 @@ Positions are in the world, in tenths of a millimetre as whole numbers, so that 
 an hour of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -36,13 +34,15 @@ def player_data(course: Recording, header: Json, hazards: Sequence[HazardRow]) -
         if row.struck_ms is not None:
             begin, end = row.struck_ms - AROUND_MS[0], row.struck_ms + AROUND_MS[1]
             times.append(np.arange(begin, end, EVERY_HAZARD_MS))
-            marks.append({"ms": row.struck_ms, "kind": "strike", "text": row.title or row.hazard})
+            text = row.title or row.hazard
+            marks.append({"ms": row.struck_ms - first, "kind": "strike", "text": text})
             if row.response_ms is not None:
-                marks.append({"ms": row.response_ms, "kind": "response", "text": row.response})
+                after_ms = row.response_ms - first
+                marks.append({"ms": after_ms, "kind": "response", "text": row.response})
     rows = np.unique(np.searchsorted(course.ms, np.concatenate(times)))
     rows = rows[rows < len(course.ms)]
     return {
-        "ms": course.ms[rows].astype(int).tolist(),
+        "ms": (course.ms[rows] - first).astype(int).tolist(),
         "pedal": course["pedal"][rows].astype(int).tolist(),
         "target": course["target"][rows].astype(int).tolist(),
         "arms": {
@@ -55,7 +55,6 @@ def player_data(course: Recording, header: Json, hazards: Sequence[HazardRow]) -
 
 
 def _arm(course: Recording, arm: str, base: Json, rows: np.ndarray, blinded: bool) -> Json:
-    """Return the remote centre, and where the jaws close, of the robot and of the nominal model."""
     # The import takes half a second.
     from scipy.spatial.transform import Rotation
 

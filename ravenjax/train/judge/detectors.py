@@ -4,8 +4,6 @@ Hands also slow down where they arrive, so a slow-down counts only if it lasts l
 held at a target. Its time is that of its beginning.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -57,8 +57,6 @@ from the origin above, `halted_ms` and `golden_halted_ms` (the golden run's) are
 (None) time means that the event never happened. `hazard` is the id in the library.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

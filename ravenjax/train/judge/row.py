@@ -1,7 +1,5 @@
 """Defines the rows of hazards.csv. `episode` explains their terms."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Annotated, Any

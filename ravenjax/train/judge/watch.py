@@ -231,7 +231,6 @@ class Judge:
                     self._know(tick, ms, check.name, episode)
 
     def _tell_alarm(self, tick: int, trip: Trip, is_new: bool) -> None:
-        """Report a trip: as an alarm if it is new, otherwise as a count at most once a second."""
         name = trip.check.name
         if is_new or tick - self._counted_at.get(name, 0) >= COUNT_EVERY_MS:
             self._counted_at[name] = tick
@@ -255,7 +254,6 @@ class Judge:
     def _watch(
         self, tick: int, row: list[float], pedal: float, alive: float, episode: Episode
     ) -> None:
-        """Record the active hazard's effects, what can be known of it, and the responses."""
         for arm in self._arms:
             self._measure(tick, row, arm, episode)
         self._was_down = self._was_down and pedal != 0.0

@@ -4,8 +4,6 @@ It runs in a process of its own and never makes the realtime process wait. Comma
 separate ring, which the realtime process reads once a tick.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import ipaddress

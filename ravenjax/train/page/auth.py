@@ -6,8 +6,6 @@ and the origin of a websocket must be the server's own page. If there is a token
 carries it: in the address (?token=...) once, in a cookie after that.
 """
 
-from __future__ import annotations
-
 import hmac
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qs, urlsplit

@@ -1,7 +1,5 @@
 """Sets each window's own view of the scene: camera presets and shadows."""
 
-from __future__ import annotations
-
 import viser
 
 from ravenjax.robots.raven2.dynamics.scene_views import ENDOSCOPES, FIELD, VIEWS, view_pose

@@ -4,8 +4,6 @@ Everything here runs in the server's event loop. A window that receives frames s
 newest, never a backlog.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import time
@@ -171,7 +169,6 @@ class Hub:
         return [{key: value for key, value in event.items() if key != "row"} for event in shown]
 
     def _part(self, client: Client) -> None:
-        """Remove a window that is gone or has another connection now."""
         if client not in self._clients:
             return
         self._clients.remove(client)
@@ -244,8 +241,6 @@ class Hub:
 
     def _obey(self, client: Client, command: Command) -> None:
         match command["do"]:
-            case "ping":
-                client.send_soon({"type": "pong", "stamp": command.get("stamp", 0.0)})
             case "instruct":
                 if client.instructs:
                     client.role = "instructor"

@@ -1,7 +1,5 @@
 """Checks every message of a browser before it is forwarded: types, ranges, sizes, roles."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 from importlib import resources
@@ -34,7 +32,6 @@ class Command(Message):
     scenario: Annotated[str, Field(pattern=r"^[A-Za-z0-9_]{1,60}$")] | None = None
     seed: Annotated[int, Field(ge=0, lt=2**31)] | None = None
     name: Annotated[str, Field(max_length=16)] | None = None
-    stamp: Annotated[float, Field(allow_inf_nan=False)] | None = None
 
 
 _MESSAGE: TypeAdapter[Input | Command] = TypeAdapter(
@@ -80,7 +77,6 @@ class Inbox:
         return content
 
     def _require_sense(self, name: str, content: Json) -> None:
-        """Raise RefusedMessage if the message does not fit this session."""
         for arm in content.get("arms", ()):
             if arm not in self._arms:
                 raise RefusedMessage(f"arm {arm}, the session has {' and '.join(self._arms)}")

@@ -5,8 +5,6 @@ reached in grey. All targets at once would hide the tip. The goal has a colour t
 model has. The ring around it shrinks as the tip comes nearer.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -52,7 +50,11 @@ class DepthLine:
             f"{root}/spot", *SPOT_M, color=SPOT, opacity=0.6, visible=False, **_FLAT
         )
         self._letter = server.scene.add_label(
-            f"{root}/letter", LETTERS[arm], font_screen_scale=1.6, anchor="bottom-center"
+            # Each on its own side, so that the letters of two near tips do not overlap.
+            f"{root}/letter",
+            LETTERS[arm],
+            font_screen_scale=1.6,
+            anchor="bottom-right" if arm == "gold" else "bottom-left",
         )
 
     def show(self, tip: np.ndarray) -> None:

@@ -1,7 +1,5 @@
 """Runs the page's process: polls the rings, draws the scene, and informs the windows."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import logging
@@ -42,7 +40,6 @@ class Page:
     """The parts of the page's process."""
 
     def __init__(self, options: PageOptions) -> None:
-        """Attach to the rings and bind the port."""
         self._layout = FrameLayout.of(options.arms)
         self._frames, self._events, commands = self._rings = [
             Ring.attach(name) for name in (options.frames, options.events, options.commands)

@@ -7,8 +7,6 @@ only changes.
 # MuJoCo's compiled module carries no types.
 # pyright: reportAttributeAccessIssue=false
 
-from __future__ import annotations
-
 import pickle
 from importlib import metadata
 from pathlib import Path

@@ -8,8 +8,6 @@ without checking its visitors. It is started with that one function wrapped. So 
 loop.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import contextvars
@@ -39,7 +37,7 @@ SCENE = "/scene/"
 LARGEST_BYTES = 65536
 """A longer message closes the connection. The reader of a shorter one judges its length."""
 STATIC = Path(__file__).resolve().parent / "static"
-DEBRIEF = "debrief.html"
+DEBRIEF, TABLE = "debrief.html", "hazards.csv"
 _TYPES = {
     ".css": "text/css; charset=utf-8",
     ".html": "text/html; charset=utf-8",
@@ -157,7 +155,8 @@ class PageServer:
         debrief = self._folder / DEBRIEF if self._folder else None
         has_debrief = debrief is not None and debrief.is_file()
         if path == "/debrief.json":
-            ready = json.dumps({"ready": has_debrief}).encode()
+            has_table = self._folder is not None and (self._folder / TABLE).is_file()
+            ready = json.dumps({"ready": has_debrief, "table": has_table}).encode()
             return _response(HTTPStatus.OK, "application/json", ready)
         if path == f"/{DEBRIEF}" and debrief is not None and has_debrief:
             return _response(HTTPStatus.OK, _TYPES[".html"], debrief.read_bytes())
@@ -176,7 +175,6 @@ class PageServer:
         return _refusal(HTTPStatus.NOT_FOUND, "no such page")
 
     def _earlier_session(self, path: str, token: str) -> Response:
-        """Return the list of sessions, or a debrief from it, for the instructor only."""
         if self._folder is None or not same_secret(token, self._instructor_token):
             return _refusal(HTTPStatus.FORBIDDEN, "the list of sessions is the instructor's")
         sessions = {
@@ -191,6 +189,7 @@ class PageServer:
                 sessions=[*reversed(sessions.values())],
                 has_debrief={name: (s.path / DEBRIEF).is_file() for name, s in sessions.items()},
                 folder=str(self._folder.parent),
+                running=self._folder.name,
                 token=token,
             )
             return _response(HTTPStatus.OK, _TYPES[".html"], text.encode())

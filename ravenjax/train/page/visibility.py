@@ -4,8 +4,6 @@ Operators do not see hazards. What blinding hides, nobody sees. As at a real con
 learns only of checks that raise an alarm or stop the robot (event "alarm").
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ravenjax.train.protocol.frame import Frame, FrameLayout

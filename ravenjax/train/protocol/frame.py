@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib import resources
 from typing import Any
 
@@ -70,6 +70,16 @@ class FrameLayout:
                 places[name] = slice(at, at + size)
                 at += size
         return FrameLayout(tuple(arms), places, at)
+
+    def of_channels(self, keeps: Callable[[str], bool]) -> FrameLayout:
+        """Return the layout of a row that has only some channels, in the same order."""
+        places: dict[str, slice] = {}
+        size = 0
+        for name, place in self.places.items():
+            if keeps(name):
+                places[name] = slice(size, size + place.stop - place.start)
+                size = places[name].stop
+        return FrameLayout(self.arms, places, size)
 
     @property
     def simulated(self) -> int:

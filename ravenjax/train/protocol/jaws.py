@@ -4,8 +4,6 @@ The software's tip is the axis of the jaws. These functions use plain numbers, b
 every millisecond. The direction is that of `geometry.arrays.jaw_rotation`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

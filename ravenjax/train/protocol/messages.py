@@ -48,7 +48,8 @@ Events have "tick" (ms since the session began, without pauses) and "kind":
 - refused (console, why): a console may not drive, or its pedal does not count; "": it counts again.
 - rearm (why): the pedal must be lifted before it drives again.
 - started (by): the session's time runs, by "pedal" or "instructor".
-- alarm (check, count): a check raised an alarm or stopped the robot.
+- alarm (check, count): a check raised an alarm or stopped the robot; with "virtual": true, the
+  virtual one during a trial.
 - alarm_count (check, count): it keeps tripping.
 - hazard_armed (number, row: the columns of hazards.csv known by then), hazard_struck (number).
 - knowable (number, by, ms), cue (number or -1, arm).
@@ -66,8 +67,6 @@ Events have "tick" (ms since the session began, without pauses) and "kind":
 `number` is that of the hazard in session.json. In "cue" it is -1 if no hazard is active or the
 golden run has had the cue, too. `ravenjax.outcomes` defines the terms for checks and motion.
 """
-
-from __future__ import annotations
 
 import json
 from collections.abc import Callable

@@ -4,8 +4,6 @@ It has the arms' frames, the axes of consoles, and the tissue, as in `geometry.s
 `geometry.mapping`.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Starts a tick each millisecond of the monotonic clock, and measures how late ticks start."""
 
-from __future__ import annotations
-
 import contextlib
 import gc
 import os

@@ -1,7 +1,5 @@
 """Runs a session in real time: one thread, one tick a millisecond. It waits only for the clock."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Protocol
 
@@ -126,4 +124,4 @@ class _Rehearsal:
         """Advance the second session unless the first is paused, so that both last equally long."""
         if not self._session.over and self._first.phase != PAUSED:
             self._session.tick(self._commands)
-            self._session.command_log.lines.clear()
+            self._session.command_lines.clear()

@@ -1,13 +1,11 @@
 """Writes and reads the recording of a session."""
 
-from __future__ import annotations
-
 import contextlib
 from multiprocessing.connection import Connection
 
 
 def run_when_told(session: Connection) -> None:
-    """Import the recorder, then record with the `RecorderOptions` that `session` sends.
+    """Import the recorder, then record with the arguments of `record_session` that arrive.
 
     The answer is None, once the recording file exists.
     """
@@ -18,4 +16,4 @@ def run_when_told(session: Connection) -> None:
 
     rotation_quaternions(np.eye(3)[None])  # a first call does its imports
     with contextlib.suppress(EOFError):  # the session ended before it began
-        recorder.record_session(session.recv(), lambda: session.send(None))
+        recorder.record_session(*session.recv(), listening=lambda: session.send(None))

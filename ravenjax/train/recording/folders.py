@@ -1,7 +1,5 @@
 """Reads the sessions in a folder, in the order in which they began."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -4,8 +4,6 @@ They come from hazards.csv. If the session was killed before it could write that
 from the rows of its recording.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import statistics
@@ -22,6 +20,8 @@ from ravenjax.train.protocol.messages import Json
 from ravenjax.train.recording.reader import Recording
 
 FILE = "hazards.csv"
+LEFT_ROOM = ("avoided", "harm", "missed")
+"""Outcomes of hazards that left room for a response; they alone have rates and mean scores."""
 _ROWS = TypeAdapter(list[HazardRow])
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """Beginnings of a cell that a spreadsheet computes."""
@@ -83,6 +83,7 @@ def session_columns(header: Json) -> Json:
 def summarize_hazards(rows: Sequence[HazardRow]) -> Json:
     """Return numbers of a whole session; None where nothing was measured."""
     struck = [row for row in rows if row.struck_ms is not None]
+    answerable = [row for row in struck if row.outcome in LEFT_ROOM]
     counts = {
         name: dict(Counter(word for row in rows if (word := getattr(row, name))))
         for name in ("outcome", "check_response", "motion_hazard")
@@ -98,11 +99,12 @@ def summarize_hazards(rows: Sequence[HazardRow]) -> Json:
         "outcomes": counts["outcome"],
         "check_responses": counts["check_response"],
         "motion_hazards": counts["motion_hazard"],
-        "right_responses": sum(row.response_ok for row in struck),
+        "left_room": len(answerable),
+        "right_responses": sum(row.response_ok for row in answerable),
         "median_reaction_ms": over(
-            statistics.median, (row.reaction_ms for row in struck if row.response_ok)
+            statistics.median, (row.reaction_ms for row in answerable if row.response_ok)
         ),
-        "score": over(statistics.fmean, (row.score for row in struck)),
+        "score": over(statistics.fmean, (row.score for row in answerable)),
         "farthest_mm": over(max, (row.farthest_mm for row in struck)),
         "deepest_mm": over(max, (row.deepest_mm for row in struck)),
     }

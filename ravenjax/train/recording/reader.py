@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from functools import cached_property
 from pathlib import Path
 
@@ -32,10 +32,19 @@ class Recording(session_log.SessionLog):
         """Time of each row in ms since the session began, [T]."""
         return self["session_tick"].astype(float)
 
+    @cached_property
+    def began_ms(self) -> float:
+        """When the session's time began, ms; 0 if it never did."""
+        starts = (event["tick"] for event in self.events if event["kind"] == "started")
+        return float(next(starts, 0.0))
+
     def without_pauses(self) -> Recording:
-        """Return the recording without the rows in which the session's time stood still."""
-        runs = np.diff(self.ms, append=self.ms[-1:] + 1) > 0
-        return dataclasses.replace(self, rows=self.rows[runs], numbers=self.numbers[runs])
+        """Return the rows in which the session's time ran, from its beginning on."""
+        advances = np.diff(self.ms, append=self.ms[-1:] + 1) > 0
+        runs = np.flatnonzero(advances & (self.ms >= self.began_ms))
+        # Without a pause this is no copy.
+        whole = slice(runs[0], runs[-1] + 1) if runs[-1] - runs[0] == len(runs) - 1 else runs
+        return dataclasses.replace(self, rows=self.rows[whole], numbers=self.numbers[whole])
 
     def worst(self, name: str, arms: Sequence[str]) -> np.ndarray:
         """Return the greatest of the arms' values [T]. The value of a vector is its length."""
@@ -50,10 +59,11 @@ def find_recording(folder: Path) -> Path | None:
     return next((file for file in (mcap_records.recovered_path(own), own) if file.exists()), None)
 
 
-def read_recording(path: Path) -> Recording:
+def read_recording(path: Path, channels: Collection[str] = ()) -> Recording:
     """Read a recording, complete or cut short, from a file or a session's folder.
 
-    Raises StoreError if the folder has no recording, or its channels are those of another version.
+    channels: those to read, without their arms, such as "tip"; none: all. Raises StoreError if the
+    folder has no recording, or its channels are those of another version.
     """
     path = Path(path)
     if path.is_dir():
@@ -62,11 +72,15 @@ def read_recording(path: Path) -> Recording:
                 f"{path} has no {session_log.FILE}; give the folder of a session that was recorded"
             )
         path = file
-    log = session_log.read_session_log(path)
+
+    def keeps(name: str) -> bool:
+        return not channels or name.rstrip("/0123456789").rpartition("/")[2] in channels
+
+    log = session_log.read_session_log(path, keeps)
     layout = FrameLayout.of([arm for arm in ARMS if f"{arm}/jpos/0" in log.names])
     if layout.names() != log.names:
         raise StoreError(
             f"{path} was recorded with other channels; read it with the version of ravenjax that"
             " session.json names"
         )
-    return Recording(**vars(log), layout=layout)
+    return Recording(**vars(log), layout=layout.of_channels(keeps))

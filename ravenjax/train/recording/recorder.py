@@ -6,13 +6,12 @@ parent is gone. It always closes the file, unless it is killed. In that case onl
 and one block are lost (`store.recover`).
 """
 
-from __future__ import annotations
-
 import contextlib
+import math
 import signal
+import threading
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -20,52 +19,76 @@ import numpy as np
 
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
-from ravenjax.train.protocol.messages import Json
+from ravenjax.train.protocol.messages import Event, Json
 from ravenjax.train.realtime.ring import Ring, parent_has_ended, read_json
 
 POLL_S = 0.015
 """s between readings of the rings. A kill loses at most this time and one block."""
 BLOCK = 128
 """The largest number of rows of a block, so that a recorder that is behind loses little more."""
+WAITING_MS = 1000
+"""ms between two rows before the first pedal-down."""
 LINGER_S = 0.5
 """s after "end" in which a last row may still arrive."""
 
 
-@dataclass(frozen=True)
-class RecorderOptions:
-    """The options of the recorder, which it receives pickled."""
-
-    frames: str  # name of the ring of rows
-    events: str  # name of the ring of events
-    names: tuple[str, ...]  # names of a row's numbers, `frame.FrameLayout.names()`
-    folder: Path
-    header: Json  # session.json without "version", "started", "ended"
-
-
-def record_session(options: RecorderOptions, listening: Callable[[], None] = lambda: None) -> None:
-    """Record until the session ends. listening: called once session.mcap exists.
-
-    Raises StoreError if the folder cannot be written, ValueError if rows have another length.
+class RowWriter:
+    """Writes rows and events to a log. Of the rows before the first pedal-down it writes one a
+    second, so that an open page does not fill the disk.
     """
-    stop = _Stop()
-    header = {"started": utc_now(), **options.header, "ended": None}
-    description.write_session(options.folder, header)
+
+    def __init__(self, folder: Path, names: Sequence[str], header: Json) -> None:
+        """Raises StoreError if the file cannot be created."""
+        self.log = session_log.SessionWriter(folder / session_log.FILE, names, header)
+        self._columns = [names.index("left_ms"), names.index("pedal")]
+        self._whole_ms = 1e3 * header.get("scenario", {}).get("duration_s", math.inf)
+
+    def add(self, first: int, rows: np.ndarray, events: Sequence[Event]) -> int:
+        """Write rows that are numbered from `first`, and events. Return how many were written."""
+        left_ms, pedal = rows[:, self._columns].T
+        numbers = np.arange(len(rows))
+        is_due = (left_ms < self._whole_ms) | (pedal > 0) | ((first + numbers) % WAITING_MS == 0)
+        written = numbers[is_due]
+        *runs, last = np.split(written, np.flatnonzero(np.diff(written) > 1) + 1)
+        for run in runs:
+            self.log.add(first + int(run[0]), rows[run])
+        self.log.add(first + int(last[0] if len(last) else len(rows)), rows[last], events)
+        return len(written)
+
+
+def record_session(
+    frames_ring: str,
+    events_ring: str,
+    names: Sequence[str],
+    folder: Path,
+    header: Json,
+    listening: Callable[[], None] = lambda: None,
+) -> None:
+    """Record until the session ends.
+
+    names: of a row's numbers, `FrameLayout.names`. header: session.json without "version",
+    "started", "ended". listening: called once session.mcap exists. Raises StoreError if the folder
+    cannot be written, ValueError if rows have another length.
+    """
+    leaving = threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: leaving.set())
+    # Ctrl-C reaches every process, but the session must end first.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    header = {"started": utc_now(), **header, "ended": None}
+    description.write_session(folder, header)
     with contextlib.ExitStack() as stack:
-        frames, events = Ring.attach(options.frames), Ring.attach(options.events)
+        frames, events = Ring.attach(frames_ring), Ring.attach(events_ring)
         stack.callback(frames.close)
         stack.callback(events.close)
-        if frames.row_bytes != 4 * len(options.names):
+        if frames.row_bytes != 4 * len(names):
             raise ValueError(
-                f"rows have {frames.row_bytes} bytes, expected {4 * len(options.names)} for their"
-                " names"
+                f"rows have {frames.row_bytes} bytes, expected {4 * len(names)} for their names"
             )
-        log = session_log.SessionWriter(options.folder / session_log.FILE, options.names, header)
-        stack.callback(log.close)
+        writer = RowWriter(folder, names, header)
+        stack.callback(writer.log.close)
         listening()
-        summary = _record(frames, events, log, options.names.index("late_ticks"), stop)
-    description.update_session(
-        options.folder, {"ended": utc_now(), "summary": {"recording": summary}}
-    )
+        summary = _record(frames, events, writer, names.index("late_ticks"), leaving)
+    description.update_session(folder, {"ended": utc_now(), "summary": {"recording": summary}})
 
 
 def utc_now() -> str:
@@ -74,15 +97,19 @@ def utc_now() -> str:
 
 
 def _record(
-    frames: Ring, events: Ring, log: session_log.SessionWriter, late_ticks: int, stop: _Stop
+    frames: Ring,
+    events: Ring,
+    writer: RowWriter,
+    late_ticks: int,
+    leaving: threading.Event,
 ) -> Json:
     """Record, and return the summary for session.json. late_ticks: its index in a row."""
-    row = event = 0
+    row, event, end_s = 0, 0, float("inf")
     summary = {"rows": 0, "seconds": 0.0, "lost_rows": 0, "events": 0, "late_ticks": 0}
     while True:
         # Checked before the rings are read, so that everything written before the check is
         # recorded.
-        leaving = stop.is_due()
+        is_last = leaving.is_set() or parent_has_ended() or time.monotonic() >= end_s
         first_event, rows_of_events = events.read(event)
         first, raw = frames.read(row, BLOCK)
         batch = list(read_json(rows_of_events))
@@ -94,34 +121,15 @@ def _record(
         row, event = first + len(raw), first_event + len(rows_of_events)
         if len(raw) or batch:
             rows = raw.view(np.float32)
-            log.add(first, rows, batch)
-            summary["rows"] += len(rows)
+            summary["rows"] += writer.add(first, rows, batch)
             summary["lost_rows"] += lost
             summary["events"] += len(batch)
             if len(rows):
                 summary["late_ticks"] = int(rows[-1, late_ticks])
         if any(told["kind"] == "end" for told in batch):
-            stop.after(LINGER_S)
+            end_s = min(end_s, time.monotonic() + LINGER_S)
         behind = frames.written - row
-        if leaving and not behind:
+        if is_last and not behind:
             return summary | {"seconds": round(summary["rows"] * 1e-3, 3)}
         if behind < BLOCK:
             time.sleep(POLL_S)
-
-
-class _Stop:
-    """Whether to stop: after SIGTERM, without a parent, or some time after the session's end."""
-
-    def __init__(self) -> None:
-        self._at = float("inf")
-        signal.signal(signal.SIGTERM, lambda *_: self.after(0.0))
-        # Ctrl-C reaches every process, but the session must end first.
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    def after(self, seconds: float) -> None:
-        self._at = min(self._at, time.monotonic() + seconds)
-
-    def is_due(self) -> bool:
-        if parent_has_ended():
-            self.after(0.0)
-        return time.monotonic() >= self._at

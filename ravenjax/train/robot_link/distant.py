@@ -10,8 +10,6 @@ distances of the reported tip from the model, as is `known_mm`. False reports ca
 `false_report_mm` is NaN.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -140,14 +138,12 @@ class DistantRobot:
         self.remote.order({"order": "estop"})
 
     def _at_rest(self) -> None:
-        """Assume that the robot is at its start position until it reports."""
         self._enter(self._rest)
         # By check, whether the robot was stopped in the last report. Each new stop counts as a
         # trip.
         self._stopped = {"soft_estop": True, "estop": True}
 
     def _enter(self, numbers: Sequence[Any]) -> None:
-        """Enter these numbers as the robot's last report."""
         for place, number in zip(tree.tree_leaves(self._reported), numbers, strict=True):
             place[0] = number
 
@@ -193,7 +189,6 @@ class DistantRobot:
         self._outcomes.setdefault(f"check_{check}_first_ms", first_ms)
 
     def _lose(self) -> None:
-        """Treat a robot whose reports stopped as stopped, and set the cue's force to zero."""
         for name in ("runlevel", "surgeon_mode", "plc_runlevel", "fault_active"):
             self._frame[name] = 0
         self._reported.runlevel[0] = E_STOP
@@ -203,7 +198,6 @@ class DistantRobot:
 
 
 def _resting(blueprint: Blueprint) -> _Reported:
-    """Return the report of a stopped robot at its start position."""
     start = cast(blueprint.plan.program.params.start, "float32")
     return _Reported(
         start, tuple(Vec.full(7, np.float32(0.0)) for _ in start), np.int32(E_STOP), np.int32(0)

@@ -15,8 +15,6 @@ little-endian), which raven2 declares and never sends. This server defines its m
 - checksum: sum of forces, run level and number, wrapped to 32 bits, as in the console's packet.
 """
 
-from __future__ import annotations
-
 import contextlib
 import socket
 import time
@@ -173,5 +171,4 @@ class ItpServer:
 
 
 def _whole(value: float) -> int:
-    """Return the nearest whole number within 32 bits; 0 for NaN."""
     return 0 if value != value else round(max(-_FORCE_LIMIT, min(_FORCE_LIMIT, value)))

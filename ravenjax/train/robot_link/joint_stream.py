@@ -21,8 +21,6 @@ runlevel, plc_runlevel, surgeon_mode, soft_estopped, brakes, fault_active, and j
 mvel, position and dac of each arm.
 """
 
-from __future__ import annotations
-
 import collections
 import contextlib
 import ipaddress

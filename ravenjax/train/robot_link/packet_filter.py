@@ -26,8 +26,6 @@ No protocol without a secret can distinguish a recorded stream from a console th
 others share the network, bind loopback or give the console's address (`only_host`).
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence

@@ -12,8 +12,6 @@ until a force packet shows that this console is followed. A real Raven sends no 
 gets the recording after `KNOCK_S`.
 """
 
-from __future__ import annotations
-
 import contextlib
 import socket
 import time
@@ -90,7 +88,17 @@ def play_packets(
     ahead = lead_packets(datagrams[0])
     whole = [*ahead, *datagrams]
     due = np.concatenate([np.arange(len(ahead)) * LEAD_STEP_S, LEAD_S + np.asarray(arrival_s)])
-    with interruption.until_interrupted() as stop, _connected(address) as port:
+    with (
+        interruption.until_interrupted() as stop,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port,
+    ):
+        try:
+            port.connect(address)
+        except OSError as error:
+            raise UserError(
+                f"{address[0]}:{address[1]} cannot be reached ({error.strerror or error})"
+            ) from None
+        port.setblocking(False)
         say(
             f"sending packets with the pedal up to {address[0]}:{address[1]}, then"
             f" {len(datagrams)} recorded packets of {arrival_s[-1]:.3f} s"
@@ -132,21 +140,6 @@ def _knock(port: socket.socket, packet: bytes, stop: Sequence) -> None:
             return
 
 
-@contextlib.contextmanager
-def _connected(address: tuple[str, int]) -> Iterator[socket.socket]:
-    with contextlib.ExitStack() as stack:
-        try:
-            *kind, _, place = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
-            port = stack.enter_context(socket.socket(*kind))
-            port.connect(place)
-        except OSError as error:
-            raise UserError(
-                f"{address[0]}:{address[1]} cannot be reached ({error.strerror or error})"
-            ) from None
-        port.setblocking(False)
-        yield port
-
-
 def _heard(port: socket.socket) -> Iterator[int]:
     while True:
         try:
@@ -165,4 +158,4 @@ def parse_host_port(text: str) -> tuple[str, int]:
     host, _, port = text.rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 2**16:
         raise UserError(f"--to is {text!r}, expected HOST:PORT, such as 127.0.0.1:36000")
-    return host.removeprefix("[").removesuffix("]"), int(port)
+    return host, int(port)

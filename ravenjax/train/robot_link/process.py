@@ -12,12 +12,9 @@ the ITP console there may be a CRTK console. `session.console_arbiter` decides w
 whether its pedal counts. Unlike in a session, no console here keeps the seat while its pedal is up.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -26,9 +23,9 @@ from ravenjax.errors import UserError, format_value
 from ravenjax.train import scenario
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.protocol.messages import Command, Json, Say
-from ravenjax.train.realtime.clock import Clock, LoopTiming, no_collection, use_realtime_priority
+from ravenjax.train.realtime.clock import Clock, no_collection, use_realtime_priority
 from ravenjax.train.realtime.loop import Console
-from ravenjax.train.robot import NO_PACKET_SEQUENCE, UDP_PORT, ConsoleProfile
+from ravenjax.train.robot import NO_PACKET_SEQUENCE, UDP_PORT, ArmName, ConsoleProfile
 from ravenjax.train.robot_link.crtk.messages import Ros
 from ravenjax.train.robot_link.itp import LOOPBACK, ItpServer
 from ravenjax.train.robot_link.joint_stream import JOINT_PORT, JointServer, encode_report
@@ -68,7 +65,6 @@ class Station:
         say: prints for the user why a pedal does not count.
         """
         self.machine, self.itp, self.joints, self.crtk = machine, itp, joints, crtk
-        self.armed: int | None = None
         self.ticks = 0
         self._hazards, self._estop_row = hazards, estop_row
         self._number = 0  # number of the robot's newest packet
@@ -129,7 +125,6 @@ class Station:
         return chosen
 
     def _poll_crtk(self, console: Console) -> list[Increments]:
-        """Return CRTK's increments as one command, or none. Its orders are obeyed at once."""
         requests: list[Increments] = []
         for command in console.poll():
             if command["type"] == "unheard":
@@ -164,40 +159,20 @@ class Station:
                     expected = "no hazard: the scenario has none"
                 raise UserError(f"number is {format_value(number)}, expected {expected}")
             self.machine.arm(number)
-            self.armed = number
         elif kind == "disarm":
             self.machine.disarm()
-            self.armed = None
         elif kind == "estop":
             self.machine.press(self._estop_row)
             self._arbiter.rearm("", self.ticks)
         elif kind == "reset":
             self.machine.reset()
-            self.armed, self._number = None, 0
+            self._number = 0
             self._arbiter.rearm("restart", self.ticks)
             self._trips, self._checks = 0.0, {}
         else:
             raise UserError(
                 f"order is {format_value(kind)}, expected one of arm, disarm, estop, reset"
             )
-
-
-class Strike(NamedTuple):
-    """A hazard that the process arms automatically."""
-
-    number: int  # index in the session's list
-    at_ms: int  # since the process began
-
-    @staticmethod
-    def parse(text: str) -> Strike:
-        """Parse NUMBER@MS. Raises UserError if it is invalid."""
-        parts = text.split("@")
-        if len(parts) != 2 or not all(part.isdecimal() for part in parts):
-            raise UserError(
-                f"hazard is {format_value(text)}, expected NUMBER@MS, such as 0@5000: hazard 0"
-                " after 5 s"
-            )
-        return Strike(int(parts[0]), int(parts[1]))
 
 
 def run_robot(
@@ -207,15 +182,13 @@ def run_robot(
     host: str = LOOPBACK,
     itp_port: int = UDP_PORT,
     joint_port: int = JOINT_PORT,
-    hazards: Sequence[Strike] = (),
     token: str | None = None,
     console_host: str | None = None,
     profiles: Sequence[ConsoleProfile] = (),
-    seconds: float | None = None,
     crtk: Ros | None = None,
     say: Say = print,
 ) -> None:
-    """Run the robot of a scenario until Ctrl-C or SIGTERM, or for this number of seconds.
+    """Run the robot of a scenario until Ctrl-C or SIGTERM.
 
     seed: draws the scenario's hazards; None: its own. token: required in orders from other
     machines; None: they are refused. console_host: the only host that may drive. profiles: of the
@@ -224,10 +197,6 @@ def run_robot(
     number = chosen.seed if seed is None else seed
     robot = PacketRobot(scenario.session_campaign(chosen, number))
     armables = scenario.armable_hazards(chosen, robot.blueprint.plan.rows)
-    for strike in hazards:
-        if strike.number >= len(armables):
-            choice = f"it has 0..{len(armables) - 1}" if armables else "it has none"
-            raise UserError(f"hazard {strike.number} is not in scenario {chosen.name!r}: {choice}")
     greeting = {
         "robot": "ravenjax",
         "arms": list(robot.arms),
@@ -236,10 +205,9 @@ def run_robot(
         "hazards": hash_hazards(armables),
     }
     with contextlib.ExitStack() as stack:
-        itp = ItpServer(
-            robot.arms, host, itp_port, profiles=profiles, only_host=console_host, say=say
+        itp = open_console_port(
+            stack, robot.arms, host, itp_port, profiles, console_host, token, say
         )
-        stack.callback(itp.close)
         joints = JointServer(greeting, host, joint_port, token)
         stack.callback(joints.close)
         beside = None
@@ -250,18 +218,17 @@ def run_robot(
         estop_row = robot.blueprint.plan.runs - 1
         station = Station(robot, itp, joints, len(armables), estop_row, beside, say)
         stop = stack.enter_context(interruption.until_interrupted())
-        for one in armables:
-            say(f"hazard {one.number}: {one.title} ({one.hazard})")
-        lasting = {one.number: one.lasts_ms for one in armables}
-        with use_realtime_priority(min) as granted:
+        for armable in armables:
+            say(f"hazard {armable.number}: {armable.title} ({armable.hazard})")
+        say("joint state: TCP {}:{}".format(*joints.address))
+        with use_realtime_priority(min) as granted, no_collection():
             say(f"realtime: {granted}")
-            for warning in exposure_warnings(host, token, console_host):
-                say(warning)
-            say("console: ITP over UDP {}:{}".format(*itp.address))
-            say("joint state: TCP {}:{}".format(*joints.address))
-            timing = serve_robot(
-                station, hazard_orders(hazards, lasting), seconds, lambda: bool(stop)
-            )
+            clock = Clock()
+            while not stop:
+                clock.wait()
+                station.tick()
+                clock.done()
+        timing = clock.timing
         counts = {"console": itp.counters(), "joint stream": joints.counts}
     p50, p99 = (timing.percentile("compute", share) for share in (0.5, 0.99))
     say(
@@ -277,53 +244,31 @@ def in_words(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{name} {count}" for name, count in counts.items() if count)
 
 
-def serve_robot(
-    station: Station,
-    orders: Sequence[tuple[int, Json]] = (),
-    seconds: float | None = None,
-    stopped: Callable[[], bool] = lambda: False,
-) -> LoopTiming:
-    """Tick `station` against the clock. orders: (tick, order), in the order of their ticks."""
-    waiting = list(orders)
-    end = float("inf") if seconds is None else seconds * 1000.0
-    with no_collection():
-        clock = Clock()
-        while station.ticks < end and not stopped():
-            clock.wait()
-            while waiting and waiting[0][0] <= station.ticks:
-                content = waiting.pop(0)[1]
-                # Another hazard may be active by now.
-                if content["order"] != "disarm" or station.armed == content["number"]:
-                    station.obey(content)
-            station.tick()
-            clock.done()
-    return clock.timing
-
-
-def hazard_orders(strikes: Sequence[Strike], lasting: dict[int, int]) -> list[tuple[int, Json]]:
-    """Return the orders that arm each hazard, and disarm it after `lasting` ms."""
-    orders = []
-    for number, at_ms in strikes:
-        orders.append((at_ms, {"order": "arm", "number": number}))
-        orders.append((at_ms + lasting[number], {"order": "disarm", "number": number}))
-    return sorted(orders, key=lambda order: order[0])
-
-
-def exposure_warnings(host: str, token: str | None, console: str | None) -> list[str]:
-    """Return warnings if other machines can reach the robot."""
-    if host == "localhost" or host.startswith("127."):
-        return []
-    warnings = []
-    if not console:
-        warnings.append(
-            f"any machine that reaches {host} can drive this robot; --console-host ADDRESS allows"
-            " one only"
-        )
-    if not token:
-        warnings.append("orders from other machines are refused; --token TOKEN allows them")
-    return warnings
+def open_console_port(
+    stack: contextlib.ExitStack,
+    arms: Sequence[ArmName],
+    host: str,
+    port: int,
+    profiles: Sequence[ConsoleProfile],
+    only_host: str | None,
+    token: str | None,
+    say: Say,
+) -> ItpServer:
+    """Open a port for consoles until `stack` ends, and say who can reach it. Raises UserError."""
+    server = ItpServer(arms, host, port, profiles=profiles, only_host=only_host, say=say)
+    stack.callback(server.close)
+    if host != "localhost" and not host.startswith("127."):
+        if not only_host:
+            say(
+                f"any machine that reaches {host} can drive this robot; --console-host ADDRESS"
+                " allows one only"
+            )
+        if not token:
+            say("orders from other machines are refused; --token TOKEN allows them")
+    say("console: ITP over UDP {}:{}".format(*server.address))
+    return server
 
 
 def hash_hazards(hazards: Sequence[Armable]) -> str:
     """Return a hash of a list of hazards. Lists with the same hash number their hazards equally."""
-    return hashlib.sha256(" ".join(one.run_id for one in hazards).encode()).hexdigest()[:16]
+    return hashlib.sha256(" ".join(hazard.run_id for hazard in hazards).encode()).hexdigest()[:16]

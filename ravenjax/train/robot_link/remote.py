@@ -4,8 +4,6 @@ The other end of `RemoteRobot` is `ravenjax robot`, or a real Raven with a progr
 reports (`joint_stream`) over TCP.
 """
 
-from __future__ import annotations
-
 import abc
 import contextlib
 import json

@@ -11,8 +11,6 @@ Every hazard of the table starts at 0, and a fault that waits for the pedal in a
 time instead. The reason is that a session arms a row only while the pedal is down.
 """
 
-from __future__ import annotations
-
 import math
 import zlib
 from collections.abc import Iterator
@@ -218,7 +216,6 @@ def _config(
 
 
 def _slots(row: _Row) -> list[_Row]:
-    """Return the faults of a row. The names of their columns are without the slot number."""
     slots = [
         {name: row.get(f"fault{number}_{name}") for name in _SLOT_COLUMNS} for number in range(8)
     ]

@@ -35,98 +35,76 @@ INSTRUCTOR = "instructor"
 class Speeds(Section):
     """[speeds]: speeds of the tips when keys or sticks are fully deflected."""
 
-    move_mm_s: float = Field(
-        30.0, gt=0.0, le=500.0, description="speed of the tip, mm/s; in surgery about 5 to 60"
-    )
-    turn_rad_s: float = Field(1.0, gt=0.0, le=20.0, description="turning speed of the tip, rad/s")
-    grasp_mrad_s: float = Field(
-        1500.0, gt=0.0, le=20_000.0, description="speed of the jaws, mrad/s"
-    )
+    move_mm_s: float = Field(30.0, gt=0.0, le=500.0)
+    """speed of the tip, mm/s; in surgery about 5 to 60"""
+    turn_rad_s: float = Field(1.0, gt=0.0, le=20.0)
+    """turning speed of the tip, rad/s"""
+    grasp_mrad_s: float = Field(1500.0, gt=0.0, le=20_000.0)
+    """speed of the jaws, mrad/s"""
 
 
 class Cue(Section):
     """[cue]: the force at the operator's hand. Its values are one set of a campaign's [haptics]."""
 
-    on: bool = Field(True, description="whether the operator feels the force")
-    blinded: bool = Field(False, description="hide hazards, cue and score from the operator")
-    threshold_mm: float = Field(
-        PUBLISHED_CUE_MM,
-        ge=0.0,
-        le=1e6,
-        description="distance from the model above which the cue pulls, mm",
-    )
-    kp_per_mm: float = Field(
-        0.0045, ge=0.0, le=1e6, description="spring constant, device units per mm"
-    )
-    kd_per_mm_s: float = Field(
-        0.00009, ge=0.0, le=1e6, description="damping constant, device units per mm/s"
-    )
-    cap: float = Field(0.05, ge=0.0, le=1e6, description="largest force, device units")
+    on: bool = True
+    """whether the operator feels the force"""
+    blinded: bool = False
+    """hide hazards, cue and score from the operator"""
+    threshold_mm: float = Field(PUBLISHED_CUE_MM, ge=0.0, le=1e6)
+    """distance from the model above which the cue pulls, mm"""
+    kp_per_mm: float = Field(0.0045, ge=0.0, le=1e6)
+    """spring constant, device units per mm"""
+    kd_per_mm_s: float = Field(0.00009, ge=0.0, le=1e6)
+    """damping constant, device units per mm/s"""
+    cap: float = Field(0.05, ge=0.0, le=1e6)
+    """largest force, device units"""
 
 
 class ContactSection(Section):
     """[contact]: contact of the instruments with tissue, vessel and each other."""
 
-    on: bool = Field(
-        False, description="whether contact acts; its numbers are [parameters] contact.*"
-    )
-    units_per_n: float = Field(
-        0.03,
-        ge=0.0,
-        le=1e3,
-        description=(
-            "force at the operator's hand per N on the instrument, device units; the sum with the"
-            " cue is at most the cue's cap; an assumption"
-        ),
-    )
+    on: bool = False
+    """whether contact acts; its numbers are [parameters] contact.*"""
+    units_per_n: float = Field(0.03, ge=0.0, le=1e3)
+    """force at the operator's hand per N on the instrument, device units; the sum with the cue is
+    at most the cue's cap; an assumption
+    """
 
 
 class Harm(Section):
     """[harm]: the limits beyond which a hazard has done harm."""
 
-    excursion_mm: float = Field(
-        # Above the cue's threshold, so that an operator who waits for the cue has time to act.
-        10.0,
-        gt=0.0,
-        le=1000.0,
-        description=(
-            "unintended motion of the true tip above which there is harm, mm; also the limit of"
-            " motion hazards, like [outcomes] limit_mm of a campaign. Set it above the cue's"
-            " threshold, or an operator who waits for the cue acts too late"
-        ),
-    )
-    depth_mm: float = Field(
-        5.0,
-        gt=0.0,
-        le=1000.0,
-        description="depth added in the tissue above which there is harm, mm",
-    )
+    # Above the cue's threshold, so that an operator who waits for the cue has time to act.
+    excursion_mm: float = Field(10.0, gt=0.0, le=1000.0)
+    """unintended motion of the true tip above which there is harm, mm; also the limit of motion
+    hazards, like [outcomes] limit_mm of a campaign. Set it above the cue's threshold, or an
+    operator who waits for the cue acts too late
+    """
+    depth_mm: float = Field(5.0, gt=0.0, le=1000.0)
+    """depth added in the tissue above which there is harm, mm"""
 
 
 class _Task(Section):
-    tolerance_mm: float = Field(
-        2.0, gt=0.0, le=100.0, description="distance at which a goal counts as reached, mm"
-    )
-    seed: int = Field(
-        0, ge=0, lt=2**31, description="seed of the task, in addition to the session's seed"
-    )
-    arms: Arms = Field(
-        (), max_length=2, description="arms that do the task, in turn; default: all arms"
-    )
+    tolerance_mm: float = Field(2.0, gt=0.0, le=100.0)
+    """distance at which a goal counts as reached, mm"""
+    seed: int = Field(0, ge=0, lt=2**31)
+    """seed of the task, in addition to the session's seed"""
+    arms: Arms = Field((), max_length=2)
+    """arms that do the task, in turn; default: all arms"""
 
 
 class Reach(_Task):
     """[task] kind = "reach": one target after another, each to be held for a moment."""
 
     kind: Literal["reach"]
-    targets: int = Field(12, ge=1, le=1000, description="number of targets")
-    extent_mm: float = Field(
-        12.0, gt=0.0, le=20.0, description="largest distance of targets from the middle, mm"
-    )
-    height_mm: tuple[float, float] = Field(
-        (3.0, 18.0), description="[least, greatest] height of targets above the tissue, mm"
-    )
-    dwell_ms: int = Field(300, ge=0, le=60_000, description="time to hold the tip at a target, ms")
+    targets: int = Field(12, ge=1, le=1000)
+    """number of targets"""
+    extent_mm: float = Field(12.0, gt=0.0, le=20.0)
+    """largest distance of targets from the middle, mm"""
+    height_mm: tuple[float, float] = (3.0, 18.0)
+    """[least, greatest] height of targets above the tissue, mm"""
+    dwell_ms: int = Field(300, ge=0, le=60_000)
+    """time to hold the tip at a target, ms"""
 
     @field_validator("height_mm")
     @classmethod
@@ -139,30 +117,24 @@ class Reach(_Task):
 class Level(Reach):
     """[[task.level]]: rounds of targets, with the keys of "reach" and a time for each round."""
 
-    kind: Literal["reach"] = Field("reach", description="task of a round")
-    title: str = Field(
-        "", max_length=100, description="skill that the operator learns, as the page shows it"
-    )
-    targets: int = Field(
-        6, ge=2, le=100, description="number of targets of a round, the same in each round"
-    )
-    within_s: float = Field(
-        gt=0.0,
-        le=3600.0,
-        description="time for a proficient round, from its first target to its last, s",
-    )
+    kind: Literal["reach"] = "reach"
+    """task of a round"""
+    title: str = Field("", max_length=100)
+    """skill that the operator learns, as the page shows it"""
+    targets: int = Field(6, ge=2, le=100)
+    """number of targets of a round, the same in each round"""
+    within_s: float = Field(gt=0.0, le=3600.0)
+    """time for a proficient round, from its first target to its last, s"""
 
 
 class Levels(Section):
     """[task] kind = "levels": the next level begins once the operator is proficient in the last."""
 
     kind: Literal["levels"]
-    in_a_row: int = Field(
-        2, ge=1, le=100, description="number of rounds in a row that must be within the time"
-    )
-    level: tuple[Level, ...] = Field(
-        min_length=1, max_length=20, description="levels in their order"
-    )
+    in_a_row: int = Field(2, ge=1, le=100)
+    """number of rounds in a row that must be within the time"""
+    level: tuple[Level, ...] = Field(min_length=1, max_length=20)
+    """levels in their order"""
 
     @property
     def arms(self) -> Arms:
@@ -174,26 +146,28 @@ class PegTransfer(_Task):
     """[task] kind = "peg_transfer": carry the object from one peg to another."""
 
     kind: Literal["peg_transfer"]
-    transfers: int = Field(6, ge=1, le=1000, description="number of transfers")
-    pegs: Literal[2, 4, 6, 8] = Field(6, description="number of pegs, in two rows")
-    spacing_mm: float = Field(
-        10.0, ge=4.0, le=12.0, description="distance between pegs of a row, mm"
-    )
-    height_mm: float = Field(
-        6.0, ge=1.0, le=20.0, description="height of the pegs above the tissue, mm"
-    )
+    transfers: int = Field(6, ge=1, le=1000)
+    """number of transfers"""
+    pegs: Literal[2, 4, 6, 8] = 6
+    """number of pegs, in two rows"""
+    spacing_mm: float = Field(10.0, ge=4.0, le=12.0)
+    """distance between pegs of a row, mm"""
+    height_mm: float = Field(6.0, ge=1.0, le=20.0)
+    """height of the pegs above the tissue, mm"""
 
 
 class Path(_Task):
     """[task] kind = "path": go along a closed line."""
 
     kind: Literal["path"]
-    shape: Literal["circle", "eight", "line"] = Field(
-        "circle", description="shape of the path; a line goes there and back"
-    )
-    radius_mm: float = Field(10.0, gt=0.0, le=20.0, description="half of the path's width, mm")
-    height_mm: float = Field(6.0, ge=-10.0, le=30.0, description="height above the tissue, mm")
-    laps: int = Field(3, ge=1, le=1000, description="number of laps")
+    shape: Literal["circle", "eight", "line"] = "circle"
+    """shape of the path; a line goes there and back"""
+    radius_mm: float = Field(10.0, gt=0.0, le=20.0)
+    """half of the path's width, mm"""
+    height_mm: float = Field(6.0, ge=-10.0, le=30.0)
+    """height above the tissue, mm"""
+    laps: int = Field(3, ge=1, le=1000)
+    """number of laps"""
 
 
 class Free(_Task):
@@ -240,38 +214,32 @@ When = Annotated[
 class Entry(Section):
     """[[hazard]]: hazards of the library or a fault, and the response that is right."""
 
-    name: str = Field(
-        "", description="name of the entry in tables", pattern=r"^[A-Za-z0-9_.-]*$", max_length=60
-    )
-    title: str = Field("", description="title for people; default: the library's")
+    name: str = Field("", pattern=r"^[A-Za-z0-9_.-]*$", max_length=60)
+    """name of the entry in tables"""
+    title: str = ""
+    """title for people; default: the library's"""
     hazards: Annotated[
         tuple[str, ...], BeforeValidator(_words, json_schema_input_type=OneOrMore[str])
-    ] = Field((), description='ids and layers of the hazard library, or "all"')
-    fault: tuple[Fault, ...] = Field(
-        (), max_length=8, description="faults in place of `hazards`, as in [[group.fault]]"
-    )
-    arm: ArmName | None = Field(
-        None, description="arm of the hazard; default: drawn from the session's arms"
-    )
-    value: Number | None = Field(None, description="value in place of the library's")
-    when: When = Field(
-        INSTRUCTOR,
-        description=(
-            "time since the first pedal-down, s: one, [earliest, latest] to draw from, or"
-            ' "instructor"'
-        ),
-    )
-    times: int = Field(1, ge=1, le=100, description="number of hazards that are drawn of each case")
-    right_response: tuple[Response, ...] | None = Field(
-        None, min_length=1, description="responses that are right; default: those of the library"
-    )
-    within_s: float = Field(2.0, gt=0.0, le=600.0, description="time for the response, s")
-    lasts_s: float | None = Field(
-        None,
-        gt=0.0,
-        le=3600.0,
-        description="longest time at work, s; default: its own, or 5 if it has no end",
-    )
+    ] = ()
+    """ids and layers of the hazard library, or "all"
+    """
+    fault: tuple[Fault, ...] = Field((), max_length=8)
+    """faults in place of `hazards`, as in [[group.fault]]"""
+    arm: ArmName | None = None
+    """arm of the hazard; default: drawn from the session's arms"""
+    value: Number | None = None
+    """value in place of the library's"""
+    when: When = INSTRUCTOR
+    """time since the first pedal-down, s: one, [earliest, latest] to draw from, or "instructor"
+    """
+    times: int = Field(1, ge=1, le=100)
+    """number of hazards that are drawn of each case"""
+    right_response: tuple[Response, ...] | None = Field(None, min_length=1)
+    """responses that are right; default: those of the library"""
+    within_s: float = Field(2.0, gt=0.0, le=600.0)
+    """time for the response, s"""
+    lasts_s: float | None = Field(None, gt=0.0, le=3600.0)
+    """longest time at work, s; default: its own, or 5 if it has no end"""
 
     @model_validator(mode="before")
     @classmethod
@@ -307,55 +275,51 @@ class Entry(Section):
 class RobotSection(Section):
     """[robot]: settings of the robot; keys as in [campaign]."""
 
-    tools: tuple[str, ...] | None = Field(
-        None, description="tool of each arm; default: the software's own"
-    )
-    policy: Literal["no_regulation", "soft_regulation", "hard_regulation"] = Field(
-        "soft_regulation", description="overdrive policy of raven2"
-    )
-    level: Literal["beginner", "moderate", "advanced", "fork2015"] | None = Field(
-        None, description="DAC limits of the overdrive check"
-    )
-    parameter_set: parameter_sets.Name = Field(
-        parameter_sets.DEFAULT,
-        description=(
-            "mechanics of the robot: power_consistent, or a set that the authors published for"
-            " joints 1 to 3"
-        ),
-    )
-    noise: bool = Field(False, description="whether encoders and torques have noise")
-    start: Start = Field(Start(), description="joint positions at which the session begins")
+    tools: tuple[str, ...] | None = None
+    """tool of each arm; default: the software's own"""
+    policy: Literal["no_regulation", "soft_regulation", "hard_regulation"] = "soft_regulation"
+    """overdrive policy of raven2"""
+    level: Literal["beginner", "moderate", "advanced", "fork2015"] | None = None
+    """DAC limits of the overdrive check"""
+    parameter_set: parameter_sets.Name = parameter_sets.DEFAULT
+    """mechanics of the robot: power_consistent, or a set that the authors published for joints 1 to
+    3
+    """
+    noise: bool = False
+    """whether encoders and torques have noise"""
+    start: Start = Start()
+    """joint positions at which the session begins"""
 
 
 class Scenario(Section):
     """A whole scenario file."""
 
-    name: str = Field(
-        description="short name", pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*$", max_length=100
-    )
-    title: str = Field("", max_length=200, description="title on the page")
-    description: str = Field("", description="what the operator does and learns")
-    arms: Arms = Field(("gold",), min_length=1, max_length=2, description="arms, gold first")
-    software: Literal["raven2", "fork2015"] = Field(
-        "raven2", description="raven2, or its fork of 2015"
-    )
-    duration_s: float = Field(
-        120.0, gt=0.0, le=3600.0, description="length of the session from the first pedal-down, s"
-    )
-    seed: int = Field(0, ge=0, lt=2**31, description="seed of a session that is not given one")
-    scale: float = Field(
-        0.1, gt=0.0, le=1.0, description="teleoperation scale: tip motion per hand motion"
-    )
+    name: str = Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*$", max_length=100)
+    """short name"""
+    title: str = Field("", max_length=200)
+    """title on the page"""
+    description: str = ""
+    """what the operator does and learns"""
+    arms: Arms = Field(("gold",), min_length=1, max_length=2)
+    """arms, gold first"""
+    software: Literal["raven2", "fork2015"] = "raven2"
+    """raven2, or its fork of 2015"""
+    duration_s: float = Field(120.0, gt=0.0, le=3600.0)
+    """length of the session from the first pedal-down, s"""
+    seed: int = Field(0, ge=0, lt=2**31)
+    """seed of a session that is not given one"""
+    scale: float = Field(0.1, gt=0.0, le=1.0)
+    """teleoperation scale: tip motion per hand motion"""
     speeds: Speeds = Speeds()
     cue: Cue = Cue()
     contact: ContactSection = ContactSection()
-    task: Task = Field(Free(kind="free"), description="the operator's task")
-    hazard: tuple[Entry, ...] = Field((), description="hazards of the session")
+    task: Task = Free(kind="free")
+    """the operator's task"""
+    hazard: tuple[Entry, ...] = ()
+    """hazards of the session"""
     harm: Harm = Harm()
-    parameters: dict[str, Number] = Field(
-        default_factory=dict,
-        description="path = value, as in campaigns; a session draws one value of a list",
-    )
+    parameters: dict[str, Number] = Field(default_factory=dict)
+    """path = value, as in campaigns; a session draws one value of a list"""
     robot: RobotSection = RobotSection()
 
     @model_validator(mode="before")

@@ -1,7 +1,5 @@
 """Describes a hazard that a session can arm, and the response expected."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

@@ -3,8 +3,6 @@
 All errors are reported at once, each with file, line, key, the value found and the value expected.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -11,14 +11,14 @@ robot rests. The driven robot can then repeat that motion, row by row, for as lo
 held.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from ravenjax.outcomes import verdict
 from ravenjax.train import scenario, tasks
+from ravenjax.train.judge.detectors import Trips
 from ravenjax.train.judge.watch import Judge
 from ravenjax.train.protocol.frame import (
     CONSOLES,
@@ -36,13 +36,20 @@ from ravenjax.train.protocol.frame import (
     Frame,
 )
 from ravenjax.train.protocol.jaws import closing_point
-from ravenjax.train.protocol.messages import INSTRUCTOR, OPERATOR, SEAT, Command, Event, Json
+from ravenjax.train.protocol.messages import (
+    INSTRUCTOR,
+    OPERATOR,
+    SEAT,
+    Command,
+    Event,
+    Json,
+    encode,
+)
 from ravenjax.train.protocol.world import Point
 from ravenjax.train.robot import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP, ArmName, tip_pose
 from ravenjax.train.scenario import Scenario
 from ravenjax.train.session import blueprint, director, hands, pedal
 from ravenjax.train.session.blueprint import Blueprint
-from ravenjax.train.session.command_log import CommandLog
 from ravenjax.train.session.console_arbiter import ConsoleArbiter, console_of
 from ravenjax.train.session.simulation import EstopHold, SimulatedRobot
 
@@ -54,8 +61,10 @@ _TOLD = (
     ("runlevel", "runlevel"),
 )
 """Kind of event for each state whose changes are reported, and the key of the new value."""
-_STANDS = {PAUSED: pedal.PAUSED, STOPPED: pedal.STOPPED, LOST: pedal.LOST}
-"""Phases in which no pedal counts as down, with the reason."""
+_STANDS = {PAUSED: "paused", STOPPED: "stopped", LOST: "lost"}
+"""Phases in which no pedal counts as down, with the key in `pedal.REASONS`."""
+MOST_COMMANDS = 1_000_000
+"""Hours of a page's commands, or a quarter of an hour of a console that sends one a millisecond."""
 OUTCOMES_EVERY = 10
 """The smallest number of ticks between two readings of the robot's checks."""
 STAND_BY_MS = 30_000
@@ -105,13 +114,15 @@ class Session:
         self.pedals = pedal.PedalReasons()
         self._estop_hold = EstopHold(self.layout)
         self.ended = ""  # why the session is over
-        self.command_log = CommandLog()
+        self.command_lines: list[str] = []
+        """Lines of `session.command_log`, at most MOST_COMMANDS."""
         self._hands = self._new_hands()
         self._resume_to = READY
         # Row of the resting robot while the operator drives the virtual robot.
         self._rest: np.ndarray | None = None
         # Ticks of the motion tried on the virtual robot that the robot has not repeated yet.
         self._tried = (0, 0)
+        self._trial_checks, self._trial_trips = Trips(), 0.0
         self._pedal, self._alive = 0.0, False
         self._told: tuple[Any, ...] = (None,) * len(_TOLD)
         places = self.layout.places
@@ -168,10 +179,10 @@ class Session:
         hand = self._hands.advance(self.ticks)
         goes_on = self.started is not None or self.robot.now < STAND_BY_MS or self._stand_by()
         self._drive(hand)
-        for order in self.director.step(self.ticks, self.frame, self.clock):
-            if order.kind == "arm":
-                self.robot.arm(order.number)
-                self.judge.armed(order.number, self.ticks)
+        for order, number in self.director.step(self.ticks, self.frame, self.clock):
+            if order == "arm":
+                self.robot.arm(number)
+                self.judge.armed(number, self.ticks)
             else:
                 self._look()
                 self.robot.disarm()
@@ -180,12 +191,16 @@ class Session:
             self.robot.step()
         if self.view == VIRTUAL:
             self.virtual.step()
+            self._tell_trial()
         self._publish(hand)
         self._moved = True
 
     def conclude(self) -> list[Event]:
         """Run the second half of the tick: task, judge and phase. Return the events of both."""
-        self.command_log.add(self.ticks, self._new)
+        if len(self.command_lines) < MOST_COMMANDS:
+            self.command_lines += [
+                encode({"tick": self.ticks, "message": command}) + "\n" for command in self._new
+            ]
         self.frame.settle()
         self._tell_changes()
         if self._moved:
@@ -205,8 +220,11 @@ class Session:
         why = self.arbiter.why_not(console, self.ticks)
         if not self.arbiter.holds(console):
             return why
-        homing = pedal.HOMING if self.frame.numbers[self._runlevel] == INIT else ""
-        return _STANDS.get(self.phase) or why or homing
+        if self.phase in _STANDS:
+            return pedal.REASONS[_STANDS[self.phase]]
+        return why or (
+            pedal.REASONS["homing"] if self.frame.numbers[self._runlevel] == INIT else ""
+        )
 
     # --- commands ---
 
@@ -299,7 +317,6 @@ class Session:
     # --- the three robots ---
 
     def _drive(self, hand: hands.Hands) -> None:
-        """Write this tick's row of motion of the robots. The view decides which one follows."""
         now, motion = self.robot.now, self.robot.motion
         row = motion[:, now]
         if self.view == VIRTUAL:
@@ -327,7 +344,21 @@ class Session:
         self._rest = self.robot.motion[:, now - 1].copy()
         self._rest[-1] = 0
         self._tried = (now, now)
+        self._trial_checks = Trips()
+        # Trips before the trial are no news.
+        self._trial_checks.look(self.ticks, now, self.virtual.outcomes())
+        self._trial_trips = float(self.virtual.row[self._trips])
         self.view = VIRTUAL
+
+    def _tell_trial(self) -> None:
+        """Report the alarms and stops of the virtual robot."""
+        trips = float(self.virtual.row[self._trips])
+        if trips == self._trial_trips or self.ticks % OUTCOMES_EVERY:
+            return
+        self._trial_trips, now = trips, self.virtual.now
+        for trip in self._trial_checks.look(self.ticks, now, self.virtual.outcomes()):
+            if trip.check.response in verdict.TOLD and trip.announced:
+                self._tell("alarm", check=trip.check.name, count=trip.count, virtual=True)
 
     def _stand_by(self) -> bool:
         """Restart the motion table of a robot that nobody has driven yet. Return whether it moves.

@@ -6,8 +6,6 @@ replayed like any other row. The last row is the E-stop button's, and it has a f
 own, one more than the table needs.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,9 +1,7 @@
-"""Writes and reads the commands of a session as JSON lines.
+"""Reads the commands of a session from JSON lines, each {"tick": ms, "message": {..}}.
 
 With scenario and seed they reproduce the session.
 """
-
-from __future__ import annotations
 
 from pathlib import Path
 from typing import Annotated
@@ -11,41 +9,16 @@ from typing import Annotated
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 from ravenjax.errors import UserError
-from ravenjax.train.protocol.messages import Command, Increments, Input, encode
+from ravenjax.train.protocol.messages import Command, Increments, Input
 
-MOST_COMMANDS = 1_000_000
-"""The largest number of commands that a log keeps.
-
-That is hours of a page's commands, or a quarter of an hour of a console that sends one a
-millisecond.
-"""
 _HANDS: TypeAdapter[Input | Increments] = TypeAdapter(
     Annotated[Input | Increments, Field(discriminator="type")]
 )
 
 
 class _Line(BaseModel):
-    """A line of a command file."""
-
     tick: Annotated[int, Field(ge=0, strict=True)]
     message: Command
-
-
-class CommandLog:
-    """The lines of a command file, each {"tick": ms, "message": {..}}."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-
-    def add(self, tick: int, commands: list[Command]) -> None:
-        """Add the commands of one tick."""
-        for command in commands:
-            if len(self.lines) < MOST_COMMANDS:
-                self.lines.append(encode({"tick": tick, "message": command}) + "\n")
-
-    def write(self, path: Path) -> None:
-        """Write the file."""
-        path.write_text("".join(self.lines), encoding="utf-8")
 
 
 def read_commands(path: str | Path) -> list[tuple[int, Command]]:

@@ -12,8 +12,6 @@ that an operator with a foot on the pedal may not notice. The console left, was 
 the robot was lost.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from ravenjax.train.protocol.frame import CONSOLES
@@ -52,13 +50,13 @@ class ConsoleArbiter:
         down = pedal and console in self._armed
         if self.owner in (NOBODY, console):
             if not take({**message, "pedal": down}):
-                self._unheard[console] = words.OUT_OF_RANGE
+                self._unheard[console] = words.REASONS["out_of_range"]
                 return
             if self.owner == NOBODY and down:
                 self._hand_to(console, "pedal", tick)
             self._down = down
         self._heard[console], self._foot[console] = tick, pedal
-        if self._unheard.get(console) == words.OUT_OF_RANGE:
+        if self._unheard.get(console) == words.REASONS["out_of_range"]:
             del self._unheard[console]
         if not pedal:
             self._armed.add(console)
@@ -78,7 +76,7 @@ class ConsoleArbiter:
         if not self._foot.get(console):
             return ""
         if tick - self._heard[console] > STALE_MS:
-            return words.SILENT
+            return words.REASONS["silent"]
         if self.owner not in (NOBODY, console):
             return words.other_console_message(self.owner)
         return "" if console in self._armed else words.lift_message(self._since.get(console, ""))

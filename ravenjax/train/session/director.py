@@ -9,10 +9,7 @@ It is disarmed after its time (`Armable.lasts_ms`), so that permanent faults end
 pedal is a right response, it is also disarmed once the pedal has been up for `CLEARED_MS`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -28,13 +25,6 @@ GAP_MS = 3000
 
 CLEARED_MS = 500
 """After this time with the pedal up the robot rests, and the hazard's effect is measured."""
-
-
-class Order(NamedTuple):
-    """An order that the session carries out before this tick."""
-
-    kind: Literal["arm", "disarm"]
-    number: int  # index in the session's list of hazards
 
 
 class Director:
@@ -68,8 +58,11 @@ class Director:
         elif type(number) is int and 0 <= number < len(self.hazards) and not self._ordered:
             self._pending = number
 
-    def step(self, tick: int, frame: Frame, clock: int) -> tuple[Order, ...]:
-        """Return the orders before this tick. frame: of the last tick. clock: session's time."""
+    def step(self, tick: int, frame: Frame, clock: int) -> list[tuple[str, int]]:
+        """Return the orders before this tick: "arm" or "disarm", and the number of the hazard.
+
+        frame: of the last tick. clock: session's time.
+        """
         number, pedal = frame.number, frame.number("pedal")
         ready = (
             number("phase") == RUNNING
@@ -87,20 +80,20 @@ class Director:
             if self._stop or cleared or tick - self._since >= hazard.lasts_ms:
                 self.at_work, self._ordered, self._stop = -1, False, False
                 self._free_from = tick + GAP_MS
-                return (Order("disarm", hazard.number),)
-            return ()
+                return [("disarm", hazard.number)]
+            return []
         self._stop = False
         choice = self.at_work = self._pending  # the instructor's hazard first
         if choice < 0 and self.plan and self.plan[0][0] <= clock:
             choice = self.plan[0][1]
         if choice < 0 or self._down < SETTLED_MS or tick < self._free_from:
-            return ()
+            return []
         if choice == self._pending:
             self._pending = -1
         else:
             self.plan.pop(0)
         self.at_work, self._ordered, self._since = choice, True, tick
-        return (Order("arm", choice),)
+        return [("arm", choice)]
 
     def reset(self, tick: int) -> None:
         """Forget the active hazard of a robot that was homed. Planned hazards stay."""

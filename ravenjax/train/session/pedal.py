@@ -6,9 +6,9 @@ only through the force. So each change of the reason is an event "refused" (cons
 the page and the log, and a line at the terminal.
 """
 
-from __future__ import annotations
-
+import tomllib
 from collections.abc import Mapping
+from pathlib import Path
 
 from ravenjax.train.protocol.messages import Event, Say
 
@@ -16,30 +16,16 @@ NETWORK = ("itp", "crtk")
 """The consoles of `CONSOLES` whose users get the reasons."""
 HOLDS_MS = 50
 """Only a reason that lasts longer than this is reported: a person cannot react to a shorter one."""
-
-LIFT = "the pedal was already down: lift it, then press it again"
-PAUSED = "the instructor has paused the session"
-STOPPED = "the robot is stopped: restart it first"
-LOST = "no reports of the robot arrive"
-HOMING = "the robot is homing"
-SILENT = "the console sends nothing, so its pedal counts as up: lift it once"
-RIVAL = "the pedal of another console is down: lift this one, and press it once that one is up"
-OUT_OF_RANGE = "its increments lead out of the range of positions that a packet can hold"
-_SINCE = {
-    "silence": "the console was silent",
-    "silent": "the console was silent",
-    "left": "the console had left",
-    "handover": "control was given to this console",
-    "resume": "the session was paused",
-    "restart": "the robot was restarted",
-    "reset": "the robot was restarted",
-    "link": "no reports of the robot arrived",
-}
+_WORDS = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+REASONS: dict[str, str] = _WORDS["reasons"]
+RELEASED: dict[str, str] = _WORDS["released"]
+"""Why a pedal that CRTK holds down was raised automatically, by `OperatingState.why`."""
 
 
 def lift_message(since: str = "") -> str:
     """Return that the pedal must be lifted. since: the cause, as in the event "rearm"."""
-    return f"{LIFT} ({_SINCE[since]})" if since in _SINCE else LIFT
+    cause = _WORDS["since"].get(since)
+    return f"{REASONS['lift']} ({cause})" if cause else REASONS["lift"]
 
 
 def other_console_message(owner: str) -> str:
@@ -47,32 +33,10 @@ def other_console_message(owner: str) -> str:
     return f"{owner} drives: wait until {owner} leaves or control is given to this console"
 
 
-RELEASED = {
-    "silence": "the pedal was released after 250 ms without a servo command: send resume",
-    "idle": "the pedal was released after 5 s without a command: send resume",
-    "nobody": "the pedal was released: nobody publishes commands any more",
-    "refused": (
-        "the pedal was released because the robot did not follow it: another console drives, or"
-        " the pedal was not lifted before"
-    ),
-    "stopped": "the pedal was released because the robot stopped: home it, and lift the foot once",
-    "lost": "the pedal was released: no reports of the robot arrive",
-}
-"""Why a pedal that CRTK holds down was raised automatically, by `OperatingState.why`."""
-
-
 def packets_message(cause: str) -> str:
     """Return that the console's packets are refused. cause: one of `packet_filter.CAUSES`."""
-    words = {
-        "stranger": "another console drives until it is silent for two seconds",
-        "undecided": "the packets do not show yet which console profile applies",
-        "behind": "their numbers go back, as in a repeated stream",
-        "far_ahead": "their numbers jump too far ahead",
-        "duplicate": "their number does not change",
-    }
-    return (
-        f"its packets are refused: {words.get(cause, f'{cause} does not fit the console profile')}"
-    )
+    why = _WORDS["packets"].get(cause, f"{cause} does not fit the console profile")
+    return f"its packets are refused: {why}"
 
 
 class PedalReasons:

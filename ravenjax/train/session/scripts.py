@@ -4,8 +4,6 @@ Both return their commands once a tick from `messages(tick, frame)`. They are de
 session can be repeated exactly.
 """
 
-from __future__ import annotations
-
 import collections
 from collections.abc import Iterable, Sequence
 

@@ -112,7 +112,6 @@ class SimulatedRobot:
         self._beside.restore(self._own.snapshot())
 
     def _part(self, apart: bool) -> None:
-        """Set whether robot and golden run may differ from now on."""
         self._apart = apart
         self._told_apart[0] = -int(apart)
 
@@ -168,7 +167,6 @@ class SimulatedRobot:
             self._own.inputs[first + k][0] = (name == "period") if values is None else values[name]
 
     def _forget(self, slots: Sequence[int] | range) -> None:
-        """Reset the state of these slots, so that earlier faults leave no trace."""
         self._own.restore_leaves(
             self._fresh, [leaf for slot in slots for leaf in self._slots[slot]]
         )

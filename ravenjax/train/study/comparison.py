@@ -5,8 +5,6 @@ participant are not independent, so every interval and p-value counts participan
 participants did both conditions, each is compared with themselves.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import NamedTuple

@@ -7,8 +7,6 @@ by the number of its comparisons. If the result stays above 1 - confidence, no r
 and the study should not begin.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Runs a study: compares groups of sessions, and writes a page, a table and a short text."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Iterable, Sequence
@@ -92,7 +90,6 @@ def _table(study: TrainingStudy) -> str:
 
 
 def _charts(comparisons: Sequence[GroupComparison]) -> list[Chart]:
-    """Return a chart of each outcome: the mean of every participant, a row for each group."""
     groups: dict[str, dict[str, ComparedGroup]] = {}
     for comparison in comparisons:
         for group in (comparison.first, comparison.second):

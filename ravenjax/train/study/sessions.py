@@ -3,8 +3,6 @@
 It reads the sessions, checks that they belong together, and hides the groups of a blinded study.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json
@@ -148,7 +146,6 @@ def _find_folders(given: Iterable[Path]) -> list[Path]:
 
 
 def _read_session(folder: Path) -> StudySession:
-    """Read a session with the hazards of its table, or else of its recording."""
     header = description.read_session(folder)
     description.require_unchanged(folder, header)
     if (folder / hazard_table.FILE).exists() or reader.find_recording(folder) is None:
@@ -158,7 +155,6 @@ def _read_session(folder: Path) -> StudySession:
 
 
 def _describe_cuts(sessions: Sequence[StudySession]) -> list[str]:
-    """Return notes for the reader on sessions and hazards that were cut off."""
     notes = []
     if short := [session.name for session in sessions if session.cut_short]:
         notes.append(

@@ -5,8 +5,6 @@ positions. Tips in a frame are in frame 0 of their arm. Tasks do not affect the 
 objects stay in place, without contact.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from ravenjax.train.protocol.world import Point, to_world

@@ -1,7 +1,5 @@
 """Common parts of all tasks: goals, progress and events."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 

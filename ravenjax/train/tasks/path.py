@@ -1,7 +1,5 @@
 """The task of following a closed line. It scores progress and the time near the line."""
 
-from __future__ import annotations
-
 import math
 
 from ravenjax.train.protocol.frame import Frame

@@ -6,8 +6,6 @@ where it must be fetched. The jaws are those of the true links, so a hazard that
 the object too.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -135,7 +133,6 @@ class PegTask(Task):
 
 
 def _pegs(settings: PegTransfer, middle: tuple[float, float]) -> list[Point]:
-    """Return the tops of the pegs in two equal rows."""
     spacing, per_row = settings.spacing_mm / 1e3, settings.pegs // 2
     tops = []
     for row in range(2):

@@ -7,8 +7,6 @@ row, not after a number of repetitions. Surgical skills are taught in this way (
 Innov. 14, 2007). The scenario says which times are proficient.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 

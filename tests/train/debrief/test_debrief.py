@@ -20,7 +20,7 @@ from ravenjax.train.debrief import replay
 from ravenjax.train.protocol.jaws import closing_point
 from ravenjax.train.protocol.world import to_world
 from ravenjax.train.recording import hazards as hazard_table
-from ravenjax.train.recording import reader
+from ravenjax.train.recording import reader, recorder
 
 MET = synthetic.hazard(0)
 MISSED = synthetic.hazard(1, struck=9000.0, cue=None, known=None, response=None, off=12.0, ok=False)
@@ -81,17 +81,21 @@ def test_the_page_says_what_struck_when_it_could_be_known_and_how_it_was_met(tex
     assert "Motion hazard: unintended motion (limit 8 mm)" in text
 
 
-def test_pauses_are_left_out(tmp_path):
+def test_waiting_costs_a_row_a_second_and_neither_it_nor_a_pause_is_drawn(tmp_path):
     layout = synthetic.FrameLayout.of(("gold",))
-    rows = synthetic.rows(layout, [], 1.0)
-    rows[400:600, layout.places["session_tick"]] = 400
-    rows[600:, layout.places["session_tick"]] -= 199
-    writer = log.SessionWriter(tmp_path / log.FILE, layout.names(), {})
-    writer.add(0, rows)
-    writer.close()
-    np.testing.assert_array_equal(
-        reader.read_recording(tmp_path).without_pauses().ms, np.arange(801)
-    )
+    rows = synthetic.rows(layout, [], 5.0)
+    rows[:, layout.places["left_ms"]] = np.minimum(2000, 5000 - np.arange(5000))[:, None]
+    rows[:3000, layout.places["pedal"]] = 0
+    rows[4400:4600, layout.places["session_tick"]] = 4400
+    rows[4600:, layout.places["session_tick"]] -= 199
+    writer = recorder.RowWriter(tmp_path, layout.names(), {"scenario": {"duration_s": 2.0}})
+    written = sum(writer.add(k, rows[k : k + 128], []) for k in range(0, 5000, 128))
+    writer.add(5000, rows[:0], [{"tick": 3000, "kind": "started", "by": "pedal"}])
+    writer.log.close()
+    recording = reader.read_recording(tmp_path, debrief.CHANNELS)
+    assert recording.numbers.tolist() == [0, 1000, 2000, *range(3000, 5000)]
+    assert len(recording.rows) == written and "gold/jpos" not in recording.layout.places
+    np.testing.assert_array_equal(recording.without_pauses().ms, np.arange(3000, 4801))
 
 
 def test_the_page_is_honest_about_what_is_missing(tmp_path):
@@ -142,8 +146,20 @@ def test_hazards_of_a_killed_session_come_from_its_events(tmp_path):
     assert main(["log", "debrief", str(tmp_path)]) == 0
     assert main(["log", "debrief", str(tmp_path / "none")]) == 2
     page = text_of((tmp_path / debrief.FILE).read_text())
-    assert "they are read from the recording" in page and "1 of 2 hazards met" in page
+    assert "they are read from the recording" in page and "Not counted: 1 × the outcome is" in page
+    assert "1 of 1 hazard that left room for a response met with the right response" in page
     assert "The outcome is not known" in page
+
+
+def test_hazards_that_left_no_room_for_a_response_are_named_and_do_not_count(tmp_path):
+    halted = dataclasses.replace(MISSED, outcome="halted", score=50.0)
+    made = synthetic.write(tmp_path / "s", [MET, halted], recorded=False)
+    told = text_of(debrief.write_debrief(made).read_text())
+    assert "1 of 1 hazard that left room for a response met with the right response" in told
+    assert "Not counted: 1 × the robot halted on its own before a right response." in told
+    assert "82 score of 100, mean of 1 hazard" in told and "Halted :" in told
+    idle = synthetic.write(tmp_path / "idle", [], seconds=0.3)
+    assert "Nobody drove" in text_of(debrief.write_debrief(idle).read_text())
 
 
 def test_a_blinded_session_tells_nothing_of_cue_and_group(tmp_path):

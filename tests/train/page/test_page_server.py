@@ -49,11 +49,11 @@ class Window:
         raise AssertionError(f"nothing of {what} with {parts}")
 
     def pong(self):
-        """The answer to a ping, None where it is dropped; ten more messages are given to it."""
-        self.say({"type": "page", "do": "ping", "stamp": 1.5})
+        """The refusal of an unknown command, None where it is dropped; among ten messages."""
+        self.say({"type": "page", "do": "ping"})
         for _ in range(10):
             message = self.socket.recv(timeout=waiting.DEADLINE_S)
-            if isinstance(message, str) and (told := json.loads(message)).get("stamp") == 1.5:
+            if isinstance(message, str) and (told := json.loads(message)).get("why"):
                 return told
         return None
 
@@ -99,11 +99,8 @@ def refused(session, path="", **headers):
 
 def test_pages_and_files(session):
     answer, body = get(session, "/")
-    assert (
-        answer.status == 200
-        and answer.getheader("Content-Encoding") == "gzip"
-        and len(body) > 100_000
-    )
+    assert answer.status == 200 and answer.getheader("Content-Encoding") == "gzip"
+    assert len(body) > 100_000
     policy = answer.getheader("Content-Security-Policy") or ""
     assert (
         f"connect-src 'self' ws://127.0.0.1:{session.port} " in policy
@@ -122,7 +119,7 @@ def test_pages_and_files(session):
         "/debrief.html",
     ):
         assert get(session, path)[0].status == 404
-    assert json.loads(get(session, "/debrief.json")[1]) == {"ready": False}
+    assert json.loads(get(session, "/debrief.json")[1]) == {"ready": False, "table": False}
 
 
 def test_an_operator_drives_and_letting_go_releases(session):
@@ -167,11 +164,7 @@ def test_one_drives_and_the_next_looks_on_until_the_seat_is_free(session):
 def test_what_is_malformed_oversized_or_too_much_is_dropped(session):
     with Window(session) as window:
         before = len(session.commands)
-        for bad in (
-            "{",
-            b"\x00" * 50,
-            "x" * 5000,
-        ):
+        for bad in ("{", b"\x00" * 50, "x" * 5000):
             window.say(bad)
             window.text("refused")
         for _ in range(600):

@@ -48,11 +48,9 @@ class Session:
         self.folder = folder
         self.frames = Ring.create(capacity, 4 * LAYOUT.size)
         self.events = Ring.create(256, EVENT_BYTES)
-        options = recorder.RecorderOptions(
-            self.frames.name, self.events.name, tuple(LAYOUT.names()), folder, HEADER
-        )
+        given = self.frames.name, self.events.name, LAYOUT.names(), folder, HEADER
         context = multiprocessing.get_context("spawn")
-        self.process = context.Process(target=recorder.record_session, args=(options,), daemon=True)
+        self.process = context.Process(target=recorder.record_session, args=given, daemon=True)
 
     def write(self, count):
         for _ in range(count):

@@ -6,7 +6,7 @@ import pytest
 from made_frames import made, running
 
 from ravenjax.train.protocol.frame import PHASES, VIEWS
-from ravenjax.train.session.director import CLEARED_MS, GAP_MS, SETTLED_MS, Director, Order
+from ravenjax.train.session.director import CLEARED_MS, GAP_MS, SETTLED_MS, Director
 
 FAULT = [
     {"site": "usb_out", "channel": "elbow", "effect": "offset", "value": 700, "duration_ms": 100}
@@ -32,9 +32,9 @@ def test_a_hazard_strikes_when_due_and_is_taken_back_after_its_time():
     frame = running()
     assert run(one, frame, 0, 2000) == []
     (armed,) = run(one, frame, 2000, 2001)
-    assert armed == (2000, Order("arm", 0)) and one.at_work == 0
+    assert armed == (2000, ("arm", 0)) and one.at_work == 0
     assert run(one, frame, 2001, 10_000) == [
-        (3500, Order("disarm", 0))
+        (3500, ("disarm", 0))
     ]  # the response's time and half a second
     assert one.at_work == -1
 
@@ -56,14 +56,14 @@ def test_nothing_strikes_while_it_could_teach_nothing(channel, value):
     frame, idle = running(), running()
     idle[channel] = value
     assert run(one, idle, 0, 4000) == []
-    assert run(one, frame, 4000, 9000)[0] == (4000 + SETTLED_MS - 1, Order("arm", 0))
+    assert run(one, frame, 4000, 9000)[0] == (4000 + SETTLED_MS - 1, ("arm", 0))
 
 
 def test_one_at_a_time_with_a_gap_between():
     one = director(hazard("a", when=1), hazard("b", when=1.01), hazard("c", when=1.02))
     orders = run(one, running(), 0, 20_000)
     assert [order for _, order in orders] == [
-        Order(kind, n) for n in range(3) for kind in ("arm", "disarm")
+        (kind, n) for n in range(3) for kind in ("arm", "disarm")
     ]
     armed, taken = [tick for tick, _ in orders[::2]], [tick for tick, _ in orders[1::2]]
     assert [a - t for a, t in zip(armed[1:], taken, strict=False)] == [GAP_MS, GAP_MS]
@@ -74,12 +74,12 @@ def test_lifting_the_pedal_mends_what_it_is_right_for():
     lifted["pedal"] = 0
     one = director(hazard("a", when=1), hazard("b", when=4, right_response=["slow"], within_s=2))
     run(one, running(), 0, 1100)
-    assert run(one, lifted, 1100, 1100 + CLEARED_MS) == [(1099 + CLEARED_MS, Order("disarm", 0))]
-    assert run(one, running(), 2000, 5000)[0][1] == Order("arm", 1)
+    assert run(one, lifted, 1100, 1100 + CLEARED_MS) == [(1099 + CLEARED_MS, ("disarm", 0))]
+    assert run(one, running(), 2000, 5000)[0][1] == ("arm", 1)
     assert (
         run(one, lifted, 5000, 6000) == []
     )  # lifting the pedal is not right for this one: it stays
-    assert run(one, lifted, 6000, 9000)[0][1] == Order("disarm", 1)
+    assert run(one, lifted, 6000, 9000)[0][1] == ("disarm", 1)
 
 
 def test_the_instructor_arms_any_hazard_and_takes_it_back():
@@ -89,8 +89,8 @@ def test_the_instructor_arms_any_hazard_and_takes_it_back():
     run(one, frame, 0, 1000)
     one.command({"do": "arm", "hazard": 1})
     assert run(one, lifted, 1000, 2000) == [] and one.at_work == 1  # armed, and waits for the pedal
-    assert run(one, frame, 2000, 3000) == [(1999 + SETTLED_MS, Order("arm", 1))]
+    assert run(one, frame, 2000, 3000) == [(1999 + SETTLED_MS, ("arm", 1))]
     one.command({"do": "arm", "hazard": 0})  # one at a time
     one.command({"do": "disarm"})
-    assert run(one, frame, 3000, 3001) == [(3000, Order("disarm", 1))]
-    assert run(one, frame, 3001, 8000)[0] == (3000 + GAP_MS, Order("arm", 2))  # the plan goes on
+    assert run(one, frame, 3000, 3001) == [(3000, ("disarm", 1))]
+    assert run(one, frame, 3001, 8000)[0] == (3000 + GAP_MS, ("arm", 2))  # the plan goes on

@@ -76,8 +76,8 @@ def test_a_session_leaves_a_folder_that_says_everything(headless):
     )  # its four seconds begin as somebody drives
     assert (
         read.complete
-        and len(read.rows) == started["tick"] + 4000
-        and read["tick"][-1] == len(read.rows) - 1
+        and len(read.rows) < started["tick"] + 4000  # waiting has a row a second
+        and read["tick"][-1] == read.numbers[-1] == started["tick"] + 3999
     )
     assert read["left_ms"][0] == 4000 and read["left_ms"][-2] == 2
     assert {event["kind"] for event in read.events} >= {"hazard_struck", "cue", "response", "end"}

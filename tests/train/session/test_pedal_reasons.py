@@ -50,28 +50,30 @@ def instructor(do):
 
 
 def test_a_foot_that_is_down_from_the_beginning_is_told_once_to_lift(told):
-    assert told.run(True, 600) == [f"itp: {pedal.LIFT}"]
+    assert told.run(True, 600) == [f"itp: {pedal.REASONS['lift']}"]
     assert told.run(False, 100) == [""]  # nothing is wrong any more
     assert told.run(True, 100) == [] and told.session.frame.number("pedal") == 1
-    assert told.lines == [f"itp: {pedal.LIFT}"]
+    assert told.lines == [f"itp: {pedal.REASONS['lift']}"]
 
 
 def test_each_change_of_the_reason_is_told_once(told):
     told.run(False, 100)
     assert told.run(True, 300) == []
-    assert told.run(None, STALE_MS + 200) == [f"itp: {pedal.SILENT}"]
-    assert told.run(True, 100) == [f"itp: {pedal.LIFT} (the console was silent)"]
+    assert told.run(None, STALE_MS + 200) == [f"itp: {pedal.REASONS['silent']}"]
+    assert told.run(True, 100) == [f"itp: {pedal.REASONS['lift']} (the console was silent)"]
     told.run(False, 100)
     assert told.run(True, 100) == []
-    assert told.run(True, 100, instructor("pause")) == [f"itp: {pedal.PAUSED}"]
+    assert told.run(True, 100, instructor("pause")) == [f"itp: {pedal.REASONS['paused']}"]
     assert told.run(True, 100, instructor("resume")) == [
-        f"itp: {pedal.LIFT} (the session was paused)"
+        f"itp: {pedal.REASONS['lift']} (the session was paused)"
     ]
     told.run(False, 100)
     assert told.run(True, 100) == []
-    assert told.run(True, 200, {"type": "operator", "do": "estop"}) == [f"itp: {pedal.STOPPED}"]
+    assert told.run(True, 200, {"type": "operator", "do": "estop"}) == [
+        f"itp: {pedal.REASONS['stopped']}"
+    ]
     again = told.run(True, 200, {"type": "operator", "do": "restart"})
-    assert again[-1] == f"itp: {pedal.LIFT} (the robot was restarted)"
+    assert again[-1] == f"itp: {pedal.REASONS['lift']} (the robot was restarted)"
 
 
 def test_packets_that_are_refused_are_told_and_that_they_are_taken_again(told):

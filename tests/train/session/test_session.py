@@ -89,7 +89,7 @@ def follower(session, **settings):
 def test_a_session_comes_again_to_the_bit_from_what_was_said(made, tmp_path):
     first = Session(CHOSEN, 5, ready=made)
     rows, events, hazards = whole(first, follower(first))
-    first.command_log.write(tmp_path / "commands.jsonl")
+    (tmp_path / "commands.jsonl").write_text("".join(first.command_lines))
     again = scripts.Recorded(read_commands(tmp_path / "commands.jsonl"))
     other, told, table = whole(Session(CHOSEN, 5, ready=made), again)
     np.testing.assert_array_equal(rows, other)
@@ -297,6 +297,15 @@ def test_what_is_tried_on_the_virtual_robot_the_robot_then_does(session):
     assert (
         np.linalg.norm(session.frame["gold/tip"] - before) < 2e-4
     )  # the hand goes on from there without a jump
+
+
+def test_alarms_of_the_virtual_robot_are_told_during_a_trial(session):
+    started(session)
+    trial = {"type": "operator", "do": "rehearse"}
+    _, events = drive(session, 3500, move=(0.0, 1.0, 0.0), also=[trial])
+    alarms = [event for event in events if event["kind"] == "alarm"]
+    assert alarms and all(alarm["virtual"] for alarm in alarms)
+    assert session.frame.number("view") == 1 and session.frame.number("runlevel") == 2
 
 
 def test_the_instructor_arms_switches_the_cue_and_ends(session):

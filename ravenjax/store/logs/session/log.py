@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import cache
@@ -45,6 +45,7 @@ FILE = "session.mcap"
 TICK_NS = 1_000_000
 STANDARD_HZ = 100
 _EVERY = 1000 // STANDARD_HZ
+_BLOCK_ROWS = 4096
 
 _STATES = ("jpos", "jpos_d", "link_jpos", "model_jpos")
 _TIPS = {
@@ -151,17 +152,18 @@ class SessionLog:
     header: dict[str, Any]  # session.json at the beginning of the session
     names: list[str]  # names of a row's numbers
     numbers: np.ndarray  # int64 [T], number of each row, with gaps where rows were lost
-    rows: np.ndarray  # float32 [T, names]
+    rows: np.ndarray  # float32 [T, the names that were kept]
     events: list[dict[str, Any]]
     complete: bool  # closed by its recorder, not truncated
     # Bytes at the end, of an unfinished chunk, and damaged bytes.
     lost_bytes: int
 
 
-def read_session_log(path: Path) -> SessionLog:
+def read_session_log(path: Path, keeps: Callable[[str], bool] = lambda name: True) -> SessionLog:
     """Read the recording of a session, as far as it is complete.
 
-    Raises StoreError if it is not the recording of a session.
+    keeps: whether `rows` has the number of this name. Raises StoreError if it is not the recording
+    of a session.
     """
     content = mcap_records.scan_records(path)
     metadata = next((one.metadata for one in content.metadata if one.name == METADATA), {})
@@ -171,23 +173,26 @@ def read_session_log(path: Path) -> SessionLog:
             " session's folder"
         )
     names, header = json.loads(metadata["channels"]), json.loads(metadata["header"])
-    width = 4 * len(names)
+    columns, width = [place for place, name in enumerate(names) if keeps(name)], 4 * len(names)
     numbers: list[int] = []
-    data: list[bytes] = []
+    data, blocks = bytearray(), [np.zeros((0, len(columns)), np.float32)]
     events: list[dict[str, Any]] = []
-    for message in content.messages():
+    for message in content.messages((SIGNALS, EVENTS)):
         channel = content.channels.get(message.channel_id)
         if channel is not None and channel.topic == SIGNALS:
             numbers.append(message.sequence)
-            data.append(message.data[-width:])
+            data += message.data[-width:]
+            if len(data) == _BLOCK_ROWS * width:
+                blocks.append(np.frombuffer(data, "<f4").reshape(-1, len(names))[:, columns])
+                data = bytearray()
         elif channel is not None and channel.topic == EVENTS:
             events.append(json.loads(topics.ros2_types().decode(message.data, topics.TEXT).data))
-    rows = np.frombuffer(b"".join(data), "<f4").reshape(-1, len(names))
+    blocks.append(np.frombuffer(data, "<f4").reshape(-1, len(names))[:, columns])
     return SessionLog(
         header,
         names,
         np.array(numbers, np.int64),
-        rows,
+        np.concatenate(blocks),
         events,
         content.complete,
         content.lost_bytes,

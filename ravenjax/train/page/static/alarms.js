@@ -4,6 +4,7 @@ import { coarse } from "./coach.js";
 
 const KEPT_MS = 6000;
 const STOPPED = "The robot has stopped and holds its brakes.";
+const TRIAL = "Discard the trial (M), and try another way.";
 const RESTART = "Lift the pedal. Once you know why, restart (Backspace).";
 
 /** Words for each check that alerts a person or stops the robot. */
@@ -29,12 +30,13 @@ export class Alarms {
   }
 
   /** Takes an event of kind "alarm" or "alarm_count". */
-  tell({ check }, now = performance.now()) {
+  tell({ check, virtual = false }, now = performance.now()) {
     if (now < this.until && FOLLOW.has(check) && ALARMS[this.check]?.[1] === STOPPED) return;
     this.until = now + KEPT_MS;
     if (check === this.check && !this.place.hidden) return;
     this.check = check;
-    const [matter, did, act] = ALARMS[check] ?? other(check);
+    const words = ALARMS[check] ?? other(check);
+    const [matter, did, act] = virtual ? [words[0], words[1] === STOPPED ? "The virtual robot has stopped." : "So it is on the virtual robot.", TRIAL] : words;
     this.place.querySelector("b").textContent = matter;
     this.place.querySelector("span").textContent = did;
     this.place.querySelector("em").textContent = coarse() ? act.replace(" (Backspace)", "") : act;

@@ -64,19 +64,17 @@ export class Coach {
       one.hidden = [...one.classList].some((kind) => off[kind]) || (one.dataset.arm ? !arms.includes(one.dataset.arm) : false);
   }
 
-  /** Called once a frame. started: the time runs; lift: the pedal must be lifted; blocked: others drive, or the field is covered. */
-  frame({ phase, started, down, lift, blocked }, scope, now = performance.now()) {
+  /** Called once a frame. started: the time runs; blocked: others drive, or the field is covered. `Why` speaks of the pedal. */
+  frame({ phase, started, down, blocked }, scope, now = performance.now()) {
     const { target } = scope;
     if (this.first === null && target >= 0 && phase !== "over") this.first = scope.progress > 0 ? -1 : target;
     const goal = scope.goal();
     let said = "";
     if (this.gone || blocked) said = "";
     else if (phase === "ready" && !started) said = "begin";
-    else if (phase === "ready") said = lift ? "lift" : down ? "" : "pedal"; // the robot was restarted
     else if (phase !== "running" || this.first === null || this.first < 0) said = "";
     else if (this.reached(scope)) said = now < this.praised ? "reached" : "";
-    else if (!down) said = lift ? "lift" : "pedal";
-    else if (goal) said = goal.distance <= goal.radius ? "hold" : "way";
+    else if (down && goal) said = goal.distance <= goal.radius ? "hold" : "way";
     this.show(said, goal, scope);
   }
 
@@ -97,8 +95,6 @@ export class Coach {
     } else if (said !== this.said)
       this.text.textContent =
         {
-          pedal: coarse() ? "Hold PEDAL, or drag a pad: the robot moves only meanwhile." : "Hold SPACE: the robot moves only while the pedal is down.",
-          lift: `Let go of ${coarse() ? "PEDAL" : "SPACE"}, then hold it again.`,
           hold: "There. Keep it in the ring.",
           reached: "Reached. When the instrument moves by itself, lift the pedal.",
         }[said] ?? "";

@@ -24,6 +24,10 @@ const KEYS = new Map(
 );
 
 const still = () => ({ move: [0, 0, 0], turn: [0, 0, 0], grasp: 0 });
+/** Keys, and buttons of a gamepad, for commands. The E-stop and the restart work in every window. */
+const COMMANDS = { Escape: "estop", Backspace: "restart", KeyB: "rehearse", KeyN: "reengage", KeyM: "discard" };
+const BUTTONS = { 8: "rehearse", 9: "reengage", 10: "discard", 11: "view" };
+const RATE_MS = 2000;
 const clipped = (x) => Math.max(-1, Math.min(1, x));
 
 export class Input {
@@ -39,6 +43,8 @@ export class Input {
     this.source = "keyboard";
     this.muted = false; // a drill uses the hands, and the session receives hands at rest
     this.last = "";
+    this.sent = []; // times of the last messages
+    this.buttons = new Set(); // buttons of the gamepad that are down and command something
     keys.addEventListener("keydown", ({ detail }) => this.down(detail));
     keys.addEventListener("keyup", ({ detail }) => this.up(detail));
     addEventListener("blur", () => this.release());
@@ -50,9 +56,9 @@ export class Input {
   down(event) {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const { code } = event;
-    if (code === "Escape" || code === "Backspace") {
+    if (code in COMMANDS) {
       event.preventDefault();
-      if (!event.repeat) this.on.command(code === "Escape" ? "estop" : "restart");
+      if (!event.repeat) this.on.command(COMMANDS[code]);
       return;
     }
     if (!this.enabled || (code !== "Space" && !code.startsWith("Shift") && !KEYS.has(code))) return;
@@ -146,9 +152,19 @@ export class Input {
     right.move = [stick(2), on(3) - on(0), stick(3)];
     left.grasp = squeeze(6) || -on(2);
     right.grasp = squeeze(7) || -on(1);
+    for (const [i, name] of Object.entries(BUTTONS)) {
+      if (on(i) && !this.buttons.has(i)) this.on.command(name);
+      this.buttons[on(i) ? "add" : "delete"](i);
+    }
     const pedal = Boolean(on(4) || on(5));
     if (pedal || [...left.move, ...right.move, left.grasp, right.grasp].some((x) => x !== 0)) this.source = "gamepad";
     return { left, right, pedal };
+  }
+
+  /** Messages a second. */
+  get rate() {
+    const now = performance.now();
+    return Math.round((1000 * this.sent.filter((at) => now - at < RATE_MS).length) / RATE_MS);
   }
 
   /** Sends the message if it has changed. */
@@ -159,6 +175,8 @@ export class Input {
     if (!always && text === this.last) return;
     this.last = text;
     this.on.send(message);
+    const now = performance.now();
+    this.sent = [...this.sent.filter((at) => now - at < RATE_MS), now];
   }
 
   beat() {

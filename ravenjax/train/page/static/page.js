@@ -15,11 +15,13 @@ import { Scope, TOUCH_MM } from "./scope.js";
 import { CueSign, seen } from "./sign.js";
 import { TraineeCard } from "./trainee.js";
 import { Views } from "./views.js";
+import { Why } from "./why.js";
 import { Wire } from "./wire.js";
 
 const CAP = 0.05;
 const SLOW_FPS = 20;
 const TEST_MS = 1200;
+const UNANSWERED = 6; // requests in a row after which the server is gone
 const $ = (id) => document.getElementById(id);
 const root = $("rj");
 const own = window.ravenjax;
@@ -39,8 +41,12 @@ const trainee = new TraineeCard($("trainee"));
 const input = new Input(own.keys, {
   send,
   pressed: (stamp) => probe.pressed(stamp),
-  command: (name) => (name === "estop" || panels.role === "operator") && send({ type: "operator", do: name }),
+  command: (name) => {
+    if (name === "view") views.next();
+    else if (name === "estop" || panels.role === "operator") send({ type: "operator", do: name });
+  },
 });
+const why = new Why($("why"), input);
 const drill = new Drill($("drill"), input, haptics, sign);
 const views = new Views(root, send);
 const wire = new Wire(own.role, own.window, own.token, {
@@ -54,12 +60,12 @@ const wire = new Wire(own.role, own.window, own.token, {
     happened(event);
     if (event.kind === "alarm" || event.kind === "alarm_count") alarms.tell(event);
     if (event.kind === "phase" && event.phase === "ready") alarms.forget();
-    if (event.kind === "end") setTimeout(debrief, 500);
+    if (event.kind === "end") debrief();
   },
   seat: (free) => panels.seat(free),
-  refused: (why) => {
-    console.debug(`refused: ${why}`);
-    next.refused(why);
+  refused: (cause) => {
+    console.debug(`refused: ${cause}`);
+    next.refused(cause);
   },
 });
 
@@ -75,7 +81,7 @@ function welcome(welcomed) {
     force: new Plot($("force"), lines, { floor: CAP, limit: null, unit: "", digits: 3 }),
   };
   scope = new Scope($("scope"), welcomed.arms, welcomed.bases, welcomed.tissue, welcomed.header.task);
-  coach.welcome(welcomed.arms, Boolean(welcomed.header.task?.object));
+  coach.welcome(welcomed.arms, Boolean(welcomed.header.task?.object) || (welcomed.header.contact_units_per_n ?? null) !== null);
   next.welcome(welcomed.header);
   hazards.welcome(welcomed.header.hazards ?? []);
   trainee.welcome(welcomed.arms);
@@ -87,6 +93,7 @@ function welcome(welcomed) {
 /** Passes an event to everything that shows it. */
 function happened(event) {
   panels.event(event);
+  why.event(event);
   if (event.kind === "object") scope?.moved(event);
   if (panels.role !== "instructor") return;
   hazards.event(event);
@@ -185,7 +192,11 @@ function draw() {
   const mine = panels.role === "operator" && (owner === "page" || owner === "nobody");
   const warned = !$("cue-sign").hidden || !$("alarm-words").hidden; // then hide the words about the goal
   const blocked = !mine || warned || drill.on || $("help").open || $("cue-check").open;
-  coach.frame({ phase, started: panels.started, down: latest.number("pedal") === 1, lift: panels.lift, blocked }, scope);
+  const down = latest.number("pedal") === 1;
+  coach.frame({ phase, started: panels.started, down, blocked }, scope);
+  if (panels.role !== "operator" || drill.on) $("why").hidden = true;
+  else why.frame({ ...panels.state, link: root.dataset.link, level: latest.number("runlevel"), live: latest.number("live") === 1, pressed: input.pedal, down });
+  if (panels.shown && panels.shown !== "stopped") $("why").hidden = true; // the banner says it
   probe.drawn();
 }
 requestAnimationFrame(draw);
@@ -277,11 +288,15 @@ function sure(button) {
   return false;
 }
 
-/** Shows the debrief as soon as it is written. */
+/** Shows the debrief as soon as it is written, and until then what is being done. It waits as long as the server lives. */
 async function debrief() {
-  for (let tries = 0; tries < 120; tries += 1) {
-    const answer = await fetch("/debrief.json").then((told) => told.json(), () => ({ ready: false }));
-    if (answer.ready) {
+  const began = performance.now();
+  for (let unanswered = 0; unanswered < UNANSWERED; ) {
+    const answer = await fetch("/debrief.json").then((told) => told.json(), () => null);
+    unanswered = answer ? 0 : unanswered + 1;
+    const step = answer?.table ? "The charts are being drawn" : "The recording is being closed";
+    panels.writing(`${step}: ${Math.round((performance.now() - began) / 1000)} s so far.`);
+    if (answer?.ready) {
       $("debrief").querySelector("iframe").src = "/debrief.html";
       panels.debrief = () => ($("debrief").hidden = false);
       panels.debrief();
@@ -289,6 +304,7 @@ async function debrief() {
     }
     await new Promise((resolve) => setTimeout(resolve, 500));
   }
+  panels.writing("The server has ended. `ravenjax log debrief FOLDER` writes the debrief.");
 }
 
 own.latency = () => probe.latency();

@@ -13,11 +13,11 @@ export const WORDS = {
   limited: (e) => `limited by the check ${e.check}, without an alarm`,
   unintended_motion: (e) => `unintended motion: ${e.arm} arm, ${Number(e.mm).toFixed(1)} mm`,
   loss_of_motion: (e) =>
-    e.halted_ms ? `loss of motion: out of pedal-down for ${e.halted_ms} ms` : `loss of motion: ${e.arm} arm, ${Number(e.mm).toFixed(1)} mm`,
+    e.halted_ms ? `loss of motion: out of pedal-down for ${lasting(e.halted_ms)}` : `loss of motion: ${e.arm} arm, ${Number(e.mm).toFixed(1)} mm`,
   false_report: (e) => `false report: ${e.arm} arm, ${Number(e.mm).toFixed(1)} mm`,
   response: (e) => `response: ${e.what}${e.ok ? "" : ", not the right one"}`,
   hazard_over: (e) => `hazard ${e.number}: ${e.outcome}`,
-  alarm: (e) => `alarm: ${e.check}`,
+  alarm: (e) => `alarm${e.virtual ? " of the virtual robot" : ""}: ${e.check}`,
   phase: (e) => e.phase,
   view: (e) => `view: ${e.view}`,
   pedal: (e) => `pedal ${e.down ? "down" : "up"}`,
@@ -29,7 +29,7 @@ export const WORDS = {
   console: (e) => `console ${e.alive ? `alive${e.source ? ` (${e.source})` : ""}` : "silent"}`,
   runlevel: (e) => `runlevel ${e.runlevel}`,
   note: (e) => `“${e.text}”`,
-  overrun: (e) => `late ticks: ${e.late_ticks}`,
+  overrun: (e) => `late ticks so far: ${e.late_ticks}`,
   trouble: (e) => e.text,
   level: (e) => levelWords(e),
   task_done: () => "task done",
@@ -48,10 +48,26 @@ const BANNERS = {
   other: ["wait", "The ITP console drives", "This page watches. The E-STOP works here too.", "Take over"],
   ros: ["wait", "A console over ROS drives", "This page watches. The E-STOP works here too.", "Take over"],
   free: ["wait", "The console is free", "Nobody drives.", "Take it"],
+  writing: ["wait", "Session over, writing the debrief", ""],
   over: ["wait", "Session over", "What happened, and when it could be known:", "Debrief"],
   virtual: ["virtual", "Virtual robot", "The robot rests. Only the virtual robot follows your hands."],
   replay: ["virtual", "Re-engaged", "Hold the pedal: the robot follows what you tried."],
 };
+
+/** A duration in words. */
+export const lasting = (ms) => (ms < 1000 ? `${Math.round(ms)} ms` : ms < 10_000 ? `${(ms / 1000).toFixed(1)} s` : `${Math.round(ms / 1000)} s`);
+
+/** Why the operator's buttons cannot be pressed now, by their names; "": they can. */
+export function refusals({ view, phase, robot = "virtual" }) {
+  const trial = view === "virtual";
+  const begin = { ready: "hold the pedal first", paused: "the session is paused", stopped: "restart the robot first" }[phase] ?? "the session does not run";
+  return {
+    rehearse: robot !== "virtual" ? "a robot elsewhere has no virtual robot" : view !== "real" ? "a trial is under way" : phase === "running" ? "" : begin,
+    reengage: trial ? "" : "try a motion first",
+    discard: view === "real" ? "nothing was tried" : "",
+    restart: phase === "stopped" ? "" : "the robot is not stopped",
+  };
+}
 
 /** The level, its requirements, and the result of the last round. */
 export function levelWords({ level, of, title, within_s, in_a_row, needs, took_ms, within }) {
@@ -66,13 +82,15 @@ export class Panels {
     this.send = send;
     this.shown = "";
     this.free = false;
+    this.titles = new Map(); // of buttons, while they can be pressed
+    this.late = null; // the log's line about late ticks
     this.debrief = null; // opens the debrief once it exists
     $("banner").querySelector("button").addEventListener("click", () => this.act());
   }
 
   welcome({ role, instructs, header, arms, run_levels, phases, views, consoles }) {
     Object.assign(this, { role, instructs, header, arms, phases, views, consoles });
-    Object.assign(this, { started: false, left: Infinity });
+    Object.assign(this, { started: false, left: Infinity, whole: 1000 * (header.scenario?.duration_s ?? 0), ran: 0 });
     set("left-word", "left, waits");
     set("level-words", "");
     $("console-card").hidden = (header.consoles ?? []).length < 2;
@@ -106,7 +124,12 @@ export class Panels {
     if (!$("log") || this.role !== "instructor") return;
     const said = WORDS[event.kind]?.(event);
     if (said) {
-      $("log").prepend(element("li", "", time(event.tick), element("span", "", said)));
+      const item = element("li", "", time(event.tick), element("span", "", said));
+      if (event.kind === "overrun") {
+        this.late?.remove(); // one line for all
+        this.late = item;
+      }
+      $("log").prepend(item);
       while ($("log").children.length > 200) $("log").lastChild.remove();
     }
   }
@@ -118,7 +141,8 @@ export class Panels {
   }
 
   /** Lists each check once, with its number of trips; a trip counts once a millisecond and arm. */
-  alarm({ tick, check, count: told }) {
+  alarm({ tick, check: name, count: told, virtual }) {
+    const check = virtual ? `virtual robot: ${name}` : name;
     const known = this.alarms.get(check);
     known?.item.remove();
     const count = told ?? (known?.count ?? 0) + 1;
@@ -137,8 +161,9 @@ export class Panels {
     set("phase", phase);
     const level = frame.number("link") === 1 ? String(frame.number("runlevel")) : ""; // the run level of a lost robot is unknown
     for (const lamp of $("runlevel").children) lamp.classList.toggle("on", lamp.dataset.level === level);
-    set("clock", clock(frame.number("session_tick")));
     const left = frame.number("left_ms");
+    this.whole = Math.max(this.whole, left);
+    set("clock", clock(phase === "over" ? this.ran : (this.ran = this.whole - left)));
     if (!this.started && left < this.left && this.left < Infinity) this.start(); // it began before this page was open
     this.left = left;
     set("left", clock(left));
@@ -160,11 +185,14 @@ export class Panels {
     $("pedal").classList.toggle("rearm", this.lift);
     this.seated(owner, frame.number("pedal") === 1, phase);
     set("view-name", view === "real" ? "real field" : view === "virtual" ? "virtual field" : "robot follows");
-    const buttons = document.querySelectorAll("[data-operator]");
-    for (const button of buttons) {
-      const can = { rehearse: view === "real" && phase === "running", reengage: view === "virtual", discard: view !== "real", restart: phase === "stopped" };
-      button.disabled = !can[button.dataset.operator];
+    const not = refusals({ view, phase, robot: this.header.robot });
+    for (const button of document.querySelectorAll("[data-operator]")) {
+      const reason = not[button.dataset.operator];
+      this.titles.set(button, this.titles.get(button) ?? button.title);
+      button.disabled = Boolean(reason);
+      button.title = reason ? `Not now: ${reason}.` : this.titles.get(button);
     }
+    set("virtual-note", not.rehearse && view === "real" ? `Try: ${not.rehearse}.` : "");
     if (this.role === "instructor") this.instructor(frame, phase);
     this.state = { phase, view, owner };
     this.banner();
@@ -219,8 +247,8 @@ export class Panels {
     const { phase, view, owner } = this.state ?? {};
     const over = phase === "over";
     let kind = "";
-    if (this.root.dataset.link === "down") kind = over ? "" : "down";
-    else if (over) kind = document.getElementById("debrief").hidden && this.debrief ? "over" : "";
+    if (over) kind = !this.debrief ? "writing" : document.getElementById("debrief").hidden ? "over" : "";
+    else if (this.root.dataset.link === "down") kind = "down";
     else if (this.role === "watcher") kind = this.watching();
     else if (phase === "lost") kind = "lost";
     else if (phase === "stopped") kind = "stopped";
@@ -233,13 +261,21 @@ export class Panels {
     const banner = $("banner");
     banner.hidden = !kind;
     if (!kind) return;
-    const [look, head, text, act] = BANNERS[kind];
+    const [look, head, told, act] = BANNERS[kind];
+    const text = kind === "writing" ? (this.progress ?? "") : told;
     banner.dataset.kind = look;
     banner.querySelector("b").textContent = head;
     banner.querySelector("span").textContent = text;
     const button = banner.querySelector("button");
     button.hidden = !act || (kind === "stopped" && this.role === "instructor");
     button.textContent = act ?? "";
+  }
+
+  /** Says how far the debrief is. */
+  writing(text) {
+    this.progress = text;
+    this.banner();
+    if (this.shown === "writing") $("banner").querySelector("span").textContent = text;
   }
 
   watching() {

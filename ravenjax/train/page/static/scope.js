@@ -12,6 +12,7 @@ const AHEAD_M = 0.01; // m of a path that are highlighted
 const GAP = 6; // px between the two views
 const ENDS = 0.72; // share of the height at which the ends are labelled
 const HALF_WORD = 34; // px, half the width of "L · 12 mm"
+const CROWDED = 24; // px between two tips whose letters would overlap
 const CLEAR = 30; // px between the goal's label and a mark or the mark's label
 export const TOUCH_MM = 9; // shafts nearer than their thickness touch
 
@@ -101,6 +102,8 @@ export class Scope {
     this.ground(see);
     this.goals(see);
     for (const arm of this.arms) this.instrument(see, arm);
+    const tips = this.arms.map((arm) => this.tip(arm)).filter(Boolean);
+    see.crowded = tips.length > 1 && Math.hypot(see.x(tips[0]) - see.x(tips[1]), see.y(tips[0]) - see.y(tips[1])) < CROWDED;
     for (const arm of this.arms) {
       if (!blinded) ring(pen, see, this.world(arm, frame.get(`${arm}/model_tip`)), COLOURS.model);
       this.mark(see, arm);
@@ -174,8 +177,8 @@ export class Scope {
     pen.fill();
   }
 
-  /** Draws the tip: L is a disc, R a diamond; an arrow at the edge if it has left the view. */
-  mark({ x, y, width, height }, arm) {
+  /** Draws the tip: L is a disc, R a diamond; an arrow at the edge if it has left the view. crowded: the letters are beside them. */
+  mark({ x, y, width, height, crowded }, arm) {
     const tip = this.tip(arm);
     if (!tip) return;
     const [across, up] = [x(tip), y(tip)];
@@ -187,12 +190,14 @@ export class Scope {
       for (const [dx, dy] of [[0, -11], [11, 0], [0, 11], [-11, 0]]) pen.lineTo(inside + dx, above + dy);
       pen.closePath();
     } else pen.arc(inside, above, 9, 0, 7);
-    pen.fillStyle = COLOURS[arm];
+    pen.fillStyle = COLOURS[arm] + (crowded ? "90" : "");
     pen.fill();
     pen.strokeStyle = away ? "#fff" : "#0d1116";
     pen.lineWidth = away ? 2.5 : 1.5;
     pen.stroke();
-    words(pen, LETTERS[arm], inside, above + 4, "#0d1116", "center", 800);
+    const side = arm === "green" ? 22 : -22;
+    if (crowded) words(pen, LETTERS[arm], inside + side, above + 4, COLOURS[arm], "center", 800, 13);
+    else words(pen, LETTERS[arm], inside, above + 4, "#0d1116", "center", 800);
     if (!away) return;
     const turn = Math.atan2(up - above, across - inside);
     pen.beginPath();

@@ -19,6 +19,13 @@ export class Views {
     if (!this.root.classList.contains("flat")) this.buttons[number - 1]?.click();
   }
 
+  /** Takes the next camera. */
+  next() {
+    const cameras = this.buttons.filter((one) => one.dataset.camera);
+    const at = cameras.findIndex((one) => one.getAttribute("aria-pressed") === "true");
+    if (!this.root.classList.contains("flat")) cameras[(at + 1) % cameras.length].click();
+  }
+
   look(camera) {
     this.root.dataset.camera = camera;
     this.send({ type: "page", do: "camera", name: camera });

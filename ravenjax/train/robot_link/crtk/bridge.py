@@ -5,10 +5,7 @@ carries rows of the robot, the other commands. A row contains a `Frame`, the clo
 the number of the last command that the loop had taken before it.
 """
 
-from __future__ import annotations
-
 import contextlib
-import dataclasses
 import signal
 import struct
 import sys
@@ -23,7 +20,6 @@ from ravenjax.train import processes
 from ravenjax.train.protocol.frame import Frame, FrameLayout
 from ravenjax.train.protocol.messages import Command, Say
 from ravenjax.train.realtime.ring import COMMAND_BYTES, Ring, parent_has_ended, put_json, read_json
-from ravenjax.train.robot import Arms
 from ravenjax.train.robot_link.crtk import messages
 from ravenjax.train.robot_link.crtk.interpreter import Interpreter, RobotRow
 from ravenjax.train.robot_link.crtk.messages import MessageTypes, Ros
@@ -116,20 +112,6 @@ class CrtkConsole:
         self.commands.close()
 
 
-@dataclasses.dataclass(frozen=True)
-class BridgeOptions:
-    """The options with which the process starts."""
-
-    rows: str  # names of the rings
-    commands: str
-    ros: Ros
-    arms: Arms
-    tools: tuple[str, ...]
-    # mrad that the jaws close per mrad of an increment.
-    grasp_gain: int
-    contact: bool  # whether the contact force is known
-
-
 def spawn_bridge(
     stack: contextlib.ExitStack,
     ros: Ros,
@@ -144,21 +126,14 @@ def spawn_bridge(
     console = CrtkConsole(blueprint.layout, ros, say)
     stack.callback(console.close)
     setup, control = blueprint.setup, blueprint.plan.program.params.control
-    options = BridgeOptions(
-        console.rows.name,
-        console.commands.name,
-        ros,
-        blueprint.layout.arms,
-        setup.tools,
-        int(control.teleoperation.grasp_gain),
-        setup.contact and not elsewhere,
-    )
+    rings, arms = (console.rows.name, console.commands.name), blueprint.layout.arms
+    gain, contact = int(control.teleoperation.grasp_gain), setup.contact and not elsewhere
     helper = processes.Helper(stack, run_bridge)
-    helper.begin(options)
+    helper.begin((rings, ros, arms, setup.tools, gain, contact))
     if trouble := helper.answer():
         raise UserError(trouble)
     console.process_says = helper.answers
-    say(f"CRTK: {ros}, {', '.join(messages.ARM_NAMES[arm] for arm in options.arms)}")
+    say(f"CRTK: {ros}, {', '.join(messages.ARM_NAMES[arm] for arm in arms)}")
     network = "the DDS domain" if ros == "ros2" else "the ROS master"
     say(
         f"CRTK listens on every network of this machine, whatever --host says: whoever reaches"
@@ -201,31 +176,30 @@ class RobotRings:
 def run_bridge(robot: Connection) -> None:
     """Speak CRTK until this process is terminated or the robot's process is gone.
 
-    This is the entry point of a spawned process. robot: delivers `BridgeOptions`, and receives None
-    once the process is ready, later the reason why it ends.
+    This is the entry point of a spawned process. robot: delivers the arguments below, and receives
+    None once the process is ready, later the reason why it ends.
     """
-    options: BridgeOptions = robot.recv()
+    # grasp_gain: mrad that the jaws close per mrad of an increment. contact: whether its force is
+    # known.
+    (rows, commands), ros, arms, tools, grasp_gain, contact = robot.recv()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the robot's process handles Ctrl-C
     # An orderly exit lets ROS learn that the topics are gone.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
-    arms, contact = options.arms, options.contact
     try:
         topics = (
-            messages.published_topics(arms, options.ros, contact),
+            messages.published_topics(arms, ros, contact),
             messages.command_topics(arms),
         )
-        transport = connect_transport(options.ros, *topics)
+        transport = connect_transport(ros, *topics)
     except UserError as error:
         robot.send(str(error))
         return
-    rings = RobotRings(options.rows, options.commands, FrameLayout.of(arms))
+    rings = RobotRings(rows, commands, FrameLayout.of(arms))
 
     def refused(why: str) -> None:
         rings.send({"type": "unheard", "console": "crtk", "once": True, "why": why})
 
-    interpreter = Interpreter(
-        arms, options.tools, transport.types, options.grasp_gain, contact, refused
-    )
+    interpreter = Interpreter(arms, tools, transport.types, grasp_gain, contact, refused)
     robot.send(None)
     published = time.monotonic()
     try:

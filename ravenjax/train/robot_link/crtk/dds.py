@@ -6,8 +6,6 @@ and bytes are CDR. Published topics are reliable, so that readers of either kind
 commands are read as best effort, so that a late one is never sent again.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 from collections.abc import Sequence

@@ -5,8 +5,6 @@ This module uses no transport, clock or process. Messages and rows go in with th
 and commands of `protocol.messages` come out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -43,10 +41,6 @@ from ravenjax.train.session import pedal
 Message = tuple[str, Any]
 RAVEN_STATE_PLACES = np.array([0, 1, 2, 4, 5, 6, 7])
 """Places of an arm's joints among its 8 in ravenstate; number 3 is not connected."""
-RAVEN_STATE_SIZES = dict.fromkeys(
-    ("dac_val", "mpos", "jpos", "mvel", "jvel", "mpos_d", "jpos_d"), 8
-) | {"pos": 3, "pos_d": 3, "ori": 9, "ori_d": 9, "grasp_d": 1, "jac_vel": 6, "jac_f": 6}
-"""Numbers for each arm in the arrays of ravenstate that are known."""
 ELSEWHERE = "the robot moved elsewhere, at a joint limit or out of reach"
 
 
@@ -62,8 +56,6 @@ class RobotRow(NamedTuple):
 
 
 class _Arm(SetpointFollower):
-    """State and goals of one arm."""
-
     def __init__(self, arm: ArmName, tool: str, grasp_gain: int) -> None:
         super().__init__(arm, grasp_gain)
         self.name: ArmName = arm
@@ -137,7 +129,7 @@ class Interpreter:
     def _want_pedal(self, wanted: bool) -> None:
         """If somebody wants the pedal down while another console drives, report the reason."""
         if wanted and not self.state.pedal and self.state.other_drives:
-            self._refused(pedal.RIVAL)
+            self._refused(pedal.REASONS["rival"])
 
     def _move(self, arm: _Arm, word: str, message: Any, now_ms: float) -> None:
         (self.state.word if word == "move_jp" else self.state.servo)(now_ms)
@@ -253,7 +245,7 @@ class Interpreter:
         """Return all measurements and setpoints, and over ROS 1 also ravenstate."""
         types, frame = self._types, row.frame
         told: list[Message] = []
-        state: Json = {name: np.zeros(2 * size) for name, size in RAVEN_STATE_SIZES.items()}
+        of_arms: dict[ArmName, Json] = {}
         for name, arm in self._arms.items():
             jpos, jpos_d, mpos, mvel, force, contact = (
                 frame[f"{arm.name}/{channel}"].astype(float)
@@ -266,8 +258,8 @@ class Interpreter:
             cue = force if self.state.drives else np.zeros(3)
             grasp, rate, grasp_d = (sum(joints[5:7]) for joints in (jpos, jvel, jpos_d))
             pose, pose_d = (
-                types.message(ros_types.POSE, header, to_base(arm.name, *one))
-                for one in (place, place_d)
+                types.message(ros_types.POSE, header, to_base(arm.name, *reached))
+                for reached in (place, place_d)
             )
             twist = base @ linear, base @ angular
             words = {
@@ -286,31 +278,27 @@ class Interpreter:
                 wrench = base @ (0.0 - contact), np.zeros(3)
                 words["measured_cf"] = types.message(ros_types.WRENCH, header, wrench)
             told += [(f"{name}/{word}", message) for word, message in words.items()]
-            degrees = {
-                "mpos": mpos,
-                "mvel": mvel,
-                "mpos_d": motors_of_joints(arm.name, arm.tool, jpos_d),
-                "jpos": jpos,
-                "jvel": jvel,
-                "jpos_d": jpos_d,
-            }
-            slot = ARMS.index(arm.name)
-            for quantity, joints in degrees.items():
-                state[quantity][8 * slot + RAVEN_STATE_PLACES] = np.degrees(joints)
-            state["dac_val"][8 * slot + RAVEN_STATE_PLACES] = frame[f"{arm.name}/dac"]
-            whole = {
+            motors_d = motors_of_joints(arm.name, arm.tool, jpos_d)
+            degrees = {"mpos": mpos, "mvel": mvel, "mpos_d": motors_d}
+            degrees |= {"jpos": jpos, "jvel": jvel, "jpos_d": jpos_d}
+            of_arms[arm.name] = {
+                **{name: _raven_joints(np.degrees(joints)) for name, joints in degrees.items()},
+                "dac_val": _raven_joints(frame[f"{arm.name}/dac"]),
                 "pos": np.rint(place[0] * 1e6),
                 "pos_d": np.rint(place_d[0] * 1e6),
                 "ori": place[1].ravel(),
                 "ori_d": place_d[1].ravel(),
-                "grasp_d": grasp_d,
-                "jac_vel": (*linear, *angular),
-                "jac_f": (*linear, *angular),
+                "grasp_d": np.array([grasp_d]),
+                "jac_vel": np.array([*linear, *angular]),
+                "jac_f": np.array([*linear, *angular]),
             }
-            for quantity, numbers in whole.items():
-                size = RAVEN_STATE_SIZES[quantity]
-                state[quantity][size * slot :][:size] = numbers
         if types.ros == "ros1":
+            state = {
+                name: np.concatenate(
+                    [of_arms[arm][name] if arm in of_arms else 0.0 * like for arm in ARMS]
+                )
+                for name, like in next(iter(of_arms.values())).items()
+            }
             state |= {
                 "type": np.array([0, 1]),
                 "dt": (0, 1_000_000),
@@ -325,3 +313,10 @@ class Interpreter:
             values = [state.get(name, np.zeros(16)) for name in names]
             told.append(("ravenstate", types.message(messages.RAVEN_STATE, *values)))
         return told
+
+
+def _raven_joints(joints: np.ndarray) -> np.ndarray:
+    """Return an arm's 7 joints at their places in ravenstate."""
+    state = np.zeros(8)
+    state[RAVEN_STATE_PLACES] = joints
+    return state

@@ -5,8 +5,6 @@ defines the others. Both versions of ROS have the same fields, except that heade
 number.
 """
 
-from __future__ import annotations
-
 import math
 import tomllib
 from collections.abc import Sequence

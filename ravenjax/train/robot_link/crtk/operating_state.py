@@ -15,8 +15,6 @@ time-out). In a stream of servo commands, it comes up once the last is `STALE_MS
 cancels every request, including that of a foot that is still on a pedal.
 """
 
-from __future__ import annotations
-
 from typing import Literal
 
 from ravenjax.train.protocol.messages import STALE_MS

@@ -5,8 +5,6 @@ Only bytes pass between the two processes. `messages` makes and reads them in th
 the node needs no message packages.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shutil
@@ -86,7 +84,6 @@ class Ros1Transport:
             self._node.wait()
 
     def _receive(self) -> tuple[Any, Any]:
-        """Receive the node's next message and update the state in this process."""
         try:
             word, content = self._link.recv()
         except (EOFError, OSError):

@@ -5,8 +5,6 @@ CRTK's `measured_js`, `setpoint_js` and `operating_state` of each arm. Other ord
 sent as `state_command`: an E-stop is `disable`, a restart is `home`. Hazards cannot be armed there.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Any
@@ -139,7 +137,6 @@ class RosRobot(RobotLink):
             self._complete(message.header, min(self._levels.values()), 0)
 
     def _complete(self, header: Any, runlevel: int, last_seq: int) -> None:
-        """Turn the complete record into the newest report."""
         stamp_ns = messages.stamp_ns(header)
         self._began_ns = self._began_ns or stamp_ns
         state = {"runlevel": [runlevel & 3], "surgeon_mode": [int(runlevel == PEDAL_DOWN)]}

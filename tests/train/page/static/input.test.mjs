@@ -47,10 +47,10 @@ test("opposite keys cancel, equal ones do not add up beyond full speed", () => {
 test("repeats, chords of the browser and other keys say nothing; stop and restart are always heard", () => {
   const { input, sent, commands } = made();
   input.enabled = false;
-  for (const one of [key("KeyD"), key("Escape"), key("Escape", { repeat: true }), key("Backspace")]) input.down(one);
+  for (const one of [key("KeyD"), key("Escape"), key("Escape", { repeat: true }), key("Backspace"), key("KeyB")]) input.down(one);
   input.enabled = true;
   for (const one of [key("KeyD", { ctrlKey: true }), key("KeyD", { repeat: true }), key("F5")]) input.down(one);
-  assert.deepEqual([sent, commands], [[], ["estop", "restart"]]);
+  assert.deepEqual([sent, commands], [[], ["estop", "restart", "rehearse"]]);
 });
 
 test("a pad holds the pedal as long as it is held, if asked to", () => {
@@ -65,15 +65,17 @@ test("a pad holds the pedal as long as it is held, if asked to", () => {
 });
 
 test("a gamepad has a dead zone, two sticks, triggers for the jaws and shoulders for the pedal", () => {
-  const { input } = made();
+  const { input, commands } = made();
   const button = (value) => ({ pressed: value > 0.5, value });
   const buttons = Array.from({ length: 17 }, () => button(0));
-  [buttons[5], buttons[6], buttons[1], buttons[12]] = [button(1), button(0.75), button(1), button(1)];
+  for (const [i, value] of [[5, 1], [6, 0.75], [1, 1], [12, 1], [8, 1]]) buttons[i] = button(value);
   pad = { connected: true, mapping: "standard", axes: [-1.5, 0.1, 0.5, 0], buttons };
   const { pedal, source, arms } = input.now();
   assert.deepEqual([pedal, arms.gold], [true, { move: [-1, 1, 0], turn: [0, 0, 0], grasp: 0.75 }]);
   assert.deepEqual(arms.green, { move: [0.5, 0, 0], turn: [0, 0, 0], grasp: -1 });
   assert.equal(source, "gamepad");
+  input.now();
+  assert.deepEqual(commands, ["rehearse"], "once for each press");
   pad = { ...pad, mapping: "" };
   assert.equal(input.now().pedal, false, "an unknown layout drives nothing");
 });

@@ -1,0 +1,74 @@
+// Says in one line why the robot does not move now, and what to do.
+
+import { FOLLOW } from "./alarms.js";
+import { coarse } from "./coach.js";
+
+const RECENT_MS = 30000; // silences in this time make a connection that stutters
+const USUAL_PER_S = 25; // messages, as input.js sends them
+const FEW_PER_S = 15;
+const IDLE_MS = 3000;
+const DRIVERS = { itp: "The ITP console", crtk: "A console over ROS", script: "A script" };
+const SINCE = {
+  resume: "The session was paused",
+  restart: "The robot was restarted",
+  reset: "The robot was restarted",
+  handover: "This page was given control",
+  silence: "This page was silent",
+  silent: "This page was silent",
+  left: "This page had left",
+  link: "No reports of the robot arrived",
+};
+
+/** The line, "" while the robot moves. level: run level; since: why the pedal must be lifted; rate: messages a second. */
+export function reason({ link, phase, owner, view, level, live, pressed, down, idle, since, silences, rate, check }, touch = coarse()) {
+  const pedal = touch ? "PEDAL" : "SPACE";
+  if (link === "down") return "No connection: the robot holds still until the session answers.";
+  if (phase === "over") return "The session is over.";
+  if (phase === "lost") return "No reports of the robot arrive: wait until they do.";
+  if (phase === "paused") return "The instructor has paused the session: wait.";
+  if (phase === "stopped") {
+    const by = check ? `the check ${check.replaceAll("_", " ")}` : "an emergency stop";
+    return `Stopped by ${by}: lift the pedal, then restart${touch ? "" : " (Backspace)"}.`;
+  }
+  if (owner !== "page" && owner !== "nobody") return `${DRIVERS[owner] ?? owner} drives: wait, or take over while its pedal is up.`;
+  if (level < 2) return "The robot is homing: wait.";
+  if (pressed && !down) {
+    const again = `Let go of ${pedal}, then hold it again.`;
+    if (silences > 1 || rate < FEW_PER_S)
+      return `The connection stutters: ${rate} of ${USUAL_PER_S} messages a second, ${silences} silences in half a minute. ${again}`;
+    return since in SINCE ? `${SINCE[since]}. ${again}` : again;
+  }
+  if (view === "replay" && !down) return `Hold ${pedal}: the robot repeats the motion that you tried.`;
+  if (!down) return touch ? "Hold PEDAL, or drag a pad: the robot moves only meanwhile." : "Hold SPACE: the robot moves only while the pedal is down.";
+  if (view === "virtual") return "The robot rests: only the virtual one follows your hands.";
+  if (!live) return "The pedal is down, the robot is getting ready: wait.";
+  if (idle && view === "real") return touch ? "The pedal is down: drag a pad to move." : "The pedal is down: move with A D W S R F; / shows all keys.";
+  return "";
+}
+
+export class Why {
+  /** input: the hands of this window. */
+  constructor(place, input) {
+    Object.assign(this, { place, input, since: "", silent: [], check: "", moved: 0 });
+  }
+
+  event({ kind, why, down, check, phase, virtual }, now = performance.now()) {
+    if (kind === "rearm") this.since = why;
+    if (kind === "rearm" && why.startsWith("silen")) this.silent.push(now);
+    if (kind === "pedal" && down) this.since = "";
+    if (kind === "alarm" && !virtual && (!FOLLOW.has(check) || !this.check)) this.check = check;
+    if (kind === "phase" && phase === "ready") this.check = "";
+  }
+
+  /** Called once a frame with the state that `reason` takes, without what is known here. */
+  frame(state, now = performance.now()) {
+    const hands = Object.values(this.input.now().arms);
+    if (!state.down || hands.some(({ move, turn, grasp }) => [...move, ...turn, grasp].some((x) => x !== 0))) this.moved = now;
+    this.silent = this.silent.filter((at) => now - at < RECENT_MS);
+    const check = ["estop", ""].includes(this.check) ? "" : this.check;
+    const idle = now - this.moved > IDLE_MS;
+    const text = reason({ ...state, check, idle, since: this.since, silences: this.silent.length, rate: this.input.rate });
+    if (this.place.textContent !== text) this.place.textContent = text;
+    this.place.hidden = !text;
+  }
+}
