@@ -206,6 +206,7 @@ FILTERS = {
     "number": format_number,
     "hours": format_hours,
     "percent": format_percent,
+    "rate": format_rate,
     "interval": format_interval,
     "estimate": format_estimate,
     "bounds": format_bounds,
@@ -234,3 +235,10 @@ def text_templates(package: str) -> jinja2.Environment:
 def fill_template(template: str, **values: Any) -> list[str]:
     """Return a filled template of the report as a list of sentences, one per line."""
     return text_templates("ravenjax.report").get_template(template).render(values).splitlines()
+
+
+def fill_table(template: str, **values: Any) -> list[tuple[str, ...]]:
+    """Return the rows of a filled template whose cells are separated by "|"; the first has the
+    names of the columns.
+    """
+    return [tuple(line.split("|")) for line in fill_template(template, **values)]

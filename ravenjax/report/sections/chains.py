@@ -4,7 +4,6 @@ runs.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -34,15 +33,6 @@ from ravenjax.store.manifest import Manifest
 
 MOST = 3
 """Number of chains that are shown."""
-COLUMNS = (
-    "signal",
-    "layer",
-    "differs before harm",
-    "out of range before harm",
-    "median lead",
-    "visible there first",
-)
-"""Columns of the table in a terminal."""
 NAMES = 3
 """Number of groups that are named if only some are explained, and of first places that are named.
 """
@@ -52,38 +42,6 @@ ROW = 16  # px per seam
 def chain_sentences(one: Propagation) -> list[str]:
     """Return the summary as sentences, one per item."""
     return wording.fill_template("chains.txt.j2", all=one, most=NAMES)
-
-
-def chain_table(one: Propagation) -> list[tuple[str, ...]]:
-    """Return rows of COLUMNS in the robot's order. A layer is named only in its first row."""
-    rows, layer = [], ""
-    for row in one.carriers:
-        shows = ["no range", "", ""]
-        if row.ranged:
-            lead = (
-                "" if math.isnan(row.lead_ms.value) else wording.format_estimate(row.lead_ms, "ms")
-            )
-            shows = [wording.format_rate(row.shows), lead, wording.format_rate(row.first)]
-        layer_name = row.layer if row.layer != layer else ""
-        rows.append((row.seam, layer_name, wording.format_percent(row.carries.value), *shows))
-        layer = row.layer
-    return rows
-
-
-def as_dict(one: Propagation) -> dict[str, Any]:
-    """Return the summary as plain values for JSON."""
-    return one._asdict() | {
-        "hidden": one.hidden._asdict(),
-        "lead_ms": one.lead_ms._asdict(),
-        "sentences": chain_sentences(one),
-        "carriers": [
-            {
-                name: value._asdict() if isinstance(value, Rate | Estimate) else value
-                for name, value in row._asdict().items()
-            }
-            for row in one.carriers
-        ],
-    }
 
 
 def seam_graph(one: Propagation) -> Chart | None:
@@ -128,11 +86,11 @@ def lead_chart(one: Propagation) -> Chart | None:
     )
 
 
-def draw_charts(one: Propagation, path: Path) -> Path | None:
-    """Write both charts side by side as a file (.svg, .png or .pdf); return None without runs."""
+def draw_charts(one: Propagation, path: Path) -> bool:
+    """Write both charts side by side as a file (.svg, .png or .pdf); return False without runs."""
     charts = [chart for chart in (seam_graph(one), lead_chart(one)) if chart is not None]
     if not charts:
-        return None
+        return False
     with matplotlib.rc_context(STYLE):
         figure = Figure(
             figsize=(5.4 * len(charts), 1.5 + 0.2 * len(one.carriers)), layout="constrained"
@@ -146,7 +104,7 @@ def draw_charts(one: Propagation, path: Path) -> Path | None:
             axes.set_title(chart.title, loc="left", fontsize=9.5, fontweight="bold")
             axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.08), fontsize=8)
         save_figure(figure, path)
-    return path
+    return True
 
 
 def _rows(carriers: Sequence[Carrier]) -> ChartAxis:
