@@ -111,26 +111,12 @@ def needed_columns(names: Sequence[str], chosen: Choices) -> list[str]:
     the table has.
     """
     cue, jump = f"cue{chosen.rules.cue}_first_ms", chosen.rules.jump
-    plain = {
-        "response",
-        "hazard",
-        "failed",
-        "group",
-        "activated",
-        "pair",
-        "operator",
-        "first_active_ms",
-        "run_id",
-    }
-    plain |= {
-        "response_ms",
-        "told_ms",
-        "unintended_first_ms",
-        "loss_first_ms",
-        "false_report_first_ms",
-    }
-    plain |= {cue, f"golden_{cue}", jump}
-    return [name for name in names if name in plain or name.startswith(("fault", "param:"))]
+    plain = (
+        "run_id group operator pair failed activated first_active_ms response response_ms told_ms"
+    )
+    hazards = ("hazard", "unintended_first_ms", "loss_first_ms", "false_report_first_ms")
+    needed = {*plain.split(), *hazards, cue, f"golden_{cue}", jump}
+    return [name for name in names if name in needed or name.startswith(("fault", "param:"))]
 
 
 def define_facts(
@@ -190,9 +176,14 @@ def define_facts(
         "told_ms": "told_ms",
         "cue_ms": f"cue{rules.cue}_first_ms",
         "warned_ms": warned_sql(rules.cue),
-        "unintended_ms": _of_hazard("unintended motion", "unintended_first_ms"),
-        "loss_ms": _of_hazard("loss of motion", "loss_first_ms"),
-        "misreport_ms": _of_hazard("false report", "false_report_first_ms"),
+        **{
+            name: f"CASE WHEN {valid} AND hazard = '{hazard}' THEN {column} ELSE -1 END"
+            for name, hazard, column in (
+                ("unintended_ms", "unintended motion", "unintended_first_ms"),
+                ("loss_ms", "loss of motion", "loss_first_ms"),
+                ("misreport_ms", "false report", "false_report_first_ms"),
+            )
+        },
         "action": f"({action})::TINYINT",
         "plain": anybody,
         **_first_fault(names, chosen.robot),
@@ -239,12 +230,6 @@ _EVENTS = {
     "jump": "jump",
 }
 """SQL of the fact columns that are events of `ravenjax.outcomes`; they hold for valid runs."""
-
-
-def _of_hazard(hazard: str, column: str) -> str:
-    return (
-        f"CASE WHEN {events.VALID_SQL} AND hazard = {quote_text(hazard)} THEN {column} ELSE -1 END"
-    )
 
 
 def faulty_sql(names: Sequence[str]) -> str:
@@ -354,25 +339,3 @@ def _listed(columns: Mapping[str, str]) -> str:
 def warning_times(frame: pd.DataFrame, cue: int) -> np.ndarray:
     """Return the same times as `warned_sql`, for a result table in memory; shape [rows]."""
     return verdict.beyond_golden(frame[f"cue{cue}_first_ms"], frame[f"golden_cue{cue}_first_ms"])
-
-
-def golden_runs(frame: pd.DataFrame, chosen: np.ndarray) -> pd.DataFrame:
-    """Return the different fault-free motions among the `chosen` rows (bool), one row each, with
-    operator and `golden_` columns.
-
-    Runs that share robot and operator share one golden run, so it counts once.
-    """
-    names = [name for name in frame if name == "operator" or name.startswith("golden_")]
-    return frame.loc[chosen, names].drop_duplicates()
-
-
-def fault_free_hours(free: pd.DataFrame) -> float:
-    """Return the hours in pedal-down of fault-free motions."""
-    return float(free["golden_pedal_down_ms"].to_numpy().sum()) / 3.6e6
-
-
-def first_came(frame: pd.DataFrame, column: str) -> np.ndarray:
-    """Return whether an event came at all, bool [rows]. `column` holds the time at which it first
-    came.
-    """
-    return frame[column].to_numpy() >= 0

@@ -108,22 +108,23 @@ def cue_rows(runs: Runs) -> list[CueRow]:
     harmless = runs.count(HARMLESS)
     result = []
     for k, cue in enumerate(cues):
-        delay, lead = tables.event_times(runs, f"warned{k}_ms")
+        times = tables.event_times(runs, after_onset(f"warned{k}_ms"))
+        hazards = times.before.n
         medians = ", ".join(f"coalesce(median(cue{k}_{what}::DOUBLE), 'nan')" for what in FELT)
         came = f"{UNINTENDED} AND ({after_onset(f'warned{k}_ms')}) >= 0"
         result.append(
             CueRow(
                 k,
                 cue,
-                tables.of_faults(runs, lead.n - lead.alarmed, lead.n),
+                tables.of_faults(runs, hazards - times.alarmed, hazards),
                 tables.rate_of(free.came(f"golden_cue{k}_first_ms"), free.count),
                 free.cue_rate(k),
                 tables.of_faults(runs, felt[k], harmless),
                 False,
                 cue_leads(runs.manifest, k),
-                tables.without_interval_unless_sampled(runs, delay.quantile_interval(0.5)),
-                tables.without_interval_unless_sampled(runs, lead.before),
-                tables.without_interval_unless_sampled(runs, lead.quantile(0.5)),
+                times.half_ms,
+                times.before,
+                times.lead_ms,
                 *runs.table.row(f"SELECT {medians} FROM {runs.those(came)}"),
             )
         )
@@ -159,7 +160,6 @@ def hours_to_offer(of: Sequence[Choice]) -> float:
 
 
 def _alarm_counts(runs: Runs, rows: Sequence[CueRow]) -> AlarmCounts:
-    """Return which of the same hazards each set misses, and how many false cues each has."""
     came = [f"({after_onset(f'warned{row.number}_ms')} >= 0)::INTEGER" for row in rows]
     # Count joint patterns: each set's own misses do not show which hazards one set misses and
     # another catches.
@@ -230,7 +230,6 @@ def _choice(
 
 
 def _thresholds(rows: Sequence[CueRow], which: np.ndarray) -> list[float]:
-    """Return the different thresholds of some sets, mm, in order."""
     return sorted({row.cue.threshold_mm for row, is_one in zip(rows, which, strict=True) if is_one})
 
 

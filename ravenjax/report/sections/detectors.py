@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -139,7 +139,7 @@ def knowledge_sql(runs: Runs) -> str:
     An alarm before the fault had any effect does not count. The expression is over columns of
     facts.
     """
-    return _first(runs, lambda one: True)
+    return _first_alarm(runs)
 
 
 def before_motion(runs: Runs) -> str:
@@ -148,40 +148,30 @@ def before_motion(runs: Runs) -> str:
 
     For the remaining alarms it is a finding whether they come before the motion.
     """
-    return _first(runs, lambda one: one.leads)
+    return _first_alarm(runs, leading=True)
 
 
-def _first(runs: Runs, chosen: Callable[[ThresholdAlarms], bool]) -> str:
+def _first_alarm(runs: Runs, leading: bool = False) -> str:
     trusted = [
-        one
-        for one in runs.once(list_alarms)
-        if (one.quiet or one.free is None or math.isnan(one.threshold)) and chosen(one)
+        f"({after_onset(alarms.column)})"
+        for alarms in runs.once(list_alarms)
+        if alarms.quiet or alarms.free is None or math.isnan(alarms.threshold)
+        if alarms.leads or not leading
     ]
-    return run_facts.first_sql(*(f"({after_onset(one.column)})" for one in trusted))
+    return run_facts.first_sql(*trusted)
 
 
 def detector_rows(runs: Runs) -> list[DetectorRow]:
     """Return one row per detector, then the rows of the checks and the cue."""
     found, detectors = runs.once(list_alarms), runs.manifest.detectors
-    by_name = {
-        name: _shown([one for one in found if one.name == name])
-        for name in dict.fromkeys(one.name for one in found)
-    }
-    each = iter(threshold_rows(runs, [one for own in by_name.values() for one in own]))
     result = []
-    for number, (name, own) in enumerate(by_name.items()):
-        scored = number < len(detectors)
-        roc, recall = _bands(runs, number) if scored else (None, None)
-        result.append(
-            DetectorRow(
-                name,
-                _what(detectors[number]) if scored else "",
-                [next(each) for _ in own],
-                roc,
-                recall,
-                roc.area if roc else None,
-            )
-        )
+    for number, name in enumerate(dict.fromkeys(alarms.name for alarms in found)):
+        shown = _shown([alarms for alarms in found if alarms.name == name])
+        what, roc, recall = "", None, None
+        if number < len(detectors):
+            what, (roc, recall) = _what(detectors[number]), _bands(runs, number)
+        auc = roc.area if roc else None
+        result.append(DetectorRow(name, what, threshold_rows(runs, shown), roc, recall, auc))
     return result
 
 
@@ -192,7 +182,7 @@ def threshold_rows(runs: Runs, found: Sequence[ThresholdAlarms]) -> list[Detecto
     unintended, others, *counts = runs.counts([*kinds, *conditions], where="sample AND faulty")
     result = []
     for one, hits, misses in zip(found, counts[::2], counts[1::2], strict=True):
-        delay, lead = tables.event_times(runs, one.column)
+        times = tables.event_times(runs, after_onset(one.column))
         result.append(
             DetectorThreshold(
                 one.name,
@@ -201,9 +191,9 @@ def threshold_rows(runs: Runs, found: Sequence[ThresholdAlarms]) -> list[Detecto
                 tables.of_faults(runs, misses, others),
                 tables.of_faults(runs, hits, hits + misses),
                 one.false,
-                tables.without_interval_unless_sampled(runs, delay.quantile_interval(0.5)),
-                tables.without_interval_unless_sampled(runs, lead.before),
-                tables.without_interval_unless_sampled(runs, lead.quantile(0.5)),
+                times.half_ms,
+                times.before,
+                times.lead_ms,
                 one.quiet,
                 one.leads,
             )
@@ -254,7 +244,6 @@ def _bands(runs: Runs, number: int) -> tuple[CurveBand, CurveBand] | tuple[None,
 
 
 def _bare(band: CurveBand) -> CurveBand:
-    """Return a curve without its band."""
     none = np.full(len(band.grid), np.nan)
     curve = band.curve._replace(low=none, high=none)
     return CurveBand(band.grid, curve, band.area._replace(low=np.nan, high=np.nan))

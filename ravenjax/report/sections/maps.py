@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -151,10 +151,8 @@ def all_maps(runs: Runs) -> list[dict[str, Any]]:
     """Return the map of all faults if they are of several sites and effects, then the map of each,
     most unintended motion first.
 
-    One run of each fault counts. Each item has: name, n, unit, rates (for each measure: title,
-    words, rate), panels. A panel shows one measure over two inputs: name, title, words, rate,
-    across and up (titles of the axes), columns (labels), rows (label and cells, highest first). A
-    cell is a Rate, or None if it has no run. Only measures that came in some runs and not in others
+    An item has name, n, unit, rates and panels. A panel shows one measure over two inputs. Its
+    cells are rates, or None without a run. Only measures that came in some runs and not in others
     have panels.
     """
     swept = summarize_sweep(runs)
@@ -172,7 +170,6 @@ def all_maps(runs: Runs) -> list[dict[str, Any]]:
 
 
 def _axes(swept: Sweep, order: Sequence[str] = ()) -> list[MapAxis]:
-    """Return axes for those inputs that vary among the faults."""
     varied = [name for name in swept.titles if len(swept.faults[name].unique()) > 1]
     n = len(swept.faults)
     # In a grid of two inputs, a cell holds one run.
@@ -231,7 +228,6 @@ def word_axis(title: str, values: np.ndarray, order: Sequence[str] = ()) -> MapA
 
 
 def _axis(title: str, labels: np.ndarray, order: Sequence[str], words: bool = False) -> MapAxis:
-    """Return an axis with those labels that occur, in their order."""
     there = set(labels.tolist())
     names = [name for name in dict.fromkeys(order) if name in there]
     return MapAxis(title, names, pd.Index(names).get_indexer(labels), words)
@@ -247,10 +243,10 @@ def _edges(low: float, high: float, wanted: int) -> np.ndarray:
 
 def compact_number(value: float) -> str:
     """Shorten a number for an axis label: 12000 -> 12k, 2000000 -> 2M, 0.123 -> 0.12."""
-    for least, size, letter in ((1e6, 1e6, "M"), (1e4, 1e3, "k"), (1e3, 1, "")):
-        if abs(value) >= least:
-            return f"{value / size:.{4 if size == 1 else 3}g}{letter}".replace("-", "−")
-    return f"{value:.3g}".replace("-", "−")
+    for size, letter in ((1e6, "M"), (1e3, "k")):
+        if abs(value) >= max(size, 1e4):
+            return f"{value / size:.3g}{letter}".replace("-", "−")
+    return f"{value:{'.4g' if abs(value) >= 1e3 else '.3g'}}".replace("-", "−")
 
 
 def _by_block(swept: Sweep) -> PairCounts:
@@ -318,38 +314,24 @@ def prediction_gain(counts: PairCounts) -> float:
 
 
 def _map(swept: Sweep, name: str, counts: PairCounts, sampled: bool) -> dict[str, Any]:
-    """Return the map of some faults. `sampled`: the faults were drawn."""
     rate_in: Callable[[int, int], Rate] = tables.rate_of if sampled else share_of_cells
-    n, hits = len(swept.faults), [int(k.sum()) for k in counts.k]
-    rates = [
-        one._asdict() | {"rate": rate_in(k, n)} for one, k in zip(swept.measures, hits, strict=True)
-    ]
-    panels = [
-        _panel(rate, counts, k, rate_in)
-        for rate, k in zip(rates, counts.k, strict=True)
-        if 0 < k.sum() < n
-    ]
+    n, rates, panels = len(swept.faults), [], []
+    for measure, k in zip(swept.measures, counts.k, strict=True):
+        rates.append(measure._asdict() | {"rate": rate_in(int(k.sum()), n)})
+        if 0 < k.sum() < n:
+            cells = np.stack([k, counts.n], axis=2).tolist()
+            rows = [
+                {"label": label, "cells": [rate_in(*cell) if cell[1] else None for cell in row]}
+                for label, row in zip(counts.up.labels, cells, strict=True)
+            ]
+            axes = {
+                "across": counts.across.title,
+                "up": counts.up.title,
+                "columns": counts.across.labels,
+            }
+            # Numbers increase upwards.
+            panels.append(rates[-1] | axes | {"rows": rows if counts.up.words else rows[::-1]})
     return {"name": name, "n": n, "unit": swept.unit, "rates": rates, "panels": panels}
-
-
-def _panel(
-    measure: Mapping[str, Any], counts: PairCounts, k: np.ndarray, rate_in: Callable[..., Rate]
-) -> dict[str, Any]:
-    """Return one panel. `k`: number of faults in each cell in which the measure came."""
-    rows = [
-        {"label": label, "cells": [rate_in(*cell) if cell[1] else None for cell in cells]}
-        for label, cells in zip(
-            counts.up.labels, np.stack([k, counts.n], axis=2).tolist(), strict=True
-        )
-    ]
-    return {
-        **measure,
-        "across": counts.across.title,
-        "up": counts.up.title,
-        "columns": counts.across.labels,
-        # Numbers increase upwards.
-        "rows": rows if counts.up.words else rows[::-1],
-    }
 
 
 def _content(runs: Runs, _: Path) -> dict[str, Any]:

@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data import pair_intervals as intervals
-from ravenjax.report.data.facts import FACTS
+from ravenjax.report.data.facts import ACTION, FACTS
+from ravenjax.report.data.fault_free import MS_PER_HOUR
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import Section, tables
 from ravenjax.stats.alarms.false_alarms import AlarmRate, alarm_rate
@@ -111,7 +111,7 @@ def has_pairs(runs: pd.DataFrame) -> bool:
     somebody does.
     """
     actions = runs["action"].unique().tolist()
-    return run_facts.ACTION in runs and len(actions) > 1 and 0 in actions
+    return ACTION in runs and len(actions) > 1 and 0 in actions
 
 
 def paired_runs(runs: pd.DataFrame, action: int, faulty: bool = True) -> Pairs:
@@ -146,12 +146,14 @@ def count_interruptions(runs: pd.DataFrame) -> list[Idle]:
     """
     result = []
     for number, action in _actions(runs):
-        free = run_facts.golden_runs(runs, runs["action"].to_numpy() == number)
-        acted = int(run_facts.first_came(free, "golden_reaction_ms").sum())
-        hours = run_facts.fault_free_hours(free)
+        # Runs that share robot and operator share one golden run, so it counts once.
+        names = [name for name in runs if name == "operator" or name.startswith("golden_")]
+        free = runs.loc[runs["action"] == number, names].drop_duplicates()
+        acted = int((free["golden_reaction_ms"] >= 0).sum())
+        hours = float(free["golden_pedal_down_ms"].to_numpy().sum()) / MS_PER_HOUR
         mine = paired_runs(runs, number, faulty=False)
         lost = mine.without["pedal_down_ms"].to_numpy() - mine.with_["pedal_down_ms"].to_numpy()
-        lost = lost[run_facts.first_came(mine.with_, "reaction_ms")]
+        lost = lost[mine.with_["reaction_ms"].to_numpy() >= 0]
         result.append(
             Idle(
                 MEANINGS[action],
@@ -169,10 +171,7 @@ def _actions(runs: pd.DataFrame) -> list[tuple[int, str]]:
 
 
 def _crossed_names(frame: pd.DataFrame) -> list[str]:
-    """Return the parameters other than the action that differ within pairs, because they are
-    crossed with it.
-    """
-    names = [name for name in frame if name.startswith("param:") and name != run_facts.ACTION]
+    names = [name for name in frame if name.startswith("param:") and name != ACTION]
     pair = frame["pair"]
     return [
         name
@@ -199,7 +198,7 @@ def _parts(mine: Pairs) -> Iterator[tuple[str, Pairs]]:
 def _difference(action: str, among: str, mine: Pairs, sampled: bool) -> Difference:
     """Compare one set of pairs. `action`: index into ACTIONS; `sampled`: the faults were drawn."""
     after, before = (part["unintended"].to_numpy() for part in mine)
-    acted = run_facts.first_came(mine.with_, "reaction_ms")
+    acted = mine.with_["reaction_ms"].to_numpy() >= 0
     faults = intervals.pair_faults(mine.with_["distinct"].to_numpy(), sampled)
     return Difference(
         MEANINGS[action],

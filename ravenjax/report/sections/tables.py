@@ -18,11 +18,11 @@ import pandas as pd
 from ravenjax.campaign.stop import decisions
 from ravenjax.outcomes import definitions, events, verdict
 from ravenjax.report.data.facts import FACTS, OUTCOMES
-from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset
+from ravenjax.report.data.runs import UNINTENDED, Runs
 from ravenjax.report.sections import Section
 from ravenjax.stats import latency
 from ravenjax.stats.intervals import Estimate, Rate, share_of_cells, wilson_interval
-from ravenjax.stats.latency import Delays, Incidence, Lead
+from ravenjax.stats.latency import Delays, Incidence
 from ravenjax.store.access.query import RESULTS, quote_text
 from ravenjax.store.manifest import Manifest
 
@@ -46,11 +46,6 @@ def of_faults(runs: Runs, k: int, n: int, groups: Collection[str] | None = None)
     return rate_of(k, n) if runs.sampled(groups) else share_of_cells(k, n)
 
 
-def without_interval_unless_sampled(runs: Runs, value: _Interval) -> _Interval:
-    """Return the value, without its interval if the campaign's faults were not drawn."""
-    return value if runs.sampled() else without_interval(value)
-
-
 def without_interval(value: _Interval) -> _Interval:
     """Return the value without its interval."""
     return value._replace(low=math.nan, high=math.nan)
@@ -69,19 +64,31 @@ def quantiles_sql(column: str) -> str:
     return f"quantile_cont(({column})::DOUBLE, [0.5, 0.95, 1.0])"
 
 
-def event_times(runs: Runs, column: str) -> tuple[Incidence, Lead]:
-    """Return an event's delay after the first effect and its lead over the motion, for faults with
-    an unintended motion.
+class EventTimes(NamedTuple):
+    """When an event came in some faults. Intervals exist only if all faults were drawn."""
 
-    `column` is a column of facts. An event before the fault had any effect counts as never, because
-    it has another cause.
+    delay: Incidence  # from the fault's first effect
+    half_ms: Estimate  # by which half of the faults had the event
+    before: Rate  # faults with the event before the motion
+    lead_ms: Estimate  # over the motion, median
+    alarmed: int  # faults with the event
+
+
+def event_times(runs: Runs, event: str, leading: str = "", where: str = UNINTENDED) -> EventTimes:
+    """Return when an event came after the first effect, and how long before the motion.
+
+    `event` is an expression over columns of facts, -1 for never. `leading`: the event that may come
+    before the motion, if it is another one. `where`: the faults, each with an unintended motion.
     """
-    event = after_onset(column)
     delay, lag = (
-        runs.delays(event, start, runs.end, UNINTENDED)[""]
-        for start in ("active_ms", "unintended_ms")
+        runs.delays(sql, start, runs.end, where)[""]
+        for sql, start in ((event, "active_ms"), (leading or event, "unintended_ms"))
     )
-    return latency.incidence_curve(delay), latency.lead_time(lag)
+    delays, lead = latency.incidence_curve(delay), latency.lead_time(lag)
+    half_ms, before, lead_ms = delays.quantile_interval(0.5), lead.before, lead.quantile(0.5)
+    if not runs.sampled():
+        half_ms, before, lead_ms = map(without_interval, (half_ms, before, lead_ms))
+    return EventTimes(delays, half_ms, before, lead_ms, lead.alarmed)
 
 
 def headline_counts(runs: Runs, manifest: Manifest) -> dict[str, Any]:
@@ -126,9 +133,8 @@ def headline_counts(runs: Runs, manifest: Manifest) -> dict[str, Any]:
         f"SELECT coalesce(median(told_ms - warned_ms), 'nan') FROM {FACTS} WHERE sample AND faulty"
         f" AND {both}"
     )
-    plain = ("unintended_told", "felt", "unseen", "phantom", "evaded_limited", "halted", "late")
     return {
-        **{name: n[name] for name in (*plain, "same_ms")},
+        **n,
         **{
             name: of_faults(runs, n[name], total)
             for name in ("evaded", "unintended", "loss", "misreport")
@@ -158,15 +164,15 @@ def _matrix(cube: pd.DataFrame, sampled: bool) -> list[dict[str, Any]]:
     rate_in = rate_of if sampled else share_of_cells
     cube = cube.loc[~cube["failed"]]
     total = _count(cube)
-    counts: Any = cube.groupby(["response", "hazard", "cued"])["runs"]
-    counts = counts.sum()
+    counts: Any = cube.groupby(["response", "hazard", "cued"])["runs"].sum()
     rows = []
     for response in verdict.RESPONSES:
         cells = [
             {
+                "response": response,
                 "hazard": hazard,
-                "cue": cued,
-                "rate": rate_in(int(counts.get((response, hazard, cued), 0)), total),
+                "cue": "cue" if cued else "no cue",
+                "share": rate_in(int(counts.get((response, hazard, cued), 0)), total),
                 "evades": response in verdict.UNTOLD and hazard == "unintended motion",
             }
             for hazard, cued in itertools.product(verdict.HAZARDS, (True, False))
@@ -175,7 +181,7 @@ def _matrix(cube: pd.DataFrame, sampled: bool) -> list[dict[str, Any]]:
             {
                 "name": response,
                 "cells": cells,
-                "total": rate_in(sum(cell["rate"].k for cell in cells), total),
+                "total": rate_in(sum(cell["share"].k for cell in cells), total),
             }
         )
     return rows
@@ -192,32 +198,18 @@ def jump_rows(runs: Runs) -> list[dict[str, Any]]:
         "jump_tip": f"true tip: steps over {step:g} mm in two ticks in a row",
         "jump_text": f"true tip: over {large:g} mm within 2 ms",
     }
-    source = f"{RESULTS} JOIN {FACTS} USING (row)"
     rows = []
     for name, words in rules.items():
         conditions = ["true", name, f"{name} AND unintended", f"{name} AND misreport"]
-        n, k, unintended, misreport = runs.counts(conditions, source, "sample AND faulty")
-        rate = of_faults(runs, k, n)
-        rows.append({"rule": words, "rate": rate, "unintended": unintended, "misreport": misreport})
+        source = f"{RESULTS} JOIN {FACTS} USING (row)"
+        n, k, *hazards = runs.counts(conditions, source, "sample AND faulty")
+        hazard = dict(zip(("unintended", "misreport"), hazards, strict=True))
+        rows.append({"rule": words, "rate": of_faults(runs, k, n), **hazard})
     return rows
 
 
 def _count(cube: pd.DataFrame) -> int:
     return int(cube["runs"].to_numpy().sum())
-
-
-def matrix_cells(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the cells of a verdict matrix as a list."""
-    return [
-        {
-            "response": row["name"],
-            "hazard": cell["hazard"],
-            "cue": "cue" if cell["cue"] else "no cue",
-            "share": cell["rate"],
-        }
-        for row in rows
-        for cell in row["cells"]
-    ]
 
 
 def group_rows(runs: Runs) -> list[dict[str, Any]]:
@@ -384,10 +376,9 @@ def failure_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
 
 
 def _verdicts(runs: Runs, folder: Path) -> dict[str, Any]:
-    manifest, matrix = runs.manifest, verdict_matrix(runs)
+    manifest = runs.manifest
     return {
-        "matrix_rows": matrix,
-        "matrix_csv": matrix_cells(matrix),
+        "matrix_rows": verdict_matrix(runs),
         "jumps": jump_rows(runs),
         "overloads": overload_rows(runs),
         "cables_break": (manifest.config.get("campaign") or {}).get("cables") == "break",

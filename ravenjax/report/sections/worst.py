@@ -101,15 +101,6 @@ def worst_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
     return kinds
 
 
-def flatten_worst(kinds: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return every run of every kind as rows, for a file."""
-    return [
-        {"kind": kind["title"], "measured": kind["measured"], **row}
-        for kind in kinds
-        for row in kind["rows"]
-    ]
-
-
 def _row(robot: Robot, row: dict[str, Any], far: float, folder: Path) -> dict[str, Any]:
     active = row["first_active_ms"]
     return {
@@ -129,7 +120,12 @@ def _row(robot: Robot, row: dict[str, Any], far: float, folder: Path) -> dict[st
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any]:
     worst = worst_rows(runs, folder)
-    return {"worst": worst, "worst_csv": flatten_worst(worst)}
+    every_row = [
+        {"kind": kind["title"], "measured": kind["measured"], **row}
+        for kind in worst
+        for row in kind["rows"]
+    ]
+    return {"worst": worst, "worst_csv": every_row}
 
 
 SECTIONS = (Section("worst", "Worst runs", 140, _content),)
