@@ -138,7 +138,6 @@ def compare_folders(first: Path, second: Path, most: int = 10) -> FolderComparis
 
 
 def _made(record: Manifest) -> dict[str, Any]:
-    """Return the engine, device, code and versions that computed a folder."""
     return {
         "engine": record.engine,
         "device": record.device,
@@ -148,13 +147,11 @@ def _made(record: Manifest) -> dict[str, Any]:
 
 
 def _pair(table: ResultTable, folders: tuple[Path, Path]) -> ComparedPairs:
-    """Create the table `pairs` with columns first and second: row numbers in either folder."""
-    keys = _keys(table)
     table.run(
         "CREATE TABLE pairs AS SELECT a.row AS first, b.row AS second, true AS same "
         "FROM runs_first AS a JOIN runs_second AS b USING (run_id)"
     )
-    for side, key in zip(SIDES, keys, strict=True):
+    for side, key in zip(SIDES, _keys(table), strict=True):
         table.run(
             f"CREATE TABLE left_{side} AS WITH keyed AS (SELECT row, hash({key}) AS key FROM"
             f" runs_{side} ANTI JOIN (SELECT {side} AS row FROM pairs) USING (row)) SELECT row,"
@@ -182,32 +179,27 @@ def _keys(table: ResultTable) -> tuple[str, str]:
     that the other folder may have too.
     """
     types = [table.types(f"runs_{side}") for side in SIDES]
-    faults = sorted({name for one in types for name in one if name.startswith("fault")})
+    faults = sorted(name for name in types[0] | types[1] if name.startswith("fault"))
     shared = sorted(name for name in types[0] if name.startswith("param:") and name in types[1])
 
-    def column(name: str, own: dict[str, str]) -> str:
+    def column(name: str, columns: dict[str, str]) -> str:
+        text = quote_name(name)
         # a slot that this campaign lacks counts as empty
-        if name not in own:
+        if name not in columns:
             return "NULL"
-        if own[name] in ("DOUBLE", "FLOAT"):
-            number = quote_name(name)
-            return f"CASE WHEN isnan({number}) THEN NULL ELSE 0 + {number}::DOUBLE END"
-        return f"nullif({quote_name(name)}::VARCHAR, '')"
-
-    def key(own: dict[str, str]) -> str:
-        slots = {name: f"{name.partition('_')[0]}_site" for name in faults}
+        if columns[name] in ("DOUBLE", "FLOAT"):
+            value = f"CASE WHEN isnan({text}) THEN NULL ELSE 0 + {text}::DOUBLE END"
+        else:
+            value = f"nullif({text}::VARCHAR, '')"
+        if name in shared:
+            return value
         # Other columns of an empty slot carry no information.
-        filled = [
-            (
-                f"CASE WHEN {quote_name(slot)} <> '' THEN {column(name, own)} END"
-                if slot in own
-                else "NULL"
-            )
-            for name, slot in slots.items()
-        ]
-        return ", ".join([*filled, *(column(name, own) for name in shared)]) or "0"
+        return f"CASE WHEN {quote_name(name.partition('_')[0] + '_site')} <> '' THEN {value} END"
 
-    return key(types[0]), key(types[1])
+    first, second = (
+        ", ".join(column(name, columns) for name in [*faults, *shared]) or "0" for columns in types
+    )
+    return first, second
 
 
 def _judge(table: ResultTable, side: str, record: Manifest, key: str) -> None:
@@ -239,7 +231,6 @@ _JOINED = (
 
 
 def _sampled(table: ResultTable, records: tuple[Manifest, Manifest]) -> bool:
-    """Return whether the records of both campaigns show that the compared faults were drawn."""
     for side, record in zip("ab", records, strict=True):
         sources = draws.drawn_groups(record.config)
         present = {
@@ -253,9 +244,6 @@ def _sampled(table: ResultTable, records: tuple[Manifest, Manifest]) -> bool:
 def _rate(
     table: ResultTable, name: str, records: tuple[Manifest, Manifest], among: Units | None
 ) -> RateChange:
-    """Return the change of one event's rate. `among`: fault of each pair; None if faults were not
-    drawn.
-    """
     hits = table.frame(
         f"SELECT a.{quote_name('is_' + name)} AS first, b.{quote_name('is_' + name)} AS second FROM"
         f" {_JOINED} ORDER BY pairs.first"
@@ -281,9 +269,6 @@ def _transitions(table: ResultTable, word: str) -> list[Transition]:
 
 
 def _changed(robot: Robot, table: ResultTable, most: int) -> list[RunChange]:
-    """Return runs whose verdict or unintended motion differs, largest change of unintended motion
-    first.
-    """
     rows = table.rows(
         "SELECT pairs.first, a.run_id, b.run_id, a.verdict, b.verdict, a.unintended_mm,"
         f" b.unintended_mm FROM {_JOINED} AND (a.verdict <> b.verdict OR a.unintended_mm <>"

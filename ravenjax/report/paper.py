@@ -63,11 +63,9 @@ def write_figures(folder: Path, out: Path) -> list[Path]:
             "tradeoff": tradeoff_figure(runs),
         }
         for name, figure in figures.items():
-            if figure is not None:
-                own = [out / f"{name}.{kind}" for kind in ("svg", "pdf")]
-                for path in own:
-                    save_figure(figure, path)
-                paths += own
+            for kind in ("svg", "pdf") if figure else ():
+                paths.append(out / f"{name}.{kind}")
+                save_figure(figure, paths[-1])
     return paths
 
 

@@ -91,10 +91,8 @@ def format_estimate(value: Estimate, unit: str = "") -> str:
     """
     if not math.isfinite(value.value):
         return DASH
-    unit = f" {unit}" if unit else ""
-    if not (math.isfinite(value.low) or math.isfinite(value.high)):
-        return f"{format_number(value.value)}{unit}"
-    return f"{format_number(value.value)}{unit} ({format_span(value.low, value.high)})"
+    bounds = format_bounds(value)
+    return f"{format_number(value.value)} {unit}".rstrip() + (f" ({bounds})" if bounds else "")
 
 
 def signed_points(difference: float) -> str:
@@ -130,13 +128,11 @@ def format_bounds(value: Estimate, decimals: int | None = None) -> str:
 
 def format_span(low: float, high: float) -> str:
     """Write a range: 9–15, or −4 to 2 if a bound is negative. An unknown bound is left open."""
-    if math.isfinite(low) and math.isfinite(high):
-        return (
-            f"{format_number(low)}{DASH}{format_number(high)}"
-            if low >= 0
-            else f"{format_number(low)} to {format_number(high)}"
-        )
-    return f"from {format_number(low)}" if math.isfinite(low) else f"up to {format_number(high)}"
+    if not math.isfinite(low):
+        return f"up to {format_number(high)}"
+    if not math.isfinite(high):
+        return f"from {format_number(low)}"
+    return f"{format_number(low)}{DASH if low >= 0 else ' to '}{format_number(high)}"
 
 
 def describe_fault(row: Mapping[str, Any], robot: Robot = robots.USUAL) -> str:
@@ -144,9 +140,8 @@ def describe_fault(row: Mapping[str, Any], robot: Robot = robots.USUAL) -> str:
     counts, 9 ms from 1,200 ms.
     """
     slots = range(sum(name.startswith("fault") and name.endswith("_site") for name in row))
-    return (
-        "; ".join(filter(None, (fault_in_slot(row, slot, robot) for slot in slots))) or "no fault"
-    )
+    phrases = (fault_in_slot(row, slot, robot) for slot in slots)
+    return "; ".join(filter(None, phrases)) or "no fault"
 
 
 def fault_in_slot(row: Mapping[str, Any], slot: int, robot: Robot) -> str:
@@ -157,19 +152,15 @@ def fault_in_slot(row: Mapping[str, Any], slot: int, robot: Robot) -> str:
     if not site:
         return ""
     where = " ".join(str(word) for word in (site, arm, channel) if word)
-    what = (
-        effect
-        if math.isnan(value)
-        else f"{effect} {_magnitude(robot, site, channel, effect, value)}"
-    )
+    what = effect
+    if not math.isnan(value):
+        what += f" {_magnitude(robot, site, channel, effect, value)}"
     if period > 0:
         what += f", period {format_count(period)} ms"
     unit = "packets" if trigger == "packet" else "ms"
-    begins = (
-        f"from packet {format_count(start)}"
-        if trigger == "packet"
-        else f"from {format_count(start)} ms"
-    )
+    begins = f"from packet {format_count(start)}"
+    if trigger != "packet":
+        begins = f"from {format_count(start)} ms"
     if trigger == "pedal":
         begins += f" after {robot.live_state}" if robot.dead_man else " after it became live"
     when = f"{format_count(length)} {unit} {begins}" if length >= 0 else f"{begins} to the end"
@@ -190,10 +181,8 @@ def _magnitude(robot: Robot, site: str, channel: str, effect: str, value: float)
         return f"of bit {text}"
     if effect == "scale":
         return f"by {text}"
-    units = (
-        {one.name: one.unit for one in robot.sites[site].channels} if site in robot.sites else {}
-    )
-    unit = units.get(channel, "")
+    channels = robot.sites[site].channels if site in robot.sites else ()
+    unit = {known.name: known.unit for known in channels}.get(channel, "")
     unit = _UNIT_WORDS.get(unit, unit)
     if effect == "drift":
         return f"{text} {unit or '1'}/ms"

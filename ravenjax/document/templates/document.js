@@ -161,9 +161,36 @@ document.querySelectorAll("table").forEach((table) => {
   if (!table.matches(".matrix, .cells, .numbers table, .choices")) new Table(table);
 });
 
+// --- sections: on a phone each but the first is closed, until its heading or a link to it is touched
+
+function open(section, shown = true) {
+  section.classList.toggle("closed", !shown);
+  section.querySelector("button.fold").setAttribute("aria-expanded", String(shown));
+}
+function openNamed() {
+  const section = document.getElementById(location.hash.slice(1))?.closest(".folding > section");
+  if (SMALL && section) {
+    open(section);
+    section.scrollIntoView();
+  }
+}
+if (SMALL) {
+  document.querySelectorAll(".folding > section").forEach((section, place) => {
+    const heading = section.querySelector("h2");
+    const button = element("button", { type: "button", class: "fold" });
+    button.append(...heading.childNodes);
+    heading.append(button);
+    button.addEventListener("click", () => open(section, section.classList.contains("closed")));
+    open(section, place === 0);
+  });
+  addEventListener("hashchange", openNamed);
+  openNamed();
+}
+
 // --- buttons
 
 document.addEventListener("click", (event) => {
+  if (event.target.closest("a[href^='#']")) setTimeout(openNamed);
   const copy = event.target.closest("button[data-copy]");
   if (copy) navigator.clipboard.writeText(copy.dataset.copy).then(() => {
     copy.textContent = "copied";

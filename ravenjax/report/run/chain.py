@@ -28,6 +28,8 @@ DIFFERS, LEAVES, NEAR, GOLDEN_NEAR, NEAR_MS = (
     "near_ms:",
 )
 """Prefixes of the columns of explained runs, as `campaign.inspection.explain` names them."""
+NEVER = np.iinfo(np.int32).max
+"""Takes the place of -1 where the earliest of several times is sought."""
 HARMS = {
     "unintended motion": "unintended_first_ms",
     "loss of motion": "loss_first_ms",
@@ -160,9 +162,9 @@ def trace_chain(
         told_ms=int(row["told_ms"]),
         harm_ms=harm,
         links=[
-            link
-            for one in list_signals(ticks, robot, arms)
-            if (link := _link(one, harm)) is not None
+            _link(signal, harm)
+            for signal in list_signals(ticks, robot, arms)
+            if signal.differs[0] >= 0
         ],
         checks=_checks(row, ticks, robot),
     )
@@ -210,16 +212,13 @@ def chain_table(
     return whole.drop(columns=["run", "place"])
 
 
-def _link(one: SignalTicks, harm: int) -> ChainLink | None:
-    """Return the signal of a single run; None if it never differs."""
-    differs, leaves = int(one.differs[0]), int(one.leaves[0])
-    if differs < 0:
-        return None
+def _link(one: SignalTicks, harm: int) -> ChainLink:
+    leaves = int(one.leaves[0])
     return ChainLink(
         one.layer,
         one.name,
         one.meaning,
-        differs,
+        int(one.differs[0]),
         one.channels[int(one.differing[0])],
         leaves,
         one.channels[int(one.leaving[0])] if leaves >= 0 else "",
@@ -240,16 +239,12 @@ def _checks(row: Mapping[str, Any], ticks: Mapping[str, Any], robot: Robot) -> l
 
 def _stacked(ticks: Mapping[str, Any], names: Sequence[str], runs: int) -> np.ndarray:
     """Return columns as int32 [columns, runs]; missing columns mean never."""
-    there = [
-        np.atleast_1d(np.asarray(ticks[name], np.int32)) if name in ticks else None
-        for name in names
-    ]
-    return np.stack([np.full(runs, -1, np.int32) if part is None else part for part in there])
+    columns = [np.broadcast_to(ticks.get(name, -1), runs) for name in names]
+    return np.stack(columns).astype(np.int32)
 
 
 def _late(ticks: np.ndarray) -> np.ndarray:
-    """Map never (-1) to the latest possible time."""
-    return np.where(ticks < 0, np.iinfo(np.int32).max, ticks)
+    return np.where(ticks < 0, NEVER, ticks)
 
 
 def earliest_time(ticks: np.ndarray) -> np.ndarray:
@@ -257,4 +252,4 @@ def earliest_time(ticks: np.ndarray) -> np.ndarray:
     never.
     """
     first = _late(ticks).min(axis=0)
-    return np.where(first == np.iinfo(np.int32).max, -1, first)
+    return np.where(first == NEVER, -1, first)

@@ -129,14 +129,10 @@ def _draw_force(axes: Axes, time_s: np.ndarray, arrays: Series, arms: Mapping[st
             axes.fill_between(time_s, size, color=colour, alpha=0.25, lw=0)
             axes.plot(time_s, size, color=colour, lw=1.1)
     axes.set_ylabel("haptic force,\ndevice units")
-    if _peak(axes) > 0.0:
-        axes.set_ylim(0.0, 1.15 * _peak(axes))
-    else:
-        axes.set_ylim(0.0, 1.0)
+    axes.set_ylim(0.0, 1.15 * _peak(axes) or 1.0)
+    if not _peak(axes):
         axes.set_yticks([0.0])
-        axes.text(
-            0.01, 0.5, "none", fontsize=8, color="#5b6470", va="center", transform=axes.transAxes
-        )
+        _note(axes, "none", (0.01, 0.5), (0, 0), "#5b6470", xycoords="axes fraction", va="center")
 
 
 def _draw_dac(axes: Axes, time_s: np.ndarray, command: np.ndarray, names: Sequence[str]) -> None:
@@ -150,12 +146,10 @@ def _draw_dac(axes: Axes, time_s: np.ndarray, command: np.ndarray, names: Sequen
 
 
 def _peak(axes: Axes) -> float:
-    """Return the largest number drawn; 0 if nothing was drawn."""
     return axes.dataLim.ymax if np.isfinite(axes.dataLim.ymax) else 0.0
 
 
 def _add_legend(axes: Axes) -> None:
-    """Add a legend to the right of the axes if they have any named curve."""
     if axes.get_legend_handles_labels()[0]:
         axes.legend(fontsize=8, handlelength=1.4, loc="upper left", bbox_to_anchor=(1.0, 1.03))
 
