@@ -53,8 +53,12 @@ const number = new Intl.NumberFormat("en", { maximumSignificantDigits: 4 });
 export const text = (value) => (Number.isFinite(value) ? number.format(value).replace("-", "−") : "–");
 /** A count with its noun. */
 export const whole = (things) => things.toLocaleString("en");
-/** A length as a person reads it. */
-export const length = (mm) => `${text(mm < 1 ? Number(mm.toPrecision(2)) : Math.round(10 * mm) / 10)} mm`;
+/** A length as a person reads it. Beside a limit it has the digits that tell the two apart. */
+export function length(mm, limit = NaN) {
+  let shown = mm < 1 ? Number(mm.toPrecision(2)) : Math.round(10 * mm) / 10;
+  for (let digits = 2; mm !== limit && digits < 7 && (shown === limit || shown < limit !== mm < limit); digits += 1) shown = Number(mm.toFixed(digits));
+  return `${new Intl.NumberFormat("en", { maximumSignificantDigits: 8 }).format(shown).replace("-", "−")} mm`;
+}
 const MILLIS = new Intl.NumberFormat("en", { maximumFractionDigits: 1 });
 export const millis = (ms) => `${MILLIS.format(ms)} ms`;
 
@@ -91,10 +95,10 @@ export function told(outcome, limit) {
   else if (outcome.evades) sentences.push("This fault slips past every safety check.");
   else if (outcome.response === "limited") sentences.push("A check limits a command or drops a packet, and tells nobody.");
   else sentences.push("No check notices this fault.");
-  if (harm >= 0) sentences.push(`The tip moves more than ${text(limit)} mm off ${after(harm, onset)}, ${length(outcome.unintended_mm)} at most${name === "stopped" ? " until the robot stops" : ""}.`);
+  if (harm >= 0) sentences.push(`The tip moves more than ${text(limit)} mm off ${after(harm, onset)}, ${length(outcome.unintended_mm, limit)} at most${name === "stopped" ? " until the robot stops" : ""}.`);
   else if (outcome.hazard === "loss of motion") sentences.push("The instrument does not follow the surgeon.");
   else if (outcome.hazard === "false report") sentences.push("The robot reports a wrong position of the tip; the instrument itself moves as asked.");
-  else sentences.push(`While the robot works, the tip goes ${length(Math.max(0, outcome.unintended_mm))} astray at most.`);
+  else sentences.push(`While the robot works, the tip goes ${length(Math.max(0, outcome.unintended_mm), limit)} off course at most.`);
   if (outcome.cue) {
     const came = outcome[`cue${outcome.cue_set ?? 0}_first_ms`];
     const late = came > harm ? `, ${millis(came - harm)} too late` : ", in the same millisecond as the harm";
