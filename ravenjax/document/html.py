@@ -15,6 +15,7 @@ from ravenjax.document import palette
 from ravenjax.document.chart import Chart
 from ravenjax.document.tables import with_scopes
 
+_NAME = "<!--drawing-->"
 _TEMPLATES = resources.files("ravenjax.document") / "templates"
 
 
@@ -68,28 +69,18 @@ def from_markdown(text: str, drawings: Mapping[str, str] | None = None) -> str:
 
     markdown = MarkdownIt("commonmark", {"html": False}).enable("table")
     body = markdown.render(text)
-    pictures = drawings or {}
-    body = re.sub(
-        r'<p><img src="([^"]*)" alt="([^"]*)" ?/?></p>',
-        lambda image: _picture(image, pictures),
-        body,
-    )
-    body = re.sub(
-        r"(<tr>\s*)<td([^>]*)>(.*?)</td>", r"\1<th\2>\3</th>", body, flags=re.DOTALL
-    )  # the first cell of a row is its heading
+    for name, drawing in (drawings or {}).items():
+        body = re.sub(
+            rf'<p><img src="{re.escape(name)}" alt="([^"]*)" ?/?></p>',
+            rf'<figure class="drawing" role="img" aria-label="\1">{_NAME}</figure>',
+            body,
+        ).replace(_NAME, inline_svg(drawing, name))
+    body = re.sub(r'<img src="[^"]*" alt="([^"]*)" ?/?>', r"\1", body)
+    # The first cell of a row is its heading.
+    body = re.sub(r"(<tr>\s*)<td([^>]*)>(.*?)</td>", r"\1<th\2>\3</th>", body, flags=re.DOTALL)
     title, body, sections = _with_headings(body)
     page = template_environment().get_template("markdown.html.j2")
     return with_scopes(page.render(title=title, body=Markup(body), sections=sections))
-
-
-def _picture(image: re.Match[str], drawings: Mapping[str, str]) -> str:
-    name, words = image.groups()
-    if name not in drawings:
-        return f"<p>{words}</p>"
-    return (
-        '<figure class="drawing" role="img"'
-        f' aria-label="{words}">{inline_svg(drawings[name], name)}</figure>'
-    )
 
 
 def inline_svg(text: str, name: str) -> str:
@@ -134,5 +125,4 @@ def _with_headings(body: str) -> tuple[str, str, list[tuple[str, str]]]:
 
 
 def _plain(html: str) -> str:
-    """Return the words of a piece of HTML."""
     return str(Markup(html).striptags())

@@ -257,7 +257,6 @@ class CampaignResults:
 
     @functools.cached_property
     def _runs(self) -> Runs:
-        """The table and its facts in DuckDB, open as long as this object exists."""
         from ravenjax.report.data.runs import Runs
 
         runs = Runs.open(self.folder, self._manifest)

@@ -1,47 +1,24 @@
-"""Compiles a campaign's tick to WebAssembly, and returns it as JSON with all data to run it on a page.
+"""Compiles a campaign's tick to WebAssembly, and returns it as JSON with all data to run it on a
+page.
 
-`describe_program` returns the object. Numbers are in single precision or are 32-bit integers. Binaries and motions are little-endian words in base64. `static/engine.js` reads it:
+Numbers are in single precision or are 32-bit integers. Binaries and motions are little-endian words
+in base64. `static/engine.js` reads the object of `describe_program`:
 
-    {
-      "arms": ["gold"],
-      "ticks": 3000,                 ms of a run, one tick each
-      "cue": 0,                      the haptic set of the verdict
-      "parameters": [                what a reader may change, in the order of a run's inputs
-        {"path": "operator.scale", "value": 0.1, "type": "float32", "unit": "", "low": 0, "high": 1, "whole": false,
-         "meaning": "tip motion per hand motion"}, ..],
-      "observe_ms": null,            observation after the last fault ends, or null: to the end of the run
-      "slots": 1,                    largest number of faults of a run
-      "channels": [                  where faults act; a fault's code is the channel's place in this list, from 1
-        {"site": "usb_out", "arm": "gold", "channel": "shoulder", "effects": ["overwrite", "latch_offset"]}, ..],
-      "effects": {"overwrite": {"code": 0}, ..},
-                                     a network effect also has "channel", "plain" and "constant": the channel it is injected at, the effect there, and its value
-      "triggers": {"time": 0}, "fields": {"code": "int32", .., "key": "uint32"}, "forever": 1073741824,
-      "motion": "suture",            the campaign's own, a key of `list_motions`; "" for a recording
-      "motions": {"suture": ".."},   base64, operators' motions: float32 columns one after the other
-      "programs": {"outcomes": PROGRAM, "replay": PROGRAM},
-      "verdict": {                   the words of outcomes, and what each check counts as
-        "responses": [..], "told": [..], "untold": [..], "hazards": [..], "cues": [..], "halt_ms": 200,
-        "checks": [{"name": "overdrive_instant", "cause": "overdrive", "response": "stopped", "watches": false}, ..],
-        "failures": ["", "tip not finite", ..], "may_be_infinite": [..], "cables": ["", "gold shoulder", ..],
-        "kept_of_golden": [..]},
-      "examples": [{"site": .., "channel": .., "effect": .., "start_ms": ..}, ..],      the first fault of each group
-      "worker": ".."                 text of static/worker.js: a page starts it from a Blob
-    }
-
-A PROGRAM is a module with the places of its numbers in memory, in bytes:
-
-    {
-      "binary": "..",                base64 of a WebAssembly module; it imports env.__linear_memory, nothing else
-      "width": 4,                    robots side by side in a vector
-      "inputs": {"types": ["float32", ..], "offsets": [0, 16, ..], "bytes": 176},    parameters, then slots' fields
-      "group_inputs": {..},          the same, one number each: inputs that all lanes share
-      "results": {"types": .., "offsets": .., "bytes": ..}, "outcomes": ["active_ticks", ..],
-      "state_bytes": 4704, "group_state_bytes": 144, "held_bytes": 2112, "row_bytes": 264,
-      "series": 6,                   numbers that a golden run stores in each tick, and a faulty run reads
-      "outputs": [                   only of `replay`: 32-bit words written in each tick after the series
-        {"name": "gold/jpos", "shape": [7], "types": ["float32", ..], "scales": [1.0, ..]}, ..]
-    }
-"""  # noqa: E501
+- arms, ticks (ms of a run), cue (haptic set of the verdict), slots (faults of a run), observe_ms
+- parameters: what a reader may change, in the order of a run's inputs
+- channels: where faults act; a fault's code is the channel's place in this list, from 1
+- effects: code; a network effect also has the channel at which it is injected, the effect there and
+  its value
+- triggers, fields (types of a fault's numbers), forever (length of an endless window)
+- motion, motions: the campaign's own, "" for a recording; float32 columns one after the other
+- programs: outcomes and replay, each a module with the places of its numbers in memory, in bytes.
+  It imports env.__linear_memory only. width: robots side by side in a vector. series: numbers that
+  a golden run stores in each tick, and a faulty run reads. outputs, of replay: words written in
+  each tick after the series.
+- verdict: the words of outcomes, and what each check counts as
+- examples: the first fault of each group
+- worker: text of `static/worker.js`, which a page starts from a Blob
+"""
 
 from __future__ import annotations
 
@@ -234,7 +211,6 @@ def list_motions(ready: Plan) -> dict[str, Any]:
 
 
 def _motion(ready: Plan, name: str) -> tuple[np.ndarray, ...] | None:
-    """Return the columns of another motion, or None if it begins at another place."""
     config, own = ready.config, ready.program
     operator = config.operator.model_copy(update={"motion": name})  # pyright: ignore[reportAttributeAccessIssue]
     other = config.model_copy(update={"operator": operator})
@@ -292,7 +268,6 @@ def _effects() -> dict[str, dict[str, Any]]:
 
 
 def _examples(ready: Plan) -> list[dict[str, Any]]:
-    """Return the first fault of each group."""
     columns = {name: ready.rows[f"fault0_{name}"].array.tolist() for name in table.WORDS}
     columns["start_ms"] = ready.rows["fault0_start_ms"].to_numpy().tolist()
     first: dict[str, int] = {}

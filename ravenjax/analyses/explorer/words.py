@@ -97,7 +97,6 @@ def _channel(site: Site, channel: Channel, arm: str) -> dict[str, Any]:
 
 
 def _values(config: CampaignConfig) -> dict[str, list[float]]:
-    """Return the least and greatest value of the campaign's own faults, by site/effect."""
     spans: dict[str, list[float]] = {}
     for group in config.model_dump(mode="json")["group"]:
         for fault in group.get("fault") or ():
@@ -118,14 +117,12 @@ def _numbers(value: Any) -> list[Any]:
 
 
 def _varied(config: CampaignConfig) -> list[str]:
-    """Return the parameters that have several values in the whole campaign."""
     return [path for path, axis in config.parameters.items() if axis.kind != "fixed"] + [
         *config.cross
     ]
 
 
 def _file(value: Any) -> str:
-    """Return a file's name without its folder, for a campaign file that lies beside it."""
     assert isinstance(value, Path), value
     return value.name
 
@@ -207,7 +204,6 @@ def list_runs(folder: Path, record: Manifest) -> dict[str, Any]:
 
 
 def _evading(folder: Path, record: Manifest) -> dict[str, float]:
-    """Return that k of n distinct faults evade. Low and high are NaN if faults were enumerated."""
     runs = Runs.open(folder, record)
     try:
         return tables.headline_counts(runs, record)["evaded"]._asdict()

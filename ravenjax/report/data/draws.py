@@ -41,7 +41,6 @@ def _draws(group: Mapping[str, Any]) -> bool:
 
 
 def _varies(value: Any, sampled: bool) -> bool:
-    """Return whether a key's value was drawn. `sampled`: the design draws from lists too."""
     if isinstance(value, Mapping):
         return sampled or _LISTED not in value
     return sampled and (value == _EVERY or (isinstance(value, list | tuple) and len(value) > 1))

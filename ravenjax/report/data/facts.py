@@ -271,9 +271,6 @@ def beyond_sql(name: str, limit: float, types: Mapping[str, str]) -> str:
 
 
 def _number(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
-    """Create the table `numbers` (row, distinct) if some input occurs twice. Return whether all
-    inputs are distinct. Windows that last until the run ends or beyond are equal.
-    """
     inputs = [name for name in types if name == "operator" or name.startswith(("param:", "fault"))]
     # Adding 0 turns a negative zero into a positive one.
     terms = [
@@ -303,9 +300,6 @@ def _number(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
 
 
 def _words(table: ResultTable, names: Sequence[str], robot: Robot) -> dict[str, list[str]]:
-    """Return SQL for columns of words that a campaign chooses, and the words that occur. Each word
-    is stored as a small number per row.
-    """
     first = {
         name: sql for name, sql in _first_fault(names, robot).items() if name in ("site", "block")
     }

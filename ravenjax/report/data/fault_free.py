@@ -132,9 +132,6 @@ def make_fault_free_table(
 
 
 def _beside(name: str, available: set[str]) -> str:
-    """Return a column of motions as an expression over fault-free runs, which are their own golden
-    runs.
-    """
     own = name.removeprefix("golden_")
     if name not in available and own in available:
         return quote_name(own)

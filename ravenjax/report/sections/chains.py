@@ -119,7 +119,6 @@ def _dots(
     place: dict[str, int],
     diamond: bool,
 ) -> Dots:
-    """Return one mark per row, with intervals where they exist."""
     value, low, high = (np.array([one[end] for _, one in rows], float) for end in (-3, -2, -1))
     return Dots(
         name,
@@ -141,9 +140,6 @@ def _words(value: Rate | Estimate) -> str:
 
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
-    """Return the runs that `ravenjax explain` stored beside a result; None if it stored none of
-    this campaign.
-    """
     try:
         ticks = explained.read_explained(folder / explained.FOLDER, runs.manifest)
     except StoreError as error:
@@ -163,9 +159,6 @@ def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
 
 
 def _worst(runs: Runs, ticks: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the explained runs that evade and went farthest; if none evades, those that went
-    farthest.
-    """
     manifest, far = runs.manifest, "coalesce(greatest(unintended_mm, loss_mm), 0)"
     rows = runs.table.rows(
         f"SELECT row FROM {RESULTS} JOIN (SELECT row, evaded FROM {FACTS} WHERE sample AND faulty)"

@@ -234,7 +234,6 @@ def _thresholds(rows: Sequence[CueRow], which: np.ndarray) -> list[float]:
 
 
 def _words(thresholds: Sequence[float]) -> str:
-    """Return thresholds in words: 2, 3 or 5 mm; 2 to 8 mm if there are many; "" without any."""
     numbers = [f"{value:g}" for value in thresholds]
     if len(numbers) > MOST_LISTED:
         return f"{numbers[0]} to {numbers[-1]} mm"

@@ -226,10 +226,6 @@ def _what(detector: DetectorRecord) -> str:
 
 
 def _bands(runs: Runs, number: int) -> tuple[CurveBand, CurveBand] | tuple[None, None]:
-    """Return the ROC and precision-recall curve of the drawn runs.
-
-    There are no curves if the runs do not differ in the outcome, or are all of one fault.
-    """
     from ravenjax.stats.alarms.roc import precision_recall_band, roc_band
 
     score = f"detector{number}_score"

@@ -234,7 +234,6 @@ def _axis(title: str, labels: np.ndarray, order: Sequence[str], words: bool = Fa
 
 
 def _edges(low: float, high: float, wanted: int) -> np.ndarray:
-    """Return round edges of about `wanted` bins, from at most `low` to at least `high`."""
     if low > 0 and high / low > 30:
         step = math.ceil(math.log2(high / low) / (wanted + 2))
         return 2.0 ** np.arange(math.floor(math.log2(low)), math.log2(high) + step + 1e-9, step)
@@ -273,7 +272,6 @@ def _by_block(swept: Sweep) -> PairCounts:
 
 
 def _best_pair(swept: Sweep, axes: Sequence[MapAxis]) -> PairCounts | None:
-    """Return counts by the two inputs that explain most; None if nothing varies."""
     pairs = list(itertools.combinations(axes, 2)) or [(axis, None) for axis in axes]
     return max((_counts(swept, *pair) for pair in pairs), key=prediction_gain, default=None)
 

@@ -160,7 +160,6 @@ def verdict_matrix(runs: Runs) -> list[dict[str, Any]]:
 
 
 def _matrix(cube: pd.DataFrame, sampled: bool) -> list[dict[str, Any]]:
-    """Return the verdict matrix of valid runs. `sampled`: their faults were drawn."""
     rate_in = rate_of if sampled else share_of_cells
     cube = cube.loc[~cube["failed"]]
     total = _count(cube)
