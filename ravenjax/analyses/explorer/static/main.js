@@ -242,13 +242,13 @@ function spot() {
 function choose(i, j) {
   const fault = at(i, j);
   change({ [state.across]: fault[state.across], [state.up]: fault[state.up] });
-  opened = open();
+  opening = open();
 }
 
-let opened = Promise.resolve();
+let opening = Promise.resolve();
 const reveal = () => $("run").scrollIntoView({ block: "start" });
 // While a hand draws across the map the window stays; it scrolls to the run when the hand lets go.
-$("field").addEventListener("click", () => opened.then(reveal));
+$("field").addEventListener("click", () => opening.then(reveal));
 
 let replaying = null;
 /** Shows the chosen run. */

@@ -54,9 +54,10 @@ export const text = (value) => (Number.isFinite(value) ? number.format(value).re
 /** A count with its noun. */
 export const whole = (things) => things.toLocaleString("en");
 /** A length as a person reads it. Beside a limit it has the digits that tell the two apart. */
-export function length(mm, limit = NaN) {
-  let shown = mm < 1 ? Number(mm.toPrecision(2)) : Math.round(10 * mm) / 10;
-  for (let digits = 2; mm !== limit && digits < 7 && (shown === limit || shown < limit !== mm < limit); digits += 1) shown = Number(mm.toFixed(digits));
+export function length(mm, limit = Number.NaN) {
+  const apart = (shown) => mm === limit || (shown !== limit && shown < limit === mm < limit);
+  const plain = mm < 1 ? Number(mm.toPrecision(2)) : Math.round(10 * mm) / 10;
+  const shown = [plain, ...[2, 3, 4, 5, 6].map((digits) => Number(mm.toFixed(digits)))].find((candidate) => Number.isNaN(limit) || apart(candidate)) ?? mm;
   return `${new Intl.NumberFormat("en", { maximumSignificantDigits: 8 }).format(shown).replace("-", "−")} mm`;
 }
 const MILLIS = new Intl.NumberFormat("en", { maximumFractionDigits: 1 });
