@@ -75,9 +75,7 @@ _REPLACED = tuple(
 
 
 def page_drawings(chart: Chart, described_by: str, kinds: Sequence[str] = ()) -> Markup:
-    """Return the chart as SVG, once for each of `kinds` of WIDTHS. `described_by`: id of the
-    element that holds its numbers.
-    """
+    """Return the chart as SVG for each of `kinds`. `described_by`: id of its numbers."""
     with matplotlib.rc_context(PAGE_STYLE):
         drawings = [_page_drawing(chart, kind, described_by) for kind in kinds or WIDTHS]
     return Markup("\n").join(drawings)

@@ -20,9 +20,7 @@ _TEMPLATES = resources.files("ravenjax.document") / "templates"
 
 
 def template_environment(*packages: str) -> jinja2.Environment:
-    """Return a template environment for these packages (their folders `templates`) and this one,
-    with what every page needs.
-    """
+    """Return an environment for these packages' templates, with what every page needs."""
     templates = jinja2.Environment(
         loader=jinja2.ChoiceLoader(
             [jinja2.PackageLoader(name) for name in (*packages, "ravenjax.document")]
@@ -84,9 +82,7 @@ def from_markdown(text: str, drawings: Mapping[str, str] | None = None) -> str:
 
 
 def inline_svg(text: str, name: str) -> str:
-    """Return an SVG file's text as an element of a page: without the prologue, and without ids that
-    collide with other drawings.
-    """
+    """Return an SVG file's text as an element of a page, with ids of its own."""
     from ravenjax.document.drawing import with_own_ids
 
     body = text[text.index("<svg") :].strip()

@@ -35,9 +35,7 @@ SERIES = tuple(name for name in PALETTE if name.startswith("series"))
 
 
 def series_colour(number: int) -> str:
-    """Return the name of the colour of a curve by its number. The names repeat after the
-    last one.
-    """
+    """Return the colour's name of a curve by its number; the names repeat."""
     return SERIES[number % len(SERIES)]
 
 

@@ -168,9 +168,7 @@ def _campaign_keys(model: type[CampaignConfig]) -> list[str]:
 
 
 def _signature() -> inspect.Signature:
-    """Return a signature with the keys of a Raven-II's campaign, so that a notebook can complete
-    them.
-    """
+    """Return a signature with the keys of a Raven-II's campaign, for completion in a notebook."""
     model = config_class_of(robots.find_robot(robots.DEFAULT))
     tables = [key for key in model.model_fields if key != SECTION]
     names = dict.fromkeys(["name", "group", *_campaign_keys(model), *tables])

@@ -175,9 +175,7 @@ def _pair(table: ResultTable, folders: tuple[Path, Path]) -> ComparedPairs:
 
 
 def _keys(table: ResultTable) -> tuple[str, str]:
-    """Return SQL for the pairing keys of each folder: the columns that distinguish its runs and
-    that the other folder may have too.
-    """
+    """Return SQL for each folder's pairing key: columns that distinguish runs and may be shared."""
     types = [table.types(f"runs_{side}") for side in SIDES]
     faults = sorted(name for name in types[0] | types[1] if name.startswith("fault"))
     shared = sorted(name for name in types[0] if name.startswith("param:") and name in types[1])
@@ -203,9 +201,7 @@ def _keys(table: ResultTable) -> tuple[str, str]:
 
 
 def _judge(table: ResultTable, side: str, record: Manifest, key: str) -> None:
-    """Create the table `judged_<side>` with each run's fault (`key`) and its outcome under the
-    rules of its own campaign.
-    """
+    """Create `judged_<side>`: each run's fault (`key`) and outcome by its own campaign's rules."""
     names = list(table.types(f"runs_{side}"))
     happened = {
         name: f"coalesce(({events.event_sql(name, record.rules)})::BOOLEAN, false)"

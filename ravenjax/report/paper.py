@@ -94,9 +94,7 @@ def verdict_figure(runs: Runs) -> Figure | None:
 
 
 def how_soon(runs: Runs) -> Figure | None:
-    """Return a figure of cue, built-in response and first possible knowledge after the first
-    effect; None if no fault had an effect.
-    """
+    """Return a figure of how soon a cue and an alarm come; None if no fault had an effect."""
     curves, _ = time_to_know.incidence_curves(runs)
     return print_figure(curves, WIDTH / 2) if curves else None
 

@@ -29,9 +29,7 @@ def count_noun(value: float, noun: str) -> str:
 
 
 def format_number(value: float, digits: int = 3) -> str:
-    """Write a number with `digits` significant digits, without an exponent for usual sizes. NaN and
-    infinity become a dash.
-    """
+    """Write a number with `digits` significant digits; NaN and infinity become a dash."""
     if not math.isfinite(value):
         return DASH
     value += 0.0  # turns -0.0 into 0.0, which has no minus sign
@@ -59,9 +57,7 @@ def _decimals(fraction: float) -> int:
 
 
 def format_percent(fraction: float) -> str:
-    """Write a fraction in percent: 0.156 -> 15.6 %. Values close to 0 or 100 % get a second
-    decimal.
-    """
+    """Write a fraction in percent: 15.6 %; close to 0 or 100 % with a second decimal."""
     if math.isnan(fraction):
         return DASH
     return f"{100 * fraction:.{_decimals(fraction)}f}{NARROW}%"
@@ -78,17 +74,13 @@ def format_interval(rate: Rate) -> str:
 
 
 def format_rate(value: Rate) -> str:
-    """Write a rate with its interval: 15.6 % (14.1–17.3 %). Without an interval, write only the
-    percentage.
-    """
+    """Write a rate with its interval if it has one: 15.6 % (14.1–17.3 %)."""
     bounds = format_interval(value)
     return format_percent(value.value) + (f" ({bounds})" if bounds else "")
 
 
 def format_estimate(value: Estimate, unit: str = "") -> str:
-    """Write an estimate with its interval: 12 ms (9–15). An unknown bound or value becomes
-    a dash.
-    """
+    """Write an estimate with its interval: 12 ms (9–15). An unknown value becomes a dash."""
     if not math.isfinite(value.value):
         return DASH
     bounds = format_bounds(value)
@@ -117,9 +109,7 @@ def format_points(value: Estimate) -> str:
 
 
 def format_bounds(value: Estimate, decimals: int | None = None) -> str:
-    """Write the interval of an estimate: 9–15. It is empty if nothing is known. `decimals`: number
-    of decimals.
-    """
+    """Write the interval of an estimate: 9–15; "" if nothing is known."""
     low, high = (
         bound if decimals is None else round(bound, decimals) for bound in (value.low, value.high)
     )
@@ -136,9 +126,7 @@ def format_span(low: float, high: float) -> str:
 
 
 def describe_fault(row: Mapping[str, Any], robot: Robot = robots.USUAL) -> str:
-    """Describe the faults of one result row in a phrase: usb_out gold shoulder, overwrite 500
-    counts, 9 ms from 1,200 ms.
-    """
+    """Describe a row's faults: usb_out gold shoulder, overwrite 500 counts, 9 ms from 1,200 ms."""
     slots = range(sum(name.startswith("fault") and name.endswith("_site") for name in row))
     phrases = (fault_in_slot(row, slot, robot) for slot in slots)
     return "; ".join(filter(None, phrases)) or "no fault"
@@ -173,9 +161,7 @@ _UNIT_WORDS = {"cnt": "counts", "1": "", "bits": ""}
 
 
 def _magnitude(robot: Robot, site: str, channel: str, effect: str, value: float) -> str:
-    """Write the value of a fault as its effect takes it, with its unit if this version knows the
-    channel.
-    """
+    """Write the value of a fault as its effect takes it, with the unit of a known channel."""
     text = format_number(value, 5)
     if effect == "bit_flip":
         return f"of bit {text}"
@@ -208,9 +194,7 @@ FILTERS = {
 
 @functools.cache
 def text_templates(package: str) -> jinja2.Environment:
-    """Return an environment for plain-text templates in a package's folder `templates`, with
-    FILTERS.
-    """
+    """Return an environment for the plain-text templates of a package, with FILTERS."""
     templates = jinja2.Environment(
         loader=jinja2.PackageLoader(package),
         undefined=jinja2.StrictUndefined,
@@ -227,7 +211,5 @@ def fill_template(template: str, **values: Any) -> list[str]:
 
 
 def fill_table(template: str, **values: Any) -> list[tuple[str, ...]]:
-    """Return the rows of a filled template whose cells are separated by "|"; the first has the
-    names of the columns.
-    """
+    """Return the rows of a template with cells separated by "|"; the first are the headings."""
     return [tuple(line.split("|")) for line in fill_template(template, **values)]

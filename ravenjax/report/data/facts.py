@@ -107,9 +107,7 @@ def register_table(table: ResultTable, frame: pd.DataFrame) -> None:
 
 
 def needed_columns(names: Sequence[str], chosen: Choices) -> list[str]:
-    """Return those columns of a result table that `define_facts` reads. `names`: the columns that
-    the table has.
-    """
+    """Return those of a result table's columns that `define_facts` reads."""
     cue, jump = f"cue{chosen.rules.cue}_first_ms", chosen.rules.jump
     plain = (
         "run_id group operator pair failed activated first_active_ms response response_ms told_ms"
@@ -239,9 +237,7 @@ def faulty_sql(names: Sequence[str]) -> str:
 
 
 def action_sql(names: Sequence[str], usual: int) -> str:
-    """Return SQL for the number of the operator's action at a cue; `usual` for runs that do not set
-    it.
-    """
+    """Return SQL for the number of the operator's action; `usual` for runs that do not set it."""
     if ACTION not in names:
         return str(usual)
     own = quote_name(ACTION)
@@ -249,9 +245,7 @@ def action_sql(names: Sequence[str], usual: int) -> str:
 
 
 def warned_sql(cue: int) -> str:
-    """Return SQL for the time of the cue with this number if the golden run did not have it by
-    then, else -1.
-    """
+    """Return SQL for the time of a cue that the golden run did not have by then, else -1."""
     return events.beyond_golden_sql(f"cue{cue}_first_ms")
 
 
@@ -262,9 +256,7 @@ def first_sql(*times_ms: str) -> str:
 
 
 def beyond_sql(name: str, limit: float, types: Mapping[str, str]) -> str:
-    """Return SQL for whether a number is above a limit, compared in the precision of the table. The
-    number may be NaN.
-    """
+    """Return SQL for whether a number, or NaN, is above a limit in the table's precision."""
     return (
         f"({quote_name(name)} > {limit!r}::{types[name]} AND NOT isnan({quote_name(name)}::DOUBLE))"
     )

@@ -31,9 +31,7 @@ _ALARM = re.compile(r"detector\d+_threshold\d+_first_ms")
 
 
 class Motions(NamedTuple):
-    """Different fault-free motions. Golden runs of one robot and operator are one computation and
-    count once.
-    """
+    """Different fault-free motions. Golden runs of one robot and operator count once."""
 
     # Holds the table TABLE: operator, length_ms, the columns golden_..., and first alarms of
     # detectors.
@@ -49,9 +47,7 @@ class Motions(NamedTuple):
         return count
 
     def came(self, column: str) -> int:
-        """Return the number of motions in which an event came. `column` holds the time at which it
-        first came.
-        """
+        """Return in how many motions an event came. `column`: the time at which it first came."""
         return self.with_event(f"{quote_name(column)} >= 0")
 
     def first_rate(self, event: str, first_ms: str) -> AlarmRate | None:
@@ -76,9 +72,7 @@ class Motions(NamedTuple):
 
 
 def fault_free_command(folder: Path, manifest: Manifest, hours: float) -> str | None:
-    """Return the command that computes this many hours of fault-free motion; None if no further
-    motion can be generated.
-    """
+    """Return the command that computes these hours of motion; None if none can be generated."""
     operator = manifest.config.get("operator") or {}
     if operator.get("file") or operator.get("motion") in UNVARIED:
         return None

@@ -38,16 +38,12 @@ _Answer = TypeVar("_Answer")
 
 
 class Runs:
-    """The runs of one campaign. The tables `results` (as stored) and `facts` (as in
-    `facts.define_facts`) both have a column `row`.
-    """
+    """The runs of one campaign: the tables `results` and `facts`, which share the column `row`."""
 
     def __init__(
         self, table: ResultTable, manifest: Manifest, beside: Companions = NO_COMPANIONS
     ) -> None:
-        """Take a `table` that has `results` with a column `row`. `beside`: additional fault-free
-        motion.
-        """
+        """Take a `table` with `results` and a column `row`. `beside`: further fault-free motion."""
         self.table, self.types, self.manifest = table, table.types(), manifest
         self.robot = manifest.robot
         # When a run ended, in ms: one number for all runs, or the column of facts that has it for
@@ -90,9 +86,7 @@ class Runs:
 
     @property
     def cue_leads(self) -> bool:
-        """Return whether there are cues, and whether it is a finding that the cue that the verdicts
-        use comes before the motion.
-        """
+        """Return whether it is a finding that the verdicts' cue comes before the motion."""
         manifest = self.manifest
         return bool(manifest.cues) and cue_leads(manifest, manifest.verdict_cue)
 
@@ -119,9 +113,7 @@ class Runs:
         return set(groups) <= self._drawn_groups
 
     def groups_by(self, kind: str) -> dict[str, set[str]]:
-        """Return the groups that have faults of each class. `kind`: the column of facts whose
-        values are the classes.
-        """
+        """Return the groups that have faults of each value of a column of facts."""
         rows = self.table.rows(
             f'SELECT DISTINCT {quote_name(kind)}, "group"::VARCHAR FROM {FACTS} WHERE faulty'
         )
@@ -131,9 +123,7 @@ class Runs:
         return classes
 
     def cube(self) -> pd.DataFrame:
-        """Return counts (`runs`) by group, response, hazard, outcome, cued, faulty, failed, evaded,
-        plain and sample.
-        """
+        """Return counts (`runs`) by the words and flags of facts."""
         return self.once(_count_cube)
 
     def groups(self) -> list[str]:
@@ -171,9 +161,7 @@ class Runs:
         return self.once(_fault_free_motions)
 
     def numbered(self, rows: list[int]) -> list[dict[str, Any]]:
-        """Return these rows in their order, with all columns of `results` and the columns of
-        `facts` whose names differ.
-        """
+        """Return these rows in their order, with all columns of `results` and of `facts`."""
         if not rows:
             return []
         listed = ", ".join(map(str, rows))
@@ -213,9 +201,7 @@ def _fault_free_motions(runs: Runs) -> Motions:
 
 
 def after_onset(event: str) -> str:
-    """Return SQL for a time of facts, -1 if it lies before the fault's first effect: the event then
-    has another cause.
-    """
+    """Return SQL for a time of facts; -1 before the first effect, as another cause had it then."""
     return f"CASE WHEN {event} >= active_ms THEN {event} ELSE -1 END"
 
 

@@ -104,17 +104,13 @@ class Chain(NamedTuple):
 
     @property
     def first(self) -> ChainLink | None:
-        """Return the first signal that became visible, or None. Ties within a tick are resolved by
-        the robot's order.
-        """
+        """Return the first signal that became visible, or None; the robot's order decides ties."""
         visible = [link for link in self.links if link.leaves_ms >= 0]
         return min(visible, key=lambda link: link.leaves_ms, default=None)
 
 
 def list_signals(ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str]) -> list[SignalTicks]:
-    """Return every signal in the robot's order. `ticks`: columns of explained runs, arrays [runs]
-    or numbers.
-    """
+    """Return every signal in the robot's order. `ticks`: columns, arrays [runs] or numbers."""
     runs = np.size(ticks["run_id"])
     named: dict[str, list[Crossing]] = {}
     for place in list_crossings(robot.seams, arms):
@@ -248,8 +244,6 @@ def _late(ticks: np.ndarray) -> np.ndarray:
 
 
 def earliest_time(ticks: np.ndarray) -> np.ndarray:
-    """Return the first of several times, [.., runs] -> [runs]. Each time, and the result, is -1 for
-    never.
-    """
+    """Return the first of several times, [.., runs] -> [runs]; -1 is never."""
     first = _late(ticks).min(axis=0)
     return np.where(first == NEVER, -1, first)

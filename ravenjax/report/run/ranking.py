@@ -82,9 +82,7 @@ def worst_runs(folder: Path, most: int, by: str = "unintended") -> list[WorstRun
 
 
 def rank_runs(table: ResultTable, cases: str, value: str, most: int) -> list[WorstRun]:
-    """Return the `most` worst runs, worst first. `cases`: the table or query to select from;
-    `value`: an expression over its columns.
-    """
+    """Return the `most` worst runs of a table or query, by an expression over its columns."""
     rows = table.rows(
         f"SELECT row, run_id, {value} AS value FROM {cases} ORDER BY value DESC, row LIMIT {most}"
     )
@@ -129,9 +127,7 @@ def faulty_rows(folder: Path, group: str | None = None) -> list[int]:
 
 
 def count_changed(folder: Path, results: pd.DataFrame) -> int:
-    """Return how many of these runs are stored with a different outcome. Runs that are not stored
-    do not count.
-    """
+    """Return how many of these runs are stored with a different outcome."""
     names = [name for name in COMPARED if name in results]
     listed = ", ".join(map(str, results["index"].tolist()))
     with query.open_folder(folder) as table:

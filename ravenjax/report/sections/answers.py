@@ -31,9 +31,7 @@ MOST_CLASSES = 12
 
 
 class ClassRow(NamedTuple):
-    """One class of faults, over runs in which nobody reacts. A fault that was run several times
-    counts once.
-    """
+    """One class of faults, over runs in which nobody reacts. Each fault counts once."""
 
     name: str
     evaded: Rate  # of distinct faults
@@ -51,9 +49,7 @@ class ClassRow(NamedTuple):
 
 
 def interval_scale(rows: Sequence[ClassRow]) -> float:
-    """Return the share at which the drawn intervals of these rows end: a round number, at
-    most 1.
-    """
+    """Return the share at which the drawn intervals end: a round number, at most 1."""
     ends = (
         np.fmax(row.evaded.value, row.evaded.high) for row in rows if row.evaded.n
     )  # a bound may be NaN
@@ -70,9 +66,7 @@ class Announced(NamedTuple):
 
 
 class Changed(NamedTuple):
-    """What the cue would change: pairs of runs if the campaign has them, else what the cue
-    announces.
-    """
+    """What the cue would change: pairs of runs if there are any, else what it announces."""
 
     pairs: list[Difference]  # over all faults, one for each reaction
     # By the cue that the verdicts use; None: no cue, or nothing evaded.
@@ -95,9 +89,7 @@ def detection_answers(runs: Runs) -> EventTimes:
 
 
 def golden_halts(runs: Runs) -> list[tuple[str, int]]:
-    """Return each group with a golden run that is not live for long although the pedal is down,
-    with the longest time in ms.
-    """
+    """Return the groups whose golden runs halt for long with the pedal down, and the longest ms."""
     return runs.table.rows(
         'SELECT "group"::VARCHAR AS name, max(golden_halted_ms) AS ms'
         f" FROM {RESULTS} GROUP BY name HAVING ms > {HALT_MS} ORDER BY name"
@@ -105,9 +97,7 @@ def golden_halts(runs: Runs) -> list[tuple[str, int]]:
 
 
 def class_rows(runs: Runs, kind: str = "") -> list[ClassRow]:
-    """Return a row for each value of a column of facts, most evasive first. Without a column, all
-    faults are one class.
-    """
+    """Return a row for each value of a column of facts, most evasive first; by "" one for all."""
     by, groups = (quote_name(kind), runs.groups_by(kind)) if kind else ("''", {})
     off = run_facts.beyond_sql("unintended_off_mm", runs.manifest.limit_mm, runs.types)
     delays, lags = (

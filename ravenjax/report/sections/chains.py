@@ -68,9 +68,7 @@ def seam_graph(one: Propagation) -> Chart | None:
 
 
 def lead_chart(one: Propagation) -> Chart | None:
-    """Return a chart of the median time from a signal's leaving its range to harm; None if no
-    signal leaves its range before harm.
-    """
+    """Return a chart of the median lead of each signal over harm; None if no signal leads."""
     rows = [row for row in one.carriers if row.shows.k]
     if not rows:
         return None
@@ -298,9 +296,7 @@ def _seams(rows: pd.DataFrame, manifest: Manifest) -> list[chain.SignalTicks]:
 
 
 def _leads(seams: Sequence[chain.SignalTicks], harm: np.ndarray) -> np.ndarray:
-    """Return how long before harm each seam showed each run, ms [seams, runs]; 0: not
-    before harm.
-    """
+    """Return how long before harm each seam showed each run, ms [seams, runs]; 0: not before."""
     if not seams:
         return np.zeros((0, len(harm)), np.int64)
     return np.stack(

@@ -32,9 +32,7 @@ class ContactRow(NamedTuple):
 
 
 def contact_rows(runs: Runs) -> list[ContactRow]:
-    """Return a row for all faults, then one for each group in the order of their names; no rows
-    without contact or without a fault.
-    """
+    """Return a row for all faults, then one for each group; none without contact or faults."""
     if not runs.manifest.shape.contact:
         return []
     groups = _of(runs, '"group"')

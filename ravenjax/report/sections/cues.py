@@ -100,9 +100,7 @@ class Choice(NamedTuple):
 
 
 def cue_rows(runs: Runs) -> list[CueRow]:
-    """Return one row per haptic set, sorted by threshold and gain. Intervals exist only if all
-    faults were drawn.
-    """
+    """Return one row per haptic set, sorted by threshold and gain."""
     free, cues = runs.motions(), runs.manifest.cues
     felt = runs.counts([f"warned{k}_ms >= 0" for k in range(len(cues))], where=HARMLESS)
     harmless = runs.count(HARMLESS)
@@ -151,9 +149,7 @@ def choose_cues(runs: Runs, rows: Sequence[CueRow]) -> list[Choice]:
 
 
 def hours_to_offer(of: Sequence[Choice]) -> float:
-    """Return the hours of fault-free motion that would decide every limit of false cues per hour,
-    or else the next weight; 0 if more hours would decide nothing.
-    """
+    """Return hours that would decide every limit, or else the next weight; 0 if none would."""
     able = [one for one in of if math.isfinite(one.hours)]
     limits = [one.hours for one in able if one.rule.startswith(_LIMIT.partition("{")[0])]
     return max(limits) if limits else min((one.hours for one in able), default=0.0)

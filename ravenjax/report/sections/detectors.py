@@ -52,9 +52,7 @@ TELLING = "share of alarms with an unintended motion"
 
 
 class DetectorThreshold(NamedTuple):
-    """What one threshold of a detector does. `threshold` is in the unit of the score, NaN for a
-    check or a cue.
-    """
+    """One threshold of a detector, in the unit of its score; NaN for a check or a cue."""
 
     detector: str
     threshold: float
@@ -75,9 +73,7 @@ class DetectorThreshold(NamedTuple):
 
 
 class ThresholdAlarms(NamedTuple):
-    """When a detector first gave an alarm at one threshold, in every run of the table; -1:
-    never.
-    """
+    """First alarms of a detector at one threshold in every run."""
 
     name: str
     threshold: float
@@ -101,9 +97,7 @@ class DetectorRow(NamedTuple):
 
 
 def list_alarms(runs: Runs) -> list[ThresholdAlarms]:
-    """Return every source of alarms at each threshold: the campaign's detectors, the checks, and
-    the cue that the verdicts use.
-    """
+    """Return every source of alarms at each threshold: detectors, the checks, the cue."""
     manifest, free, result = runs.manifest, runs.motions(), []
     for d, detector in enumerate(manifest.detectors):
         score = f"golden_detector{d}_score"
@@ -262,9 +256,7 @@ def _share(title: str) -> ChartAxis:
 def _chart(
     title: str, rows: Sequence[DetectorRow], kind: str, across: str, up: str
 ) -> Chart | None:
-    """Return curves with bands, and marks for the thresholds. A detector with a single threshold
-    has only a mark.
-    """
+    """Return curves with bands, and marks for the thresholds."""
     areas = {
         number: getattr(row, kind).area.value
         for number, row in enumerate(rows)

@@ -249,9 +249,7 @@ def compact_number(value: float) -> str:
 
 
 def _by_block(swept: Sweep) -> PairCounts:
-    """Return counts of all faults by site and effect, and by the input that explains most among
-    COMMON.
-    """
+    """Return counts by site and effect, and by the input of COMMON that explains most."""
     hit = swept.faults[swept.measures[0].name].to_numpy(float)
     shares = {str(name): float(hit[swept.block == name].mean()) for name in np.unique(swept.block)}
     names = sorted(shares, key=lambda name: (-shares[name], name))

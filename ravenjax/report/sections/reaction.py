@@ -55,9 +55,7 @@ class Pairs(NamedTuple):
 
 
 class Difference(NamedTuple):
-    """A comparison of pairs. Differences are with the reaction minus without it, so a negative
-    difference means that the reaction helps.
-    """
+    """A comparison of pairs, with minus without the reaction: negative if it helps."""
 
     action: str  # in words
     # Which pairs: all, a layer, or a value of a crossed parameter.
@@ -88,9 +86,7 @@ class Idle(NamedTuple):
 
 
 def sample_runs(runs: Runs) -> pd.DataFrame:
-    """Return about MOST runs of a table, with some columns of results and facts. Runs of one pair
-    are drawn together.
-    """
+    """Return about MOST runs with the needed columns. Runs of one pair are drawn together."""
     plain = ("pair", "operator", "reaction_ms", "pedal_down_ms", "tissue_depth_mm")
     names = [name for name in runs.names if name in plain or name.startswith(("param:", "golden_"))]
     columns = [
@@ -107,9 +103,7 @@ def sample_runs(runs: Runs) -> pd.DataFrame:
 
 
 def has_pairs(runs: pd.DataFrame) -> bool:
-    """Return whether there are pairs: runs in which nobody reacts, and runs in which
-    somebody does.
-    """
+    """Return whether somebody reacts in some runs and nobody in others."""
     actions = runs["action"].unique().tolist()
     return ACTION in runs and len(actions) > 1 and 0 in actions
 
@@ -129,9 +123,7 @@ def paired_runs(runs: pd.DataFrame, action: int, faulty: bool = True) -> Pairs:
 
 
 def compare_pairs(runs: pd.DataFrame, sampled: Sampled) -> list[Difference]:
-    """Return comparisons for each action: over all pairs, then by layer, then by each value of
-    other crossed parameters.
-    """
+    """Return comparisons by action: all pairs, by layer, and by other crossed parameters."""
     return [
         _difference(action, among, part, sampled(part.with_["group"].unique().tolist()))
         for number, action in _actions(runs)
@@ -141,9 +133,7 @@ def compare_pairs(runs: pd.DataFrame, sampled: Sampled) -> list[Difference]:
 
 
 def count_interruptions(runs: pd.DataFrame) -> list[Idle]:
-    """Return what each action does to fault-free motion: to the golden runs of all runs with this
-    action.
-    """
+    """Return what each action does to the golden runs of all runs with it."""
     result = []
     for number, action in _actions(runs):
         # Runs that share robot and operator share one golden run, so it counts once.

@@ -53,9 +53,7 @@ def robot_questions(runs: Runs) -> dict[str, tuple[str, str]]:
 
 
 def robot_rates(runs: Runs) -> list[RobotRate]:
-    """Return rates over one run of each fault and robot, for `robot_questions`; none if robots
-    were not drawn whole.
-    """
+    """Return rates for `robot_questions`, one run of each fault and robot."""
     robots = drawn_whole(runs)
     if not robots:
         return []
@@ -80,9 +78,7 @@ def drawn_whole(runs: Runs) -> list[str]:
 
 
 def robot_columns(config: Mapping[str, Any]) -> list[str]:
-    """Return the columns of the parameters that make up a robot, for a campaign as stored in its
-    manifest.
-    """
+    """Return the columns of the parameters of a robot that a stored campaign draws whole."""
     return list(dict.fromkeys(f"param:{path}" for path in _paths(config)))
 
 

@@ -33,16 +33,12 @@ _Interval = TypeVar("_Interval", Rate, Estimate)
 
 @functools.lru_cache(maxsize=10_000)
 def rate_of(k: int, n: int) -> Rate:
-    """Return the Wilson rate of k in n. It is cached, because the cells of a page repeat the same
-    few counts.
-    """
+    """Return the Wilson rate of k in n, cached because cells repeat the same counts."""
     return wilson_interval(k, n)
 
 
 def of_faults(runs: Runs, k: int, n: int, groups: Collection[str] | None = None) -> Rate:
-    """Return k of n distinct faults of these groups, or of all, without an interval if their values
-    were enumerated.
-    """
+    """Return k of n distinct faults of these groups, without an interval if enumerated."""
     return rate_of(k, n) if runs.sampled(groups) else share_of_cells(k, n)
 
 
@@ -187,9 +183,7 @@ def _matrix(cube: pd.DataFrame, sampled: bool) -> list[dict[str, Any]]:
 
 
 def jump_rows(runs: Runs) -> list[dict[str, Any]]:
-    """Return one row per jump rule: the distinct faults with such a jump, and which hazards they
-    had.
-    """
+    """Return one row per jump rule: the faults with such a jump, and which hazards they had."""
     outcomes = runs.manifest.config.get("outcomes") or {}
     step, large = outcomes.get("jump_step_mm", 0.1), outcomes.get("large_jump_mm", 1.0)
     rules = {
@@ -265,9 +259,7 @@ def event_delays(runs: Runs, event: str) -> tuple[Delays, int]:
 
 
 def check_rows(runs: Runs) -> list[dict[str, Any]]:
-    """Return one row per built-in check: in how many distinct faults it tripped, and how close it
-    came in silent ones.
-    """
+    """Return one row per built-in check: faults in which it tripped, and its least margin."""
     manifest = runs.manifest
     own = {check.name for check in manifest.shape.own_checks}
     names = [name for name in manifest.shape.checks if name not in own]
@@ -298,9 +290,7 @@ def check_rows(runs: Runs) -> list[dict[str, Any]]:
 
 
 def cause_rows(runs: Runs) -> list[dict[str, Any]]:
-    """Return which check decided the response to distinct faults, by response, most
-    frequent first.
-    """
+    """Return which check decided the response to faults, most frequent first."""
     counts = ", ".join(
         f"count(*) FILTER (response = {quote_text(name)}) AS {name}" for name in CAUSED
     )
